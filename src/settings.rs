@@ -1,7 +1,16 @@
 //! Reads `pipeline.toml` into [`Settings`], which hold the settings of every room, and checks them.
 //!
-//! There are four layers, of which later ones win: the defaults, the file, `--preset`, `--set KEY=VALUE`.
-//! Unknown keys are refused. Relative paths in a file are relative to that file.
+//! In: the path of a settings file, a preset, and overrides `KEY=VALUE`, from the verbs in `cli`.
+//! Out: [`Settings`] whose values and combinations were checked, or a [`FileError`] that names the
+//! place and the key of the mistake.
+//!
+//! There are four layers, of which later ones win: the defaults, the file, `--preset`, the
+//! overrides (`--set KEY=VALUE`). All layers are merged in one TOML table, which is turned into
+//! [`Settings`] at the end. `cli/replay.rs` also puts what a design keeps of its training before
+//! the user's overrides ([`Settings::kept_by_design`]). Unknown keys are refused. Relative paths in
+//! a file are relative to that file, those of the later layers to the working directory.
+//!
+//! `pipeline.toml` at the top of the repository explains each key with its unit and its reason.
 
 use crate::report::ReportSettings;
 use inkling_core::design::{DetectSettings, IsolateSettings};
@@ -28,6 +37,8 @@ fn mistaken(place: impl Into<String>, what: impl Into<String>) -> FileError {
     FileError::Mistaken { place: place.into(), what: what.into() }
 }
 
+/// All settings, one field for each section of `pipeline.toml`. Most sections belong to other
+/// rooms, which define and check them.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
@@ -41,6 +52,7 @@ pub struct Settings {
     pub report: ReportSettings,
 }
 
+/// The section `[input]`: what is read, and how.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct InputSettings {
@@ -48,11 +60,14 @@ pub struct InputSettings {
     pub recordings: Vec<String>,
     /// Path of the design; empty: there is none, and replay identifies and detects only.
     pub design: String,
-    /// Path of the channels' own healthy baselines, which are read and written; empty: none are used.
+    /// Path of the file of `--baseline`, the states of printheads and channels: it is read at the
+    /// begin and replaced after each recording. Empty: no states are kept.
     pub baseline: String,
-    /// The rails, counts: two or more consecutive samples at or beyond a rail are saturated.
+    /// The rails (lowest and highest value of the converter), counts: two or more consecutive
+    /// samples at or beyond a rail are saturated.
     pub rails: [f64; 2],
-    /// Topics that look like bursts and are not to be read: nobody is told of them.
+    /// Topics that look like bursts and are not meant to be read. Other such topics lead to a
+    /// warning or to exit status 4, these do not.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub ignore: Vec<String>,
     /// How messages of other loggers become bursts; of several dialects the
@@ -89,6 +104,8 @@ impl InputSettings {
     }
 }
 
+/// Which models judge where there is a design. Without a design windows give the models in either
+/// mode.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum IdentifyMode {
@@ -99,6 +116,7 @@ pub enum IdentifyMode {
     Design,
 }
 
+/// The section `[identify]`: from which signals healthy models are learned, and which are accepted.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct IdentifySettings {
@@ -110,17 +128,20 @@ pub struct IdentifySettings {
     /// Length of a healthy window, s (or "20 s", "5 min").
     #[serde(deserialize_with = "seconds")]
     pub first: f64,
-    /// A new window begins every so often, s; 0: only one.
+    /// Time from the begin of one window to that of the next, s; 0: there is only one window.
     #[serde(deserialize_with = "seconds")]
     pub every: f64,
     /// Healthy windows as [from, to] in RFC 3339, instead of first/every.
     pub spans: Vec<[String; 2]>,
-    /// Least share of a window's signals that must agree with each other.
+    /// Least share (0 to 1) of a window's signals that must agree with each other, where no labels
+    /// say which signals are healthy. A window in which fewer agree gives no model.
     pub least_agreeing: f64,
-    /// Largest relative change of the resonance at which a window's model is accepted, from the design's
-    /// model, or without a design from the first one that was accepted.
+    /// Largest relative change (.01 is 1 %) of the resonance at which a window's model is accepted.
+    /// It is counted from the design's model, or without a design from the first model that was
+    /// accepted.
     pub max_frequency_drift: f64,
-    /// Largest relative change of the damping at which a window's model is accepted, from the same model.
+    /// Largest relative change of the damping at which a window's model is accepted, counted
+    /// likewise.
     pub max_damping_drift: f64,
     /// Whether channels are judged about what moves all of a printhead's channels alike, sweep by sweep. It
     /// has no effect where nothing shows it (another method than sensitivity, a design with an extension, few
@@ -128,6 +149,7 @@ pub struct IdentifySettings {
     pub common_change: bool,
     /// Maximum number of signals of a window that are kept to learn from.
     pub window_signals: usize,
+    /// How a model is fitted to an average signal, thesis §3-1.
     pub grey_box: GreyBoxSettings,
     /// Dimensions and ink, if they are known: they give the guess of `grey_box`, and let `identify` state
     /// individual inertances, resistances and the compliance.
@@ -154,6 +176,7 @@ impl Default for IdentifySettings {
     }
 }
 
+/// The section `[output]`: where results lie, and what they hold.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct OutputSettings {
@@ -161,7 +184,8 @@ pub struct OutputSettings {
     pub dir: String,
     /// How files are laid out below `dir`.
     pub layout: Layout,
-    /// Whether the weights of every class are written.
+    /// Whether the verdict table holds, for each signal that was isolated, the weight of every
+    /// class.
     pub weights: bool,
     /// Unit of the timestamps in the tables.
     pub timestamps: TimestampUnit,
@@ -192,7 +216,7 @@ impl Default for OutputSettings {
     }
 }
 
-/// How fast bursts are handed on.
+/// How fast the reader hands bursts on. It is written as `"recorded"`, `"max"` or a number.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(into = "Value", try_from = "Value")]
 pub enum Pace {
@@ -219,6 +243,8 @@ impl TryFrom<Value> for Pace {
     type Error = String;
 
     fn try_from(written: Value) -> Result<Pace, String> {
+        // a string is parsed as it is; a number through its TOML text, so that one parser serves
+        // both
         written.as_str().map_or_else(|| written.to_string().parse(), str::parse)
     }
 }
@@ -236,6 +262,7 @@ impl FromStr for Pace {
     }
 }
 
+/// The section `[replay]`: how the stages of the pipeline run. Nothing of it changes a verdict.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ReplaySettings {
@@ -250,14 +277,20 @@ pub struct ReplaySettings {
 }
 
 impl Settings {
-    /// Reads `file` (if given), then applies the preset and the `KEY=VALUE` overrides.
+    /// Reads `file` (if given), then applies the preset and the `KEY=VALUE` overrides, and checks
+    /// the result. Of two overrides with one key the later one wins.
+    ///
+    /// # Errors [`FileError::Read`] if the file cannot be read; else [`FileError::Mistaken`], with
+    /// the file, the preset or the override in which the mistake stands.
     pub fn load(
         file: Option<&Path>,
         preset: Option<Preset>,
         overrides: &[String],
     ) -> Result<Settings, FileError> {
+        // 1. the file, as a table. A value that is out of range in the file may be overridden
+        // later, so the complaint about it is only remembered, to be told with the file's name if
+        // it still holds at the end.
         let mut table = Table::new();
-        // what is wrong in the file alone is remembered, to be reported with the file's name
         let mut of_file = None;
         if let Some(path) = file {
             let text = regular_file::read_text(path, regular_file::MOST_SETTINGS_BYTES)
@@ -272,10 +305,12 @@ impl Settings {
             let from_file = Settings::deserialize(table.clone())
                 .map_err(|e: toml::de::Error| no_settings(printable::of_parser(&e)))?;
             of_file = from_file.check().err().map(|what| (path, what));
-            // rooted at the file's directory from here on: paths in later layers are relative to the caller
+            // now, before later layers are merged in: their paths are relative to the working
+            // directory
             root(&mut table, path.parent().unwrap_or(Path::new(".")));
         }
 
+        // 2. the preset and the overrides replace keys of that table
         if let Some(preset) = preset {
             for (key, value) in preset.overrides() {
                 insert(&mut table, key, value, "--preset")?;
@@ -290,6 +325,8 @@ impl Settings {
             insert(&mut table, key.trim(), literal(value.trim()), &format!("--set {pair}"))?;
         }
 
+        // between layers one of these two keys replaces the other (`insert`); within a layer
+        // neither is later
         let sets = |key: &str| keys(overrides).any(|set| set == key);
         if sets("detect.oscillations") && sets("detect.oscillations_of_ring") {
             return Err(mistaken(
@@ -297,7 +334,8 @@ impl Settings {
                 "beside detect.oscillations_of_ring: both say n_o; give one",
             ));
         }
-        // where a mistake in the merged settings may stand
+        // 3. the merged table becomes settings; `place`: where a mistake in the merged table may
+        // stand
         let place = match (overrides, file) {
             ([], Some(path)) => path.display().to_string(),
             ([], None) => "settings".into(),
@@ -307,15 +345,17 @@ impl Settings {
         let mut settings =
             Settings::deserialize(table).map_err(|e| mistaken(&place, printable::of_parser(&e)))?;
         if let Some(geometry) = &settings.identify.geometry {
-            // the geometry gives the guess: thesis (2-3)..(2-5)
+            // the geometry gives the rates a, b, g and d from which the fit starts, thesis
+            // (2-3)..(2-5)
             let rates = geometry.ink_channel();
             let guess = &mut settings.identify.grey_box;
             (guess.a_per_s2, guess.b_per_s2) = (rates.a_per_s2, rates.b_per_s2);
             (guess.g_per_s, guess.d_per_s) = (rates.g_per_s, rates.d_per_s);
         }
 
+        // 4. values and combinations are checked once, as merged
         settings.check().map_err(|message| match of_file {
-            // the file alone has the same mistake: so it is the file's
+            // the file alone has the same mistake, so the mistake stands in the file
             Some((path, what)) if what == message => mistaken(path.display().to_string(), message),
             _ => mistaken(place, message),
         })?;
@@ -382,7 +422,8 @@ const PATHS: [(&str, &str); 5] = [
     ("output", "dir"),
 ];
 
-/// Puts `dir` before all relative paths of the settings, except those in an object store.
+/// Puts `dir` before all paths of the settings (`PATHS`), except those in an object store.
+/// Absolute paths stay as they are, as joining them to a directory gives the absolute path.
 fn root(table: &mut Table, dir: &Path) {
     let root = |path: &mut Value| match path {
         Value::String(path) if !path.is_empty() && !in_object_store(Path::new(path)) => {
@@ -402,14 +443,17 @@ fn root(table: &mut Table, dir: &Path) {
 /// Sets of choices that belong together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Preset {
-    /// The thesis's own method: the plain mean identified, max energy, residual matching, every signal
-    /// isolated (Tables 4-3ff), with the denominator that reproduces its figures (n_o = 7.25, other poles 5e5
-    /// 1/s twice). What still differs is marked `Departs:` where it stands.
+    /// The thesis's own method: the model is identified on the plain mean; the residual energy is
+    /// compared with the largest healthy one, thesis (3-4) with mu = 1; residual matching names the
+    /// fault, of every signal and not only of flagged ones (Tables 4-3ff). The FD filter's
+    /// denominator is the one that reproduces the thesis's figures (n_o = 1.12 f0 T, which is 7.25
+    /// for its channels; other poles 5e5 1/s twice). What still differs is marked `Departs:` where
+    /// it stands.
     Thesis,
 }
 
 impl Preset {
-    /// The settings that it makes, as `KEY` and value.
+    /// The settings that the preset makes, as dotted key and value.
     fn overrides(self) -> Vec<(&'static str, Value)> {
         match self {
             Preset::Thesis => vec![
@@ -436,9 +480,11 @@ const KEPT_OF_ISOLATE: [&str; 6] =
     ["method", "signal", "neighbours", "gate", "certainty", "physics"];
 
 impl Settings {
-    /// The settings that a design keeps of its training, beside those of its detection: how windows are
-    /// averaged and fitted, and how faults are isolated. They are given as `KEY` and value, where the value
-    /// is not the default.
+    /// The settings that a design keeps of its training, beside those of its detection: how windows
+    /// are averaged and fitted, and how faults are isolated. They are given as dotted key and
+    /// value, as far as the value is not the default. `train` stores them as `Design::chosen`, and
+    /// `replay` applies them before its own `--set`, so that a recording is judged as the design
+    /// was trained.
     pub fn kept_by_design(&self) -> BTreeMap<String, serde_json::Value> {
         // the settings that may be kept, as dotted keys with their values
         let leaves = |of: &Settings| {
@@ -471,8 +517,8 @@ fn literal(text: &str) -> Value {
         .unwrap_or_else(|| Value::String(text.into()))
 }
 
-/// Sets the value of a dotted key, and makes the sections that it lies in. `place`:
-/// where it comes from, for errors.
+/// Sets the value of a dotted key, and makes the sections that it lies in. `place`: the layer that
+/// the key comes from, for errors.
 fn insert(table: &mut Table, key: &str, value: Value, place: &str) -> Result<(), FileError> {
     let (path, last) = match key.rsplit_once('.') {
         Some((path, last)) => (path.split('.').collect(), last),

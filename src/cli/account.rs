@@ -1,5 +1,9 @@
-//! The account of a run: every recording that it was given, and what became of it. In: a [`Row`] for each
-//! recording. Out: the file `run.json` (`schemas/journal.md`), the closing table, and the exit status.
+//! The account of a run: every recording that it was given, and what became of it. In: a [`Row`]
+//! for each recording, from `batch` in the order in which recordings are done, and messages. Out:
+//! the file `run.json` (`schemas/journal.md`), the closing table, and the exit status.
+//!
+//! The exit status counts only what is new: a damaged recording that is skipped was told when it
+//! was judged. With `--strict` skipped recordings count like others.
 
 use super::exit::Exit;
 use super::notes::{Note, Notes};
@@ -37,6 +41,7 @@ pub struct Row {
     pub judged_at: Option<String>,
     /// Digest of the recording that the verdicts were made from; `None` if there are none.
     pub digest: Option<String>,
+    /// Number of signals found in the recording, judged or rejected; 0 if it has no verdicts.
     pub signals: u64,
 }
 
@@ -44,7 +49,9 @@ pub struct Row {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum End {
+    /// Every recording had its turn, whether or not it could be judged.
     Finished,
+    /// Ctrl-C, or a request to terminate.
     Interrupted,
     /// No room was left to write results.
     NoRoom,
@@ -55,14 +62,18 @@ pub enum End {
 /// What a run has done so far.
 #[derive(Debug)]
 pub struct Account {
+    /// When the run began, RFC 3339, and the same on the clock by which durations are measured.
     began: String,
     started: Instant,
     /// A row for each recording, and for each name that was given and not found.
     pub rows: Vec<Row>,
+    /// Warnings and notes about recordings, counted by kind.
     pub warnings: Notes,
     pub notes: Notes,
-    /// Annotations that this run wrote, also of recordings that were finished before.
+    /// Number of recordings whose annotations this run wrote, also of those that were finished
+    /// before.
     pub annotated: usize,
+    /// Number of recordings whose annotations were asked for and whose tables cannot be read.
     pub not_annotated: usize,
     /// Whether recordings that are skipped count for the exit status as in the run that judged them
     /// (`--strict`).
@@ -80,7 +91,10 @@ pub struct Totals {
     pub damaged: usize,
     /// Recordings of which a whole printhead, or more than half of the signals, could not be judged.
     pub not_judged: usize,
+    /// Recordings with a healthy window that gave no model.
     pub window_refused: usize,
+    /// Recordings without verdicts: because they failed, were refused or do not exist; or because
+    /// the run stopped before them.
     pub failed: usize,
     pub not_reached: usize,
     /// Recordings whose annotations were asked for, and whose tables cannot be read.
@@ -91,7 +105,7 @@ pub struct Totals {
     pub signals_per_s: f64,
 }
 
-/// The document of `run.json`.
+/// The document of `run.json`; `schemas/journal.md` explains its keys.
 #[derive(Serialize)]
 struct Run<'a> {
     version: u32,
@@ -108,7 +122,7 @@ struct Run<'a> {
     recordings: &'a [Row],
 }
 
-/// A number with its noun: `1 recording`, `2 recordings`.
+/// A number with its noun in the singular or plural: `1 recording`, `2 recordings`.
 fn counted(n: u64, what: &str) -> String {
     format!("{} {what}{}", thousands(n), if n == 1 { "" } else { "s" })
 }
@@ -128,6 +142,7 @@ impl Account {
         }
     }
 
+    /// The totals of the rows so far.
     pub fn totals(&self) -> Totals {
         let count = |of: &dyn Fn(&Row) -> bool| self.rows.iter().filter(|row| of(row)).count();
         let judged = |row: &Row| row.outcome.is_judged();
@@ -150,7 +165,9 @@ impl Account {
         }
     }
 
-    /// The exit status of a run that came to its end. The most serious outcome of a recording decides.
+    /// The exit status of a run that came to its end. The most serious outcome of a recording
+    /// decides: that something was not judged counts more than that something was lost. A run
+    /// without any verdicts, new or of earlier runs, has failed.
     pub fn exit(&self) -> Exit {
         let totals = self.totals();
         let news = |outcome| self.news().any(|row| row.outcome == outcome);
@@ -170,7 +187,8 @@ impl Account {
         self.rows.iter().filter(|row| self.strict || !row.skipped)
     }
 
-    /// Writes `run.json`.
+    /// Writes `run.json` into the directory `out`. `by`: the means of judging; `end`, `exit`: how
+    /// the run ends.
     pub fn write(&self, out: &Path, by: &Means, end: End, exit: Exit) -> io::Result<()> {
         let run = Run {
             version: journal::VERSION,
@@ -217,6 +235,8 @@ impl Account {
             totals.seconds,
             thousands(totals.signals_per_s as u64)
         )?;
+
+        // each warning was told once, when it first came; here is how often it came in all
         for note in self.warnings.list().iter().filter(|note| note.times > 1) {
             writeln!(
                 out,
@@ -226,6 +246,8 @@ impl Account {
                 note.what
             )?;
         }
+
+        // outcomes are ordered from the worst on; all before `Judged` are not as they should be
         let mut worst: Vec<&Row> =
             self.news().filter(|row| row.outcome < Outcome::Judged).collect();
         worst.sort_by_key(|row| row.outcome);

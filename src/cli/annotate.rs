@@ -1,5 +1,11 @@
-//! `replay --annotate`: what was found, as messages on the recording's own time line. In: a recording's
-//! verdicts and episodes. Out: the file `<stem>.annotations.mcap` beside the verdicts.
+//! `replay --annotate`: what was found, as messages on the recording's own time line. In: the
+//! tables of a recording's verdicts and episodes, as a replay wrote them. Out: the file
+//! `<stem>.annotations.mcap` beside the verdicts, for viewers such as Foxglove.
+//!
+//! It holds a log line when an episode is raised and one when it ends; for channels with episodes
+//! one message per judged signal; and for each printhead a map of its channels over time, as a
+//! series of images. The batch calls [`annotate`] once per recording, after its tables have their
+//! names.
 
 use crate::report::{Names, Survey, waterfalls};
 use inkling_core::episodes::Episode;
@@ -19,6 +25,7 @@ const MOST_WATCHED: usize = 256;
 pub enum NotAnnotated {
     /// One of its tables cannot be read or drawn, which concerns no other recording.
     Unreadable(String),
+    /// The annotations cannot be written, which may concern all recordings.
     Unwritten(RecordingError),
 }
 
@@ -34,13 +41,16 @@ impl From<String> for NotAnnotated {
     }
 }
 
-/// Writes the annotations of a recording.
+/// Writes the annotations of a recording. `verdicts`: the path of its verdict table, beside which
+/// the table of episodes lies and the annotations go.
 pub fn annotate(verdicts: &Path) -> Result<(), NotAnnotated> {
     let episodes =
         episode_table::read(&episode_table::path_beside(verdicts)).map_err(|e| e.to_string())?;
     let mut writer = AnnotationWriter::create(&annotation_writer::path_beside(verdicts))?;
     episodes.iter().try_for_each(|e| log(&mut writer, e))?;
-    // the channels that get messages burst by burst, in the order of their episodes
+
+    // the channels that get messages burst by burst: the first in the order of the table of
+    // episodes
     let channels = episodes.iter().map(|e| (e.printhead.clone(), e.channel));
     let mut watched = HashSet::new();
     for channel in channels {
@@ -48,7 +58,9 @@ pub fn annotate(verdicts: &Path) -> Result<(), NotAnnotated> {
             watched.insert(channel);
         }
     }
-    // one pass over the verdicts feeds the survey, which draws the map, and the messages
+
+    // one pass over the verdicts gives the messages, and feeds the survey, from which the maps are
+    // drawn
     let mut survey = Survey::new(vec![episodes], true);
     let mut reader = VerdictReader::open(verdicts).map_err(|e| e.to_string())?;
     while let Some(columns) = reader.next() {
@@ -75,7 +87,8 @@ fn log(writer: &mut AnnotationWriter, e: &Episode) -> Result<(), RecordingError>
     }
 }
 
-/// Writes one message for each judged signal of the watched channels.
+/// Writes one message for each judged signal of the watched channels. `c`: a batch of verdict rows;
+/// `names`: the classes and categories to which indices in `c` refer.
 fn states(
     writer: &mut AnnotationWriter,
     c: &VerdictColumns,

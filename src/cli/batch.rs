@@ -1,5 +1,14 @@
 //! Takes the recordings of a run in their order. Each one is skipped, refused or judged, noted in the journal,
 //! and reported. A recording that fails does not stop the others, unless nothing more can be written.
+//!
+//! In: the planned recordings (`plan`), with the decision on each, and a `Judge` that judges one of
+//! them; from `replay`. Out: results and their lines in `journal.jsonl`, `run.json`, what is
+//! printed, and the exit status.
+//!
+//! The order of writing makes a killed run safe to repeat: first a recording's results, then its
+//! line in the journal, which makes it finished, and then the baselines that learned from it
+//! (`keep`). Results that are out of date, because the recording changed or failed, are renamed to
+//! `<file>.stale`, so that nobody takes them for current; the next success removes them.
 
 use super::account::{Account, End, RUN_NAME, Row};
 use super::annotate::{self, NotAnnotated};
@@ -24,19 +33,23 @@ use std::path::{Path, PathBuf};
 /// Most characters of an error in the journal.
 const MOST_OF_AN_ERROR: usize = 2000;
 
-/// Most failures that are told one by one as they occur.
+/// Most failures that are told one by one as they occur, over the whole run.
 const MOST_FAILURES: usize = 10;
 
 /// A run over planned recordings, and what it needs.
 pub struct Batch<'a> {
+    /// Who judges: this process, or others.
     pub judge: &'a mut dyn Judge,
+    /// What the judge is told of the run.
     pub run: Run<'a>,
+    /// The file of `--baseline`; `None`: there are no baselines.
     pub baseline_file: Option<BaselineFile>,
     pub journal: JournalWriter,
     /// It begins with a row for each name that was given and not found.
     pub account: Account,
     /// Whether to print one JSON line per recording and one for the run, instead of text.
     pub json: bool,
+    /// Whether to tell where the time of each recording went (`--timings`).
     pub timings: bool,
     /// Whether to write annotations beside the verdicts (`--annotate`).
     pub annotate: bool,
@@ -46,10 +59,12 @@ pub struct Batch<'a> {
     pub failures: usize,
 }
 
-/// Why the run stops before its last recording, or how its only one failed.
+/// Why the run stops before its last recording, or how its only recording failed.
 #[derive(Debug)]
 pub struct Stop {
+    /// How the run ended, for `run.json`.
     pub end: End,
+    /// The message and the exit status.
     pub failure: Failure,
 }
 
@@ -60,6 +75,7 @@ impl From<Failure> for Stop {
 }
 
 impl Stop {
+    /// The stop at an error that would meet all other recordings, too.
     fn broken(e: impl ToString) -> Stop {
         Failure::new(e).into()
     }
@@ -67,14 +83,17 @@ impl Stop {
 
 impl Batch<'_> {
     /// Judges the planned recordings in this order, then writes and prints the account of the run.
+    /// Returns the exit status; a failure if the run was stopped or nothing could be judged.
     pub fn run(mut self, planned: &[PlannedRecording]) -> Result<Exit, Failure> {
-        // `run.json` is written however the run ends, before the closing table is printed
+        // 1. judge; `run.json` is written however that ends, before the closing table is printed
         let stopped = self.all(planned).err();
         let (end, exit) = match &stopped {
             Some(stop) => (stop.end, stop.failure.exit),
             None => (End::Finished, self.account.exit()),
         };
         let written = self.account.write(self.run.out, self.run.means, end, exit);
+
+        // 2. tell the run as a whole; a single recording that was judged has been reported already
         let skipped = self.account.rows.iter().all(|row| row.skipped);
         if self.json {
             let mut event = json!(self.account.totals());
@@ -87,6 +106,8 @@ impl Batch<'_> {
                 self.list_faults()?;
             }
         }
+
+        // 3. the exit status, or the most important failure
         match stopped {
             Some(stop) => return Err(stop.failure), // run.json on a full disk is the lesser loss
             None => written.map_err(FileError::unwritten(&self.run.out.join(RUN_NAME)))?,
@@ -124,20 +145,26 @@ impl Batch<'_> {
         }
     }
 
-    /// Hands all recordings that are to be judged to the judge, then takes the planned ones in turn: skips,
-    /// refuses or judges each. If the run stops, the remaining recordings get rows as not reached.
+    /// Hands all recordings that are to be judged to the judge, then takes the planned ones in
+    /// turn: skips, refuses or judges each. If the run stops, the remaining recordings get rows as
+    /// not reached, and the reason is the error.
     fn all(&mut self, planned: &[PlannedRecording]) -> Result<(), Stop> {
         if let Err(stop) = self.tell_lost() {
             return Err(self.not_reached(planned, stop));
         }
+
+        // A judge that judges all at once may write any of the results from now on: what is out of
+        // date is set aside before. Else each recording's is set aside in its turn.
         if self.judge.all_at_once() {
             plan::to_judge(planned).for_each(|this| self.set_aside_outdated(this));
         }
         let placed: Vec<PlacedRecording> =
             plan::to_judge(planned).map(|this| this.placed.clone()).collect();
-        // a failure to begin stops the run only at the first recording that is to be judged
+        // a failure to begin stops the run only at the first recording that is to be judged, so
+        // that those before it are still told as skipped
         let mut begun = self.judge.begin(&self.run, &placed).map_err(Stop::from);
-        let mut nth = 0;
+
+        let mut nth = 0; // number of recordings handed to the judge so far
         for (at, this) in planned.iter().enumerate() {
             let reached = self.account.rows.len();
             let done = match &this.decision {
@@ -149,7 +176,8 @@ impl Batch<'_> {
                 }
             };
             if let Err(stop) = done {
-                // the recording at which the run stopped may have its row already
+                // the recording at which the run stopped may have its row already; else it was not
+                // reached
                 let looked_at = at + usize::from(self.account.rows.len() > reached);
                 return Err(self.not_reached(&planned[looked_at..], stop));
             }
@@ -184,8 +212,9 @@ impl Batch<'_> {
         self.annotate(this)
     }
 
-    /// Judges one recording, and keeps what came of it. `nth`: index among the recordings that are to be
-    /// judged.
+    /// Judges one recording, and keeps what came of it. `nth`: index among the recordings that are
+    /// to be judged. The error stops the run; a recording that fails by itself is only noted, and
+    /// gives none unless it is the only one.
     fn judge(&mut self, this: &PlannedRecording, nth: usize) -> Result<(), Stop> {
         if !self.judge.all_at_once() {
             self.set_aside_outdated(this);
@@ -200,6 +229,7 @@ impl Batch<'_> {
             }
             Err(NotJudged::Broken(what)) => Err(Stop::broken(what)),
             Err(NotJudged::Failed { why, usage }) => {
+                // what earlier runs wrote of it no longer belongs to what the journal says
                 self.set_aside(&this.placed.verdicts_in(self.run.out));
                 let failure = if usage { Failure::usage(&why) } else { Failure::new(&why) };
                 self.note_failure(this, why, Some(failure))
@@ -214,6 +244,7 @@ impl Batch<'_> {
         let verdicts = this.placed.verdicts_in(self.run.out);
         let (entry, baselines) = (&mut judged.entry, judged.baselines.take());
         entry.at = journal::now();
+
         // 1. prepare the new baseline file beside the old one, so that its digest can go into the journal
         let mut prepared = None;
         if let (Some(file), Some(next)) = (&self.baseline_file, &baselines) {
@@ -221,21 +252,26 @@ impl Batch<'_> {
             entry.baseline = Some(Link { before: file.digest(), after: Some(next.digest()) });
             prepared = Some(next);
         }
+
         // 2. the results are new: those that were set aside are removed
         for file in results_of(&verdicts) {
             let _ = stored::remove(&stale(&file)); // mostly there is none
         }
         let _ = stored::remove(&annotation_writer::path_beside(&verdicts)); // those of earlier verdicts
+
         // 3. the entry in the journal makes the recording finished
         self.append(&judged.entry)?;
+
         // 4. only then the new baselines replace the old ones
         let replaced = match (&mut self.baseline_file, prepared) {
             (Some(file), Some(prepared)) => file.replace(prepared).map_err(Stop::broken),
             _ => Ok(()),
         };
-        // what the journal calls finished has its row, whatever fails after that
+
+        // 5. what the journal calls finished has its row and is told, whatever failed in step 4
         self.tell_of(this, &judged)?;
         replaced?;
+        // the next recording is judged by the new baselines
         if baselines.is_some() {
             self.run.replay.baselines = baselines;
         }
@@ -268,7 +304,8 @@ impl Batch<'_> {
         ))?)
     }
 
-    /// Tells the warnings and notes of a recording, each kind once in a run, then its report.
+    /// Adds a judged recording's row to the account; tells its warnings and notes, each kind once
+    /// in a run, what of it was not judged, and its report.
     fn tell_of(&mut self, this: &PlannedRecording, judged: &Judged) -> Result<(), Stop> {
         let entry = &judged.entry;
         let row = this.row_of(entry);
@@ -277,6 +314,7 @@ impl Batch<'_> {
         let Account { warnings, notes, .. } = &mut self.account;
         let warned = entry.damage.iter().chain(&entry.warnings).map(|told| ("warning", told));
         for (kind, told) in warned.chain(entry.notes.iter().map(|told| ("note", told))) {
+            // the account counts all messages, and says which is the first of its kind
             let of_kind = if kind == "note" { &mut *notes } else { &mut *warnings };
             if of_kind.add(&label, told) {
                 let more = match (told.times, kind) {
@@ -316,6 +354,7 @@ impl Batch<'_> {
     }
 
     /// Notes a recording that failed or is refused. If it is the only one of the run, the run fails with it.
+    /// `failure`: how it failed; `None`: it is refused, and was not looked at.
     fn note_failure(
         &mut self,
         this: &PlannedRecording,
@@ -323,7 +362,7 @@ impl Batch<'_> {
         failure: Option<Failure>,
     ) -> Result<(), Stop> {
         let error = printable::line(&error, MOST_OF_AN_ERROR);
-        let has_place = failure.is_some(); // a refused recording has none among the results
+        let has_place = failure.is_some(); // a refused recording's place is another file's
         let entry = this.failed(self.run.means, &error, has_place);
         self.append(&entry)?;
         let path = format!("{}: ", this.placed.input.path.display());
@@ -350,6 +389,7 @@ impl Batch<'_> {
         self.failures += 1;
     }
 
+    /// Appends a line to the journal.
     fn append(&mut self, entry: &Entry) -> Result<(), Stop> {
         self.journal.append(entry).map_err(|e| {
             let words = format!("{}: cannot be written: {e}", self.journal.path.display());
@@ -357,7 +397,7 @@ impl Batch<'_> {
         })
     }
 
-    /// The stop for a file that cannot be written.
+    /// The stop for a file that cannot be written. `words`: the error with the file's name.
     fn unwritten(&self, e: &(dyn Error + 'static), words: &str) -> Stop {
         match no_room(e) {
             true => Stop { end: End::NoRoom, failure: self.no_room(words) },
@@ -365,6 +405,7 @@ impl Batch<'_> {
         }
     }
 
+    /// The failure of a run for whose results no room is left. `what`: the error in words.
     fn no_room(&self, what: &str) -> Failure {
         Failure::new(format!(
             "{what}; there is no room left for results in {}. Make room and run the same command \
@@ -380,8 +421,9 @@ impl Batch<'_> {
         }
     }
 
-    /// Renames what lies there of a recording, so that it does not look current. The summary, which says that
-    /// the others are whole, comes first.
+    /// Renames a recording's files to `<file>.stale`, so that they do not look current. The
+    /// summary, which says that the others are whole, is renamed first: a run that is killed in
+    /// between leaves no summary beside missing tables.
     fn set_aside(&self, verdicts: &Path) {
         for file in results_of(verdicts).rev().filter(|file| stored::is_file(file)) {
             if let Err(e) = stored::rename(&file, &stale(&file)) {
@@ -392,8 +434,8 @@ impl Batch<'_> {
     }
 }
 
-/// The files of a recording but for parts of tables: its annotations, then those without which it is not
-/// finished.
+/// The files of a recording, without the parts that `--rotate` writes: its annotations, then the
+/// files without which it is not finished (verdicts, episodes and, last, the summary).
 fn results_of(verdicts: &Path) -> impl DoubleEndedIterator<Item = PathBuf> {
     std::iter::once(annotation_writer::path_beside(verdicts)).chain(resume::files(verdicts))
 }

@@ -1,8 +1,12 @@
-//! inkling within another program: its verbs, its training and its judge, on files or on bursts in memory.
-//! They print nothing, the caller interrupts them by a [`Control`], and errors and warnings are returned in
-//! the words of the command line.
+//! inkling within another program: its verbs, its training and its judge, on files or on bursts in
+//! memory. The Python package (`python/`) calls these functions.
 //!
-//! Each of these functions is to run on a thread of its own, within [`called`].
+//! They print nothing on stderr, the caller interrupts them by a [`Control`], and errors and
+//! warnings are returned in the words of the command line. Each function runs the code of the verb
+//! itself; options are given as the words that the command line would have.
+//!
+//! Each of these functions is to run on a thread of its own, within [`called`]: messages are
+//! collected per thread, and a panic must not end the other program.
 
 use super::collected::RecordingSource;
 use super::exit::{Exit, Failure};
@@ -27,13 +31,16 @@ use std::sync::Arc;
 /// Recordings, named or in memory.
 pub type Recordings<'a> = RecordingSource<'a>;
 
-/// Does `work`, which `control` can interrupt. A panic becomes a failure.
+/// Does `work` on this thread, which `control` can interrupt. A panic becomes a failure. From the
+/// first call on the whole process is quiet (`--quiet`).
 pub fn called<T>(
     control: &Arc<Control>,
     work: impl FnOnce() -> Result<T, Failure>,
 ) -> Result<T, Failure> {
     output::be_quiet();
     let done = called_by(control, || catch_unwind(AssertUnwindSafe(work)));
+    // an interruption may unwind the thread (`progress::end_here`), so not every panic is a fault
+    // of ours
     let interrupted = |_: Box<dyn Any + Send>| match control.interrupted() {
         true => Err(Failure::new("interrupted")),
         false => Err(Failure::new("a computation panicked; this is our bug")),
@@ -69,6 +76,8 @@ fn after(failure: Failure, told: &[String]) -> Failure {
     Failure { exit: failure.exit, message: lines.join("\n") }
 }
 
+/// Parses words as the command line does. The failure has the parser's message without its usual
+/// advice.
 fn parsed<C: Parser>(words: &[String]) -> Result<C, Failure> {
     let words = ["inkling"].into_iter().chain(words.iter().map(String::as_str));
     C::try_parse_from(words).map_err(|e| {
@@ -78,7 +87,8 @@ fn parsed<C: Parser>(words: &[String]) -> Result<C, Failure> {
     })
 }
 
-/// `inkling train` without writing its file. `set`: settings as KEY=VALUE.
+/// `inkling train` without writing its file: returns the design and what is to be told about it.
+/// `new_class`: the values of `--new-class`; `set`: settings as KEY=VALUE.
 pub fn learn(
     recordings: Recordings,
     labels: Written,
@@ -95,6 +105,7 @@ pub fn learn(
     Ok(Learned { warnings, ..learned })
 }
 
+// The options of one verb as a command line of their own, without the verb's name.
 #[derive(Debug, Parser)]
 struct Asked<A: clap::Args> {
     #[command(flatten)]
@@ -114,6 +125,7 @@ pub fn judging(design: Design, digest: String, options: &[String]) -> Result<Rep
 
 /// The verdicts of bursts in memory.
 pub struct Judged {
+    /// The rows of the verdict table, as columns.
     pub rows: VerdictArrays,
     /// The state after these bursts, if there was one before.
     pub state: Option<Memory>,
@@ -121,7 +133,8 @@ pub struct Judged {
     pub warnings: Vec<String>,
 }
 
-/// Judges bursts in memory; the rows are those that `inkling replay` writes.
+/// Judges bursts in memory as `replay` says ([`judging`]); the rows are those that `inkling replay`
+/// writes.
 pub fn judge(replay: &Replay, recording: &Recording, control: &Control) -> Result<Judged, Failure> {
     let mut report = pipeline::judge(replay, recording, control)?;
     let mut warnings = notes::not_judged(&report);

@@ -1,9 +1,12 @@
 //! `inkling report --changes-since RUN`: the changes since an earlier run, short enough for a mail: faults
 //! that are new, that came back, that got worse or were cured, and what was not judged. In: the earlier
-//! `run.json` and a report. Out: text or JSON.
+//! `run.json` and a report, from `report_page`. Out: text or JSON.
 //!
-//! The report is of the results as they lie now. Those that the earlier run had and that were not made anew
-//! since are what was known then; all others are what came since, even if they are of an earlier time.
+//! The report is of the results as they lie now. Results that the earlier run had and that were not
+//! made anew since are what was known then; all other results are what came since, even if their
+//! recordings are of an earlier time. `Changes::since` divides the faults by that. This file
+//! decides which results are which ([`EarlierRun::read`] and `has_results`), adds what was not
+//! judged since, and prints.
 
 use super::account::{MOST_RUN_BYTES, RUN_NAME, Row};
 use super::exit::Failure;
@@ -40,9 +43,10 @@ pub struct EarlierRun {
     now: BTreeMap<String, Arc<Entry>>,
 }
 
-/// Whether a row is of the recording that a report calls `name`. The row has the path of the verdict table
-/// from the directory of results; `name` is its path from the directory that the report was asked for,
-/// without the ending. One directory may lie within the other, so that one path has to end with the other.
+/// Whether a row is of the recording that a report calls `name`. The row has the path of the
+/// verdict table from the directory of results; `name` is the table's path from the directory that
+/// the report was asked for, without the ending. One directory may lie within the other, so that
+/// one path has to end with the other.
 fn is_of(row: &Row, name: &str) -> bool {
     let place = |place: &str| {
         let place = place.strip_suffix(".verdicts.parquet").unwrap_or(place);
@@ -53,7 +57,8 @@ fn is_of(row: &Row, name: &str) -> bool {
 }
 
 impl EarlierRun {
-    /// Reads the `run.json` at `run`, or in that directory. `tables`: the verdict tables of the report.
+    /// Reads the `run.json` at `run`, or in the directory `run`. `tables`: the verdict tables of
+    /// the report. Another file is a usage failure.
     pub fn read(run: &Path, tables: &[Input]) -> Result<EarlierRun, Failure> {
         let path = if run.is_dir() { run.join(RUN_NAME) } else { run.to_path_buf() };
         let failed = |what: String| Failure::usage(format!("{}: {what}", path.display()));
@@ -74,11 +79,13 @@ impl EarlierRun {
         self.recordings.iter().any(|row| is_of(row, name))
     }
 
-    /// Whether the results that the report calls `name` are those that the earlier run left: the recording
-    /// was judged by then, and was not judged again since. It was not if the journal's last entry has the
-    /// time of the earlier run's row, the same content of the recording and the same design, labels and
-    /// settings. The time alone does not tell, as it is kept to the second.
+    /// Whether the results that the report calls `name` are those that the earlier run left: the
+    /// recording was judged by then, and was not judged again since. The recording was not judged
+    /// again if the journal's last entry has the time of the earlier run's row, the same content of
+    /// the recording and the same design, labels and settings. The time alone does not tell, as it
+    /// is kept to the second.
     fn has_results(&self, name: &str) -> bool {
+        // whether the row is of the results that lie there now
         let same = |then: &Row| match (self.now.get(name), &then.judged_at) {
             (Some(now), Some(at)) => {
                 *at == now.at
@@ -95,7 +102,7 @@ impl EarlierRun {
     }
 
     /// Whether the earlier run has told that there are no verdicts of the recording whose path ends with
-    /// `name`. Where several end so, it must have told that of each.
+    /// `name`. Where several paths end so, the run must have told that of each.
     fn knew_lost(&self, name: &str) -> bool {
         let rows = self.recordings.iter();
         let mut rows = rows.filter(|row| Path::new(&row.recording).ends_with(name)).peekable();
@@ -105,12 +112,15 @@ impl EarlierRun {
 
 /// What has changed since an earlier run, according to the results that it did not have.
 pub struct ChangesSince<'a> {
+    /// The path by which the earlier run was given.
     run: PathBuf,
+    /// The faults by what became of them.
     changes: Changes<'a>,
     /// Printheads, recordings and parts of recordings that were not judged since then, and why.
     unjudged: Vec<Unjudged>,
 }
 
+/// Something that was not judged since the earlier run.
 #[derive(Serialize)]
 struct Unjudged {
     /// Name of a printhead or of a recording.
@@ -142,21 +152,26 @@ impl<'a> ChangesSince<'a> {
             )));
         }
         let changes = Changes::since(lines, faults, has_results);
-        // What was not judged since. First printheads that were judged before; without any recording since,
-        // that would be all of them. Then gaps: printheads, channels or topics of a recording that the
-        // earlier run did not judge. Last recordings without verdicts, but for those of which the earlier run
-        // has told that.
+
+        // What was not judged since, in three parts. First printheads that were judged before and
+        // in no recording since; if there is no recording since, that says nothing, and none is
+        // told.
         let silent = changes.silent.iter().filter(|_| changes.recordings > 0);
         let silent = silent.map(|name| Unjudged::new(name, "not judged in any recording since"));
+
+        // then gaps (printheads, channels or topics that could not be judged) in recordings whose
+        // results came since
         let gaps = report.coverage.gaps.iter().filter(|gap| !has_results(&gap.recording));
         let gaps = gaps.map(|gap| Unjudged::new(&gap.recording, &gap.what));
+
+        // last, recordings without verdicts, but for those of which the earlier run has told that
         let lost = report.coverage.lost.iter().filter(|lost| !earlier.knew_lost(&lost.name));
         let lost = lost.map(|lost| Unjudged::new(&lost.name, &lost.why));
         let unjudged = silent.chain(gaps).chain(lost).collect();
         Ok(ChangesSince { run: run.to_path_buf(), changes, unjudged })
     }
 
-    /// The changes as JSON. `still`: number of faults that are on as before.
+    /// The changes as JSON. Its key `still` has the number of faults that are on as before.
     pub fn as_json(&self) -> Value {
         let Changes { from_ns, to_ns, recordings, still, .. } = &self.changes;
         let mut told = json!({

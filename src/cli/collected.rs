@@ -1,6 +1,13 @@
 //! Reads recordings one after another, for the verbs that learn from their signals; and checks the dialects of
 //! the settings against all recordings before any is read: a dialect that never takes effect, or a path in it
 //! that leads nowhere, is a mistake in the settings.
+//!
+//! In: the names of recordings, or one in memory, and the settings. Out: to `train`, `identify` and
+//! `thesis` their signals by printhead and label ([`collected`]); to `critique` one recording after
+//! another ([`Recordings::each`]); to `replay` and `inspect` the checked dialects
+//! ([`checked_dialects`]).
+//!
+//! A *dialect* says how messages of another logger become bursts (`[[input.dialect]]`).
 
 use super::exit::Failure;
 use super::progress::{Progress, interruptible};
@@ -37,7 +44,8 @@ pub struct Recordings {
 }
 
 impl Recordings {
-    /// Finds the recordings and checks the dialects of the settings against them.
+    /// Finds the recordings and checks the dialects of the settings against them. A recording in
+    /// memory has bursts already, so no dialect is used for it.
     pub fn find(given: RecordingSource, settings: &Settings) -> Result<Recordings, Failure> {
         let (inputs, in_memory) = match given {
             RecordingSource::Named(patterns) => (inputs::find_recordings(patterns)?, None),
@@ -51,7 +59,9 @@ impl Recordings {
         Ok(Recordings { inputs, in_memory, dialects, control, progress })
     }
 
-    /// Hands one recording after another to `take`; returns whether some of them were damaged.
+    /// Hands one recording after another to `take`, which returns what of the recording is damaged
+    /// or missing; tells that damage, and returns whether there was any. The first recording that
+    /// cannot be opened is a failure.
     pub fn each(
         &self,
         mut take: impl FnMut(Pass) -> Result<Vec<Damage>, PipelineError>,
@@ -77,12 +87,14 @@ pub struct Collected {
     pub set: TrainingSet,
     /// The printheads, channels and times that were met, against which labels can be checked.
     pub met: Met,
-    /// Whether something was damaged or could not be used.
+    /// Whether something was damaged or could not be used: the verb then ends with exit status 3.
     pub incomplete: bool,
+    /// For further messages of the verb.
     pub progress: Progress,
 }
 
-/// Collects the signals of all recordings, sorted by the labels if there are any.
+/// Collects the signals of all recordings by printhead and label. `labels`: `None` if all signals
+/// count as healthy. A failure if the recordings hold no burst.
 pub fn collected(
     given: RecordingSource,
     settings: &Settings,
@@ -104,8 +116,11 @@ pub const NO_BURSTS: &str =
 /// Most topics that are named if a dialect fits none.
 const MOST_TOPICS: usize = 12;
 
-/// The dialects of the settings, if each fits some message. `is_known`: whether an earlier run judged a
-/// recording by these dialects and it has not changed since; it is not opened again.
+/// The dialects of the settings. It is a usage failure if one of them fits no message of any
+/// recording, or if a path in one leads nowhere: but only where every recording could be looked at,
+/// since a recording that could not may be the one that needs it. `is_known`: whether an earlier
+/// run judged a recording by these dialects and it has not changed since; such a recording is not
+/// opened again.
 pub fn checked_dialects(
     settings: &Settings,
     inputs: &[Input],
@@ -116,7 +131,10 @@ pub fn checked_dialects(
         return Ok(dialects);
     }
     let (known, new): (Vec<&Input>, Vec<&Input>) = inputs.iter().partition(|input| is_known(input));
-    // `used`: dialects that fit a message; `all`: whether every recording was looked at in full
+
+    // 1. look at the new recordings. `used`: numbers of the dialects that fit a message; `all`:
+    // whether every recording was looked at in full; `there`: topics that nothing reads; `wrong`:
+    // the first dialect that fits a topic and not its messages
     let (mut used, mut all) = (BTreeSet::new(), known.is_empty());
     let (mut there, mut wrong) = (BTreeSet::new(), None);
     for input in new {
@@ -130,12 +148,16 @@ pub fn checked_dialects(
             Err(_) => all = false, // whoever reads it will say
         }
     }
+
+    // 2. a dialect that does not fit its messages is a mistake, unless dialects fit other
+    // recordings: an older recording with another schema then fails by itself
     match wrong {
-        // if a dialect fits other recordings, an older one with another schema fails by itself
         Some(e) if used.is_empty() && known.is_empty() => return Err(e.into()),
         Some(_) => all = false,
         None => {}
     }
+
+    // 3. a dialect that fits nothing
     let unused = dialects.without(|number| used.contains(&number));
     match unused.as_slice() {
         [] => Ok(dialects),

@@ -1,5 +1,6 @@
-//! The bursts of a recording by printhead and sampling, for `inkling inspect`. In: the bursts of a
-//! recording. Out: text or JSON.
+//! Counts the bursts of a recording by printhead and sampling, for `inkling inspect`. In: the
+//! acquisitions of a recording one by one, usable or not ([`Contents::see`]). Out: text or JSON,
+//! with what is unusable and what is damaged.
 
 use super::exit::Exit;
 use super::progress::thousands;
@@ -20,16 +21,19 @@ struct BurstGroup {
     signals: u64,
     first_channel: u32,
     last_channel: u32,
+    /// Times t_a of its earliest and latest burst, ns since the epoch.
     #[serde(rename = "from", serialize_with = "as_time")]
     first_ns: i64,
     #[serde(rename = "to", serialize_with = "as_time")]
     last_ns: i64,
+    /// Whether some burst has a temperature, and a drive voltage.
     temperature: bool,
     #[serde(rename = "drive_voltage")]
     voltage: bool,
 }
 
-/// Printhead, samples, sample period in ps.
+/// Printhead, number of samples, and sample period in ps, rounded so that equal periods compare
+/// equal.
 type Key = (String, u32, u64);
 
 /// What a recording holds.
@@ -38,9 +42,11 @@ pub struct Contents {
     groups: BTreeMap<Key, BurstGroup>,
     /// Bursts of groups beyond [`MOST_GROUPS`].
     beyond: u64,
+    /// Number of bursts, unusable ones included.
     pub bursts: u64,
     /// Number of unusable bursts by reason.
     pub unusable: BTreeMap<String, u64>,
+    /// Damage of the file, which the caller adds.
     pub damage: Vec<Damage>,
 }
 
@@ -59,7 +65,8 @@ impl Contents {
         }
     }
 
-    /// Takes messages of another encoding off the number of messages that cannot be decoded.
+    /// Takes messages of another encoding off the number of messages that cannot be decoded: they
+    /// are named like bursts, and are no damage. A dialect may read them (`topics`).
     pub fn set_aside(&mut self, of_other_encoding: u64) {
         if let Some(n) = self.unusable.get_mut("undecodable") {
             *n = n.saturating_sub(of_other_encoding);
@@ -105,7 +112,8 @@ impl Contents {
         Ok(())
     }
 
-    /// The contents as JSON.
+    /// The contents as JSON. `digest`: of the whole file; `exit`: `Done` if nothing is damaged or
+    /// unusable.
     pub fn document(&self, recording: &Recording, digest: &str, exit: Exit) -> Value {
         let groups = self.groups.iter().map(|((printhead, samples, period_ps), f)| {
             let mut group = json!(f);
@@ -154,10 +162,12 @@ impl Contents {
     }
 }
 
+/// Writes a time, ns since the epoch, as RFC 3339 in milliseconds.
 fn as_time<S: Serializer>(t_ns: &i64, to: S) -> Result<S::Ok, S::Error> {
     to.serialize_str(&time(*t_ns))
 }
 
+/// A time, ns since the epoch, as RFC 3339 in milliseconds.
 fn time(t_ns: i64) -> String {
     DateTime::from_timestamp_nanos(t_ns).to_rfc3339_opts(SecondsFormat::Millis, true)
 }

@@ -1,4 +1,9 @@
 //! Finds verdict tables of the same recording, so that a report and a score count its verdicts once.
+//!
+//! In: the tables of a report or score, each with its metadata. Out: which of them are left out
+//! ([`left_out`]). Two tables are of the same recording if their metadata have the same digest of
+//! the recording. Another file of the same bursts (compressed otherwise, say) has another digest:
+//! so tables with the same number of signals and the same first signal are compared row by row.
 
 use inkling_core::verdict::{Outcome, VerdictColumns};
 use inkling_io::verdict_reader::{self, VerdictReader};
@@ -14,9 +19,9 @@ pub struct Table<'a> {
     pub document: &'a Value,
 }
 
-/// For each table, in their order: `None` if it stays, or the sentence to say if it is left out because
-/// another table is of the same recording. Of such tables the one with more judged signals stays, and of
-/// equal ones the first.
+/// For each table, in their order: `None` if it stays, or the sentence to say if it is left out
+/// because another table is of the same recording. Of such tables the one with the most judged
+/// signals stays, and of equal ones the first.
 pub fn left_out(tables: &[Table]) -> Vec<Option<String>> {
     let mut met = MetRecordings::default();
     let mut notes = vec![None; tables.len()];
@@ -28,6 +33,7 @@ pub fn left_out(tables: &[Table]) -> Vec<Option<String>> {
             stays.insert(first, at);
             continue;
         };
+        // two tables of one recording: the better one stays, and may yet be beaten by a later one
         let is_better = judged(table) > judged(&tables[before]);
         let (kept, left) = if is_better { (at, before) } else { (before, at) };
         stays.insert(first, kept);
@@ -48,6 +54,7 @@ fn judged(table: &Table) -> u64 {
 /// or if its table holds the same signals, as for another file of the same bursts.
 #[derive(Default)]
 struct MetRecordings<'a> {
+    /// The first table of a recording, by the recording's digest.
     digests: BTreeMap<&'a str, usize>,
     /// Tables by their number of signals and their first signal. Only tables that agree in both are compared
     /// in full.
@@ -65,6 +72,8 @@ impl<'a> MetRecordings<'a> {
         if let Some(&first) = digest.and_then(|digest| self.digests.get(digest)) {
             return first;
         }
+
+        // another digest, or none: is there a table with the same signals?
         let signals = document["counts"]["signals"].as_u64();
         let mut first = at;
         if let Some(key) = signals.zip(first_signal(path)) {
@@ -75,6 +84,7 @@ impl<'a> MetRecordings<'a> {
                 None => alike.push(at),
             }
         }
+        // later tables with this digest are of that recording, too
         digest.map(|digest| self.digests.insert(digest, first));
         first
     }
@@ -110,7 +120,7 @@ fn holds_the_same(a: &Path, b: &Path) -> bool {
             (Some(Ok(a)), Some(Ok(b))) => (a, b),
             _ => return false,
         };
-        // indices of printheads may differ between tables, so names are compared
+        // batch by batch; indices of printheads may differ between tables, so names are compared
         let same_signals = a.acquired_at_ns == b.acquired_at_ns
             && a.channel == b.channel
             && heads(&a).eq(heads(&b))
@@ -122,10 +132,12 @@ fn holds_the_same(a: &Path, b: &Path) -> bool {
     }
 }
 
+/// The printhead's name of each row.
 fn heads(c: &VerdictColumns) -> impl Iterator<Item = &str> {
     c.printhead.iter().map(|k| &*c.printheads[*k as usize])
 }
 
+/// Whether each row was rejected.
 fn rejected(c: &VerdictColumns) -> impl Iterator<Item = bool> {
     c.outcome.iter().map(|outcome| *outcome == Outcome::Rejected)
 }

@@ -1,4 +1,13 @@
 //! `inkling critique`: what the model gets wrong and why, the extended model, and what it gains.
+//!
+//! In: recordings of healthy signals. Out: the files of `FILES` in the directory of `--out`. The
+//! critique itself is made by `inkling_lab::critique`; here the signals are collected, the files
+//! written, and the result told.
+//!
+//! The steps (`criticised`): a bounded sample of the signals is collected (`Observer`); the engine
+//! looks for causes and measures what each gains on signals held out; the files of an earlier
+//! critique are removed; if causes were found on ink channels, a design is trained that knows them
+//! (`extended_design`); all is written, `critique.json` last.
 
 use super::collected::{NO_BURSTS, RecordingSource, Recordings};
 use super::effect::{self, Command};
@@ -19,6 +28,7 @@ use inkling_lab::critique::{decay, digits, report};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+/// Name of the file of the extended design.
 const EXTENDED_DESIGN: &str = "extended.design.json";
 /// The files of a critique. Those of an earlier run are removed first, so that none lies beside those of this
 /// one. `critique.json` is the first to go and the last to be written: if it is there, all are.
@@ -77,13 +87,17 @@ pub fn run_in_memory(args: Args, recording: Recording) -> Result<Exit, Failure> 
     criticised(&args, RecordingSource::InMemory(Box::new(recording)))
 }
 
-/// Reads the signals, runs the critique, extends the design if causes were found, and writes everything.
+/// Reads the signals, runs the critique, extends the design if causes were found, and writes
+/// everything. The exit status is 3 if some signals could not be used.
 fn criticised(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
+    // 1. what can be wrong is checked before any recording is read
     outputs::check_files(&args.out, FILES)?;
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
     effect::check(&args.set, &settings, Command::Critique)?;
     let labels = args.labels.as_deref().map(labels_file::read).transpose()?;
     let recordings = Recordings::find(given, &settings)?;
+
+    // 2. collect the signals; of an oscillator's decays, which may be long, more samples are taken
     let oscillator = args.plant == PlantArg::Oscillator;
     let most_samples = if oscillator { decay::MOST_SAMPLES } else { MOST_SAMPLES };
     let mut observer = Observer::new(labels.as_ref(), settings.input.rails, most_samples);
@@ -98,7 +112,9 @@ fn criticised(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
              shorter than the others, {rejected} that cannot be used (no numbers, saturated, damaged)"
         ));
     }
-    // the engine calls this at each stage, the only places at which it can be interrupted
+
+    // 3. the critique; the engine calls `stages` at each stage, the only places at which it can be
+    // interrupted
     let mut stages = |what: &str| {
         if control.interrupted() {
             progress.say("inkling: interrupted; nothing was written");
@@ -120,8 +136,9 @@ fn criticised(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
         ));
     }
 
+    // 4. now that there is a result, that of an earlier run is removed; then the design is
+    // extended, as only ink channels have designs, and only causes extend them
     outputs::remove_earlier(&args.out, &FILES.map(|(name, _)| name)).map_err(Failure::new)?;
-    // only ink channels have designs, and only causes extend them
     if !oscillator && !outcome.critique.causes.is_empty() {
         progress.say("extending the design ...");
         let design = match cut {
@@ -140,6 +157,8 @@ fn criticised(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
             Err(why) => progress.say(&format!("warning: no extended design: {why}")),
         }
     }
+
+    // 5. write and tell
     write(&args.out, &outcome.critique)?;
     let mut out = super::output::report();
     print(&args.out, &outcome.critique, &mut out)?;
@@ -155,7 +174,8 @@ fn write(dir: &Path, critique: &Critique) -> Result<(), Failure> {
     write_json(&dir.join("critique.json"), critique)
 }
 
-/// Writes the evidence: one row per candidate cause and selection step.
+/// Writes the evidence: one row per candidate cause and selection step, whether or not it was
+/// accepted.
 fn write_evidence(path: &Path, critique: &Critique) -> Result<(), TableError> {
     let rows = &critique.evidence;
     let why_not: Vec<String> = rows.iter().map(Evidence::why_not_in_words).collect();
@@ -176,8 +196,10 @@ fn write_evidence(path: &Path, critique: &Critique) -> Result<(), TableError> {
     plain_columns::write(path, columns)
 }
 
-/// Writes the numbers behind the report's figures: one row per figure, series and point.
+/// Writes the numbers behind the report's figures: one row per figure, series and point, with the
+/// point's x, its y, and the bounds of y.
 fn write_residuals(path: &Path, critique: &Critique) -> Result<(), TableError> {
+    // figure, series, x, y, low, high
     let mut rows: Vec<(&str, String, f64, f64, f64, f64)> = Vec::new();
     let mut add = |figure, of: &str, compared: &Compared| {
         for (k, x) in compared.x.iter().enumerate() {
@@ -203,7 +225,8 @@ fn write_residuals(path: &Path, critique: &Critique) -> Result<(), TableError> {
     plain_columns::write(path, columns)
 }
 
-/// Prints the critique's sentence, a table of causes, the gain, and what could not be tested.
+/// Prints the critique's sentence, a table of causes, the gain, and what could not be tested. DL:
+/// detection limit, the size at which an effect is just found.
 fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Result<()> {
     writeln!(out, "{}", printable::line(&critique.sentence, 4000))?;
     if !critique.causes.is_empty() {
@@ -232,7 +255,8 @@ fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Resu
     writeln!(out, "  {}", dir.join("critique.json").display())
 }
 
-/// Prints what the extended model gains on signals to which nothing was fitted.
+/// Prints what the extended model gains on signals to which nothing was fitted: the figures of the
+/// plain model (before) and of the extended one (after).
 fn print_gain(critique: &Critique, out: &mut impl Write) -> std::io::Result<()> {
     let Gain { held_out, before, after, .. } = &critique.gain;
     if held_out.signals == 0 {

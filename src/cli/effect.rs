@@ -5,6 +5,10 @@
 //! In: the keys given by `--set`, the settings, and the command. Out: a failure of usage for the first key
 //! that is not read. `replay` is checked once its design has been read, the other commands before they read a
 //! recording.
+//!
+//! The rules are written as one `match` over section and command (`why_unread`), with a function
+//! each for what the chosen method of detection or isolation decides. They state what the code of
+//! the commands reads; who adds a setting, or reads one in another command, changes them here.
 
 use super::exit::Failure;
 use crate::settings::{Settings, keys};
@@ -109,8 +113,9 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<&'stat
             Some("it is part of the design; train with it")
         }
         ("isolate", Command::Replay { .. }) => by_isolation(name, isolation),
-        // A critique trains a design with these settings. Those that only judging reads are accepted here,
-        // and below of `train`, so that the same --set can be given to all three commands.
+        // A critique trains a design with these settings. Settings that only judging reads are
+        // accepted here, and below for `train`, so that the same --set can be given to all three
+        // commands.
         ("isolate", Command::Critique) => None,
         ("isolate", Command::Train) => match name {
             "matching_share" if isolation != IsolateMethod::ModelMatching => {

@@ -1,5 +1,9 @@
 //! How a run ends: the exit statuses that the README documents, which error leads to which of them, and what an
 //! error means for the rest of a run.
+//!
+//! In: the errors of the other rooms, by `From`. Out: a [`Failure`], which every verb returns, with
+//! the exit status and the message for a person. What the user can correct in the command line, in
+//! settings or in the files that they name gives [`Exit::Usage`]; everything else [`Exit::Failed`].
 
 use crate::pipeline::PipelineError;
 use inkling_io::damage::RecordingError;
@@ -15,7 +19,7 @@ pub enum Exit {
     Done = 0,
     /// Nothing could be done, or there was nothing to do.
     Failed = 1,
-    /// Wrong usage or settings.
+    /// Wrong usage or settings, or a file named in them that is not what it should be.
     Usage = 2,
     /// Finished, but some input was newly found damaged or rejected, or one of several recordings failed.
     Incomplete = 3,
@@ -29,7 +33,8 @@ impl From<Exit> for ExitCode {
     }
 }
 
-/// Why a run did not end well, in words for a person.
+/// Why a run did not end well, in words for a person. With [`Exit::Done`] it stands for an output
+/// whose reader has gone away, which ends the run without a message.
 #[derive(Debug)]
 pub struct Failure {
     pub exit: Exit,
@@ -47,12 +52,14 @@ impl Failure {
         Failure { exit: Exit::Usage, message: message.to_string() }
     }
 
+    /// Whether wrong usage or settings are the cause.
     pub fn is_usage(&self) -> bool {
         self.exit == Exit::Usage
     }
 }
 
-/// What was written in a file, or which file was meant, is the user's to correct.
+/// A file that cannot be read, or whose content is a mistake, is a matter of usage: the user can
+/// name another one or correct it. Whatever else goes wrong with a file is a failure.
 impl From<FileError> for Failure {
     fn from(e: FileError) -> Failure {
         match e {
@@ -66,7 +73,7 @@ impl From<InputsError> for Failure {
     fn from(e: InputsError) -> Failure {
         use InputsError::{InObjectStore, Nothing, NothingFits, Shared, Unreadable};
         match e {
-            // a directory or a pattern may well match nothing
+            // a directory or a pattern may well match nothing, which is no wrong usage
             InObjectStore { .. }
             | Unreadable { .. }
             | Nothing { .. }
@@ -102,7 +109,8 @@ impl From<io::Error> for Failure {
     }
 }
 
-/// For what is printed while work remains: a reader that has gone away must not stop the work.
+/// For what is printed while work remains: a reader of the output that has gone away must not stop
+/// the work, any other error of printing does.
 pub fn unless_reader_gone(printed: io::Result<()>) -> Result<(), Failure> {
     match printed.map_err(Failure::from) {
         Err(failure) if failure.exit != Exit::Done => Err(failure),
@@ -110,7 +118,8 @@ pub fn unless_reader_gone(printed: io::Result<()>) -> Result<(), Failure> {
     }
 }
 
-/// Whether an error means that there is no room left, so that nothing of any recording can be written.
+/// Whether an error means that there is no room left (a full disk, an exhausted quota), so that
+/// nothing of any recording can be written.
 pub fn no_room(e: &(dyn Error + 'static)) -> bool {
     matches!(kind(e), Some(ErrorKind::StorageFull | ErrorKind::QuotaExceeded))
 }

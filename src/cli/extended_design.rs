@@ -1,8 +1,9 @@
 //! Makes a design that `replay` loads from the extended model of a critique.
 //!
-//! In: the signals that a critique kept, and its model. Out: a design with an extension. The effects of the
-//! causes are subtracted from the signals before the design is trained on them, and the extension subtracts
-//! the same from every signal that the design judges.
+//! In: the signals that a critique kept, and its extended model, from `critique`. Out: a design
+//! with an [`Extension`] and without fault classes. The effects of the causes are subtracted from
+//! the signals before the design is trained on them, and the extension subtracts the same from
+//! every signal that the design judges.
 
 use crate::settings::Settings;
 use inkling_core::design::{Covariate, Design, Extension, Follows, TrainingSet};
@@ -23,7 +24,8 @@ const FOLLOWED: [(usize, Covariate); 5] = [
     (covariates::DRIVE, Covariate::Drive),
 ];
 
-/// Trains the design. The error says in words why there is none.
+/// Trains the design on the signals of a critique (`data`), as its `outcome` extends the model. The
+/// error says in words why there is no design.
 pub fn train(
     data: &Observations,
     outcome: &Outcome,
@@ -35,6 +37,9 @@ pub fn train(
     let kept: Vec<usize> = (0..data.len()).filter(|&i| !outcome.outlier[i]).collect();
     let first_ns = kept.iter().map(|&i| data.rows[i].beside.t_acq_ns).min().unwrap_or(0);
     let extension = extension(extended, first_ns as f64 * 1e-9);
+
+    // the training set: all kept signals are healthy ones, by printhead, less what the extension
+    // says
     let mut set = TrainingSet {
         sample_period_s: data.dt_s,
         samples: data.samples,
@@ -64,12 +69,14 @@ pub fn train(
     Ok(design)
 }
 
-/// The extension of the design; `None` if the causes change nothing of the expected signal. `start_s`: time
-/// of the first kept signal since the epoch, s.
+/// The extension of the design: the same numbers as in the critique's model, in the units in which
+/// a design keeps them. `None` if the causes change nothing of the expected signal. `start_s`: time
+/// of the first kept signal since the epoch, s, from which the critique counted time.
 fn extension(extended: &Extended, start_s: f64) -> Option<Extension> {
     let Extended { causes, model, beside } = extended;
-    // The critique standardised covariates; a design follows them in their own units, so slopes are over the
-    // standard deviation.
+    // 1. What the decay follows. The critique standardised each covariate to z = (value - mean) /
+    // sd, and has slopes per z; a design follows covariates in their own units, so slopes are
+    // divided by sd.
     let moved = |which: usize| model.added.beta[which].iter().any(|v| *v != 0.0);
     let follows = FOLLOWED
         .iter()
@@ -86,12 +93,16 @@ fn extension(extended: &Extended, start_s: f64) -> Option<Extension> {
             }
         })
         .collect();
-    // shapes that are all 0 are emptied, and empty ones at the end removed
+
+    // 2. The shapes that are added to every signal, one for each power of the drive. Shapes that
+    // are all 0 are emptied, and empty ones at the end removed.
     let mut shapes: Vec<Vec<f64>> = model.added.shapes.to_vec();
     for shape in shapes.iter_mut().filter(|shape| shape.iter().all(|v| *v == 0.0)) {
         shape.clear();
     }
     while shapes.pop_if(|shape| shape.is_empty()).is_some() {}
+
+    // 3. Put together. Temperature is not named, as the design learns its effect by itself.
     let learned = causes.iter().filter(|id| **id != CauseId::Temperature);
     let extension = Extension {
         causes: learned.map(|id| id.to_string()).collect(),
@@ -106,7 +117,8 @@ fn extension(extended: &Extended, start_s: f64) -> Option<Extension> {
     adds.then_some(extension)
 }
 
-/// The least and the largest value of a covariate (and 0), in standard deviations from its mean.
+/// The least and the largest value of a covariate, in standard deviations from its mean; the mean
+/// itself (0) always lies within.
 fn range(beside: &Covariates, which: usize) -> [f64; 2] {
     beside.z.iter().fold([0.0_f64; 2], |[l, m], z| [l.min(z[which]), m.max(z[which])])
 }

@@ -1,6 +1,12 @@
-//! `inkling replay --follow`: judges a recording while it is being written, and tells episodes as they are
-//! raised. With `--rotate SPAN` also parts of the verdict table, which can be read meanwhile, as they are
-//! closed.
+//! `inkling replay --follow`: judges a recording while it is being written, and tells episodes as
+//! they are raised. With `--rotate SPAN` it also tells parts of the verdict table as they are
+//! closed, which can be read meanwhile.
+//!
+//! In: the options and settings, which are checked here for `replay` ([`check`],
+//! [`check_rotation`]). Out: [`FollowJudge`], the judge that `batch` asks for the only recording of
+//! the run. It hands functions to `pipeline::follow`, which calls them with episodes, rows and
+//! parts as the recording grows; they print, and tell the live view (`live`). When the recording is
+//! closed, its files are those of any replay.
 
 use super::exit::{Failure, unless_reader_gone};
 use super::judge::{Judge, Judged, NotJudged, Run};
@@ -51,8 +57,8 @@ pub fn check(settings: &Settings, dry_run: bool) -> Result<(), Failure> {
     Err(Failure::usage(format!("--follow: {why}")))
 }
 
-/// Recording times that a part may have. Shorter ones give more files than anybody reads, and no recording
-/// reaches the end of a longer one.
+/// The recording times that a part may have. Shorter parts would be more files than anybody reads,
+/// and no recording reaches the end of a longer part.
 const SPANS: RangeInclusive<Duration> =
     Duration::from_secs(1)..=Duration::from_secs(366 * 24 * 3600);
 
@@ -66,7 +72,8 @@ pub fn span(text: &str) -> Result<Duration, String> {
     }
 }
 
-/// Refuses parts where there can be none, with what to do instead.
+/// Refuses `--rotate` where there can be no parts, with what to do instead. `out`: the directory of
+/// results.
 pub fn check_rotation(rotate: Option<Duration>, follow: bool, out: &Path) -> Result<(), Failure> {
     let why = match rotate {
         Some(_) if !follow => {
@@ -89,6 +96,7 @@ pub fn until_enough() -> Arc<Control> {
 
 /// Judges a recording in this process while it is being written.
 pub struct FollowJudge {
+    /// Whether events are told as JSON lines.
     pub json: bool,
     /// Recording time after which a part of the table is closed (`--rotate`).
     pub rotate: Option<Duration>,
@@ -104,13 +112,17 @@ impl Judge for FollowJudge {
         placed: &PlacedRecording,
     ) -> Result<Judged, NotJudged> {
         let (label, verdicts) = (&placed.label(), placed.verdicts_in(run.out));
-        // if the reader of the output is gone, the tables are still written
+
+        // if the reader of the output is gone, the tables are still written; another error is only
+        // told
         let told = |printed: std::io::Result<()>| {
             if let Err(failure) = unless_reader_gone(printed) {
                 run.progress.fail(&failure.message);
             }
         };
-        // what the pipeline reports goes to the output and to the live view
+
+        // what the pipeline calls while it judges: everything goes to the output and to the live
+        // view
         let episode = |event: EpisodeEvent| {
             told(tell(label, event, self.json));
             self.live.iter().for_each(|live| live.state.take_episode(event));
@@ -125,6 +137,8 @@ impl Judge for FollowJudge {
         let rotation = self.rotate.map(|every| Rotation { every, closed: &closed });
         let rows: Option<&(dyn Fn(&Verdicts) + Sync)> = self.live.is_some().then_some(&rows);
         let watch = Watch { episode: &episode, note: &note, rows, rotation };
+
+        // judge until the recording is closed or Ctrl-C says that it is enough (`until_enough`)
         let report = run.progress.during(label, None, run.control, || {
             let enough = run.control.enough.clone();
             let mut recording =
@@ -137,7 +151,7 @@ impl Judge for FollowJudge {
     }
 }
 
-/// Tells the address of the live view.
+/// Tells the address of the live view (`--serve`), as an event or as a message.
 pub fn tell_address(address: SocketAddr, json: bool, progress: &Progress) -> Result<(), Failure> {
     match json {
         true => unless_reader_gone(output::event(&json!({

@@ -1,4 +1,6 @@
-//! `inkling generate`: man pages and shell completions, made from the definition of the command line.
+//! `inkling generate`: man pages and shell completions, made from the definition of the command
+//! line. In: that definition, from `cli`. Out: a page per verb in a directory, or a script on
+//! stdout; for packagers.
 
 use super::exit::{Exit, Failure};
 use clap::Command;
@@ -30,6 +32,7 @@ enum What {
     Completions { shell: Shell },
 }
 
+/// Runs the verb. `command`: the definition of the whole command line.
 pub fn run(args: Args, command: Command) -> Result<Exit, Failure> {
     match args.what {
         What::Man { output } => man(&output, command),
@@ -73,8 +76,8 @@ fn add_pages(command: &Command, pages: &mut BTreeMap<String, String>) -> std::io
     Ok(())
 }
 
-/// Marks the lines that begin with a space, which are examples, so that they are not filled to the width of
-/// the page.
+/// Marks the lines of a page that begin with a space, which are examples, so that `man` does not
+/// fill them to the width of the page. `page`: in roff, as it was rendered.
 fn with_examples(page: &str) -> String {
     let mut text = String::new();
     // `.nf` begins unfilled text and `.fi` ends it

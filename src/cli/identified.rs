@@ -1,4 +1,12 @@
-//! The result of `inkling identify` for a printhead. In: its signals. Out: text, JSON, a figure.
+//! The result of `inkling identify` for one printhead. In: the printhead's healthy signals,
+//! channels and bursts together. Out: an [`Identified`], which `identify` writes as JSON, prints,
+//! and draws.
+//!
+//! The steps ([`Identified::of`]): the healthy signals are chosen and averaged (thesis Fig. 3-2);
+//! rates and acquisition state are fitted to the average (thesis (3-1)); what the fit leaves is
+//! tested for whiteness; with a geometry the individual parameters of thesis (2-3)..(2-5) follow;
+//! and where the recordings have several temperatures, ratios that one decay cannot tell. All
+//! computing is done in `inkling_core::identify`.
 
 use super::exit::Failure;
 use super::report::printable;
@@ -16,7 +24,8 @@ use std::borrow::Cow;
 use std::io::Write;
 use std::path::Path;
 
-/// Number of parameters that (3-1) fits to an average.
+/// Number of parameters that (3-1) fits to an average; the whiteness test takes off as many degrees
+/// of freedom.
 const FITTED: usize = 6;
 
 /// The identification of one printhead, as the file of models has it.
@@ -29,10 +38,16 @@ pub struct Identified<'a> {
     of: usize,
     sample_period_s: f64,
     samples: usize,
+    /// Mean drive voltage of the signals, at which the model expects its signals; `None`: not
+    /// recorded.
     drive_voltage_v: Option<f64>,
+    /// What was fitted: rates, poles, acquisition state, with standard deviations.
     pub identification: Identification,
+    /// Whether the misfit of the average is white noise; `None`: it cannot be told.
     whiteness: Option<Whiteness>,
+    /// The individual parameters; `None`: the settings give no geometry.
     physical: Option<Physical>,
+    /// What several temperatures tell; `None`: there are not several, or their fits failed.
     by_temperature: Option<ByTemperature>,
     /// Which faults could be found; only with `--detectability`.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -40,7 +55,7 @@ pub struct Identified<'a> {
     /// The signals of the average.
     #[serde(skip)]
     healthy: Cow<'a, SignalSet>,
-    /// The average, and the signal of the model that was fitted to it.
+    /// The average, and the signal of the model that was fitted to it; N samples each, counts.
     #[serde(skip)]
     average: Vec<f64>,
     #[serde(skip)]
@@ -48,8 +63,10 @@ pub struct Identified<'a> {
 }
 
 impl<'a> Identified<'a> {
-    /// Fits the average of a printhead's healthy signals. Without labels the signals that agree with the
-    /// majority are taken for healthy, unless the settings ask for a plain mean.
+    /// Fits the average of a printhead's healthy signals. `labelled`: whether labels say that
+    /// `signals` are healthy. Without labels the signals that agree with the majority are taken for
+    /// healthy, unless the settings ask for a plain mean. `set`: what all printheads have in common
+    /// (sampling, drive).
     pub fn of(
         printhead: &'a str,
         signals: &'a SignalSet,
@@ -62,7 +79,7 @@ impl<'a> Identified<'a> {
         let healthy = averaging::healthy(signals, is_chosen.then_some(settings.least_agreeing))?;
         let mean = averaging::average(&healthy)?;
         let fit = grey_box::identify_scattered(&healthy, &mean, dt_s, grey_box, None)?;
-        // whiteness of what the fitted model leaves of the average signal
+        // the misfit: what the fitted model leaves of the average signal
         let simulated = fit.expected(dt_s, set.samples);
         let misfit: Vec<f64> = mean.y.iter().zip(&simulated).map(|(y, s)| y - s).collect();
         Ok(Identified {
@@ -84,7 +101,8 @@ impl<'a> Identified<'a> {
         })
     }
 
-    /// Also looks which faults a filter could find.
+    /// Also looks which faults an FD filter of method I (thesis §3-2-1) could find
+    /// (`--detectability`).
     pub fn detect(&mut self, settings: &Settings) -> Result<(), DesignError> {
         let (grey_box, detect) = (&settings.identify.grey_box, &settings.detect);
         let (fit, dt_s) = (&self.identification, self.sample_period_s);
@@ -100,6 +118,8 @@ impl<'a> Identified<'a> {
         let (poles, sd, of) = (&fit.poles, &fit.uncertainty, self.of);
         let used = self.signals;
         writeln!(out, "{name}: average of {used} of {of} signals, fit {:.2} %", fit.fit_percent)?;
+
+        // poles, then the coefficients p2, p1, p0 of the cubic whose roots the poles are
         let mut line = |what: &str, value: f64, sd: f64, unit: &str| {
             writeln!(out, "  {what:<22} {value:>13.6e} ± {:>9.2e} {unit} (95 %)", 1.96 * sd)
         };
@@ -173,7 +193,7 @@ impl<'a> Identified<'a> {
 fn print_by_temperature(known: &ByTemperature, out: &mut impl Write) -> std::io::Result<()> {
     let ends = known.temperatures_c.first().zip(known.temperatures_c.last());
     let (from, to) = ends.map_or((f64::NAN, f64::NAN), |(from, to)| (*from, *to));
-    // standard deviations are of logarithms
+    // standard deviations are those of logarithms, so an interval is a factor
     let factor = |sd: f64| (1.96 * sd).exp();
     write!(out, "  by temperature, {from:.1} to {to:.1} °C: ")?;
     if !known.is_known() {
@@ -218,8 +238,8 @@ fn print_detectable(seen: &Detectability, out: &mut impl Write) -> std::io::Resu
     }
 }
 
-/// The individual parameters of thesis (2-3)..(2-5). One decay gives only ratios of them, so they rest on the
-/// restrictor's inertance and on A_n/A_r as given by the geometry.
+/// The individual parameters of thesis (2-3)..(2-5). One decay gives only ratios of these
+/// parameters, so they rest on the restrictor's inertance and on A_n/A_r as given by the geometry.
 #[derive(Debug, Serialize)]
 struct Physical {
     restrictor_inertance_kg_per_m4: f64,
@@ -233,12 +253,13 @@ struct Physical {
 }
 
 impl Physical {
+    /// The parameters that the identified rates have where I_r is that of the geometry.
     fn of(fit: &Identification, geometry: &Geometry) -> Physical {
         let rates = fit.channel;
         let prior = geometry.ink_channel();
         let by_geometry = geometry.compliance_m3_per_pa();
         // a = 1 / (I_r B_t) with a and B_t of the geometry gives I_r; then the identified a and b give B_t
-        // and I_n
+        // and I_n, and g = R_r / I_r and d = R_n / I_n give the resistances
         let i_r = 1.0 / (prior.a_per_s2 * by_geometry);
         let b_t = 1.0 / (rates.a_per_s2 * i_r);
         let i_n = 1.0 / (rates.b_per_s2 * b_t);

@@ -1,4 +1,9 @@
 //! `inkling identify`: grey-box identification by thesis (3-1) alone, and which parameters are identifiable.
+//!
+//! In: recordings, labels if there are any, and the settings `identify.grey_box` and
+//! `identify.geometry`. Out: the file of models (JSON, one entry per printhead), text on stdout,
+//! and figures with `--plot`. What is done for one printhead stands in `identified`; here the
+//! signals are collected, and each printhead gets its turn.
 
 use super::collected::{Collected, RecordingSource, collected};
 use super::effect::{self, Command};
@@ -49,7 +54,10 @@ pub struct Args {
     set: Vec<String>,
 }
 
+/// Runs the verb. Nothing is written or printed before all printheads had their turn, but for the
+/// figures.
 pub fn run(args: Args) -> Result<Exit, Failure> {
+    // settings, and the places of the results
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
     effect::check(&args.set, &settings, Command::Identify { detects: args.detectability })?;
     outputs::check_file(&args.out, outputs::ResultFile::Models)?;
@@ -61,12 +69,16 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         let again = outputs::is_earlier(&args.out, outputs::ResultFile::Models);
         outputs::check_beside(dir, "identify_", again)?;
     }
-    // a printhead that cannot be identified is left out with a warning; if none can be, that is the failure
+
+    // the healthy signals of all recordings, by printhead
     let Collected { set, met, mut incomplete, progress } =
         collected(RecordingSource::Named(&args.recordings), &settings, labels.as_ref())?;
     if let Some((path, labels)) = args.labels.as_deref().zip(labels.as_ref()) {
         labels_file::check(path, labels, &met)?;
     }
+
+    // each printhead in turn; one that cannot be identified is left out with a warning, and if none
+    // can be identified, that is the failure
     let mut said = Vec::new();
     let mut models: Vec<Value> = Vec::new();
     for (name, signals) in &set.healthy {

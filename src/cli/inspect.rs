@@ -1,5 +1,10 @@
 //! `inkling inspect`: what recordings hold, whether they are whole, and how messages of other loggers can be
 //! read.
+//!
+//! In: recordings, each of which is read once from begin to end. Out: for each its bursts by
+//! printhead (`contents`), its topics and proposed dialects (`topics`), doubts about the layout
+//! (`ring_look`), and damage; as text or JSON. `--write` puts the proposed dialects into a settings
+//! file. Nothing is judged.
 
 use super::collected::checked_dialects;
 use super::contents::Contents;
@@ -45,6 +50,8 @@ pub struct Args {
     json: bool,
 }
 
+/// Runs the verb. The exit status is 3 if a recording is not whole, or one of several cannot be
+/// read.
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = Settings::load(args.config.as_deref(), None, &[])?;
     let inputs = inputs::find_recordings(&args.recordings)?;
@@ -59,7 +66,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         let what = "is there already; name a file that is not";
         return Err(Failure::usage(format!("--write {}: {what}", file.display())));
     }
-    // a recording that cannot be read fails alone, unless it is the only one
+
+    // each recording; one that cannot be read fails alone, unless it is the only one
     let mut proposals: Vec<Proposal> = Vec::new();
     let control = interruptible();
     let progress = Progress::new(inputs.len(), 0);
@@ -73,6 +81,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
                 if ended != Exit::Done {
                     exit = Exit::Incomplete;
                 }
+                // recordings of one logger lead to the same proposal, which is written once
                 let is_new = |p: &Proposal| proposals.iter().all(|known| known.toml != p.toml);
                 let new: Vec<Proposal> = proposed.into_iter().filter(is_new).collect();
                 proposals.extend(new);
@@ -109,7 +118,9 @@ fn write(file: &Path, proposals: &[Proposal], progress: &Progress) -> Result<(),
     Ok(())
 }
 
-/// Inspects one recording, and prints what it holds. Returns the dialects that are proposed for it.
+/// Inspects one recording, and prints what it holds. Returns `Done` if the recording is whole, else
+/// `Incomplete`, and the dialects that are proposed for it. `path`: its name where it has none
+/// itself.
 fn one(
     recording: &Recording,
     path: &Path,
@@ -117,6 +128,7 @@ fn one(
     progress: &Progress,
     as_json: bool,
 ) -> Result<(Exit, Vec<Proposal>), Failure> {
+    // one pass counts bursts, and beside them the messages of every topic (`counting`)
     let mut contents = Contents::default();
     contents.damage.clone_from(&recording.damage);
     let mut reader = recording.reader().counting();
@@ -127,8 +139,9 @@ fn one(
     let damage = damage.map_err(|_| Failure::new("interrupted"))?;
     damage.into_iter().for_each(|damage| note(&mut contents.damage, damage));
     let topics = topics::of(reader.census());
-    // damage found while reading, while hashing, and by comparing the number of bursts with the file's
-    // statistics
+
+    // damage that only hashing the file, and comparing the number of bursts with the file's
+    // statistics, tell
     let digest = recording.digest().map_err(Failure::new)?;
     contents.damage.extend(digest.damage);
     contents.damage.extend(recording.missing(contents.bursts));
@@ -136,6 +149,7 @@ fn one(
     contents.set_aside(topics.of_other_encoding());
     let whole = contents.damage.is_empty() && contents.unusable.is_empty();
     let exit = if whole { Exit::Done } else { Exit::Incomplete };
+
     if as_json {
         let mut document = contents.document(recording, &digest.text, exit);
         topics.describe(&mut document);

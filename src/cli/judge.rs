@@ -1,6 +1,11 @@
-//! The judge of a run's recordings: either this process, which judges each in its turn ([`ReplayJudge`]), or
-//! other processes that see the same files and judge all at once (`fleet/`). What is kept of a judged
-//! recording is the same either way.
+//! The judge of a run's recordings: either this process, which judges each in its turn
+//! ([`ReplayJudge`], or `FollowJudge` in `follow`), or other processes that see the same files and
+//! judge all at once (`fleet/`).
+//!
+//! In: from `batch`, one recording and what the run has in common ([`Run`]). Out: a [`Judged`],
+//! whose parts go to the journal, to the output and to the next recording; or a [`NotJudged`]. Both
+//! can be written as JSON, so that a process elsewhere can return them. (A judge of *signals* is
+//! another thing: a model made ready, `inkling_core::design::Judge`.)
 
 use super::exit::{Failure, in_words, no_room};
 use super::progress::Progress;
@@ -24,8 +29,11 @@ pub struct Run<'a> {
     pub out: &'a Path,
     /// How to judge. With `--baseline` it changes from recording to recording, as baselines learn.
     pub replay: Replay,
+    /// How to judge, in digests, as the journal notes it.
     pub means: &'a Means,
+    /// How messages of other loggers become bursts.
     pub dialects: &'a Dialects,
+    /// How much is printed about the recording.
     pub detail: Detail,
     /// Whether finished work of earlier runs is to be done again.
     pub force: bool,
@@ -48,8 +56,9 @@ pub struct Judged {
 }
 
 impl Judged {
-    /// From the report of a recording. Its files lie where `report` says, and are named in the text as if
-    /// they were at their place in `out`.
+    /// From the pipeline's report of a recording. The recording's files lie where `report` says (a
+    /// process elsewhere may have put them into a place of its own), and are named in the text as
+    /// if they lay at their place in `out`.
     pub fn of(
         mut report: RecordingReport,
         placed: &PlacedRecording,
@@ -116,7 +125,7 @@ impl From<PipelineError> for NotJudged {
 
 /// Judges the recordings of a run.
 pub trait Judge {
-    /// Called before the first recording, with all of them in their order.
+    /// Called before the first recording, with all recordings in their order.
     fn begin(&mut self, _run: &Run, _recordings: &[PlacedRecording]) -> Result<(), Failure> {
         Ok(())
     }
@@ -130,7 +139,8 @@ pub trait Judge {
         recording: &PlacedRecording,
     ) -> Result<Judged, NotJudged>;
 
-    /// Whether all recordings are judged from the beginning on, rather than each in its turn.
+    /// Whether [`Judge::begin`] starts the judging of all recordings, rather than [`Judge::judge`]
+    /// of each in its turn.
     fn all_at_once(&self) -> bool {
         false
     }

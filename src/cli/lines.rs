@@ -1,5 +1,7 @@
-//! What is noted of a recording: its entry in the journal and its row in the account. In: a planned recording
-//! and what became of it. Out: [`Entry`] and [`Row`].
+//! What is noted of a recording: its entry in the journal (`journal.jsonl`, which tells later runs)
+//! and its row in the account (`run.json`, which tells of this run). In: a planned recording and
+//! what became of it, from `batch`. Out: [`Entry`] and [`Row`]. The entry of a recording that was
+//! judged is made by the judge (`Judged::of`); here is that of one that failed.
 
 use super::account::Row;
 use super::plan::PlannedRecording;
@@ -12,8 +14,9 @@ use serde_json::Value;
 const MOST_OF_A_REASON: usize = 300;
 
 impl PlannedRecording {
-    /// The entry of a recording that failed. It keeps the link to the baselines, as these may have learned
-    /// from the recording before. `has_place`: whether its results would have a place.
+    /// The entry of a recording that failed or was refused. It keeps the link to the baselines, as
+    /// they may have learned from this recording in an earlier run. `has_place`: whether the
+    /// recording's results have a place; that of a refused recording is another's.
     pub fn failed(&self, by: &Means, error: &str, has_place: bool) -> Entry {
         let place = Results { verdicts: self.placed.verdicts.clone(), bytes: Vec::new() };
         Entry {
@@ -24,7 +27,8 @@ impl PlannedRecording {
         }
     }
 
-    /// The row of a recording without anything that its entry in the journal would add.
+    /// The row of a recording without anything that its entry in the journal would add. `why`: cut
+    /// to a line.
     pub fn row(&self, outcome: Outcome, why: &str) -> Row {
         let refused = matches!(self.decision, Decision::Refuse(_));
         let has_verdicts = !refused && outcome != Outcome::Failed;
@@ -33,8 +37,8 @@ impl PlannedRecording {
         Row { recording: self.placed.label(), outcome, why, verdicts, ..Row::default() }
     }
 
-    /// The row of a recording with verdicts. It says what of them is not whole, which is more important than
-    /// why this run judged or skipped the recording.
+    /// The row of a recording with verdicts, new or of an earlier run. As the reason it has what is
+    /// not whole of them, if anything is not; else why this run judged or skipped the recording.
     pub fn row_of(&self, entry: &Entry) -> Row {
         let why = not_whole(entry).unwrap_or_else(|| self.words().1);
         Row {
@@ -47,7 +51,8 @@ impl PlannedRecording {
     }
 }
 
-/// What of a recording was not judged, or not judged as asked; `None` if it is whole.
+/// What of a recording was not judged, or not judged as asked: the first sentence about it in its
+/// entry. `None` if it is whole.
 fn not_whole(entry: &Entry) -> Option<String> {
     let refused = || entry.warnings.first().map(|told| told.what.clone());
     let rejected = || {

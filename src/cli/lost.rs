@@ -1,6 +1,12 @@
-//! Recordings that a report cannot cover, because they have no verdicts: those that failed according to the
-//! journal, those that the last run did not reach or has not reached yet, and those whose tables cannot be
-//! read. In: verdict tables. Out: names and reasons.
+//! Recordings that a report cannot cover, because they have no verdicts: recordings that failed
+//! according to the journal, those that the last run did not reach (`run.json`) or has not reached
+//! yet (the lock file), and those whose tables cannot be read. A report that was silent about them
+//! would look complete.
+//!
+//! In: the verdict tables of a report, from `results`. From the place of each table the directory
+//! that the user named follows, and from there upwards the directory of results, which has the
+//! journal. Out: names and reasons ([`of`]). The same directories also give `changes_since` the
+//! journals' entries ([`entries`]).
 
 use super::account::{MOST_RUN_BYTES, RUN_NAME};
 use crate::report::LostRecording;
@@ -16,12 +22,18 @@ use std::sync::Arc;
 /// The lost recordings of the directories in which `tables` lie. `unread`: sentences about tables that could
 /// not be read.
 pub fn of(tables: &[Input], unread: &[String]) -> Vec<LostRecording> {
+    // the directories that the user named, and the directories of results at or above them
     let named: BTreeSet<PathBuf> = tables.iter().filter_map(named).collect();
     let out: BTreeSet<PathBuf> = named.iter().filter_map(|dir| results_above(dir)).collect();
+
+    // failed recordings count if their results would lie where the user looks
     let mut lost: Vec<LostRecording> = out
         .iter()
         .flat_map(|out| failed(out, |place| named.iter().any(|dir| place.starts_with(dir))))
         .collect();
+
+    // Where the others' results would lie is not known here, so they count only if the user named
+    // the whole directory of results.
     let is_whole = |out: &&PathBuf| named.iter().any(|dir| out.starts_with(dir));
     lost.extend(out.iter().filter(is_whole).flat_map(|out| not_reached(out)));
     lost.extend(out.iter().filter(is_whole).flat_map(|out| under_way(out)));
@@ -42,7 +54,8 @@ pub fn name(table: &Input) -> String {
     table.below.join(stem).to_string_lossy().into_owned()
 }
 
-/// The directory that the user named, in or below which a table was found.
+/// The directory that the user named, in or below which a table was found. `below` is the path from
+/// there to the table's directory, so as many levels are gone up as it has.
 fn named(table: &Input) -> Option<PathBuf> {
     let levels = table.below.components().count();
     table.path.parent()?.ancestors().nth(levels).map(Path::to_path_buf)
@@ -94,7 +107,8 @@ fn under_way(out: &Path) -> Vec<LostRecording> {
         return Vec::new();
     };
     let journal = Journal::read(out).unwrap_or_default();
-    // both times are from one clock and in one time zone, so that their texts sort like the times
+    // a recording is done if its last entry is not older than the run; both times are from one
+    // clock and in one time zone, so that their texts sort like the times
     let is_done =
         |of: &ToJudge| journal.of_recording(&of.path).is_some_and(|entry| entry.at >= since);
     let left = recordings.into_iter().filter(|of| !is_done(of));
@@ -115,6 +129,7 @@ fn failed(out: &Path, is_asked_for: impl Fn(&Path) -> bool) -> Vec<LostRecording
         let place = entry.results.as_ref().map(|results| out.join(&results.verdicts));
         is_asked_for(place.as_deref().unwrap_or(out))
     };
+    // a recording that was deleted from a directory that is still there is no longer missed
     let is_gone = |entry: &&Entry| {
         let path = Path::new(&entry.recording.path);
         path.parent().is_some_and(Path::is_dir) && !path.exists()
@@ -123,6 +138,7 @@ fn failed(out: &Path, is_asked_for: impl Fn(&Path) -> bool) -> Vec<LostRecording
     let lost = failed.filter(is_asked_for).filter(|entry| !is_gone(entry)).map(|entry| {
         let path = &entry.recording.path;
         let name = Path::new(path).file_name().map_or(path.into(), |name| name.to_string_lossy());
+        // errors begin with the path, which the line in the report has already
         let error = entry.error.as_deref().unwrap_or("failed");
         let why = error.split_once(&*name).and_then(|(_, rest)| rest.strip_prefix(": "));
         LostRecording { name: name.into_owned(), why: why.unwrap_or(error).to_owned() }

@@ -1,4 +1,24 @@
 //! The command line, with one file per verb. Results go to stdout, messages and progress to stderr.
+//!
+//! In: the words of the command line, from `main` or, within another program, from `called`. Out:
+//! the exit status ([`exit::Exit`]).
+//!
+//! ```text
+//! verb       its files                                   what it shares with other verbs
+//! replay     replay plan batch judge account notes       collected (check of dialects)
+//!            lines follow live annotate report
+//! train      train                                       collected (signals by label)
+//! identify   identify identified                         collected
+//! critique   critique extended_design                    collected
+//! thesis     thesis                                      collected
+//! inspect    inspect contents topics                     collected (check of dialects)
+//! report     report_page changes_since lost              results, copies (verdict tables)
+//! score      score scored                                results, copies
+//! convert    convert
+//! simulate   simulate
+//! generate   generate
+//! several    effect (refuses --set without effect), exit, output, progress
+//! ```
 
 mod account;
 mod annotate;
@@ -41,6 +61,7 @@ use clap::{Arg, Command, CommandFactory, Parser, Subcommand};
 use exit::{Exit, Failure};
 use std::ffi::OsString;
 
+// The `///` of `Cli` and `Verb` are help texts, and no comments.
 #[derive(Debug, Parser)]
 #[command(
     name = "inkling",
@@ -105,6 +126,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> Exit {
 }
 
 impl Verb {
+    /// Runs the verb with its options.
     fn run(self) -> Result<Exit, Failure> {
         match self {
             Verb::Replay(args) => replay::run(args),
@@ -145,8 +167,9 @@ pub fn parsed<C: Parser>(args: impl IntoIterator<Item = OsString>) -> Result<C, 
     })
 }
 
-/// Runs a verb with what every command line of inkling needs around it: quiet output, file size limits as
-/// errors, and a message about the failure.
+/// Runs a verb with what every command line of inkling needs around it: quiet output, file size
+/// limits as errors, and a message about the failure. The fleet's command line (`fleet/`) runs its
+/// verbs by it, too.
 pub fn run_verb(quiet: bool, verb: impl FnOnce() -> Result<Exit, Failure>) -> Exit {
     if quiet {
         output::be_quiet();

@@ -1,5 +1,10 @@
-//! Messages about the recordings of a run. The first message of each kind is told, the others are only
-//! counted.
+//! Messages about the recordings of a run. The first message of each kind is told, the others are
+//! only counted. Two messages are of one kind if their texts differ in numbers alone; the place
+//! that a message is about (a window, a printhead, bytes) is no part of the text.
+//!
+//! In: from the pipeline, the report of each recording, whose sentences are counted by kind
+//! ([`warnings`], [`notes`], [`damage`]) and go to the journal. Out: over all recordings of a run,
+//! the kinds and their numbers ([`Notes`]), which `account` writes to `run.json`.
 
 use crate::pipeline::RecordingReport;
 use crate::report::clock;
@@ -12,13 +17,14 @@ const MOST_KINDS: usize = 64;
 /// Most characters of a message.
 const MOST_OF_A_NOTE: usize = 1000;
 
-/// A kind of message over a run.
+/// A kind of message over a run, or within one recording.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Note {
     /// Text of the first message of the kind.
     pub what: String,
     /// The recording that the first message is about.
     pub first: String,
+    /// How often such a message came, and in how many recordings.
     pub times: u64,
     pub recordings: u64,
 }
@@ -26,6 +32,7 @@ pub struct Note {
 /// The messages of a run by kind, in the order in which kinds were met.
 #[derive(Debug, Default)]
 pub struct Notes {
+    /// Index in `list` by kind.
     places: HashMap<String, usize>,
     list: Vec<Note>,
 }
@@ -36,6 +43,7 @@ impl Notes {
         self.count(&message.what, message.times, || [message.what.clone(), recording.into()])
     }
 
+    /// The kinds that were met, with their counts.
     pub fn list(&self) -> &[Note] {
         &self.list
     }
@@ -43,6 +51,7 @@ impl Notes {
     /// Counts messages of the kind of `what`; returns whether the kind is new. `first`: text and recording
     /// of a new kind. Beyond [`MOST_KINDS`] all new kinds are one.
     fn count(&mut self, what: &str, times: u64, first: impl FnOnce() -> [String; 2]) -> bool {
+        // the empty kind takes everything beyond the limit
         let (mut kind, met) = (kind(what), self.list.len());
         if met >= MOST_KINDS && !self.places.contains_key(&kind) {
             kind.clear();
@@ -58,7 +67,8 @@ impl Notes {
     }
 }
 
-/// The kind of a message: its text with each number replaced by `#`.
+/// The kind of a message: its text with each number (digits, and points between or after them)
+/// replaced by `#`.
 fn kind(what: &str) -> String {
     let mut kind = String::new();
     let mut in_number = false;
@@ -74,8 +84,8 @@ fn kind(what: &str) -> String {
     kind
 }
 
-/// Counts messages by kind. Each message is a place and a text; those of the first message stand for its
-/// kind.
+/// Counts messages by kind, which the text alone decides. Each message is a place and a text; for
+/// each kind the place and the text of its first message are told.
 fn counted(all: impl Iterator<Item = (String, String)>) -> Vec<CountedMessage> {
     let mut kinds = Notes::default();
     for (place, what) in all {
@@ -89,7 +99,8 @@ fn counted(all: impl Iterator<Item = (String, String)>) -> Vec<CountedMessage> {
 /// Messages about what makes a recording's verdicts less certain or fewer.
 pub fn warnings(report: &RecordingReport) -> Vec<CountedMessage> {
     let of = |printhead: &str| printable::cell(printhead);
-    // windows that a drift of all channels refused are left out, if the drift itself is told of the printhead
+    // a window that was refused because all channels drifted is left out, if the drift itself is
+    // told of its printhead
     let has_moved = |printhead: &str| report.moved_beyond.iter().any(|p| **p == *printhead);
     let refusals = report.refusals.iter().filter(|r| !(r.drifted && has_moved(&r.printhead)));
     let refused = refusals.map(|refusal| {
@@ -101,7 +112,8 @@ pub fn warnings(report: &RecordingReport) -> Vec<CountedMessage> {
     counted(refused.chain(warned).chain(unread))
 }
 
-/// Messages about what does not affect the verdicts that there are.
+/// Messages about what does not affect the verdicts that there are: parts that could not be
+/// removed, and a recording that was judged before it was closed.
 pub fn notes(report: &RecordingReport) -> Vec<CountedMessage> {
     let left = report.parts_left.iter().map(|e| {
         let says = "parts of its table, written while it was followed, could not be removed";

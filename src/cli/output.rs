@@ -1,11 +1,15 @@
-//! Output of results: to stdout, as text or as one JSON line per event, or to nowhere with `--quiet`.
-//! Events of episodes have the keys of the table of episodes (`schemas/journal.md`).
+//! Output of results: to stdout, as text or as one JSON line per event, or to nowhere with
+//! `--quiet`. All verbs write by these functions, so that `--quiet` and `--json` mean the same
+//! everywhere. What is *told* beside the result (warnings, progress) goes to stderr, by `progress`.
+//!
+//! The JSON of an event has the keys that `schemas/journal.md` lists.
 
 use crate::pipeline::{EpisodeEvent, rfc3339};
 use serde_json::{Value, json};
 use std::io::{self, StdoutLock, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
+/// Whether `--quiet` is given; of the whole process.
 static QUIET: AtomicBool = AtomicBool::new(false);
 
 /// From now on only failures are told, on stderr.
@@ -13,6 +17,7 @@ pub fn be_quiet() {
     QUIET.store(true, Ordering::Relaxed);
 }
 
+/// Whether only failures are to be told.
 pub fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }
@@ -42,7 +47,8 @@ impl Write for Report {
     }
 }
 
-/// Tells what has just happened, as a line of JSON or as a line of text, to whoever reads along.
+/// Writes what has just happened to stdout, for whoever reads along: as a line of JSON, also with
+/// `--quiet`, or as a line of text.
 pub fn tell(
     json: bool,
     document: impl FnOnce() -> Value,
@@ -56,7 +62,7 @@ pub fn tell(
     out.flush()
 }
 
-/// Writes an event as one line of JSON.
+/// Writes an event as one line of JSON to stdout, also with `--quiet`.
 pub fn event(of: &impl serde::Serialize) -> io::Result<()> {
     let mut line = serde_json::to_string(of)?;
     line.push('\n');
@@ -73,6 +79,8 @@ pub fn episode_event(recording: &str, happened: EpisodeEvent) -> Value {
         EpisodeEvent::Revised { now, before } => (now, Some(before)),
         EpisodeEvent::Withdrawn(before) => (before, Some(before)),
     };
+    // the keys of the table of episodes, without those that are only known when the episode has
+    // ended
     let mut event = json!(episode);
     let untold = ["ended_at", "severity_first", "severity_max"];
     if let Some(keys) = event.as_object_mut() {

@@ -1,5 +1,11 @@
 //! The plan of a run: what is to be done with each recording, and why. It is decided for all recordings
-//! before anything is written. In: recordings and the journal of earlier runs. Out: [`PlannedRecording`]s.
+//! before anything is written. In: recordings and the journal of earlier runs, from `replay`. Out:
+//! [`PlannedRecording`]s in the order in which they are to be judged.
+//!
+//! The steps: each recording gets a place for its results ([`place`]); each is decided on by itself
+//! ([`Planner::plan`], by `pipeline::resume`); with `--baseline` the recordings are put into the
+//! order of their times, and those that follow one that is judged again are judged again, too
+//! ([`Planner::chain`], by `pipeline::chain`).
 
 use super::account::{RUN_NAME, Row};
 use super::exit::{Exit, Failure};
@@ -25,14 +31,16 @@ use std::sync::atomic::Ordering;
 
 /// A recording of a run, and what is to be done with it.
 pub struct PlannedRecording {
+    /// The recording, and where its results lie.
     pub placed: PlacedRecording,
     pub decision: Decision,
     /// The states of the baselines before and after its last verdicts, as the journal knows them.
     pub link: Option<Link>,
 }
 
-/// Gives each recording a place for its results. With a layout by day the recording's day is taken from the
-/// journal if the file has not changed, which saves opening it.
+/// Gives each recording a place for its results. With a layout by day the recording's day (UTC, of
+/// its first burst) is taken from the journal if the file has not changed, which saves opening the
+/// file.
 pub fn place(
     inputs: Vec<Input>,
     layout: Layout,
@@ -57,7 +65,8 @@ pub fn place(
     inputs.into_iter().map(of_input).collect()
 }
 
-/// Whether an earlier run judged a recording by the dialects of these settings, and it has not changed since.
+/// Whether an earlier run judged a recording by the dialects of these settings, and the file has
+/// not changed since, by its size and time of change.
 pub fn is_known(input: &Input, journal: &Journal, settings: &Settings) -> bool {
     let stamp = stored::stamp(&input.path).ok().filter(|stamp| stamp.modified_ns.is_some());
     let (Some(stamp), Ok(source)) = (stamp, input.path.canonicalize()) else { return false };
@@ -81,7 +90,8 @@ pub fn to_judge(planned: &[PlannedRecording]) -> impl Iterator<Item = &PlannedRe
     planned.iter().filter(|this| this.is_to_be_judged())
 }
 
-/// Removes the unfinished files that killed runs left in the directories to which this run writes.
+/// Removes the unfinished files (`.part`) that killed runs left in the directories to which this
+/// run writes: those of verdicts, episodes, summaries and `run.json`.
 pub fn sweep(planned: &[PlannedRecording], out: &Path) {
     let of_planned = |p: &PlannedRecording| resume::files(&p.placed.verdicts_in(out));
     let files = planned.iter().flat_map(of_planned);
@@ -98,8 +108,10 @@ pub fn sweep(planned: &[PlannedRecording], out: &Path) {
 
 /// Decides what is to be done with recordings.
 pub struct Planner<'a> {
-    /// Whether the printheads of recordings are looked up, which only runs with baselines do.
+    /// Whether the printheads of recordings are looked up: for a judge that hands recordings out to
+    /// others, and so must know which of them share baselines. Only [`Planner::chain`] does so.
     pub printheads: bool,
+    /// Decides whether a recording is finished.
     pub resume: Resume<'a>,
     pub dialects: &'a Dialects,
     pub progress: &'a Progress,
@@ -107,7 +119,8 @@ pub struct Planner<'a> {
 }
 
 impl Planner<'_> {
-    /// Decides on each recording by itself, without the order that baselines need.
+    /// Decides on each recording by itself, without the order that baselines need. A failure only
+    /// if the run is interrupted.
     pub fn plan(&self, placed: Vec<PlacedRecording>) -> Result<Vec<PlannedRecording>, Failure> {
         let mut planned = Vec::with_capacity(placed.len());
         for mut placed in placed {
@@ -131,14 +144,19 @@ impl Planner<'_> {
         known.and_then(|entry| entry.baseline.clone())
     }
 
-    /// Orders the recordings by their first bursts, since each is judged by the baselines that those before
-    /// it left. If one is to be judged again, those after it are, too. Recordings that are refused or cannot
-    /// be read come last. `baselines`: digest of the baseline file.
+    /// Orders the recordings by the times of their first bursts, since each is judged by the
+    /// baselines that the recordings before it left. If one is to be judged again, all recordings
+    /// after it are, too. Recordings that are refused or cannot be read come last. `baselines`:
+    /// digest of the baseline file; `None`: there is none yet.
+    ///
+    /// # Errors No state of the baselines is left from which the first recording could be judged
+    /// again as it was.
     pub fn chain(
         &self,
         mut planned: Vec<PlannedRecording>,
         baselines: &Option<String>,
     ) -> Result<Vec<PlannedRecording>, Failure> {
+        // 1. when each begins: the journal knows it of finished recordings, the others are opened
         for this in &mut planned {
             this.placed.source.starts_at_ns = match &this.decision {
                 Decision::Refuse(_) => None,
@@ -149,20 +167,24 @@ impl Planner<'_> {
             };
         }
         planned.sort_by_key(|this| this.placed.source.starts_at_ns.unwrap_or(i64::MAX));
-        // the baselines do not learn from recordings that are refused or cannot be read
+
+        // the baselines do not learn from recordings that are refused or cannot be read: these are
+        // no links of the chain
         let teaches = |p: &PlannedRecording| {
             p.placed.source.starts_at_ns.is_some() && !matches!(p.decision, Decision::Refuse(_))
         };
         let (mut chained, others): (Vec<_>, Vec<_>) = planned.into_iter().partition(teaches);
-        // The baselines must be as they were before the first recording that is to be judged. If they are
-        // not, judging resumes at an earlier recording, or is impossible.
+
+        // 2. The baselines must be as they were before the first recording that is to be judged. If
+        // they are not, judging resumes at an earlier recording, or is impossible.
         let first = chained.iter().position(|p| matches!(p.decision, Decision::Judge(_)));
         let first = first.unwrap_or(chained.len());
         let links: Vec<Option<Link>> = chained.iter().map(|p| p.link.clone()).collect();
         let Some(from) = chain::resume_at(&links, first, baselines) else {
             return Err(broken_chain(&chained[first]));
         };
-        // all recordings from there on are judged again, since the baselines before them change
+
+        // 3. all recordings from there on are judged again, since the baselines before them change
         for this in chained[from..].iter_mut() {
             if let Decision::Finished { .. } = this.decision {
                 this.decision = Decision::Judge(JudgeReason::AfterAnother);
@@ -235,7 +257,7 @@ impl PlannedRecording {
         matches!(self.decision, Decision::Judge(_))
     }
 
-    /// What is to be done, and why.
+    /// What is to be done (`judge`, `skip` or `refuse`), and why.
     pub fn words(&self) -> (&'static str, String) {
         match &self.decision {
             Decision::Judge(why) => ("judge", why.to_string()),
@@ -245,7 +267,8 @@ impl PlannedRecording {
     }
 }
 
-/// Prints what would be done, and why, for `--dry-run`.
+/// Prints what would be done, and why, for `--dry-run`. `lost`: rows of names that lead to no
+/// recording. The exit status is 3 if something would be refused or is lost.
 pub fn print(planned: &[PlannedRecording], lost: &[Row], json: bool) -> Result<Exit, Failure> {
     let missing = lost.iter().map(|row| (row.recording.clone(), ("lost", row.why.clone())));
     let all = planned.iter().map(|this| (this.placed.label(), this.words())).chain(missing);

@@ -1,5 +1,12 @@
-//! Progress and messages, always on stderr: bars on a terminal, plain lines otherwise. Within another program
-//! (`called`) messages are collected instead.
+//! Progress, messages, and the interruption of a run.
+//!
+//! Progress and messages always go to stderr: bars on a terminal, plain lines otherwise. Within
+//! another program (`called`) messages are collected instead, on the thread that works for that
+//! program. In: the counters of [`Control`], which the pipeline advances. Out: what a person sees
+//! while a run goes on.
+//!
+//! Ctrl-C sets a flag of the [`Control`], which all work asks for now and then; a second Ctrl-C
+//! ends the process at once.
 
 use super::output::is_quiet;
 use crate::pipeline::Control;
@@ -24,7 +31,8 @@ const LINE_EVERY: Duration = Duration::from_secs(10);
 
 /// Most characters of one message.
 const MOST_OF_A_MESSAGE: usize = 20_000;
-/// Prefix of messages about what makes a result less certain.
+/// Prefix of messages about what makes a result less certain. [`Progress::say`] tells warnings by
+/// it.
 const WARNING: &str = "warning: ";
 /// Most characters of a name in a message.
 const MOST_OF_A_NAME: usize = 64;
@@ -48,11 +56,13 @@ thread_local! {
     static TOLD: RefCell<Vec<String>> = const { RefCell::new(Vec::new()) };
 }
 
+/// Whether this thread works for another program.
 fn is_called() -> bool {
     CALLER.with_borrow(Option::is_some)
 }
 
-/// Takes the messages that were collected on this thread for another program, without their prefixes.
+/// Takes the messages that were collected on this thread for another program, without their
+/// prefixes `warning: ` and `inkling: `.
 pub fn told() -> Vec<String> {
     let sentence = |line: &String| {
         let line = line.strip_prefix(WARNING).unwrap_or(line);
@@ -87,7 +97,9 @@ pub fn interruptible() -> Arc<Control> {
     handle_interrupts(|_| false)
 }
 
-/// The same as [`interruptible`], but a Ctrl-C for which `takes` returns true is used for something else.
+/// The same as [`interruptible`], but a Ctrl-C for which `takes` returns true is used for something
+/// else. The handler is installed once per process: a later call gives a control that Ctrl-C does
+/// not reach. Within another program the control is that program's, and no handler is installed.
 pub fn handle_interrupts(takes: impl Fn(&Control) -> bool + Send + 'static) -> Arc<Control> {
     static ONCE: Once = Once::new();
     if let Some(control) = CALLER.with_borrow(Clone::clone) {
@@ -101,6 +113,7 @@ pub fn handle_interrupts(takes: impl Fn(&Control) -> bool + Send + 'static) -> A
             if takes(&handle) {
                 return;
             }
+            // the second request to end: whoever should have noticed the first one did not
             if handle.interrupted() {
                 std::process::exit(1);
             }
@@ -119,22 +132,23 @@ pub struct Progress {
 
 /// The progress through all recordings, if there are several.
 struct Overall {
-    /// The bar of all bytes.
+    /// The bar of the bytes of all recordings.
     bar: ProgressBar,
+    /// Number of recordings in all, and of those that are done, with the bytes of the latter.
     recordings: usize,
     done_recordings: AtomicUsize,
     done_bytes: AtomicU64,
 }
 
 impl Overall {
-    /// `12 of 60 recordings, 3 400 000 signals/s, 4 minutes left`; `bytes`: of
-    /// the one at hand; `signals`: of the whole run.
+    /// `12 of 60 recordings, 3 400 000 signals/s, 4 minutes left`. `bytes`: those of the recording
+    /// at hand that were read; `signals`: those of the whole run.
     fn in_words(&self, bytes: u64, signals: u64) -> String {
         let number = self.done_recordings.load(Ordering::Relaxed) + 1;
         let spent_s = self.bar.elapsed().as_secs_f64().max(1e-9);
         let done = (self.done_bytes.load(Ordering::Relaxed) + bytes) as f64;
         let left = (self.bar.length().unwrap_or(0) as f64 - done).max(0.0);
-        // the time that is left, from the bytes read so far
+        // the time that is left, if the rest goes as fast per byte as what was read so far
         let left = match done > 0.0 {
             true => {
                 format!(", {} left", HumanDuration(Duration::from_secs_f64(spent_s * left / done)))
@@ -149,6 +163,8 @@ impl Overall {
 }
 
 impl Progress {
+    /// Progress through so many recordings, which have `total_bytes` together. That number is not
+    /// used for a single recording.
     pub fn new(recordings: usize, total_bytes: u64) -> Progress {
         let bars = MultiProgress::new(); // draws nothing where stderr is no terminal
         if is_quiet() {
@@ -167,8 +183,9 @@ impl Progress {
         Progress { bars, overall }
     }
 
-    /// Runs `job` while its progress through `bytes` of the recording `name` is shown. `bytes`: `None` if
-    /// their number is not known.
+    /// Runs `job` on this thread, and shows its progress through the `bytes` of the recording
+    /// `name` from a second thread (`watch`), which reads the counters of `control`. `bytes`:
+    /// `None` if their number is not known. Returns what `job` does.
     pub fn during<T>(
         &self,
         name: &str,
@@ -195,7 +212,8 @@ impl Progress {
         result
     }
 
-    /// Tells a message above the bars, unless quiet. A program that called is told warnings only.
+    /// Tells a message above the bars, unless quiet. Another program that works through us is
+    /// always quiet; it is told warnings all the same.
     pub fn say(&self, message: &str) {
         if !is_quiet() || (is_called() && message.starts_with(WARNING)) {
             self.fail(message);
@@ -220,6 +238,7 @@ impl Progress {
     }
 
     /// Updates the bars, or prints a line now and then, until `done`. Runs on a thread beside the job.
+    /// `before`: number of signals that earlier recordings had.
     fn watch(
         &self,
         name: &str,
@@ -239,6 +258,7 @@ impl Progress {
             None => "{spinner} {prefix:<16!} followed for {elapsed}, {msg}; Ctrl-C ends it",
         }));
         bar.set_prefix(printable::line(name, MOST_OF_A_NAME));
+
         let mut last_line = Instant::now();
         while !done.load(Ordering::Relaxed) {
             std::thread::park_timeout(TICK); // the end of the job wakes it
@@ -247,6 +267,7 @@ impl Progress {
                 .overall
                 .as_ref()
                 .map(|all| (all, all.in_words(read, control.signals.load(Ordering::Relaxed))));
+            // on a terminal the bars, at each tick; elsewhere a line every ten seconds
             if !self.bars.is_hidden() {
                 bar.set_position(read);
                 bar.set_message(match bytes {
@@ -286,7 +307,7 @@ pub fn steps(what: &str, steps: Option<u64>, unit: &'static str) -> ProgressBar 
     bar.with_finish(ProgressFinish::AndClear)
 }
 
-/// A guard that tells the watcher to stop when it is dropped.
+/// A guard that tells the thread of `Progress::watch` to stop when it is dropped.
 struct Ended<'a> {
     done: &'a AtomicBool,
     watcher: Thread,
@@ -299,6 +320,7 @@ impl Drop for Ended<'_> {
     }
 }
 
+/// The style of a template of indicatif; the default one if the template were wrong.
 fn style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }

@@ -1,5 +1,17 @@
 //! `inkling replay`: judges recordings. This file turns options and settings into a plan and the means of
 //! judging; `batch` does the work.
+//!
+//! In: the options of the command line ([`Args`]), the settings file, the design, labels and
+//! baselines that they name, and the journal of earlier runs in the directory of results. Out: the
+//! exit status; `batch` writes the results.
+//!
+//! The order (`judged_by`): everything that can be wrong is checked; the lock is taken; the plan is
+//! made (what is judged, what is skipped); what killed runs left is removed; the recordings are
+//! judged. So a mistake is told before anything is written. `--dry-run` ends after the plan.
+//!
+//! Settings come from more places than [`Settings::load`] knows: what the design keeps of its
+//! training counts as overrides that come before the user's own, and the design's `[detect]`
+//! replaces all others.
 
 use super::account::{Account, RUN_NAME, Row};
 use super::batch::Batch;
@@ -33,6 +45,7 @@ const PIPELINE_TOML: &str = "pipeline.toml";
 /// The values of `--preset`.
 pub const PRESETS: [&str; 1] = ["thesis"];
 
+// The `///` of the fields below are the help text of the options, and no comments.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   inkling replay
@@ -134,13 +147,14 @@ pub struct Args {
     json: bool,
 }
 
-/// Judges recordings in this process.
+/// Judges recordings in this process: the verb `replay` of the command line.
 pub fn run(args: Args) -> Result<Exit, Failure> {
     judged_by(args, None)
 }
 
-/// Has recordings judged by other processes that see the same files. These decide on their pace and threads,
-/// so that the options for them are refused.
+/// Has recordings judged by other processes that see the same files: the fleet (`fleet/`) calls
+/// this with a `judge` that hands recordings out. Those processes decide on their own pace and
+/// threads, so `--pace` and `--threads` are refused here, and so is `--follow`.
 pub fn run_elsewhere(args: Args, judge: &mut dyn Judge) -> Result<Exit, Failure> {
     let why = "has no effect here: whoever judges the recordings decides on it";
     match (&args.threads, &args.pace, args.follow) {
@@ -152,9 +166,10 @@ pub fn run_elsewhere(args: Args, judge: &mut dyn Judge) -> Result<Exit, Failure>
 }
 
 /// The whole run: checks everything, plans, and judges. Mistakes in options and settings are found before
-/// anything is written.
+/// anything is written. `elsewhere`: who judges the recordings; `None`: this process does.
 fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Failure> {
-    // 1. settings, options, recordings and places of results
+    // 1. settings, options, recordings and places of results: all that may be wrong is looked at
+    // first
     let mut account = Account::new(args.strict);
     let (settings, design) = with_design(&args)?;
     if args.follow {
@@ -163,12 +178,16 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     let out = PathBuf::from(&settings.output.dir);
     follow::check_rotation(args.rotate, args.follow, &out)?;
     let serve = live::check(args.serve.as_deref(), args.serve_token.as_deref(), args.follow)?;
-    let first = settings.input.recordings[0].clone(); // there is one at least
+    let first = settings.input.recordings[0].clone(); // `settings` refuses a run without one
+
+    // names that lead to no recording do not stop the run: they become rows of the account (`lost`)
     let found = inputs::find_each_recording(&settings.input.recordings)?;
     outputs::check_place(&out)?;
     for (name, kind) in [(RUN_NAME, ResultFile::Account), (JOURNAL_NAME, ResultFile::Journal)] {
         outputs::check_file(&out.join(name), kind)?;
     }
+
+    // the journal says where earlier results lie, and which recordings need not be opened
     let journal_path = out.join(JOURNAL_NAME);
     let unreadable = |e| Failure::new(format!("{}: cannot be read: {e}", journal_path.display()));
     let journal = || Journal::read(&out).map_err(unreadable);
@@ -177,6 +196,9 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     let dialects = checked_dialects(&settings, &found.inputs, is_known)?;
     let placed = plan::place(found.inputs, settings.output.layout, &before, &dialects);
     layout::refuse_shared(&placed).map_err(Failure::usage)?;
+
+    // `replay`: how to judge; `means`: the same in digests, by which the journal tells what is
+    // finished
     let (replay, baseline_file, means) = load(settings, design, &args)?;
     let lost: Vec<Row> = found.lost.iter().map(plan::lost).collect();
 
@@ -193,6 +215,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
         let out = out.display();
         looking.say(&format!("warning: {out}: no locks here: a second run would not be noticed"));
     }
+
     // 3. the plan: which recordings are to be judged, in which order
     let resume = Resume {
         out: &out,
@@ -222,6 +245,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
             plan::to_judge(&planned).map(PlannedRecording::noted).collect();
         lock.plan(&to_judge).map_err(FileError::unwritten(&out.join(LOCK_NAME)))?;
     }
+
     // 4. what killed runs left is removed, and the journal opened
     account.rows = lost;
     plan::sweep(&planned, &out);
@@ -229,12 +253,13 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     let bytes = plan::to_judge(&planned).filter_map(|this| Some(this.placed.source.stamp?.bytes));
     let progress = Progress::new(plan::to_judge(&planned).count(), bytes.sum());
     let writer = JournalWriter::open(&out).map_err(FileError::unwritten(&journal_path))?;
-    // 5. the judge, and the live view
+
+    // 5. the judge, and the live view; then the batch judges everything
     let live = serve.map(|place| live::start(place, &first, &control)).transpose()?;
     live.iter()
         .try_for_each(|live| follow::tell_address(live.place.address, args.json, &progress))?;
     let mut watching = FollowJudge { json: args.json, rotate: args.rotate, live };
-    // the report of a single recording is enough by itself
+    // a single recording is reported in full, and no table over all recordings follows
     let alone = planned.len() == 1 && found.lost.is_empty();
     let run = Run {
         out: &out,
@@ -267,11 +292,12 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     ended
 }
 
-/// A design, and the digest of its file.
+/// A design, and the digest of its file, by which the journal tells one design from another.
 pub type Read = (Design, String);
 
-/// The settings, and the design that they name. Settings that the design keeps from its training apply unless
-/// the command line says otherwise.
+/// The settings, and the design that they name; `None`: they name none. Settings that the design
+/// keeps from its training apply unless the command line says otherwise. So the settings are made
+/// twice: once to learn which design they name, and again with what that design keeps.
 fn with_design(args: &Args) -> Result<(Settings, Option<Read>), Failure> {
     let asked = settings(args, &[])?;
     if asked.input.design.is_empty() {
@@ -286,8 +312,8 @@ fn with_design(args: &Args) -> Result<(Settings, Option<Read>), Failure> {
     Ok((settings_by(args, &read.0)?, Some(read)))
 }
 
-/// The settings together with those that the design keeps from its training. With a preset the design's are
-/// not used.
+/// The settings together with those that the design keeps from its training. With a preset the
+/// settings that the design keeps are not used: the preset says them all.
 fn settings_by(args: &Args, design: &Design) -> Result<Settings, Failure> {
     if args.preset.is_some() || design.chosen.is_empty() {
         return settings(args, &[]);
@@ -298,17 +324,22 @@ fn settings_by(args: &Args, design: &Design) -> Result<Settings, Failure> {
     settings(args, &kept.collect::<Vec<String>>())
 }
 
-/// The settings from file, preset, design and options. `kept`: settings that the design keeps, as
-/// `KEY=VALUE`; `--set` wins over them.
+/// The settings from file, preset, design and options, from the weakest to the strongest: the
+/// settings file, `--preset`, what the design keeps, `--set`, then the options that have a key of
+/// their own. `kept`: what the design keeps, as `KEY=VALUE`. A run without any recording is
+/// refused.
 fn settings(args: &Args, kept: &[String]) -> Result<Settings, Failure> {
     refuse_said_twice(args)?;
+
+    // ./pipeline.toml is only read where no recordings are named
     let here = Path::new(PIPELINE_TOML);
     let file = match &args.config {
         Some(file) => Some(file.as_path()),
         None if args.recordings.is_empty() && here.is_file() => Some(here),
         None => None,
     };
-    // of several values for a key the last one wins
+
+    // of several values for a key the last one wins, so the strongest come last
     let mut overrides = kept.to_vec();
     if args.design.is_some() {
         overrides.push("identify.mode=design".into()); // the default; --set wins over it
@@ -330,8 +361,10 @@ fn settings(args: &Args, kept: &[String]) -> Result<Settings, Failure> {
     }
     overrides.extend(args.identify.as_ref().map(|mode| format!("identify.mode={mode}")));
     overrides.extend(args.layout.as_ref().map(|layout| format!("output.layout={layout}")));
-    let preset = args.preset.as_ref().map(|_| Preset::Thesis);
+    let preset = args.preset.as_ref().map(|_| Preset::Thesis); // the only one, as clap has checked
     let mut settings = Settings::load(file, preset, &overrides)?;
+
+    // these have types of their own, and are set without being written as text before
     if !args.recordings.is_empty() {
         settings.input.recordings.clone_from(&args.recordings);
     }
@@ -371,8 +404,10 @@ fn refuse_said_twice(args: &Args) -> Result<(), Failure> {
     }
 }
 
-/// Reads labels and baselines, and puts the means of judging together. The design's settings of detection
-/// replace those of the command line.
+/// Reads labels and baselines, and puts the means of judging together. `read`: the design, if there
+/// is one; its settings of detection replace those of the command line. Returns how to judge, the
+/// baseline file with `--baseline`, and for the journal the means in digests. `judging` calls this,
+/// too, for bursts in memory.
 fn load(
     mut settings: Settings,
     read: Option<Read>,
@@ -393,6 +428,9 @@ fn load(
         settings.detect = read.detect.clone();
     }
     check(&settings, args, design.as_ref())?;
+
+    // labels that say which signals of windows are healthy; the digest tells later runs whether
+    // they changed
     let (mut labels, mut labels_digest) = (None, None);
     if !settings.identify.labels.is_empty() {
         let path = Path::new(&settings.identify.labels);
@@ -401,6 +439,8 @@ fn load(
         labels_digest = Some(digest.map_err(|e| Failure::new(format!("{}: {e}", path.display())))?);
     }
     let spans = settings.identify.spans.iter().map(span_ns).collect::<Result<_, Failure>>()?;
+
+    // a baseline file of another design is refused; one that is not there yet gives empty baselines
     let (baseline_file, baselines) = match settings.input.baseline.as_str() {
         "" => (None, None),
         path => BaselineFile::read(Path::new(path), design_digest.as_deref())
@@ -411,7 +451,8 @@ fn load(
     Ok((replay, baseline_file, means))
 }
 
-/// Checks that the settings fit the design and its classes.
+/// Checks that the settings fit the design and its classes. What cannot take effect is refused,
+/// since whoever set it expects an effect.
 fn check(settings: &Settings, args: &Args, design: Option<&Design>) -> Result<(), Failure> {
     check_declared(settings, design)?;
     let classes = design.map(Design::class_names).unwrap_or_default();
@@ -470,7 +511,7 @@ fn check_threshold(settings: &Settings, design: Option<&Design>) -> Result<(), F
     )))
 }
 
-/// The times of one of `identify.spans`, ns.
+/// The times of one of `identify.spans`, from and to, ns since the epoch.
 fn span_ns([from, to]: &[String; 2]) -> Result<(i64, i64), Failure> {
     let ns = |text: &str| {
         let time = DateTime::parse_from_rfc3339(text).ok().and_then(|t| t.timestamp_nanos_opt());
@@ -489,7 +530,8 @@ fn span_ns([from, to]: &[String; 2]) -> Result<(i64, i64), Failure> {
     }
 }
 
-/// How a design in memory is to judge by these arguments.
+/// How a design in memory is to judge by these arguments: for bursts in memory (`cli/called.rs`),
+/// where nothing is planned or written. The recordings that `args` names are not read.
 pub fn judging(args: Args, read: Read) -> Result<Replay, Failure> {
     let mut settings = settings_by(&args, &read.0)?;
     settings.input.design = "the design".into(); // what sentences call it

@@ -1,5 +1,7 @@
-//! The text that a finished replay prints about a recording: its counts, a line per printhead, and fault
-//! episodes.
+//! The text that a finished replay prints about a recording: its counts, a line per printhead, and
+//! fault episodes. In: the pipeline's [`RecordingReport`], from `judge`. Out: text for a terminal,
+//! in which names from files are made harmless. (The page of `inkling report` is made elsewhere:
+//! `report_page`.)
 
 use super::progress::thousands;
 use crate::pipeline::RecordingReport;

@@ -1,6 +1,12 @@
-//! `inkling report`: which channels to clean, since when they are faulty, and how far to trust this. In: the results
-//! of any number of recordings. Out: the page, text or JSON, and the Parquet file `report.faults.parquet`
-//! (`schemas/faults.md`), with a row for each fault, the most urgent first.
+//! `inkling report`: which channels to clean, since when they are faulty, and how far to trust
+//! this. In: the results of any number of recordings. Out: the page, text or JSON, and beside the
+//! page `report.html` the Parquet file `report.faults.parquet` (`schemas/faults.md`), with a row
+//! for each fault, the most urgent first.
+//!
+//! The results are read by `results`, and the faults found and worded by `crate::report`; here the
+//! options are checked and the files written. With `--changes-since` the text or JSON is about what
+//! is new (`changes_since`), with `--doubts` a list of faults without a name is written for whoever
+//! looks at the drops.
 
 use super::changes_since::{ChangesSince, EarlierRun, as_json};
 use super::exit::{Exit, Failure};
@@ -66,7 +72,9 @@ pub struct Args {
     set: Vec<String>,
 }
 
+/// Runs the verb. The exit status is 3 if some results could not be read.
 pub fn run(args: Args) -> Result<Exit, Failure> {
+    // 1. settings and places
     if let Some(other) = args.set.iter().find(|pair| !pair.trim_start().starts_with("report.")) {
         return Err(Failure::usage(format!(
             "--set {}: has no effect on a report: its settings begin with report.",
@@ -79,14 +87,19 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = settings.report;
     let page = args.output.as_deref().map(Page::at).transpose()?;
     args.doubts.as_deref().map_or(Ok(()), outcomes_file::check)?;
-    // names and files are checked before the verdicts are read, which may take long
+
+    // 2. read; names and files are checked before the verdicts are read, which may take long
     let found = results::find(&args.out, "a report")?;
     let earlier =
         args.changes_since.as_deref().map(|run| EarlierRun::read(run, &found)).transpose()?;
     let progress = Progress::new(1, 0);
     let read = results::read(&found, &settings, true, &progress, &interruptible())?;
+
+    // the actions can only be checked now that the classes of the recordings are known
     let own = read.classes.iter().chain(&declared).map(String::as_str);
     settings.check_actions(own).map_err(Failure::usage)?;
+
+    // 3. tell what could not be read
     for note in &read.notes {
         progress.say(&format!("warning: {note}"));
     }
@@ -100,7 +113,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         (Some(run), Some(earlier)) => Some(ChangesSince::of(run, earlier, &read.report)?),
         _ => None,
     };
-    // files first, then stdout
+    // 4. files first, then stdout
     page.iter().try_for_each(|page| page.write(&read.report))?;
     if let Some(path) = &args.doubts {
         outcomes_file::write(path, &doubts(&read.report))?;
@@ -112,7 +125,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     Ok(if read.failed.is_empty() { Exit::Done } else { Exit::Incomplete })
 }
 
-/// The open faults without a class, as a list for somebody who looks at the drops.
+/// The open faults without a class, as a list for somebody who looks at the drops. A doubt's span
+/// goes from the begin of the fault's last episode to its end, or to the end of the last recording.
 fn doubts(report: &Report) -> Vec<Doubt> {
     let last_ns = report.recordings.iter().filter_map(|line| line.span).map(|span| span.1).max();
     let unnamed = |fault: &&Fault| fault.is_open() && fault.story.fault.is_none();
@@ -137,7 +151,8 @@ struct Page<'a> {
 }
 
 impl<'a> Page<'a> {
-    /// Checks that both files may be written, without writing them.
+    /// Checks that both files may be written (that neither is something that inkling did not
+    /// write), without writing them.
     fn at(page: &'a Path) -> Result<Page<'a>, Failure> {
         if !page.extension().is_some_and(|e| e == "html" || e == "htm") {
             let name = page.display();
@@ -151,6 +166,7 @@ impl<'a> Page<'a> {
         Ok(Page { page, table })
     }
 
+    /// Writes the table, then the page.
     fn write(&self, report: &Report) -> Result<(), Failure> {
         write_faults(&self.table, &report.faults).map_err(Failure::new)?;
         write_text(self.page, &report::html(report))
@@ -178,7 +194,8 @@ fn tell_json(
     output::event(&told)
 }
 
-/// Prints the result as text: the changes or the cleaning list, and the files.
+/// Prints the result as text: the changes or the cleaning list, and the files. With `--quiet` it is
+/// printed only where stdout is the result itself: changes without a page.
 fn tell(read: &Read, since: Option<&ChangesSince>, page: Option<&Page>) -> std::io::Result<()> {
     let mut out = output::result(since.is_none() || page.is_some());
     match since {
@@ -203,10 +220,11 @@ pub fn write_json(path: &Path, document: &impl Serialize) -> Result<(), Failure>
     write_text(path, &(text + "\n"))
 }
 
-/// What a fault has in a column.
+/// Gives what a fault has in a column; null where it has nothing.
 type Cell = fn(&Fault) -> Value;
 
-/// The columns of the table of faults, in its order.
+/// The columns of the table of faults, in its order. `schemas/faults.md` explains them; a test
+/// compares.
 static COLUMNS: [(Column, Cell); 16] = [
     (Column::required("printhead", Kind::Name), |f| json!(f.story.printhead)),
     (Column::required("channel", Kind::Count), |f| json!(f.story.channel)),
@@ -230,7 +248,8 @@ fn columns() -> [Column; 16] {
     COLUMNS.each_ref().map(|(column, _)| *column)
 }
 
-/// The trend of the severity, if it is certain. A trend of the distance from healthy is none.
+/// The trend of the severity, in its unit per day, if the trend is certain. Of a fault without a
+/// severity the trend is that of its distance from healthy, which is no severity: `None`.
 fn per_day(fault: &Fault) -> Option<f64> {
     let is_sized = fault.story.severity_last.is_some();
     report::certain_trend(&fault.story).filter(|_| is_sized).map(|trend| trend.per_day)

@@ -1,5 +1,9 @@
-//! Reads the results of earlier replays for a report: first summaries and episodes, then all verdicts once.
-//! In: verdict tables. Out: a [`Read`].
+//! Reads the results of earlier replays for a report: first summaries and episodes, then all
+//! verdicts once. In: verdict tables, from `report_page`, or from `batch` for its cleaning list.
+//! Out: a [`Read`]: the report, and what could not be read. `score` uses only [`find`].
+//!
+//! Verdicts of a year do not fit into memory, so one thread reads batches of a few columns ahead,
+//! and another one adds them up (`Survey`). The survey needs all episodes before the first verdict.
 
 use super::copies::{self, Table};
 use super::exit::Failure;
@@ -39,8 +43,9 @@ const READ_AHEAD: usize = 4;
 /// Endings of inkling's tables that hold no verdicts.
 const OTHERS: [&str; 2] = [".episodes.parquet", ".faults.parquet"];
 
-/// Finds the verdict tables that a command line names. `what`: what is made of them (`a report`), for
-/// messages.
+/// Finds the verdict tables that a command line names: files, directories or patterns. `what`: what
+/// is made of the tables (`a report`), for messages. A usage failure if a name is that of another
+/// kind of file.
 pub fn find(named: &[String], what: &str) -> Result<Vec<Input>, Failure> {
     let other = |name: &&String| OTHERS.iter().any(|ending| name.ends_with(ending));
     if let Some(other) = named.iter().find(|name| name.ends_with(".mcap")) {
@@ -57,6 +62,8 @@ pub fn find(named: &[String], what: &str) -> Result<Vec<Input>, Failure> {
             printable::cell(other)
         )));
     }
+
+    // what was found is looked into, as a file may have any name
     let found = inputs::find_verdicts(named)?;
     match found.iter().find(|input| !begins_as_a_table(&input.path)) {
         Some(Input { path, .. }) => Err(Failure::usage(format!(
@@ -79,6 +86,7 @@ fn begins_as_a_table(path: &Path) -> bool {
 /// A report, and messages about results that could not be read.
 pub struct Read {
     pub report: Report,
+    /// Messages about results that could not be read, and are missing in the report.
     pub failed: Vec<String>,
     /// Messages about files without which nothing is lost.
     pub notes: Vec<String>,
@@ -88,14 +96,16 @@ pub struct Read {
 
 /// Some rows of a recording, with the names to which the indices in their columns refer.
 struct Batch {
+    /// Index of the recording.
     recording: usize,
     columns: VerdictColumns,
     classes: Vec<String>,
     categories: Vec<String>,
 }
 
-/// Reads the results of all tables into a report. A table that cannot be read is left out and noted in
-/// `failed`; if no verdicts can be read at all, that is the failure.
+/// Reads the results of all tables into a report. A table that cannot be read is left out and noted
+/// in `failed`; if no verdicts can be read at all, that is the failure. `with_maps`: whether the
+/// report is to have maps of channels over time, which only the page shows.
 pub fn read(
     inputs: &[Input],
     settings: &ReportSettings,
@@ -103,6 +113,7 @@ pub fn read(
     progress: &Progress,
     control: &Control,
 ) -> Result<Read, Failure> {
+    // 1. the document of each recording: its summary, or what its table says of itself
     let (mut failed, mut notes) = (Vec::new(), Vec::new());
     let mut found = Vec::new();
     for input in inputs {
@@ -111,10 +122,13 @@ pub fn read(
             Err(e) => failed.push(e),
         }
     }
-    // of several tables of one recording one stays, and the others are noted
+
+    // 2. of several tables of one recording one stays, and the others are noted
     let tables: Vec<Table> =
         found.iter().map(|(path, source)| Table { path, document: &source.document }).collect();
     let (left_out, mut copies) = (copies::left_out(&tables), Vec::new());
+
+    // 3. the episodes of those that stay; a recording has the same index in all three lists
     let (mut sources, mut episodes, mut files) = (Vec::new(), Vec::new(), Vec::new());
     let mut classes = BTreeSet::new();
     for ((path, mut source), left_out) in found.into_iter().zip(left_out) {
@@ -128,11 +142,12 @@ pub fn read(
         sources.push(source);
         files.push(path);
     }
-    // a survey needs all episodes before the first verdict
+
+    // 4. all verdicts once; the survey needs all episodes before the first verdict
     let mut survey = Survey::new(episodes, with_maps);
     let bytes: u64 = files.iter().map(|file| stored::bytes(file)).sum();
     progress.during("verdicts", bytes, control, || {
-        // one thread reads ahead, this one counts
+        // one thread reads ahead, this one adds up
         let (send, receive) = sync_channel(READ_AHEAD);
         std::thread::scope(|scope| {
             let files = &files;
@@ -151,7 +166,8 @@ pub fn read(
     if control.interrupted() {
         return Err(Failure::new("interrupted; nothing was written"));
     }
-    // a report of nothing is a failure
+
+    // 5. the report; a report of nothing is a failure
     if survey.heads.iter().all(|head| head.tallies.is_empty()) {
         let first = failed.into_iter().next();
         return Err(Failure::new(first.unwrap_or_else(|| "the verdict tables are empty".into())));
@@ -162,7 +178,8 @@ pub fn read(
     Ok(Read { report, failed, notes, classes })
 }
 
-/// The document of a recording: its summary, or else the metadata of its verdict table.
+/// The document of a recording: its summary, or else the metadata of its verdict table, which know
+/// less. An unreadable summary is told in `notes`; the error is that of the table.
 fn source(input: &Input, notes: &mut Vec<String>) -> Result<Source, String> {
     let name = lost::name(input);
     let beside = summary_file::read(&summary_file::path_beside(&input.path)).unwrap_or_else(|e| {
@@ -200,7 +217,8 @@ fn episodes_of(
     })
 }
 
-/// Reads the batches of all files in their order, and sends them ahead of their use. Progress counts whole
+/// Reads the batches of all files in their order, and sends them ahead of their use. A file that
+/// cannot be read to its end is told as an error, and the next one is read. Progress counts whole
 /// files.
 fn read_all(files: &[&Path], control: &Control, send: &SyncSender<Result<Batch, String>>) {
     for (recording, file) in files.iter().enumerate() {

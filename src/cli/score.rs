@@ -1,4 +1,14 @@
 //! `inkling score`: compares verdicts with labels, and critiques with what was hidden in their recordings.
+//!
+//! In one of three forms:
+//! * verdict tables and `--labels`: each row of the tables is compared with the label of its
+//!   printhead, channel and time (`Scoring`); so are the episodes beside the tables. The sums are
+//!   those of `inkling_lab::score`, which computes the figures from them; `scored` prints these.
+//! * `--design` alone or beside that: the promise of the design, computed from itself, without any
+//!   verdict.
+//! * `--truth`: critiques against the truths that `inkling simulate --hide` sealed (`critiques`).
+//!
+//! Out: text, JSON (`--json`), or a page with curves (`--report`).
 
 use super::copies::{self, Table};
 use super::exit::{Exit, Failure};
@@ -67,10 +77,12 @@ pub struct Args {
     design: Option<PathBuf>,
 }
 
-/// Categories whose classes are all sized by the same quantity: a share of the nozzle's cross-section, and a
-/// viscosity factor.
+/// Categories whose classes are all sized by the same quantity (a share of the nozzle's
+/// cross-section in the first, a viscosity factor in the second), so that severities can be scored
+/// over the whole category.
 const ONE_QUANTITY: [&str; 2] = ["blocked_nozzle", "dried_nozzle"];
 
+/// Runs the verb: decides which of the three forms is asked for, and runs that.
 pub fn run(args: Args) -> Result<Exit, Failure> {
     if let Some(page) = &args.report {
         outputs::check_file(page, outputs::ResultFile::Page)?;
@@ -90,12 +102,16 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             ));
         }
     };
-    // labels that do not fit the recordings at all are refused after the verdicts have been read
+
+    // the labels and the tables; the labels as such are checked now, whether they fit the
+    // recordings below
     let labels = labels_file::read(labels_path)?;
     let files = results::find(&args.verdicts, "a score")?;
     let mut scoring = Scoring::new(&labels, args.report.is_some());
     let documents: Vec<serde_json::Value> =
         files.iter().map(|file| summary_file::of_table(&file.path)).collect();
+
+    // of several tables of one recording one is scored, so that no signal counts twice
     let of = files.iter().zip(&documents);
     let tables: Vec<Table> =
         of.map(|(file, document)| Table { path: &file.path, document }).collect();
@@ -105,6 +121,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             None => scoring.add_file(table.path)?,
         }
     }
+
+    // labels of printheads or times that no recording has are a mistake
     labels_file::check(labels_path, &labels, &scoring.met)?;
     let report = scoring.report();
     if report.by_state.is_empty() {
@@ -122,22 +140,29 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     tell(&args, Some(&report), scoring.curves.as_ref(), promise.as_ref())
 }
 
-/// Compares verdicts with labels row by row.
+/// Compares verdicts with labels row by row. Its fields are sums that grow with each row.
 struct Scoring<'a> {
     labels: &'a Labels,
+    /// When the labelled faults began, for the delays of the curves.
     onsets: Onsets,
+    /// Confusion of detection and isolation, and calibration.
     score: Score,
+    /// Errors of sizes by class, and by category for those of `ONE_QUANTITY`.
     severity: SeverityScore,
     of_categories: SeverityScore,
-    /// The score of episodes, if there are tables of them.
+    /// The score of episodes; `None`: no table of episodes was met yet.
     episodes: Option<EpisodeScore<'a>>,
+    /// The curves of the page; `None`: no page is wanted.
     curves: Option<Curves>,
+    /// The printheads, channels and times that were met, against which the labels are checked.
     met: Met,
 }
 
 /// A row of a verdict table, with the names to which its indices refer.
 struct Row<'a> {
+    /// The batch of rows that it is part of.
     c: &'a VerdictColumns,
+    /// Its index in `c`.
     place: usize,
     classes: &'a [String],
     categories: &'a [String],
@@ -160,16 +185,22 @@ impl<'a> Scoring<'a> {
     /// Scores a verdict table, and the episodes beside it if there are any.
     fn add_file(&mut self, path: &Path) -> Result<(), Failure> {
         let mut verdicts = VerdictReader::open(path).map_err(Failure::new)?;
+
+        // 1. the metadata say from which certainty on these verdicts were called certain
         let document: serde_json::Value = verdicts
             .metadata_json()
             .and_then(|json| serde_json::from_str(json).ok())
             .unwrap_or_default();
         let bound = document["settings"]["isolate"]["certainty"].as_f64();
         self.score.bound = bound.or(self.score.bound);
-        // own classes of the physics belong to categories that only the settings know
+        // 2. the user's own classes (`isolate.physics`) belong to categories that only these
+        // settings know
         let laws = &document["settings"]["isolate"]["physics"];
         let laws: Catalogue = serde_json::from_value(laws.clone()).unwrap_or_default();
         let categories = laws.categories();
+
+        // 3. the episodes come before the rows: the score counts for each fault the signals up to
+        // its episode
         let beside = episode_table::path_beside(path);
         let has_episodes = stored::is_file(&beside);
         if has_episodes {
@@ -177,6 +208,8 @@ impl<'a> Scoring<'a> {
             add_episodes(&beside, score, &categories)?;
         }
         self.score.categories = categories;
+
+        // 4. the rows, batch by batch
         while let Some(columns) = verdicts.next() {
             let c = &columns.map_err(Failure::new)?;
             let (classes, categories) = (verdicts.classes(), verdicts.categories());
@@ -188,7 +221,8 @@ impl<'a> Scoring<'a> {
         Ok(())
     }
 
-    /// Scores one row. Rejected rows are only counted.
+    /// Scores one row: adds it to all sums that it belongs to. Rejected rows are only counted.
+    /// `has_episodes`: whether the row's table has a table of episodes beside it.
     fn add_row(&mut self, row: &Row, has_episodes: bool) {
         let (c, labels) = (row.c, self.labels);
         let printhead = &c.printheads[c.printhead[row.place] as usize];
@@ -197,10 +231,12 @@ impl<'a> Scoring<'a> {
             self.score.rejected += 1;
             return;
         }
-        // one signal that was met, against which the labels are checked
+        // this signal was met: a span of one time and one channel
         let span =
             Span { from_ns: t_ns, to_ns: t_ns, first_channel: channel, last_channel: channel };
         self.met.see(printhead, span);
+
+        // detection and isolation; a row without a label is counted as such
         let truth = labels.at(printhead, channel, t_ns);
         let prediction = row.prediction();
         self.score.add(prediction, truth.map(|label| label.state.as_str()));
@@ -211,7 +247,8 @@ impl<'a> Scoring<'a> {
         if let Some(curves) = &mut self.curves {
             draw(curves, row, label, &prediction, &self.onsets);
         }
-        // a size can only be compared if the class that it was found for is the true one
+        // sizes have the unit of their class, so one can only be compared if its class is the true
+        // one
         if let (Some(stated), Some(size)) = (c.severity[row.place], label.severity)
             && prediction.candidate == Some(label.state.as_str())
         {
@@ -224,6 +261,7 @@ impl<'a> Scoring<'a> {
         }
     }
 
+    /// The figures of all rows so far.
     fn report(&self) -> Report {
         Report {
             severity: self.severity.report(),
@@ -235,6 +273,7 @@ impl<'a> Scoring<'a> {
 }
 
 impl<'a> Row<'a> {
+    /// What the row says of its signal, in the form that the score compares with a label.
     fn prediction(&self) -> Prediction<'a> {
         let (c, place) = (self.c, self.place);
         let start = c.weights_start.get(place).copied().flatten();
@@ -242,13 +281,16 @@ impl<'a> Row<'a> {
             flagged: c.outcome[place] != Outcome::Healthy,
             candidate: c.candidate[place].map(|k| self.classes[k as usize].as_str()),
             certainty: self.class_certainty().map(f64::from),
+            // the row's weights are the first of these, one per class; those of later rows follow
+            // them
             weights: start.map(|start| &c.weights[start as usize..]),
         }
     }
 
-    /// The certainty of the candidate class: its weight, if weights were written. Otherwise it is the
-    /// column's, unless only a category is named: the certainty is then that of the category, and says
-    /// nothing about the class.
+    /// The certainty of the candidate class: its weight, if weights were written
+    /// (`output.weights`). Otherwise it is that of the column `certainty`, unless the row names
+    /// only a category: the column then holds the certainty of the category, which says nothing
+    /// about the class. `None`: no certainty is known.
     fn class_certainty(&self) -> Option<f32> {
         let (c, place) = (self.c, self.place);
         // the weights of a row lie in one column for all rows, from its start on, one per class
@@ -272,7 +314,8 @@ impl<'a> Row<'a> {
     }
 }
 
-/// Writes the page, if one is wanted, and prints the result.
+/// Writes the page, if one is wanted, and prints the result: the score (`report`), the promise of a
+/// design, or both.
 fn tell(
     args: &Args,
     report: Option<&Report>,
@@ -300,7 +343,8 @@ fn tell(
     Ok(Exit::Done)
 }
 
-/// The promise of a design, with the default settings of isolation.
+/// The promise of the design at `path` (what it can find, from itself alone), with the default
+/// settings of isolation. A failure if it was trained by methods that promise nothing.
 fn promise(path: &Path) -> Result<Promise, Failure> {
     let (design, _) = design_file::read(path)?;
     let promise = design.promise(&IsolateSettings::default()).map_err(Failure::new)?;
@@ -313,7 +357,7 @@ fn promise(path: &Path) -> Result<Promise, Failure> {
     })
 }
 
-/// Scores the episodes of one table.
+/// Adds the episodes of one table to `score`. `categories`: those of the user's own classes.
 fn add_episodes(
     path: &Path,
     score: &mut EpisodeScore,
@@ -333,18 +377,22 @@ fn add_episodes(
     Ok(())
 }
 
-/// The onset of a fault by printhead, channels and start of each label that is a part of it.
+/// The onset of a fault, ns, by printhead, channels and start of each label that is a part of the
+/// fault. `None` as a time: the label has no start, and holds from ever.
 type Onsets = HashMap<(String, Channels, Option<i64>), Option<i64>>;
 
-/// The onsets of labelled faults. A fault that grows is labelled by several rows, so labels of faults that
-/// follow each other without a gap are one fault.
+/// The onsets of labelled faults. A fault that grows is labelled by several rows, so labels of
+/// faults that follow each other on the same channels without a gap are one fault, whatever their
+/// classes. A fault's onset is the start of its first label.
 fn onsets(labels: &Labels) -> Onsets {
     let mut faulty: Vec<&Label> = labels.rows().iter().filter(|l| l.is_fault()).collect();
     faulty.sort_by_key(|l| (&l.printhead, l.channel, l.from_ns));
     let mut onsets = Onsets::new();
+    // the label before, with the onset of its fault
     let mut before: Option<(&Label, Option<i64>)> = None;
     for label in faulty {
-        // `None` as a label's end or start means unlimited
+        // whether this label goes on with the fault of the label before; `None` as end or start:
+        // unlimited
         let goes_on = |&(last, _): &(&Label, Option<i64>)| {
             let same = (&last.printhead, last.channel) == (&label.printhead, label.channel);
             same && last.to_ns.is_none_or(|to| label.from_ns.is_none_or(|from| from <= to))
@@ -356,21 +404,24 @@ fn onsets(labels: &Labels) -> Onsets {
     onsets
 }
 
+/// The onset of the fault that a label is a part of, ns; `None`: it has no start.
 fn onset(onsets: &Onsets, label: &Label) -> Option<i64> {
     let key = (label.printhead.clone(), label.channel, label.from_ns);
     onsets.get(&key).copied().unwrap_or(label.from_ns)
 }
 
-/// Adds a judged row with a label to the curves.
+/// Adds a judged row with a label to the curves of the page.
 fn draw(curves: &mut Curves, row: &Row, label: &Label, prediction: &Prediction, onsets: &Onsets) {
     let (c, place) = (row.c, row.place);
-    // detection: statistic over threshold, and for a faulty signal the labelled fault that it belongs to
+    // detection: the statistic over the threshold, and for a faulty signal the labelled fault that
+    // it belongs to, since delays count from the fault's onset
     let is_healthy = label.state == HEALTHY;
     let printhead = || c.printheads[c.printhead[place] as usize].clone();
     let event = (!is_healthy).then(|| (printhead(), c.channel[place], onset(onsets, label)));
     if let Some((statistic, threshold)) = c.statistic[place].zip(c.threshold[place]) {
         curves.add(f64::from(statistic) / f64::from(threshold), event);
     }
+
     // isolation: certainty and severity count only for faulty signals with a candidate
     curves.add_confusion(&label.state, row.word());
     let Some(candidate) = prediction.candidate.filter(|_| !is_healthy) else { return };
@@ -383,7 +434,8 @@ fn draw(curves: &mut Curves, row: &Row, label: &Label, prediction: &Prediction, 
     }
 }
 
-/// Scores critiques against truths, pair by pair.
+/// Scores critiques against truths, pair by pair: the n-th critique against the n-th truth. Prints
+/// a line per pair and a table, or JSON.
 fn critiques(args: &Args) -> Result<Exit, Failure> {
     if args.verdicts.len() != args.truth.len() {
         return Err(Failure::usage(format!(
@@ -395,12 +447,15 @@ fn critiques(args: &Args) -> Result<Exit, Failure> {
     let mut blind = Blind::default();
     let mut lines = Vec::new();
     for (path, truth_path) in args.verdicts.iter().zip(&args.truth) {
+        // the critique's answer
         let bad = |what: &dyn std::fmt::Display| Failure::new(format!("{path}: {what}"));
         let bytes = regular_file::read(Path::new(path), regular_file::MOST_CRITIQUE_BYTES)
             .map_err(|e| bad(&format!("cannot be read: {e}")))?;
         let answer: CritiqueAnswer = serde_json::from_slice(&bytes)
             .map_err(|e| bad(&format!("is no critique.json: {}", printable::of_parser(&e))))?;
         answer.check().map_err(|what| bad(&format!("is no critique.json: {what}")))?;
+
+        // the truth; one that was changed after it was sealed is refused by `read`
         let (truth, seal) = truth_file::read(truth_path).map_err(Failure::new)?;
         let no_truth =
             |what: String| Failure::new(format!("{}: is no truth: {what}", truth_path.display()));
@@ -414,6 +469,8 @@ fn critiques(args: &Args) -> Result<Exit, Failure> {
                 truth_path.display()
             ));
         }
+
+        // the outcome in one line
         let names = |ids: Vec<&str>| {
             if ids.is_empty() { "nothing".to_owned() } else { ids.join(" + ") }
         };

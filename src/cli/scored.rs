@@ -1,4 +1,6 @@
-//! The result of `inkling score` as text on a terminal.
+//! The result of `inkling score` as text on a terminal. In: the figures that `inkling_lab::score`
+//! computed ([`Report`]). Out: a block of text for each part: detection, isolation, calibration,
+//! severity, episodes.
 
 use super::report::printable as name;
 use crate::report::{Column, columns};
@@ -12,7 +14,7 @@ fn digits(share: f64) -> String {
     format!("{share:.4}")
 }
 
-/// A share of `of` signals; a dash if there are none.
+/// A share of `of` signals with so many digits; a dash if there are no signals to be a share of.
 fn or_dash(of: u64, share: f64, digits: usize) -> String {
     if of == 0 { "-".into() } else { format!("{share:.digits$}") }
 }
@@ -62,7 +64,8 @@ fn print_detection(report: &Report, out: &mut impl Write) -> std::io::Result<()>
     columns(out, heads, of_state)
 }
 
-/// Prints the confusion matrix of the best class, and the accuracy of those that are certain.
+/// Prints the confusion matrix of the best class, its accuracy, and the accuracy of those signals
+/// whose certainty reaches the bound.
 fn print_isolation(report: &Report, out: &mut impl Write) -> std::io::Result<()> {
     let iso = &report.isolation;
     writeln!(out, "isolation (rows: truth, columns: best class)")?;
@@ -89,7 +92,8 @@ fn print_isolation(report: &Report, out: &mut impl Write) -> std::io::Result<()>
     )
 }
 
-/// Prints how well stated certainties agree with the share that is right.
+/// Prints how well stated certainties agree with the share that is right. ECE: expected calibration
+/// error, the mean distance between the two over bins of the certainty.
 fn print_calibration(calibration: &Calibration, out: &mut impl Write) -> std::io::Result<()> {
     write!(out, "calibration: ECE {:.4}", calibration.ece)?;
     match calibration.classwise_ece {
@@ -110,7 +114,8 @@ fn print_calibration(calibration: &Calibration, out: &mut impl Write) -> std::io
     columns(out, heads, of_class)
 }
 
-/// Prints the errors of severities, and how often their intervals hold the true one.
+/// Prints the errors of severities, and how often their 95 % intervals (1.96 standard deviations)
+/// hold the true severity: by class, by those categories that have one unit, and over all classes.
 fn print_severity(report: &Report, out: &mut impl Write) -> std::io::Result<()> {
     writeln!(out, "severity (signals named as what they are)")?;
     let heads = [
@@ -135,7 +140,7 @@ fn print_severity(report: &Report, out: &mut impl Write) -> std::io::Result<()> 
     Ok(())
 }
 
-/// Prints how many labelled faults were found as episodes, and how late.
+/// Prints how many labelled faults were found as episodes, and how many bursts late.
 fn print_episodes(e: &EpisodesReport, out: &mut impl Write) -> std::io::Result<()> {
     let bursts = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v}"));
     writeln!(out, "episodes")?;

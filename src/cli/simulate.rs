@@ -1,4 +1,9 @@
 //! `inkling simulate`: writes simulated recordings and their truth.
+//!
+//! In: a scenario file and a seed. Out: the scenario's recordings and `labels.csv`, which says what
+//! is true of their channels; the same seed gives the same bytes. With `--hide` instead one healthy
+//! recording with an effect that the model does not know, whose truth is sealed (`hide`): critiques
+//! are tested by it. The signals are made by `inkling_lab::simulate`; here they are written.
 
 use super::exit::{Exit, Failure, unless_reader_gone};
 use super::progress::{interruptible, steps, thousands};
@@ -40,6 +45,7 @@ pub struct Args {
     hide: Option<u64>,
 }
 
+/// Runs the verb.
 pub fn run(args: Args) -> Result<Exit, Failure> {
     outputs::check_directory(&args.out)?;
     let text = regular_file::read_text(&args.scenario, regular_file::MOST_SETTINGS_BYTES)
@@ -50,10 +56,12 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     if let Some(seed) = args.hide {
         return hide(&args, &scenario, seed);
     }
+
     let mut out = super::output::report();
     let seed = args.seed.or(scenario.seed).unwrap_or(1);
     let recordings = scenario.recordings(seed);
-    // files that no earlier run wrote are not overwritten
+
+    // files that inkling did not write are not overwritten
     let names: Vec<String> = recordings.iter().map(|of| file_name(&of.stem)).collect();
     let files = names.iter().map(|name| (name.as_str(), ResultFile::Recording));
     outputs::check_files(&args.out, files.chain([("labels.csv", ResultFile::Companion)]))?;
@@ -67,11 +75,13 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     Ok(Exit::Done)
 }
 
+/// The name of a recording's file.
 fn file_name(stem: &str) -> String {
     format!("{stem}.mcap")
 }
 
-/// Writes a recording into `dir`, and tells how many bursts and signals it holds.
+/// Writes a recording into `dir`, burst by burst as they are simulated, and tells on `out` how many
+/// bursts and signals it holds. The file gets its name when it is complete.
 fn write(
     recording: SimulatedRecording,
     dir: &Path,
@@ -109,7 +119,9 @@ fn write(
     ))
 }
 
-/// Writes a recording in which something is hidden, and its sealed truth.
+/// Writes a recording in which something is hidden, and its sealed truth: the directory `sealed`
+/// with truth and labels, and beside the recording a salted digest of the truth, by which a later
+/// change would show. `seed` decides what is hidden.
 fn hide(args: &Args, scenario: &Scenario, seed: u64) -> Result<Exit, Failure> {
     let Kind::Physics(physics) = &scenario.kind else {
         return Err(Failure::usage(format!(
@@ -119,6 +131,8 @@ fn hide(args: &Args, scenario: &Scenario, seed: u64) -> Result<Exit, Failure> {
     };
     let hidden = hidden::recording(physics, &scenario.recording, seed)
         .map_err(|e| Failure::usage(format!("{}: {e}", args.scenario.display())))?;
+
+    // all places are checked before anything is written
     let mut out = super::output::report();
     let earlier = file_name(&hidden.recording.stem);
     let beside = ["truth.sha256", "sealed/truth.json", "sealed/labels.csv"];
@@ -127,8 +141,11 @@ fn hide(args: &Args, scenario: &Scenario, seed: u64) -> Result<Exit, Failure> {
         &args.out,
         [(&*earlier, ResultFile::Recording)].into_iter().chain(beside),
     )?;
-    // The recording comes first, and until it is whole an earlier one stays with its own seal: by a recording the
-    // next run knows that the other files are an earlier run's. The truth follows from the seed alone.
+
+    // The recording comes first: until it is whole, an earlier recording stays, with the seal that
+    // belongs to it. And by a recording that is there the next run knows that the other files are
+    // those of an earlier run. If the run ends in between, the truth is not lost, as it follows
+    // from the seed alone.
     let sealed = args.out.join("sealed");
     let digest = args.out.join("truth.sha256");
     write(hidden.recording, &args.out, &interruptible(), &mut out)?;
@@ -138,6 +155,7 @@ fn hide(args: &Args, scenario: &Scenario, seed: u64) -> Result<Exit, Failure> {
     Ok(Exit::Done)
 }
 
+/// A scenario's options of its recordings, as the writer wants them.
 fn options(of: &RecordingOptions) -> WriterOptions {
     WriterOptions { compression: of.compression, chunk_bytes: Some(of.chunk_bytes) }
 }

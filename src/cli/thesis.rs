@@ -1,4 +1,9 @@
 //! `inkling thesis`: repeats chapters 4 and 5 of the thesis on simulated data or on labelled recordings.
+//!
+//! In: a number of seeds, or recordings and labels. Out: `tables.md`, `tables.json` and figures in
+//! the directory of `--out`, and the main figures as text. Everything is computed by
+//! `inkling_lab::thesis`; recordings are divided into parts by channel, and each part is tested by
+//! what was learned on the others.
 
 use super::collected::{Collected, RecordingSource, collected};
 use super::exit::{Exit, Failure};
@@ -52,12 +57,13 @@ pub struct Args {
 /// Default number of seeds.
 const SEEDS: u64 = 5;
 
-/// Reads the factor of the threshold (3-4).
+/// Reads the factor mu of the threshold, thesis (3-4): above 0 and below 1e6.
 fn factor(text: &str) -> Result<f64, String> {
     let is_one = |mu: &f64| *mu > 0.0 && *mu < 1e6;
     text.parse().ok().filter(is_one).ok_or_else(|| "give more than 0 and less than 1e6".into())
 }
 
+/// Runs the verb: checks the places, computes the chapter, writes and tells it.
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let files = [("tables.json", ResultFile::Chapter), ("tables.md", ResultFile::Companion)];
     outputs::check_files(&args.out, files)?;
@@ -83,7 +89,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     Ok(exit)
 }
 
-/// The chapter on simulated data.
+/// The chapter on simulated data: all data sets for each seed.
 fn simulated(args: &Args, threads: usize) -> Result<Chapter, Failure> {
     let (seeds, first) = (args.seeds.unwrap_or(SEEDS), args.seed.unwrap_or(1));
     let seeds: Vec<u64> = (0..seeds).map(|k| first.wrapping_add(k)).collect();
@@ -135,6 +141,7 @@ fn tell(of: &thesis::Measured, chapter: &Chapter, out: &mut impl Write) -> std::
             writeln!(out, "  {what:<44} {:.4}{sd}", v.mean)?;
         }
     }
+    // of the thesis's conclusions, those that this data set can tell of, by how they came out
     let number = |verdict| {
         let own = chapter.conclusions.iter();
         let own = own.filter(|c| c.data == of.set && c.kind == Kind::Conclusion);

@@ -1,5 +1,11 @@
-//! The topics of a recording, and proposed dialects for messages that look like bursts. In: the census of a
-//! recording's messages. Out: text or JSON.
+//! The topics of a recording, and proposed dialects for messages that look like bursts, for
+//! `inkling inspect`. In: the census of a recording's messages, which counts them topic by topic
+//! and keeps the first of each. Out: text or JSON, and the proposals, which `inspect --write`
+//! writes.
+//!
+//! A *dialect* is a block `[[input.dialect]]` of the settings, which says where in a foreign
+//! message a burst's fields stand. The guess is made by `inkling_io::dialect::guess` from the first
+//! message of a kind; topics of one kind share a dialect, so each kind is guessed once.
 
 use super::progress::thousands;
 use super::report::printable;
@@ -17,12 +23,14 @@ const MOST_PROPOSED: usize = 8;
 /// Most characters of a schema's name and encodings.
 const MOST_NAME: usize = 120;
 
+/// What is told of the topics of one recording.
 pub struct Topics {
     topics: Vec<TopicSummary>,
     /// Proposed dialects, one for all topics of a kind.
     pub proposals: Vec<Proposal>,
 }
 
+/// The topics of a census, with proposals; none without a census.
 pub fn of(census: Option<Census>) -> Topics {
     let topics = census.map(Census::topics).unwrap_or_default();
     let proposals = proposals(&topics);
@@ -32,6 +40,8 @@ pub fn of(census: Option<Census>) -> Topics {
 /// Proposes a dialect for each kind of messages that is not read yet. Topics are of one kind if schema,
 /// encodings and the number of parts of the topic's name agree.
 fn proposals(topics: &[TopicSummary]) -> Vec<Proposal> {
+    // printheads often have topics of their own, `/head/1/piezo`, `/head/2/piezo`, which have as
+    // many parts
     let parts = |summary: &TopicSummary| summary.topic.matches('/').count();
     let same = |a: &TopicSummary, b: &TopicSummary| {
         (&a.schema_name, &a.schema_encoding, &a.message_encoding, parts(a))
@@ -40,6 +50,9 @@ fn proposals(topics: &[TopicSummary]) -> Vec<Proposal> {
     let open = |summary: &&TopicSummary| {
         matches!(summary.becomes, Becomes::Nothing | Becomes::OtherEncoding)
     };
+
+    // gather the topics that nothing reads by kind, then guess from the first topic that has a
+    // message
     let mut kinds: Vec<Vec<&TopicSummary>> = Vec::new();
     for this in topics.iter().filter(open).take(MOST_LISTED) {
         match kinds.iter_mut().find(|kind| same(kind[0], this)) {
@@ -56,12 +69,14 @@ fn proposals(topics: &[TopicSummary]) -> Vec<Proposal> {
 }
 
 impl Topics {
-    /// Number of messages named `inkling.Burst` in another encoding than protobuf.
+    /// Number of messages that have the schema name `inkling.Burst` and another encoding than
+    /// protobuf.
     pub fn of_other_encoding(&self) -> u64 {
         let other = self.topics.iter().filter(|s| matches!(s.becomes, Becomes::OtherEncoding));
         other.map(|summary| summary.messages).sum()
     }
 
+    /// Prints a table of the topics, then the proposals.
     pub fn print(&self, out: &mut impl Write) -> io::Result<()> {
         let listed = &self.topics[..self.topics.len().min(MOST_LISTED)];
         let topic = |summary: &TopicSummary| printable(&summary.topic);
@@ -155,6 +170,7 @@ fn print_proposal(proposal: &Proposal, out: &mut impl Write) -> io::Result<()> {
     }
 }
 
+/// The sizes of a topic's messages, bytes: one number, or the smallest and the largest.
 fn sizes(summary: &TopicSummary) -> String {
     match summary.messages {
         0 => "-".into(),
@@ -163,6 +179,8 @@ fn sizes(summary: &TopicSummary) -> String {
     }
 }
 
+/// The name of a topic's schema, with the encoding of its messages and, if it is another one, of
+/// its schema.
 fn schema(summary: &TopicSummary) -> String {
     let short = |text: &str| shown::line(text, MOST_NAME);
     let name = if summary.without_schema { "none".into() } else { short(&summary.schema_name) };

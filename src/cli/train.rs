@@ -1,4 +1,14 @@
 //! `inkling train`: learns a design from labelled recordings.
+//!
+//! In: recordings, labels (what is true of which channels and when), and settings. Out: the design
+//! file, and a table that says of each labelled class how many of its signals are detected, and how
+//! those held out would be named.
+//!
+//! The steps are those of [`learn`]: labels and their states are checked; the signals of all
+//! recordings are collected by printhead and label; healthy signals that are no ring-downs are
+//! refused; `Design::train` learns the design; each labelled class is reviewed, and a class that
+//! would never be named is refused. [`learn`] also serves programs that train on bursts in memory
+//! (`called`).
 
 use super::collected::{Collected, RecordingSource, collected};
 use super::effect::{self, Command};
@@ -22,7 +32,8 @@ use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Names under which signals are counted that are not labelled ones; no class can have these names.
+/// Names under which `Collector` counts the signals that it does not collect; no class can have
+/// these names.
 const COUNTED: [&str; 4] = ["unlabelled", "rejected", "other_sampling", "beyond_the_limit_of_sets"];
 
 #[derive(Debug, clap::Args)]
@@ -70,6 +81,7 @@ pub struct Args {
     preset: Option<String>,
 }
 
+/// Runs the verb: checks the settings and the place of the design, learns, writes, and tells.
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let preset = args.preset.as_ref().map(|_| Preset::Thesis);
     let settings = Settings::load(args.config.as_deref(), preset, &args.set)?;
@@ -99,6 +111,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
 pub struct Lesson<'a> {
     pub recordings: RecordingSource<'a>,
     pub labels: Written<'a>,
+    /// The file of what somebody found where a report had doubts (`--outcomes`).
     pub outcomes: Option<&'a Path>,
     /// Own classes that nothing else declares.
     pub new_class: &'a [String],
@@ -108,8 +121,10 @@ pub struct Lesson<'a> {
 /// A design, and what is to be told about it.
 pub struct Learned {
     pub design: Design,
+    /// For each labelled class, how many of its signals are detected, and how they would be named.
     pub told: Vec<ClassReview>,
     pub warnings: Vec<String>,
+    /// What was read from the file of outcomes; `None`: none was given.
     pub outcomes: Option<Outcomes>,
     /// A sentence about rows of the labels that cover no signal; `None` if there are none.
     pub unused: Option<String>,
@@ -118,9 +133,14 @@ pub struct Learned {
 }
 
 /// Reads labels and recordings, trains a design, and checks that each labelled class can be named.
+///
+/// # Errors A usage failure if the labels or the settings are wrong, if too few signals are
+/// healthy, or if a class would never be named; else a failure.
 pub fn learn(lesson: Lesson) -> Result<Learned, Failure> {
     let Lesson { recordings, labels: written, outcomes: found_in, new_class, settings } = lesson;
-    // labels are checked twice: their states before the recordings are read, their printheads and times after
+
+    // 1. labels are checked twice: their states before the recordings are read, their printheads
+    // and times after that, against what the recordings hold
     let (labels, outcomes) = labels(written, found_in, new_class, settings)?;
     let Collected { set, met, incomplete, .. } = collected(recordings, settings, Some(&labels))?;
     labels_file::check(written.name(), &labels, &met)?;
@@ -140,26 +160,34 @@ pub fn learn(lesson: Lesson) -> Result<Learned, Failure> {
             written.name().display()
         )));
     }
-    // what cannot give a useful design is refused before and after training
+
+    // 2. train; signals that are no ring-downs are refused before
     set.healthy.iter().try_for_each(|(name, signals)| refuse_no_rings(name, signals))?;
     let grey_box = &settings.identify.grey_box;
     let (mut design, mut warnings) =
         Design::train(&set, grey_box, &settings.detect, &settings.isolate)
             .map_err(|e| not_trained(&e, written.name()))?;
     design.chosen = settings.kept_by_design();
+
+    // 3. review each labelled class; a class that would never be named is refused, as its faults
+    // would not be told
     let told = design.tell_classes(&set, grey_box, &settings.isolate).map_err(Failure::new)?;
     refuse_never_named(&told, written.name())?;
     warnings.extend(told.iter().filter(|class| class.is_hardly_detected()).map(hardly_detected));
     Ok(Learned { design, told, warnings, outcomes, unused, incomplete })
 }
 
-/// Refuses healthy signals that are not alike ring-downs: nothing can be learned from noise, or from rows
-/// that are no channels.
+/// Refuses healthy signals that do not look like ring-downs: nothing can be learned from noise, or
+/// from rows that are no channels because the layout is wrong. [`Lie`] measures how neighbouring
+/// samples correlate and how alike the signals are. Fewer than 16 signals are not looked at; the
+/// training refuses so few by itself.
 fn refuse_no_rings(printhead: &str, signals: &SignalSet) -> Result<(), Failure> {
-    /// Most signals that are looked at, and the least number that is enough to tell.
+    /// Maximum number of signals that are looked at, and the number below which nothing can be
+    /// told.
     const MOST: usize = 256;
     const FEWEST: usize = 16;
-    // the first signals are enough to see whether neighbouring samples and signals correlate
+    // the first signals are enough; a signal counts as a channel here, laid out one after the other
+    // (`false`)
     let rows = signals.len().min(MOST);
     if rows < FEWEST {
         return Ok(());
@@ -179,8 +207,9 @@ fn refuse_no_rings(printhead: &str, signals: &SignalSet) -> Result<(), Failure> 
     }
 }
 
-/// Reads labels and outcomes. Their states must be known or declared; they get the names that the design will
-/// give them.
+/// Reads labels and outcomes, and puts both into one list of labels. Their states must be known or
+/// declared (`--new-class`, `isolate.classes`, `isolate.physics`); classes that the settings group
+/// under one name get that name, as the design knows them by it.
 fn labels(
     written: Written,
     outcomes: Option<&Path>,
@@ -189,6 +218,8 @@ fn labels(
 ) -> Result<(Labels, Option<Outcomes>), Failure> {
     let isolate = &settings.isolate;
     let own = isolate.classes.keys().map(String::as_str).chain(isolate.physics.own_classes());
+
+    // a new class may not have a name that means something else
     for name in new_class {
         let is_taken = known_states().chain(COUNTED).any(|taken| taken == name)
             || isolate.classes.contains_key(name)
@@ -205,12 +236,15 @@ fn labels(
     }
     let declared: Vec<&str> = own.chain(new_class.iter().map(String::as_str)).collect();
     let states = States::Declared(&declared);
+
+    // an outcome whose certainty lies below that of a name (`isolate.certainty`) teaches nothing
     let mut rows = labels_file::read_states(written, states)?.rows().to_vec();
     let least = isolate.certainty;
     let outcomes = outcomes.map(|path| outcomes_file::read(path, least, states)).transpose()?;
-    // of equally wide rows the later one counts, so outcomes come last
+    // where two rows of equal width cover a signal the later one counts: outcomes beat labels
     rows.extend(outcomes.iter().flat_map(|outcomes| outcomes.labels.clone()));
     let labels = Labels::new(rows);
+
     // a new class without a label is probably misspelt
     let unused = |name: &&String| !labels.rows().iter().any(|row| row.state == **name);
     if let Some(name) = new_class.iter().find(unused) {
@@ -220,6 +254,7 @@ fn labels(
             written.name().display()
         )));
     }
+
     // states get the names under which the settings group classes
     let named = |row: &Label| Label {
         state: settings.isolate.name_of(&row.state).to_owned(),
@@ -265,7 +300,7 @@ fn hardly_detected(class: &ClassReview) -> String {
     )
 }
 
-/// The result as JSON.
+/// The result as JSON (`--json`).
 fn document(args: &Args, learned: &Learned) -> serde_json::Value {
     let Learned { design, told, warnings, unused, .. } = learned;
     let poles = design.pooled.identification.poles;

@@ -1,6 +1,17 @@
 //! What passes from stage to stage: a batch, of which each stage knows more than the one before; and pools of
 //! buffers, so that a long recording allocates little: one stage takes a buffer and fills it, and a later stage
 //! gives it back.
+//!
+//! ```text
+//! reader      ReadBatch       acquisitions (usable bursts, and unusable ones with the reason)
+//! identify    AssignedBatch   and for each acquisition its judge
+//! FD filter   FilteredBatch   and for each signal its detection statistics
+//! gate        GatedBatch      and for each signal whether it is healthy
+//! isolate     JudgedBatch     rows of the table, runs of healthy signals, and what episodes need
+//! ```
+//!
+//! The *signals of a batch* are numbered through all its acquisitions; an unusable burst counts as
+//! one signal.
 
 use inkling_core::burst::{Acquisition, Burst, Place, SignalBatch};
 use inkling_core::design::{Detection, Judge, OwnChannels};
@@ -27,29 +38,34 @@ pub(super) fn usable(acquisition: &Acquisition) -> Option<&Burst> {
 /// and what was lost in reading it.
 #[derive(Debug)]
 pub struct ReadBatch {
+    /// The acquisitions, and their place in the recording.
     pub batch: SignalBatch,
+    /// The block of the file that they come from.
     pub block: Block,
     /// What the blocks up to here define, where the file's summary does not say it.
     pub definitions: Option<Definitions>,
     /// For the last batch of a block: the block's bytes, which no longer count as in
     /// flight when the batch is written.
     pub leaves: Option<u64>,
+    /// Messages and bytes that could not be read.
     pub damage: Vec<Damage>,
 }
 
-/// Where a waiting burst belongs: the number of its batch, counted from the
-/// recording's first, and its place there.
+/// Where a waiting burst belongs: the number of its batch, counted from the recording's first, and
+/// the burst's index among the acquisitions of that batch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Slot {
     pub batch: u64,
     pub place: usize,
 }
 
-/// The judge of a burst, or why it has none; and its channels' own levels. `None`: they are judged about the
-/// level that all channels of the printhead have in common.
+/// What judges a burst.
 #[derive(Clone, Debug)]
 pub struct AssignedJudge {
+    /// The judge of the burst, or why nobody judges it.
     pub judge: Result<Arc<Judge>, Reason>,
+    /// Its channels' own levels, and its frozen channels. `None`: all channels are judged about the
+    /// level that the channels of the printhead have in common.
     pub own: Option<Arc<OwnChannels>>,
 }
 
@@ -87,6 +103,7 @@ impl AssignedBatch {
 #[derive(Debug)]
 pub struct FilteredBatch {
     pub assigned: AssignedBatch,
+    /// By signal.
     pub statistic: Vec<Result<Detection, Reason>>,
 }
 
@@ -94,15 +111,18 @@ pub struct FilteredBatch {
 #[derive(Debug)]
 pub struct GatedBatch {
     pub filtered: FilteredBatch,
+    /// By signal.
     pub tests: Tests,
 }
 
 /// The verdicts of a batch, ready to be written.
 #[derive(Debug)]
 pub struct JudgedBatch {
+    /// As in its [`ReadBatch`].
     pub place: Place,
     pub leaves: Option<u64>,
     pub damage: Vec<Damage>,
+    /// One entry per signal: runs of healthy signals, and rows.
     pub verdicts: Verdicts,
     /// Judges of at least one of its bursts, each model once, by number.
     pub judges: Vec<Arc<Judge>>,

@@ -1,13 +1,21 @@
 //! Sets of channel numbers, which mostly are a few stretches of consecutive numbers; and the choice of the
 //! channels of a printhead that stand for all of them, where it has many.
 //!
-//! In: the channels of its bursts, whatever their numbers. Out: whether a channel is one of the at most
-//! [`MOST`] that are looked at in a turn; over a round of turns each channel is, once. One channel is chosen of
-//! each group of neighbours, since faults come in blocks. Its place in the group follows no pattern, since rows
-//! of nozzles, multiplexers and supplies fail by every k-th channel. Which channels go together changes from
-//! round to round: if the same ones always did, those of each turn would have a level of their own, the head's
-//! level would go from one to the next with each sweep, and the channels that are not looked at would seem to
-//! move.
+//! In: the channels of the printhead's bursts, whatever their numbers, from `heads`. Out: whether a
+//! channel is one of the about [`MOST`] that are looked at in a turn ([`ChannelSubset::holds`]). A
+//! *turn* is a sweep; a *round* is as many turns as each channel needs to be looked at exactly
+//! once.
+//!
+//! The rule, with C channels and a = C / `MOST`, rounded up: consecutive numbers form groups of
+//! a, and of each group one channel is looked at in a turn, the next one in the next turn. So a
+//! round has a turns.
+//! * One channel of each group, since faults come in blocks, which then are no majority of the
+//!   subset.
+//! * Its place in the group begins anywhere (a hash of group and round), since rows of nozzles,
+//!   multiplexers and supplies fail by every k-th channel.
+//! * Which channels go together changes from round to round. If the same channels always went
+//!   together, those of each turn would have a level of their own, the head's level would go from
+//!   one to the next with each sweep, and the channels that are not looked at would seem to move.
 
 use std::ops::Range;
 
@@ -51,11 +59,12 @@ impl ChannelStretches {
         self.0.iter().fold(0, |sum, s| sum.saturating_add(s.end - s.start))
     }
 
-    /// Makes one stretch of all: the channels that lie between stretches are added, too.
+    /// Makes one stretch of all stretches: the channels that lie between them are added, too.
     pub fn fill_holes(&mut self) {
         self.0 = self.0.drain(..).reduce(|a, b| join(a, &b)).into_iter().collect();
     }
 
+    /// The stretches, in any order.
     pub fn iter(&self) -> impl Iterator<Item = &Range<u32>> {
         self.0.iter()
     }
@@ -75,7 +84,8 @@ fn join(a: Range<u32>, b: &Range<u32>) -> Range<u32> {
     a.start.min(b.start)..a.end.max(b.end)
 }
 
-/// Maximum number of channels that are looked at in a turn, where their numbers have no holes.
+/// Number of channels that are looked at in a turn, at most, where their numbers have no holes; one
+/// more where their first number does not begin a group. With holes it is the number on average.
 const MOST: u32 = 48;
 /// Maximum number of stretches of channel numbers that are kept apart; beyond, the holes
 /// between them count as channels.
@@ -97,10 +107,10 @@ impl ChannelSubset {
         }
     }
 
-    /// Whether a channel was met and is in the subset of a turn.
+    /// Whether a channel was met and is in the subset of a turn. `turn`: counts the sweeps.
     pub(super) fn holds(&self, channel: u32, turn: u32) -> bool {
-        // Groups are `apart` consecutive numbers. In each round of so many turns the chosen place begins
-        // anywhere, and advances by one per turn.
+        // Groups are `apart` consecutive numbers (a in the text above). In each round of so many
+        // turns the chosen place begins anywhere, and advances by one per turn, around the group.
         let apart = self.met.channels().div_ceil(MOST).max(1);
         let round = mixed(turn / apart);
         let chosen = (mixed((channel / apart) ^ round) % apart + turn % apart) % apart;
@@ -108,7 +118,8 @@ impl ChannelSubset {
     }
 }
 
-/// A number without a pattern, for each `x` another one (the finaliser of MurmurHash3).
+/// A number that looks random, for each `x` another one (the finaliser of MurmurHash3, which is a
+/// bijection).
 fn mixed(x: u32) -> u32 {
     let mut x = (x ^ (x >> 16)).wrapping_mul(0x85eb_ca6b);
     x = (x ^ (x >> 13)).wrapping_mul(0xc2b2_ae35);

@@ -1,8 +1,14 @@
 //! Finds frozen channels, which give the same bits again and again: a converter or a recorder that stands
 //! still says nothing of a nozzle.
 //!
-//! In: a printhead's bursts. Out: the channels whose last three signals were the same, the oldest of them as
-//! far as a few of its samples tell.
+//! In: a printhead's bursts, from `heads`, in about the order of time. Out: the channels whose last
+//! three signals were the same bit by bit; of the oldest of the three only a few samples (the
+//! *glance*) are compared.
+//!
+//! Signals are not kept. Nearly always the glance, 16 bytes, differs from that of the signal
+//! before, and nothing more is computed. Only if it is the same, a weighted sum over all samples
+//! is, which two different signals hardly share; the channel is frozen when two such sums in a row
+//! are equal.
 
 use inkling_core::burst::Burst;
 use inkling_core::model::inner_product::dot;
@@ -17,12 +23,14 @@ const MOST_CHANNELS: usize = 1 << 14;
 /// The watch over one printhead's channels.
 #[derive(Debug, Default)]
 pub struct Frozen {
-    /// The last looks at the rows of bursts, by the first channel of these bursts.
+    /// What is kept of the last signal of each row, by the first channel of the bursts: a logger
+    /// divides channels into bursts always alike, so this needs one look-up per burst.
     last: HashMap<u32, Vec<LastLook>>,
-    /// How many looks `last` holds in all.
+    /// Number of signals that `last` holds something of.
     watched: usize,
     /// The channels that are frozen now.
     channels: BTreeSet<u32>,
+    /// Computes the weighted sums.
     sums: Sums,
 }
 
@@ -38,17 +46,20 @@ struct Sums {
 /// What is kept of a channel's last signal.
 #[derive(Clone, Copy, Debug, Default)]
 struct LastLook {
+    /// Its time t_a, ns.
     t_ns: i64,
     /// A few of its samples; two different signals mostly differ in these already.
     glance: [u8; 16],
-    /// The bits of the weighted sum over all samples; computed only if the glance is that of the look before.
+    /// The bits of the weighted sum over all samples; computed only if the glance is that of the
+    /// signal before.
     sum: Option<u64>,
 }
 
 impl Frozen {
     /// Takes in a burst. A channel is frozen if three signals in a row agree: two equal glances
     /// give a sum, and the sum of the third must be that of the second. Once a signal differs,
-    /// the channel is no longer frozen.
+    /// the channel is no longer frozen. `rails`: limits of the converter, counts. Bursts with more
+    /// channels than there is room for are not watched.
     pub fn hear(&mut self, burst: &Burst, rails: [f64; 2]) {
         let (rows, t_ns) = (burst.channels as usize, burst.t_acq_ns);
         let known = self.last.get(&burst.first_channel).map_or(0, Vec::len);
@@ -57,6 +68,7 @@ impl Frozen {
             return;
         }
         self.watched += new;
+
         let last = self.last.entry(burst.first_channel).or_default();
         last.resize(known + new, LastLook::default());
         let channels = burst.first_channel..=u32::MAX;
@@ -65,6 +77,7 @@ impl Frozen {
             if last.t_ns == t_ns {
                 continue;
             }
+            // `before`: the sum of the signal before, if that had the glance of its own predecessor
             let glance = burst.glance(row);
             let before = last.sum.take();
             if last.glance == glance {
@@ -79,6 +92,7 @@ impl Frozen {
         }
     }
 
+    /// Whether a channel is frozen now.
     pub fn is_frozen(&self, channel: u32) -> bool {
         !self.channels.is_empty() && self.channels.contains(&channel)
     }

@@ -1,5 +1,6 @@
-//! The groups of signals that one model can judge each, which are the printheads of a recording, each at one
-//! sampling.
+//! Groups of signals: a *group* is a printhead of a recording at one sampling (sample period and
+//! number of samples), the signals that one model can judge. In: bursts. Out: for each burst the
+//! index that its group has in some list ([`ByGroup`]), of `learning` or of `heads`.
 
 use inkling_core::burst::Burst;
 use std::collections::HashMap;
@@ -9,12 +10,15 @@ use std::sync::Arc;
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct GroupKey {
     pub printhead: Arc<str>,
+    /// Number of samples per signal.
     pub samples: u32,
-    /// Sample period in steps of 1e-6 of itself: equal up to the contract's tolerance.
+    /// ln of the sample period in s, in steps of 1e-6: periods that differ by rounding get the same
+    /// number, unless they lie on two sides of a step.
     period: i64,
 }
 
 impl GroupKey {
+    /// The group of a burst.
     pub fn of(burst: &Burst) -> GroupKey {
         GroupKey {
             printhead: burst.printhead.clone(),
@@ -28,6 +32,7 @@ impl GroupKey {
 /// group, as bursts of one printhead mostly do, is found without hashing.
 #[derive(Debug, Default)]
 pub struct ByGroup {
+    /// `None`: the group was met, and nobody follows it.
     of: HashMap<GroupKey, Option<usize>>,
     /// The group that was asked for last, with the bits of its sample period and its index.
     last: Option<(GroupKey, u64, Option<usize>)>,

@@ -1,9 +1,22 @@
 //! One printhead while a recording flows: its level is followed sweep by sweep,
 //! and each sweep gets its judge.
 //!
-//! In: sweeps over the head's channels, each with the judge that the healthy windows gave it. Out: that
-//! judge, moved to where most of the channels are; with `--baseline` also the channels' own levels; or the
-//! reason why the sweep's signals are not judged.
+//! In: sweeps over the head's channels, each with the judge that the healthy windows (or the
+//! design) gave it, from `heads`. Out: that judge, moved to where most of the channels are; with
+//! `--baseline` also the channels' own levels; or the reason why the sweep's signals are not judged
+//! ([`Head::close`]).
+//!
+//! The *level* is where the rings of all healthy channels lie in common: ln amplitude, ln damping,
+//! ln frequency and phase, counted from the *base* ring, the design's model of this printhead. The
+//! method (docs/state.md) stands in `inkling_core::state`; here it is fed. For each sweep:
+//! 1. A subset of the channels is looked at: a look is the four features of one signal's ring.
+//! 2. The state of the head takes the looks in, and says where the level is, that it does not know,
+//!    or that this is another head.
+//! 3. The judge is moved to the level, in steps (`moved_judge`), and judges all signals of the
+//!    sweep.
+//!
+//! Three places are counted from the base: the level; where the window's model lies (`window_at`);
+//! and where the judge in use lies (`now_at`), which is the window's place plus the judge's move.
 
 use super::batches::AssignedJudge;
 use super::channel_subset::ChannelSubset;
@@ -22,12 +35,12 @@ use std::sync::Arc;
 
 /// A common change of the amplitude beyond this, relative, is warned about: a supply sags by less.
 const GAIN_BOUND: f64 = 0.25;
-/// After this many consecutive sweeps without a known level, signals far from the model are no longer fitted:
-/// they are taken for faults.
+/// After this many sweeps without a known level (since one was last known), signals far from the
+/// model are no longer fitted, which takes time; they are not looked at, and count as no rings.
 const MOST_UNKNOWN: u32 = 64;
 
-/// A head of which nothing is remembered is taken for another one only after
-/// this many strange sweeps in a row.
+/// Without `--baseline` a head is taken for another one only after this many strange sweeps in a
+/// row.
 const IN_A_ROW: u32 = 8;
 
 /// What the judging of all heads of a recording shares: settings, memory, counters and buffers.
@@ -43,7 +56,7 @@ pub(super) struct Judging<'a> {
     /// Counts the moves of all judges of the run. Heads may share a judge, so a count per head would give two
     /// different judges the same key.
     pub moves: u32,
-    /// Buffers for looks at channels.
+    /// Buffers for looks at channels: of deviations, and of the judge.
     pub deviations: Deviations,
     pub work: Workspace,
 }
@@ -60,6 +73,7 @@ impl Judging<'_> {
 /// whose samples repeat bit by bit.
 #[derive(Debug, Default)]
 pub(super) struct Watched {
+    /// The channels, and which of them are looked at in a sweep.
     pub channels: ChannelSubset,
     pub frozen: Frozen,
 }
@@ -79,15 +93,18 @@ impl Watched {
     }
 }
 
+/// A printhead that is followed.
 #[derive(Debug)]
 pub(super) struct Head {
+    /// What is known of the head and of each of its channels.
     state: State,
     /// Whether `--baseline` is given: then the channels are judged about their own levels.
     is_remembered: bool,
     /// Number of consecutive sweeps, up to the last one, in which the head seemed to be another one.
     strange: u32,
-    /// The ring from which the features are counted (amplitude, damping, frequency,
-    /// phase), if no design gives it.
+    /// Without a design, the base ring (amplitude in counts, damping in 1/s, frequency in Hz, phase
+    /// in rad): it is remembered with the state, since the next recording has another. `None`: the
+    /// design gives the base.
     ring: Option<[f64; 4]>,
     /// The model from whose ring the level and the channels' features are counted: the design's reference
     /// model of this printhead, or without a design the first window's model.
@@ -100,23 +117,25 @@ pub(super) struct Head {
     window_at: Features,
     /// The levels of recent sweeps, from which the mean level in a window is taken.
     history: LevelHistory,
-    /// Number of sweeps since a level was last known.
+    /// Number of sweeps without a known level since one was last known.
     unknown: u32,
     /// Standard deviations of healthy channels' features: the unit in which a move of the judge is decided.
     healthy_sd: Features,
     /// The basis by which channels are judged about their own levels, with the two numbers it was made at:
     /// the looks behind the within-channel scatter, and how much wider the channels lie than the design's.
     own: Option<([f64; 2], Arc<OwnBasis>)>,
+    /// What is told of the head at the end of the recording.
     pub movement: HeadMovement,
 }
 
 /// What a look at a subset of a sweep's channels found.
 struct Looks {
+    /// The looks at channels that gave a ring, counted from the base.
     rings: Vec<Look>,
     /// Number of signals to which no ring could be fitted.
     no_rings: usize,
-    /// Whether more of the sweep's channels repeat their samples bit by bit than
-    /// channels of the subset gave a ring.
+    /// Whether more of the subset's channels repeat their samples bit by bit than do not: then the
+    /// recorder or the converter stands still, and nothing is known of the head.
     all_frozen: bool,
 }
 
@@ -126,20 +145,26 @@ fn alike(a: f64, b: f64) -> bool {
 }
 
 impl Head {
-    /// Begins to follow a printhead at its first burst. `judge`: that burst's. `None`: the judge does not know
-    /// enough for the printhead's channels to be followed.
+    /// Begins to follow a printhead at its first burst. `judge`: that burst's. `None`: the judge
+    /// does not know enough for the printhead's channels to be followed (another method than
+    /// `sensitivity`, or an extension).
     pub fn meet(judge: &Arc<Judge>, burst: &Burst, by: &Judging) -> Option<Head> {
-        // the design's reference model of it, and the state in which an earlier recording left it
+        // the design's reference model of the head, and the state in which an earlier recording
+        // left the head
         let named = by.replay.design.as_ref().map(|design| design.reference_of(&burst.printhead));
         let memory = by.replay.baselines.as_ref();
         let remembered = memory.and_then(|memory| memory.printheads.get(&*burst.printhead));
+
+        // how channels scatter and how far they may move; and the base, from which everything is
+        // counted
         let (mut kind, healthy_sd) = judge.kind(by.bounds()).zip(judge.healthy_sd())?;
         let base = named.map_or_else(|| judge.model.clone(), |of| Arc::new(of.clone()));
         let window_at = judge.model.features_from(&base).unwrap_or_default();
         kind.ring = window_at[0];
         let ring = if named.is_none() { base.ring_numbers() } else { None };
-        // a remembered state is counted from the ring of its time; it is carried
-        // over to the present base's ring
+
+        // a remembered state is counted from the base ring of its time; it is carried over to the
+        // present one
         let mut state = match remembered {
             Some(of) => {
                 let from = of.ring.zip(ring).map(|(then, now)| ring_from(then, now));
@@ -185,25 +210,32 @@ impl Head {
         self.state.heard_ns().is_some_and(|before| t_ns <= before)
     }
 
-    /// Ends a sweep: updates the head's state by it, and returns what its bursts are judged by. That is the
-    /// level which the sweep itself shows, and the channels' own levels as they were before it.
+    /// Ends a sweep: updates the head's state by it, and returns what its bursts are judged by.
+    /// That is the judge at the level which the sweep itself shows, and the channels' own levels as
+    /// they were before it. `watched`: channels that were known before the sweep, and the frozen
+    /// ones.
     pub fn close(&mut self, sweep: &Sweep, watched: &Watched, by: &mut Judging) -> AssignedJudge {
         if self.judge.window.index != sweep.judge.index {
             self.window_is(&sweep.judge);
         }
+
+        // 1. look
         self.sweeps = self.sweeps.wrapping_add(1);
         let t_ns = sweep.to_ns();
         let Looks { rings: looks, no_rings, all_frozen } = self.look(sweep, watched, by);
-        // taken before the state is updated: a sweep's channels are not judged
-        // about levels it has changed itself
+        // own levels are taken before the state is updated: a sweep's channels are not judged about
+        // levels that the sweep has changed itself
         let own = self.is_remembered.then(|| self.own(by));
         let frozen = watched.frozen.channels();
 
+        // 2. the state takes the looks in; what is to be told at the end is noted
         let outcome = self.state.sweep(t_ns, &looks, no_rings);
         self.movement.scatters(t_ns, &self.state);
         self.movement.swapped_ns = self.state.swapped_ns();
         let is_strange = matches!(outcome, SweepOutcome::Strange { .. });
         self.strange = if is_strange { self.strange.saturating_add(1) } else { 0 };
+
+        // 3. who judges: the judge moved to the level, the judge as it was, or nobody
         let judge = match outcome {
             _ if all_frozen => Err(Reason::Frozen),
             // A recording may be a library of bursts of one fault: without `--baseline` a few strange sweeps
@@ -221,6 +253,8 @@ impl Head {
                 Ok(self.judge.now.clone())
             }
         };
+
+        // 4. own levels, counted from the ring of that judge
         let own = self.placed(&judge, own, frozen);
         AssignedJudge { judge, own }
     }
@@ -242,9 +276,11 @@ impl Head {
         self.window_at + self.judge.by
     }
 
-    /// Looks at a subset of a sweep's channels; the subset changes with each sweep, so that all channels get
-    /// their turn. Frozen channels are only counted.
+    /// Looks at a subset of a sweep's channels; the subset changes with each sweep, so that all
+    /// channels get their turn. Frozen channels are only counted, and signals that cannot be judged
+    /// are passed over.
     fn look(&mut self, sweep: &Sweep, watched: &Watched, by: &mut Judging) -> Looks {
+        // `far`: whether a ring is fitted where the closed form does not tell
         let (at, judge, far) = (self.now_at(), self.judge.now.clone(), self.unknown < MOST_UNKNOWN);
         let Judging { replay, deviations, work, room, .. } = by;
         let (mut looks, mut no_rings, mut repeated) = (Vec::new(), 0, 0);
@@ -283,8 +319,9 @@ impl Head {
     }
 
     /// The channels' own levels, relative to the head's, and the basis by which signals are judged about
-    /// them. The basis costs time to make; it is kept until the state knows about twice as much of the
-    /// scatter within channels, or the channels' spread has changed by about a fifth.
+    /// them (covariances and fault curves). The basis costs time to make; it is kept until the
+    /// state has twice as many looks behind the scatter within channels, or the channels' spread
+    /// has changed by about a fifth.
     fn own(&mut self, by: &Judging) -> (Arc<OwnBasis>, Vec<OwnLevel>) {
         let now = [self.state.looks_within(), self.state.wider()];
         let basis = match &self.own {
@@ -316,12 +353,16 @@ impl Head {
         let Some((basis, channels)) = own else {
             return (!frozen.is_empty()).then(|| Arc::new(OwnChannels::of_frozen(frozen)));
         };
+        // A level is the head's level plus the channel's own place, from the base. From the judge's
+        // ring it is that less `now_at`; and looks are counted from the healthy mean, while
+        // baselines are from the ring itself.
         let from = self.state.level() - self.now_at() + judge.healthy_mean()?;
         Some(Arc::new(OwnChannels::new(basis, channels, from, frozen)))
     }
 
-    /// Moves the judge to a known level, and notes how far the head has moved. `sd`:
-    /// standard deviations of the level.
+    /// Moves the judge to a known level, if that is far enough from where the judge is, and notes
+    /// how far the head has moved. `sd`: standard deviations of the level. Returns the judge in
+    /// use.
     fn judged_by(
         &mut self,
         t_ns: i64,

@@ -1,5 +1,10 @@
 //! Records how far all channels of a printhead moved together over a recording, and whether the printhead was
-//! another one at times, and words the warnings about it.
+//! another one at times, and words the warnings about that.
+//!
+//! In: from `head`, sweep by sweep, the level, whether it surely lies beyond the bounds, how far
+//! channels lie from each other, and whether this is another head. Out: an entry of
+//! `moved_together` in summary.json, and sentences that `finish` adds to the warnings. Nothing here
+//! changes a verdict.
 
 use crate::report::clock;
 use crate::settings::IdentifySettings;
@@ -17,7 +22,8 @@ pub struct HeadMovement {
     pub printhead: Arc<str>,
     /// Number of sweeps that were judged by a moved judge.
     pub bursts: u64,
-    /// The largest relative change of the level over the recording, each feature by itself.
+    /// The largest relative change of the level over the recording, each feature by itself; with
+    /// its sign, 0.1 is 10 % more than the base ring.
     pub amplitude: f64,
     pub damping: f64,
     pub frequency: f64,
@@ -40,6 +46,7 @@ pub struct HeadMovement {
 }
 
 impl HeadMovement {
+    /// A printhead of which nothing is to be told yet.
     pub fn new(printhead: Arc<str>) -> HeadMovement {
         HeadMovement { printhead, scatter: 1.0, ..HeadMovement::default() }
     }
@@ -60,8 +67,8 @@ impl HeadMovement {
         self.strange > 0 || since.iter().any(Option::is_some)
     }
 
-    /// Takes in a level, ln amplitude, ln damping and ln frequency first; of each
-    /// the one farthest from 0 is kept.
+    /// Takes in a level (ln amplitude, ln damping, ln frequency, phase); of each of the first three
+    /// the value farthest from 0 is kept.
     pub fn reaches(&mut self, level: &Features) {
         let farthest = [&mut self.amplitude, &mut self.damping, &mut self.frequency];
         for (most, level) in farthest.into_iter().zip(level.iter()) {

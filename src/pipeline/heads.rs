@@ -1,10 +1,16 @@
 //! All printheads of a recording while it flows: each burst is judged about what its head and its channels
 //! were known to be when it was acquired.
 //!
-//! In: bursts in the recording's order, each with the judge that the windows gave it. Out: for each
-//! burst the judge in use and, with `--baseline`, its channels' own levels. A burst waits until its
-//! *sweep* is over ([`super::sweep`]), so that the result does not depend on how a logger divides one
-//! moment's channels into messages.
+//! In: bursts in the recording's order, each with the judge that the windows gave it, from the
+//! identify stage ([`Heads::take`]). Out: for each burst the judge in use and, with `--baseline`,
+//! its channels' own levels. A burst waits until its *sweep* is over ([`super::sweep`]), so that
+//! the result does not depend on how a logger divides one moment's channels into messages.
+//!
+//! This file decides which sweep a burst belongs to and when a sweep is closed; what a closed sweep
+//! says of its head, [`super::head`] finds. A sweep is closed when one of its moments holds all
+//! channels that were known before it; when a channel is heard again; when it has lasted as long as
+//! it may; when a burst has another judge; without `--baseline` when a burst is late; and at the
+//! end of the recording.
 
 use super::batches::{AssignedJudge, AssignedJudges, Slot};
 use super::groups::ByGroup;
@@ -23,7 +29,7 @@ use std::sync::Arc;
 /// the windows' judges as they are.
 const MOST_HEADS: usize = 1 << 10;
 
-/// All printheads of a recording.
+/// All printheads of a recording. A *head* here is a group: a printhead at one sampling.
 #[derive(Debug)]
 pub struct Heads<'a> {
     /// Index in `heads` by group; `None`: the group came when [`MOST_HEADS`] were there already.
@@ -31,16 +37,21 @@ pub struct Heads<'a> {
     /// By index. `None`: no judge so far knew enough for the printhead's channels to be followed; its signals
     /// are judged by the windows' judge as it is.
     heads: Vec<Option<Followed>>,
+    /// Says when open sweeps have lasted as long as they may.
     clock: Clock,
+    /// What all heads share.
     judging: Judging<'a>,
 }
 
 /// A printhead that is followed, and the sweep over its channels that has not ended yet.
 #[derive(Debug)]
 struct Followed {
+    /// Its channels that were met before the open sweep, and the frozen ones.
     watched: Watched,
+    /// The sweep that has not ended yet; `None`: the next burst begins one.
     open: Option<Sweep>,
-    /// What the bursts of the previous sweep were judged by.
+    /// What the bursts of the previous sweep were judged by; before the first, the judge of the
+    /// windows.
     last: AssignedJudge,
     /// The window's judge and the last moment, ns, of the previous sweep.
     closed: Option<(Arc<Judge>, i64)>,
@@ -48,6 +59,7 @@ struct Followed {
 }
 
 impl<'a> Heads<'a> {
+    /// Begins with what is remembered of heads (`Replay::baselines`), and no burst.
     pub fn new(replay: &'a Replay) -> Heads<'a> {
         let remembered = replay.baselines.as_ref().map_or(0, Memory::channels);
         let judging = Judging {
@@ -71,14 +83,15 @@ impl<'a> Heads<'a> {
         burst: &Burst,
         given: &mut AssignedJudges,
     ) {
-        // a burst this late may end the sweeps of other printheads, too, which then
-        // have lasted as long as they may
+        // time goes on with any printhead's burst, and so ends sweeps of all printheads that have
+        // lasted as long as they may
         self.clock.hear(burst);
         if self.clock.is_due(burst.t_acq_ns) {
             self.close_what_waits(burst.t_acq_ns, given);
         }
         let Heads { numbers, heads, judging, clock } = self;
 
+        // its head, which is met now if it is new
         let number = numbers.of(burst, |_| {
             let number = (heads.len() < MOST_HEADS).then_some(heads.len());
             heads.extend(number.map(|_| None));
@@ -92,6 +105,7 @@ impl<'a> Heads<'a> {
             }
             head.as_mut()
         });
+        // a head that cannot be followed is judged at once, by the judge as it is
         match head {
             Some(head) => head.take((slot, judge, burst), clock, judging, given),
             None => given.push((slot, AssignedJudge::by(Ok(judge.clone())))),
@@ -151,6 +165,9 @@ impl Followed {
         Some(Followed { watched: Watched::default(), open: None, last, closed: None, head })
     }
 
+    /// Takes the next burst of this head: adds it to the open sweep, or judges it at once where its
+    /// sweep was closed already; closes the sweeps that end with it, and appends their bursts to
+    /// `given`.
     fn take(
         &mut self,
         (slot, judge, burst): (Slot, &Arc<Judge>, &Burst),
@@ -159,8 +176,8 @@ impl Followed {
         given: &mut AssignedJudges,
     ) {
         let t_ns = burst.t_acq_ns;
-        // A sweep has one judge. Without states, a burst that is earlier than the
-        // sweep's latest moment ends it, too.
+        // 1. A sweep has one judge. Without `--baseline`, a burst that is earlier than the sweep's
+        // latest moment ends the sweep, too.
         let is_other = |open: &Sweep| {
             let is_late = judging.replay.baselines.is_none() && open.is_later(t_ns);
             open.judge.index != judge.index || is_late
@@ -169,10 +186,12 @@ impl Followed {
             self.close(judging, given);
         }
 
+        // 2. bursts that come after their sweep was closed, or too late for it, are judged as the
+        // last sweep was
         let is_closed = |(by, at_ns): &(Arc<Judge>, i64)| by.index == judge.index && *at_ns == t_ns;
         if self.open.is_none() && self.closed.as_ref().is_some_and(is_closed) {
             // The previous sweep ended with this very moment: the burst holds channels that were not known
-            // before it, or repeats some. It is judged as that sweep was.
+            // before that sweep, or repeats some.
             self.watched.hear(burst, judge, judging.replay.settings.input.rails);
             self.watched.meet(burst);
             given.push((slot, self.last.clone()));
@@ -186,6 +205,7 @@ impl Followed {
             return;
         }
 
+        // 3. add the burst to the open sweep, or begin one
         match &mut self.open {
             Some(open) => {
                 if let Some(over) = open.hear(slot, burst, clock) {
@@ -197,6 +217,8 @@ impl Followed {
             }
             None => self.open = Some(Sweep::begin(slot, judge.clone(), burst, clock)),
         }
+
+        // 4. the sweep may be complete with this burst
         if self.is_over() {
             self.close(judging, given);
         }
@@ -213,8 +235,9 @@ impl Followed {
     /// Ends the open sweep: its bursts are judged about the level that the sweep shows, and about channels as
     /// they were before it.
     ///
-    /// Channels that were not known before the sweep are looked at from the next one on: whether they came
-    /// before the channels that ended the sweep depends on how a moment is divided into messages.
+    /// Channels that were not known before the sweep are looked at from the next sweep on: whether
+    /// new channels came before the burst that ended the sweep depends on how a moment is divided
+    /// into messages.
     fn close(&mut self, judging: &mut Judging, given: &mut AssignedJudges) {
         let Some(sweep) = self.open.take() else { return };
 
@@ -226,6 +249,8 @@ impl Followed {
                 self.watched.meet(burst);
             }
         }
+
+        // judge the sweep, and only then add its channels to those that were met
         self.last = self.head.close(&sweep, &self.watched, judging);
         sweep.bursts().into_iter().for_each(|burst| self.watched.meet(burst));
         let last = &self.last;

@@ -1,12 +1,14 @@
-//! Batches on their way: bounds what is in flight between reader and writer, in blocks and bytes; puts batches,
-//! which several workers finish in any order, back into the recording's order; and keeps batches until it is
-//! known what judges their bursts.
+//! Batches on their way through the stages, in three helpers. [`InFlight`] bounds what is between
+//! reader and writer, in blocks and bytes, and so memory. [`InOrder`] puts batches, which several
+//! workers finish in any order, back into the recording's order. `ParkedBatches` keeps batches in
+//! the identify stage until it is known what judges their bursts.
 
 use super::batches::{AssignedBatch, AssignedJudge, AssignedJudges, ReadBatch};
 use inkling_core::burst::Place;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
+/// What is in flight now.
 #[derive(Debug, Default)]
 struct State {
     blocks: usize,
@@ -14,13 +16,16 @@ struct State {
     closed: bool,
 }
 
-/// The reader enters blocks in file order, and waits while there is no room; the writer takes them out. The
-/// oldest block is always in flight, so its turn always comes: there is no deadlock.
+/// Bounds the blocks between reader and writer. The reader enters blocks in file order, and waits
+/// while there is no room; the writer takes them out in the same order. The oldest block is always
+/// in flight, so its turn always comes: there is no deadlock. Blocks whose batches are parked do
+/// not count: what they wait for may stand in later blocks.
 #[derive(Debug)]
 pub struct InFlight {
     most_blocks: usize,
     most_bytes: u64,
     state: Mutex<State>,
+    /// Wakes readers that wait for room.
     changed: Condvar,
 }
 
@@ -56,7 +61,8 @@ impl InFlight {
         self.changed.notify_all();
     }
 
-    /// Counts a block again that has waited for later ones, without waiting for room.
+    /// Counts a block again that has waited for later ones, without waiting for room: so the bounds
+    /// may be exceeded for a while.
     pub fn take_back(&self, bytes: u64) {
         let mut state = self.lock();
         state.blocks += 1;
@@ -106,14 +112,15 @@ impl<T> InOrder<T> {
 #[derive(Debug)]
 struct ParkedBatch {
     read: ReadBatch,
-    /// By burst, what judges it; `None`: not known yet.
+    /// By acquisition, what judges it; `None`: not known yet.
     given: Vec<Option<AssignedJudge>>,
-    /// Number of bursts of which that is not known yet.
+    /// Number of acquisitions for which that is not known yet.
     missing: usize,
 }
 
-/// The batches that wait. They do not count as in flight: the reader must be able to
-/// read on until a sweep is over.
+/// The batches that wait in the identify stage, in the recording's order. They do not count as in
+/// flight: the reader must be able to read on until a sweep is over. How much may wait is bounded
+/// by `sweep`.
 #[derive(Debug)]
 pub(super) struct ParkedBatches<'a> {
     in_flight: &'a InFlight,
@@ -145,6 +152,7 @@ impl<'a> ParkedBatches<'a> {
     /// what judges all their bursts.
     pub fn give(&mut self, given: &mut AssignedJudges) -> impl Iterator<Item = AssignedBatch> {
         for (slot, given) in given.drain(..) {
+            // the batch is among those that wait, since it needed this burst's judge
             let Some(of) = self.waiting.get_mut((slot.batch - self.first) as usize) else {
                 continue;
             };

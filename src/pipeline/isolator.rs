@@ -1,7 +1,17 @@
 //! What the isolate stage does to a batch, with one function for each thing that may happen to a signal.
 //!
-//! In: a batch with every signal's statistics and whether it passed the gate, that
-//! is, was flagged. Out: its rows.
+//! In: a batch with every signal's statistics and whether it passed the gate, that is, was flagged.
+//! Out: its verdicts (rows of the table), and what the episodes need to know of flagged signals
+//! ([`FlaggedSignal`]).
+//!
+//! Nearly all signals are healthy: neighbouring healthy signals of a burst become one run, without
+//! any further work (`judge_burst`). Each other signal becomes a row: a rejected one with its
+//! reason; a flagged one with its name, its size and its ring, as far as the judge can tell them
+//! (`judge_signal`, `isolate`). What misses along the ring and is no ring at all is named
+//! `no_ring`, whatever class would come nearest.
+//!
+//! Which class a signal is of is decided by [`Judge`]; how a decision becomes cells of a row, by
+//! `rows`.
 
 use super::batches::{
     AssignedJudge, BufferPools, FilteredBatch, FlaggedSignal, GatedBatch, JudgedBatch,
@@ -19,8 +29,10 @@ use std::sync::Arc;
 pub struct Isolator<'a> {
     settings: &'a Settings,
     pools: &'a BufferPools,
-    /// Rings that were fitted to the signals of the batch at hand.
+    /// Rings that were fitted to the signals of the batch at hand, and not taken yet.
     rings: Rings,
+    /// Buffers of the judge, and what it tells of the signal at hand beside the name: weights,
+    /// severity.
     work: Workspace,
     deviations: Deviations,
 }
@@ -33,7 +45,7 @@ struct GatedBurst<'a> {
     own: Option<&'a OwnChannels>,
     /// The detection of each signal of the burst, or why it was not judged.
     statistic: &'a [Result<Detection, Reason>],
-    /// Index of its first signal in the batch.
+    /// Index of its first signal among the batch's.
     first: usize,
     /// Index of its printhead among the batch's.
     printhead: u32,
@@ -43,6 +55,7 @@ struct GatedBurst<'a> {
 #[derive(Clone, Copy)]
 struct Signal<'a> {
     burst: &'a Burst,
+    /// Its row in the burst.
     row: usize,
     judge: &'a Judge,
     own: Option<&'a OwnChannels>,
@@ -52,7 +65,7 @@ struct Signal<'a> {
 }
 
 impl Signal<'_> {
-    /// Writes the signal per unit drive to `y`.
+    /// Writes the signal per unit drive to `y`, N, counts.
     fn per_drive(&self, y: &mut Vec<f64>) {
         y.resize(self.burst.samples_per_channel as usize, 0.0);
         rings::per_drive(self.judge, self.burst, self.row, y);
@@ -71,6 +84,7 @@ impl GatedBurst<'_> {
 }
 
 impl<'a> Isolator<'a> {
+    /// An isolator with empty buffers.
     pub fn new(settings: &'a Settings, pools: &'a BufferPools) -> Isolator<'a> {
         Isolator {
             settings,
@@ -81,10 +95,12 @@ impl<'a> Isolator<'a> {
         }
     }
 
-    /// Makes all rows of a batch.
+    /// Makes all rows of a batch: turns it into a [`JudgedBatch`], and gives the buffer of its
+    /// statistics back.
     pub fn judge(&mut self, gated: GatedBatch) -> JudgedBatch {
         // all rings of the batch are fitted first, side by side, and then taken row by row
         self.rings.fit(&gated, !self.settings.isolate.gate);
+
         let GatedBatch { filtered, tests } = gated;
         let FilteredBatch { mut assigned, statistic } = filtered;
         let mut columns = self.pools.rows.take();
@@ -100,6 +116,8 @@ impl<'a> Isolator<'a> {
             flagged: Vec::new(),
             bursts: read.batch.acquisitions.len() as u64,
         };
+
+        // burst by burst; an unusable burst is one row, with the reason
         for (signals, acquisition, AssignedJudge { judge, own }) in assigned.placed() {
             let columns = &mut judged.verdicts.rows;
             match acquisition {
@@ -135,16 +153,18 @@ impl<'a> Isolator<'a> {
         judged
     }
 
-    /// Makes the rows of one burst: a run of healthy signals at once, and what is
-    /// rejected or isolated one by one.
+    /// Makes the rows of one burst: of neighbouring healthy signals a run, of signals that are
+    /// rejected or isolated a row each.
     fn judge_burst(&mut self, of: &GatedBurst, rows: &mut JudgedBatch) {
         // runs of healthy signals need nothing more, unless all signals are isolated or their rings asked for
         let isolates_all = |judge: &Judge| !self.settings.isolate.gate && judge.can_isolate();
         let all_rings = self.settings.output.ring == RingsOf::All;
         let at_once = of.judge.ok().filter(|judge| !isolates_all(judge) && !all_rings);
+
         let mut row = 0;
         while row < of.statistic.len() {
-            let here = of.first + row;
+            let here = of.first + row; // the signal's index in the batch
+            // a run, as long as the next signals are healthy
             if let Some(judge) = at_once {
                 let left = &rows.verdicts.tests.healthy[here..of.first + of.statistic.len()];
                 let healthy = left.iter().take_while(|healthy| **healthy).count();
@@ -156,6 +176,7 @@ impl<'a> Isolator<'a> {
                 }
             }
 
+            // a single row: nobody judged the signal, or it is flagged (or everything is isolated)
             match of.statistic[row].and_then(|detection| Ok((detection, of.judge?))) {
                 Err(reason) => rows::push_rejected(&mut rows.verdicts.rows, of.id(row), reason),
                 Ok((detection, judge)) => {
@@ -169,31 +190,38 @@ impl<'a> Isolator<'a> {
         }
     }
 
-    /// Makes the row of one signal.
+    /// Makes the row of one signal that was judged.
     fn judge_signal(&mut self, of: Signal, id: Id, rows: &mut JudgedBatch) {
+        // 1. the name, where the judge knows classes; `work` holds what belongs to it
         self.work.forget();
         let isolates = of.judge.can_isolate() && (of.passed || !self.settings.isolate.gate);
         let mut isolation = isolates.then(|| self.isolate(of)).flatten();
+
+        // 2. A flagged signal that is healthy along the ring was flagged for what it holds beside
+        // the ring. That is no fault of a class, and neither is a signal that is no ring: then the
+        // name is dropped.
         let beside_only = of.passed && !of.judge.model.threshold.is_faulty(of.detection.ring);
         if beside_only || (of.passed && !of.judge.can_isolate() && self.is_no_ring(of)) {
-            // Along the ring it is healthy, so that what else it holds is no fault of a
-            // class; or it is no ring at all.
             self.work.severity = None;
             self.work.weights.clear();
             isolation = Some(Isolation::of_no_ring());
         }
 
+        // 3. what detection said; where it measured no misfit, that of the ring fitted for
+        // isolation is taken
         let mut tested: Tested = of.judge.test(of.detection);
-        // where detection measured no misfit, that of the ring fitted for isolation is taken
         if tested.misfit.is_nan() && isolation.is_some() {
             tested.misfit = self.work.misfit;
         }
+
+        // 4. resonance and damping; and for flagged signals what the episodes need
         let ring = self.ring_of(of);
         if of.passed {
             let flagged = self.flag(of, isolation.as_ref(), ring, rows.verdicts.rows.len());
             rows.flagged.push(flagged);
         }
 
+        // 5. the row
         let told = self.settings.output.weights && isolation.is_some();
         let weights = Some(self.work.weights.as_slice()).filter(|of| told && !of.is_empty());
         let (isolation, model) = (isolation.as_ref(), of.judge.index);
@@ -202,9 +230,11 @@ impl<'a> Isolator<'a> {
         rows::set_severity(columns, self.work.severity.take());
     }
 
-    /// Names a signal's fault, where the method can: by its fitted ring, or by its deviation from what is
-    /// expected. Results beside the name stay in `work`.
+    /// Names a signal's fault, where the method can: by its fitted ring (`posterior`), or by its
+    /// deviation from what is expected. Results beside the name stay in `work`. `None`: nothing can
+    /// be said.
     fn isolate(&mut self, of: Signal) -> Option<Isolation> {
+        // what the judge is told beside the signal
         let Signal { burst, row, judge, .. } = of;
         let channel = burst.first_channel.saturating_add(row as u32);
         self.work.own = of.own.and_then(|own| own.of(channel));
@@ -220,8 +250,9 @@ impl<'a> Isolator<'a> {
         judge.isolate(deviation, drive, &mut self.work)
     }
 
-    /// Resonance, Hz, and damping, 1/s: by a fit for flagged signals; for the others, where they are asked
-    /// for, in closed form if that is possible.
+    /// Resonance, Hz, and damping, 1/s, of a signal: by a fit for flagged signals; for the others,
+    /// where they are asked for (`output.ring` = `all`), in closed form if that is possible.
+    /// `None`: not asked for, or no ring.
     fn ring_of(&mut self, of: Signal) -> Option<[f64; 2]> {
         let Signal { burst, judge, passed, .. } = of;
         let (drive, copy) = (judge.drive(burst), |y: &mut Vec<f64>| of.per_drive(y));
@@ -237,7 +268,9 @@ impl<'a> Isolator<'a> {
         }
     }
 
-    /// What the evidence over time needs to know of a flagged signal. `row`: its row in the batch.
+    /// What the evidence over time needs to know of a flagged signal. `row`: its index among the
+    /// batch's rows. The weights are multiplied by the probability that the signal is of any class,
+    /// so what they lack to 1 is the weight of no class.
     fn flag(
         &mut self,
         of: Signal,
@@ -276,7 +309,8 @@ impl<'a> Isolator<'a> {
     }
 }
 
-/// The judges of a batch, one per model, in the order of their numbers.
+/// The judges of a batch, one per model, in the order of the models' numbers. (A model may have
+/// several judges, moved to where the head was; they tell the same of the model.)
 fn each_once(judges: Vec<AssignedJudge>) -> Vec<Arc<Judge>> {
     let mut judges: Vec<Arc<Judge>> = judges.into_iter().flat_map(|of| of.judge).collect();
     judges.sort_by_key(|judge| judge.index);

@@ -1,4 +1,5 @@
-//! What a replay is asked to do, and who is told of its results while it runs.
+//! What a replay is asked to do ([`Replay`] for all recordings, [`Run`] for one), and who is told
+//! of its results while it runs ([`Watch`]). Types only: `replay` and `wiring` act on them.
 
 use super::Control;
 use super::pacer::Pacer;
@@ -20,15 +21,21 @@ use std::time::Duration;
 /// needs to judge recordings alike.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Replay {
+    /// All settings, with those that the design keeps.
     pub settings: Settings,
+    /// The design; `None`: models come from windows alone, and nothing is named.
     pub design: Option<Design>,
     /// Digest of the design file.
     pub design_digest: Option<String>,
+    /// Labels that say which signals of windows are healthy; `None`: healthy signals are found by
+    /// agreement.
     pub labels: Option<Labels>,
-    /// The healthy windows that the settings give, as spans of time, ns; empty:
-    /// windows are placed by the pipeline.
+    /// The healthy windows that the settings give, as spans of time from and to, ns; empty: windows
+    /// are placed by the pipeline.
     pub spans: Vec<(i64, i64)>,
-    /// With `--baseline`: what is remembered of heads and channels.
+    /// With `--baseline`: what is remembered of heads and channels from the recordings before;
+    /// `None`: each recording begins without a memory, and channels are not judged about levels of
+    /// their own.
     pub baselines: Option<Memory>,
 }
 
@@ -62,12 +69,16 @@ pub struct Run<'a> {
     /// Path of the verdict table; `None`: nothing is written, its rows stay in
     /// memory, and episodes are only listed.
     pub verdicts: Option<&'a Path>,
+    /// Interrupts the run, and counts what is done.
     pub control: &'a Control,
+    /// Who is told while the recording is judged; `None`: nobody.
     pub watch: Option<&'a Watch<'a>>,
+    /// Decides when bursts are handed on. It is kept over several passes through the recording.
     pub pacer: &'a Mutex<Pacer>,
 }
 
 impl<'a> Run<'a> {
+    /// The pacer, locked.
     pub fn pacer(&self) -> MutexGuard<'_, Pacer> {
         self.pacer.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -121,7 +132,7 @@ pub struct ClosedPart {
     pub number: u32,
     pub path: PathBuf,
     pub rows: u64,
-    /// t_a of its earliest and of its latest burst.
+    /// t_a of its earliest and of its latest burst, ns.
     pub from_ns: i64,
     pub to_ns: i64,
 }

@@ -1,5 +1,7 @@
-//! What models are learned from and with, whether a recording is learned in one pass or in two; and how they
-//! came to be, for its summary and for `--timings`.
+//! What both ways of learning models (in the stream, in passes before) share ([`Learner`]): which
+//! groups need windows, which signals of a burst are offered to a window's sample, and how many are
+//! kept; all from settings, design and labels. And how a recording's models came to be
+//! ([`Identified`]), for its summary and `--timings`.
 
 use super::groups::GroupKey;
 use super::job::Replay;
@@ -15,7 +17,7 @@ use std::sync::Arc;
 /// Maximum bytes of signals held at a time while windows are learned in passes
 /// of their own, and of one window.
 pub(super) const HELD_BYTES: usize = 96 << 20;
-/// So many signals of a window may be held however long they are.
+/// Number of signals of a window that may be held however long the signals are.
 const FEWEST_HELD: usize = 64;
 
 /// Seconds in ns.
@@ -36,11 +38,12 @@ pub struct Window {
 #[derive(Debug)]
 pub struct Learner<'a> {
     pub replay: &'a Replay,
-    /// The design's model of all printheads together.
+    /// The design's model of all printheads together; `None`: there is no design.
     pub pooled: Option<Arc<HealthyModel>>,
 }
 
 impl<'a> Learner<'a> {
+    /// The learner of a run.
     pub fn of(replay: &'a Replay) -> Learner<'a> {
         let pooled = replay.design.as_ref().map(|design| Arc::new(design.pooled.clone()));
         Learner { replay, pooled }
@@ -57,8 +60,9 @@ impl<'a> Learner<'a> {
         self.replay.design.is_some() && self.replay.settings.identify.mode == IdentifyMode::Design
     }
 
-    /// Whether windows of a group are to be learned: it must be sampled as the design is, and with
-    /// `identify.mode = "design"` its printhead must be unknown to the design.
+    /// Whether windows of a group are to be learned. Without a design always; with one the group
+    /// must be sampled as the design is, and with `identify.mode = "design"` its printhead must be
+    /// unknown to the design.
     pub fn needs_windows(&self, key: &GroupKey, sample_period_s: f64) -> bool {
         match &self.replay.design {
             None => true,
@@ -95,7 +99,7 @@ impl<'a> Learner<'a> {
         for row in 0..burst.channels {
             let channel = burst.first_channel + row;
             if !reservoir.may_keep(burst.t_acq_ns, channel) {
-                continue; // most of a long window's
+                continue; // as most of a long window's, which need not be decoded then
             }
             if !visit::is_healthy(self.replay.labels.as_ref(), burst, channel) {
                 continue;

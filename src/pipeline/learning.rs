@@ -1,10 +1,20 @@
 //! Learns models from healthy windows while the signals flow, in the identify stage, and says who judges a
 //! burst.
 //!
-//! In: bursts, about in the order of their times. Out: the model of every burst, once every window that had
-//! ended by then was learned. A window is over when some burst is later than its end by the reorder time. A
-//! burst that comes later still, and that would have changed a finished window, is noticed: the whole
-//! recording is then learned in two passes ([`super::windows`]), with the same models, numbers and refusals.
+//! In: bursts, about in the order of their times, from `models` ([`Learning::take`]). Out: the
+//! judge of every burst ([`Learning::judge_of`]), once every window that had ended by the burst's
+//! time was learned; the models by number ([`Schedule`]).
+//!
+//! A burst goes this way. It belongs to a group (a printhead at one sampling); each group is
+//! learned by itself (`Head`). If the burst may begin a window, it waits until no earlier burst can
+//! come any more, since windows are placed by the first burst. In its turn it places the windows
+//! that begin up to it, and its signals are sampled for the windows that it lies in. A window is
+//! over when some burst, of any group, is later than its end by the reorder time: then its model is
+//! learned (`progress`), and entered under the next number.
+//!
+//! A burst that comes later still, and that would have changed a window that was placed or learned,
+//! is noticed (`settled_ns`): the whole recording is then learned in two passes
+//! ([`super::windows`]), with the same models, numbers and refusals.
 //!
 //! Two things are held in memory at a time. The first is the samples of the windows that are open, at most
 //! [`HELD_BYTES`]; a recording that needs more is learned in two passes, too. The second is, for each
@@ -27,16 +37,18 @@ use std::sync::Arc;
 /// Usual reorder time, ns: by how much a burst may be earlier than bursts that stand before it in the file.
 /// Loggers of several printheads write bursts about as they come.
 pub const USUAL_REORDER_NS: u64 = 100_000_000;
-/// Longest reorder time, ns, taken where the chunk index says that the file's order is that far off. It is
-/// known so much later who judges a burst.
+/// Longest reorder time, ns, taken where the chunk index says that the file's order is that far
+/// off. The longer the reorder time, the later it is known who judges a burst.
 pub const MOST_REORDER_NS: u64 = 2_000_000_000;
 /// Maximum bytes of signals held, over all open windows.
 const HELD_BYTES: usize = 64 << 20;
 /// Maximum bytes of samples in the waiting bursts of one printhead.
 const WAITING_BYTES: usize = 16 << 20;
 
+/// The learning of all groups of a recording, as far as it has come.
 #[derive(Debug)]
 pub struct Learning<'a> {
+    /// What models are learned with: settings, design and labels.
     pub(super) learner: &'a Learner<'a>,
     /// The reorder time, ns: a burst may be earlier by that much than bursts that came before it.
     reorder_ns: i64,
@@ -46,10 +58,11 @@ pub struct Learning<'a> {
     pub schedule: Schedule<'a>,
     /// Index in `heads` by group; `None`: the group is judged without windows.
     numbers: ByGroup,
+    /// The groups that need windows.
     pub(super) heads: Vec<Head>,
-    /// Time of the latest burst so far.
+    /// Time of the latest burst so far, of any group, ns.
     latest_ns: i64,
-    /// Nothing is to be settled before a burst of that time.
+    /// Before a burst of that time, ns, there is nothing to settle ([`Learning::settle`]).
     due_ns: i64,
     /// End and group of the window whose model got the last number. Numbers must ascend in this order, which
     /// is the order of two passes.
@@ -65,6 +78,7 @@ pub struct Learning<'a> {
 pub(super) struct Head {
     pub key: GroupKey,
     sample_period_s: f64,
+    /// What the group's windows have given so far.
     progress: Progress,
     /// Places the group's windows; `None`: `identify.spans` gives them.
     pub placing: Option<Placing>,
@@ -74,10 +88,12 @@ pub(super) struct Head {
     waiting_bytes: usize,
     /// Time of the earliest waiting burst; `i64::MAX`: none waits.
     waiting_from_ns: i64,
+    /// The windows that were placed and not learned from yet.
     pub open: Vec<OpenWindow>,
-    /// A burst that comes now and is earlier than this would have changed a window that
+    /// A burst that comes now and is earlier than this, ns, would have changed a window that
     /// was already placed or learned.
     settled_ns: i64,
+    /// Which model judges when.
     timeline: Timeline,
 }
 
@@ -87,6 +103,7 @@ pub(super) struct OpenWindow {
     pub window: Window,
     /// Number of bursts in it so far.
     bursts: u64,
+    /// A bounded sample of its usable signals.
     reservoir: Reservoir,
 }
 
@@ -99,7 +116,8 @@ fn out_of_order(of: &GroupKey) -> PipelineError {
 }
 
 impl<'a> Learning<'a> {
-    /// `schedule`: holds the design's models, and gets those that are learned.
+    /// `schedule`: holds the design's models, and gets those that are learned; `reorder_ns`,
+    /// `workers`: see the fields.
     pub fn new(
         learner: &'a Learner<'a>,
         schedule: Schedule<'a>,
@@ -121,7 +139,8 @@ impl<'a> Learning<'a> {
         }
     }
 
-    /// Takes the next burst of the recording.
+    /// Takes the next burst of the recording, learns from it, and from the windows that are over by
+    /// its time. The error `NeedsTwoPasses` says that this recording cannot be learned in one pass.
     pub fn take(&mut self, burst: &Burst) -> Result<(), PipelineError> {
         let t_ns = burst.t_acq_ns;
         self.latest_ns = self.latest_ns.max(t_ns);
@@ -142,7 +161,8 @@ impl<'a> Learning<'a> {
         if head.progress.is_over(self.learner) {
             return Ok(()); // no later window changes who judges it
         }
-        // once a burst of this time came, no burst may come any more that is earlier than this one
+        // once a burst of the time `sure_ns` came, no burst may come any more that is earlier than
+        // this one
         let sure_ns = t_ns.saturating_add(self.reorder_ns);
         if !head.may_begin(t_ns) || sure_ns <= self.latest_ns {
             return self.learn(number, burst);
@@ -150,12 +170,14 @@ impl<'a> Learning<'a> {
         head.wait(burst);
         self.due_ns = self.due_ns.min(sure_ns);
         match head.waiting_bytes > WAITING_BYTES {
-            true => self.place_waiting(number, self.latest_ns), // at such a rate that is long enough
+            // at such a rate of data they have waited long enough
+            true => self.place_waiting(number, self.latest_ns),
             false => Ok(()),
         }
     }
 
     /// Ends the recording: learns from all windows that are still open, and closes the schedule.
+    /// Does nothing if all windows were learned before.
     pub fn end(&mut self) -> Result<(), PipelineError> {
         if self.over {
             return Ok(());
@@ -178,7 +200,7 @@ impl<'a> Learning<'a> {
 
     /// The judge of a burst that was taken, or the reason why nobody judges it. `None`: that is not known yet,
     /// since a window that may decide it is not over. The sampling of bursts that do not fit the design is
-    /// noted, for the report.
+    /// noted, for the report. An error: too many models, or a model of which no judge can be made.
     pub fn judge_of(
         &mut self,
         burst: &Burst,
@@ -204,18 +226,21 @@ impl<'a> Learning<'a> {
         }
     }
 
-    /// Whether it is known who judges a burst of time `t_ns`: no window that is
-    /// not learned yet can change it.
+    /// Whether it is known who judges a burst of time `t_ns`: no window that is not learned yet can
+    /// change it. A window's model judges from the window's end on, so only windows that end by
+    /// `t_ns` matter; and while the timeline is empty, the first model to come judges everything
+    /// before.
     fn is_known(&self, head: &Head, t_ns: i64) -> bool {
         let ends_before = |open: &OpenWindow| open.window.to_ns <= t_ns;
         let first_ns = self.learner.first_ns();
-        // a waiting burst may begin a window, which would end by then
+        // a waiting burst may begin a window, and that window may end by `t_ns`
         let waits = head.waiting_from_ns.saturating_add(first_ns) <= t_ns;
         !head.timeline.is_empty()
             && (self.learner.knows_by_design() || !(waits || head.open.iter().any(ends_before)))
     }
 
-    /// Index of a burst's group in `heads`; `None`: the group needs no windows.
+    /// Index of a burst's group in `heads`; `None`: the group needs no windows. A group that needs
+    /// some and is met for the first time is added.
     pub(super) fn number_of(&mut self, burst: &Burst) -> Option<usize> {
         let Learning { numbers, heads, learner, due_ns, reorder_ns, .. } = self;
         numbers.of(burst, |key| {
@@ -273,7 +298,7 @@ impl<'a> Learning<'a> {
     }
 
     /// Places the bursts that waited long enough, learns from the windows that are over, and finds when there
-    /// is something to settle next.
+    /// is something to settle next. Called when a burst reaches `due_ns`, which is rare.
     fn settle(&mut self) -> Result<(), PipelineError> {
         // 1. place the bursts that waited for the reorder time, before which no earlier one can come any more
         let (latest_ns, reorder_ns) = (self.latest_ns, self.reorder_ns);
@@ -284,10 +309,12 @@ impl<'a> Learning<'a> {
                 self.place_waiting(number, latest_ns.saturating_sub(reorder_ns))?;
             }
         }
+
         // 2. learn from the windows that ended more than the reorder time ago
         let entries = self.learn_from(|window| is_due(window.to_ns));
         self.enter(entries)?;
 
+        // 3. the next time at which a window ends or a burst has waited long enough
         let next = self.heads.iter().map(Head::next_ns).min().unwrap_or(i64::MAX);
         self.due_ns = next.saturating_add(self.reorder_ns);
         Ok(())
@@ -303,6 +330,7 @@ impl<'a> Learning<'a> {
         for burst in waiting {
             let t_ns = burst.t_acq_ns;
             let head = &mut self.heads[number];
+            // an earlier one may have begun its windows meanwhile, and then it begins none
             match t_ns > sure_ns && head.may_begin(t_ns) {
                 true => head.wait(&burst),
                 false => self.learn(number, &burst)?,
@@ -311,8 +339,10 @@ impl<'a> Learning<'a> {
         Ok(())
     }
 
-    /// Learns from the open windows that are `over`, and returns what they add to their printheads' timelines.
-    /// Printheads are learned side by side: they know nothing of each other.
+    /// Learns from the open windows that are `over`, and returns what they add to their groups'
+    /// timelines. The windows of a group are learned in the order of their begins, since each is
+    /// compared with the models before; groups are learned side by side, as they know nothing of
+    /// each other.
     pub(super) fn learn_from(&mut self, over: impl Fn(&Window) -> bool) -> Vec<(Window, Entry)> {
         let mut of_heads = Vec::new();
         for head in &mut self.heads {
@@ -332,8 +362,9 @@ impl<'a> Learning<'a> {
         learned.into_iter().flatten().collect()
     }
 
-    /// Enters what windows add into the schedule and their groups' timelines, in the order in which models
-    /// become valid, in which they are numbered. An error where a model would get a number out of this order.
+    /// Enters what windows add into the schedule and their groups' timelines. Models are numbered
+    /// in the order in which they become valid (by the window's end, then by group), which is also
+    /// that of two passes. An error where a model would get a number out of this order.
     pub(super) fn enter(&mut self, mut entries: Vec<(Window, Entry)>) -> Result<(), PipelineError> {
         let valid_from = |of: &Window| (of.to_ns, &self.heads[of.group].key);
         entries.sort_by(|(a, _), (b, _)| valid_from(a).cmp(&valid_from(b)));
@@ -384,8 +415,9 @@ impl Head {
         head
     }
 
-    /// Whether windows may begin with a burst of that time; then a burst that comes after it may be earlier
-    /// and begin them instead.
+    /// Whether windows may begin with a burst of that time. If so, a burst that comes after it in
+    /// the file may be earlier and begin the windows instead. While a burst waits, so does every
+    /// later one.
     fn may_begin(&self, t_ns: i64) -> bool {
         t_ns >= self.waiting_from_ns || self.placing.as_ref().is_some_and(|p| p.begins_at(t_ns))
     }

@@ -1,5 +1,9 @@
 //! Turns recordings into verdicts, in six stages with bounded queues between them.
 //!
+//! In: an opened recording and how to judge it ([`Replay`]), from `cli`. Out: the verdict table,
+//! the episode table and the summary, and a [`RecordingReport`]. The entries are `replay`, `judge`
+//! and `follow`.
+//!
 //! ```text
 //!            blocks             batches of signals in columns                        rows, in order
 //! reader ──▶ (decode) ──▶ identify ──▶ filter ──▶ gate ──▶ isolate ──▶ writer
@@ -13,6 +17,23 @@
 //! Models of windows are learned in the identify stage while the signals flow (`learning`, `models`); where
 //! the file's order is not that of the times, they are learned in two passes before the stages start
 //! (`windows`). The result is the same.
+//!
+//! # The files
+//!
+//! ```text
+//! the run          replay (ways to judge)  job (what is asked)  wiring (threads, queues)
+//!                  finish recording_report metadata (what is left at the end)
+//! stages           stages (six loops)  batches (what crosses queues)  in_flight (bounds, order)
+//!   1 reader       pacer (--pace)
+//!   2 identify     which model: learner learning placing progress schedule groups models windows
+//!                  where the head is: heads head sweep channel_subset frozen moved_judge
+//!   3 FD filter    statistics  rings (deviations)  own_levels
+//!   5 isolate      isolator  rings (fits)  rows
+//!   6 writer       episodes  tally  at_once  rotation part_boundaries (--rotate)
+//! warnings         head_movement temperature_check at_once ring_look
+//! other passes     visit (bursts of a recording)  collect (signals to learn from)
+//! many recordings  resume (what is finished)  chain (--baseline: in which order)
+//! ```
 
 mod at_once;
 mod batches;
@@ -77,6 +98,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use thiserror::Error;
 
+/// Why a recording could not be judged.
 #[derive(Debug, Error)]
 pub enum PipelineError {
     #[error(transparent)]
@@ -111,6 +133,7 @@ pub enum PipelineError {
     Panicked(&'static str),
     #[error(transparent)]
     Isolate(#[from] inkling_core::isolate::IsolateError),
+    /// Not the end: the caller learns the models in two passes, where the recording is complete.
     #[error("models cannot be learned while the signals flow: {0}")]
     NeedsTwoPasses(String),
 }
@@ -162,23 +185,27 @@ impl Control {
         self.stop.store(true, Ordering::Relaxed);
     }
 
+    /// Whether every stage is to end.
     pub fn interrupted(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }
 
+    /// Says whether anybody still takes what the reader reads.
     fn set_abandoned(&self, abandoned: bool) {
         self.abandoned.store(abandoned, Ordering::Relaxed);
     }
 
-    /// The next block of a recording, which may still be written; waits for it then. `None`: there is no
-    /// more, or nobody wants it any more.
+    /// The next block of a recording; where the recording is still being written, waits until there
+    /// is one. `None`: there is no more, or nobody wants it any more. The inner error is damage of
+    /// the file, behind which reading goes on.
     fn next_block(
         &self,
         recording: &Recording,
         blocks: &mut Blocks,
     ) -> Result<Option<Result<Block, Damage>>, PipelineError> {
         let abandoned = || self.abandoned.load(Ordering::Relaxed);
-        // whether the wait for more was abandoned is told from an interruption afterwards
+        // `check` can end the wait only by an error; an abandoned wait is told from an interruption
+        // below
         let check = || if abandoned() { Err(PipelineError::Interrupted) } else { self.check() };
         match recording.next_block(blocks, check) {
             Err(PipelineError::Interrupted) if abandoned() => Ok(None),

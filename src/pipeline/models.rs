@@ -1,9 +1,14 @@
 //! Answers the identify stage's question which model judges a burst.
 //!
-//! Either all models were learned before the stages started, or they are as the bursts come. What judges
-//! the bursts of a printhead's first window is known only after that window. Then the recording is read on
-//! ahead until it is known, and the stages read those blocks a second time when their turn comes; so nothing
-//! waits in memory.
+//! In: batches in the recording's order ([`Models::see`]). Out: the judge of each of their bursts
+//! ([`Models::judge_of`]).
+//!
+//! Either all models were learned before the stages started, or they are learned as the bursts come
+//! (`learning`). What judges the bursts of a printhead's first window is known only after that
+//! window. Then this stage reads the recording on ahead by itself until it is known
+//! ([`ReadAhead`]), and the stages read those blocks a second time when their turn comes; so
+//! nothing waits in memory. `position` says up to where everything is learned, so that no burst is
+//! learned from twice.
 
 use super::PipelineError;
 use super::batches::{MOST_ROWS, ReadBatch, usable};
@@ -24,6 +29,7 @@ use std::thread::{self, JoinHandle};
 #[derive(Debug)]
 pub struct Models<'a> {
     learning: Learning<'a>,
+    /// The means to read the recording outside the stages.
     pass: Pass<'a>,
     /// Up to this position everything is learned.
     position: ReadPosition,
@@ -32,11 +38,13 @@ pub struct Models<'a> {
 }
 
 impl<'a> Models<'a> {
+    /// The models that `learning` has or will learn, of the recording of `pass`.
     pub fn new(learning: Learning<'a>, pass: Pass<'a>) -> Models<'a> {
         Models { learning, pass, position: ReadPosition::default(), ahead: None }
     }
 
-    /// Takes the next batch of the recording, in its order.
+    /// Takes the next batch of the recording, in its order, and learns from it unless that was done
+    /// before.
     pub fn see(&mut self, read: &ReadBatch) -> Result<(), PipelineError> {
         if self.learning.over || read.batch.place < self.position.next {
             return Ok(()); // everything was learned before, or this was read ahead
@@ -48,8 +56,8 @@ impl<'a> Models<'a> {
         take(&mut self.learning, &read.batch.acquisitions)
     }
 
-    /// The judge of a burst whose batch was seen, or the reason why it is rejected. Reads ahead for as long as
-    /// windows have not decided yet.
+    /// The judge of a burst whose batch was seen, or the reason why the burst is rejected. Reads
+    /// ahead for as long as windows have not decided yet.
     pub fn judge_of(&mut self, burst: &Burst) -> Result<Result<Arc<Judge>, Reason>, PipelineError> {
         loop {
             match self.learning.judge_of(burst)? {
@@ -77,12 +85,14 @@ impl<'a> Models<'a> {
         self.learning.end()
     }
 
+    /// All models by their numbers, when the recording is over.
     pub fn into_schedule(self) -> Schedule<'a> {
         self.learning.schedule
     }
 }
 
-/// Learns from the usable bursts of a piece, in the order of their times.
+/// Learns from the usable bursts of a piece, in the order of their times: what is out of order
+/// within a piece costs nothing.
 fn take(learning: &mut Learning, of: &[Acquisition]) -> Result<(), PipelineError> {
     let mut bursts: Vec<&Burst> = of.iter().filter_map(usable).collect();
     if !bursts.is_sorted_by_key(|burst| burst.t_acq_ns) {
@@ -113,13 +123,14 @@ const MANY_BYTES: u64 = 16 << 20;
 pub struct ReadAhead<'a> {
     pass: Pass<'a>,
     blocks: Blocks,
-    /// Readers that no block uses.
+    /// Readers that no block uses. Their number bounds how many blocks are read at a time.
     idle: Vec<BlockReader>,
     /// The bytes of the blocks that are being read now, or were read and nobody has taken yet, in the
     /// recording's order, each with the thread that reads it.
     pending: VecDeque<(u64, JoinHandle<LoadedBlock>)>,
     /// The block whose pieces are being handed out.
     open: Option<LoadedBlock>,
+    /// The place of the next piece.
     next: Place,
 }
 
@@ -150,6 +161,7 @@ impl<'a> ReadAhead<'a> {
     /// Begins at `position`, with `readers` workers, where the recording allows several.
     pub fn of(pass: Pass<'a>, position: &ReadPosition, readers: usize) -> ReadAhead<'a> {
         let recording = pass.recording;
+        // a block may define channels of later blocks, unless the file's summary names them all
         let side_by_side = readers > 1 && recording.channels_known_upfront;
         let at_once = if side_by_side { readers * BLOCKS_PER_READER } else { 1 };
         let reader = || recording.reader().knowing(position.definitions.as_ref());
@@ -161,7 +173,9 @@ impl<'a> ReadAhead<'a> {
             open: None,
             next: position.next,
         };
-        // the position may lie within a block: load it again, and skip the pieces that were handed out
+
+        // the position may lie within a block: load the block again, and skip the pieces that were
+        // handed out
         if let Some(block) = position.block.filter(|block| block.index == position.next.block) {
             let reader = ahead.idle.pop().unwrap_or_else(reader);
             let mut open = LoadedBlock::load(block, reader);
@@ -177,6 +191,8 @@ impl<'a> ReadAhead<'a> {
     pub fn piece(&mut self) -> Result<Option<(Vec<Acquisition>, ReadPosition)>, PipelineError> {
         loop {
             self.pass.control.check()?;
+
+            // open the next block
             let Some(open) = &mut self.open else {
                 match self.next_block()? {
                     None => return Ok(None),
@@ -188,6 +204,7 @@ impl<'a> ReadAhead<'a> {
                 continue;
             };
 
+            // hand out its next piece; at its end its reader is free for another block
             match open.next_piece() {
                 Some(piece) => {
                     self.next = self.next.following(piece.last);
@@ -200,7 +217,8 @@ impl<'a> ReadAhead<'a> {
         }
     }
 
-    /// Waits until the next block was read, and meanwhile lets the blocks after it be read.
+    /// Waits until the next block was read, and meanwhile lets the blocks after it be read, as long
+    /// as readers are idle and not too many bytes wait. `None`: there is no more block.
     fn next_block(&mut self) -> Result<Option<LoadedBlock>, PipelineError> {
         let mut bytes: u64 = self.pending.iter().map(|(bytes, _)| bytes).sum();
         while bytes < MANY_BYTES

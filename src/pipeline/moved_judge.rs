@@ -1,10 +1,14 @@
-//! The judge that a printhead's window gave, moved to where most of the printhead's channels are; and where
-//! these were in the recent past.
+//! The judge that a printhead's window gave, moved to where most of the printhead's channels are
+//! ([`MovedJudge`]); and where these were in the recent past ([`LevelHistory`]). Both serve `head`,
+//! once per sweep.
 //!
-//! In: where the channels lie from the ring of the window's model, and the standard deviation of that. Out:
-//! the judge in use. It moves in steps, since each move makes a new judge, which costs time. Of the level,
-//! sweep by sweep: its mean over the time of a window, which says where the window's model lies where the
-//! model itself cannot.
+//! [`MovedJudge`]. In: where the channels lie from the ring of the window's model, and the standard
+//! deviation of that. Out: the judge in use. The judge moves in steps, since each move makes a new
+//! judge, which costs time: for the first time beyond `FIRST_MOVE` and surely, then whenever it
+//! is off by more than `NEXT_MOVE`.
+//!
+//! [`LevelHistory`]. In: the head's level, sweep by sweep. Out: its mean over the time of a window,
+//! which says where the window's model lies where the model itself cannot (it does not ring).
 
 use inkling_core::design::Judge;
 use inkling_core::state::Features;
@@ -12,13 +16,14 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// Distance, in standard deviations of healthy channels, at which a judge is moved for the first time, and at
-/// which it is moved again. The level's own noise is .1 of each feature's.
+/// which it is moved again. The level's own noise is about .1 of each feature's. Heuristic.
 const FIRST_MOVE: f64 = 0.4;
 const NEXT_MOVE: f64 = 0.2;
 /// A level counts as surely off if it is off by more than this many standard deviations of its noise: for the
 /// first move of a judge, and for a level beyond a bound.
 const SURE_SDS: f64 = 4.0;
 
+/// The judge of a window, and where it was moved to.
 #[derive(Debug)]
 pub(super) struct MovedJudge {
     /// The judge as the window gave it.
@@ -30,10 +35,12 @@ pub(super) struct MovedJudge {
 }
 
 impl MovedJudge {
+    /// The judge of a window, not moved yet.
     pub fn new(window: Arc<Judge>) -> MovedJudge {
         MovedJudge { now: window.clone(), window, by: Features::zeros() }
     }
 
+    /// Whether the judge in use is a moved one.
     pub fn is_moved(&self) -> bool {
         !Arc::ptr_eq(&self.now, &self.window)
     }
@@ -48,6 +55,8 @@ impl MovedJudge {
         healthy_sd: &Features,
         moves: &mut u32,
     ) {
+        // once moved, the judge follows smaller changes, so that it does not jump back and forth at
+        // the first bound
         let off = wanted - self.by;
         let is_off = match self.is_moved() {
             true => in_sds(off, healthy_sd) > NEXT_MOVE,
@@ -67,14 +76,16 @@ impl MovedJudge {
     }
 }
 
-/// Distance of features in standard deviations of healthy channels, over amplitude, damping and frequency.
+/// Distance of features in standard deviations of healthy channels: the Euclidean norm over
+/// amplitude, damping and frequency.
 pub(super) fn in_sds(off: Features, healthy_sd: &Features) -> f64 {
-    // the phase goes with the others, or is no matter of ink
+    // the phase is left out: it changes with the others, or by something else than ink
     off.component_div(healthy_sd).fixed_rows::<3>(0).norm()
 }
 
-/// Whether a level, a natural logarithm, surely lies beyond a relative bound. `sd`:
-/// standard deviation of its noise.
+/// Whether a level, a natural logarithm of a ratio, surely lies beyond a relative bound: whether
+/// the ratio differs from 1 by more than `bound` even if the level's noise made it `SURE_SDS` too
+/// large. `sd`: standard deviation of the noise.
 pub(super) fn is_beyond(level: f64, sd: f64, bound: f64) -> bool {
     let surely = (level.abs() - SURE_SDS * sd).max(0.0);
     surely.copysign(level).exp_m1().abs() > bound
@@ -83,28 +94,35 @@ pub(super) fn is_beyond(level: f64, sd: f64, bound: f64) -> bool {
 /// Number of stretches that the length of a window is divided into; levels are averaged within each.
 const STRETCHES: i64 = 16;
 
+/// The levels of a head in the recent past, averaged over stretches of time, so that memory is
+/// bounded.
 #[derive(Clone, Debug)]
 pub(super) struct LevelHistory {
+    /// Length of a window, ns.
     window_ns: i64,
     /// In the order of time; the last one is still filled.
     stretches: VecDeque<Stretch>,
 }
 
+/// The levels of a sixteenth of a window's time.
 #[derive(Clone, Copy, Debug)]
 struct Stretch {
+    /// Time of its first level, ns.
     from_ns: i64,
+    /// Sum of its levels.
     sum: Features,
-    /// Number of levels in `sum`.
+    /// Number of levels (one per sweep) in `sum`.
     bursts: f64,
 }
 
 impl LevelHistory {
+    /// An empty history. `window_s`: length of a window, s (`identify.first`).
     pub(super) fn new(window_s: f64) -> LevelHistory {
         let window_ns = ((1e9 * window_s) as i64).max(STRETCHES);
         LevelHistory { window_ns, stretches: VecDeque::new() }
     }
 
-    /// Adds the level of a sweep at `t_ns`.
+    /// Adds the level of a sweep at `t_ns`, counted from the head's base ring.
     pub(super) fn push(&mut self, t_ns: i64, change: Features) {
         let open = |s: &&mut Stretch| t_ns.saturating_sub(s.from_ns) < self.window_ns / STRETCHES;
         match self.stretches.back_mut().filter(open) {
@@ -120,11 +138,13 @@ impl LevelHistory {
         }
     }
 
+    /// Whether no level was known yet.
     pub(super) fn is_empty(&self) -> bool {
         self.stretches.is_empty()
     }
 
-    /// Mean level over the window that ended at `to_ns`. `None`: no level was known in it.
+    /// Mean level over the window that ended at `to_ns`, by the stretches that began in it. `None`:
+    /// no level was known in the window.
     pub(super) fn mean_before(&self, to_ns: i64) -> Option<Features> {
         let from_ns = to_ns.saturating_sub(self.window_ns);
         let within = self.stretches.iter().filter(|s| (from_ns..to_ns).contains(&s.from_ns));

@@ -1,7 +1,15 @@
-//! Judges signals about their own channels' levels, in the filter stage.
+//! Judges signals about their own channels' levels, in the filter stage, with `--baseline`. Without
+//! it no own level is known, and only the signals of frozen channels are rejected here.
 //!
-//! In: batches with their statistics. Out: the statistics of the signals whose
-//! channel's level is known, replaced.
+//! In: batches with the statistics that `statistics` computed about the level that all channels
+//! have in common. Out: the same, where the first statistic of each signal whose channel's own
+//! level is known is replaced, and the signals of frozen channels are rejected.
+//!
+//! The new statistic is the squared distance x' M x of the signal's features (ln amplitude, ln
+//! damping, ln frequency) from the channel's level. M is the inverse of the covariance of a healthy
+//! signal about that level: the scatter from drop to drop, how well the level is known, and the
+//! noise at the signal's drive. The distance is scaled to the model's threshold (`Judge::of_own`).
+//! Near the level the features in closed form do; beyond, a ring is fitted.
 
 use super::batches::AssignedBatch;
 use super::statistics::Statistics;
@@ -20,8 +28,8 @@ pub struct OwnLevels {
 }
 
 impl OwnLevels {
-    /// Judges again every signal of a batch whose channel's own level is known, and
-    /// rejects those of frozen channels.
+    /// Judges again every signal of a batch whose channel's own level is known, and rejects those
+    /// of frozen channels. `statistic`: one entry per signal of the batch, which is replaced.
     pub fn judge(
         &mut self,
         batch: &AssignedBatch,
@@ -37,7 +45,7 @@ impl OwnLevels {
         }
     }
 
-    /// Judges again the signals of a burst.
+    /// Judges again the signals of a burst. `statistic`: one entry per row of the burst.
     fn judge_burst(
         &mut self,
         own: &Arc<OwnChannels>,
@@ -60,9 +68,10 @@ impl OwnLevels {
             }
             let (Ok(of_all), Some(known)) = (*found, known) else { continue };
 
+            // the distance: the closed form decides near the level; beyond, a fit does, if there is
+            // one
             let features = &self.features[row];
             let metric = Metric::of(&mut self.metric, judge, own, known.behind, drive);
-            // the closed form decides near the level; beyond, a fit does, if there is one
             let distance =
                 metric.and_then(|metric| match detector.own_look(metric, features, known) {
                     (distance, true) => Some(distance),
@@ -70,7 +79,9 @@ impl OwnLevels {
                         .own_distance((judge, burst, row), metric, (features, known))
                         .or(Some(distance)),
                 });
-            // without a distance the statistic is infinite, which is rejected below
+
+            // without a metric there is no distance, and the statistic is infinite, which is
+            // rejected
             let ring =
                 distance.map_or(f64::INFINITY, |distance| judge.of_own(distance, own, known));
             *found = match ring.is_finite() {
@@ -85,6 +96,7 @@ impl OwnLevels {
 struct Metric {
     judge: JudgeKey,
     own: Arc<OwnChannels>,
+    /// How many looks are behind the level, in a few steps.
     behind: Behind,
     drive: f64,
     /// Inverse covariance; `None`: the covariance is singular.

@@ -1,16 +1,22 @@
 //! Places a printhead's healthy windows burst by burst, in the order of the bursts' times.
 //!
-//! In: times of bursts. Out: windows, half-open spans of time. The first begins with the first burst, others
-//! begin every so often after it. After a pause, and so after a stray timestamp, windows begin anew with the
-//! first burst. These are the same windows as [`super::windows`] places over a whole recording.
+//! In: times of bursts. Out: windows, half-open spans of time of the length `identify.first`. The
+//! first begins with the first burst, others begin every so often after it (`identify.every`).
+//! After a pause, and so after a stray timestamp, windows begin anew with the first burst.
+//!
+//! A pause is told by bins: time is divided into spans of `every_ns` from time 0 on, and there was
+//! a pause if at least one whole bin holds no burst. So only the first and last burst of each bin
+//! matter, and [`super::windows`], which knows no more than these, places the same windows over a
+//! whole recording.
 
 use super::PipelineError;
 
+/// The placing of one printhead's windows.
 #[derive(Debug)]
 pub struct Placing {
-    /// Length of a window.
+    /// Length of a window, ns.
     first_ns: i64,
-    /// Time from the begin of a window to that of the next; 0: there is only one window.
+    /// Time from the begin of a window to that of the next, ns; 0: there is only one window.
     every_ns: i64,
     /// The stretch of time since the last pause; `None`: there was no burst yet.
     run: Option<Run>,
@@ -18,6 +24,7 @@ pub struct Placing {
     windows: usize,
 }
 
+/// A stretch of time without a pause.
 #[derive(Debug)]
 struct Run {
     /// Number of the last bin that held a burst; bins are spans of `every_ns` from time 0 on.
@@ -27,6 +34,7 @@ struct Run {
 }
 
 impl Placing {
+    /// A placing before the first burst.
     pub fn new(first_ns: i64, every_ns: i64) -> Placing {
         Placing { first_ns, every_ns, run: None, windows: 0 }
     }
@@ -42,19 +50,23 @@ impl Placing {
         self.run.as_ref().is_none_or(|run| self.bin(t_ns) > run.bin + 1)
     }
 
-    /// Takes the next burst's time, and calls `place` with the begin and end of
-    /// every window that begins up to it.
+    /// Takes the next burst's time, and calls `place` with the begin and end, ns, of every window
+    /// that begins up to that time. An error if there are more windows than one printhead may have
+    /// models.
     pub fn reach(
         &mut self,
         t_ns: i64,
         mut place: impl FnMut(i64, i64),
     ) -> Result<(), PipelineError> {
+        // go on with the stretch, or begin another one with a window at this burst
         let (bin, begins) = (self.bin(t_ns), self.begins_at(t_ns));
         let run = match &mut self.run {
             Some(run) if !begins => run,
             run => run.insert(Run { bin, next_ns: Some(t_ns) }),
         };
         run.bin = run.bin.max(bin);
+
+        // all windows up to here, also those in which no burst lies
         while let Some(from_ns) = run.next_ns.filter(|&next| next <= t_ns) {
             self.windows += 1;
             let (windows, most) = (self.windows as u64, u64::from(u16::MAX) / 2);

@@ -1,8 +1,15 @@
 //! A printhead's models, window by window: averaging and identification, thesis §3-1.
 //!
-//! In: for each window of a printhead, in the order of their times, its sample of signals. Out: per window
-//! the [`Entry`] that it adds to the printhead's timeline, if any, or a [`Refusal`]. A fault that grows
-//! slowly must not be learned as healthy, so a model that drifted too far from the design's is refused.
+//! In: from `learning`, for each window of a printhead, in the order of their times, its sample of
+//! signals. Out: per window the [`Entry`] that it adds to the printhead's timeline, if any, or a
+//! [`Refusal`].
+//!
+//! A window's signals are averaged and a model fitted (`HealthyModel::learn`). The model is refused
+//! if it does not describe the signals, if its signals differ too much from each other, or if its
+//! resonance, damping or typical distance are too far from the reference's: a fault that grows
+//! slowly must not be learned as healthy. Which model then judges depends on the mode: with
+//! `identify.mode = "windows"` the window's own from the window's end on; with `"design"` the
+//! design's pooled model, once a window has agreed with it.
 
 use super::groups::GroupKey;
 use super::learner::{Learner, Window};
@@ -11,7 +18,8 @@ use inkling_core::design::{HealthyModel, LearnSettings};
 use inkling_core::identify::reservoir::Reservoir;
 use std::sync::Arc;
 
-/// Least share of the average signal's size that the model must explain, per cent; below, nothing rings.
+/// Least share of the average signal's size that the model must explain, per cent; below, nothing
+/// rings. This and the two numbers below are heuristic.
 const LEAST_FIT_PERCENT: f64 = 50.0;
 /// Signals that differ from each other by more than this share of the expected signal
 /// have no healthy signal in common.
@@ -30,8 +38,9 @@ pub enum Entry {
     Learned { from_ns: i64, model: Arc<HealthyModel>, reference_v: Option<f64> },
 }
 
-/// Checks that a window's signals agree with the healthy model that was learned from them. Noise has no
-/// model, and a mixture of healthy and faulty channels has one that fits none of them.
+/// Checks that a window's signals agree with the healthy model that was learned from them. Noise
+/// has no model, and a mixture of healthy and faulty channels has a model that fits none of the
+/// channels. The error says why in words.
 fn agree_with(model: &HealthyModel) -> Result<(), String> {
     let fit = model.identification.fit_percent;
     // a fit that is no number is refused too
@@ -60,9 +69,10 @@ type NoModel = (String, bool);
 /// What a group's windows have given so far.
 #[derive(Debug)]
 pub struct Progress {
-    /// The model from which drift is measured, and which passes on its temperature response
-    /// and the tail of its threshold: the design's of this printhead, else the design's pooled
-    /// one, else the first accepted one.
+    /// The model from which drift is measured, and which passes on its temperature response and the
+    /// tail of its threshold to the windows' models: the design's model of this printhead, else the
+    /// design's pooled one, else the first accepted one. `None`: there is no design, and no window
+    /// was accepted yet.
     reference: Option<Arc<HealthyModel>>,
     /// Whether the printhead has a model of its own in the design.
     known: bool,
@@ -71,6 +81,7 @@ pub struct Progress {
     /// Number of windows that were learned from, and of those that gave a model.
     seen: usize,
     accepted: usize,
+    /// The windows that gave none.
     pub refusals: Vec<Refusal>,
 }
 
@@ -96,7 +107,8 @@ impl Progress {
         learner.knows_by_design() && self.accepted > 0
     }
 
-    /// Learns from the next window. `None`: the timeline stays as it is.
+    /// Learns from the next window. `None`: the timeline stays as it is. `key`, `sample_period_s`:
+    /// the group; `reservoir`: the window's sample.
     pub fn take(
         &mut self,
         learner: &Learner,
@@ -110,6 +122,8 @@ impl Progress {
         self.seen += 1;
         let model = match self.model(learner, (key, sample_period_s), reservoir) {
             Ok(model) => Arc::new(HealthyModel { valid_from_ns: Some(window.to_ns), ..model }),
+            // refused: the model before stays. At the first window there is none yet, but the
+            // design may have one.
             Err((why, drifted)) => {
                 let (from_ns, to_ns) = (window.from_ns, window.to_ns);
                 let printhead = key.printhead.to_string();
@@ -130,8 +144,8 @@ impl Progress {
         Some(Entry::Learned { from_ns, model, reference_v: self.reference_v })
     }
 
-    /// Learns a window's model from its sample, and refuses it if it does not agree with its signals, has
-    /// drifted beyond the bounds, or is of another amplitude or noise.
+    /// Learns a window's model from its sample. The model is refused if it does not agree with its
+    /// signals, has drifted beyond the bounds, or is of another amplitude or noise.
     fn model(
         &mut self,
         learner: &Learner,
@@ -139,11 +153,14 @@ impl Progress {
         reservoir: &Reservoir,
     ) -> Result<HealthyModel, NoModel> {
         let identify = &learner.replay.settings.identify;
+
+        // without a design the first window's mean voltage is the one to which drives are relative
         if learner.replay.design.is_none() && self.reference_v.is_none() {
             let (sum, n) = reservoir.voltage_sum();
             self.reference_v = (n > 0).then(|| sum / n as f64);
         }
 
+        // average and fit; labels say which signals are healthy, else enough of them must agree
         let set = reservoir.to_set(self.reference_v);
         let settings = LearnSettings {
             grey_box: &identify.grey_box,
@@ -159,7 +176,8 @@ impl Progress {
             agree_with(&model).map_err(|why| (why, false))?;
         }
 
-        // a fault that grows slowly must not be learned as healthy
+        // a fault that grows slowly must not be learned as healthy: bounds about the reference,
+        // relative
         if let Some(reference) = &self.reference {
             let (frequency, damping) = reference.drift_to(&model);
             for (what, drift, most) in [
@@ -178,6 +196,9 @@ impl Progress {
                     return Err((why, true));
                 }
             }
+
+            // how far healthy signals typically lie from their model: the median statistic, over
+            // the mean that the model's own metric predicts
             let ratio = model.typical_distance() / reference.typical_distance();
             if learner.replay.design.is_some() && !(1.0 / MOST_RATIO..=MOST_RATIO).contains(&ratio)
             {

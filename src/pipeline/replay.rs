@@ -1,7 +1,15 @@
-//! The ways to judge a recording: into files, in memory, and while it is being written. It goes through the
-//! six stages; how its models come to be is decided here: in one pass or in two.
+//! The ways to judge a recording: into files ([`replay`]), in memory ([`judge`]), and while it is
+//! being written ([`follow`]). The recording goes through the six stages (`wiring`); how its models
+//! come to be is decided here: in one pass or in two.
 //!
-//! Episodes of a recording that is being written are announced, each once, and again when it has changed since.
+//! One pass is tried first ([`Run::judge`]): models are learned from windows while the signals
+//! flow. That needs bursts about in the order of their times. If the chunk index says otherwise, or
+//! a burst comes too late, the run is given up, and the models are learned in passes of their own
+//! before the stages start. The tables are the same. A recording that is being written cannot be
+//! read twice: it is judged again when it is closed.
+//!
+//! Episodes of a recording that is being written are announced, each once, and again when it has
+//! changed since ([`EpisodeAnnouncer`]).
 
 use super::episodes::EpisodeReport;
 use super::job::{EpisodeEvent, Replay, Run, Watch};
@@ -37,7 +45,9 @@ pub fn replay(
     run.judge(&mut Phases::new(recording.opening))
 }
 
-/// Judges one recording without writing files: the report holds the rows ([`RecordingReport::arrays`]).
+/// Judges one recording without writing files: the report holds the rows
+/// ([`RecordingReport::arrays`]). For bursts in memory (`cli/called.rs`); the pace of the settings
+/// does not matter.
 pub fn judge(
     replay: &Replay,
     recording: &Recording,
@@ -80,7 +90,8 @@ pub fn follow(
     Ok(report)
 }
 
-/// Judges a recording while it grows. Where that does not suffice, waits for its end and judges it again.
+/// Judges a recording while it grows. Where its models need two passes, waits for its end and
+/// judges it again.
 fn followed(run: Run, verdicts: &Path) -> Result<RecordingReport, PipelineError> {
     let Run { recording, control, .. } = run;
     let is_rotated = run.watch.is_some_and(|watch| watch.rotation.is_some());
@@ -113,7 +124,7 @@ fn followed(run: Run, verdicts: &Path) -> Result<RecordingReport, PipelineError>
         Ok::<(), PipelineError>(())
     })?;
 
-    // closed: now it can be judged like any other recording
+    // closed: now it is opened as a whole, and judged like any other recording
     let recording = &recording.closed(&run.replay.settings.input.dialects())?;
     Run { recording, ..run }.judge(&mut phases)
 }
@@ -151,14 +162,15 @@ impl<'a> Run<'a> {
         self.report(streamed, Identified::by(&learner, Some(why)), phases)
     }
 
-    /// The recording, to be read outside the stages.
+    /// The means to read the recording outside the stages.
     fn pass(&self) -> Pass<'_> {
         Pass { recording: self.recording, control: self.control }
     }
 
-    /// The learning of models, before it has seen any burst.
+    /// The learning of models, before it has seen any burst, with the design's models in its
+    /// schedule.
     fn learning<'l>(&'l self, learner: &'l Learner<'l>) -> Result<Learning<'l>, PipelineError> {
-        // bursts may come late by what the chunk index says, within bounds
+        // bursts may come as late as the chunk index says, within bounds
         let reorder_ns = self.recording.disorder_ns.unwrap_or_default().max(USUAL_REORDER_NS);
         let reorder_ns = reorder_ns.min(MOST_REORDER_NS) as i64;
         let schedule = Schedule::new(self.replay.design.as_ref(), &self.replay.settings.isolate)?;
@@ -176,6 +188,8 @@ impl<'a> Run<'a> {
             ));
         }
 
+        // In two passes windows are learned in the order in which they begin, in the stream in that
+        // in which they end. Where no window overlaps another one, both are the same.
         let mut spans = self.replay.spans.clone();
         spans.sort_unstable();
         let overlap = spans.windows(2).any(|pair| pair[0].1 > pair[1].0);
@@ -235,8 +249,9 @@ impl EpisodeAnnouncer {
         }
     }
 
-    /// Corrects what was announced, where the finished table says otherwise: announces what is new or has
-    /// changed, and withdraws what the table does not have.
+    /// Corrects what was announced, where the finished table says otherwise: announces what is new
+    /// or has changed, and withdraws what the table does not have. The withdrawn ones come in the
+    /// order in which they were raised.
     pub fn settle(&mut self, table: &EpisodeReport, send: &dyn Fn(EpisodeEvent)) {
         table.listed.iter().for_each(|episode| self.announce(episode, send));
         if table.counts.episodes > table.listed.len() as u64 {

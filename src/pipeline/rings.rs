@@ -1,9 +1,12 @@
-//! What is computed of signals before they are isolated: how far they deviate from what their judges expect of
-//! them; and rings, which are fitted side by side.
+//! What is computed of signals before they are named, in two helpers.
 //!
-//! In: a signal; or a batch, with the signals that passed the gate. Out: its deviation; or the fit of each such
-//! signal, where the judge's method names fitted rings. A fit does not depend on its neighbours
-//! ([`inkling_core::model::ring_fit`]).
+//! [`Deviations`]: a signal goes in, its deviation from what its judge expects comes out, N,
+//! counts. Used by the filter stage, the isolate stage, and the looks at heads.
+//!
+//! [`Rings`]: a batch goes in, the fitted ring of each signal that passed the gate comes out, where
+//! the judge's method names fitted rings (`isolate.method` = `posterior`). The isolate stage fits
+//! all rings of a batch first, many side by side, and then takes them in the order of the rows. A
+//! fit does not depend on its neighbours ([`inkling_core::model::ring_fit`]).
 
 use super::batches::GatedBatch;
 use inkling_core::burst::{Acquisition, Burst};
@@ -13,8 +16,9 @@ use inkling_core::model::ring_fit::{Fit, Products};
 /// The buffers for one signal after the other.
 #[derive(Debug, Default)]
 pub(super) struct Deviations {
-    /// The signal at hand: as it was acquired, or its deviation.
+    /// The signal at hand, counts: as it was acquired, or its deviation.
     pub signal: Vec<f64>,
+    /// The expected signal, counts.
     expected: Vec<f64>,
     /// What `expected` was computed for: judge, drive and temperature, the latter two as bits.
     expected_of: Option<(JudgeKey, u64, Option<u64>)>,
@@ -28,7 +32,8 @@ impl Deviations {
         &self.signal
     }
 
-    /// Turns the signal that was copied into its deviation from what is expected of it.
+    /// Turns the signal that was copied last into its deviation from what `judge` expects of it:
+    /// burst and row must be the same.
     pub fn deviate(&mut self, judge: &Judge, burst: &Burst, row: usize) -> &[f64] {
         // bursts that follow each other mostly expect the same signal
         let drive = judge.drive(burst).to_bits();
@@ -47,6 +52,7 @@ impl Deviations {
 /// The fitted rings of one batch; their memory is reused for the next.
 #[derive(Default)]
 pub struct Rings {
+    /// Buffers of the fits.
     products: Products,
     /// The fits that were not taken yet, in the order of the rows that were to be fitted; `None`: the signal is
     /// no ring.
@@ -63,9 +69,10 @@ struct WaitingSignal<'a> {
 }
 
 impl Rings {
-    /// Fits the signals that passed the gate, or with `everything` all that were judged. The fits are then
-    /// taken row by row.
+    /// Fits the signals that passed the gate, or with `everything` all that were judged. The fits
+    /// are then taken from `fits`, in the order of the signals in the batch.
     pub fn fit(&mut self, of: &GatedBatch, everything: bool) {
+        // the signals to be fitted, numbered in the order of the batch
         let mut waiting: Vec<WaitingSignal> = Vec::new();
         for (rows, acquisition, assigned) in of.filtered.assigned.placed() {
             let (Acquisition::Usable(burst), Ok(judge)) = (acquisition, &assigned.judge) else {
@@ -81,12 +88,14 @@ impl Rings {
                 }
             }
         }
+
         let mut fits = vec![None; waiting.len()];
         // one judge after the other, so that fits run side by side even if short
         // bursts of several judges alternate
         waiting.sort_by_key(|w| (w.judge.key(), w.number));
         for of_judge in waiting.chunk_by(|p, q| p.judge.key() == q.judge.key()) {
             let Some(fitter) = of_judge[0].judge.rings() else { continue };
+            // with the phase free (`true`), and without a known start
             let mut next = of_judge.iter();
             fitter.fit_all(
                 true,

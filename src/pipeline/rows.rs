@@ -1,4 +1,9 @@
-//! Turns what the stages know of a signal into a row of the verdict table.
+//! Turns what the stages know of a signal into a row of the verdict table. In: from the gate,
+//! detections and their judge ([`test`]); from the isolator, what is to be said of a signal. Out:
+//! cells in the columns of `schemas/verdicts.md`, one function per kind of row: rejected, judged,
+//! and a run of healthy signals.
+//!
+//! All columns have the same length after each row: who pushes only some of them calls `fill_up`.
 
 use inkling_core::design::{Detection, Isolation, Judge, Severity, Tested, Thresholds};
 use inkling_core::isolate::Likeness;
@@ -19,7 +24,7 @@ pub fn intern(columns: &mut VerdictColumns, printhead: &Arc<str>) -> u32 {
 /// What identifies a signal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Id {
-    /// t_a
+    /// Time of acquisition t_a, ns since the epoch.
     pub t_ns: i64,
     /// Index of its printhead among the batch's.
     pub printhead: u32,
@@ -28,12 +33,15 @@ pub struct Id {
 
 /// What is said of a signal that was judged.
 pub struct Row<'a> {
+    /// The test that decided, its statistic and threshold.
     pub tested: Tested,
     /// Number of the model, its index in the metadata's list.
     pub model: u16,
+    /// The name; `None`: the signal was not isolated.
     pub isolation: Option<&'a Isolation>,
+    /// The weight of each class; `None`: not to be written.
     pub weights: Option<&'a [f64]>,
-    /// Resonance, Hz, and damping, 1/s.
+    /// Resonance, Hz, and damping, 1/s; `None`: not known.
     pub ring: Option<[f64; 2]>,
 }
 
@@ -47,7 +55,7 @@ pub fn push_rejected(columns: &mut VerdictColumns, id: Id, reason: Reason) {
 /// Adds the row of a signal that was judged. Without an isolation, a flagged signal is undecided.
 pub fn push_judged(columns: &mut VerdictColumns, id: Id, row: Row) {
     let Row { tested, model, isolation, weights, ring } = row;
-    // a flagged signal is faulty if isolation has named it with certainty; else
+    // a flagged signal is faulty if isolation has named its class or category with certainty; else
     // it is undecided, with the reason
     let passed = tested.is_flagged();
     let decided = isolation.filter(|i| passed && !i.is_uncertain());
@@ -88,7 +96,8 @@ pub fn push_judged(columns: &mut VerdictColumns, id: Id, row: Row) {
     }
 }
 
-/// Sets the severity of the row that was added last, if that row is faulty.
+/// Sets the severity of the row that was added last, if that row is faulty. `None`: the fault was
+/// not sized.
 pub fn set_severity(columns: &mut VerdictColumns, severity: Option<Severity>) {
     let Some(Severity { value, sd }) = severity else { return };
     if columns.outcome.last() != Some(&Outcome::Faulty) {
@@ -99,7 +108,8 @@ pub fn set_severity(columns: &mut VerdictColumns, severity: Option<Severity>) {
     }
 }
 
-/// Adds the outcomes of the tests of a burst's signals. `judge`: `None` if nobody judged them.
+/// Adds the outcomes of the tests of a burst's signals to `tests`, for the gate. `judge`: `None` if
+/// nobody judged the signals; `found`: for each signal its statistics, or why it has none.
 pub fn test(judge: Option<&Judge>, found: &[Result<Detection, Reason>], tests: &mut Tests) {
     let from = tests.healthy.len();
     // every signal counts as not judged until its detection says otherwise
@@ -118,8 +128,8 @@ pub fn test(judge: Option<&Judge>, found: &[Result<Detection, Reason>], tests: &
     }
 }
 
-/// A run of neighbouring healthy signals of a burst. `first`: identifies the first of them; `signals`: their
-/// indices in the batch.
+/// A run of neighbouring healthy signals of a burst. `first`: identifies the first of the signals;
+/// `signals`: their indices in the batch.
 pub fn healthy_run(first: Id, signals: Range<usize>, judge: &Judge) -> Part {
     let Thresholds { along, of_ring, beside } = judge.thresholds();
     Part::Healthy(HealthyRun {
@@ -134,7 +144,7 @@ pub fn healthy_run(first: Id, signals: Range<usize>, judge: &Judge) -> Part {
     })
 }
 
-/// Begins a row with the columns that every row has.
+/// Begins a row with the columns in which no row is empty.
 fn push(columns: &mut VerdictColumns, id: Id, outcome: Outcome) {
     columns.acquired_at_ns.push(id.t_ns);
     columns.printhead.push(id.printhead);

@@ -1,4 +1,13 @@
 //! The schedule holds the models of a run by their numbers, and makes their judges when they are needed.
+//!
+//! In: models, the design's first and then those that windows give, from `learning`
+//! ([`Schedule::add`]). Out: the judge of a model ([`Schedule::judge`]), and for the metadata all
+//! models. A number is what the verdict table has in its column `model`. Which model judges a
+//! printhead at a time stands in a [`Timeline`], one for each group.
+//!
+//! A judge takes several times the memory of its model, and a recording may have thousands of
+//! models. So judges are made when a burst asks for them, and dropped in turn when none has asked
+//! for a while.
 
 use super::PipelineError;
 use super::groups::MOST_GROUPS;
@@ -15,8 +24,10 @@ const MANY_NEW: usize = 64;
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Refusal {
     pub printhead: String,
+    /// The window, ns.
     pub from_ns: i64,
     pub to_ns: i64,
+    /// The reason in words.
     pub why: String,
     /// Whether its model lay beyond the bounds of `identify.max_damping_drift` and `max_frequency_drift`.
     #[serde(skip)]
@@ -53,14 +64,15 @@ impl Timeline {
 #[derive(Debug)]
 struct ScheduledModel {
     model: Arc<HealthyModel>,
+    /// Drive voltage at which the model expects its signals, V; `None`: not known.
     reference_v: Option<f64>,
+    /// `None`: no burst has asked yet, or not for long.
     judge: Option<Arc<Judge>>,
     /// Whether a burst asked for it since unused judges were last dropped.
     asked: bool,
 }
 
-/// All models of a run. A judge takes several times the memory of its model, and most are never asked for
-/// again: so judges are made when a burst asks for them, and kept while bursts do.
+/// All models of a run, with those of their judges that bursts ask for.
 #[derive(Debug)]
 pub struct Schedule<'a> {
     design: Option<&'a Design>,
@@ -70,6 +82,7 @@ pub struct Schedule<'a> {
     models: Vec<ScheduledModel>,
     /// Number of judges made since unused ones were last dropped.
     new: usize,
+    /// The windows that gave no model; complete when the learning is over.
     pub refusals: Vec<Refusal>,
     /// Sample period, s, and number of samples of the first burst of each printhead that is sampled otherwise
     /// than the design.
@@ -116,7 +129,8 @@ impl<'a> Schedule<'a> {
         self.models.iter().filter_map(wide).collect()
     }
 
-    /// Adds a model, and returns its number.
+    /// Adds a model, and returns its number: models are numbered from 0 on as they are added. An
+    /// error if there are more than 2^16.
     pub fn add(
         &mut self,
         model: Arc<HealthyModel>,
@@ -156,7 +170,8 @@ impl<'a> Schedule<'a> {
         self.new = 0;
     }
 
-    /// The number of the design's own model of a printhead.
+    /// The number of the design's own model of a printhead; `None`: the design does not know the
+    /// printhead.
     pub fn model_of(&self, printhead: &str) -> Option<u16> {
         self.by_name.get(printhead).copied()
     }

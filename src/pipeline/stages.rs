@@ -1,6 +1,14 @@
 //! The six stages, as thin loops over batches. What a stage does to a signal
 //! stands in the module that it calls.
 //!
+//! In: for each stage its queues, from `wiring`, which runs each on a thread, several where a stage
+//! does not depend on order (reader, filter, isolate). Out: batches, each of which knows more than
+//! before (`batches`): read, assigned to judges, filtered, gated, judged.
+//!
+//! Two stages need the recording's order, and put batches back into it ([`InOrder`]): identify,
+//! since models and levels are learned in that order, and the writer. Everything else may finish in
+//! any order, so the number of threads changes nothing.
+//!
 //! A stage ends when its input does. If it cannot send because the next stage is gone, it ends without an
 //! error, because that stage reports the cause.
 
@@ -29,8 +37,9 @@ use inkling_io::scan::Blocks;
 use std::sync::atomic::Ordering;
 use std::sync::{Mutex, PoisonError};
 
-/// Hands out blocks, with their bytes, in file order to the workers of the reader stage: one after the other,
-/// so that the bytes pass through the digest in order.
+/// Hands out blocks, with their bytes, in file order to the workers of the reader stage: one after
+/// the other, so that the bytes pass through the digest in order. Decoding, which costs more, is
+/// done by the workers side by side.
 pub struct BlockQueue<'a> {
     recording: &'a Recording,
     in_flight: &'a InFlight,
@@ -40,8 +49,11 @@ pub struct BlockQueue<'a> {
 
 /// What the workers of the reader stage share, under a lock.
 struct Queue {
+    /// The blocks that were not handed out yet.
     blocks: Blocks,
+    /// Bytes of the file that frame no block.
     damage: Vec<Damage>,
+    /// Hashes the file as it is read, so that it need not be read a second time.
     digester: Digester,
 }
 
@@ -56,8 +68,8 @@ impl<'a> BlockQueue<'a> {
         BlockQueue { recording, in_flight, control, queue }
     }
 
-    /// The next block and its bytes, once there is room for it in flight. `None`: there
-    /// is no more, or nobody wants it.
+    /// The next block and its bytes, once there is room for it in flight. `None`: there is no more,
+    /// or nobody wants it. `None` as bytes: the digest did not read them, and the reader does.
     pub(super) fn next(
         &self,
         clock: &mut Clock,
@@ -89,6 +101,7 @@ impl<'a> BlockQueue<'a> {
 }
 
 /// Stage 1, reader: decodes blocks into batches. With a pacer, a batch is handed on when it is due.
+/// `clock` measures, here and in the other stages, how long the stage works and waits (`timings`).
 pub fn read(
     queue: &BlockQueue,
     pacer: Option<&Mutex<Pacer>>,
@@ -106,6 +119,7 @@ pub fn read(
             reader.next_piece(pacer.as_ref().map_or(MOST_ROWS, |pacer| pacer.rows()))
         {
             control.check()?;
+            // the place, by block and piece, restores the recording's order later
             let batch = SignalBatch { place, acquisitions: piece.acquisitions };
             if let Some(pacer) = &mut pacer {
                 pacer.wait_for(&batch, control)?;
@@ -125,9 +139,10 @@ pub fn read(
     Ok(())
 }
 
-/// Stage 2, identify: finds the judge of every burst, learned on the way where windows decide,
-/// and what was known of its head and channels when it was acquired. A burst waits until its
-/// sweep is over, and its batch with it.
+/// Stage 2, identify: finds the judge of every burst, learned on the way where windows decide, and
+/// what was known of its head and channels when it was acquired. A burst waits until its sweep is
+/// over (`sweep`), and its batch waits with it (`parked`) until all of the batch's bursts have
+/// judges. Batches leave in the recording's order. The only stage with a state; it has one worker.
 pub fn identify(
     deciding: &mut JudgeAssignment,
     parked: ParkedBatches,
@@ -135,6 +150,8 @@ pub fn identify(
     input: Receiver<ReadBatch>,
     out: Sender<AssignedBatch>,
 ) -> Result<(), PipelineError> {
+    // `waiting`: batches before their turn; `parked`: batches after it, of which some bursts have
+    // no judge yet; `given`: what judges bursts whose sweeps have just ended
     let (mut waiting, mut parked) = (InOrder::new(), parked);
     let mut given = AssignedJudges::new();
     while let Some(read) = clock.receive(&input) {
@@ -144,12 +161,16 @@ pub fn identify(
             // windows learn from the batch before the judges of its bursts are asked for
             deciding.models.see(&read)?;
             deciding.decide(parked.next(), &read.batch, &mut given)?;
+
+            // parking a batch and handing it out again at once is the usual way where nobody waits
+            // for a sweep
             parked.park(read);
             if !parked.give(&mut given).all(|assigned| clock.send(&out, assigned)) {
                 return Ok(());
             }
         }
     }
+
     // the recording is over: so are the sweeps that are still open
     if let Some(heads) = &mut deciding.following {
         heads.end(&mut given);
@@ -162,14 +183,17 @@ pub fn identify(
 
 /// Assigns each burst its judge, and follows the printheads where that is asked for.
 pub struct JudgeAssignment<'m, 'd> {
+    /// Tells which model judges a burst.
     pub models: Models<'m>,
+    /// Notes at which temperatures models without a temperature response judge.
     pub temperatures: TemperatureCheck,
     /// Follows the heads; `None`: each signal is judged by the windows' or the design's models as they are.
     pub following: Option<Heads<'d>>,
 }
 
 impl JudgeAssignment<'_, '_> {
-    /// Assigns the bursts of a batch their judges. Those that wait for the end of a sweep are given later.
+    /// Assigns the bursts of a batch their judges, and appends these to `given`. The judges of
+    /// bursts that wait for the end of a sweep are appended by a later call, or by `Heads::end`.
     /// `number`: the batch's number.
     fn decide(
         &mut self,
@@ -179,6 +203,8 @@ impl JudgeAssignment<'_, '_> {
     ) -> Result<(), PipelineError> {
         for (place, acquisition) in batch.acquisitions.iter().enumerate() {
             let slot = Slot { batch: number, place };
+
+            // the judge by the windows or the design, or why there is none
             let judge = match acquisition {
                 Acquisition::Unusable(unusable) => Err(unusable.why),
                 Acquisition::Usable(burst) => self.models.judge_of(burst)?,
@@ -197,7 +223,8 @@ impl JudgeAssignment<'_, '_> {
     }
 }
 
-/// Runs a stage that turns each batch into one of the next stage by itself: 3 to 5.
+/// Runs a stage that turns each batch into one of the next stage by itself: 3 to 5. `turn`: what
+/// the stage does to a batch.
 pub fn each<A, B>(
     mut clock: Clock,
     input: Receiver<A>,
@@ -213,7 +240,8 @@ pub fn each<A, B>(
 }
 
 /// Stage 3, FD filter: computes the detection statistics of every signal; with `detect.method` =
-/// `residual-energy` thesis e(r).
+/// `residual-energy` thesis e(r), else what stands for it. `rails`: limits of the converter,
+/// counts.
 pub fn filter(rails: [f64; 2], pools: &BufferPools) -> impl FnMut(AssignedBatch) -> FilteredBatch {
     let (mut statistics, mut levels) = (Statistics::new(rails), OwnLevels::default());
     move |assigned| {
@@ -225,9 +253,10 @@ pub fn filter(rails: [f64; 2], pools: &BufferPools) -> impl FnMut(AssignedBatch)
     }
 }
 
-/// Stage 4, energy gate: a signal with e <= threshold is healthy, thesis f after (3-4). What the gate says of
-/// a healthy signal is what the table says of it: unless `isolate.gate` is off or `output.ring` is `all`, no
-/// later stage computes anything for that signal.
+/// Stage 4, gate: a signal whose statistic is not above its threshold is healthy, thesis f after
+/// (3-4). What the gate says of a healthy signal is what the table says of it: unless
+/// `isolate.gate` is off or `output.ring` is `all`, no later stage computes anything for that
+/// signal.
 pub fn gate(pools: &BufferPools, filtered: FilteredBatch) -> GatedBatch {
     let mut tests = pools.tests.take();
     tests.clear();
@@ -247,8 +276,8 @@ pub fn isolate<'a>(
     move |gated| isolator.judge(gated)
 }
 
-/// Stage 6, writer: hands the verdicts to `put` in the recording's order, and takes
-/// finished blocks out of flight.
+/// Stage 6, writer: hands the verdicts to `put` in the recording's order, which writes and counts
+/// them, and takes finished blocks out of flight.
 pub fn write(
     mut clock: Clock,
     input: Receiver<JudgedBatch>,

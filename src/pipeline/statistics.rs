@@ -1,9 +1,22 @@
 //! Computes the detection statistics of a batch's signals: of many at once by the streaming kernel, and again
 //! by the reference where the kernel alone cannot settle the verdict.
 //!
-//! In: bursts with their judges. Out: for each signal its detection statistics, or why it has none. A
-//! signal's statistics do not depend on what else is in the batch, because a lane does not know its
-//! neighbours ([`inkling_core::detect::kernel`]).
+//! In: bursts with their judges, from the filter stage ([`Statistics::of`]). Out: for each signal
+//! its detection statistics ([`Detection`]), or why it has none. `own_levels` also asks for
+//! features and distances.
+//!
+//! The bursts of a batch are taken judge by judge, and each signal goes this way:
+//! 1. In f32, many signals side by side (*lanes*, one signal in each): the squared distance along
+//!    the sensitivities (`along`), or the residual energy (`filter`), by the judge's method. A
+//!    bound on the rounding says whether the verdict is *settled*, that is the same as in f64; so
+//!    it is for nearly all signals.
+//! 2. The others, and all signals where a judge has no lanes, are computed one by one in f64: the
+//!    *reference* (`look_again`). With `detect.method` = `sensitivity` that is a first look, and
+//!    where the first order does not decide, a second look by a fitted ring; rings are fitted side
+//!    by side.
+//!
+//! A signal's statistics do not depend on what else is in the batch, because a lane does not know
+//! its neighbours ([`inkling_core::detect::kernel`]).
 
 use super::batches::AssignedBatch;
 use super::rings::Deviations;
@@ -20,14 +33,18 @@ use nalgebra::{Matrix3, Vector4};
 /// The buffers of one worker, for the judges of one schedule.
 #[derive(Default)]
 pub struct Statistics {
+    /// Limits of the converter, counts.
     rails: [f64; 2],
     /// Signals that wait to be judged by their residual energy, one in each lane.
     tile: Tile,
     condition: LastCondition,
-    /// Projections of signals onto the sensitivities, for the statistic.
+    /// Projections of signals onto the sensitivities (of amplitude, damping, frequency), for the
+    /// statistic.
     along: Projections<3>,
     /// Projections that give the features, the phase free.
     features: Projections<4>,
+    /// Buffers: of the projections, of one signal's deviation, of the reference, of distances from
+    /// own levels, and of fits.
     room: Room,
     deviations: Deviations,
     work: Workspace,
@@ -59,15 +76,18 @@ struct PlacedBurst<'a> {
 }
 
 impl Statistics {
+    /// Empty buffers. `rails`: limits of the converter, counts.
     pub fn new(rails: [f64; 2]) -> Statistics {
         Statistics { rails, ..Statistics::default() }
     }
 
-    /// Computes the statistics of a batch: one entry per signal, in the batch's order.
+    /// Computes the statistics of a batch into `statistic`: one entry per signal, in the batch's
+    /// order.
     pub fn of(&mut self, batch: &AssignedBatch, statistic: &mut Vec<Result<Detection, Reason>>) {
         statistic.clear();
         statistic.reserve(batch.read.batch.acquisitions.iter().map(Acquisition::rows).sum());
         let mut bursts = Vec::with_capacity(batch.judges.len());
+
         // fill in a placeholder for each signal, or the reason for which it has no statistic
         for (signals, acquisition, of) in batch.placed() {
             let fill = match (acquisition, &of.judge) {
@@ -85,6 +105,7 @@ impl Statistics {
             };
             statistic.resize(signals.end, fill);
         }
+
         // one judge after the other, so that the lanes are full even if short
         // bursts of several judges alternate
         bursts.sort_by_key(|of| (of.key, of.first));
@@ -93,7 +114,8 @@ impl Statistics {
         }
     }
 
-    /// Computes the statistics of all bursts of one judge.
+    /// Computes the statistics of all bursts of one judge, and writes them to their places in
+    /// `statistic`.
     fn of_judge(
         &mut self,
         judge: &Judge,
@@ -112,6 +134,7 @@ impl Statistics {
                 Some(Lanes::Sensitivity(lanes)) => {
                     self.along(judge, lanes, (burst, waiting), statistic, &mut unsettled);
                 }
+                // the signals of several bursts share a tile; it is judged whenever it is full
                 Some(Lanes::ResidualEnergy(lanes)) => {
                     let (drive, warmer) = (judge.drive(burst), judge.warmer(burst));
                     let mut rows = rows;
@@ -125,15 +148,20 @@ impl Statistics {
                 }
             }
         }
-        // what is left in a tile that did not become full
+
+        // what is left in a tile that did not become full; then what the lanes did not settle
         if let Some(Lanes::ResidualEnergy(lanes)) = &judge.lanes {
             self.filter(judge, lanes, &mut signals, statistic, &mut unsettled);
         }
         self.look_again(judge, unsettled, statistic);
     }
 
-    /// Computes, by the reference, the statistics that the lanes did not settle. Rings that it asks for are
-    /// fitted side by side.
+    /// Computes in f64 the statistics that the lanes did not settle. With the method `sensitivity`
+    /// there are up to three steps, each for those signals for which the one before asks for more:
+    /// the first look, to first order; a fit with the phase held, for the distance along the ring;
+    /// a fit with the phase free, for the misfit beside the ring. Fits of many signals run side by
+    /// side (`fit_all`), which is why this is not simply [`Statistics::reference`] signal by
+    /// signal; the results are the same.
     fn look_again(
         &mut self,
         judge: &Judge,
@@ -147,8 +175,8 @@ impl Statistics {
             return;
         };
 
-        // First look: keep in `unsettled` only the signals for which it asks for a
-        // fit, with their looks beside them.
+        // First look. Its statistic is written at once; `unsettled` keeps only the signals for
+        // which it asks for a fit, with their looks beside them.
         let mut looks = Vec::new();
         unsettled.retain(|&WaitingSignal { at, burst, row }| {
             let look = self
@@ -168,7 +196,8 @@ impl Statistics {
             judge.at_reference(y, judge.drive(burst), judge.warmer(burst));
         };
 
-        // second look, with the phase held: it decides, or asks for another fit for the misfit
+        // Second look, with the phase held: the fit decides, or the look also asks for the misfit.
+        // `beside`: the signals for which it does (indices in `unsettled`), with their fits so far.
         let mut next = unsettled.iter().zip(&looks);
         let mut beside: Vec<(usize, Option<Fit>)> = Vec::new();
         detector.fitter().fit_all(
@@ -188,8 +217,9 @@ impl Statistics {
                 }
             },
         );
-        // For the misfit, what a signal holds beside its ring, the phase must be free: a
-        // second fit, from the first one.
+
+        // For the misfit, what a signal holds beside its ring, the phase must be free: a second
+        // fit, which starts from the first one.
         let mut next = beside.iter();
         detector.fitter().fit_all(
             true,
@@ -214,7 +244,9 @@ impl Statistics {
         self.products = products;
     }
 
-    /// Judges a burst's signals along the sensitivities, as many at a time as there are lanes.
+    /// Judges a burst's signals by their distance along the sensitivities, as many at a time as
+    /// there are lanes, straight from the burst's samples. `waiting`: makes of a row the signal
+    /// that waits for the reference.
     fn along<'a>(
         &mut self,
         judge: &Judge,
@@ -235,7 +267,8 @@ impl Statistics {
         }
     }
 
-    /// Judges the signals that wait in the tile by their residual energy, and empties it.
+    /// Judges the signals that wait in the tile by their residual energy, and empties the tile.
+    /// `signals`: those signals, lane by lane.
     fn filter<'a>(
         &mut self,
         judge: &Judge,
@@ -249,9 +282,11 @@ impl Statistics {
         self.tile.empty();
     }
 
-    /// Features of a burst's signals to second order, row by row, with `detect.method` = `sensitivity`: of
-    /// many signals at once in f32, and one by one in f64 where that cannot be done or overflows. For a
-    /// signal that cannot be judged the values mean nothing.
+    /// Features of a burst's signals (ln amplitude, ln damping, ln frequency, phase, from the
+    /// judge's ring) to second order, row by row, with `detect.method` = `sensitivity`; empty with
+    /// another method. They are computed for many signals at once in f32, and one by one in f64
+    /// where that cannot be done or overflows. For a signal that cannot be judged the values mean
+    /// nothing.
     pub fn features(&mut self, judge: &Judge, burst: &Burst, features: &mut Vec<Vector4<f64>>) {
         features.clear();
         let Some(detector) = judge.detector() else { return };
@@ -273,6 +308,7 @@ impl Statistics {
                 features.extend((0..rows.len()).map(of_lane));
             }
         }
+
         // one by one where there are no lanes, and where f32 overflowed
         features.resize(burst.channels as usize, Vector4::repeat(f64::NAN));
         for (row, features) in features.iter_mut().enumerate() {
@@ -286,8 +322,9 @@ impl Statistics {
         }
     }
 
-    /// The squared distance of a signal from its channel's own level, by a fit. `None`: it is no ring, or
-    /// cannot be judged.
+    /// The squared distance of a signal from its channel's own level, by a fit. `metric`: the
+    /// inverse covariance; `features`: where the fit starts; `baseline`: the level. `None`: the
+    /// signal is no ring, or cannot be judged.
     pub fn own_distance(
         &mut self,
         (judge, burst, row): (&Judge, &Burst, usize),
@@ -300,8 +337,9 @@ impl Statistics {
         judge.detector()?.own_distance(metric, (features, baseline), (signal, drive), own)
     }
 
-    /// The reference: a signal's statistics in f64, after the checks of the
-    /// signal. Every verdict agrees with it.
+    /// The reference: the statistics of the signal in a row of a burst, in f64, after the checks of
+    /// the signal. Every verdict agrees with the reference's. An error: the signal cannot be
+    /// judged.
     pub fn reference(
         &mut self,
         judge: &Judge,
@@ -313,7 +351,8 @@ impl Statistics {
         finite(judge.detect(signal, judge.drive(burst), &mut self.work))
     }
 
-    /// A signal's deviation from what is expected of it; an error if it cannot be judged.
+    /// A signal's deviation from what is expected of it, N, counts; an error if the signal cannot
+    /// be judged, because it is saturated or has samples that are not finite.
     fn deviation(&mut self, judge: &Judge, burst: &Burst, row: usize) -> Result<&[f64], Reason> {
         match unusable_signal(self.deviations.copy(burst, row), self.rails) {
             Some(reason) => Err(reason),
@@ -323,7 +362,8 @@ impl Statistics {
 }
 
 impl LastCondition {
-    /// The condition at a burst's drive and temperature: the last one if it is the same, else a new one.
+    /// The condition at a burst's drive and temperature: the last one if it is the same, else a new
+    /// one, whose expected signal in f32 takes time to make.
     fn of(
         &mut self,
         judge: &Judge,
@@ -360,11 +400,13 @@ fn settle<'a>(
     }
 }
 
+/// The statistics of one lane.
 fn of_lane(of: &LaneStatistics, lane: usize) -> Detection {
     Detection { ring: of.statistic[lane], unexplained: of.unexplained[lane] }
 }
 
-/// Rejects a statistic that is not finite, as absurd covariates give: no threshold may call that healthy.
+/// Rejects a first statistic that is not finite, as absurd covariates give: no threshold may call
+/// that healthy.
 fn finite(found: Detection) -> Result<Detection, Reason> {
     if found.ring.is_finite() { Ok(found) } else { Err(Reason::NonFinite) }
 }

@@ -1,5 +1,10 @@
-//! A sweep is the longest stretch of a printhead's time in which no channel is heard at two moments, within
-//! bounds. Its bursts wait until it is over, and are then judged about one level, which the sweep shows.
+//! A sweep is the longest stretch of a printhead's time in which no channel is heard at two
+//! moments, within bounds. Its bursts wait until the sweep is over, and are then judged about one
+//! level, which the sweep shows.
+//!
+//! In: from `heads`, burst by burst. Out: whether a burst begins the next sweep ([`Sweep::hear`]),
+//! whether open sweeps have lasted as long as they may ([`Clock`]), and at the end the bursts of a
+//! sweep, for `head` to look at.
 //!
 //! A *moment* is one time of acquisition t_a. Several bursts of a printhead may share it, for a logger may
 //! divide the channels of one moment into messages as it likes. A channel is *heard* when a burst holds it.
@@ -7,10 +12,11 @@
 //! A sweep ends with a moment that holds all channels that were known before the sweep. If no moment does,
 //! it ends before the moment in which one of its channels is heard again; or when a burst of any printhead
 //! comes more than [`MOST_NS`] after its begin; or when more than [`MOST_SAMPLES`] samples of all
-//! printheads were heard since its begin. None of this depends on how a moment's channels are divided into
-//! messages, unless one moment alone holds more than [`MOST_SAMPLES`]. `heads` asks for the first and the
-//! last two of these ends. It also ends a sweep where a burst has another judge, where a burst is late and
-//! no `--baseline` is given, and at the end of the recording.
+//! printheads were heard since its begin. None of this depends on how a moment's channels are
+//! divided into messages, unless one moment alone holds more than [`MOST_SAMPLES`]. [`Sweep::hear`]
+//! finds the second of these ends; `heads` asks for the others. `heads` also ends a sweep where a
+//! burst has another judge, where a burst is late and no `--baseline` is given, and at the end of
+//! the recording.
 
 use super::batches::Slot;
 use super::channel_subset::ChannelStretches;
@@ -21,8 +27,9 @@ use std::sync::Arc;
 
 /// Longest duration of a sweep, ns.
 const MOST_NS: i64 = 1_000_000_000;
-/// Largest number of samples of all printheads, 8 MiB as int16, that are heard while a sweep is open: its
-/// bursts wait in memory. Each signal counts as [`OF_SIGNAL`] samples more than it has.
+/// Largest number of samples of all printheads, 8 MiB as int16, that are heard while a sweep is
+/// open: the sweep's bursts wait in memory. Each signal counts as [`OF_SIGNAL`] samples more than
+/// it has.
 const MOST_SAMPLES: u64 = 4 << 20;
 /// Samples that each signal is counted as beside its own, so that the number of signals is bounded, too,
 /// however short they are.
@@ -32,6 +39,7 @@ const OF_SIGNAL: u64 = 64;
 /// long as they may.
 #[derive(Debug, Default)]
 pub(super) struct Clock {
+    /// The latest moment, ns; `None`: nothing was heard yet.
     latest_ns: Option<i64>,
     /// Number of samples heard before the moment `latest_ns`, and since it began. A sweep counts from
     /// `before`, so that its end does not depend on the order of messages within a moment.
@@ -58,8 +66,8 @@ impl Clock {
         }
     }
 
-    /// Whether an open sweep may be over, which [`Clock::is_over`] then tells of each; cheap, so it is
-    /// asked at each burst. `t_ns`: time of that burst.
+    /// Whether an open sweep may be over, which [`Clock::is_over`] then tells of each. This is
+    /// cheap, and asked at each burst. `t_ns`: time of that burst.
     pub fn is_due(&self, t_ns: i64) -> bool {
         self.earliest.is_some_and(|from| self.is_long(from, t_ns))
     }
@@ -96,6 +104,8 @@ pub(super) struct Sweep {
     pub judge: Arc<Judge>,
     /// Time of its first moment, ns, and [`Clock`]'s number of samples before that.
     from: (i64, u64),
+    /// Its bursts, in the order in which they came, each with its place among those that wait for a
+    /// judge.
     bursts: Vec<(Slot, Burst)>,
     /// Slots of bursts whose channels were all heard already in the same moment. They are judged as the
     /// other bursts are, but say nothing new of the level, so only their slots and moments (ns) are kept.

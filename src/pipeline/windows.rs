@@ -1,12 +1,19 @@
-//! Learns models from healthy windows in passes before the stages run, which asks nothing of the file's
-//! order. What is in the order of its times is learned while it is judged ([`super::learning`]); both give
-//! the same models, numbers and refusals.
+//! Learns models from healthy windows in passes before the stages run, which asks nothing of the
+//! file's order. A recording in the order of its times is learned while it is judged
+//! ([`super::learning`]); both ways give the same models, numbers and refusals.
 //!
-//! The first pass finds when each printhead printed, from which its windows follow. A window is a span of the
-//! bursts' `timestamp`s. A chunk index holds log times, which need not agree with them, so every burst is
-//! looked at once; only the blocks that touch a window are looked at again. The signals of a window are a
-//! bounded sample that does not depend on the file's order. Windows are taken a few at a time, so memory is
-//! bounded whatever the recording's length.
+//! In: a recording that is complete, from `replay`. Out: the schedule of a [`Learning`] with all
+//! models in it ([`Learning::learn_before`]).
+//!
+//! 1. Survey: one pass over all bursts finds when each printhead printed. A window is a span of the
+//!    bursts' own times t_a; a chunk index holds log times, which need not agree with them, so
+//!    every burst is looked at.
+//! 2. The windows are placed by these times (`placing`), as they would be in the stream. For that
+//!    the first and last time in each bin suffice: a bin is as long as windows are apart.
+//! 3. A few windows at a time, so that memory is bounded, only the blocks that touch them are read
+//!    again, and each window's signals are sampled. The sample does not depend on the file's order.
+//! 4. The models are learned, window by window in the order of begins, and numbered in the order of
+//!    ends.
 
 use super::PipelineError;
 use super::learner::{HELD_BYTES, Window};
@@ -17,8 +24,8 @@ use super::visit::Pass;
 use inkling_core::burst::Burst;
 use std::collections::{BTreeMap, HashMap, HashSet};
 
-/// Maximum number of bins over all groups. There are about as many windows as bins, and more windows than
-/// this would be too many models.
+/// Maximum number of bins over all groups. There are about as many windows as bins, and so many
+/// windows would be more models than there are numbers (2^16).
 const MOST_BINS: usize = 1 << 18;
 
 /// What the first pass finds of the groups that need windows, by their index.
@@ -54,6 +61,7 @@ impl Learning<'_> {
     fn survey(&mut self, pass: Pass) -> Result<Survey, PipelineError> {
         let mut survey = Survey::default();
         let Survey { bins, blocks } = &mut survey;
+        // windows that the settings give have no placing: their bursts share one bin
         pass.all(|block, burst| {
             let Some(group) = self.number_of(burst) else { return };
             let t_ns = burst.t_acq_ns;

@@ -1,5 +1,14 @@
-//! Runs the six stages side by side: starts their threads, connects them by bounded
-//! queues, and gathers their results.
+//! Runs the six stages side by side: starts their threads, connects them by bounded queues, and
+//! gathers their results.
+//!
+//! In: a run ([`Run`]) and the models, learned before or to be learned on the way ([`Models`]),
+//! from `replay`. Out: [`StageResults`], from which `finish` makes the report and completes the
+//! files.
+//!
+//! What ends the threads: the reader at the end of the recording, each other stage when the stage
+//! before it is gone. If a stage fails, its ends of the queues are dropped, so that the stages
+//! before it cannot send and end, and the stages behind it get no more and end. Of several
+//! errors the writer's own is returned, else that of the first stage.
 
 use super::PipelineError;
 use super::batches::{BufferPools, JudgedBatch};
@@ -37,13 +46,20 @@ const MOST_BYTES: u64 = 64 << 20;
 
 /// What the stages leave behind. The files are not complete yet, and do not have their names.
 pub struct StageResults<'a> {
+    /// All models, and the windows that gave none.
     pub schedule: Schedule<'a>,
+    /// Counts of signals, channels and printheads, and the damage that decoding met.
     pub tally: Tally,
+    /// The verdicts.
     pub table: Table,
+    /// The episodes, and their table; `None`: they are only listed.
     pub episodes: (EpisodeReport, Option<EpisodeWriter>),
+    /// Damage that framing the file's blocks met.
     pub scan_damage: Vec<Damage>,
     pub timings: Vec<StageTiming>,
+    /// Digest of the whole file.
     pub digest: Digest,
+    /// Printheads judged at temperatures that no model knows, and that were not followed.
     pub temperatures: TemperatureCheck,
     /// How all channels of printheads moved together, where there is something to tell.
     pub moved: Vec<HeadMovement>,
@@ -53,6 +69,7 @@ pub struct StageResults<'a> {
 
 impl Run<'_> {
     /// Creates the tables that the writer appends to: verdicts and episodes, in files or in memory.
+    /// `classes`: names of the fault classes.
     fn tables(&self, classes: &[String]) -> Result<Tables<'_>, PipelineError> {
         let output = &self.replay.settings.output;
         let timestamp_unit = output.timestamps;
@@ -97,12 +114,15 @@ impl Run<'_> {
     }
 
     /// Connects the six stages, runs them, and waits for all of them. The writer runs on the caller's thread.
+    /// `models`: gives each burst its model.
     pub fn through_stages<'m>(
         &self,
         models: Models<'m>,
     ) -> Result<StageResults<'m>, PipelineError> {
         let Run { replay, recording, control, .. } = *self;
         let settings = &replay.settings;
+
+        // 1. what the writer and the identify stage work with
         let classes = replay.classes();
         let mut tables = self.tables(&classes)?;
 
@@ -115,7 +135,8 @@ impl Run<'_> {
         let mut deciding = JudgeAssignment { models, temperatures, following };
         let [readers, filters, isolators] = self.workers();
 
-        // enough blocks that every worker of a parallel stage has one at work and one waiting
+        // 2. what the stages share. There are enough blocks in flight that every worker of a
+        // parallel stage has one at work and one waiting.
         let in_flight =
             InFlight::new(BLOCKS_PER_WORKER * (readers + filters + isolators), MOST_BYTES);
         let queue = BlockQueue::new(recording, &in_flight, control);
@@ -126,6 +147,7 @@ impl Run<'_> {
         control.bytes_read.store(0, Ordering::Relaxed);
         control.set_abandoned(false);
 
+        // 3. the threads, which end before the scope does
         thread::scope(|scope| {
             // one bounded queue between every two stages
             let (to_identify, from_reader) = bounded(QUEUE);
@@ -166,6 +188,7 @@ impl Run<'_> {
             }
             drop((from_gate, to_writer));
 
+            // the writer, here
             let put = |judged: &mut JudgedBatch| {
                 tables.write(judged)?;
                 tally.add(judged);
@@ -180,6 +203,7 @@ impl Run<'_> {
             running.joined(written)
         })?;
 
+        // 4. what is left behind
         let ((scan_damage, digest), timings) = (queue.finish()?, timings.stages());
         let Tables { episodes, table, .. } = tables;
         let JudgeAssignment { models, mut temperatures, following } = deciding;
@@ -209,6 +233,7 @@ pub enum Table {
 }
 
 impl Table {
+    /// Appends the rows of a batch.
     fn write(&mut self, of: &Verdicts) -> Result<(), TableError> {
         match self {
             Table::File(writer) => writer.write(of),
@@ -238,8 +263,8 @@ struct Tables<'a> {
 }
 
 impl Tables<'_> {
-    /// Appends a batch to all tables. Episodes come first: they take what is
-    /// said of flagged signals out of it.
+    /// Appends a batch to all tables. Episodes come first: they take what isolation says of flagged
+    /// signals out of the batch, which the tables do not need.
     fn write(&mut self, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
         if judged.verdicts.is_empty() {
             return Ok(());

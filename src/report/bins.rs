@@ -1,18 +1,21 @@
-//! Bins over time, where the time span is not known beforehand.
+//! Bins over time, where the time span is not known beforehand: for severities (`trend`) and for
+//! maps (`map`).
 //!
-//! In: times in any order. Out: occupied bins of one width, at most a given number of them. The width is a
-//! power of two of milliseconds and doubles whenever there would be more bins. Empty time takes no bin, so a
-//! single wrong time costs one bin, and a week without recordings none. The result depends on what was added,
-//! not on its order.
+//! In: times in any order, ns. Out: the occupied bins in the order of time, all of one width, at
+//! most a given number of them. The width is a power of two of milliseconds and doubles whenever
+//! there would be more bins. Empty time takes no bin, so a single wrong time costs one bin, and a
+//! week without recordings none. The result depends on what was added, not on its order.
 
 use std::collections::BTreeMap;
 
-/// Contents of a bin, which can be merged with those of another. The result must not depend on the order.
+/// The contents of a bin, which can be merged with those of another bin. The result must not depend
+/// on the order.
 pub trait Pooled: Default {
     /// Most bins, at least 8: with the greatest width the whole range of i64 takes no more, so that doubling always
     /// ends.
     const MOST_BINS: usize;
 
+    /// Adds the contents of another bin.
     fn pool(&mut self, other: Self);
 }
 
@@ -21,6 +24,7 @@ pub trait Pooled: Default {
 pub struct TimeBins<T> {
     /// Width of each bin, ns.
     pub width_ns: i64,
+    /// The largest number of bins that is allowed.
     most: usize,
     /// Contents by key, the time over the width, rounded down.
     bins: BTreeMap<i64, T>,
@@ -37,7 +41,8 @@ impl<T: Pooled> Default for TimeBins<T> {
 }
 
 impl<T: Pooled> TimeBins<T> {
-    /// The bin that holds a time. It is added if it is new; bins are merged until there is room for it.
+    /// The bin that holds a time. It is added if it is new; before that bins are merged until there
+    /// is room for it.
     pub fn at(&mut self, t_ns: i64) -> &mut T {
         while !self.bins.contains_key(&self.key(t_ns)) && self.bins.len() >= self.most {
             self.coarsen();
@@ -53,11 +58,13 @@ impl<T: Pooled> TimeBins<T> {
         }
     }
 
+    /// The key of the bin that holds a time.
     fn key(&self, t_ns: i64) -> i64 {
         t_ns.div_euclid(self.width_ns)
     }
 
-    /// Doubles the width, and merges each two bins that become one.
+    /// Doubles the width, and merges every two bins that become one. Widths are powers of two, so a
+    /// key of the wider bins is half of the old one, rounded down.
     fn coarsen(&mut self) {
         self.width_ns = self.width_ns.saturating_mul(2);
         let mut wider: BTreeMap<i64, T> = BTreeMap::new();

@@ -1,6 +1,11 @@
-//! What changed since the night before, or since an earlier run: which faults began, came back, ended or got
-//! worse in the recordings since then, and of which printheads these judged nothing. In: recordings and
-//! faults. Out: [`Changes`].
+//! What changed since the night before, or since an earlier run of the report: which faults began,
+//! came back, ended or got worse in the recordings since then, and of which printheads these
+//! recordings judged nothing.
+//!
+//! In: the lines of the recordings and the faults of all channels. Out: [`Changes`], for the page
+//! (`of`) and for the verbs that compare with an earlier run (`since`). Recordings are divided in
+//! two, those before and those since then; each channel's last fault falls into one kind by whether
+//! an episode of it lies in the earlier recordings, and by its onset, its end and its trend.
 
 use super::RecordingLine;
 use super::fault::{Fault, certain_trend};
@@ -12,13 +17,15 @@ use std::sync::Arc;
 /// The last faults of all channels, sorted by what became of them.
 #[derive(Debug, Default)]
 pub struct Changes<'a> {
+    /// From the begin to the end of the recordings since then, ns.
     pub from_ns: i64,
     pub to_ns: i64,
     /// Number of recordings since then.
     pub recordings: usize,
     /// Faults without an episode in the earlier recordings.
     pub new: Vec<&'a Fault>,
-    /// Faults of the earlier recordings that were cured and began again after these.
+    /// Faults of the earlier recordings that were cured, and began again after the end of these
+    /// recordings.
     pub back: Vec<&'a Fault>,
     /// Faults that were on before and whose trend is certain to get worse.
     pub worse: Vec<&'a Fault>,
@@ -26,7 +33,7 @@ pub struct Changes<'a> {
     pub healthy: Vec<&'a Fault>,
     /// Number of faults that are on as before.
     pub still: usize,
-    /// Printheads that earlier recordings judged, and that the recordings since then did not.
+    /// Printheads that earlier recordings judged, and that no recording since then judged.
     pub silent: Vec<Arc<str>>,
 }
 
@@ -41,7 +48,7 @@ impl<'a> Changes<'a> {
         ]
     }
 
-    /// Changes of the last night; `None` if there is no night before.
+    /// The changes of the last night (`night::last_night`); `None` if there is no night before.
     pub fn of(lines: &[RecordingLine], faults: &'a [Fault]) -> Option<Changes<'a>> {
         let mut spans: Vec<Span> = lines.iter().filter_map(|line| line.span).collect();
         spans.sort_unstable();
@@ -55,8 +62,8 @@ impl<'a> Changes<'a> {
         Some(Changes::between(before, last, (from_ns, to_ns), faults))
     }
 
-    /// Changes since the recordings whose names `is_known` accepts. The other recordings may be of the same
-    /// time, or earlier.
+    /// The changes since the recordings whose names `is_known` accepts, which an earlier run saw.
+    /// The other recordings may be of the same time, or earlier.
     pub fn since(
         lines: &[RecordingLine],
         faults: &'a [Fault],
@@ -67,7 +74,8 @@ impl<'a> Changes<'a> {
         Changes::between(before, last, span, faults)
     }
 
-    /// Changes from the recordings `before` to the recordings `last`.
+    /// The changes from the recordings `before` to the recordings `last`, which last from `from_ns`
+    /// to `to_ns`.
     fn between(
         before: Vec<&RecordingLine>,
         last: Vec<&RecordingLine>,
@@ -83,7 +91,8 @@ impl<'a> Changes<'a> {
         let known_to_ns =
             before.iter().filter_map(|line| line.span).map(|of| of.1).max().unwrap_or(i64::MIN);
         let of_before: BTreeSet<Arc<str>> = before.iter().flat_map(|of| judged(of)).collect();
-        // an earlier recording that reaches into the time since then tells of it, too
+
+        // An earlier recording that reaches into the time since then tells of that time, too.
         let until_now = before.iter().filter(|of| of.span.is_some_and(|(_, to)| to >= from_ns));
         let of_last: BTreeSet<Arc<str>> =
             last.iter().chain(until_now).flat_map(|of| judged(of)).collect();
@@ -94,7 +103,9 @@ impl<'a> Changes<'a> {
             silent: of_before.difference(&of_last).cloned().collect(),
             ..Changes::default()
         };
-        // the order of the cases matters: each fault counts once, and a new one is not also worse
+
+        // The order of the cases matters: each fault counts once, and a new one is not also worse.
+        // A fault that ended within the earlier recordings is no change.
         for fault in faults.iter().filter(|fault| fault.is_latest) {
             let story = &fault.story;
             let was_known = story.spells.iter().any(|of| known.contains(&of.recording));

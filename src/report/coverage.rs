@@ -1,6 +1,13 @@
-//! Which part of the recordings was judged, and which was not, since the page may say that nothing needs care
-//! only of what was judged. In: a [`Survey`], the recordings' documents, and the recordings that have no
-//! verdicts. Out: a [`Coverage`], which says it in sentences.
+//! Which part of the recordings was judged, and which was not, since the page may say that nothing
+//! needs care only of what was judged.
+//!
+//! In: a [`Survey`] that has seen all verdicts, the JSON documents of the recordings' summaries,
+//! and the recordings that have no verdicts. Out: a [`Coverage`], which the page, the terminal
+//! (`first`) and the JSON output tell.
+//!
+//! A gap is something that was not judged, in words. Gaps have three sources: `gaps`, what the
+//! summaries say and what the counts of each recording show; `unheard`, printheads and channels
+//! that were silent in the last night; `doubtful`, channels of which nothing certain is known now.
 
 use super::night::{Span, last_night, whole};
 use super::source::{LostRecording, Source};
@@ -12,8 +19,9 @@ use std::sync::Arc;
 /// Most gaps, recordings or channels that a sentence names one by one.
 const MOST_NAMED: usize = 4;
 
-/// Something that was not judged: a printhead of which nothing is known, or some of whose channels are not
-/// known as they are now; recordings of which less than half was judged; or a topic that is not read.
+/// Something that was not judged, or is not known well enough: a printhead of which nothing is
+/// known, or some of whose channels are not known as they are now; recordings of which less than
+/// half was judged; or a topic that is not read.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Gap {
     /// What was not judged and why, for the latest of the recordings concerned.
@@ -43,8 +51,9 @@ pub struct Coverage {
     pub channels: u64,
     /// Number of channels of which no signal was judged.
     pub unknown_channels: u64,
+    /// Number of judged signals.
     pub judged: u64,
-    /// Signals that were not judged, and rows that the survey left out.
+    /// Number of signals that were not judged, and of rows that the survey left out.
     pub not_judged: u64,
     /// Number of recordings that were damaged, or whose table of episodes or summary is missing.
     pub not_whole: u64,
@@ -53,6 +62,7 @@ pub struct Coverage {
 }
 
 impl Coverage {
+    /// The coverage of these recordings. `sources`: in the order of the survey's indices.
     pub fn of(survey: &Survey, sources: &[Source], lost: Vec<LostRecording>) -> Coverage {
         let channels = || survey.heads.iter().flat_map(|head| &head.channels);
         let tallies = || survey.heads.iter().flat_map(|head| head.tallies.values());
@@ -74,7 +84,7 @@ impl Coverage {
         }
     }
 
-    /// The gap of a printhead whose latest recording is `recording`, if there is one.
+    /// The first gap of a printhead that is told of the recording with this name.
     pub fn gap(&self, printhead: &Arc<str>, recording: &str) -> Option<&Gap> {
         let of_it = |gap: &&Gap| gap.recording == recording;
         self.gaps.iter().filter(of_it).find(|gap| gap.printhead.as_ref() == Some(printhead))
@@ -90,7 +100,8 @@ impl Coverage {
         self.gaps.is_empty() && self.lost.is_empty() && self.not_judged + self.not_whole == 0
     }
 
-    /// The text that the report begins with: what was not judged. `None` if everything was judged.
+    /// The text that the report begins with: what was not judged, by name and then in numbers.
+    /// `None` if everything was judged.
     pub fn first(&self) -> Option<String> {
         let rest = if self.judged == 0 { String::new() } else { self.rest() };
         let sentences = match (self.named(), rest.as_str()) {
@@ -144,7 +155,8 @@ impl Coverage {
 /// What a gap concerns: a printhead (first), a topic (second), or, if both are `None`, a whole recording.
 type Of = (Option<Arc<str>>, Option<String>);
 
-/// The gaps of all recordings, merged by what they concern; the text is that of the last recording.
+/// The gaps of all recordings, merged by what they concern. Each text is that of the last recording
+/// concerned, in the order of the sources.
 fn gaps(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     let mut all: BTreeMap<Of, Vec<(usize, String)>> = BTreeMap::new();
     for (recording, source) in sources.iter().enumerate() {
@@ -172,7 +184,8 @@ fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<
         gaps.extend(text("what").map(|what| (of, what.to_owned())));
     }
     let of_head = |head: &'_ Head| Some((head.name.clone(), head.tallies.get(&recording)?.clone()));
-    // printheads of which nothing was judged, unless the summary named them
+
+    // Printheads of which nothing was judged, unless the summary named them.
     let mut all = Tally::default();
     for (name, tally) in survey.heads.iter().filter_map(of_head) {
         (all.judged, all.rejected) = (all.judged + tally.judged, all.rejected + tally.rejected);
@@ -181,8 +194,9 @@ fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<
                 .or_insert_with(|| by_counts(Some(&name), &tally));
         }
     }
-    // the recording as a whole: without any signal, or with less than half judged where no printhead explains
-    // it
+
+    // The recording as a whole: without any signal, or with less than half judged where no
+    // printhead explains it.
     let is_empty = all == Tally::default() && survey.left_out == 0;
     let is_told = gaps.keys().any(|(printhead, _)| printhead.is_some());
     if is_empty || !is_told && all.judged < all.rejected {
@@ -191,8 +205,8 @@ fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<
     gaps
 }
 
-/// Printheads that were not measured in the last night, and printheads with channels that were not, or that
-/// fell silent in the first half of their latest recording.
+/// A gap for each printhead that was not measured in the last night (`night::last_night`), or some
+/// of whose channels were not, or fell silent in the first half of their latest recording.
 fn unheard(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     let tallies = survey.heads.iter().flat_map(|head| head.tallies.values());
     let mut spans: Vec<Span> = tallies.filter_map(|of| of.span).collect();
@@ -200,6 +214,8 @@ fn unheard(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     let Some((_, to_ns)) = whole(spans.iter().copied()) else { return Vec::new() };
     let from_ns = last_night(&spans, to_ns);
     let gap = |head: &Head| {
+        // Of each printhead count the channels that were not heard; if its latest recording ended
+        // before the night, tell that instead.
         let (recording, tally) = head.latest()?;
         let name = &head.name;
         let what = match head.channels.iter().filter(|of| !of.is_heard(from_ns, head)).count() {
@@ -218,9 +234,10 @@ fn unheard(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     survey.heads.iter().filter_map(gap).collect()
 }
 
-/// Channels that cannot be called healthy though they may have no episode: those flagged in most of their
-/// signals without enough of them for an episode, and those of which their latest recording judged less than
-/// half.
+/// Gaps of channels that cannot be called healthy though they may have no episode: those flagged in
+/// most of their signals without enough of them for an episode, and those of which less than half
+/// was judged in their latest recording. Printheads whose latest recording judged nothing are told
+/// elsewhere.
 fn doubtful(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     let mut all = Vec::new();
     for head in &survey.heads {
@@ -245,7 +262,8 @@ fn doubtful(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     all
 }
 
-/// `channels 3, 7 and 12`; of more than [`MOST_NAMED`] the first ones and how many more there are.
+/// The numbers of channels in words, `channels 3, 7 and 12`; of more than `MOST_NAMED` the first
+/// ones and how many more there are.
 fn numbers(channels: &[u32]) -> String {
     let named: Vec<String> = channels.iter().take(MOST_NAMED).map(u32::to_string).collect();
     match (named.as_slice(), channels.len() - named.len()) {

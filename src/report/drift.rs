@@ -1,12 +1,16 @@
-//! The healthy ring of each printhead over time and temperature: resonance and damping of every healthy model
-//! that judged a recording. In: the recordings' documents. Out: [`ModelPoint`]s.
+//! The healthy ring of each printhead over time and temperature: resonance and damping of every
+//! healthy model that judged a recording.
+//!
+//! In: the JSON documents of the recordings' summaries, whose `models` have poles. Out:
+//! [`ModelPoint`]s, which `figures::drift` draws, and the relative change per kelvin
+//! (`per_kelvin`).
 
 use super::source::Source;
 use super::trend::Moments;
 use chrono::DateTime;
 use std::collections::BTreeSet;
 
-/// Most models that are kept.
+/// Most models that are kept; further ones, in the order of the recordings, are left out.
 const MOST_POINTS: usize = 20_000;
 
 /// Resonance and damping of one healthy model.
@@ -16,6 +20,7 @@ pub struct ModelPoint {
     pub printhead: Option<String>,
     /// When the model's use began; `None` for a model of a design.
     pub valid_from_ns: Option<i64>,
+    /// Ink temperature of the window that the model was learned on; `None` if it was not recorded.
     pub temperature_c: Option<f64>,
     pub frequency_hz: f64,
     pub damping_per_s: f64,
@@ -56,8 +61,8 @@ pub fn points(sources: &[Source]) -> Vec<ModelPoint> {
     points
 }
 
-/// Relative change of a quantity per K, by least squares; `None` with fewer than three temperatures, or if
-/// they hardly vary (a sum of squares of at most .25 K²).
+/// Relative change of a quantity per K (its slope by least squares over its mean); `None` with
+/// fewer than three temperatures, or if these hardly vary (a sum of squares of at most .25 K²).
 pub fn per_kelvin(points: &[&ModelPoint], of: fn(&ModelPoint) -> f64) -> Option<f64> {
     let pairs: Vec<(f64, f64)> =
         points.iter().filter_map(|p| Some((p.temperature_c?, of(p)))).collect();

@@ -1,5 +1,11 @@
-//! The evaluation as a page, drawn like the report: how well verdicts agree with labels, and what a design
-//! promises. In: a score and its curves, a promise. Out: HTML.
+//! The evaluation as a page, drawn like the report: how well verdicts agree with labels, and what a
+//! design promises. `inkling score --report` writes it.
+//!
+//! In: a score (`inkling_lab::score::Report`) with its curves, or the promise of a design, or both.
+//! Out: HTML. Each section has a figure whose title tells its main number: ROC and DET with the
+//! threshold that was used, delay against false alarms, confusion, reliability of certainties, risk
+//! against coverage, true and stated severities. Nothing is estimated here but intervals of shares
+//! (`wilson`).
 
 use super::figures::drawn;
 use super::promised;
@@ -13,7 +19,7 @@ use inkling_lab::score::curves::{Curves, EventDelay, Operating, wilson};
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
-/// Number of thresholds at which the curve of delays is drawn.
+/// Number of thresholds, at most, at which the curve of delays is drawn.
 const MOST_THRESHOLDS: usize = 120;
 /// Most classes that get a figure of severities.
 const MOST_CLASSES: usize = 12;
@@ -30,7 +36,7 @@ pub fn html(scored: Option<(&Report, &Curves)>, promise: Option<&Promise>) -> St
     page("Evaluation of verdicts", &body)
 }
 
-/// The sections about the agreement with labels.
+/// Adds the sections about the agreement with labels.
 fn against_labels(report: &Report, curves: &Curves, body: &mut String) {
     let _ = writeln!(body, "<p class=\"sentence\">{}</p>", sentence(report));
     let _ = writeln!(
@@ -76,7 +82,7 @@ fn sentence(report: &Report) -> String {
     text + "."
 }
 
-/// ROC and DET of single signals, each with the threshold that was used.
+/// Adds ROC and DET of single signals, each with the threshold that was used, then the delays.
 fn detection(report: &Report, curves: &Curves, body: &mut String) {
     let (healthy, faulty) = (curves.healthy(), curves.faulty());
     if healthy == 0 || faulty == 0 {
@@ -87,9 +93,12 @@ fn detection(report: &Report, curves: &Curves, body: &mut String) {
               dot: the threshold that was used, with 95 % intervals as if signals were independent. ROC: hits \
               against false alarms; its area is the chance that a faulty signal's statistic exceeds a healthy \
               one's. DET: the same as misses, on logarithmic axes; none is drawn as half a signal.</p>\n";
+
+    // The threshold that was used, with intervals of its misses and false alarms.
     let at = curves.working_point();
     let misses = wilson(at.misses * faulty as f64, faulty as f64);
     let alarms = wilson(at.false_alarms * healthy as f64, healthy as f64);
+    // ROC: hits, which are 1 - misses, against false alarms.
     let operating = curves.operating();
     let series = with_working_point(
         operating.iter().map(|o| (o.false_alarms, 1.0 - o.misses)).collect(),
@@ -102,7 +111,8 @@ fn detection(report: &Report, curves: &Curves, body: &mut String) {
         Axis::within(0.0, 1.02, "faulty signals flagged, share"),
         series,
     ));
-    // logarithmic axes have no 0: no signal is drawn as half a signal
+
+    // DET. Logarithmic axes have no 0: no signal is drawn as half a signal.
     let [least_x, least_y] = [healthy, faulty].map(|n| 0.5 / n as f64);
     let clip = |low: f64, [a, b]: [f64; 2]| [a.max(low), b.max(low)];
     let place = |o: &Operating| (o.false_alarms.max(least_x), o.misses.max(least_y));
@@ -124,7 +134,8 @@ fn detection(report: &Report, curves: &Curves, body: &mut String) {
     delays(report, curves, body);
 }
 
-/// The series of a curve, of the point (x, y) that was used, and of that point's intervals along both axes.
+/// The series of a curve, of the point (x, y) that was used, and of that point's intervals along
+/// both axes, `[left, right]` and `[low, high]`.
 fn with_working_point(
     curve: Vec<(f64, f64)>,
     (x, y): (f64, f64),
@@ -137,8 +148,8 @@ fn with_working_point(
     ]
 }
 
-/// Delay of detection against false alarms, counted by faults: a fault is found once, at its first flagged
-/// signal.
+/// Adds the delay of detection against false alarms, counted by faults: a fault is found once, at
+/// its first flagged signal. Below stand the same numbers for episodes, if there are any.
 fn delays(report: &Report, curves: &Curves, body: &mut String) {
     if curves.events() == 0 {
         return;
@@ -169,7 +180,9 @@ fn delays(report: &Report, curves: &Curves, body: &mut String) {
     }
 }
 
-/// The figure of delays over all thresholds. `used`: the delays at the threshold that was used.
+/// The figure of delays over all thresholds: lines through the delays of half and of nine of ten
+/// faults, with a dot for what was used and one for episodes. `used`: the delays at the threshold
+/// that was used.
 fn delay_figure(report: &Report, curves: &Curves, used: &EventDelay) -> Figure {
     let operating = curves.operating();
     let every = operating.len().div_ceil(MOST_THRESHOLDS).max(1);
@@ -181,6 +194,8 @@ fn delay_figure(report: &Report, curves: &Curves, used: &EventDelay) -> Figure {
     let line = |of: fn(&EventDelay) -> Option<f64>| -> Vec<(f64, f64)> {
         all.iter().filter_map(|d| Some((d.false_alarms.max(least), of(d)?))).collect()
     };
+
+    // The lines, and the dots on and beside them.
     let mut shown = vec![
         Series::new("half of all faults found", Mark::Line, line(|d| d.median_bursts)),
         Series::new("nine of ten found", Mark::Line, line(|d| d.most_bursts)),
@@ -194,6 +209,8 @@ fn delay_figure(report: &Report, curves: &Curves, used: &EventDelay) -> Figure {
         let rate = e.false_episodes as f64 / e.healthy_signals.max(1) as f64;
         shown.push(Series::new("episodes, half found", Mark::Dots, vec![(rate.max(least), y)]));
     }
+
+    // The title says the same in words.
     let within = |bursts: Option<f64>| match bursts {
         None => "after more bursts than there were".to_owned(),
         Some(0.0) => "at their onset".to_owned(),
@@ -208,7 +225,7 @@ fn delay_figure(report: &Report, curves: &Curves, used: &EventDelay) -> Figure {
     )
 }
 
-/// The confusion matrix: true classes in rows, what was said in columns.
+/// Adds the confusion matrix: true states in rows, what was said in columns.
 fn confusion(curves: &Curves, body: &mut String) {
     let counts = &curves.confusion;
     if counts.is_empty() {
@@ -216,7 +233,9 @@ fn confusion(curves: &Curves, body: &mut String) {
     }
     let truths: BTreeSet<&String> = counts.keys().map(|(truth, _)| truth).collect();
     let words: BTreeSet<&String> = counts.keys().map(|(_, word)| word).collect();
-    // order of the columns: healthy, undecided, categories, classes
+
+    // Order of the columns: healthy, undecided, then categories and a user's own classes, then the
+    // thesis's classes.
     let rank = |word: &str| match word {
         fault::HEALTHY => 0,
         "undecided" => 1,
@@ -246,7 +265,8 @@ fn confusion(curves: &Curves, body: &mut String) {
     *body += "</table></div>\n";
 }
 
-/// Reliability diagram of the stated certainties, and a table by class.
+/// Adds the reliability diagram of the stated certainties, with 95 % intervals of the share that is
+/// right in each bin, and a table by class.
 fn reliability(report: &Report, body: &mut String) {
     let bins: Vec<(f64, f64, u64)> =
         report.calibration.bins.iter().copied().filter(|bin| bin.2 > 0).collect();
@@ -281,7 +301,8 @@ fn reliability(report: &Report, body: &mut String) {
     let _ = writeln!(body, "{}", table(heads, of_class));
 }
 
-/// Share of wrong classes against the share of signals that are kept, over all bounds on the certainty.
+/// Adds the share of wrong classes against the share of signals that are kept, over all bounds on
+/// the certainty.
 fn risk(report: &Report, curves: &Curves, body: &mut String) {
     let points = curves.risk();
     if points.len() < 2 {
@@ -310,7 +331,7 @@ fn risk(report: &Report, curves: &Curves, body: &mut String) {
     );
 }
 
-/// A figure for each class: stated against true severities.
+/// Adds a figure for each class: stated against true severities.
 fn severities(report: &Report, curves: &Curves, body: &mut String) {
     let classes: Vec<_> = curves.severities().filter(|(_, of)| of.len() > 1).collect();
     if classes.is_empty() {

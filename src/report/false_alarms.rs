@@ -1,12 +1,16 @@
-//! How often a healthy signal is flagged, estimated from the verdicts themselves: signals outside of every
-//! episode are taken for healthy. In: a [`Survey`], and the recordings' settings, which hold the rate that
-//! their thresholds were set for. Out: [`FalseAlarms`]. The report's page tells it, and its rate helps to
-//! decide which episodes of a channel are one fault.
+//! How often a healthy signal is flagged, estimated from the verdicts themselves: signals outside
+//! of every episode are taken for healthy.
 //!
-//! Faults that are too short or too weak for an episode count as false alarms here, so the estimate is
-//! rather too high than too low. Channels differ, and a channel near its threshold is flagged again and
-//! again. So the signals count in the interval for as few independent ones as would scatter as much over
-//! channels (Korn and Graubard, 1998).
+//! In: a [`Survey`], and the recordings' settings, which hold the rate that their thresholds were
+//! set for. Out: [`FalseAlarms`]. The report's page tells the estimate with an interval, and its
+//! rate helps `story` to decide which episodes of a channel are one fault.
+//!
+//! Faults that are too short or too weak for an episode count as false alarms here, so the estimate
+//! is rather too high than too low. Channels differ, and a channel near its threshold is flagged
+//! again and again. So the signals count in the interval for as few independent ones as would
+//! scatter as much over channels (Korn and Graubard, 1998): the standard error of the rate is taken
+//! from the scatter over channels, divided by the one that independent signals would have, and
+//! squared; by this factor the numbers of signals are divided before Wilson's interval.
 
 use super::source::Source;
 use super::survey::{ChannelCount, Survey};
@@ -56,11 +60,14 @@ impl FalseAlarms {
             share(b).total_cmp(&share(a)).then(a.channel.cmp(&b.channel))
         });
         often.truncate(MOST_NAMED);
+
         let judged: u64 = counts.iter().map(|c| c.0).sum();
         let flagged: u64 = counts.iter().map(|c| c.1).sum();
         let rate = flagged as f64 / judged.max(1) as f64;
-        // cluster-robust standard error of a ratio, with each channel as one cluster: the signals of a
-        // channel may depend on each other, channels do not
+
+        // Cluster-robust standard error of a ratio, with each channel as one cluster: sqrt(sum over
+        // channels of (k - rate n)^2) / sum of n, with k flagged of n signals. The signals of a
+        // channel may depend on each other, channels do not.
         let squares =
             counts.iter().map(|&(n, k)| (k as f64 - rate * n as f64).powi(2)).sum::<f64>();
         let standard_error = squares.sqrt() / judged.max(1) as f64;
@@ -77,7 +84,8 @@ impl FalseAlarms {
     pub fn interval(&self) -> [f64; 2] {
         let (n, k) = (self.judged.max(1) as f64, self.flagged as f64);
         let by_chance = (k * (1.0 - k / n)).sqrt() / n;
-        // so many signals tell as much as one independent signal would; none was flagged: nothing scatters
+        // so many signals tell as much as one independent signal would; if none was flagged,
+        // nothing scatters, and the NaN becomes 1
         let alike = (self.standard_error / by_chance).powi(2).max(1.0);
         wilson(k / alike, n / alike)
     }

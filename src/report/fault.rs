@@ -1,5 +1,14 @@
-//! A story as an entry of the cleaning list. In: a channel's [`Story`]s and the report's settings. Out: a
-//! [`Fault`] each: how urgent it is, what to do, and one sentence.
+//! A story as an entry of the cleaning list: how urgent the fault is, what to do, and one sentence.
+//!
+//! In: the `Story`s of one channel in the order of time, from `story`, and the report's settings.
+//! Out: a `Fault` for each (`Fault::of_channel`, called by `Report::new`), which the page, the
+//! terminal's list and `report.faults.parquet` show. Only the last fault of a channel is to be
+//! cleaned; those before it are its past.
+//!
+//! The formulas: urgency = certainty x expected loss of a drop x (1 if the fault is on, 0.5 if it
+//! is over but came back before, 0 if it is over). The loss is a rough share of a drop by class and
+//! severity (`loss`), a day ahead where the trend is certain. The forecast (`hours_to_visible`)
+//! follows the trend until half of a drop is lost. The factors are heuristic; nothing was tuned.
 
 use super::settings::ReportSettings;
 use super::story::Story;
@@ -12,9 +21,9 @@ use inkling_core::model::bisection::bisected;
 use inkling_core::verdict::Reason;
 use std::cmp::Reverse;
 
-/// Value of a certainty or a loss that is not known.
+/// Certainty or loss where it is not known. Arbitrary: the middle.
 const UNKNOWN: f64 = 0.5;
-/// Factor of the urgency for a fault that is over, but came back before.
+/// Factor of the urgency for a fault that is over, but came back before. Arbitrary.
 const MAY_RETURN: f64 = 0.5;
 
 /// Urgencies are rounded to multiples of this, so that faults that differ by less are equally urgent.
@@ -35,7 +44,7 @@ pub struct Fault {
     pub earlier: Vec<Bout>,
 }
 
-/// An earlier fault of a channel.
+/// An earlier fault of a channel, in words, from its onset to its end (`None`: no end was seen).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bout {
     pub what: String,
@@ -61,6 +70,7 @@ impl Fault {
         stories.into_iter().enumerate().map(fault).collect()
     }
 
+    /// A fault without its past. `is_latest`: whether it is the last fault of its channel.
     fn new(story: Story, is_latest: bool, settings: &ReportSettings) -> Fault {
         let urgency = match is_latest {
             true => (urgency(&story) / URGENCY_STEP).round() * URGENCY_STEP,
@@ -84,10 +94,11 @@ fn key(story: &Story) -> &str {
     story.category.as_deref().or(story.reason()).unwrap_or_default()
 }
 
-/// Certainty times the loss of drop times a factor for whether the fault is on. If the trend is certain, the
-/// loss is extrapolated by a day, or by the time over which the trend was seen if that is shorter.
+/// Certainty times the loss of a drop times a factor for whether the fault is on, from 0 to 1. If
+/// the trend is certain, the severity is extrapolated by a day, or by the time over which the trend
+/// was seen if that is shorter.
 fn urgency(story: &Story) -> f64 {
-    // a signal without a ring certainly has a fault, though nothing is known of the nozzle
+    // A signal without a ring certainly has a fault, though nothing is known of the nozzle.
     let unknown = if story.strange == Some(Reason::NoRing) { 1.0 } else { UNKNOWN };
     let certainty = story.certainty.unwrap_or(unknown).clamp(0.0, 1.0);
     let ahead = certain_trend(story).map_or(0.0, |t| t.per_day * t.span_days.min(1.0));
@@ -100,7 +111,8 @@ fn urgency(story: &Story) -> f64 {
     certainty * loss(story.fault.as_deref(), story.category.as_deref(), severity) * on
 }
 
-/// Rough share of a healthy drop that is lost: 0 none, 1 all.
+/// Rough share of a healthy drop that is lost: 0 none, 1 all. `severity` is in the class's unit;
+/// without a class the category's classes are taken for one if they are sized alike.
 fn loss(class: Option<&str>, category: Option<&str>, severity: Option<f64>) -> f64 {
     let class = class.or_else(|| match category? {
         "empty_channel" => Some("EC"),
@@ -108,6 +120,11 @@ fn loss(class: Option<&str>, category: Option<&str>, severity: Option<f64>) -> f
     });
     let of = |loss: fn(f64) -> f64| severity.map_or(UNKNOWN, loss).clamp(0.0, 1.0);
     match class.unwrap_or_default() {
+        // By class, from what its severity measures. A blocked nozzle and a bubble in the nozzle
+        // (AB1) take their share of the nozzle. A dried nozzle has its viscosity times the
+        // severity, and 1 / severity of the drop is taken to come out. A bubble in the chamber
+        // (AB2, AB3) adds its compliance to the chamber's, which is taken to keep that part of the
+        // drive.
         "EC" => 1.0, // no ink, no drop
         "BN" | "PBN" | "AB1" => of(|s| s),
         "SDN" | "IDN" | "DDN" => of(|s| 1.0 - 1.0 / s.max(1.0)),
@@ -144,8 +161,9 @@ pub fn certain_trend(story: &Story) -> Option<&Trend> {
     story.trend.as_ref().filter(|trend| trend.direction() != Direction::Steady)
 }
 
-/// `getting worse: +3.1 points a day (+2.5 to +3.7)`. The change is per day if it was seen over a day or
-/// more, else per hour. It is not told unless it is certain; the text is empty if nothing was sized.
+/// The trend in words, `getting worse: +3.1 points a day (+2.5 to +3.7)`. The change is per day if
+/// it was seen over a day or more, else per hour. Only a certain change is told, else `no trend
+/// yet`; the text is empty if the fault was not sized, or has no name and no certain trend.
 pub fn trend_in_words(story: &Story) -> String {
     let is_unnamed = story.quantity.as_deref() == Some(DISTANCE);
     if story.severity_last.is_none() && !is_unnamed {
@@ -154,11 +172,14 @@ pub fn trend_in_words(story: &Story) -> String {
     let Some(trend) = certain_trend(story) else {
         return if is_unnamed { String::new() } else { "no trend yet".into() };
     };
+
+    // In which unit: time, then severity.
     let (per, unit) = match trend.span_days {
         days if days >= 1.0 => (1.0, "day"),
         _ => (24.0, "hour"),
     };
-    // severities that are factors are shown as they are, severities that are shares in hundredths
+    // Severities that are factors, and those of a user's own classes (their category is named like
+    // the class), are shown as they are; severities that are shares are shown in hundredths.
     let class = story.fault.as_deref().unwrap_or_default();
     let is_factor = story.category.as_deref() == Some("dried_nozzle");
     let is_own = !class.is_empty() && fault::category(class) == class;
@@ -168,7 +189,8 @@ pub fn trend_in_words(story: &Story) -> String {
         () => (100.0, " points"),
     };
     let [low, high] = trend.interval.map(|v| v * scale / per);
-    // as many decimals as show the first digit of the uncertainty
+
+    // As many decimals as show the first digit of the uncertainty.
     let digits = words::digits_of((high - low) / 2.0);
     let n = |v: f64| words::signed(v, digits);
     let word = match trend.direction() {
@@ -179,13 +201,13 @@ pub fn trend_in_words(story: &Story) -> String {
     format!("{word}: {rate}{of} a {unit} ({} to {})", n(low), n(high))
 }
 
-/// A defect counts as visible from this loss of drop on.
+/// A defect counts as visible from this loss of a drop on.
 const VISIBLE_LOSS: f64 = 0.5;
 
-/// The time until the defect is visible, if the fault goes on getting worse at the same rate: hours from the
-/// last look, and their interval from the 95 % intervals of trend and size. `None` if the fault does not get
-/// worse, is over or is visible already, if it would take more than about a year, or if the interval reaches
-/// beyond ten times the likeliest time.
+/// The time until the defect is visible, if the fault goes on getting worse at the same rate: hours
+/// from the last look, and an interval from the 95 % intervals of trend and size. `None` if the
+/// fault does not get worse, is over or is visible already, if it would take more than about a
+/// year, or if the interval reaches beyond ten times the likeliest time.
 pub fn hours_to_visible(story: &Story) -> Option<(f64, [f64; 2])> {
     let trend = certain_trend(story).filter(|trend| trend.direction() == Direction::Worse)?;
     let (last, sd) = (story.severity_last?, story.severity_sd.unwrap_or(0.0));
@@ -195,7 +217,9 @@ pub fn hours_to_visible(story: &Story) -> Option<(f64, [f64; 2])> {
     if story.ended_at_ns.is_some() || loss_at(last) >= VISIBLE_LOSS {
         return None;
     }
-    // The loss grows with severity: double the time until the loss is beyond the limit, then bisect.
+
+    // The loss grows with severity: double the time until the loss is beyond the limit, then
+    // bisect.
     let mut beyond = 1.0;
     while loss_at(ahead(beyond)) < VISIBLE_LOSS {
         beyond *= 2.0;
@@ -204,8 +228,9 @@ pub fn hours_to_visible(story: &Story) -> Option<(f64, [f64; 2])> {
         }
     }
     let [_, visible] = bisected(0.0, beyond, 40, |hours| loss_at(ahead(hours)) < VISIBLE_LOSS);
-    // The severity that is left until then, over the trend. The earliest time has the largest size and the
-    // largest change, the latest time the smallest of both.
+
+    // The interval. The severity that is left until then, over the trend, is the time. The earliest
+    // time has the largest size now and the largest change, the latest time the smallest of both.
     let left = ahead(visible) - last;
     let hours = |left: f64, per_day: f64| 24.0 * (left / per_day).max(0.0);
     let interval =
@@ -213,7 +238,8 @@ pub fn hours_to_visible(story: &Story) -> Option<(f64, [f64; 2])> {
     (interval[1] <= 10.0 * visible).then_some((visible, interval))
 }
 
-/// `visible defect (half of a drop lost) in about 9 hours (7 to 12), if it goes on so`
+/// The forecast in words, `visible defect (half of a drop lost) in about 9 hours (7 to 12), if it
+/// goes on so`; `None` if there is none.
 pub fn forecast_in_words(story: &Story) -> Option<String> {
     let (hours, [low, high]) = hours_to_visible(story)?;
     let (per, unit) = if hours < 72.0 { (1.0, "hours") } else { (24.0, "days") };

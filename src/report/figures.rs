@@ -1,5 +1,9 @@
-//! Figures of trends and of the drift of healthy rings. Their titles say what they show. In: a [`Report`].
-//! Out: SVG.
+//! Figures for the page: the size of faults over time, and the drift of healthy rings with
+//! temperature or time.
+//!
+//! In: a [`Report`] (`trends`), or its healthy models (`drift`). Out: SVG in HTML. The titles say
+//! what the figures show, from the same words as the list. `drawn` is also what the evaluation's
+//! page draws with.
 
 use super::Report;
 use super::drift::{ModelPoint, per_kelvin};
@@ -19,18 +23,21 @@ const SIZE: (u32, u32) = (860, 380);
 const MOST_TRENDS: usize = 16;
 /// Most printheads in one figure: more could not be told apart.
 const MOST_HEADS: usize = 8;
-/// Least number of bins of severities for a figure.
+/// Least number of bins of severities of a fault for its figure.
 const LEAST_BINS: usize = 5;
 /// Least number of models of a printhead for a figure of its drift.
 const LEAST_DOTS: usize = 8;
 
-/// Figures of severity over time for the most urgent faults, by the fault's index in the report.
+/// Figures of severity over time of the most urgent faults that have enough sizes, by the fault's
+/// index in the report.
 pub fn trends(report: &Report) -> BTreeMap<usize, String> {
     let drawn = |(place, fault): (usize, &Fault)| Some((place, trend(fault, &report.survey)?));
     report.faults.iter().enumerate().filter_map(drawn).take(MOST_TRENDS).collect()
 }
 
-/// The figure of one fault: means of its bins with 95 % bars; `None` if there are too few.
+/// The figure of one fault: the mean of each bin of its channel's severities, in the story's
+/// quantity, with a 95 % bar where a bin has several; `None` if there are too few bins between the
+/// story's onset and end.
 fn trend(fault: &Fault, survey: &Survey) -> Option<String> {
     let story = &fault.story;
     let head = survey.heads.iter().find(|head| head.name == story.printhead)?;
@@ -42,11 +49,16 @@ fn trend(fault: &Fault, survey: &Survey) -> Option<String> {
     let to = story.ended_at_ns.map_or(f64::INFINITY, |end| end as f64);
     let quantity = story.quantity.as_deref()?;
     let course = watch.course(quantity)?;
+
+    // The bins of this story. A bin that holds only signals without a size has the time 0, which
+    // lies before any onset.
     let bins = || course.0.values().filter(|b| (from..=to).contains(&b.t_ns()));
     if bins().count() < LEAST_BINS {
         return None;
     }
     let last = bins().last()?.t_ns();
+
+    // Means and bars, over the time since the onset.
     let (scale, unit) = unit_of_time(last - from);
     let at = |t_ns: f64| (t_ns - from) * scale;
     let means = bins().map(|b| (at(b.t_ns()), b.mean())).collect();
@@ -54,12 +66,16 @@ fn trend(fault: &Fault, survey: &Survey) -> Option<String> {
         .filter_map(|b| Some((at(b.t_ns()), b.mean(), 1.96 * b.standard_error()?)))
         .flat_map(|(t, y, half)| [(t, y - half), (t, y + half)])
         .collect();
+
+    // The title tells the trend, or why there is none.
     let finding = match (certain_trend(story), story.cures) {
         (Some(_), _) => trend_in_words(story),
         (None, 0) => "no trend yet".into(),
         (None, cures) => format!("cured {}", counted_as(cures.into(), "once", "times")),
     };
-    // the axis begins at the severity of no fault, so that a change can be compared with the size itself
+
+    // The axis begins at the severity of no fault, so that a change can be compared with the size
+    // itself.
     let class = story.fault.as_deref().or(story.category.as_deref()).unwrap_or_default();
     let none = if class == "dried_nozzle" { Some(1.0) } else { law(class).map(Law::none) };
     let none = none.unwrap_or(0.0);
@@ -90,22 +106,25 @@ fn unit_of_time(span_ns: f64) -> (f64, &'static str) {
     }
 }
 
-/// The healthy resonance and damping of the printheads, against temperature where it was recorded.
+/// Figures of the healthy resonance and damping of the printheads, against temperature where it was
+/// recorded.
 pub fn drift(points: &[ModelPoint]) -> Vec<String> {
     let resonance = quantity(points, "Healthy resonance", "kHz", |p| p.frequency_hz / 1e3);
     let damping = quantity(points, "Healthy damping", "1/ms", |p| p.damping_per_s / 1e3);
     [resonance, damping].into_iter().flatten().collect()
 }
 
-/// The figure of one quantity of the healthy models, one series for each printhead: against temperature if at
-/// least three models have one, else against time. `None` if no printhead has [`LEAST_DOTS`] models.
+/// The figure of one quantity of the healthy models, one series for each printhead: against
+/// temperature if at least three models have one, else against the time when the model's use began.
+/// `what`, `unit`: the quantity in words; `of`: its value. `None` if no printhead has
+/// [`LEAST_DOTS`] models with a place on that axis.
 fn quantity(
     points: &[ModelPoint],
     what: &str,
     unit: &str,
     of: fn(&ModelPoint) -> f64,
 ) -> Option<String> {
-    // the models of each printhead, in the order in which the printheads are met
+    // The models of each printhead, in the order in which the printheads are met.
     let mut of_heads: Vec<(&str, Vec<&ModelPoint>)> = Vec::new();
     for point in points {
         let name = point.printhead.as_deref().unwrap_or("all printheads");
@@ -114,6 +133,8 @@ fn quantity(
             None => of_heads.push((name, vec![point])),
         }
     }
+
+    // The quantity of the x axis.
     let with_temperature = points.iter().filter(|p| p.temperature_c.is_some()).count() >= 3;
     let span = whole(points.iter().filter_map(|p| p.valid_from_ns).map(|t_ns| (t_ns, t_ns)));
     let origin = span.map(|(first, _)| first);
@@ -123,6 +144,8 @@ fn quantity(
         true => p.temperature_c,
         false => Some(p.valid_from_ns?.saturating_sub(origin?) as f64 * scale),
     };
+
+    // The series, and the relative change per kelvin of each printhead.
     let mut changes: Vec<f64> = Vec::new();
     let mut series = Vec::new();
     for (name, own) in of_heads {
@@ -136,6 +159,8 @@ fn quantity(
         return None;
     }
     changes.sort_by(f64::total_cmp);
+
+    // The title tells the range of these changes, or else of the quantity.
     let finding = match (changes.first(), changes.last()) {
         (Some(low), Some(high)) => format!(
             "{what} changes by {} to {} % per K from printhead to printhead",
@@ -162,6 +187,8 @@ pub fn drawn(figure: &Figure) -> String {
     drawn_as(figure, &figure.title)
 }
 
+/// A figure as HTML, with `alt` as the text for those who do not see it; that text and the error if
+/// it could not be drawn.
 fn drawn_as(figure: &Figure, alt: &str) -> String {
     let alt = escaped(alt);
     match figure.svg_of_size(SIZE) {

@@ -1,5 +1,9 @@
-//! A light for each printhead, the worst first, with the number of channels to clean, or else how much of the
-//! printhead is known. In: a [`Report`]. Out: HTML.
+//! A light for each printhead at the top of the page, the worst first, with the number of channels
+//! to clean, or else how much of the printhead is known.
+//!
+//! In: a [`Report`]. Out: HTML. A printhead with open faults has the light of the worst one. One
+//! without is green only if enough of it was judged, and otherwise grey (`known`), so that green
+//! never means that nobody looked.
 
 use super::Report;
 use super::fault::Fault;
@@ -39,7 +43,7 @@ pub fn lights(report: &Report, drawn: &LinkTargets) -> String {
     text
 }
 
-/// The light of a printhead, and the words beside it: that of its worst open fault, if it has any.
+/// The light of a printhead, and the words beside it: those of its worst open fault, if it has any.
 fn lit(report: &Report, head: &Head) -> (Light, String) {
     let open: Vec<&Fault> =
         report.open().filter(|fault| fault.story.printhead == head.name).collect();
@@ -50,8 +54,10 @@ fn lit(report: &Report, head: &Head) -> (Light, String) {
     }
 }
 
-/// The light of a printhead with nothing to clean. It is green only if enough was judged to say so of its
-/// present state; the first reason against it is told.
+/// The light of a printhead with nothing to clean. It is green only if enough was judged to say so
+/// of the printhead's present state; otherwise it is grey, and the first reason against green is
+/// told.
+/// The last recording that holds the printhead, and what is missing from it.
 fn known(report: &Report, head: &Head, channels: &str) -> (Light, String) {
     let judged: u64 = head.tallies.values().map(|t| t.judged).sum();
     let all = judged + head.tallies.values().map(|t| t.rejected).sum::<u64>();
@@ -65,6 +71,8 @@ fn known(report: &Report, head: &Head, channels: &str) -> (Light, String) {
     let all_of_last = of_last.judged + of_last.rejected;
     let now_unknown = head.channels.iter().filter(|channel| !channel.is_known_now()).count();
     let share = percent(judged, all);
+
+    // The reasons for grey, the gravest first.
     let grey = match () {
         () if judged == 0 => "not judged".to_owned(),
         () if is_silent => "not judged in its last recording".to_owned(),

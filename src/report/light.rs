@@ -1,12 +1,15 @@
-//! The traffic light beside a channel, a printhead or a recording. Each colour has a word, for those who do
-//! not see it. In: faults. Out: HTML.
+//! The traffic light beside a channel, a printhead or a recording. Each colour has a word, for
+//! those who do not see it.
+//!
+//! In: a fault (`Light::of`), or a light that `heads` and `tables` choose by the state of the data.
+//! Out: a dot as SVG, for the page, and the light's word.
 
 use super::fault::Fault;
 
-/// From this urgency on a fault has a red light.
+/// From this urgency on a fault has a red light. Somewhat arbitrary.
 const AT_ONCE: f64 = 0.5;
 
-/// A light; worse ones are greater.
+/// A light; worse ones are greater, so that the worst of several is their maximum.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Light {
     Green,
@@ -26,6 +29,7 @@ impl Light {
         }
     }
 
+    /// The word that stands for the colour.
     pub fn word(self) -> &'static str {
         self.word_and_colour().0
     }

@@ -1,11 +1,13 @@
-//! The cleaning list on a terminal. In: a [`Report`]. Out: one line for each channel to clean, most urgent
-//! first.
+//! The cleaning list on a terminal, which `report` and `replay` print.
+//!
+//! In: a [`Report`]. Out: text: what was not judged and the notes, then one line for each channel
+//! to clean, most urgent first, then groups of neighbours and channels that are healthy again.
 
 use super::words::{Column, clock, columns, counted, counted_as};
 use super::{Fault, Report, certain_trend, forecast_in_words, size, trend_in_words, what};
 use std::io::{self, Write};
 
-/// Most lines of the list, and of the notes and groups beside it.
+/// Most lines of the list, of the notes, and of the groups.
 const MOST_LISTED: usize = 40;
 /// Most channels that are named as healthy again.
 const MOST_OVER: usize = 8;
@@ -72,8 +74,8 @@ pub fn print(
     Ok(())
 }
 
-/// The last column of a fault's line: what it is, its size, its trend and forecast, its cures, and earlier
-/// faults.
+/// The last column of a fault's line: what the fault is, its size, its trend and forecast, its
+/// cures, and the number of earlier faults of the channel.
 fn in_words(fault: &Fault) -> String {
     let story = &fault.story;
     let mut parts = vec![what(story), size(story)];

@@ -1,10 +1,15 @@
-//! A printhead as a picture: channels across, time down. In: two codes of each verdict, in any order: its
-//! class ([`class`]) and how large its statistic is ([`level`]). Out: a [`HeadMap`], and of each code a
-//! [`Picture`]; the size of both is bounded, however long the recordings are. A cell pools the verdicts of
-//! some time and channels. It shows the largest code among them, so that a single bad burst stays visible
-//! however much is pooled.
+//! A printhead as a picture: channels across, time down. `survey` fills the map while verdicts are
+//! read, and `maps` draws it.
 //!
-//! `survey` fills the map, and `maps` draws it.
+//! In: two codes of each verdict, in any order: its class ([`class`]) and how large its statistic
+//! is ([`level`]). Out: a [`HeadMap`], and of each code a [`Picture`]; the size of both is bounded,
+//! however long the recordings are.
+//!
+//! The steps: bursts fall into rows, bins of time whose width doubles when there would be too many
+//! (`TimeBins`). A cell pools the verdicts of one channel in one row and keeps the largest of
+//! each code, so that a single bad burst stays visible however much is pooled. `HeadMap::picture`
+//! puts channels in order, pools neighbouring channels where there are too many columns, and shows
+//! longer times without bursts as a pause.
 
 use super::bins::{Pooled, TimeBins};
 use super::night::{Span, whole};
@@ -136,7 +141,8 @@ impl HeadMap {
         let per = channels.len().div_ceil(MOST_COLUMNS).max(1);
         let columns: Vec<u32> = order.chunks(per).map(|of| channels[of[0]]).collect();
         let lines = self.lines();
-        // each line of bursts takes the next row; pauses stay gaps
+
+        // The pixels: each line of bursts takes the next row, and pauses stay gaps.
         let mut rows = self.rows.values();
         let mut pixels = Vec::with_capacity(lines.len() * columns.len());
         for line in &lines {
@@ -161,6 +167,8 @@ impl HeadMap {
         steps.sort_unstable();
         let middle = steps.len().saturating_sub(1) / 2;
         let usual = steps.get(middle).copied().unwrap_or(0).max(self.rows.width_ns);
+
+        // A line for each row, and a pause before it where the step to it is unusual.
         let mut lines = Vec::new();
         for (k, &(from, to)) in rows.iter().enumerate() {
             if k > 0 && from.saturating_sub(rows[k - 1].1) > usual.saturating_mul(PAUSE) {

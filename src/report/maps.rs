@@ -1,5 +1,14 @@
-//! Maps of printheads as figures: the picture within SVG axes, with frames around episodes and a key of the
-//! colours. In: a [`Head`] and its faults. Out: HTML, or PNG images along the recording.
+//! Maps of printheads as figures: the picture of a [`Head`] within SVG axes, with frames around
+//! episodes and a key of the colours.
+//!
+//! In: a printhead with its map (`map::HeadMap`) and its faults. Out: HTML for the page (`maps`,
+//! `key`), or PNG images along the recording (`waterfalls`, for `replay --annotate`).
+//!
+//! Of each printhead there are two maps: of classes (what each channel was found to be) and of
+//! statistics (the detection statistic over its threshold). The cells are codes of `map`, and a
+//! code is the index of its colour in `CLASS_COLOURS` or `RATIO_COLOURS`. A map is drawn as an
+//! embedded PNG with one pixel for each cell, enlarged by the browser without smoothing; axes,
+//! frames and letters are SVG above it.
 
 use super::fault::{Fault, what};
 use super::map::{LEVELS, Picture, Shows, class, ratio};
@@ -12,15 +21,15 @@ use inkling_lab::plot::raster::{Colour, Raster};
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
-/// Colours of the map of classes, which people with colour blindness can tell apart, too (Okabe and Ito
-/// 2008): gap, healthy, rejected, flagged, dried, blocked, air, empty, then own categories, the last colour
-/// for all further ones.
+/// Colours of the map of classes by code, which people with colour blindness can tell apart, too
+/// (Okabe and Ito 2008): gap, healthy, rejected, flagged, dried, blocked, air, empty, then own
+/// categories, the last colour for all further ones.
 const CLASS_COLOURS: [Colour; 12] = rgb([
     0xffffff, 0xdfe7ee, 0x969696, 0xf0e442, 0x0072b2, 0x000000, 0x56b4e9, 0xd55e00, 0x009e73,
     0xcc79a7, 0xe69f00, 0x78501a,
 ]);
-/// Colours of the map of statistics: gap, rejected, below the threshold from pale to darker, above it from
-/// yellow to brown.
+/// Colours of the map of statistics by code: gap, rejected, below the threshold from pale to
+/// darker, above it from yellow to brown.
 const RATIO_COLOURS: [Colour; 12] = rgb([
     0xffffff, 0x969696, 0xf4f7fa, 0xe4ebf2, 0xcedae6, 0xb2c5d8, 0xfee391, 0xfec44f, 0xfe9929,
     0xec7014, 0xbe4603, 0x5c1e04,
@@ -42,18 +51,19 @@ const fn rgb(hex: [u32; 12]) -> [Colour; 12] {
 const LETTERS: [&str; 4] = ["D", "B", "A", "E"];
 /// Most episodes that are marked on a map.
 const MOST_MARKED: usize = 1500;
-/// Most characters of an episode's explanation.
+/// Most characters of an episode's explanation that a tooltip shows.
 const MOST_OF_A_SENTENCE: usize = 600;
 /// Most faults that are named in the text that stands for a picture.
 const MOST_IN_WORDS: usize = 8;
 
-/// Margin left of the picture, margin above it, its width, margin below it; SVG user units.
+/// Margin left of the picture, margin above it, its width, margin below it, in units of the SVG.
 const LEFT: f64 = 118.0;
 const TOP: f64 = 46.0;
 const WIDTH: f64 = 860.0;
 const BELOW: f64 = 40.0;
 
-/// The letter of an episode's category; without one S (at the sensor line) or U (not named).
+/// The letter of an episode's category; the number of a user's own category; without a category S
+/// (at the sensor line, if the reason is `NoRing`) or U (not named).
 fn letter(category: Option<&str>, reason: Option<Reason>, categories: &[String]) -> String {
     let Some(category) = category else {
         return if reason == Some(Reason::NoRing) { "S" } else { "U" }.into();
@@ -67,7 +77,8 @@ fn letter(category: Option<&str>, reason: Option<Reason>, categories: &[String])
     }
 }
 
-/// One picture of a printhead, and what is needed to draw it.
+/// One picture of a printhead, and what is needed to draw it. `height` is that of the picture, in
+/// units of the SVG.
 struct Map<'a> {
     head: &'a Head,
     faults: &'a [&'a Fault],
@@ -77,7 +88,8 @@ struct Map<'a> {
     height: f64,
 }
 
-/// Both maps of a printhead, of classes and of statistics; empty if it has none.
+/// Both maps of a printhead, of classes and of statistics; empty if it has none. `faults`: all of
+/// this printhead; `categories`: the survey's.
 pub fn maps(head: &Head, faults: &[&Fault], categories: &[String]) -> Result<String, String> {
     let Some(map) = &head.map else { return Ok(String::new()) };
     let channels: Vec<u32> = head.channels.iter().map(|c| c.channel).collect();
@@ -94,7 +106,8 @@ pub fn maps(head: &Head, faults: &[&Fault], categories: &[String]) -> Result<Str
 }
 
 impl Map<'_> {
-    /// The map as SVG: the cells as an embedded image, axes around it, and marks over the map of classes.
+    /// The map as SVG: the cells as an embedded image, axes around it, and marks over the map of
+    /// classes. `colours`: by code.
     fn figure(&self, colours: &[Colour]) -> Result<String, String> {
         let (picture, height) = (&self.picture, self.height);
         let raster = Raster {
@@ -154,14 +167,14 @@ impl Map<'_> {
         }
     }
 
-    /// The axes: channels below, times at the left.
+    /// The axes: channel numbers below, times at the left.
     fn axes(&self, svg: &mut String) {
         let picture = &self.picture;
         let columns = picture.columns.len();
         let column_width = WIDTH / columns as f64;
         let bottom = TOP + self.height;
         let every = columns.div_ceil(12).max(1);
-        // the next larger round step between labelled channels
+        // The next larger round step between labelled channels.
         let every =
             [1, 2, 5, 10, 20, 50, 100, 200, 500].into_iter().find(|s| *s >= every).unwrap_or(every);
         for column in (0..columns).step_by(every) {
@@ -178,13 +191,14 @@ impl Map<'_> {
         self.times(svg);
     }
 
-    /// Labels of times at the left: at the first line of each interval of a round length, the shortest for
-    /// which there is room.
+    /// Labels of times at the left. Lines are no even time axis, so a label stands at the first
+    /// line of each interval of a round length, the shortest length for which there is room.
     fn times(&self, svg: &mut String) {
         let (picture, height) = (&self.picture, self.height);
         let start = |line: &Option<Span>| line.map(|(from, _)| from.div_euclid(1_000_000_000));
         let starts: Vec<Option<i64>> = picture.lines.iter().map(start).collect();
-        // the lines at which a new interval of `step` seconds begins
+
+        // The lines at which a new interval of `step` seconds begins, with their times, s.
         let marked = |step: i64| -> Vec<(usize, i64)> {
             let mut last = None;
             let each = starts.iter().enumerate().filter_map(|(k, start)| Some((k, (*start)?)));
@@ -195,6 +209,9 @@ impl Map<'_> {
         let step = STEPS_S.into_iter().find(|step| marked(*step).len() <= room);
         let step = step.unwrap_or(LONGEST_STEP_S);
         let line_height = height / picture.lines.len() as f64;
+
+        // `free`: from here downwards there is room for a label; `day`: the day of the label
+        // before.
         let (mut free, mut day) = (TOP, i64::MIN);
         for (k, t_s) in marked(step) {
             let y = TOP + (k as f64 + 0.5) * line_height;
@@ -216,6 +233,7 @@ impl Map<'_> {
         let spells = faults.iter().flat_map(|f| f.story.spells.iter().map(move |s| (f, s)));
         let mut lettered = None;
         for (fault, spell) in spells.take(MOST_MARKED) {
+            // Where: an episode that is still on reaches to the end of its recording.
             let e = &spell.episode;
             let last = head.tallies.get(&spell.recording).and_then(|t| t.span);
             let until = e.ended_at_ns.or(last.map(|span| span.1)).unwrap_or(e.raised_at_ns);
@@ -224,6 +242,8 @@ impl Map<'_> {
             let y = TOP + from as f64 * line_height;
             let high = ((to.max(from) - from + 1) as f64 * line_height).max(2.0);
             let width = column_width.max(3.0);
+
+            // The frame with its tooltip.
             let until = match e.ended_at_ns {
                 Some(end) => format!("to {}", clock(end)),
                 None => "to the end of the recording".into(),
@@ -236,7 +256,8 @@ impl Map<'_> {
              fill=\"#000\" fill-opacity=\"0\" stroke=\"#000\" stroke-width=\".7\"><title>{}</title></rect>",
                 escaped(&words)
             );
-            // successive episodes of one fault and category share one letter
+
+            // Successive episodes of one fault and category share one letter.
             let sign = (fault.story.channel, fault.story.began_at_ns, e.category.as_deref());
             if lettered != Some(sign) {
                 lettered = Some(sign);
@@ -313,8 +334,9 @@ const LONGEST_STEP_S: i64 = 315_360_000;
 /// A day, s.
 const DAY: i64 = 86_400;
 
-/// A time label, with seconds only if the step is below a minute, and with the date if it differs from that
-/// of the label before.
+/// A time label, with seconds only if the step is below a minute, and with the date if it differs
+/// from that of the label before. `t_s`: s since 1970; `step_s`: the interval between labels;
+/// `day_before`: the number of the day of the label before.
 fn tick(t_s: i64, step_s: i64, day_before: i64) -> String {
     let whole = clock(t_s.saturating_mul(1_000_000_000));
     let (date, time) = whole.split_once(' ').unwrap_or((&whole, ""));
@@ -326,18 +348,20 @@ fn tick(t_s: i64, step_s: i64, day_before: i64) -> String {
     }
 }
 
-/// The code of the first level beyond the threshold.
+/// The code of the first level beyond the threshold, that of a ratio of 1.
 fn first_beyond() -> u8 {
     super::map::level(1.0)
 }
 
 /// Number of lines of each picture of a waterfall.
 const WATERFALL: usize = 64;
-/// Least width of such a picture, pixels: viewers blur small images when they enlarge them.
+/// Least width of such a picture, pixels: viewers blur small images when they enlarge these.
 const LEAST_WIDTH: usize = 480;
 
-/// The map of classes as it looked at each time, for a view that moves along the recording. `each` gets the
-/// time and a PNG with the newest line at the bottom, in the order of time.
+/// The map of classes as it looked at each time, for a view that moves along the recording. For
+/// each line of bursts `each` gets the time of its last burst, ns, and a PNG of that line at the
+/// bottom and the 63 lines before it above, in the order of time. The first error of `each` ends
+/// it.
 pub fn waterfalls<E: From<String>>(
     head: &Head,
     mut each: impl FnMut(i64, Vec<u8>) -> Result<(), E>,
@@ -355,7 +379,7 @@ pub fn waterfalls<E: From<String>>(
     for (k, line) in picture.lines.iter().enumerate() {
         let Some((_, to_ns)) = line else { continue };
         let from = (k + 1).saturating_sub(WATERFALL);
-        // before the first line there are gaps
+        // before the first line of the map there are gaps
         let mut cells = vec![class::GAP; (WATERFALL - (k + 1 - from)) * high * columns * scale];
         for line in picture.pixels[from * columns..(k + 1) * columns].chunks(columns) {
             let wide: Vec<u8> = line.iter().flat_map(|c| std::iter::repeat_n(*c, scale)).collect();
@@ -372,7 +396,7 @@ pub fn waterfalls<E: From<String>>(
     Ok(())
 }
 
-/// The key of the colours of both maps.
+/// The key of the colours of both maps, as HTML.
 pub fn key(categories: &[String]) -> String {
     let patch = |colour: &Colour, words: &str| {
         format!(

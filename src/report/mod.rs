@@ -1,9 +1,22 @@
-//! The report that a person looks at. From the verdicts, episodes and summaries of any number of recordings
-//! it tells which channels to clean, since when they are faulty, and whether the verdicts can be trusted.
+//! The report that a person looks at. From the verdicts, episodes and summaries of any number of
+//! recordings it tells which channels to clean, since when they are faulty, and whether the
+//! verdicts can be trusted.
 //!
-//! In: the [`Source`] and the episodes of each recording, then all verdicts once ([`Survey`]). Out: a
-//! [`Report`], and from it the page. The report must never judge by itself: the episodes decide what is a
-//! fault.
+//! In, from the verbs `report` and `replay` (`cli/results.rs`): the [`Source`] and the episodes of
+//! each recording, then all verdicts once ([`Survey`]). Out: a [`Report`], and from it the page
+//! (`html`), the list on a terminal (`print`) and the table of faults. The report must never judge
+//! by itself: the episodes decide what is a fault.
+//!
+//! The steps, each in a file:
+//! 1. `survey` reads the verdicts once: counts, a map of each printhead (`map`), and a `watch` of
+//!    each channel that had an episode.
+//! 2. `coverage` and `false_alarms` say what was judged, and how well.
+//! 3. `story` links the episodes of each channel into one story per fault; `trend` says whether the
+//!    fault grows. `fault` makes an entry of the cleaning list of each story.
+//! 4. `neighbours`, `notes`, `changes` and `drift` look over channels, printheads and nights.
+//! 5. `page` writes all that with `heads`, `tables`, `maps` and `figures`.
+//!
+//! `evaluation` and `promised` are other pages made by the same means, for the verb `score`.
 
 mod bins;
 mod changes;
@@ -54,13 +67,16 @@ use std::sync::Arc;
 use story::Rates;
 use survey::Tally;
 
-/// Counts of one recording.
+/// Counts of one recording: a line of the page's table of recordings.
 #[derive(Clone, Debug)]
 pub struct RecordingLine {
     pub name: String,
-    /// Index of the recording, as the spells of the stories refer to it.
+    /// Index of the recording among the sources, by which the spells of the stories refer to it.
+    /// The lines themselves are sorted by time.
     pub source: usize,
+    /// From the recording's first to its last signal; `None` if it has none.
     pub span: Option<Span>,
+    /// Number of judged signals.
     pub judged: u64,
     /// Rejected signals by reason.
     pub rejected: BTreeMap<String, u64>,
@@ -70,7 +86,7 @@ pub struct RecordingLine {
     pub bursts: Option<u64>,
     /// Number of places where the file is damaged.
     pub damaged_places: u64,
-    /// The first of these, in words.
+    /// The first of these places, in words.
     pub damage: Option<String>,
     /// Files that are missing beside the verdicts ([`Source::missing`]).
     pub missing: Vec<&'static str>,
@@ -106,7 +122,8 @@ pub struct Report {
 }
 
 impl Report {
-    /// The report of recordings of which `survey` has seen all verdicts. `lost`: recordings without verdicts.
+    /// The report of the recordings of which `survey` has seen all verdicts. `sources`: these
+    /// recordings, in the order of the survey's indices; `lost`: recordings without verdicts.
     pub fn new(
         sources: &[Source],
         survey: Survey,
@@ -115,7 +132,8 @@ impl Report {
     ) -> Report {
         let coverage = Coverage::of(&survey, sources, lost);
         let false_alarms = FalseAlarms::of(&survey, sources);
-        // the stories of each channel are linked with the rates of all channels
+
+        // The stories of each channel, linked with the rates of all channels.
         let rates = rates(&survey, &false_alarms);
         let mut faults: Vec<Fault> = survey
             .heads
@@ -124,6 +142,8 @@ impl Report {
             .flat_map(|watch| Fault::of_channel(story::stories(watch, &rates), &settings))
             .collect();
         fault::sort(&mut faults);
+
+        // What is told over channels and recordings.
         let observed = neighbours::Observed::of(&survey, &faults);
         let groups = neighbours::groups(&faults, &observed, &settings);
         let notes = notes::notes(&survey, &faults, sources);
@@ -144,7 +164,8 @@ impl Report {
     }
 }
 
-/// How often faults begin, healthy signals are flagged, and each category occurs, over all channels.
+/// How often faults begin, healthy signals are flagged, and each category occurs, over all
+/// channels: what `story` weighs the bursts of one channel against.
 fn rates(survey: &Survey, false_alarms: &FalseAlarms) -> Rates {
     let mut categories: BTreeMap<String, u64> = BTreeMap::new();
     let watches = || survey.heads.iter().flat_map(|head| &head.watches);
@@ -162,7 +183,8 @@ fn rates(survey: &Survey, false_alarms: &FalseAlarms) -> Rates {
     }
 }
 
-/// A line of counts for each recording: from the survey by printhead, and from the recording's document.
+/// A line of counts for each source: from the survey by printhead, and from the JSON document of
+/// the recording's summary.
 fn lines(sources: &[Source], survey: &Survey, faults: &[Fault]) -> Vec<RecordingLine> {
     // channels with an episode, by recording and printhead
     let mut faulty: BTreeMap<(usize, Arc<str>), BTreeSet<u32>> = BTreeMap::new();

@@ -1,10 +1,18 @@
-//! Neighbouring channels that may have failed together. In: open faults, how the nozzles lie, and how much
-//! was judged when. Out: [`Group`]s of neighbouring faults of one category that began together, as with an
-//! air front or a flooded plate.
+//! Neighbouring channels that may have failed together, as with an air front or a flooded plate.
 //!
-//! Independent faults also lie beside each other and begin together at times. So two faults are joined only
-//! if independent ones would rarely begin so close together, and if few such pairs are expected by chance on
-//! a printhead with that many faults.
+//! In: the faults of all channels, the settings' rows and pitch (how the nozzles lie), and from the
+//! survey how much was judged when (`Observed`). Out to the page and the list: [`Group`]s of open
+//! faults of one category on neighbouring nozzles that began together, each with a sentence.
+//!
+//! Independent faults also lie beside each other and begin together at times. So two faults are
+//! joined (`began_together`) only if both numbers are at most .05:
+//! 1. close = 2 x the share of all judged signals between the two onsets: the probability that an
+//!    independent fault begins so close to the first, before or after it. Time is counted in judged
+//!    signals, since nobody sees an onset when nothing is measured.
+//! 2. pairs x touching x close: the number of such pairs that chance makes on a printhead with that
+//!    many faults; touching is the probability that two channels are neighbours.
+//!
+//! Groups are the connected components of joined faults.
 
 use super::fault::Fault;
 use super::night::whole;
@@ -28,13 +36,13 @@ pub struct Group {
     pub sentence: String,
 }
 
-/// How much of a printhead was judged when.
+/// How much of one printhead was judged when.
 #[derive(Clone, Debug, Default)]
 pub struct Observed {
     pub channels: usize,
-    /// Begin, ns, end, ns, and number of judged signals of each recording.
+    /// Of each recording its begin, ns, its end, ns, and the number of signals judged in it.
     pub recordings: Vec<(i64, i64, u64)>,
-    /// Number of faults of all categories and times.
+    /// Number of its faults, of all categories and times.
     pub faults: usize,
 }
 
@@ -53,8 +61,8 @@ impl Observed {
         survey.heads.iter().map(of).collect()
     }
 
-    /// Share of all judged signals that lie between two times, if they are evenly spread over each recording.
-    /// One burst is added, so that the share is not 0 for equal times.
+    /// Share of all judged signals that lie between two times, ns, if they are evenly spread over
+    /// each recording. One burst is added, so that the share is not 0 for equal times.
     fn share(&self, a_ns: i64, b_ns: i64) -> f64 {
         let (from, to) = (a_ns.min(b_ns) as f64, a_ns.max(b_ns) as f64);
         let all: u64 = self.recordings.iter().map(|r| r.2).sum();
@@ -68,17 +76,22 @@ impl Observed {
     }
 
     /// Whether the faults of two neighbours began closer together than independent faults would.
+    /// `rows`: rows of nozzles of the printhead. If neither onset was seen, only the channels'
+    /// places are evidence, and the first number is not asked for.
     fn began_together(&self, a: &Fault, b: &Fault, rows: u32) -> bool {
         let (a, b) = (&a.story, &b.story);
         let unseen = !a.onset_seen && !b.onset_seen;
-        // probability that a second, independent onset lies so close to the first, before or after it
+        // close: the probability that a second, independent onset lies so close to the first,
+        // before or after it
         let close = (2.0 * self.share(a.began_at_ns, b.began_at_ns)).min(1.0);
-        // a nozzle has two neighbours in its row, and three in each row beside it
+
+        // A nozzle has two neighbours in its row, and three in each row beside it, of which there
+        // are at most two.
         let neighbours = 2.0 + 3.0 * f64::from((rows - 1).min(2));
         // pairs of faults, and the probability that the channels of a pair are neighbours
         let pairs = 0.5 * self.faults as f64 * self.faults.saturating_sub(1) as f64;
         let touching = neighbours / self.channels.saturating_sub(1).max(1) as f64;
-        // if neither onset was seen, only the channels' places are evidence
+        // if neither onset was seen, only the places of the channels are evidence
         let close = if unseen { 1.0 } else { close };
         (unseen || close <= CHANCE) && pairs * touching * close <= CHANCE
     }
@@ -96,7 +109,9 @@ pub fn groups(
         let together = |of: &Observed| of.began_together(a, b, settings.rows);
         touch(a, b, settings) && observed.get(&a.story.printhead).is_some_and(together)
     };
-    // connected components: grow each group by what is joined to one of its members
+
+    // Connected components: take any fault that is left, and grow its group by what is joined to
+    // one of its members, until no member has anything left to join.
     while let Some(first) = left.pop() {
         let mut members = vec![first];
         let mut at = 0;
@@ -118,8 +133,8 @@ pub fn groups(
     groups
 }
 
-/// Whether two faults of one category are on neighbouring nozzles, in one row or in adjacent rows, and were
-/// on at the same time.
+/// Whether two faults of one category are on neighbouring nozzles, in one row or in adjacent rows,
+/// and were on at the same time.
 fn touch(a: &Fault, b: &Fault, settings: &ReportSettings) -> bool {
     let (a, b) = (&a.story, &b.story);
     let place =
@@ -153,6 +168,9 @@ fn sentence(members: &[usize], faults: &[Fault], settings: &ReportSettings) -> S
         let width = f64::from(channels(last) / settings.rows - channels(0) / settings.rows);
         text += &format!(", over {:.2} mm", width * settings.pitch / 1e3);
     }
+
+    // When: from the first onset to the last. Four or more onsets in the order of the channels look
+    // like a front.
     let onsets: Vec<i64> = stories.iter().map(|s| s.began_at_ns).collect();
     let (rising, falling) = (onsets.is_sorted(), onsets.iter().rev().is_sorted());
     let (first_ns, last_ns) = whole(onsets.iter().map(|t| (*t, *t))).unwrap_or_default();
@@ -164,6 +182,8 @@ fn sentence(members: &[usize], faults: &[Fault], settings: &ReportSettings) -> S
             format!(", since {} to {}", words::clock(first_ns), words::clock(last_ns))
         }
     };
+
+    // What may be the cause.
     text += &match category {
         _ if moves && (rising || falling) => {
             let to = channels(if rising { last } else { 0 });

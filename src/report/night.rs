@@ -1,10 +1,11 @@
-//! Spans of time, and the last night of recordings. In: when recordings began and ended. Out: when the last night
-//! began.
+//! Spans of time, and the last night of recordings: what `changes` and `coverage` mean by it.
+//!
+//! In: when recordings began and ended. Out: when the last night began.
 
-/// When something began and ended, ns.
+/// When something began and ended, ns since 1970.
 pub type Span = (i64, i64);
 
-/// The span that holds all of these.
+/// The smallest span that holds all of these; `None` of none.
 pub fn whole(spans: impl IntoIterator<Item = Span>) -> Option<Span> {
     spans.into_iter().reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
 }
@@ -14,9 +15,13 @@ const PAUSE_NS: i64 = 6 * 3_600_000_000_000;
 /// Without such a pause the last day counts as the night, ns.
 const LONGEST_NIGHT_NS: i64 = 24 * 3_600_000_000_000;
 
-/// When the last night began: at the first recording after the last long pause, but at the earliest a day
-/// before `to_ns`, the end of the last recording. A recording is never divided, so the last one may be
-/// longer. `spans`: those of the recordings, ascending.
+/// When the last night began: at the first recording after the last long pause, but at the earliest
+/// a day before `to_ns`, the end of the last recording. A recording is never divided, so the last
+/// one may be longer than a day. `spans`: those of the recordings, by ascending begin.
+///
+/// It goes back from the latest recording, and stops at a pause or at a recording that began too
+/// early. A pause is counted from the end of the recording that began before; a longer recording
+/// that began earlier still and lasts into the pause is not looked at.
 pub fn last_night(spans: &[Span], to_ns: i64) -> i64 {
     let earliest = to_ns.saturating_sub(LONGEST_NIGHT_NS);
     let mut begins = i64::MAX;

@@ -1,6 +1,9 @@
-//! What the reader should know before anything is cleaned: printheads that no model fits, printheads with so
-//! many faults at once that the cause is hardly the nozzles, and recordings that overlap. In: a survey, its
-//! faults and recordings. Out: sentences.
+//! What the reader should know before anything is cleaned, in sentences that stand at the top of
+//! the page and of the terminal's list.
+//!
+//! In: a survey, its faults and its recordings. Out: notes about printheads that no model fits,
+//! about printheads with so many faults at once that the cause is hardly the nozzles, and about
+//! recordings that overlap in time, whose signals count twice.
 
 use super::fault::Fault;
 use super::source::Source;
@@ -93,10 +96,11 @@ fn overlaps(survey: &Survey, sources: &[Source]) -> Option<String> {
     })
 }
 
-/// Pairs of recordings of a printhead, by their indices, that overlap in time and in the range from the
-/// lowest to the highest channel that they judged. Spans of time that only touch do not overlap. Each
-/// recording is paired with at most one of the [`MOST_LOOKED_BACK`] that come before it in the order of
-/// their begins: with the last of these that it overlaps.
+/// Pairs of recordings of a printhead, by their indices, that overlap in time and in the range from
+/// the lowest to the highest channel that they judged. Spans of time that only touch do not
+/// overlap. Each recording is compared with the [`MOST_LOOKED_BACK`] recordings that come before it
+/// in the order of their begins, and paired with at most one of these: the latest one that it
+/// overlaps.
 fn overlapping(head: &Head) -> Vec<(usize, usize)> {
     let span = |(&k, t): (&usize, &super::survey::Tally)| t.span.map(|(from, to)| (from, to, k));
     let mut spans: Vec<(i64, i64, usize)> = head.tallies.iter().filter_map(span).collect();

@@ -1,5 +1,11 @@
-//! The page. In: a [`Report`]. Out: self-contained HTML. One sentence comes first, then what to clean, then
-//! the recordings, maps and figures that this rests on, and last the meaning of the words.
+//! The page of the report, which `cli/report_page.rs` writes.
+//!
+//! In: a [`Report`]. Out: self-contained HTML, made with `inkling_lab::plot::page`. One sentence
+//! comes first, then what to clean, then the recordings, maps and figures that this rests on, and
+//! last the meaning of the words. Every text that comes from a file is escaped.
+//!
+//! The lists link to figures (`#t` and the fault's index), maps (`#m` and a number) and rows (`#r`
+//! and the fault's index), so figures and maps are drawn first and put in later.
 
 use super::changes::Changes;
 use super::fault::{Fault, what};
@@ -15,12 +21,12 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::sync::Arc;
 
-/// Most bytes of all maps, so that the page can be mailed. Once they are exceeded no further map is drawn,
-/// and the page says so.
+/// Once all maps together have more bytes than this no further map is drawn, and the page says so:
+/// the page is to be mailed.
 const MOST_MAP_BYTES: usize = 3_500_000;
 /// Most groups of neighbours that are listed.
 const MOST_GROUPS: usize = 30;
-/// Most channels that are listed for each kind of change.
+/// Most channels that are listed for each kind of change, and most printheads that were not judged.
 const MOST_CHANGES: usize = 12;
 
 /// The whole page.
@@ -36,7 +42,8 @@ pub fn html(report: &Report) -> String {
     for note in &report.notes {
         let _ = writeln!(body, "<p class=\"warn\"><b>Note.</b> {}</p>", escaped(note));
     }
-    // figures and maps are drawn before the lists, because these link to them only if they exist
+
+    // Figures and maps are drawn before the lists, because the lists link to those that exist.
     let trends = figures::trends(report);
     let (maps, of_heads) = draw_maps(report);
     let drawn = LinkTargets { trends: trends.keys().copied().collect(), maps: of_heads };
@@ -69,8 +76,8 @@ pub fn html(report: &Report) -> String {
     page("Nozzle report", &body)
 }
 
-/// The page's first sentence: `6 of 192 channels on 3 printheads need care ...`. `None` if nothing was
-/// judged.
+/// The page's first sentence: `6 of 192 channels on 3 printheads need care ...`. `open`: the faults
+/// to clean, the most urgent first. `None` if nothing was judged.
 fn sentence(report: &Report, open: &[&Fault]) -> Option<String> {
     let coverage = &report.coverage;
     let judged = |head: &&Head| head.tallies.values().any(|tally| tally.judged > 0);
@@ -80,6 +87,8 @@ fn sentence(report: &Report, open: &[&Fault]) -> Option<String> {
         counted(coverage.channels, "channel"),
         counted(heads as u64, "printhead")
     );
+
+    // Nothing is to be cleaned: how much that says depends on how much is known.
     let Some(first) = open.first() else {
         return match coverage {
             _ if coverage.judged == 0 => None,
@@ -90,6 +99,8 @@ fn sentence(report: &Report, open: &[&Fault]) -> Option<String> {
             _ => Some(format!("What is known of {of} names no channel to clean.")),
         };
     };
+
+    // How many faults there are of each kind, the most frequent kind first.
     let mut kinds: BTreeMap<String, u64> = BTreeMap::new();
     for fault in open {
         let kind = fault.story.category.as_deref().map(|c| c.replace('_', " "));
@@ -119,7 +130,7 @@ fn sentence(report: &Report, open: &[&Fault]) -> Option<String> {
     ))
 }
 
-/// What the report rests on: recordings, signals, time span, damage.
+/// What the report rests on, in one sentence: recordings, signals, time span, damage.
 fn basis(report: &Report) -> String {
     let lines = &report.recordings;
     let judged: u64 = lines.iter().map(|line| line.judged).sum();
@@ -163,7 +174,8 @@ fn together(report: &Report, body: &mut String) {
     *body += "</ul>\n";
 }
 
-/// The section of the maps, and the number of each printhead's map that was drawn.
+/// The section of the maps, and the number of each printhead's map that was drawn, which is part of
+/// the map's address in the page.
 fn draw_maps(report: &Report) -> (String, BTreeMap<Arc<str>, usize>) {
     let heads: Vec<_> = report.survey.heads.iter().filter(|h| !h.tallies.is_empty()).collect();
     let mut body = String::from(
@@ -203,7 +215,8 @@ fn draw_maps(report: &Report) -> (String, BTreeMap<Arc<str>, usize>) {
     (body, drawn_of)
 }
 
-/// The section of what changed since the night before. It stands before the cleaning list.
+/// Adds the section of what changed since the night before, if there was one. It stands before the
+/// cleaning list.
 fn changed(report: &Report, body: &mut String) {
     let Some(changes) = Changes::of(&report.recordings, &report.faults) else { return };
     let _ = writeln!(
@@ -247,7 +260,8 @@ fn changed(report: &Report, body: &mut String) {
     *body += "</ul>\n";
 }
 
-/// `black-2 channel 0, empty ink channel (EC)`, with a link to its row.
+/// The words for a changed fault, `black-2 channel 0, empty ink channel (EC)`, with a link to the
+/// fault's row.
 fn change(report: &Report, fault: &Fault) -> String {
     let s = &fault.story;
     let place = tables::place(report, fault);
@@ -259,14 +273,14 @@ fn change(report: &Report, fault: &Fault) -> String {
     )
 }
 
-/// A section of figures, if there are any.
+/// Adds a section of figures, if there are any.
 fn section(title: &str, figures: &[String], body: &mut String) {
     if !figures.is_empty() {
         let _ = writeln!(body, "<h2>{title}</h2>\n{}", figures.join("\n"));
     }
 }
 
-/// The section of false alarms, with the channels that are flagged most often.
+/// Adds the section of false alarms, with the channels that are flagged most often.
 fn false_alarms(report: &Report, body: &mut String) {
     let f = &report.false_alarms;
     let per_million = |share: f64| thousands((1e6 * share).round() as u64);
@@ -306,8 +320,8 @@ fn false_alarms(report: &Report, body: &mut String) {
     let _ = writeln!(body, "<p>Flagged most often without an episode:</p>\n{often}");
 }
 
-/// The section that explains the page's words and the classes. `glossary.txt` has a line for each word, and
-/// below it one for its meaning.
+/// Adds the section that explains the page's words and the classes. `glossary.txt` has a line for
+/// each word, and below it one for its meaning.
 fn explain(body: &mut String) {
     *body += "<h2>What the words mean</h2>\n<dl>\n";
     let lines: Vec<&str> = include_str!("glossary.txt").lines().map(str::trim).collect();

@@ -1,4 +1,8 @@
-//! The promise of a design, on the evaluation's page and on a terminal. In: a [`Promise`]. Out: HTML or text.
+//! The promise of a design, as a section of the evaluation's page (`html`) and as text on a
+//! terminal (`print`, for `score` and `identify`).
+//!
+//! In: a [`Promise`], which the design computed from its own physics. Out: HTML or text: the
+//! smallest fault of each class that is found, and the classes that are mistaken for each other.
 
 use super::words::{Column, columns, counted};
 use inkling_core::fault;
@@ -7,7 +11,8 @@ use inkling_lab::plot::page::{name, table};
 use std::fmt::Write as _;
 use std::io::{self, Write};
 
-/// A pair of classes counts as told apart if it is mistaken in a smaller share of its signals.
+/// Two classes count as told apart if they are mistaken for each other in a smaller share of their
+/// flagged signals than this.
 const APART: f64 = 0.01;
 /// Most pairs that are listed one by one.
 const MOST_PAIRS: usize = 20;
@@ -27,7 +32,8 @@ fn found(d: &Detectable) -> String {
     format!("{:.1} %", 100.0 * d.found)
 }
 
-/// The smallest fault of a class that is found, in words.
+/// The smallest fault of a class that is found, in words: a severity, and how it lies to the sizes
+/// of the class.
 fn smallest(d: &Detectable) -> String {
     match d.smallest {
         Some(smallest) if smallest <= d.range[0] => "all of its sizes".into(),
@@ -37,7 +43,7 @@ fn smallest(d: &Detectable) -> String {
     }
 }
 
-/// The pairs of classes that are mistaken for each other, and the number of pairs that are told apart.
+/// The pairs of classes that are mistaken for each other, and the number of all other pairs.
 fn confused(promise: &Promise) -> (Vec<&Pair>, usize) {
     let confused: Vec<&Pair> = promise.pairs.iter().filter(|p| p.mistaken >= APART).collect();
     let apart = promise.pairs.len() - confused.len();

@@ -1,4 +1,5 @@
-//! The section `[report]` of `pipeline.toml`: what to do for each category of fault, and how the nozzles lie.
+//! The section `[report]` of `pipeline.toml`: what to do for each category of fault, and how the
+//! nozzles lie. `fault` asks for the action, `neighbours` for the rows and the pitch.
 
 use inkling_core::ranges::check;
 use serde::{Deserialize, Deserializer, Serialize};
@@ -17,7 +18,8 @@ pub struct ReportSettings {
     pub rows: u32,
     /// Distance from a nozzle to the next one in its row, µm; 0 if it is not known.
     pub pitch: f64,
-    /// What to do, by category of the fault, or by reason if no category is certain.
+    /// What to do, in the user's words, by category of the fault, or by reason if no category is
+    /// certain.
     #[serde(deserialize_with = "over_defaults")]
     pub actions: BTreeMap<String, String>,
 }
@@ -28,6 +30,8 @@ impl Default for ReportSettings {
     }
 }
 
+/// The actions unless the user sets others: for each category of the thesis's classes, and for each
+/// reason why a fault has no name.
 fn default_actions() -> BTreeMap<String, String> {
     [
         ("dried_nozzle", "pre-fire"),

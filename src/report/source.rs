@@ -1,4 +1,5 @@
-//! The recordings that a report covers.
+//! The recordings that a report covers: those with verdicts, and those that have none.
+//! `cli/results.rs` makes both from what lies in the directories that the user named.
 
 use serde_json::Value;
 

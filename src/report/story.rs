@@ -1,29 +1,37 @@
 //! Links the episodes of a channel over recordings: one story per fault.
 //!
-//! In: a [`Watch`] of a channel, and how often faults begin on channels at all. Out: [`Story`]s. Two episodes
-//! are of one fault unless the channel was cured between them and the second is another fault.
+//! In: the `Watch` of a channel (its episodes, and counts of its bursts in and between them), and
+//! `Rates`, how often faults begin on channels at all. Out to `fault`: `Story`s. `stories` is the
+//! entry point, called by `Report::new` for each channel that had an episode. Two episodes are of
+//! one fault unless the channel was cured between them and the second episode is another fault.
 //!
 //! # Cured or not
 //!
-//! Whether a channel was cured between two episodes follows from its bursts in between, by a likelihood
-//! ratio: either as many of them are flagged as in the episodes (weak faults are not flagged in every burst),
-//! or as few as on healthy channels. If no burst was judged in between, the fault counts as not cured.
+//! Whether a channel was cured between two episodes follows from its bursts in between, by a
+//! likelihood ratio: either as many of them are flagged as in the episodes (weak faults are not
+//! flagged in every burst), or as few as on healthy channels. If the logarithm of the ratio is
+//! above 3, the channel was cured (`Gap::of`). If the first episode ended within its recording, the
+//! sequential test of the episodes has seen the cure, and one quiet burst after it is enough. If no
+//! burst was judged in between, the fault counts as not cured.
 //!
 //! # The same fault or another
 //!
-//! A new fault begins on this channel with the rate `mu` per burst at which faults begin on channels at all,
-//! which is small. A fault that comes back does so with a rate lambda of its own, of which nothing is known
-//! but that it lies between `mu` and 1 (every burst); its logarithm is taken as uniform. After n quiet bursts
-//! the ratio of the two likelihoods is
+//! A new fault begins on this channel with the rate `mu` per burst at which faults begin on
+//! channels at all, which is small. A fault that comes back does so with a rate lambda of its own,
+//! of which nothing is known but that it lies between `mu` and 1 (every burst); its logarithm is
+//! taken as uniform. After n quiet bursts the ratio of the two likelihoods, a return over a new
+//! fault, is (`returns_over_new`)
 //!
 //! ```text
 //! integral over ln lambda, from ln mu to 0, of lambda e^(-lambda n) / ln(1 / mu), over mu e^(-mu n)
 //! = (1 - e^((mu - 1) n)) / (mu n ln(1 / mu))
 //! ```
 //!
-//! It is divided by the share of the category among all episodes, as another fault would rarely be of the
-//! same category. So a nozzle that dries every night is one story, and a fault that comes once in a channel's
-//! life is a story of its own.
+//! The ratio is divided by the share of the category among all episodes, as another fault would
+//! rarely be of the same category. Below 1 the second episode is another fault; and it always is if
+//! its category differs. So a nozzle that dries every night is one story, and a fault that comes
+//! once in a channel's life is a story of its own. This model is the project's own, no published
+//! one.
 
 use super::trend::{self, Trend};
 use super::watch::{self, LookCounts, Spell, Watch};
@@ -33,11 +41,11 @@ use inkling_core::verdict::Reason;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// From this ln of the likelihood ratio on a channel counts as cured; below, its fault may just show in few
-/// bursts.
+/// A channel counts as cured if the ln of the likelihood ratio, healthy over still faulty, is above
+/// this: 20 to 1. Below, its fault may just show in few bursts.
 const CURED: f64 = 3.0;
-/// Prior of the share of flagged bursts in episodes: as if this many bursts, half of them flagged, had been
-/// seen before.
+/// Prior of the share of flagged bursts in a channel's episodes: as if this many bursts, half of
+/// them flagged, had been seen before.
 const PRIOR_BURSTS: f64 = 1.0;
 /// Most characters that are kept of an episode's explanation.
 const MOST_OF_A_SENTENCE: usize = 300;
@@ -56,14 +64,16 @@ pub struct Rates {
 }
 
 impl Rates {
-    /// Rate at which faults begin, per judged signal. The channel in question has a fault itself, so one
-    /// channel is taken off; half a fault is added so that the rate is not 0 if no other channel has any.
+    /// Rate mu at which faults begin, per judged signal, at most one half. The channel in question
+    /// has a fault itself, so one channel is taken off; half a fault is added so that the rate is
+    /// not 0 if no other channel has any.
     fn onset(&self) -> f64 {
         let others = self.faulty_channels.saturating_sub(1) as f64 + 0.5;
         (others / self.judged.max(1) as f64).min(0.5)
     }
 
-    /// Share of a category among all episodes. One is added to each category's count, so that no share is 0.
+    /// Share of a category among all episodes that have one. One is added to each category's count
+    /// and one for all others, so that no share is 0.
     fn share(&self, category: Option<&str>) -> f64 {
         let all: u64 = self.categories.values().sum();
         let of = category.and_then(|c| self.categories.get(c)).copied().unwrap_or(0);
@@ -80,31 +90,36 @@ pub struct Story {
     pub category: Option<String>,
     /// Class, if the episode that the story is named after has one.
     pub fault: Option<String>,
-    /// For a story without a category: the reason that most of its bursts have.
+    /// For a story without a category: why it has none, which is the reason that most of its
+    /// flagged bursts have.
     pub strange: Option<Reason>,
     /// For a story without a category: what the explanation of the last episode says. The text comes from a
     /// file and is not trusted.
     pub looks_like: Option<String>,
     pub began_at_ns: i64,
-    /// Whether the channel was seen healthy before the onset; if not, the fault may be older.
+    /// Whether a burst of the channel before the onset was judged and not flagged; if not, the
+    /// fault may be older.
     pub onset_seen: bool,
     /// When the fault ended; `None` if it is still on.
     pub ended_at_ns: Option<i64>,
     /// Number of recordings that hold an episode of the fault.
     pub recordings: u32,
     pub spells: Vec<Spell>,
-    /// How often the channel was healthy in between.
+    /// How often the channel was cured between the story's episodes.
     pub cures: u32,
     /// Onset of the first episode after the last cure.
     pub last_began_at_ns: i64,
+    /// The first and the last severity that an episode of the story states, each in the unit of
+    /// that episode's own class, which need not be the story's.
     pub severity_first: Option<f64>,
     pub severity_last: Option<f64>,
     /// Standard deviation of `severity_last`.
     pub severity_sd: Option<f64>,
     /// The quantity that the severities measure; `None` if they measure several.
     pub quantity: Option<String>,
-    /// Trend of the severity since the last cure.
+    /// Trend of the severity since the last cure; `None` if there are too few sizes.
     pub trend: Option<Trend>,
+    /// Certainty, from 0 to 1, of the episode that the story is named after.
     pub certainty: Option<f64>,
 }
 
@@ -118,7 +133,7 @@ impl Story {
     }
 }
 
-/// These words in an episode's explanation say that the cause lies in the sensor line.
+/// If these words stand in an episode's explanation, the cause lies in the sensor line.
 const SENSOR_LINE: &str = "look at cable";
 
 /// What a channel's bursts between two episodes, or after the last one, say about a cure.
@@ -129,9 +144,13 @@ struct Gap {
 }
 
 impl Gap {
-    /// `share`: share of flagged bursts in the channel's episodes; `false_alarms`: share on healthy channels.
+    /// The gap that these bursts make, by a binomial likelihood ratio. `share`: share of flagged
+    /// bursts in the channel's episodes; `false_alarms`: share of flagged signals on healthy
+    /// channels.
     fn of(between: &LookCounts, share: f64, false_alarms: f64) -> Gap {
         let quiet = between.judged - between.flagged;
+        // A healthy channel must be flagged more rarely than a faulty one, or the ratio says
+        // nothing.
         let false_alarms = false_alarms.clamp(1e-6, 0.5 * share);
         // ln of the binomial likelihood ratio: healthy over still faulty
         let healthy = between.flagged as f64 * (false_alarms / share).ln()
@@ -142,14 +161,16 @@ impl Gap {
 
 /// The stories of a channel, in the order of their onsets.
 pub fn stories(watch: &Watch, rates: &Rates) -> Vec<Story> {
-    // the share of flagged bursts in this channel's episodes, with a weak prior
+    // The share of flagged bursts in this channel's episodes, with a weak prior.
     let mut whole = LookCounts::default();
     watch.spells.iter().for_each(|spell| whole.absorb(&spell.looked));
     let share = (whole.flagged as f64 + 0.5 * PRIOR_BURSTS) / (whole.judged as f64 + PRIOR_BURSTS);
     let share = share.clamp(0.01, 0.999);
+
+    // The gap before episode k; with k the number of episodes, the time after the last one.
     let gap = |k: usize| {
-        // if the episode ended within its recording, the sequential test saw the channel healthy again: then
-        // one quiet burst is enough for a cure
+        // If the episode ended within its recording, the sequential test saw the channel healthy
+        // again: then one quiet burst is enough for a cure.
         let ended = watch.spells[k - 1].episode.ended_at_ns.is_some();
         let gap = Gap::of(&watch.outside[k], share, rates.false_alarms);
         Gap { cured: gap.cured || ended && gap.quiet > 0, quiet: gap.quiet }
@@ -164,9 +185,14 @@ pub fn stories(watch: &Watch, rates: &Rates) -> Vec<Story> {
         if !last && !is_another(before, &watch.spells[k], &here, rates) {
             continue;
         }
+
+        // The story ended where its last episode did, or at the first quiet burst after it if the
+        // channel was cured later; otherwise it is still on.
         let inner: Vec<Gap> = (from + 1..k).map(gap).collect();
         let ended = before.episode.ended_at_ns.is_some() || here.cured;
         let ended_at_ns = before.episode.ended_at_ns.or(watch.outside[k].first_quiet_ns);
+
+        // Its onset was seen if the channel was quiet at some time before.
         let before_it = &watch.outside[from];
         let onset_seen = before_it.judged > before_it.flagged;
         all.push(story(watch, from..k, &inner, onset_seen, ended_at_ns.filter(|_| ended)));
@@ -175,11 +201,15 @@ pub fn stories(watch: &Watch, rates: &Rates) -> Vec<Story> {
     all
 }
 
-/// Whether the episode after a gap is a new fault, rather than the old one that goes on or comes back.
+/// Whether the episode after a gap is a new fault, rather than the old one that goes on or comes
+/// back.
 fn is_another(before: &Spell, after: &Spell, gap: &Gap, rates: &Rates) -> bool {
     if !gap.cured {
         return false; // whatever it is called now, it was never gone
     }
+
+    // The share of the category among all episodes: so often would another fault have the same
+    // category by chance. It is 1 if either episode has no category, which is no evidence.
     let (was, is) = (before.episode.category.as_deref(), after.episode.category.as_deref());
     let same = match (was, is) {
         (Some(was), Some(is)) if was != is => return true,
@@ -189,12 +219,14 @@ fn is_another(before: &Spell, after: &Spell, gap: &Gap, rates: &Rates) -> bool {
     returns_over_new(gap.quiet as f64, rates.onset()) / same < 1.0
 }
 
-/// Likelihood that a fault comes back after n quiet bursts, over the likelihood that a new one begins then.
+/// Likelihood that a fault comes back after n quiet bursts (n > 0), over the likelihood that a new
+/// one begins then. `mu`: rate of new faults per burst.
 fn returns_over_new(n: f64, mu: f64) -> f64 {
     (1.0 - ((mu - 1.0) * n).exp()) / (mu * n * (1.0 / mu).ln())
 }
 
-/// The story of the episodes `of`. `inner`: the gaps between them, one fewer than episodes.
+/// The story of the episodes with the indices `of`. `inner`: the gaps between these episodes, one
+/// fewer than episodes; `ended_at_ns`: `None` if the story is still on.
 fn story(
     watch: &Watch,
     of: std::ops::Range<usize>,
@@ -204,7 +236,9 @@ fn story(
 ) -> Story {
     let spells = &watch.spells[of];
     let (first, last) = (&spells[0].episode, &spells[spells.len() - 1].episode);
-    // the last named class wins; an unnamed episode takes nothing back
+
+    // What the story is called: the last named class wins, unless a later episode names another
+    // category; an unnamed episode takes nothing back.
     let latest = || spells.iter().rev().map(|s| &s.episode);
     let named = latest().find(|e| e.fault.is_some());
     let category_of = latest().find(|e| e.category.is_some());
@@ -213,12 +247,16 @@ fn story(
         (_, Some(category)) => category,
         _ => last,
     };
+
+    // Where and since when: the recordings that hold an episode, and the first episode after the
+    // last cure.
     let mut recordings: Vec<usize> = spells.iter().map(|s| s.recording).collect();
     recordings.sort_unstable();
     recordings.dedup();
-    // the first episode after the last cure
     let last_run = inner.iter().rposition(|gap| gap.cured).map_or(0, |k| k + 1);
     let last_began_at_ns = spells[last_run].episode.began_at_ns;
+
+    // The size: of the last episode that has one.
     let sized = |e: &&inkling_core::episodes::Episode| e.severity_last.is_some();
     let last_sized = latest().find(sized);
     let quantity = watch::quantity(said).map(str::to_owned);
@@ -226,13 +264,16 @@ fn story(
     let to_ns = ended_at_ns.unwrap_or(i64::MAX);
     let severity_last = last_sized.and_then(|e| e.severity_last);
     let severity_sd = last_sized.and_then(|e| e.severity_sd);
-    // Relative standard deviation of the size, measured from the severity of no fault: all sizes of the
-    // channel may be off by this factor, and so may the trend.
+
+    // The relative standard deviation of the size, measured from the severity of no fault
+    // (`Law::none`): all sizes of the channel may be off by this factor, and so may the trend.
     let none = said.fault.as_deref().and_then(faults::law).map(Law::none);
     let scale = severity_last.zip(severity_sd).zip(none);
     let scale = scale.map_or(0.0, |((last, sd), none)| sd / (last - none).abs());
     let scale = if scale.is_finite() { scale } else { 0.0 };
     let trend = course.and_then(|course| trend::trend(course, last_began_at_ns, to_ns));
+
+    // What stands for the name of a story without a category.
     let looks_like = said.category.is_none().then(|| looks_like(said)).flatten();
     let strange = said.category.is_none().then(|| match &looks_like {
         Some(words) if words.contains(SENSOR_LINE) => Reason::NoRing,
@@ -261,14 +302,16 @@ fn story(
     }
 }
 
-/// An episode's explanation without its beginning `channel 7: `, as the channel stands beside it on the page.
+/// An episode's explanation without its beginning `channel 7: `, as the channel stands beside it on
+/// the page; `None` if it is empty.
 fn looks_like(said: &Episode) -> Option<String> {
     let prefix = format!("channel {}: ", said.channel);
     let words = said.explanation.strip_prefix(&prefix).unwrap_or(&said.explanation);
     (!words.is_empty()).then(|| words.chars().take(MOST_OF_A_SENTENCE).collect())
 }
 
-/// The reason of an unnamed fault: the one that more than half of its flagged bursts have, else uncertain.
+/// The reason of an unnamed fault: the one that more than half of its flagged bursts have, else
+/// `Uncertain`.
 fn strange(spells: &[Spell]) -> Reason {
     let mut all = LookCounts::default();
     spells.iter().for_each(|spell| all.absorb(&spell.looked));

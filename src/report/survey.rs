@@ -1,6 +1,15 @@
-//! One pass over the verdicts of all recordings. In: the episodes of every recording, then the verdicts of
-//! each, batch by batch. Out: a [`Survey`] with a map of each printhead, counts of each channel, and a
-//! [`Watch`] of each channel that had an episode. Memory grows with printheads and channels, not with bursts.
+//! One pass over the verdicts of all recordings.
+//!
+//! In: the episodes of every recording (`Survey::new`), then the verdicts of each, batch by batch
+//! (`Survey::add`), from `cli/results.rs`; recordings may come in any order. Out to the rest of the
+//! report: a `Survey` with a map of each printhead, counts of each printhead in each recording
+//! (`Tally`) and of each channel (`ChannelCount`), and a [`Watch`] of each channel that had an
+//! episode. Memory grows with printheads, channels and recordings, not with bursts.
+//!
+//! The episodes come first, because they decide which channels are watched, and which printheads
+//! get a map. Then `Head::burst` looks at each row once. A row counts as judged unless it was
+//! rejected or its reason concerns the whole printhead, and as flagged if it was judged and not
+//! healthy.
 
 use super::map::{HeadMap, class, level, ratio};
 use super::night::{Span, whole};
@@ -22,16 +31,18 @@ const MOST_PRINTHEADS: usize = 1 << 12;
 /// Least number of signals of a channel from which it can be told that the channel fell silent. With fewer,
 /// the channel may have been measured once in a scan over all channels, and an early time says nothing.
 const SEVERAL: u64 = 4;
-/// This many flagged signals of a channel are no false alarms if they are most of the channel's signals.
+/// From this many flagged signals of a channel on they are no false alarms if they are most of the
+/// channel's signals. Somewhat arbitrary.
 const AGAIN: u64 = 3;
 
-/// Counts of the signals of one printhead in one recording.
+/// Counts of the signals of one printhead in one recording. `judged` and `rejected` are all
+/// signals; `flagged` are some of the judged ones.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Tally {
     pub judged: u64,
     pub flagged: u64,
-    /// Signals that were rejected, and signals whose reason concerns the whole printhead
-    /// ([`Reason::is_of_head`]): those say nothing about a nozzle.
+    /// Signals that count as not judged: those that were rejected, and those whose reason concerns
+    /// the whole printhead ([`Reason::is_of_head`]) and so says nothing about a nozzle.
     pub rejected: u64,
     /// Signals that were not judged, by reason.
     pub reasons: BTreeMap<Reason, u64>,
@@ -48,19 +59,21 @@ impl Tally {
         of(Reason::DesignMismatch) + of(Reason::NoModel)
     }
 
-    /// The most frequent of the reasons for which signals were not judged.
+    /// The most frequent of the reasons for which signals were not judged; `None` if none has a
+    /// reason.
     pub fn commonest_reason(&self) -> Option<Reason> {
         self.reasons.iter().max_by_key(|(_, n)| **n).map(|(reason, _)| *reason)
     }
 }
 
-/// Counts of one channel over all recordings.
+/// Counts of the signals of one channel over all recordings.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ChannelCount {
     pub channel: u32,
     pub judged: u64,
     pub flagged: u64,
-    /// The channel in the latest recording that holds it.
+    /// The channel's counts in the latest recording that holds it, which tell how the channel is
+    /// now.
     last: InRecording,
     /// Index into the watches of its printhead; `None` if the channel had no episode.
     watch: Option<usize>,
@@ -84,17 +97,19 @@ impl ChannelCount {
         self.last.judged >= self.last.rejected
     }
 
-    /// Whether the channel is flagged again and again, but no recording holds enough such signals for an
-    /// episode.
+    /// Whether the channel is flagged again and again, but no recording holds enough such signals
+    /// for an episode.
     pub fn is_doubtful(&self) -> bool {
-        // either most of all its signals are flagged, or all of at least two in the latest recording
+        // Either most of all its signals are flagged, or all of at least two in the latest
+        // recording.
         let often = self.flagged >= AGAIN && 2 * self.flagged > self.judged;
         let now = self.last.flagged >= 2 && self.last.flagged == self.last.judged;
         !self.is_watched() && (often || now)
     }
 
-    /// Whether the channel was measured in the last night, which began at `from_ns`, and did not fall silent
-    /// in the first half of its latest recording. The recording's span is that of the printhead.
+    /// Whether the channel was measured in the last night, which began at `from_ns`, and did not
+    /// fall silent in the first half of its latest recording. `head`: its printhead, of whose span
+    /// in that recording the half is meant.
     pub fn is_heard(&self, from_ns: i64, head: &Head) -> bool {
         let InRecording { recording, to_ns, judged, rejected, .. } = self.last;
         let span = head.tallies.get(&recording).and_then(|of| of.span);
@@ -102,8 +117,8 @@ impl ChannelCount {
         to_ns >= from_ns && !(fell_silent && judged + rejected >= SEVERAL)
     }
 
-    /// Counts one signal for the latest recording. Recordings may come in any order: a later recording
-    /// replaces what was counted, and the signals of an earlier one are ignored.
+    /// Counts one signal for the latest recording. Recordings may come in any order: a recording
+    /// that begins later replaces what was counted, and the signals of an earlier one are ignored.
     fn look(&mut self, recording: usize, t_ns: i64, is_judged: bool) {
         let is_new = recording != self.last.recording || self.last.judged + self.last.rejected == 0;
         if is_new && t_ns >= self.last.from_ns {
@@ -117,6 +132,7 @@ impl ChannelCount {
         }
     }
 
+    /// Whether the channel had an episode.
     pub fn is_watched(&self) -> bool {
         self.watch.is_some()
     }
@@ -145,13 +161,14 @@ pub struct Survey {
     /// Names of the fault categories: `KNOWN_CATEGORIES` first, then others in the order in which they are
     /// met.
     pub categories: Vec<String>,
-    /// Rows of printheads and channels beyond `MOST_PRINTHEADS` and `MOST_CHANNELS`.
+    /// Number of rows of printheads and channels beyond `MOST_PRINTHEADS` and `MOST_CHANNELS`.
     pub left_out: u64,
     /// Number of printheads that get a map; 0 if only counts and stories are wanted.
     maps: usize,
 }
 
-/// The names to which the indices in a batch's columns refer.
+/// The names to which the indices in a batch's columns refer; they may differ from recording to
+/// recording.
 #[derive(Clone, Copy, Debug)]
 pub struct Names<'a> {
     pub classes: &'a [String],
@@ -163,7 +180,8 @@ pub const KNOWN_CATEGORIES: [&str; 4] =
     ["dried_nozzle", "blocked_nozzle", "air_bubble", "empty_channel"];
 
 impl Survey {
-    /// A survey that knows the episodes, but no verdicts yet. `episodes`: those of each recording.
+    /// A survey that knows the episodes, but no verdicts yet. `episodes`: those of each recording,
+    /// by the recording's index; `with_maps`: whether printheads get maps.
     pub fn new(episodes: Vec<Vec<Episode>>, with_maps: bool) -> Survey {
         let mut of_head: BTreeMap<Arc<str>, BTreeMap<u32, Vec<Spell>>> = BTreeMap::new();
         for (recording, episodes) in episodes.into_iter().enumerate() {
@@ -173,7 +191,8 @@ impl Survey {
                 spells.push(Spell { recording, episode, looked: Default::default() });
             }
         }
-        // printheads with the most faulty channels come first, as only the first ones get a map
+
+        // Printheads with the most faulty channels come first, as only the first ones get a map.
         let mut of_head: Vec<_> = of_head.into_iter().collect();
         of_head.sort_by_key(|(_, channels)| std::cmp::Reverse(channels.len()));
         let mut survey = Survey {
@@ -181,6 +200,8 @@ impl Survey {
             maps: if with_maps { MOST_MAPS } else { 0 },
             ..Survey::default()
         };
+
+        // Each channel with an episode is known from now on, and is watched.
         for (name, channels) in of_head {
             let Some(at) = survey.head(&name) else { continue };
             for (channel, spells) in channels {
@@ -194,11 +215,12 @@ impl Survey {
         survey
     }
 
-    /// Adds one batch of a recording's verdicts.
+    /// Adds one batch of the verdicts of the recording with this index.
     pub fn add(&mut self, recording: usize, c: &VerdictColumns, names: Names) {
         let codes: Vec<u8> = names.categories.iter().map(|name| self.code(name)).collect();
         let heads: Vec<Option<usize>> = c.printheads.iter().map(|name| self.head(name)).collect();
-        // rows of one printhead and time follow each other: each such run is one burst
+
+        // Rows of one printhead and time follow each other: each such run is one burst.
         let mut from = 0;
         while from < c.len() {
             let (head, t_ns) = (c.printhead[from], c.acquired_at_ns[from]);
@@ -215,7 +237,8 @@ impl Survey {
         }
     }
 
-    /// What a map's cell holds for a category. Categories beyond the number of colours share the last code.
+    /// The code that a map's cell holds for a category, which is added to the list if it is new.
+    /// Categories beyond the number of colours share the last code.
     fn code(&mut self, category: &str) -> u8 {
         let known = self.categories.iter().position(|c| c == category);
         let at = known.unwrap_or_else(|| {
@@ -274,7 +297,9 @@ impl Head {
         Some(place)
     }
 
-    /// Adds the rows of one burst; returns how many of them are left out, since there are too many channels.
+    /// Adds the rows of one burst: counts them for the printhead, draws them on its map, and counts
+    /// them for their channels and watches. Returns how many rows are left out, because there are
+    /// too many channels.
     fn burst(
         &mut self,
         recording: usize,
@@ -285,7 +310,8 @@ impl Head {
     ) -> u64 {
         let t_ns = c.acquired_at_ns[rows.start];
         let mut left_out = 0;
-        // places are looked up first, because a new channel may coarsen the map that `cells` borrows below
+        // Places are looked up first, because a new channel may coarsen the map that `cells`
+        // borrows below.
         let mut places = Vec::with_capacity(rows.len());
         let mut guess = 0;
         for row in rows.clone() {
@@ -293,6 +319,8 @@ impl Head {
             guess = place.map_or(0, |place| place + 1);
             places.push(place);
         }
+
+        // From here on each row is counted.
         let tally = self.tallies.entry(recording).or_default();
         let mut cells = self.map.as_mut().map(|map| map.row(t_ns));
         for (row, place) in rows.zip(places) {
@@ -309,6 +337,8 @@ impl Head {
             if !why.is_some_and(Reason::is_of_burst) {
                 tally.span = whole(tally.span.into_iter().chain([(t_ns, t_ns)])); // a burst that is no burst may have any time
             }
+
+            // The map, and the channel in its latest recording.
             let Some(place) = place else {
                 left_out += 1;
                 continue;
@@ -323,6 +353,9 @@ impl Head {
             if !is_judged {
                 continue;
             }
+
+            // What only judged rows count for: the range of channels, the channel's counts, its
+            // watch.
             let channel = c.channel[row];
             let [least, most] = tally.channels.unwrap_or([channel; 2]);
             tally.channels = Some([least.min(channel), most.max(channel)]);
@@ -341,9 +374,10 @@ impl Head {
     }
 }
 
-/// The size of a row's fault: its severity, if the row has a class. Without a class it is the distance from
-/// healthy, in distances of the threshold: a statistic is the square of a distance. `None` where neither is
-/// known, or no ring was found.
+/// The size of a row's fault. With a class and a severity it is the severity; without a class the
+/// distance from healthy, in distances of the threshold, which is the root of statistic /
+/// threshold, as a statistic is the square of a distance. `None` where neither is known, or no ring
+/// was found.
 fn sized<'a>(c: &VerdictColumns, row: usize, classes: &'a [String]) -> Option<Size<'a>> {
     let class = c.candidate[row].and_then(|k| classes.get(usize::from(k)));
     if let Some((class, severity)) = class.zip(c.severity[row]) {
@@ -354,7 +388,8 @@ fn sized<'a>(c: &VerdictColumns, row: usize, classes: &'a [String]) -> Option<Si
     over.filter(|_| class.is_none() && is_ring).map(|size| Size { quantity: DISTANCE, size })
 }
 
-/// What the map's cell shows for a row: its class, and its statistic over the threshold.
+/// The two codes that a map's cell shows for a row: of its outcome or category, and of its
+/// statistic over the threshold.
 fn shown(c: &VerdictColumns, row: usize, codes: &[u8]) -> (u8, u8) {
     let named = || c.category[row].and_then(|k| codes.get(usize::from(k))).copied();
     let class = match c.outcome[row] {

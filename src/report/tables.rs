@@ -1,5 +1,9 @@
-//! The tables of the page: the cleaning list, the faults that are over, and the recordings. In: a [`Report`].
-//! Out: HTML.
+//! The tables of the page: the cleaning list, the faults that are over, and the recordings.
+//!
+//! In: a [`Report`], and which figures and maps were drawn. Out: HTML, for `page`. The cleaning
+//! list can be sorted in four ways without a script: each row carries its rank under each order as
+//! a CSS variable (`--a` to `--d`), and the style sheet sorts rows by the variable whose button is
+//! checked.
 
 use super::fault::{Fault, forecast_in_words, size, trend_in_words, what};
 use super::light::Light;
@@ -35,8 +39,7 @@ pub struct LinkTargets {
 const SORTED_BY: [&str; 4] =
     ["most urgent first", "by printhead and channel", "newest first", "by what it is"];
 
-/// The cleaning list. Its buttons sort it without a script: each row carries its rank under every order as a
-/// CSS variable.
+/// The cleaning list with its buttons. `list`: the faults to clean, the most urgent first.
 pub fn to_clean(report: &Report, list: &[&Fault], drawn: &LinkTargets) -> String {
     let shown = &list[..list.len().min(MOST_FAULTS)];
     let mut text = String::from("<div>");
@@ -81,16 +84,20 @@ fn more(list: &[&Fault]) -> String {
     }
 }
 
-/// The rank of each fault when the list is sorted by a key.
+/// The rank of each fault, by its place in `list`, when the list is sorted by a key. Faults with
+/// equal keys keep their order.
 fn ranks<K: Ord>(list: &[&Fault], key: impl Fn(&Fault) -> K) -> Vec<usize> {
     let mut places: Vec<usize> = (0..list.len()).collect();
     places.sort_by_key(|&place| key(list[place]));
+
+    // `places` says which fault has a rank; turn it round to which rank a fault has.
     let mut ranks = vec![0; list.len()];
     places.into_iter().enumerate().for_each(|(rank, place)| ranks[place] = rank);
     ranks
 }
 
-/// A fault's row. `order`: its rank under each order of the cleaning list; `None` for a fault that is over.
+/// A fault's row. `order`: its rank under each order of the cleaning list; `None` for a fault that
+/// is over, which has another third column and tells no trend.
 fn row(report: &Report, fault: &Fault, drawn: &LinkTargets, order: Option<[usize; 4]>) -> String {
     let (s, light) = (&fault.story, Light::of(fault));
     let place = place(report, fault);
@@ -128,7 +135,8 @@ fn row(report: &Report, fault: &Fault, drawn: &LinkTargets, order: Option<[usize
     )
 }
 
-/// Index of a fault in the report. It is found by address, so `fault` must be borrowed from the report.
+/// Index of a fault in the report. The fault is found by its address, so `fault` must be borrowed
+/// from the report.
 pub fn place(report: &Report, fault: &Fault) -> usize {
     report.faults.iter().position(|other| std::ptr::eq(other, fault)).unwrap_or_default()
 }
@@ -147,7 +155,8 @@ fn whose(fault: &Fault, place: usize, drawn: &LinkTargets) -> String {
     text
 }
 
-/// `28 in 28 recordings; still on`: the number of episodes and recordings, cures, and earlier faults.
+/// The history of a fault, `28 in 28 recordings; still on`: the number of episodes and recordings,
+/// cures, and the channel's earlier faults.
 fn history(fault: &Fault) -> String {
     let s = &fault.story;
     let episodes = thousands(s.spells.len() as u64);
@@ -172,15 +181,16 @@ fn history(fault: &Fault) -> String {
     text
 }
 
-/// The cell of a recording's name; a short name is not broken over lines.
+/// The cell of a recording's name, with the recording's light; a short name is not broken over
+/// lines.
 fn name_cell(light: Light, text: &str) -> String {
     const SHORT: usize = 24;
     let class = if text.chars().count() <= SHORT { " class=t" } else { "" };
     format!("<td{class}>{}{}</td>", light.dot(), name(text))
 }
 
-/// The light of a recording: grey if most of it was not judged, green if nothing is wrong with it, else
-/// amber.
+/// The light of a recording: grey if most of it was not judged, green if nothing is wrong with its
+/// data, else amber.
 fn light(line: &RecordingLine) -> Light {
     let rejected: u64 = line.heads.values().map(|head| head.tally.rejected).sum();
     match quality(line) {
@@ -190,11 +200,12 @@ fn light(line: &RecordingLine) -> Light {
     }
 }
 
-/// The quality of a recording with which nothing is wrong.
+/// What `quality` says of a recording with which nothing is wrong.
 const WHOLE: &str = "whole";
 
-/// The table of recordings, with a column for each printhead that holds the number of faulty channels and the
-/// share of flagged signals, and a last column for the quality of the data.
+/// The table of recordings, the newest ones last, and below them those without verdicts. Each
+/// printhead has a column with the number of faulty channels and the share of flagged signals; the
+/// last column tells the quality of the data.
 pub fn recordings(report: &Report) -> String {
     let (columns, left_out) = columns(report);
     let mut text = String::from(
@@ -253,8 +264,8 @@ pub fn recordings(report: &Report) -> String {
     text
 }
 
-/// The printheads that have a column, by name: all of them, or those with the most faults if there are too
-/// many; and the number of the others.
+/// The printheads that have a column, by name: all of them, or those with the most faults if there
+/// are too many; and the number of those without a column.
 fn columns(report: &Report) -> (Vec<Arc<str>>, usize) {
     let mut faults: BTreeMap<&Arc<str>, usize> = BTreeMap::new();
     report.faults.iter().for_each(|f| *faults.entry(&f.story.printhead).or_default() += 1);

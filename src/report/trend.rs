@@ -1,19 +1,25 @@
-//! Whether a fault gets worse or better. In: a channel's severities over time, pooled in bins. Out: a
-//! [`Trend`]: the slope per day by least squares, with a 95 % interval.
+//! Whether a fault gets worse or better.
 //!
-//! Errors of neighbouring bins are correlated, because they share what the ink does (temperature, meniscus).
-//! The interval is widened by the correlation of the residuals from bin to bin, as for an autoregressive
-//! process of first order. The estimate of a correlation rho from the residuals of n bins about a fitted line
-//! is biased low by (2 + 4 rho) / n; this is corrected.
+//! In: a channel's severities over time, pooled in bins (`Course`, which `watch` fills while
+//! verdicts are read). Out to `story` and from there to the list: a `Trend`, the slope per day by
+//! least squares with a 95 % interval. `trend` is the entry point.
 //!
-//! A fault that just began grows first and then stays, and one line through both phases says nothing. If the
-//! later half does not follow the line through all bins, only the later half is used. Severities of less than
-//! an hour give no trend: minutes say how a fault began, but nothing about the day.
-//!
-//! Signals without a size are often the smaller ones, since only signals with a name have a size. The mean of
-//! the sizes then lies above the fault's, most where fewest have one. Nobody can tell whether it is so;
-//! therefore a trend's interval holds two lines, the one through the means as they are and the one through
-//! means that are corrected for it.
+//! The steps:
+//! 1. A line through the means of the bins by least squares (`line`). The bins are not weighted by
+//!    their numbers of signals. Errors of neighbouring bins are correlated, because they share what
+//!    the ink does (temperature, meniscus). The interval is widened by the correlation of the
+//!    residuals from bin to bin, as for an autoregressive process of first order. The estimate of a
+//!    correlation rho from the residuals of n bins about a fitted line is biased low by (2 + 4 rho)
+//!    / n; this is corrected.
+//! 2. A fault that just began grows first and then stays, and one line through both phases says
+//!    nothing. If the later half does not follow the line through all bins, only the later half is
+//!    used, and so on (`latest_line`). Severities of less than an hour give no trend: minutes say
+//!    how a fault began, but nothing about the day.
+//! 3. Signals without a size are often the smaller ones, since only signals with a name have a
+//!    size. The mean of the sizes then lies above that of the fault, most where the fewest signals
+//!    have one. Nobody can tell whether it is so; therefore a trend's interval holds two lines, the
+//!    one through the means as they are and the one through means that are corrected for it
+//!    (`Severities::selected`).
 
 use super::bins::{Pooled, TimeBins};
 use inkling_core::model::normal::normal_quantile;
@@ -23,20 +29,21 @@ use inkling_core::model::student::student_quantile;
 const LEAST_BINS: usize = 8;
 /// Least time span of a trend, days.
 const LEAST_SPAN: f64 = 1.0 / 24.0;
-/// Upper limit of the correlation between neighbouring bins: beyond it the residuals are a random walk and no
-/// scatter about a line.
+/// Upper limit of the correlation between neighbouring bins: beyond it the residuals are a random
+/// walk and no scatter about a line. Somewhat arbitrary.
 const MOST_CORRELATION: f64 = 0.95;
 const DAY_NS: f64 = 86_400e9;
 
-/// Moments of the severities in one bin.
+/// The contents of one bin: sums over its signals, from which mean and variance follow.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Severities {
+    /// Number of signals with a size, the sum of their sizes, and the sum of the squares of these.
     pub n: f64,
     sum: f64,
     sum_of_squares: f64,
     /// Sum of their times, ns.
     sum_t_ns: f64,
-    /// Signals of the fault that have no size.
+    /// Number of flagged signals of the fault that have no size in this quantity.
     missed: f64,
 }
 
@@ -54,18 +61,22 @@ impl Pooled for Severities {
 }
 
 impl Severities {
-    /// Mean time.
+    /// Mean time of the signals with a size, ns; 0 in a bin that has none.
     pub fn t_ns(&self) -> f64 {
         self.sum_t_ns / self.n.max(1.0)
     }
 
+    /// Mean size; 0 in a bin without sizes.
     pub fn mean(&self) -> f64 {
         self.sum / self.n.max(1.0)
     }
 
-    /// What it does to mean and variance if the signals that have a size are the largest ones of a Gaussian: how
-    /// many standard deviations of all signals their mean lies too high, l = phi(z) / q, and their variance over
-    /// that of all, 1 - l (l - z). q is their share, and z the quantile that they exceed.
+    /// What it does to mean and variance if the signals that have a size are the largest ones of a
+    /// Gaussian (a truncated normal distribution). The first number says how many standard
+    /// deviations of all signals their mean lies too high, l = phi(z) / q; the second one is their
+    /// variance over that of all signals, 1 - l (l - z). Here q is the share of signals that have a
+    /// size, z the quantile that their sizes exceed, and phi the normal density. (0, 1) if all have
+    /// one.
     fn selected(&self) -> (f64, f64) {
         let share = self.n / (self.n + self.missed);
         if share >= 1.0 {
@@ -81,13 +92,13 @@ impl Severities {
         (self.n >= 2.0).then(|| (self.squares() / (self.n - 1.0) / self.n).sqrt())
     }
 
-    /// Sum of squares about the mean.
+    /// Sum of squares of the sizes about their mean.
     fn squares(&self) -> f64 {
         (self.sum_of_squares - self.n * self.mean().powi(2)).max(0.0)
     }
 }
 
-/// Severities of a channel over time.
+/// The severities of a channel over time, in one quantity.
 #[derive(Clone, Debug, Default)]
 pub struct Course(pub TimeBins<Severities>);
 
@@ -105,22 +116,23 @@ impl Course {
         }
     }
 
-    /// A signal of the fault that has no size.
+    /// Adds a signal of the fault that has no size in this quantity.
     pub fn miss(&mut self, t_ns: i64) {
         self.0.at(t_ns).pool(Severities { missed: 1.0, ..Severities::default() });
     }
 }
 
-/// Change of severity per day.
+/// Change of severity per day, in the unit of the severity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Trend {
     pub per_day: f64,
     /// 95 % confidence interval of `per_day`.
     pub interval: [f64; 2],
-    /// Time over which the change was seen, days. Beyond that a forecast is a guess.
+    /// Time over which the change was seen, days. A forecast further ahead than that is a guess.
     pub span_days: f64,
 }
 
+/// What the interval says of the slope's sign.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
     Worse,
@@ -130,10 +142,11 @@ pub enum Direction {
 }
 
 impl Trend {
-    /// The trend with its interval widened by the uncertainty of the scale of sizes, `relative`, a relative
-    /// standard deviation. All sizes of a channel may be too large or too small by the same factor, which the
-    /// scatter about the line does not show. Bounds are multiplied or divided, so they keep their signs, and
-    /// the trend its direction.
+    /// The trend with its interval widened by the uncertainty of the scale of sizes; `relative`:
+    /// its relative standard deviation. All sizes of a channel may be too large or too small by the
+    /// same factor, which the scatter about the line does not show. The outer bound is multiplied
+    /// by 1 + 1.96 `relative`, and a bound on the near side of 0 is divided by it. So bounds keep
+    /// their signs, and the trend its direction.
     pub fn of_scale(self, relative: f64) -> Trend {
         let wider = 1.0 + 1.96 * relative;
         let [low, high] = self.interval;
@@ -142,6 +155,7 @@ impl Trend {
         Trend { interval: [low, high], ..self }
     }
 
+    /// Worse if the whole interval is above 0, better if it is below.
     pub fn direction(&self) -> Direction {
         match self.interval {
             [low, _] if low > 0.0 => Direction::Worse,
@@ -151,9 +165,12 @@ impl Trend {
     }
 }
 
-/// The trend of the severities between two times; `None` if there are too few or they span too little time.
+/// The trend of the severities between two times, ns; `None` if there are too few bins or they span
+/// too little time.
 pub fn trend(course: &Course, from_ns: i64, to_ns: i64) -> Option<Trend> {
     let time = from_ns as f64..=to_ns as f64;
+
+    // Only bins with a size count, at the mean time of their sizes.
     let bins = course.0.values().filter(|bin| bin.n > 0.0 && time.contains(&bin.t_ns()));
     let bins: Vec<&Severities> = bins.collect();
     let line_of = |size: &dyn Fn(&Severities) -> f64| {
@@ -161,9 +178,13 @@ pub fn trend(course: &Course, from_ns: i64, to_ns: i64) -> Option<Trend> {
         latest_line(&bins.iter().map(point).collect::<Vec<_>>())
     };
 
-    // the scatter of all signals within a bin, by all bins together
+    // The standard deviation of all signals within a bin, from all bins together: each bin's
+    // squares are enlarged by what the selection took away.
     let squares = bins.iter().map(|of| of.squares() / of.selected().1);
     let sd = (squares.sum::<f64>() / bins.iter().map(|of| of.n - 1.0).sum::<f64>().max(1.0)).sqrt();
+
+    // Two lines, as if signals without a size were like the others, and as if they were the
+    // smallest. The slope told is the mean of the two slopes; the interval holds both intervals.
     let sized = line_of(&Severities::mean)?;
     let all = line_of(&|of| of.mean() - of.selected().0 * sd)?;
     Some(Trend {
@@ -173,8 +194,10 @@ pub fn trend(course: &Course, from_ns: i64, to_ns: i64) -> Option<Trend> {
     })
 }
 
-/// The line through the latest of the points (days, severity) that follow one line. If the later half has a
-/// slope whose interval does not overlap that of all points, the earlier half is dropped, and so on.
+/// The line through the latest of the points (days, severity) that follow one line. If the line
+/// through the later half (of the time) has a slope whose interval does not overlap that of all
+/// points, the earlier half is dropped, and the later half is looked at in the same way. `None`:
+/// `line` gives none, or the points span less than `LEAST_SPAN`.
 fn latest_line(points: &[(f64, f64)]) -> Option<Trend> {
     let of_all = line(points)?;
     let later = points.partition_point(|p| p.0 - points[0].0 < 0.5 * of_all.span_days);
@@ -188,7 +211,8 @@ fn latest_line(points: &[(f64, f64)]) -> Option<Trend> {
     }
 }
 
-/// Means of points, their sum of squares along x, and the slope of the line through them by least squares.
+/// Means of points (x, y), the sum of squares of x about its mean, and the slope of the line
+/// through the points by least squares.
 pub struct Moments {
     pub x0: f64,
     pub y0: f64,
@@ -197,6 +221,7 @@ pub struct Moments {
 }
 
 impl Moments {
+    /// The moments of these points. Without points, or with all at one x, some of them are NaN.
     pub fn of(points: &[(f64, f64)]) -> Moments {
         let mean =
             |of: fn(&(f64, f64)) -> f64| points.iter().map(of).sum::<f64>() / points.len() as f64;
@@ -207,8 +232,8 @@ impl Moments {
     }
 }
 
-/// Least-squares line through (days, severity), with the interval of its slope; `None` if there are fewer
-/// than [`LEAST_BINS`] points or all are at one time.
+/// Least-squares line through (days, severity), in the order of time, with the interval of its
+/// slope; `None` if there are fewer than [`LEAST_BINS`] points or all are at one time.
 fn line(points: &[(f64, f64)]) -> Option<Trend> {
     let n = points.len() as f64;
     if points.len() < LEAST_BINS {
@@ -218,19 +243,26 @@ fn line(points: &[(f64, f64)]) -> Option<Trend> {
     if sxx <= 0.0 {
         return None;
     }
+
+    // The correlation of the residuals from one point to the next.
     let residuals: Vec<f64> = points.iter().map(|p| p.1 - y0 - slope * (p.0 - x0)).collect();
     let squares: f64 = residuals.iter().map(|r| r * r).sum();
     let lagged: f64 = residuals.windows(2).map(|w| w[0] * w[1]).sum();
-    // Lag-1 autocorrelation of the residuals, corrected for its bias (2 + 4 rho) / n: rho = (r + 2 / n) / (1
-    // - 4 / n).
+    // r is the lag-1 autocorrelation of the residuals. It is corrected for its bias (2 + 4 rho) /
+    // n: rho = (r + 2 / n) / (1 - 4 / n). A negative rho counts as 0, so that the interval is never
+    // narrowed.
     let correlation = if squares > 0.0 { lagged / squares } else { 0.0 };
     let correlation = (correlation + 2.0 / n) / (1.0 - 4.0 / n);
     let correlation = correlation.clamp(0.0, MOST_CORRELATION);
-    // Variance of a mean of first-order autoregressive noise over that of white noise. It widens the interval
-    // and lowers the effective number of points.
+
+    // Variance of a mean of first-order autoregressive noise over that of white noise. It widens
+    // the interval and lowers the effective number of points, from which the degrees of freedom
+    // follow.
     let inflated = (1.0 + correlation) / (1.0 - correlation);
     let freedom = (n / inflated - 2.0).max(1.0);
-    // severities in tables are f32: a change below their rounding is none
+
+    // The standard error of the slope. Severities in tables are f32: a change below their rounding
+    // is none.
     let rounded = n * (f64::from(f32::EPSILON) * y0).powi(2);
     let error = ((squares + rounded) / (n - 2.0) / sxx * inflated).sqrt();
     let half = student_quantile(0.975, freedom) * error;

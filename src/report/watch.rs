@@ -1,6 +1,10 @@
-//! Counts over the bursts of a channel that had an episode: how often it was flagged in its episodes and
-//! between them, and how severe its faults were over time. In: episodes, then verdicts in any order. Out: a
-//! [`Watch`], from which [`super::story`] decides which episodes are of one fault.
+//! Counts over the bursts of a channel that had an episode: how often it was flagged in its
+//! episodes and between them, and how severe its faults were over time.
+//!
+//! In: the episodes of a channel, then from `survey` its judged bursts one by one (`Watch::look`),
+//! from recordings in any order. Out: a `Watch`, from which [`super::story`] decides which episodes
+//! are of one fault, and which `false_alarms` counts over. A burst holds one signal of the channel,
+//! so bursts and signals are the same number here.
 
 use super::trend::Course;
 use inkling_core::episodes::Episode;
@@ -22,7 +26,7 @@ pub struct LookCounts {
 }
 
 impl LookCounts {
-    /// Counts one judged burst.
+    /// Counts one judged burst. `t_ns`: its t_a; `reason`: why it has no name, if it has none.
     pub fn add(&mut self, t_ns: i64, flagged: bool, reason: Option<Reason>) {
         self.judged += 1;
         if flagged {
@@ -44,7 +48,7 @@ impl LookCounts {
     }
 }
 
-/// An episode, and the counts of its channel's bursts in it.
+/// An episode, and the counts of its channel's bursts in the episode.
 #[derive(Clone, Debug)]
 pub struct Spell {
     /// Index of the recording that the episode is in.
@@ -53,21 +57,25 @@ pub struct Spell {
     pub looked: LookCounts,
 }
 
-/// The size of one signal's fault, and the quantity in which it is measured.
+/// The size of one signal's fault, and the quantity in which the size is measured (words with the
+/// unit).
 #[derive(Clone, Copy, Debug)]
 pub struct Size<'a> {
     pub quantity: &'a str,
     pub size: f64,
 }
 
-/// A channel's episodes in the order of their onsets, and the counts of its bursts in and between them.
+/// A channel's episodes in the order of their onsets, and the counts of its bursts in the episodes
+/// and outside of them.
 #[derive(Clone, Debug)]
 pub struct Watch {
     pub spells: Vec<Spell>,
     /// Counts outside of episodes: `outside[k]` holds the bursts after the onsets of k episodes, so
-    /// `outside[0]` those before the first.
+    /// `outside[0]` those before the first. There is one more than episodes.
     pub outside: Vec<LookCounts>,
-    /// Severities of the flagged bursts in episodes over time, by the quantity that they measure.
+    /// Severities of the flagged bursts in episodes over time, by the quantity that they measure. A
+    /// flagged burst without a size in a quantity counts there as missed, if a size in that
+    /// quantity was met before.
     courses: BTreeMap<String, Course>,
 }
 
@@ -86,8 +94,9 @@ impl Watch {
         Watch { spells, outside, courses: BTreeMap::new() }
     }
 
-    /// Counts one judged burst of a recording, for the episode that it lies in or for the time between
-    /// episodes.
+    /// Counts one judged burst of a recording, for the episode that it lies in or else for the time
+    /// between episodes. `reason`: why it has no name; `sized`: the size of its fault, if it is
+    /// flagged and was sized.
     pub fn look(
         &mut self,
         recording: usize,
@@ -100,16 +109,21 @@ impl Watch {
         let within = |s: &&mut Spell| {
             s.recording == recording && s.episode.ended_at_ns.is_none_or(|end| t_ns < end)
         };
-        // of the recording's episodes the one that began last: earlier ones have ended
+        // Of the recording's episodes the one that began last: earlier ones have ended.
         match self.spells[..before].iter_mut().rev().find(within) {
             Some(spell) => {
                 spell.looked.add(t_ns, flagged, reason);
+
+                // A flagged burst without a size in some quantity is counted there, since `trend`
+                // corrects for such bursts.
                 let measured = sized.as_ref().map(|of| of.quantity);
                 if flagged {
                     let others =
                         self.courses.iter_mut().filter(|(of, _)| Some(of.as_str()) != measured);
                     others.for_each(|(_, course)| course.miss(t_ns));
                 }
+
+                // A quantity beyond the limit is not followed.
                 let Some(Size { quantity, size: severity }) = sized else { return };
                 if !self.courses.contains_key(quantity) && self.courses.len() < MOST_QUANTITIES {
                     self.courses.insert(quantity.to_owned(), Course::default());
@@ -142,8 +156,8 @@ pub fn quantity(episode: &Episode) -> Option<&str> {
     }
 }
 
-/// A class whose quantity stands for a category of several classes; `None` unless all of them are sized by
-/// the same quantity.
+/// A class whose quantity stands for a category without a class; `None` for the categories whose
+/// classes are sized by different quantities, and for a user's own categories.
 pub fn sized_as(category: &str) -> Option<&'static str> {
     match category {
         "blocked_nozzle" => Some("PBN"),

@@ -1,21 +1,22 @@
-//! Times, numbers and counts as text for people, and tables of them on a terminal.
+//! Times, numbers and counts as text for people, and tables of them on a terminal. The report's
+//! files and most verbs use it, so that all of them write numbers alike.
 
 use Column::{Last, Number, Words};
 use chrono::DateTime;
 pub use inkling_lab::plot::page::first_of;
 use std::io::{self, Write};
 
-/// `2025-01-09 08:00:10`, UTC.
+/// A time, ns since 1970, as `2025-01-09 08:00:10`, UTC.
 pub fn clock(t_ns: i64) -> String {
     DateTime::from_timestamp_nanos(t_ns).format("%Y-%m-%d %H:%M:%S").to_string()
 }
 
-/// A number with its noun: `1 recording`, `2 recordings`.
+/// A number with its noun: `1 recording`, `2 recordings`. The plural is made with an s.
 pub fn counted(n: u64, what: &str) -> String {
     format!("{} {what}{}", thousands(n), if n == 1 { "" } else { "s" })
 }
 
-/// `once`, or `3 times`.
+/// A number of times: the words of `once` for 1, else for example `3 times`.
 pub fn counted_as(n: u64, once: &str, times: &str) -> String {
     if n == 1 { once.to_owned() } else { format!("{} {times}", thousands(n)) }
 }
@@ -44,7 +45,7 @@ pub fn three_digits(x: f64) -> String {
     format!("{x:.decimals$}")
 }
 
-/// Number of decimals that show the first digit of an uncertainty.
+/// Number of decimals that show the first digit of an uncertainty, 0 to 6: .04 has 2.
 pub fn digits_of(uncertainty: f64) -> usize {
     if !uncertainty.is_finite() || uncertainty >= 0.95 || uncertainty <= 0.0 {
         return 0;
@@ -88,8 +89,8 @@ pub enum Column<'a> {
     Last(&'a str),
 }
 
-/// Writes the table. Columns are separated by one space, and a column of words after a column of numbers by
-/// two.
+/// Writes a table: a line of heads, then the rows. Columns are separated by one space, and a column
+/// of words after a column of numbers by two. Cells that are too wide are not cut.
 pub fn columns<const N: usize>(
     out: &mut impl Write,
     columns: [Column; N],

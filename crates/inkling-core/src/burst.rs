@@ -1,7 +1,12 @@
 //! What the piezos measured: bursts, the signals in them, and the batches that stages hand on.
 //!
-//! A *burst* is one acquisition of one printhead, channels x samples; a *signal* is one channel's ring-down
-//! in it, the unit that is judged. Only this file knows how samples lie in memory.
+//! A *burst* is one acquisition of one printhead, a matrix of channels x samples; a *row* of it is
+//! one channel's *signal*, the ring-down that is judged. `inkling-io` decodes the messages of a
+//! recording into [`Acquisition`]s (`schemas/burst.proto` is the contract), the pipeline gathers
+//! these into [`SignalBatch`]es, and everything that reads samples asks a [`Burst`] for a row or
+//! for a sample of some rows, in counts. Only this file knows how samples lie in memory: their type
+//! ([`Format`]) and their order ([`Layout`]). Samples are shared with the block of the file that
+//! they were read from, and are only converted when a signal is asked for.
 
 use crate::processor::for_processor;
 use crate::verdict::Reason;
@@ -10,12 +15,15 @@ use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Sample type of a burst, as in `schemas/burst.proto`, and by the names that settings use.
+/// Sample type of a burst, numbered as in `schemas/burst.proto`, and by the names that settings
+/// use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Format {
+    /// Signed 16 bit, little-endian.
     #[default]
     S16Le,
+    /// 32 bit floating point, little-endian.
     F32Le,
 }
 
@@ -29,7 +37,7 @@ impl Format {
     }
 }
 
-/// By its number in `schemas/burst.proto`; another number is given back.
+/// The format of a number in `schemas/burst.proto`; an unknown number is the error.
 impl TryFrom<i32> for Format {
     type Error = i32;
 
@@ -38,16 +46,19 @@ impl TryFrom<i32> for Format {
     }
 }
 
-/// Order of the samples in a burst, by the same names.
+/// Order of the samples in a burst, numbered as in `schemas/burst.proto`, and by the names that
+/// settings use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Layout {
+    /// One signal after the other: the samples of a channel are consecutive.
     #[default]
     ChannelMajor,
+    /// One sample time after the other: the channels of a sample time are consecutive.
     SampleMajor,
 }
 
-/// By its number in `schemas/burst.proto`; another number is given back.
+/// The layout of a number in `schemas/burst.proto`; an unknown number is the error.
 impl TryFrom<i32> for Layout {
     type Error = i32;
 
@@ -66,33 +77,41 @@ pub enum Compression {
     None,
 }
 
-/// One acquisition of one printhead (or part of it). `samples` has exactly `channels * samples_per_channel *
-/// format.bytes()` bytes: the codec has checked it.
+/// One acquisition of one printhead (or of some of its channels). `samples` has exactly `channels *
+/// samples_per_channel * format.bytes()` bytes: the codec in `inkling-io` has checked that.
 #[derive(Clone, Debug, Default)]
 pub struct Burst {
     /// Time t_a of the first sample, ns since the epoch, UTC.
     pub t_acq_ns: i64,
+    /// Name of the printhead.
     pub printhead: Arc<str>,
-    /// Channel number of the first row.
+    /// Channel number of the first row; the next rows have the next numbers.
     pub first_channel: u32,
+    /// Number of rows.
     pub channels: u32,
+    /// Number N of samples of each row.
     pub samples_per_channel: u32,
     pub sample_period_s: f64,
     pub format: Format,
     pub layout: Layout,
     /// Raw little-endian samples, shared with the block they were read from.
     pub samples: Bytes,
+    /// Ink temperature, °C; `None`: not recorded.
     pub temperature_c: Option<f64>,
+    /// Voltage of the actuation that the signals ring from; `None`: not recorded.
     pub drive_voltage_v: Option<f64>,
-    /// Time since the previous actuation, s, of each channel, or one for all, or empty: not recorded. NaN:
-    /// there was no previous actuation.
+    /// Time from the previous actuation (the one before that from which the signals ring) to t_a,
+    /// s: of each channel, or one for all; empty: not recorded. NaN: there was no previous
+    /// actuation.
     pub idle_time_s: Vec<f32>,
-    /// Number of neighbours that were actuated with each channel, or empty: not recorded.
+    /// Number of neighbours that were actuated with each channel, one byte each; empty: not
+    /// recorded.
     pub neighbours_fired: Bytes,
 }
 
 impl Burst {
-    /// Copies the signal of row `row` (0-based) into `out` (length `samples_per_channel`), in counts.
+    /// Copies the signal of row `row` (0-based) into `out` (length `samples_per_channel`), in
+    /// counts.
     pub fn copy_signal(&self, row: usize, out: &mut [f64]) {
         let (channels, n) = (self.channels as usize, self.samples_per_channel as usize);
         // index of the row's first sample, and the distance to the next one
@@ -120,8 +139,9 @@ impl Burst {
         }
     }
 
-    /// Copies sample `k` of some rows of a sample-major burst into `out`, in counts. These samples are
-    /// consecutive in memory.
+    /// Copies sample `k` of some rows into `out` (one entry per row), in counts. Only for
+    /// sample-major bursts, where these samples are consecutive in memory; of another layout the
+    /// result means nothing.
     #[inline]
     pub fn copy_sample(&self, k: usize, rows: Range<usize>, out: &mut [f32]) {
         let of = k * self.channels as usize + rows.start;
@@ -139,13 +159,16 @@ impl Burst {
         }
     }
 
-    /// Four consecutive samples of a row as bytes, 0 beyond them. Two different signals mostly differ in
-    /// them, so that most comparisons of whole signals can be spared.
+    /// Four samples of a row as raw bytes, from the one at an eighth of the signal on, where the
+    /// ring is large; with int16 the bytes beyond the samples are 0. Two different signals mostly
+    /// differ in these bytes, so that whoever looks for repeated signals can spare most comparisons
+    /// of whole ones.
     pub fn glance(&self, row: usize) -> [u8; 16] {
         let (channels, n) = (self.channels as usize, self.samples_per_channel as usize);
         let bytes = self.format.bytes();
         let mut glance = [0; 16];
-        // what most recordings hold, channel-major int16, in one go
+        // Channel-major int16, which most recordings hold: the eight bytes are copied in one go.
+        // With 5 samples or more the four samples lie within the row.
         let eight = 2 * (row * n + n / 8);
         if let (Layout::ChannelMajor, Format::S16Le, 5..) = (self.layout, self.format, n)
             && let Some(of) = self.samples[eight..].first_chunk::<8>()
@@ -154,7 +177,7 @@ impl Burst {
             return glance;
         }
         for (k, of) in glance.as_chunks_mut::<4>().0.iter_mut().enumerate() {
-            let sample = (n / 8 + k).min(n - 1); // early, where the ring is large
+            let sample = (n / 8 + k).min(n - 1); // of a short row the last sample is repeated
             let at = match self.layout {
                 Layout::ChannelMajor => row * n + sample,
                 Layout::SampleMajor => sample * channels + row,
@@ -164,7 +187,8 @@ impl Burst {
         glance
     }
 
-    /// The bytes of the signals of `rows` rows from `row` on. `None`: the burst is not channel-major int16.
+    /// The bytes of the signals of `rows` rows from row `row` on, for loops that convert int16
+    /// themselves. `None`: the burst is not channel-major int16, or has fewer rows.
     pub fn int16_rows(&self, row: usize, rows: usize) -> Option<&[u8]> {
         let bytes = self.samples_per_channel as usize * Format::S16Le.bytes();
         let aligned = self.layout == Layout::ChannelMajor && self.format == Format::S16Le;
@@ -175,7 +199,7 @@ impl Burst {
     pub fn beside(&self, row: usize) -> Beside {
         let idle_s = match self.idle_time_s(row) {
             None => f64::NAN,
-            // there was no actuation before
+            // NaN stands for no actuation before, which is an infinite time
             Some(idle) if idle.is_nan() => f64::INFINITY,
             Some(idle) => f64::from(idle),
         };
@@ -189,7 +213,8 @@ impl Burst {
         }
     }
 
-    /// Idle time of row `row`, s: `None` if it was not recorded, NaN if there was no actuation before.
+    /// Idle time of row `row`, s: `None` if it was not recorded, NaN if there was no actuation
+    /// before.
     pub fn idle_time_s(&self, row: usize) -> Option<f32> {
         match self.idle_time_s.as_slice() {
             [] => None,
@@ -202,10 +227,13 @@ impl Burst {
 /// Covariates: what was recorded beside one signal. NaN: not recorded.
 #[derive(Clone, Copy, Debug)]
 pub struct Beside {
+    /// Channel number.
     pub channel: u32,
     /// Time t_a of the first sample, ns since the epoch.
     pub t_acq_ns: i64,
+    /// Drive voltage, V.
     pub drive_v: f64,
+    /// Ink temperature, °C.
     pub temperature_c: f64,
     /// Time since the previous actuation, s; infinite: there was none.
     pub idle_s: f64,
@@ -220,7 +248,8 @@ impl Beside {
         Beside { channel, t_acq_ns, drive_v, temperature_c, idle_s, neighbours }
     }
 
-    /// ln of the idle time in s, clamped to 1 µs .. 1 s: waits beyond a second make no more difference.
+    /// ln of the idle time in s, clamped to 1 µs .. 1 s: waits beyond a second make no more
+    /// difference. NaN: not recorded.
     pub fn ln_idle(&self) -> f64 {
         self.idle_s.clamp(1e-6, 1.0).ln()
     }
@@ -229,7 +258,8 @@ impl Beside {
 /// A burst that cannot be used, but still counts: it becomes one rejected row on its first channel.
 #[derive(Clone, Debug)]
 pub struct UnusableBurst {
-    /// Its `timestamp`, or the message's log time if it could not be decoded; ns.
+    /// The burst's `timestamp`, or the message's log time if the burst could not be decoded; ns
+    /// since the epoch.
     pub t_acq_ns: i64,
     pub printhead: Arc<str>,
     pub first_channel: u32,
@@ -240,7 +270,9 @@ pub struct UnusableBurst {
 /// One message of a recording whose schema is `inkling.Burst`.
 #[derive(Clone, Debug)]
 pub enum Acquisition {
+    /// A burst whose signals can be judged.
     Usable(Burst),
+    /// A burst that is rejected as a whole.
     Unusable(UnusableBurst),
 }
 
@@ -257,13 +289,14 @@ impl Acquisition {
 /// The position of a batch in the recording, by which the writer restores the order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Place {
+    /// Number of the block of the recording (such as a chunk of the file), from 0.
     pub block: u64,
-    /// Number of the batch within its block.
+    /// Number of the batch within its block, from 0.
     pub piece: u64,
 }
 
 impl Place {
-    /// The position of the next batch. `ends`: the block has no further piece.
+    /// The position of the next batch. `ends`: whether this batch is the last one of its block.
     pub fn following(self, ends: bool) -> Place {
         match ends {
             true => Place { block: self.block + 1, piece: 0 },
@@ -272,8 +305,8 @@ impl Place {
     }
 }
 
-/// A batch of signals, which one stage hands to the next. Its signals are the rows of its acquisitions, in
-/// order; every per-signal column of later stages has that order and length.
+/// A batch of signals, which one stage hands to the next. Its signals are the rows of its
+/// acquisitions, in order; every per-signal column of later stages has that order and length.
 #[derive(Clone, Debug, Default)]
 pub struct SignalBatch {
     pub place: Place,
@@ -288,7 +321,8 @@ impl SignalBatch {
 }
 
 for_processor! {
-    /// Converts little-endian int16 samples to numbers.
+    /// Converts little-endian int16 samples to f64, in the version for the processor's
+    /// instructions.
     fn int16(of: &[[u8; 2]], out: &mut [f64]) { portable }
 }
 
@@ -298,7 +332,8 @@ fn portable(of: &[[u8; 2]], out: &mut [f64]) {
 }
 
 impl Burst {
-    /// A burst of these signals, one row each, in counts; nothing was recorded beside them. For tests, of
+    /// A burst of these signals (at least one, all of one length), one row each, in counts, of
+    /// printhead `p` and channels from 0 on; nothing is recorded beside the signals. For tests, of
     /// other crates too.
     pub fn of(signals: &[Vec<f32>], sample_period_s: f64, format: Format, layout: Layout) -> Burst {
         let (channels, n) = (signals.len(), signals[0].len());

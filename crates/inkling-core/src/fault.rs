@@ -1,7 +1,11 @@
-//! Names of fault classes, and what follows from a name: the category, the words, what a severity measures
-//! (thesis §2-2; `schemas/verdicts.md` has the same names). What a fault does to a channel stands in
-//! `model::faults`. A user's own classes may have any name; where nothing is declared of one, its name is
-//! also its category, its words and its quantity.
+//! Names of fault classes, and what follows from a name: the category, the words, what a severity
+//! measures (thesis §2-2; `schemas/verdicts.md` has the same names). And [`Naming`], the rule by
+//! which weights per class name a class or a category, of one signal as of an episode.
+//!
+//! A *class* is a fault by its name; a *category* is a group of classes that need the same thing to
+//! be done, such as all dried nozzles. What a fault does to a channel stands in `model::faults`. A
+//! user's own classes may have any name; where nothing is declared of one, its name is also its
+//! category, its words and its quantity.
 
 use std::collections::BTreeMap;
 
@@ -18,25 +22,27 @@ pub const IGNORE: &str = "ignore";
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Class {
     pub name: String,
+    /// The name of its category.
     pub category: String,
-    /// Names of the laws (`Law` in `model::faults`) that say what the class's faults do to a channel:
-    /// one or several by which `[isolate.classes]` declares it, or else its own name.
+    /// Names of the laws (`Law` in `model::faults`) that say what the class's faults do to a
+    /// channel: one or several by which `[isolate.classes]` declares it, or else its own name.
     pub of: Vec<String>,
-    /// What the class's severities count, in words that follow the number, such as `of the nozzle's mass`;
-    /// `None`: no law of `[isolate.physics]` declares it, as with the thesis's classes.
+    /// What the class's severities count, in words that follow the number, such as `of the nozzle's
+    /// mass`; `None`: no law of `[isolate.physics]` declares words, as with the thesis's classes.
     pub unit: Option<String>,
 }
 
 impl Class {
-    /// A class of which only the name is known: one of the thesis's, or a user's own without declarations.
+    /// A class of which only the name is known: one of the thesis's, or a user's own without
+    /// declarations.
     pub fn plain(name: &str) -> Class {
         let (category, of) = (category(name).into(), vec![name.into()]);
         Class { name: name.into(), category, of, unit: None }
     }
 }
 
-/// What is known of each of the thesis's classes: its category, the class as a technician calls it, and what its
-/// severity measures.
+/// What is known of each of the thesis's classes: [category, the class as a technician calls it,
+/// what its severity measures].
 const KNOWN: [(&str, [&str; 3]); 9] = [
     ("EC", ["empty_channel", "empty ink channel", "missing share of density"]),
     (
@@ -55,30 +61,31 @@ const ADDED_COMPLIANCE: &str = "added compliance over the chamber's";
 const BLOCKED_SHARE: &str = "blocked share of the nozzle's cross-section";
 const VISCOSITY: &str = "viscosity factor in the nozzle";
 
-/// What is known of a class; of a user's own class nothing is.
+/// The entry of a class in `KNOWN`; `None` for a user's own class.
 fn known(class: &str) -> Option<&'static [&'static str; 3]> {
     KNOWN.iter().find(|(name, _)| *name == class).map(|(_, known)| known)
 }
 
-/// Category of a fault class; a user's own class is its own category. Classes of one category need the same
-/// thing to be done. They may be of several kinds: [`quantity`] tells whether they are sized alike.
+/// Category of a fault class; a user's own class is its own category. Classes of one category need
+/// the same thing to be done. They may be of several kinds: [`quantity`] tells whether they are
+/// sized alike.
 pub fn category(class: &str) -> &str {
     known(class).map_or(class, |[category, ..]| category)
 }
 
-/// The class as a technician calls it.
+/// The class as a technician calls it; a user's own class by its name.
 pub fn in_words(class: &str) -> &str {
     known(class).map_or(class, |[_, in_words, _]| in_words)
 }
 
-/// What a class's severity measures, in words, relative to the healthy channel. Severities can be compared,
-/// and put in one course over time, if their classes have the same quantity. Of a user's own class it is the
-/// class's name, so that its severities are compared with each other alone.
+/// What a class's severity measures, in words, relative to the healthy channel. Severities can be
+/// compared, and put in one course over time, if their classes have the same quantity. Of a user's
+/// own class it is the class's name, so that its severities are compared with each other alone.
 pub fn quantity(class: &str) -> &str {
     known(class).map_or(class, |[.., quantity]| quantity)
 }
 
-/// The categories that `[isolate.physics]` declares for a user's own classes, by class.
+/// The categories that `[isolate.physics]` declares for a user's own classes, by the class's name.
 #[derive(Clone, Debug, Default)]
 pub struct Categories(pub BTreeMap<String, String>);
 
@@ -88,17 +95,18 @@ impl Categories {
         self.0.get(class).map_or(category(class), String::as_str)
     }
 
-    /// Whether a category is a right answer for a labelled state: the state's own, or, where the state is
-    /// several faults at once, such as `AB2+SDN`, that of any of them.
+    /// Whether a category is a right answer for a labelled state: the state's own category, or,
+    /// where the state is several faults at once, such as `AB2+SDN`, that of any of these faults.
     pub fn is_of(&self, state: &str, category: &str) -> bool {
         self.of(state) == category || state.split('+').any(|one| self.of(one) == category)
     }
 }
 
-/// The categories that some classes form, in the order in which the classes first mention them, and for each
-/// class the index of its category.
+/// The categories that some classes form, in the order in which the classes first mention them, and
+/// for each class the index of its category.
 pub fn categories(classes: &[Class]) -> (Vec<String>, Vec<u16>) {
     let mut names: Vec<String> = Vec::new();
+    // the index of a class's category, which is added to the names if it is new
     let index = |class: &Class| {
         let known = names.iter().position(|name| *name == class.category);
         known.unwrap_or_else(|| {
@@ -110,14 +118,15 @@ pub fn categories(classes: &[Class]) -> (Vec<String>, Vec<u16>) {
     (names, of_classes)
 }
 
-/// The rule by which weights per class name a class, a category or neither, of one signal as of an episode.
+/// The rule by which weights per class name a class, a category or neither, of one signal
+/// (`isolate/decision.rs`) as of an episode (`episodes`).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Naming {
     /// The categories, in the order in which the classes first mention them.
     pub categories: Vec<String>,
-    /// The category of each class.
+    /// The category of each class, as an index into `categories`.
     pub category_of: Vec<u16>,
-    /// The weight from which on a class or a category is named.
+    /// The weight, 0 to 1, from which on a class or a category is named.
     pub certainty: f64,
 }
 
@@ -135,22 +144,27 @@ pub struct Named {
 }
 
 impl Naming {
+    /// The rule for these classes. `certainty`: the bound, 0 to 1.
     pub fn new(classes: &[Class], certainty: f64) -> Naming {
         let (categories, category_of) = categories(classes);
         Naming { categories, category_of, certainty }
     }
 
-    /// Names a class, else a category, whose weight reaches the bound. `weights`: one per class; `of_any`:
-    /// the probability of any of the classes, which their weights are multiplied by. Of equal weights the
-    /// first wins. `None`: there are no classes.
+    /// Names the class of largest weight if that reaches the bound; else the category of largest
+    /// total weight if that reaches the bound; else nothing. `weights`: one per class, which sum to
+    /// 1 if they are probabilities; `of_any`: the probability that it is any of the classes, by
+    /// which the weights are multiplied. Of equal weights the first wins. `None`: there are no
+    /// classes.
     pub fn name(&self, weights: &[f64], of_any: f64) -> Option<Named> {
+        // the class alone
         let (best, weight) = largest(weights)?;
         let weight = weight * of_any;
         if weight >= self.certainty {
             let (fault, category) = (Some(best as u16), Some(self.category_of[best]));
             return Some(Named { best, fault, category, certainty: weight });
         }
-        // no class is certain by itself, but all classes of a category together may be
+
+        // No class is certain by itself, but all classes of a category together may be.
         let mut sums = vec![0.0; self.categories.len()];
         for (&category, weight) in self.category_of.iter().zip(weights) {
             sums[usize::from(category)] += weight * of_any;
@@ -163,7 +177,7 @@ impl Naming {
     }
 }
 
-/// The largest value and its index; of equal ones the first.
+/// The index of the largest value, and the value; of equal ones the first.
 fn largest(values: &[f64]) -> Option<(usize, f64)> {
     values
         .iter()

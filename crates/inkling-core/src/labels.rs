@@ -1,6 +1,14 @@
-//! What is known to be true of the channels, over time (contract, "In: labels").
+//! Labels: what is known to be true of the channels, over time (`schemas/labels.md`).
 //!
-//! In: the rows of a labels file. Out: for a channel and a time, the row that says what is true of it.
+//! In: the rows of a labels file, as `inkling-io` has read and checked them. Out: for a channel and
+//! a time, the row that says what is true of the channel then, or none. Training learns from the
+//! answers, scoring compares verdicts with them. [`Met`] tells which rows cover nothing of the
+//! recordings.
+//!
+//! Rows may overlap. The narrower row wins: first the rows that name the printhead, then those for
+//! all (`*`); among these a row of a single channel, then ranges, the one of fewer channels first,
+//! then all channels; of equally wide rows the later one in the file. The span of time does not
+//! matter for the order: a row applies or not.
 
 mod met;
 
@@ -21,12 +29,14 @@ pub const EVERY_PRINTHEAD: &str = "*";
 pub enum Channels {
     /// All channels, written `*`.
     All,
+    /// A single channel, by its number.
     One(u32),
     /// From the first to the last, both of them included.
     Range(u32, u32),
 }
 
 impl Channels {
+    /// Whether the row speaks of a channel.
     fn covers(self, channel: u32) -> bool {
         match self {
             Channels::All => true,
@@ -53,6 +63,8 @@ impl Channels {
     }
 }
 
+/// From the text of a labels file: `*`, a number, or `first-last`. A range of one channel is that
+/// channel; one that falls is an error.
 impl FromStr for Channels {
     type Err = ();
 
@@ -72,6 +84,7 @@ impl FromStr for Channels {
     }
 }
 
+/// The same text.
 impl fmt::Display for Channels {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
@@ -82,16 +95,19 @@ impl fmt::Display for Channels {
     }
 }
 
-/// One row of a labels file. Its span of time is half-open; `None` is unbounded.
+/// One row of a labels file: the state of some channels over a span of time.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Label {
-    /// A name, or [`EVERY_PRINTHEAD`].
+    /// A printhead's name, or [`EVERY_PRINTHEAD`].
     pub printhead: String,
     pub channel: Channels,
+    /// The first ns, since the epoch, to which the row applies; `None`: from the beginning.
     pub from_ns: Option<i64>,
+    /// The first ns to which the row no longer applies; `None`: to the end.
     pub to_ns: Option<i64>,
     /// `healthy`, `ignore` or a fault class.
     pub state: String,
+    /// Size of the fault, in the unit of its class (`schemas/verdicts.md`); `None`: not known.
     pub severity: Option<f64>,
 }
 
@@ -109,24 +125,25 @@ impl Label {
     }
 }
 
-/// Indices of the rows that name a printhead, or all printheads, arranged so that the first one that covers a
-/// time is right.
+/// Indices of the rows of one printhead's name (or of `*`), arranged so that the first row that
+/// covers a channel and time is the right one.
 #[derive(Clone, Debug, Default)]
 struct OfPrinthead {
-    /// Rows of a single channel, by the channel; the earlier row comes first, so they are searched from the
-    /// end.
+    /// Rows of a single channel, by the channel, in the order of the file: they are searched from
+    /// the end, since the later row wins.
     of_channel: HashMap<u32, Vec<usize>>,
     /// Rows of several channels, the narrower first; of equally wide rows the later one first.
     wider: Vec<usize>,
 }
 
-/// Labels ready to be asked. The narrower row beats the wider: a printhead's name beats `*`, a channel's
-/// number beats a range, fewer channels beat more, a range beats `*`. Of equally wide rows the later beats
-/// the earlier.
+/// Labels ready to be asked. Which of overlapping rows wins, the head of this file says. In files
+/// the labels are the list of their rows.
 #[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
 #[serde(from = "Vec<Label>", into = "Vec<Label>")]
 pub struct Labels {
+    /// The rows in the order of the file.
     rows: Vec<Label>,
+    /// The rows by what stands in their printhead column, a name or `*`.
     by_printhead: HashMap<String, OfPrinthead>,
 }
 
@@ -159,12 +176,14 @@ impl Labels {
         Labels { rows, by_printhead }
     }
 
+    /// All rows, in the order of the file.
     pub fn rows(&self) -> &[Label] {
         &self.rows
     }
 
-    /// Rows that speak of a fault of a channel, at any time. A row for all channels at once does not count:
-    /// it is about the printhead.
+    /// Rows that speak of a fault of a channel, at any time, those of the printhead's name first. A
+    /// row for all channels at once does not count: it is about the printhead. Rows that other rows
+    /// override are included.
     pub fn faults_of(&self, printhead: &str, channel: u32) -> Vec<&Label> {
         let of = [printhead, EVERY_PRINTHEAD].into_iter().filter_map(|p| self.by_printhead.get(p));
         let rows =
@@ -174,7 +193,8 @@ impl Labels {
         rows.filter(|row| row.is_fault()).filter(speaks).collect()
     }
 
-    /// The row that says what is true of a channel at a time; `None`: it is unknown, or to be ignored.
+    /// The row that says what is true of a channel at a time, ns since the epoch; `None`: the state
+    /// is not known, or the signal is to be ignored.
     pub fn at(&self, printhead: &str, channel: u32, t_ns: i64) -> Option<&Label> {
         self.row_at(printhead, channel, t_ns).filter(|row| row.state != IGNORE)
     }
@@ -183,6 +203,7 @@ impl Labels {
     pub fn row_at(&self, printhead: &str, channel: u32, t_ns: i64) -> Option<&Label> {
         [printhead, EVERY_PRINTHEAD].iter().find_map(|name| {
             let of = self.by_printhead.get(*name)?;
+            // the channel's own rows, the later ones first, then the wider rows
             let own = of.of_channel.get(&channel).into_iter().flat_map(|rows| rows.iter().rev());
             let mut rows = own.chain(&of.wider).map(|&i| &self.rows[i]);
             rows.find(|row| row.covers(channel, t_ns))
@@ -195,7 +216,8 @@ pub fn known_states() -> impl Iterator<Item = &'static str> {
     [HEALTHY, IGNORE].into_iter().chain(CLASSES)
 }
 
-/// The names that a mistyped word was probably meant to be, the likeliest first; empty if it is like no name.
+/// The names that a mistyped word was probably meant to be, the likeliest first; empty if the word
+/// is like no name. Case does not matter.
 pub fn nearest<'a>(word: &str, names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
     /// Least similarity (1 less the normalised Damerau-Levenshtein distance) of a misspelling.
     const LEAST_ALIKE: f64 = 0.5;

@@ -1,16 +1,25 @@
-//! Numbers that decide and that nobody derived. A room that has any lists them in one table, by
+//! Numbers that decide something and that nobody derived ("tuned" ones). A room that has any lists
+//! them in one table (a file `tuned.rs`; of the state `process.rs`), by the macro
 //! [`numbers!`](crate::numbers!).
 //!
-//! Each number is a function, so that one can ask what its half and twice do: by `with`, which exists in the
-//! tests of this crate and in builds with the feature `ablation`. No other build can change a number.
+//! In: lines `name: type = value;` with a doc comment each. Out: a function `name()` per number,
+//! which returns the value. A number is a function and no constant, so that one can measure what
+//! its half and its double would do (`docs/numbers.md`): in the tests of this crate with `with`, in
+//! builds with the feature `ablation` also with the environment variable `INKLING_NUMBER`. No other
+//! build can change a number; there the function is as good as a constant.
 
-/// The numbers that several rooms use.
+/// The table of the numbers that several rooms use.
 pub mod tuned {
     crate::numbers! {
-        /// Fewest signals, channels, temperatures or labelled severities from which anything is estimated that
-        /// needs more than their mean. With fewer, what is more general is used in its place.
+        /// Fewest signals, channels, temperatures or labelled severities from which anything is
+        /// estimated that needs more than their mean. With fewer, a more general value (of all
+        /// classes, of the physics) is used instead. Also the weight of such a prior, in examples.
         few: usize = 8;
-        /// A tenth, which is little of a whole.
+        /// A tenth: the share that counts as little of a whole wherever the code asks so. In detection, the
+        /// largest of the healthy signals that count as their tail, and what the test on the misfit may have of
+        /// the allowed false alarms. In designs, what a class of the physics may take of a user's own class. In
+        /// the critique, signals that may lack a covariate, be left out, or be outliers of a channel; what a
+        /// cause may leave to others of its kind; and how near a line may lie to a multiple of the ring.
         little = 0.1;
         /// Least probability that a look is not what it seems: that it says nothing of the class of its fault,
         /// or leaves more beside its ring than what is learned of its class allows. It is also the least rate of
@@ -20,11 +29,12 @@ pub mod tuned {
     }
 }
 
-/// Makes a function of each number of a table, under its name, and a list of all paths where they can be
-/// changed.
+/// Makes a function of each number of a table, under the number's name. Where numbers can be
+/// changed the macro also makes the list `NUMBERS` of their paths, such as
+/// `inkling_core::isolate::tuned::pulse_sd`.
 #[macro_export]
 macro_rules! numbers {
-    // the type of a number, f64 where its row says nothing else
+    // the type of a number: f64 where its line says nothing else
     (@kind) => {
         f64
     };
@@ -32,6 +42,7 @@ macro_rules! numbers {
         $kind
     };
     ($($(#[$doc:meta])* $name:ident $(: $kind:ty)? = $value:expr;)*) => {
+        // the functions
         $(
             $(#[$doc])*
             #[inline]
@@ -41,12 +52,13 @@ macro_rules! numbers {
             }
         )*
 
+        // the list of paths
         #[cfg(any(test, feature = "ablation"))]
         pub const NUMBERS: &[&str] = &[$(concat!(module_path!(), "::", stringify!($name))),*];
     };
 }
 
-/// The value of a number, which cannot be changed in this build.
+/// The value of a number, as it is: in this build it cannot be changed.
 #[cfg(not(any(test, feature = "ablation")))]
 #[inline]
 pub fn as_it_is<T>(_path: &str, value: T) -> T {
@@ -56,13 +68,15 @@ pub fn as_it_is<T>(_path: &str, value: T) -> T {
 #[cfg(any(test, feature = "ablation"))]
 pub use changed::{as_it_is, with};
 
+/// The numbers of builds in which they can be changed.
 #[cfg(any(test, feature = "ablation"))]
 mod changed {
     use std::sync::{LazyLock, RwLock};
 
-    /// The numbers that are changed, by the ends of their paths, and by which factors. The environment variable
-    /// `INKLING_NUMBER` changes some for the whole process: `isolate::tuned::gain=2`, or several of these with
-    /// spaces between them.
+    /// The numbers that are changed now: the end of each one's path, and the factor. The
+    /// environment variable `INKLING_NUMBER` changes some for the whole process:
+    /// `isolate::tuned::pulse_sd=2`, or several of these with spaces between them. A variable that
+    /// cannot be read ends the process.
     static CHANGED: LazyLock<RwLock<Vec<(String, f64)>>> = LazyLock::new(|| {
         let asked = std::env::var("INKLING_NUMBER").unwrap_or_default();
         let number = |asked: &str| {
@@ -74,7 +88,7 @@ mod changed {
 
     /// The types that a table's numbers may have.
     pub trait Number {
-        /// The number multiplied by a factor.
+        /// The number multiplied by a factor; of an array every element, and a count is rounded.
         fn times(self, by: f64) -> Self;
     }
 
@@ -102,7 +116,9 @@ mod changed {
         }
     }
 
-    /// The value of a number, changed if [`with`] or the environment says so.
+    /// The value of a number, multiplied if [`with`] or the environment says so. `path`: the
+    /// number's path; the first change whose path is the end of this one counts, and changes do not
+    /// add up.
     pub fn as_it_is<T: Number>(path: &str, value: T) -> T {
         let changed = CHANGED.read().expect("nobody panics who holds it");
         match changed.iter().find(|(of, _)| path.ends_with(of)) {
@@ -111,7 +127,9 @@ mod changed {
         }
     }
 
-    /// Runs something while a number is multiplied by a factor, on all threads, and returns the result.
+    /// Runs something while a number is multiplied by a factor, on all threads, and returns the
+    /// result of `run`. Runs may be nested but must not overlap on two threads, since the change
+    /// that was added last is removed at the end. After a panic in `run` the change stays.
     pub fn with<T>(path: &str, times: f64, run: impl FnOnce() -> T) -> T {
         let changed = || CHANGED.write().expect("nobody panics who holds it");
         changed().push((path.to_owned(), times));

@@ -1,14 +1,17 @@
-//! Function multiversioning: one function compiled for several SIMD instruction sets; every call runs the
-//! version for the largest set that the processor has.
+//! Function multiversioning: one function compiled for several SIMD instruction sets; every call
+//! runs the version for the largest set that the processor has.
 //!
-//! In: a function that is `#[inline(always)]`, as only what is inlined into a version is compiled for its
-//! instructions. Out: the same function, compiled for AVX-512 (`avx512f`), for AVX2 and for what every
-//! processor of the target has; outside x86-64 for the last alone. The compiler neither fuses a product
-//! with a sum nor changes the order of sums, so the results do not depend on the version, bit by bit. The
-//! tests of `detect` compare the versions of its loops (`with_each_set`).
+//! In: a function that is `#[inline(always)]`, since only code that is inlined into a version is
+//! compiled for that version's instructions. Out, by the macro `for_processor`: the same function,
+//! compiled for AVX-512 (`avx512f`), for AVX2 and for what every processor of the target has;
+//! outside x86-64 for the last alone. It is used for the hot loops: of `detect`, inner products,
+//! ring fits, fault curves. The compiler neither fuses a product with a sum nor changes the order
+//! of sums, so the results do not depend on the version, bit by bit. The tests of `detect` compare
+//! the versions of its loops (`with_each_set`).
 
-/// Defines a function that runs `body`, a function with the same parameters, in the version for the largest
-/// set that the processor has and [`Instructions::use_at_most`] allows.
+/// Defines a function that runs `body`, the path of an `#[inline(always)]` function with the same
+/// parameters, in the version for the largest set that the processor has and
+/// [`Instructions::use_at_most`] allows. It may have one constant parameter.
 macro_rules! for_processor {
     (
         $(#[$meta:meta])*
@@ -46,7 +49,7 @@ pub(crate) use for_processor;
 
 use std::sync::atomic::{AtomicU8, Ordering};
 
-/// A set of vector instructions. Each has all that the ones before it have.
+/// A set of vector instructions. Each set has all that the sets before it have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum Instructions {
@@ -56,19 +59,21 @@ pub enum Instructions {
     Avx512,
 }
 
-/// The largest set that may be used, as a number of [`Instructions`]; all may, unless a bench or a test says
-/// otherwise.
+/// The largest set that may be used, as the number of its variant of [`Instructions`]. All sets may
+/// be used, unless a benchmark or a test says otherwise.
 static MOST: AtomicU8 = AtomicU8::new(Instructions::Avx512 as u8);
 
 impl Instructions {
+    /// All sets, the largest last.
     pub const ALL: [Instructions; 3] =
         [Instructions::Portable, Instructions::Avx2, Instructions::Avx512];
 
-    /// From now on, in the whole process, no larger set than this is used: to measure what the instructions
-    /// gain, and to test that they change no result.
+    /// From now on, in the whole process, no larger set than this is used: to measure what the
+    /// instructions gain, and to test that they change no result.
     pub fn use_at_most(self) {
         MOST.store(self as u8, Ordering::Relaxed);
     }
+
     /// Whether the processor has these instructions and they may be used.
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]
@@ -82,10 +87,10 @@ impl Instructions {
     }
 }
 
-/// Does something with each instruction set in turn as the largest allowed, the largest of all last, so
-/// that nothing is limited afterwards. Where the processor lacks a set, the next smaller one runs once
-/// more. The limit is one for the whole process, so tests that do this wait for each other; whatever else
-/// runs meanwhile is limited too, and gives the same results.
+/// Calls `work` once per instruction set, with that set as the largest allowed. The largest of all
+/// comes last, so that nothing is limited afterwards. Where the processor lacks a set, the next
+/// smaller one runs once more. The limit is one for the whole process, so tests that do this wait
+/// for each other; whatever else runs meanwhile is limited too, and gives the same results.
 #[cfg(test)]
 pub(crate) fn with_each_set(mut work: impl FnMut()) {
     static ONE_AT_A_TIME: std::sync::Mutex<()> = std::sync::Mutex::new(());

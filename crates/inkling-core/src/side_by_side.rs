@@ -1,34 +1,42 @@
-//! Runs the same work for several things, by several threads at once.
+//! Runs the same work for each of several things, by several threads at once, and returns the
+//! results in the order of the things.
+//!
+//! For work that stands outside of the pipeline's stages: fault curves, seeds of the thesis's
+//! chapter 4, parts of a critique, windows, columns of a table. The results do not depend on the
+//! number of threads if the work on one thing does not depend on the others.
 
 use std::num::NonZero;
 use std::panic::resume_unwind;
 use std::sync::{Mutex, PoisonError};
 use std::thread::{self, ScopedJoinHandle};
 
-/// Number of threads that the machine can run at once; 1 if that is not known.
+/// Number of threads that the machine can run at once; 1 if that number is not known.
 pub fn cores() -> usize {
     thread::available_parallelism().map_or(1, NonZero::get)
 }
 
-/// Applies `each` to all of `of` by at most `workers` threads, and returns the results in the order of `of`.
-/// Whichever thread is free takes the next thing; a panic in a thread becomes the caller's.
+/// Applies `each` to all of `of` by at most `workers` threads, and returns the results in the order
+/// of `of`. Whichever thread is free takes the next thing. With 0 or 1 workers, or one thing, the
+/// caller's thread does the work. A panic in a thread becomes the caller's.
 pub fn side_by_side<T: Send, R: Send>(
     workers: usize,
     of: Vec<T>,
     each: impl Fn(T) -> R + Sync,
 ) -> Vec<R> {
     let workers = workers.min(of.len());
-    // no thread is needed
     if workers <= 1 {
         return of.into_iter().map(each).collect();
     }
 
-    // what is left to do, each thing with its place in the results
+    // What is left to do, each thing with its index in the results. A thread that panicked
+    // elsewhere does not spoil the iterator, so a poisoned lock is used all the same.
     let left = Mutex::new(of.into_iter().enumerate());
     let next = || left.lock().unwrap_or_else(PoisonError::into_inner).next();
     let work = || -> Vec<(usize, R)> {
         std::iter::from_fn(next).map(|(place, of)| (place, each(of))).collect()
     };
+
+    // Each thread returns its results, and these are put in order at the end.
     let mut done: Vec<(usize, R)> = thread::scope(|scope| {
         let running: Vec<_> = (0..workers).map(|_| scope.spawn(work)).collect();
         let join =

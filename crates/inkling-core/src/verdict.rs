@@ -1,4 +1,11 @@
-//! One row per signal: outcomes, reasons, and the columns of the verdict table.
+//! What is said of one signal: outcome, deciding test, reason, appearance. One signal is one row of
+//! the verdict table, whose columns stand in `columns`; `judged` has the rows of a batch on their
+//! way there. `schemas/verdicts.md` is the contract: the names here are the table's.
+//!
+//! The gate compares a signal's statistics with thresholds: at or below them the signal is
+//! *healthy*. A flagged signal is *faulty* if its class or its category was named with certainty,
+//! else *undecided* with a [`Reason`]. A signal that was not analysed is *rejected* with a
+//! [`Reason`].
 
 pub mod at_once;
 mod columns;
@@ -10,21 +17,24 @@ pub use judged::{HealthyRun, OfBurst, Part, Tests, Verdicts};
 use serde::Serialize;
 use std::sync::Arc;
 
-/// Defines an enum whose variants have the names that tables write, and, where they are told in a sentence,
-/// words for it.
+/// Defines an enum whose variants have the names that tables write, and, where the variants are
+/// told in a sentence, words for that. A line is `Variant "name";` or `Variant "name" "words";`,
+/// alike for all.
 macro_rules! named {
     ($(#[$about:meta])* $type:ident { $($(#[$of:meta])* $one:ident $name:literal $($words:literal)?;)* }) => {
         $(#[$about])*
         pub enum $type { $($(#[$of])* $one,)* }
 
         impl $type {
+            /// All variants, in the order of the list.
             pub const ALL: [$type; [$($name),*].len()] = [$($type::$one),*];
 
+            /// The name of the variant.
             pub fn as_str(self) -> &'static str {
                 match self { $($type::$one => $name,)* }
             }
 
-            /// The one of that name.
+            /// The variant of that name.
             pub fn of(name: &str) -> Option<$type> {
                 $type::ALL.into_iter().find(|one| one.as_str() == name)
             }
@@ -32,6 +42,7 @@ macro_rules! named {
 
         named!(words $type { $($one $($words)?;)* });
     };
+    // the second part: nothing where there are no words, else `in_words`
     (words $type:ident { $($one:ident;)* }) => {};
     (words $type:ident { $($one:ident $words:literal;)* }) => {
         impl $type {
@@ -46,8 +57,10 @@ macro_rules! named {
 pub(crate) use named;
 
 named! {
+    /// The verdict on one signal.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     Outcome {
+        /// Judged, and not flagged.
         Healthy "healthy";
         /// Faulty, and its class or its category is certain.
         Faulty "faulty";
@@ -62,16 +75,18 @@ named! {
     /// Which test a signal's statistic and threshold are of.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     Test {
-        /// The distance along the model's sensitivities.
+        /// A distance of the ring's features from healthy ones: along the model's sensitivities, or
+        /// with `detect.method` = `practice` of frequency and damping.
         Ring "ring";
-        /// The misfit beside them: what no ring explains.
+        /// The misfit beside the ring: what no ring explains.
         Misfit "misfit";
-        /// The residual's energy, thesis e(r).
+        /// The size of the FD filter's residual: its energy, thesis e(r), or its largest sample.
         Energy "energy";
     }
 }
 
-/// What a signal looks like that belongs to no known class.
+/// What a signal looks like that belongs to no known class, or may as well be something else than a
+/// fault of a class. Healthy means: as the model's healthy ring.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Appearance {
     /// Nothing rings: there is only noise.
@@ -80,13 +95,15 @@ pub enum Appearance {
     Constant,
     /// A healthy ring, this many times as large.
     OtherGain(f64),
-    /// A healthy ring whose frequency and damping are both this many times as large, as on another clock.
+    /// A healthy ring whose frequency and damping are both this many times as large, as on another
+    /// clock.
     OtherClock(f64),
-    /// A healthy ring that is this many seconds late.
+    /// A healthy ring that begins this many seconds late.
     Late(f64),
-    /// A ring of a channel all of whose rates are a little off.
+    /// A ring of a channel all of whose rates a, b, g, d are a little off.
     AllOff,
-    /// Something else that happens to channels, by its name.
+    /// Something else that happens to channels and is no class (a contrast of `model/faults.toml`),
+    /// by its name.
     Like(Arc<str>),
     /// A steady tone of this frequency, Hz, beside the ring or instead of it.
     Tone(f64),
@@ -101,8 +118,9 @@ pub enum Appearance {
 }
 
 impl Appearance {
-    /// A signal may as well be something that is no class if that has at least this share of the probability
-    /// of the likeliest class, or of its density: a twin that no decay tells apart, however rare it is.
+    /// A signal may as well be something that is no class if the latter has at least this share of
+    /// the probability of the likeliest class; or at least this share of that class's density: then
+    /// it is a twin, which no decay tells from the class, however rare the twin is.
     pub const AS_WELL: f64 = 0.25;
 }
 
@@ -111,6 +129,7 @@ named! {
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
     #[serde(rename_all = "snake_case")]
     Reason {
+        // of a signal, or of a whole burst (`is_of_burst`): rejected
         NonFinite "non_finite" "samples are no numbers";
         Saturated "saturated" "samples lie at the converter's limits";
         WrongLength "wrong_length" "bursts are longer or shorter than they say";
@@ -122,11 +141,13 @@ named! {
         Undecodable "undecodable" "messages cannot be decoded";
         NoModel "no_model" "no healthy window gave a model";
         DesignMismatch "design_mismatch" "the design does not fit them";
+        // of a flagged signal: undecided
         Uncertain "uncertain" "no class is certain enough";
-        /// It is a ring, but one of no known class.
+        /// The signal is a ring, but one of no known class.
         UnknownFault "unknown_fault" "they ring like no known class";
         /// No ring explains the signal: sensor or acquisition.
         NoRing "no_ring" "no ring explains them";
+        // either
         /// The whole printhead is not the one that the design or its own past knows.
         HeadChanged "head_changed" "the printhead is not the one that the design or its past knows";
         /// The channel repeats the same bits again and again.
@@ -136,6 +157,7 @@ named! {
 
 impl Reason {
     /// Whether the reason is that of a whole burst that was unusable, for which one row stands.
+    /// Other reasons are of single signals, or of all signals of a burst, with a row each.
     pub fn is_of_burst(self) -> bool {
         matches!(
             self,
@@ -149,15 +171,16 @@ impl Reason {
         )
     }
 
-    /// Whether the reason is about the printhead as a whole: then nothing is known of its nozzles, whether
-    /// the row is undecided or rejected.
+    /// Whether the reason is about the printhead or about what reads the channel, and not about the
+    /// signal: then nothing is known of the nozzle, whether the row is undecided or rejected.
     pub fn is_of_head(self) -> bool {
         matches!(self, Reason::HeadChanged | Reason::Frozen)
     }
 }
 
-/// Why a signal cannot be judged by itself: a sample is no number, or two or more consecutive samples are at
-/// or beyond a rail.
+/// Why a signal cannot be judged, by its samples alone: a sample is NaN or infinite, or two or more
+/// consecutive samples are at or beyond a rail. `signal`: counts; `rails`: the lower and the upper
+/// limit of the converter, counts. `None`: the signal can be judged.
 pub fn unusable_signal(signal: &[f64], rails: [f64; 2]) -> Option<Reason> {
     let at_rail = |y: f64| (y <= rails[0]) | (y >= rails[1]);
     // Without a branch per sample, since hardly a signal has such samples.

@@ -1,9 +1,15 @@
-//! Annotations: what was found, as messages beside the recording in `<stem>.annotations.mcap` (`replay
-//! --annotate`). A viewer such as Foxglove shows them together with the recording.
+//! Writes annotations: what a run found, as messages beside the recording in
+//! `<stem>.annotations.mcap` (`replay --annotate`). A viewer such as Foxglove shows these messages
+//! together with the recording.
 //!
-//! In: episodes, pictures of printheads, states of channels, each with its time. Out: an MCAP file with
-//! messages of `foxglove.Log`, `foxglove.CompressedImage` and `inkling.ChannelState` (`schemas/`), which gets
-//! its name once it is whole. MCAP has no time before 1970: what is older lies at 0. Times are ns since 1970.
+//! In, from `src/cli/annotate.rs`: lines of a log (an episode was raised, or has ended), pictures
+//! of printheads as PNG, and states of single channels, each with its time in ns since 1970. Out:
+//! an MCAP file, compressed by lz4, with messages of `foxglove.Log`, `foxglove.CompressedImage` and
+//! `inkling.ChannelState` (`schemas/`). It has a provisional name until `finish` gives it its own.
+//!
+//! Topics: `/inkling/log`; `/inkling/<printhead>/map`; `/inkling/<printhead>/channel/<number>`.
+//! MCAP has no time before 1970: the log time of an older message is 0, while the timestamp inside
+//! the message stays true.
 
 pub use wire::inkling::ChannelState;
 
@@ -25,7 +31,7 @@ mod wire {
     }
 }
 
-/// The compiled schemas of all these messages.
+/// The compiled schemas (a protobuf FileDescriptorSet) of all messages that this file writes.
 const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!("wire/annotations.fds");
 /// The topic of the log of episodes.
 pub const LOG_TOPIC: &str = "/inkling/log";
@@ -93,7 +99,8 @@ impl AnnotationWriter {
         self.write(&topic, "foxglove.CompressedImage", t_ns, &image.encode_to_vec())
     }
 
-    /// Writes the state of a watched channel at one burst. The time of the message is put in here.
+    /// Writes the state of a watched channel at one burst. `state` comes without a timestamp: it is
+    /// filled in here from `t_ns`.
     pub fn state(
         &mut self,
         t_ns: i64,
@@ -105,7 +112,8 @@ impl AnnotationWriter {
         self.write(&topic, "inkling.ChannelState", t_ns, &message.encode_to_vec())
     }
 
-    /// Writes a message. If its topic is new and there are too many topics, it is left out.
+    /// Writes a message. The first message on a topic defines the topic. Once there are
+    /// `MOST_TOPICS` topics, messages on further topics are left out without an error.
     fn write(
         &mut self,
         topic: &str,
@@ -119,6 +127,7 @@ impl AnnotationWriter {
             }
             self.file.add(topic, Schema(schema, FILE_DESCRIPTOR_SET))?;
         }
+        // the log time of MCAP has no sign
         self.file.write(topic, u64::try_from(t_ns).unwrap_or(0), data)
     }
 

@@ -1,5 +1,11 @@
-//! What other programs write into Arrow arrays, as the few types that readers here ask for: numbers, times,
-//! texts, lists.
+//! Reads cells of Arrow arrays that any program may have written, as the few types that readers of
+//! this crate ask for: numbers, times, texts, lists.
+//!
+//! There are two ways in. `columnar.rs` (`inkling convert`) asks cell by cell, by the free
+//! functions [`number`], [`inside`], [`counted`]; a cell of an unfit type is `None`.
+//! `verdict_reader.rs` and `row_table.rs` read whole columns of our own tables, which other tools
+//! may have rewritten, by [`ReadColumn`]; an unfit type or value is an error in words that names
+//! the column.
 
 use arrow_array::cast::AsArray;
 use arrow_array::types::{Float16Type, Float32Type, Float64Type, Int64Type};
@@ -22,7 +28,7 @@ fn numbers(column: &ArrayRef) -> Option<Vec<Option<f64>>> {
     )
 }
 
-/// A cell as a number; NaN where it is empty. `None`: its type has none.
+/// A cell as a number; NaN where the cell is null. `None`: the array's type holds no numbers.
 pub fn number(array: &dyn Array, row: usize) -> Option<f64> {
     if array.is_null(row) {
         return Some(f64::NAN);
@@ -36,7 +42,7 @@ pub fn number(array: &dyn Array, row: usize) -> Option<f64> {
     )
 }
 
-/// The unit of a column of times or durations.
+/// The unit of a column of times or durations; `None` of any other type.
 pub fn unit(of: &DataType) -> Option<TimeUnit> {
     match of {
         DataType::Timestamp(unit, _) | DataType::Duration(unit) => Some(*unit),
@@ -44,7 +50,8 @@ pub fn unit(of: &DataType) -> Option<TimeUnit> {
     }
 }
 
-/// A column of times or durations as the whole numbers that they are stored as; any other column as it is.
+/// A column of times or durations as the whole numbers (i64, in the column's own unit) that Arrow
+/// stores; any other column as it is.
 pub fn counted(column: &ArrayRef) -> ArrayRef {
     let data = || column.to_data().into_builder().data_type(DataType::Int64).build().ok();
     unit(column.data_type()).and_then(|_| data()).map_or_else(|| column.clone(), make_array)
@@ -72,7 +79,8 @@ pub fn inside(array: &ArrayRef, row: usize) -> Option<ArrayRef> {
     }
 }
 
-/// A column of a table that anybody may have written. What is wrong with it is told in words.
+/// A column of a table that anybody may have written. Its methods give an error in words where the
+/// column's type or a value does not fit.
 #[derive(Clone, Copy)]
 pub struct ReadColumn<'a> {
     pub name: &'static str,
@@ -114,7 +122,7 @@ impl ReadColumn<'_> {
         self.numbers()?.into_iter().map(|v| v.map(one).transpose()).collect()
     }
 
-    /// The cells as ns since 1970.
+    /// The cells as ns since 1970. A column of plain i64 counts as ns.
     pub fn times(self) -> Read<i64> {
         let factor = match self.array.data_type() {
             // other tools may have dropped the type
@@ -129,7 +137,8 @@ impl ReadColumn<'_> {
         all.as_primitive::<Int64Type>().iter().map(|v| v.map(one).transpose()).collect()
     }
 
-    /// The cells as texts.
+    /// The cells as texts. Dictionary columns must have been unpacked to plain Utf8 before: the
+    /// readers ask for it by their schema.
     pub fn texts(self) -> Result<Texts, String> {
         let null = || std::iter::repeat_n(None, self.array.len());
         match self.array.data_type() {
@@ -148,7 +157,9 @@ impl ReadColumn<'_> {
         Ok(keys.into_iter().map(|key| key.map(|key| parsed[key as usize])).collect())
     }
 
-    /// A column of lists of numbers: where each row's list begins, and all lists one after the other.
+    /// A column of lists of numbers: for each row the index in the second vector at which its list
+    /// begins (`None`: the row is null), and the numbers of all lists one after the other. A list
+    /// ends where the next one begins. A null within a list becomes NaN.
     pub fn lists(self) -> Result<(Vec<Option<u32>>, Vec<f32>), String> {
         let (mut starts, mut all) = (Vec::with_capacity(self.array.len()), Vec::new());
         for row in 0..self.array.len() {
@@ -176,7 +187,8 @@ impl ReadColumn<'_> {
     }
 }
 
-/// A column of texts, as keys into its distinct values, which are in the order of their first appearance.
+/// A column of texts. `keys` has for each row the index of its text in `values`, `None` where the
+/// row is null; `values` has each distinct text once, in the order of first appearance.
 #[derive(Default)]
 pub struct Texts {
     pub keys: Vec<Option<u32>>,

@@ -1,10 +1,16 @@
 //! The file of baselines: what is remembered of printheads and channels from recording to recording
-//! ([`Memory`]), as JSON (`schemas/baseline.md`). `inkling replay --baseline` reads it when a run begins, and
-//! replaces it after each recording that was judged.
+//! ([`Memory`]), as JSON (`schemas/baseline.md`). `inkling replay --baseline` reads it when a run
+//! begins, and replaces it after each recording that was judged.
 //!
-//! The file belongs to one design, and to one run at a time. Nothing locks it, but
-//! [`BaselineFile::prepare`] and [`BaselineFile::replace`] refuse if another run has changed it meanwhile,
-//! so that run's work is not overwritten.
+//! The file belongs to one design, whose digest it holds, and to one run at a time. Nothing locks
+//! it. Instead a [`BaselineFile`] keeps the hash of the bytes that it read or wrote last, and
+//! [`BaselineFile::prepare`] and [`BaselineFile::replace`] refuse if the file on disk has another
+//! hash by now: so the work of another run is not overwritten. (Two runs that replace the file
+//! within the same instant are not noticed.)
+//!
+//! Replacing has two steps, so that a full disk is noticed before a recording counts as finished:
+//! `prepare` writes the new content to a file beside the old one; then the journal says that the
+//! recording is finished; then `replace` renames.
 
 use super::digest::in_words;
 use super::file_error::FileError;
@@ -49,8 +55,8 @@ impl BaselineFile {
         self.hash.map(in_words)
     }
 
-    /// Removes files of new baselines that killed runs have left beside this file (or the one that a link
-    /// leads to), without its name.
+    /// Removes the files of prepared baselines that killed runs have left beside this file (or
+    /// beside the file that a link at its path leads to).
     pub fn sweep(&self) {
         let path = part_file::followed(&self.path);
         let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -58,9 +64,9 @@ impl BaselineFile {
         part_file::sweep(dir.unwrap_or(Path::new(".")), |of| of == name);
     }
 
-    /// Reads and checks the baselines; if there is no file yet, they are empty. `design`: the digest of the
-    /// design that recordings are judged by, `None` if there is none. Baselines of another design are
-    /// refused.
+    /// Reads and checks the baselines; if there is no file yet, the memory is empty. `design`: the
+    /// digest of the design that recordings are judged by, `None` if they are judged without one.
+    /// Baselines of another design are refused.
     pub fn read(path: &Path, design: Option<&str>) -> Result<(BaselineFile, Memory), FileError> {
         let mut file = BaselineFile { path: path.into(), hash: None };
         let Some(text) = file.bytes()? else {

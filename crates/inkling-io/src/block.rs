@@ -1,9 +1,10 @@
-//! A block: the part of a recording that one worker decodes at a time. `scan.rs` finds the blocks,
-//! `block_reader.rs` decodes them.
+//! A block: the part of a recording that one worker decodes at a time, so that several workers
+//! decode one recording side by side. `scan.rs` finds the blocks and `block_reader.rs` decodes
+//! them.
 
 use bytes::Bytes;
 
-/// What a block consists of.
+/// What kind of records a block consists of (MCAP records at the top level of the file).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BlockKind {
     /// One chunk record.
@@ -12,7 +13,7 @@ pub enum BlockKind {
     Messages,
 }
 
-/// Where a block lies in the file; its bytes are read later, by the worker that decodes it.
+/// Where a block lies in the file. Its bytes are read later, by the worker that decodes it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Block {
     /// Place among the blocks, from 0. It restores the order after several workers decoded blocks side by
@@ -20,15 +21,18 @@ pub struct Block {
     pub index: u64,
     /// Offset of its first record in the file.
     pub offset: u64,
+    /// Length of the block in the file, headers of its records included.
     pub bytes: u64,
     pub kind: BlockKind,
 }
 
-/// The bytes of a block.
+/// The bytes of a block as they stand in the file (of one that is too large only its head:
+/// `chunk_loader::bytes_to_read`), read ahead by `digest.rs`, which reads the whole file for its
+/// checksum anyway.
 #[derive(Clone, Debug)]
 pub struct ReadBlock {
     pub bytes: Bytes,
-    /// Checksum of a chunk's uncompressed records, if it was computed over them already with the checksum of
-    /// the data section.
+    /// CRC-32 of the records in a chunk without compression, if the digest's pass has computed it;
+    /// else `None`, and the worker computes it.
     pub crc: Option<u32>,
 }

@@ -1,8 +1,17 @@
-//! Blocks of a recording become acquisitions. Each worker has a reader.
+//! Decodes blocks of a recording into acquisitions. Each worker thread has a reader of its own.
 //!
-//! In: a [`Block`]. Out: its acquisitions in file order, in pieces of bounded size, and the damage that was
-//! met. A chunk is used only after its checksum was verified; the bursts of a chunk share one buffer. Schemas
-//! and channels that a block defines are learned on the way; those that the summary defines have precedence.
+//! In: a [`Block`] (from `scan.rs`), by [`BlockReader::load`]. Out: its acquisitions in file order
+//! and the damage that was met, by [`BlockReader::next_piece`], in pieces of bounded size. Callers
+//! are the read stage (`src/pipeline/stages.rs`) and whoever looks through a recording (`inspect`,
+//! `train`).
+//!
+//! Steps: `chunk_loader` reads, decompresses and verifies the block; its records are met one by
+//! one; a schema or channel record is learned; a message is routed by its channel (`channels.rs`)
+//! to `burst_codec` (our own messages), to `dialect::decoder` (messages of other loggers), or
+//! passed over. A chunk is used only after its checksum was verified. The bursts of a chunk share
+//! one buffer; no sample is copied.
+//!
+//! Definitions in the recording's summary have precedence over those in blocks.
 
 use super::Limits;
 use super::block::{Block, BlockKind, ReadBlock};
@@ -23,8 +32,8 @@ use inkling_core::verdict::Reason;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// A part of a block: what one call gives. So memory stays bounded if a small chunk holds millions of
-/// messages.
+/// A part of a block: what one call of [`BlockReader::next_piece`] gives. Pieces keep memory
+/// bounded if a small compressed chunk holds millions of messages.
 #[derive(Debug, Default)]
 pub struct Piece {
     pub acquisitions: Vec<Acquisition>,
@@ -40,12 +49,16 @@ pub struct BlockReader {
     loader: ChunkLoader,
     decoder: BurstDecoder,
     dialects: DialectDecoder,
-    /// The schemas and channels that the summary defines.
+    /// The schemas and channels that the recording's summary defines ("upfront": before any block
+    /// is read).
     upfront: Arc<Channels>,
-    /// What the blocks so far have defined. If the summary names all channels, this is forgotten after each
-    /// block, so that a block gives the same whoever reads it.
+    /// The schemas and channels that blocks have defined so far. If the summary names all channels,
+    /// `met` is cleared before each block, so that a block gives the same result whichever worker
+    /// reads it.
     met: Arc<Channels>,
+    /// Whether the summary names all channels that have messages.
     known_upfront: bool,
+    /// The empty name, for topics that name no printhead.
     no_printhead: Arc<str>,
     /// The block that was loaded and has further pieces.
     open: Option<OpenBlock>,
@@ -53,7 +66,7 @@ pub struct BlockReader {
     census: Option<Census>,
 }
 
-/// The schemas and channels that blocks define, to be handed to the next reader.
+/// The schemas and channels that blocks have defined, to be handed to the next reader.
 #[derive(Clone, Debug)]
 pub struct Definitions(Arc<Channels>);
 
@@ -63,13 +76,17 @@ struct OpenBlock {
     block: Block,
     /// Its records. They are whole, except the last one if the block was too large to be read.
     records: Bytes,
+    /// Where in `records` the next record begins.
     at: usize,
+    /// Damage that was met and that no piece has told yet.
     damage: Vec<Damage>,
-    /// How often records were of no use, by reason.
+    /// How often records were of no use, by reason. It becomes damage with the last piece.
     lost: BTreeMap<Lost, u64>,
 }
 
 impl BlockReader {
+    /// A reader for one worker. `upfront`: what the summary defines; `known_upfront`: whether it
+    /// names all channels.
     pub(super) fn new(
         source: Arc<Source>,
         limits: Limits,
@@ -89,8 +106,8 @@ impl BlockReader {
         }
     }
 
-    /// The same reader, which also knows what blocks that were read before have defined. This matters only if
-    /// the summary does not say what the channels are.
+    /// The same reader, which also knows what the blocks that other readers read before have
+    /// defined. This has an effect only if the summary does not name all channels.
     pub fn knowing(mut self, definitions: Option<&Definitions>) -> BlockReader {
         if let Some(Definitions(met)) = definitions.filter(|_| !self.known_upfront) {
             self.met = met.clone();
@@ -98,7 +115,8 @@ impl BlockReader {
         self
     }
 
-    /// What the blocks so far define, for a reader that goes on from here; `None` if the summary says it.
+    /// What the blocks so far have defined, for a reader that goes on from here; `None` if the
+    /// summary names all channels, so that nothing need be handed on.
     pub fn definitions(&self) -> Option<Definitions> {
         (!self.known_upfront).then(|| Definitions(self.met.clone()))
     }
@@ -125,7 +143,7 @@ impl BlockReader {
         self.census
     }
 
-    /// Reads and decodes a whole block at once.
+    /// Reads and decodes a whole block at once, as one piece.
     pub fn read(&mut self, block: &Block) -> Piece {
         self.load(block);
         self.next_piece(usize::MAX).unwrap_or_default()
@@ -153,8 +171,9 @@ impl BlockReader {
         self.open = Some(OpenBlock { block, records, at: 0, damage, lost: BTreeMap::new() });
     }
 
-    /// The next acquisitions of the loaded block, until they have `max_rows` rows or the block ends. `None`
-    /// after the last piece. Every block has at least one piece.
+    /// The next acquisitions of the loaded block, until they have at least `max_rows` rows
+    /// (channels, one row of the verdict table each) or the block ends. `None` after the last
+    /// piece. Every loaded block has at least one piece; the last one may be empty.
     pub fn next_piece(&mut self, max_rows: usize) -> Option<Piece> {
         let mut open = self.open.take()?;
         let mut piece = Piece::default();
@@ -164,16 +183,22 @@ impl BlockReader {
                 piece.last = true;
                 break;
             }
+
+            // a record that does not end in the buffer ends the block
             let Some(record) = record_at(&open.records, open.at) else {
                 self.read_unfinished(&mut open, &mut piece);
                 piece.last = true;
                 break;
             };
             open.at = record.to;
+
+            // the census sees definitions also where they have no effect here
             let body = &open.records[record.from..record.to];
             if let Some(census) = &mut self.census {
                 census.see_definition(record.opcode, body);
             }
+
+            // a message becomes at most one acquisition; definitions are learned
             let outcome = match record.opcode {
                 op::MESSAGE => match message_header(body) {
                     None => Err(Lost::ShortMessage),
@@ -192,10 +217,12 @@ impl BlockReader {
                 op::CHANNEL => self.define_channel(body),
                 _ => Ok(()), // of no use here, or of a later version of the format
             };
+            // a record of no use is counted only: the block goes on with the next record
             if let Err(lost) = outcome {
                 *open.lost.entry(lost).or_default() += 1;
             }
         }
+
         piece.damage.append(&mut open.damage);
         if piece.last {
             piece.damage.extend(losses(&open.block, &open.lost));
@@ -205,22 +232,23 @@ impl BlockReader {
         Some(piece)
     }
 
-    /// Defines a schema, unless the summary or an earlier block has defined it. A definition that differs from
-    /// theirs is an error: theirs holds.
+    /// Learns a schema, unless the summary or an earlier block has defined the same id. Then the
+    /// earlier definition holds, and a record that differs from it is an error.
     fn define_schema(&mut self, body: &[u8]) -> Result<(), Lost> {
         let schema = SchemaRecord::parse(body).ok_or(Lost::Malformed("schema"))?;
         let known = [&self.upfront, &self.met].into_iter().find_map(|of| of.known_schema(schema));
         known.unwrap_or_else(|| Arc::make_mut(&mut self.met).define_schema(schema))
     }
 
-    /// Defines a channel likewise.
+    /// Learns a channel, in the same way as a schema.
     fn define_channel(&mut self, body: &[u8]) -> Result<(), Lost> {
         let channel = ChannelRecord::parse(body).ok_or(Lost::Malformed("channel"))?;
         let known = [&self.upfront, &self.met].into_iter().find_map(|of| of.known_channel(channel));
         known.unwrap_or_else(|| Arc::make_mut(&mut self.met).define_channel(channel))
     }
 
-    /// Where a channel's messages go, by the summary or by the blocks.
+    /// Where a channel's messages go: by the summary's channels, else by those of the blocks. The
+    /// schema of a channel may be defined in either place.
     fn route(&self, channel_id: u16) -> Result<Route, Lost> {
         match self.upfront.route_with(&self.met, channel_id) {
             Err(Lost::UnknownChannel(_)) => self.met.route_with(&self.upfront, channel_id),
@@ -228,8 +256,8 @@ impl BlockReader {
         }
     }
 
-    /// The acquisition that a message is; `None` if it is no burst. Messages that should be bursts and cannot
-    /// be read count, too.
+    /// The acquisition that a message is; `None` if its channel carries no bursts. A message that
+    /// should be a burst and cannot be read is an unusable acquisition, and so a rejected row.
     fn decode(
         &mut self,
         route: Route,
@@ -253,9 +281,10 @@ impl BlockReader {
         }
     }
 
-    /// Handles a record that does not end in the buffer. Either the message is larger than the limit, and the
-    /// buffer has only its head: it becomes an unusable acquisition. Or the framing inside a chunk is broken:
-    /// the rest of the chunk is lost.
+    /// Handles a record that does not end in the buffer. There are two cases. A single message
+    /// larger than the limit: only its head was read, and it becomes an unusable acquisition
+    /// (`too_large`), whose printhead the head's channel tells. Or the record's length is wrong
+    /// (broken framing inside a chunk): the rest of the block is lost and becomes damage.
     fn read_unfinished(&mut self, open: &mut OpenBlock, piece: &mut Piece) {
         let head = open.records.get(open.at + RECORD_HEADER..);
         let too_large = open.block.bytes > self.loader.limits.record_bytes
@@ -298,7 +327,8 @@ fn losses(block: &Block, lost: &BTreeMap<Lost, u64>) -> Vec<Damage> {
     named.chain(rest).map(|what| damage_of(block, what)).collect()
 }
 
-/// Damage to a whole block.
+/// Damage at a block. Its range is the whole block, also where only one record is lost: places
+/// inside a compressed chunk are no places in the file.
 fn damage_of(block: &Block, what: String) -> Damage {
     Damage { from_byte: block.offset, to_byte: block.offset + block.bytes, what }
 }

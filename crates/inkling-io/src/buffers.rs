@@ -1,30 +1,39 @@
-//! Buffers that are used again, so that a long recording allocates little. Readers of blocks and the digester
-//! have one set each.
+//! Memory for chunks that is used again, so that a long recording allocates little.
+//!
+//! A buffer is taken, filled, and frozen: from then on bursts share it as `Bytes`. This file keeps
+//! a further reference to it. Once that reference is the only one (all bursts of the chunk are done
+//! with), the buffer can be taken again. Each `ChunkLoader` has a set of its own, and so has the
+//! digester.
+
 use bytes::{Bytes, BytesMut};
 use std::collections::VecDeque;
 
-/// The buffers that were given out. Bursts share their bytes; once none does so any more, a buffer can be
-/// taken again.
+/// The buffers that were given out, the oldest first; each can be taken again once nobody else
+/// holds it.
 #[derive(Debug, Default)]
 pub(super) struct Buffers {
     given: VecDeque<Bytes>,
 }
 
 impl Buffers {
-    /// Larger buffers are not kept: bounded memory is worth a few page faults for each huge chunk.
+    /// Larger buffers are not kept for reuse: bounded memory is worth a few page faults for each
+    /// huge chunk.
     const KEPT_BYTES: usize = 8 << 20;
     /// At most so many buffers are kept.
     const KEPT: usize = 24;
 
-    /// A buffer of `bytes` bytes, whose content is undefined.
+    /// A buffer of exactly `bytes` bytes, whose content is undefined (old bytes or zeros).
     pub(super) fn take(&mut self, bytes: usize) -> BytesMut {
-        // beginning with the last one given, which the processor's cache may still hold
+        // free buffers, the last one given out first: the processor's cache may still hold it
         let free = self.given.iter().enumerate().rev().filter(|(_, b)| b.is_unique());
-        // a buffer of the same size need not be filled with zeros first; else the smallest that is larger,
-        // else any
+        // The smallest buffer that is large enough: a buffer that must grow is filled with zeros
+        // first, one of the same size costs nothing. Too small buffers come last; such a buffer is
+        // taken out of the list, and replaced below by a new one unless its memory suffices after
+        // all.
         let free = free.min_by_key(|(_, b)| if b.len() < bytes { usize::MAX } else { b.len() });
         let free = free.map(|(i, _)| i);
         let free = free.and_then(|i| self.given.remove(i)).and_then(|b| b.try_into_mut().ok());
+
         match free {
             Some(mut buffer) if buffer.capacity() >= bytes => {
                 buffer.resize(bytes, 0);
@@ -34,7 +43,8 @@ impl Buffers {
         }
     }
 
-    /// Shares a buffer that was filled, and remembers it.
+    /// Makes a filled buffer shareable, and remembers it if it is small enough. Beyond `KEPT`
+    /// buffers the oldest is forgotten, and is freed with the last burst that uses it.
     pub(super) fn freeze(&mut self, buffer: BytesMut) -> Bytes {
         let frozen = buffer.freeze();
         if frozen.len() <= Self::KEPT_BYTES {

@@ -1,9 +1,16 @@
-//! Messages of schema `inkling.Burst` (`schemas/burst.proto`) become bursts, and bursts become such messages.
-//! It opens no file: readers and writers of recordings call it.
+//! Decodes messages of schema `inkling.Burst` (`schemas/burst.proto`, protobuf) into bursts, and
+//! encodes bursts as such messages. It opens no file: `block_reader.rs` calls the decoder for each
+//! message, and the writers of recordings call [`encode`].
 //!
-//! In: a message's bytes, its log time, and the printhead that its topic names. Out: an [`Acquisition`]: a
-//! burst whose samples are a part of the message's bytes and no copy, or the reason why there is none.
-//! Messages of other loggers are decoded by `dialect::decoder`, with the same checks and reasons.
+//! In: a message's bytes, its log time (ns since 1970), and the printhead that its topic names.
+//! Out: an [`Acquisition`]: a burst (channels x samples of int16 or f32 counts) whose samples are a
+//! slice of the message's bytes and no copy, or an unusable burst with the reason, which becomes
+//! one rejected row. It never fails otherwise.
+//!
+//! The steps of [`BurstDecoder::decode`]: parse the message; take first channel, time and name into
+//! a head that stays even if a later step fails; then `check` that the numbers fit each other,
+//! the limits and the length of the samples. `dialect::decoder` makes bursts of other loggers'
+//! messages with the same head, check and reasons.
 
 use super::Limits;
 use bytes::Bytes;
@@ -22,9 +29,9 @@ mod wire {
 /// The schema as every recording that we write carries it: the compiled `schemas/burst.proto`, with the
 /// schema of Timestamp that it imports.
 pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!("wire/burst.fds");
-/// The name of a channel's schema, and the encoding of its messages, by which our own messages are told from
-/// others.
+/// The name of the schema by which our own messages are told from others.
 pub const SCHEMA_NAME: &str = "inkling.Burst";
+/// The message encoding that such a channel must have.
 pub const MESSAGE_ENCODING: &str = "protobuf";
 
 /// Longest name of a printhead; a burst with a longer one is `too_large`. Names are kept in memory, and stand
@@ -52,9 +59,10 @@ pub struct BurstDecoder {
     names: PrintheadNames,
 }
 
-/// What is known of a burst before anything of its message was read: when it was recorded, and the printhead
-/// that its topic names. Channel 0 stands for the first channel, which is not known. If the burst turns out
-/// to be unusable, its one row of the verdict table says this, and what was read meanwhile.
+/// The head of a burst before anything of its message was read: the log time stands for its time,
+/// the topic's printhead for its name, and channel 0 for the first channel. The decoders replace
+/// each of these as they read it. If the burst turns out to be unusable, its one row of the verdict
+/// table shows the head as far as it was read.
 pub(super) fn unread(log_time_ns: i64, topic_printhead: &Arc<str>, why: Reason) -> UnusableBurst {
     UnusableBurst {
         t_acq_ns: log_time_ns,
@@ -64,8 +72,9 @@ pub(super) fn unread(log_time_ns: i64, topic_printhead: &Arc<str>, why: Reason) 
     }
 }
 
-/// Takes the printhead that a message names; where it names none, that of the topic stays. An error if the
-/// name is too long; then, too, that of the topic stays.
+/// Puts the printhead that a message names into the head. An empty name leaves the topic's
+/// printhead there. A name longer than `MOST_NAME_BYTES` is an error and leaves the topic's
+/// printhead, too.
 pub(super) fn take_name(
     head: &mut UnusableBurst,
     name: &str,
@@ -81,14 +90,16 @@ pub(super) fn take_name(
 }
 
 impl BurstDecoder {
+    /// A decoder that refuses bursts beyond `limits` as `too_large`.
     pub fn new(limits: Limits) -> BurstDecoder {
         BurstDecoder { limits, message: wire::Burst::default(), names: PrintheadNames::default() }
     }
 
-    /// Decodes one message. The samples are not copied. Where several things are wrong with a burst, the
-    /// reason is the first of: undecodable, too_large (the printhead's name), unknown_format, unknown_layout,
-    /// no_channels, bad_period, too_large (the numbers), wrong_length. `log_time_ns` and `topic_printhead`
-    /// are used where the message itself does not tell its time or its printhead.
+    /// Decodes one message. The samples are not copied. `log_time_ns` and `topic_printhead` are
+    /// used where the message itself does not tell its time or its printhead. Where several things
+    /// are wrong with a burst, the reason is the first of: undecodable, too_large (the printhead's
+    /// name), unknown_format, unknown_layout, no_channels, bad_period, too_large (the numbers),
+    /// wrong_length.
     pub fn decode(
         &mut self,
         message: Bytes,
@@ -102,8 +113,9 @@ impl BurstDecoder {
         }
     }
 
-    /// The burst that a message holds. `head` is filled in, first channel, time, printhead, up to the first
-    /// of them that cannot be used.
+    /// The burst that a message holds, or why it cannot be used. On the way the message's first
+    /// channel, time and printhead are written into `head`, in this order, up to the first of them
+    /// that is wrong.
     fn burst(&mut self, message: Bytes, head: &mut UnusableBurst) -> Result<Burst, Reason> {
         self.message.clear();
         self.message.merge(message).map_err(|_| Reason::Undecodable)?;
@@ -113,6 +125,8 @@ impl BurstDecoder {
         let t_acq_ns = message.timestamp.as_ref().and_then(nanoseconds);
         head.t_acq_ns = t_acq_ns.ok_or(Reason::Undecodable)?;
         take_name(head, &message.printhead, &mut self.names)?;
+
+        // covariates of the wrong number belong to no channel: they are dropped, the burst stays
         let format = message.format.try_into().map_err(|_| Reason::UnknownFormat)?;
         let layout = message.layout.try_into().map_err(|_| Reason::UnknownLayout)?;
         let channels = message.channels as usize;
@@ -147,6 +161,9 @@ impl BurstDecoder {
 
 /// Checks that the numbers of a burst fit each other, its samples and the limits, before anything else looks
 /// at the samples. Bursts of our own messages and of dialects pass through it alike.
+///
+/// The order of the checks is the order of the reasons: `no_channels`, `bad_period`, `too_large`,
+/// `wrong_length`.
 pub(super) fn check(of: &Burst, limits: &Limits) -> Result<(), Reason> {
     if of.channels == 0 {
         return Err(Reason::NoChannels);
@@ -154,6 +171,7 @@ pub(super) fn check(of: &Burst, limits: &Limits) -> Result<(), Reason> {
     if !(of.sample_period_s.is_finite() && of.sample_period_s > 0.0) {
         return Err(Reason::BadPeriod);
     }
+    // u128: the product of three claimed numbers must not overflow
     let samples = u64::from(of.channels) * u64::from(of.samples_per_channel);
     let bytes = u128::from(samples) * of.format.bytes() as u128;
     // the last one: the number of the last channel must be a u32, too
@@ -206,9 +224,10 @@ pub fn encode(burst: &Burst) -> Vec<u8> {
     message.encode_to_vec()
 }
 
-/// Printhead names that were seen, so that a name that repeats is allocated once. Bounded: when there are as
-/// many as are kept and another one comes, all are forgotten, and long ones are never kept. So a recording
-/// with millions of names, or with huge ones, costs time and no memory.
+/// Printhead names that were seen, so that a name that repeats is allocated once. The set is
+/// bounded: names longer than `NAME_BYTES` are never kept, and when `NAMES` are kept and another
+/// one comes, all are forgotten. So a recording with millions of names, or with huge ones, costs
+/// time and no memory.
 #[derive(Debug, Default)]
 pub(super) struct PrintheadNames(HashSet<Arc<str>>);
 

@@ -1,8 +1,11 @@
-//! What there is in a recording, whoever wrote it: its channels, schemas, sizes and rates. `inkling inspect`
-//! shows it, and the proposal of a dialect begins with it.
+//! Counts what there is in a recording, whoever wrote it: channels, schemas, sizes of messages and
+//! rates. `inkling inspect` shows these counts, and the proposal of a dialect (`dialect::guess`)
+//! begins with the schema and first message that the census keeps.
 //!
-//! In: records as they go by. Out: a [`TopicSummary`] for each MCAP channel, with bounded memory whatever the
-//! file. A topic has several channels if several programs wrote to it.
+//! In: records as a counting `BlockReader` meets them. Out: a [`TopicSummary`] for each MCAP
+//! channel, sorted by topic. Memory is bounded whatever the file: ids have 16 bits, and schemas and
+//! first messages are kept only up to the limits below. A topic has several channels if several
+//! programs wrote to it.
 
 pub use super::channels::Becomes;
 use super::dialect::plan::{Schema, Written};
@@ -30,11 +33,13 @@ pub struct TopicSummary {
     /// Whether the channel has no schema, as channels of JSON may.
     pub without_schema: bool,
     pub messages: u64,
-    /// Bytes of all messages together, of the smallest and of the largest one.
+    /// Bytes of all messages together.
     pub bytes: u64,
+    /// Bytes of the smallest and of the largest message; `u64::MAX` and 0 before the first message.
     pub smallest: u64,
     pub largest: u64,
-    /// The first and the last log time, ns.
+    /// The earliest and the latest log time, ns since 1970; `u64::MAX` and 0 before the first
+    /// message.
     pub first_ns: u64,
     pub last_ns: u64,
     /// The first message, if it was small enough to be kept.
@@ -62,7 +67,8 @@ struct SchemaSummary {
 }
 
 impl TopicSummary {
-    /// How the channel's messages are written. `None`: their schema was too large to be kept.
+    /// How the channel's messages are written, for whoever plans how to read them. `None`: the
+    /// schema was too large to be kept.
     pub fn written(&self) -> Option<Written<'_>> {
         // a channel without a schema is known as such
         let known = self.without_schema || self.schema.is_some();
@@ -73,7 +79,7 @@ impl TopicSummary {
         })
     }
 
-    /// Messages per second, by log times. `None`: there are too few.
+    /// Messages per second, by log times. `None`: fewer than two messages, or all at one time.
     pub fn rate_hz(&self) -> Option<f64> {
         let seconds = self.last_ns.saturating_sub(self.first_ns) as f64 / 1e9;
         (self.messages > 1 && seconds > 0.0).then(|| (self.messages - 1) as f64 / seconds)
@@ -86,8 +92,8 @@ fn shortened(text: &str) -> String {
 }
 
 impl Census {
-    /// Takes note of a schema or a channel, if the record defines one. Of several definitions the first
-    /// holds.
+    /// Takes note of a schema or a channel, if the record defines one. If an id is defined several
+    /// times, the first definition holds.
     pub(super) fn see_definition(&mut self, opcode: u8, body: &[u8]) {
         match opcode {
             op::SCHEMA => {
@@ -124,7 +130,8 @@ impl Census {
         }
     }
 
-    /// Counts a message. `to` is what becomes of the channel's messages.
+    /// Counts a message. `to` is what becomes of the channel's messages; the first message's answer
+    /// is kept. A message on a channel that is not defined is not counted.
     pub(super) fn see_message(&mut self, header: MessageHeader, to: &Becomes, message: Bytes) {
         let Some((_, summary)) = self.channels.get_mut(&header.channel_id) else { return };
         if summary.messages == 0 {
@@ -144,7 +151,8 @@ impl Census {
         summary.last_ns = summary.last_ns.max(header.log_time);
     }
 
-    /// How many channels that a dialect fits have messages.
+    /// How many channels have messages and a dialect that fits them, even if the dialect cannot
+    /// read them.
     pub(super) fn foreign(&self) -> usize {
         let fits = |summary: &TopicSummary| {
             matches!(summary.becomes, Becomes::Foreign(_) | Becomes::Unread(_))

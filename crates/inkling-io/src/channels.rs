@@ -1,10 +1,14 @@
-//! The schemas and channels that a recording has defined so far, by their ids, and what becomes of a
-//! channel's messages.
+//! Says what becomes of a channel's messages: bursts of our own, bursts by a dialect, or nothing.
 //!
-//! MCAP names a channel in each message by a number, which a channel record defines earlier in the file; that
-//! record refers to a schema record likewise. This file keeps of both only what matters here: whether
-//! messages are bursts, which dialect reads them, and which printhead the topic names. Readers of blocks and
-//! of the summary ask it for the [`Route`] of a channel.
+//! MCAP names a channel in each message by a number (16 bits), which a channel record defines
+//! earlier in the file; that record refers to a schema record by another number. In: those records,
+//! from readers of blocks and of the summary. Out: the [`Route`] of a channel id. This file keeps
+//! of both kinds of records only what routes need: whether the schema is `inkling.Burst`, which
+//! dialects fit, and which printhead the topic names.
+//!
+//! The rule of [`Channels::route_with`]: schema `inkling.Burst` in protobuf gives bursts; otherwise
+//! the first dialect that fits both topic and schema name reads the messages, by a [`Plan`] that is
+//! made once; otherwise the messages are passed over.
 
 use super::burst_codec::{MESSAGE_ENCODING, SCHEMA_NAME, topic_printhead};
 use super::dialect::plan::{Plan, Schema, Written};
@@ -39,7 +43,8 @@ pub(super) struct Route {
     pub printhead: Option<Arc<str>>,
 }
 
-/// Why a record inside a block is of no use. Its words become damage.
+/// Why a record inside a block is of no use. Its words become damage. Numbers are MCAP's ids; a
+/// text says of which kind the record is ("schema" or "channel").
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Lost {
     UnknownChannel(u16),
@@ -65,8 +70,8 @@ impl fmt::Display for Lost {
     }
 }
 
-/// The schemas and channels that are defined so far. There can be no more of them than ids of 16 bits, and
-/// what dialects need of them takes [`MOST_KEPT_BYTES`] at most, whatever a file holds.
+/// The schemas and channels that are defined so far, by id. There can be no more of them than ids
+/// of 16 bits. What dialects need of them takes [`MOST_KEPT_BYTES`] at most, whatever a file holds.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Channels {
     dialects: Dialects,
@@ -100,7 +105,8 @@ struct Channel {
     printhead: Option<Arc<str>>,
     /// The dialects that its topic fits.
     fits: Fits,
-    /// What those dialects need to know of the channel: `None` if there are none, or if there was no room.
+    /// What the dialects that fit need to know of the channel. `None`: no dialect fits the topic,
+    /// or there was no room for the topic.
     foreign: Option<Foreign>,
 }
 
@@ -109,7 +115,8 @@ struct Channel {
 struct Foreign {
     topic: Arc<str>,
     message_encoding: Arc<str>,
-    /// Which dialect reads it, and how. It is made at the first question after the channel's schema is known.
+    /// Which dialect reads the channel, and how. The plan is made at the first question after the
+    /// channel's schema is known, and then kept.
     plan: OnceLock<NumberedPlan>,
 }
 
@@ -138,7 +145,8 @@ impl Channel {
         }
     }
 
-    /// Whether a record defines the same channel again, as far as that matters here.
+    /// Whether a record defines the same channel again, as far as routes depend on it. Where the
+    /// topic was not kept, only the set of dialects that fit it is compared.
     fn is(&self, record: ChannelRecord<'_>, dialects: &Dialects) -> bool {
         let ChannelRecord { schema_id, topic, message_encoding, .. } = record;
         let same_topic = || match &self.foreign {
@@ -173,6 +181,7 @@ fn printhead(record: ChannelRecord<'_>) -> Option<&str> {
 }
 
 impl Channels {
+    /// Nothing defined yet; `dialects` are those of the settings.
     pub(super) fn new(dialects: &Dialects) -> Channels {
         Channels { dialects: dialects.clone(), ..Channels::default() }
     }
@@ -213,14 +222,15 @@ impl Channels {
         Ok(())
     }
 
-    /// What was defined before under the schema's id: `Ok` if it is the same schema, an error if it is another
-    /// one. `None`: nothing was.
+    /// What was defined before under the schema's id: `Ok` if it is the same schema, an error if it
+    /// is another one. `None`: nothing was.
     pub(super) fn known_schema(&self, record: SchemaRecord<'_>) -> Option<Result<(), Lost>> {
         let same = self.schemas.get(&record.id)?.is(record);
         Some(if same { Ok(()) } else { Err(Lost::Redefined("schema", record.id)) })
     }
 
-    /// What was defined before under the channel's id, likewise.
+    /// What was defined before under the channel's id: `Ok` if it is the same channel, an error if
+    /// it is another one. `None`: nothing was.
     pub(super) fn known_channel(&self, record: ChannelRecord<'_>) -> Option<Result<(), Lost>> {
         let same = self.channels.get(&record.id)?.is(record, &self.dialects);
         Some(if same { Ok(()) } else { Err(Lost::Redefined("channel", record.id)) })
@@ -236,7 +246,9 @@ impl Channels {
         self.route_with(self, channel_id)
     }
 
-    /// The same, where schemas may also be defined elsewhere: the summary and the blocks complete each other.
+    /// Like `route`, but the channel's schema may also be defined in `more_schemas`: the summary
+    /// and the blocks complete each other. An error if the channel or its schema is defined
+    /// nowhere.
     pub(super) fn route_with(
         &self,
         more_schemas: &Channels,
@@ -251,6 +263,8 @@ impl Channels {
             None => return Err(Lost::UnknownSchema { channel: channel_id, schema: id }),
         };
 
+        // our own messages first, then dialects; the name `inkling.Burst` in another encoding stays
+        // an error
         let bursts = schema.is_some_and(|schema| schema.bursts);
         let to = match bursts && channel.protobuf {
             true => Becomes::Bursts,
@@ -262,7 +276,7 @@ impl Channels {
         Ok(Route { to, printhead: channel.printhead.clone() })
     }
 
-    /// Whether messages of a channel are bursts, even if they cannot be read.
+    /// Whether messages of a channel are bursts or should be, even if they cannot be read.
     pub(super) fn carries_bursts(&self, channel_id: u16) -> bool {
         self.route(channel_id).is_ok_and(|route| !matches!(route.to, Becomes::Nothing))
     }
@@ -279,8 +293,8 @@ impl Channels {
 }
 
 impl KnownSchema {
-    /// Whether a record defines the same schema again, as far as that matters here. Of a schema that was not
-    /// kept it matters only whether it is called `inkling.Burst`.
+    /// Whether a record defines the same schema again, as far as routes depend on it. Of a schema
+    /// that was not kept only one thing is compared: whether it is called `inkling.Burst`.
     fn is(&self, record: SchemaRecord<'_>) -> bool {
         self.bursts == (record.name == SCHEMA_NAME)
             && self.whole.as_ref().is_none_or(|whole| {
@@ -291,10 +305,14 @@ impl KnownSchema {
 }
 
 impl Channel {
-    /// What the first dialect that fits this channel makes of its messages; nothing if none fits.
+    /// What the first dialect that fits this channel's topic and schema makes of its messages;
+    /// nothing if none fits. A dialect that fits and cannot read the channel gives `Unread` with
+    /// the reason: no further dialect is tried.
     fn becomes(&self, dialects: &Dialects, schema: Option<&KnownSchema>) -> Becomes {
         let of_schema = schema.map_or_else(|| dialects.of_schema(None), |schema| schema.fits);
         let Some(number) = self.fits.and(of_schema).first() else { return Becomes::Nothing };
+
+        // without the topic, or without the schema that the channel has, no plan can be made
         let whole = schema.map(|schema| schema.whole.as_deref());
         let (Some(foreign), None | Some(Some(_))) = (&self.foreign, whole) else {
             let why = format!(
@@ -304,6 +322,7 @@ impl Channel {
             );
             return Becomes::Unread(why.into());
         };
+
         let planned = foreign.plan.get_or_init(|| {
             let written = Written {
                 topic: &foreign.topic,

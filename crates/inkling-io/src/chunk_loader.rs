@@ -1,9 +1,11 @@
-//! A block's bytes become its records. A block is what one worker decodes at a time: one chunk record of the
-//! MCAP file, or a run of records outside chunks.
+//! Loads a block: reads its bytes, and gives the MCAP records in it. A block is what one worker
+//! decodes at a time: one chunk record of the file, or a run of records outside chunks.
 //!
-//! In: a [`Block`], or its bytes. Out: the bytes of the records in it. Those of a chunk are decompressed, and
-//! verified if the chunk has a checksum; those outside chunks are handed on as they are, since only the data
-//! section's checksum covers them ([`super::digest`]).
+//! In, from `block_reader.rs`: a [`Block`], and its bytes if the digest's pass (`digest.rs`) has
+//! read them already. Out: the bytes of the records. Those of a chunk are decompressed, and
+//! verified if the chunk has a checksum; those outside chunks are handed on as they are, since only
+//! the checksum of the whole data section covers them ([`super::digest`]). What cannot be used is a
+//! sentence, which becomes damage.
 
 use super::Limits;
 use super::block::{Block, BlockKind, ReadBlock};
@@ -15,8 +17,8 @@ use bytes::Bytes;
 use std::fmt;
 use std::sync::Arc;
 
-/// Loads blocks, one after the other, into buffers that it uses again. It checks every size that a file
-/// claims before it allocates, and a chunk's checksum before it returns the records.
+/// Loads blocks one after the other, into buffers that are used again. Every size that a file
+/// claims is checked before memory is allocated by it.
 pub(super) struct ChunkLoader {
     source: Arc<Source>,
     pub(super) limits: Limits,
@@ -30,9 +32,10 @@ impl fmt::Debug for ChunkLoader {
     }
 }
 
-/// How many bytes of a block are read: all of them, or only the first ones if the block is larger than
-/// [`Limits::record_bytes`]. The first ones are the head: [`ChunkLoader::load`] refuses a chunk whose records
-/// go beyond what was read, and of a message the head tells the block's reader whose it is.
+/// How many bytes of a block are read: all of them, or only its head if the block is larger than
+/// [`Limits::record_bytes`]. The head suffices to say what is lost: [`ChunkLoader::load`] refuses a
+/// chunk whose records go beyond what was read, and the head of a message tells the block reader
+/// which channel it is of.
 pub(super) fn bytes_to_read(block: &Block, limits: &Limits) -> u64 {
     /// Enough for the header of a chunk record: 9 bytes of any record, 40 of a chunk, and the name of the
     /// compression, a few letters.
@@ -44,8 +47,8 @@ pub(super) fn bytes_to_read(block: &Block, limits: &Limits) -> u64 {
     }
 }
 
-/// Where in a chunk record its records lie, in bytes from the chunk record's begin. `None`: they are
-/// compressed, the header is malformed, or `chunk` ends before they do.
+/// Where in the bytes of a chunk record the records inside it lie, counted from its first byte.
+/// `None`: they are compressed, the header is malformed, or `chunk` ends before they do.
 pub(super) fn records_of(chunk: &[u8]) -> Option<std::ops::Range<usize>> {
     let header = ChunkHeader::parse(chunk.get(RECORD_HEADER..)?)?;
     let from = RECORD_HEADER + header.header_bytes as usize;
@@ -54,14 +57,15 @@ pub(super) fn records_of(chunk: &[u8]) -> Option<std::ops::Range<usize>> {
 }
 
 impl ChunkLoader {
+    /// A loader with buffers of its own.
     pub(super) fn new(source: Arc<Source>, limits: Limits) -> ChunkLoader {
         let (decompressor, buffers) = (Decompressor::default(), Buffers::default());
         ChunkLoader { source, limits, decompressor, buffers }
     }
 
     /// The records of a block, or a sentence on why there are none. `read`: as many of its bytes as
-    /// [`bytes_to_read`] says, if the digest's pass over the file has read them already; `None`: they are
-    /// read here. Of a single message beyond the limit only its head is returned.
+    /// [`bytes_to_read`] says, if they were read before; `None`: they are read here. Of a single
+    /// message beyond the limit only its head is returned.
     pub(super) fn load(&mut self, block: &Block, read: Option<ReadBlock>) -> Result<Bytes, String> {
         let ReadBlock { bytes: read, crc } = match read {
             Some(read) => read,
@@ -79,8 +83,8 @@ impl ChunkLoader {
         }
     }
 
-    /// The records of a chunk record. `crc`: the checksum of its records, if the digest's pass has taken it
-    /// on its way, which it does for chunks without compression only ([`records_of`]).
+    /// The records inside a chunk record. `crc`: their checksum, if the digest's pass has computed
+    /// it, which it does only for chunks without compression ([`records_of`]).
     fn unpack(&mut self, read: &Bytes, crc: Option<u32>) -> Result<Bytes, String> {
         let body = read.get(RECORD_HEADER..).unwrap_or_default();
         let chunk = ChunkHeader::parse(body).ok_or("chunk header is malformed")?;
@@ -97,6 +101,8 @@ impl ChunkLoader {
             ));
         }
         let packed = read.slice(from as usize..(from + chunk.compressed_size) as usize);
+
+        // records without compression stay where they were read: no copy
         let records = if chunk.compression.is_empty() {
             if chunk.compressed_size != chunk.uncompressed_size {
                 return Err("chunk without compression, whose two sizes differ".into());
@@ -109,6 +115,7 @@ impl ChunkLoader {
                 .map_err(|e| format!("chunk cannot be decompressed: {e}"))?;
             self.buffers.freeze(records)
         };
+
         // MCAP writes 0 where there is no checksum
         if chunk.uncompressed_crc != 0 {
             let crc = crc.unwrap_or_else(|| crc32fast::hash(&records));

@@ -1,10 +1,12 @@
-//! Types of columns that several tables have: times, and texts of which there are few.
+//! The types of columns that verdict, episode and fault tables share: times, and texts of which
+//! there are few different ones.
+
 use arrow_array::{ArrayRef, TimestampMicrosecondArray, TimestampNanosecondArray};
 use arrow_schema::{DataType, TimeUnit};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// The unit of times in the tables (`output.timestamps`).
+/// The unit of times in the tables (setting `output.timestamps`). Times come in ns since 1970, UTC.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TimestampUnit {
@@ -25,7 +27,7 @@ impl TimestampUnit {
     }
 }
 
-/// A column of times, UTC.
+/// The Arrow type of a column of times, UTC.
 pub fn time(unit: TimestampUnit) -> DataType {
     let unit = match unit {
         TimestampUnit::Ns => TimeUnit::Nanosecond,
@@ -34,7 +36,7 @@ pub fn time(unit: TimestampUnit) -> DataType {
     DataType::Timestamp(unit, Some("UTC".into()))
 }
 
-/// The cells of such a column; `None` is null.
+/// An array of times for such a column, from ns since 1970; `None` is null.
 pub fn times(ns: impl Iterator<Item = Option<i64>>, unit: TimestampUnit) -> ArrayRef {
     let times = ns.map(|ns| ns.map(|ns| unit.of_ns(ns)));
     match unit {
@@ -47,7 +49,8 @@ pub fn times(ns: impl Iterator<Item = Option<i64>>, unit: TimestampUnit) -> Arra
     }
 }
 
-/// A column of texts of which there are few different ones, as a dictionary.
+/// The Arrow type of a column of texts of which there are few different ones: a dictionary with
+/// keys of 32 bits.
 pub fn text() -> DataType {
     DataType::Dictionary(Box::new(DataType::Int32), Box::new(DataType::Utf8))
 }

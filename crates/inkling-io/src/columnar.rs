@@ -1,9 +1,13 @@
-//! Parquet and Arrow IPC tables, as other programs write them, for `inkling convert`.
+//! Reads Parquet and Arrow IPC tables, as other programs write them, for `inkling convert`.
 //!
-//! In: a file, and which columns are what. If cells are numbers, a row is an instant, and the result is a
-//! [`Table`] of decays as from CSV. If cells are lists, a row is a burst and its lists are the channels in
-//! the order of the columns; of a list of lists every inner list is a channel. The result then consists of
-//! [`Matrix`]es.
+//! In, from `table_file.rs`: a file, its kind, and which columns are what. Out: a [`Table`]. If the
+//! cells of the output columns are numbers, a row is an instant, and rows are gathered to decays as
+//! from CSV. If the cells are lists, a row is a burst: its lists are the channels in the order of
+//! the columns, and of a list of lists every inner list is a channel. The result then consists of
+//! [`Matrix`]es (channels x samples).
+//!
+//! Files may be hostile: claimed sizes are checked before a library allocates by them (`ipc_sizes`,
+//! `parquet_file`), and a panic of a library becomes an error.
 
 use super::arrow_cells::{self, counted, inside, is_list, is_list_of_lists, unit};
 use super::file_error::FileError;
@@ -22,7 +26,7 @@ use std::fmt::Display;
 use std::io::Cursor;
 use std::path::Path;
 
-/// Rows that are read at once.
+/// Rows of a Parquet file that are read at once; Arrow files have batches of their own.
 const BATCH_ROWS: usize = 4096;
 /// Most bytes of an Arrow IPC file, because it is checked as a whole.
 const MOST_IPC_BYTES: u64 = 1 << 30;
@@ -39,7 +43,8 @@ pub enum FileKind {
     Text,
 }
 
-/// The kind of a file that is to be a table. JSON and recordings are refused, with what they are instead.
+/// The kind of a file that is to be a table, by its first bytes; text if they tell nothing. JSON
+/// and recordings are refused with a message that says what they are.
 pub fn table_kind_of(path: &Path) -> Result<FileKind, FileError> {
     let start = regular_file::start(path, 8).map_err(unread(path))?;
     Ok(match start[..] {
@@ -58,7 +63,7 @@ pub fn table_kind_of(path: &Path) -> Result<FileKind, FileError> {
     })
 }
 
-/// Reads a table. If a library panics on it, that is an error, too.
+/// Reads a Parquet or Arrow table whole. If a library panics on the file, that is an error, too.
 pub fn read(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table, FileError> {
     let whole = || read_batches(path, kind, columns);
     unpanicked(whole)
@@ -95,13 +100,14 @@ fn open(path: &Path, kind: FileKind) -> Result<Box<dyn RecordBatchReader>, FileE
     })
 }
 
-/// Reads all rows of a table.
+/// Reads all rows of a table. Errors name the row, from 1.
 fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table, FileError> {
     let batches = open(path, kind)?;
     let schema = batches.schema();
     let names: Vec<String> = schema.fields().iter().map(|field| field.name().clone()).collect();
     let chosen = choose_columns(names, columns).map_err(|what| columns.refused(path, what))?;
     let type_of = |c: usize| schema.field(c).data_type();
+
     // either all outputs are lists, or none is
     let lists = chosen.outputs.iter().filter(|&&c| is_list(type_of(c))).count();
     if lists != 0 && lists != chosen.outputs.len() {
@@ -113,6 +119,7 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
         return Err(FileError::mistaken(path, what));
     }
 
+    // numbers fill `rows`, lists fill `bursts`; the other one stays empty
     let (mut rows, mut bursts, mut held) = (Rows::new(&chosen), Vec::new(), 0);
     let mut line = 0;
     for batch in batches {
@@ -122,6 +129,7 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
         for row in 0..batch.num_rows() {
             line += 1;
             let row = Row { chosen: &chosen, columns: &columns, row };
+            // 0: no output column holds lists
             let added = match lists {
                 0 => row.name(chosen.burst, "burst").and_then(|burst| {
                     let printhead = row.name(chosen.printhead, "printhead")?;
@@ -146,9 +154,10 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
         return Err(FileError::failed(path, "no rows"));
     }
     let time = chosen.time.map(|c| with_unit(&chosen.names[c], type_of(c)));
-    // where a column holds several channels, no name is a channel's
+    // where a column holds several channels, the column's name is no channel's name
     let several = chosen.outputs.iter().any(|&c| is_list_of_lists(type_of(c)));
     let outputs = if several { Vec::new() } else { chosen.output_names() };
+    // `rows` gives no table if it is empty; then the table is that of the bursts
     Ok(rows.table(time.clone()).unwrap_or_else(|| Table {
         first_time: bursts.iter().flatten().find_map(|burst: &Matrix| burst.time),
         time,
@@ -157,7 +166,7 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
     }))
 }
 
-/// A row of a batch, read by the columns that were chosen.
+/// One row of a batch, with the columns that were chosen: what of the row becomes what.
 struct Row<'a> {
     chosen: &'a ChosenColumns,
     columns: &'a [ArrayRef],
@@ -171,7 +180,8 @@ impl Row<'_> {
             .map_err(|of| format!("values of type {of} are no numbers"))
     }
 
-    /// The text in a column; empty if there is no such column. `what`: whose names the column has.
+    /// The text in a column; empty if no column was chosen. `what` says in errors whose names the
+    /// column has.
     fn name(&self, c: Option<usize>, what: &str) -> Result<String, String> {
         let name = c.map_or(Ok(String::new()), |c| text(&self.columns[c], self.row));
         name.map_err(|of| format!("{what} column of type {of}"))
@@ -190,7 +200,8 @@ impl Row<'_> {
     }
 }
 
-/// A column's name, with an ending for the unit that its type says.
+/// A column's name with `_ns`, `_us`, `_ms` or `_s` appended if its type says a unit and the name
+/// does not: later steps read the unit of times from the name's ending.
 fn with_unit(name: &str, of: &DataType) -> String {
     let end = match unit(of) {
         Some(TimeUnit::Nanosecond) => "_ns",
@@ -202,7 +213,8 @@ fn with_unit(name: &str, of: &DataType) -> String {
     if name.ends_with(end) { name.to_owned() } else { format!("{name}{end}") }
 }
 
-/// The samples of a row of lists. An error says why they are no burst.
+/// The samples of a row of lists, as a matrix without time, printhead and covariates. An error says
+/// why the lists are no burst.
 fn matrix<'a>(lists: impl Iterator<Item = &'a ArrayRef>, row: usize) -> Result<Matrix, String> {
     // a list is a channel; the elements of a list of lists are channels each
     let mut channels: Vec<ArrayRef> = Vec::new();

@@ -1,30 +1,32 @@
-//! What is wrong with a recording: [`Damage`] to a part of it, or a [`RecordingError`] if it cannot be read
-//! or written at all.
+//! What is wrong with a recording: [`Damage`] to a part of it, or a [`RecordingError`] if it cannot
+//! be read or written at all.
 //!
-//! Damage is no error: the rest of the recording is judged, and its summary lists the damage. An error ends
-//! the work on the recording.
+//! Damage is no error: the rest of the recording is judged, and the recording's summary lists the
+//! damage. An error ends the work on that recording. All readers of this crate make damage;
+//! `src/pipeline` collects it by [`note`].
 
 use super::file_error::FileError;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// Bytes of a recording among which something could not be used, or which were used although a checksum or
-/// a count in the recording does not agree with them. They may be more than what is wrong: where one
-/// message of a block is lost, they are the whole block.
+/// A range of bytes of a recording in which something could not be used, or was used although a
+/// checksum or a count in the recording does not agree with it. The range may be larger than what
+/// is wrong: where one message of a block is lost, the range is the whole block.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Damage {
     /// Place in the file as it is stored, compressed chunks included.
     pub from_byte: u64,
-    /// Exclusive. Equal to `from_byte`: something is missing there, or the file was changed while it was
-    /// read.
+    /// End of the range, exclusive. Equal to `from_byte`: something is missing there, or the file
+    /// was changed while it was read.
     pub to_byte: u64,
     /// What is wrong, in words for the user.
     pub what: String,
 }
 
-/// Adds damage to a list that stays small whatever the file: damage of the same words that begins where the
-/// last one ends is joined to it. When the list is full, its last range is widened to hold what comes
-/// further, with what lies between, and its own words are given up.
+/// Adds damage to a list, which never holds more than 10,000 entries whatever the file. Damage with
+/// the same words that begins where the last entry ends is joined to that entry. When the list is
+/// full, its last entry becomes a catch-all: its range is widened up to the new damage, and its
+/// words say that there is more.
 pub fn note(list: &mut Vec<Damage>, damage: Damage) {
     // a hostile file may have damage at every byte
     const MOST: usize = 10_000;

@@ -1,11 +1,12 @@
-//! Compressed chunks become bytes. It reads no file.
+//! Decompresses the chunks of MCAP files. It reads no file: `chunk_loader.rs` calls it.
 //!
-//! In: a chunk's compressed bytes, and a buffer of the size that the chunk claims (which was checked before).
-//! Out: the buffer filled exactly, or why not. It never allocates by what the bytes claim.
+//! In: the name of the compression, a chunk's compressed bytes, and a buffer of the size that the
+//! chunk claims (which the caller has checked). Out: the buffer filled exactly, or a sentence on
+//! why not. No memory is allocated by a size that the bytes claim.
 
 use std::io::Read;
 
-/// Decompresses chunks, and keeps zstd's context from chunk to chunk, which is large.
+/// Decompresses chunks. zstd's context is large, so it is kept from chunk to chunk.
 #[derive(Default)]
 pub struct Decompressor {
     zstd: Option<zstd::bulk::Decompressor<'static>>,
@@ -30,7 +31,7 @@ impl Decompressor {
         }
     }
 
-    /// Decompresses zstd by a context that is made for the first chunk.
+    /// Decompresses zstd. The context is made with the first chunk.
     fn zstd(&mut self, compressed: &[u8], out: &mut [u8]) -> Result<(), String> {
         if self.zstd.is_none() {
             let new = zstd::bulk::Decompressor::new().map_err(|e| format!("zstd: {e}"))?;

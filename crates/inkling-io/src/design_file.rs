@@ -1,4 +1,9 @@
-//! A design as a file of JSON (`schemas/design.md`): read with its digest, checked, and written.
+//! Reads and writes the file of a design (JSON, `schemas/design.md`).
+//!
+//! In: a path. Out: a `Design` that was checked, with the digest of the file's bytes, by which
+//! results and baselines name the design; `train` writes one. A file that is something else, or a
+//! design of another version, is refused with words that say what it is.
+
 use super::file_error::FileError;
 use super::{digest, part_file, printable, regular_file, result_file};
 use inkling_core::design::{Design, VERSION, other_version};
@@ -21,19 +26,19 @@ fn somebody() -> String {
     "another inkling".into()
 }
 
-/// Reads and checks a design; gives also its digest, `xxh3:` and 32 hexadecimal digits.
+/// Reads and checks a design. Also gives the digest of the file: `xxh3:` and 32 hexadecimal digits.
 pub fn read(path: &Path) -> Result<(Design, String), FileError> {
     let text = read_text(path)?;
     Ok((parse(path, &text)?, digest::of_bytes(&text)))
 }
 
-/// The bytes of a file that may be a design.
+/// The bytes of a file that may be a design; larger files than `MOST_BYTES` are refused.
 pub fn read_text(path: &Path) -> Result<Vec<u8>, FileError> {
     regular_file::read(path, MOST_BYTES).map_err(FileError::unread(path))
 }
 
-/// The design that a text holds, checked. Errors call it by `path`; if it is another kind of file, they say
-/// of which kind.
+/// The design that a text holds, checked. `path` is only for errors, which say what other kind of
+/// file it is, if it is one.
 pub fn parse(path: &Path, text: &[u8]) -> Result<Design, FileError> {
     let not = |what: String| {
         let what = result_file::instead_or(path, "design", &what);

@@ -1,8 +1,14 @@
-//! A recording's digest, taken while its blocks are read: every byte is read once.
+//! Computes a recording's digest while its blocks are read, so that every byte is read from disk
+//! once.
 //!
-//! The journal and the metadata of results name a recording's content by it. In: blocks in file order. Out:
-//! their bytes, and at the end a [`Digest`] of the whole file, with the verdict on the data section's
-//! checksum if the file has one. That checksum is the only one that messages outside chunks have.
+//! The digest (xxh3-128 of the whole file) names a recording's content in the journal and in the
+//! metadata of results. In, from the read stage (`src/pipeline/stages.rs`): blocks in file order,
+//! by [`Digester::read`]. Out: each block's bytes, for a worker to decode; and at the end, by
+//! [`Digester::finish`], a [`Digest`], with the verdict on the data section's checksum (a CRC-32)
+//! if the file has one. That checksum is the only one that covers messages outside chunks.
+//!
+//! What lies between blocks is read and summed up, too. A chunk without compression has a CRC-32 of
+//! its own over a part of the same bytes; one pass serves both (`Records`).
 
 use super::Limits;
 use super::block::{Block, BlockKind, ReadBlock};
@@ -15,7 +21,8 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// The xxh3-128 of a whole recording, and damage if its data are not what its own checksum says.
+/// The xxh3-128 of a whole recording, and damage if its data section does not agree with the
+/// checksum that the file itself holds.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Digest {
     /// `xxh3:` and 32 hexadecimal digits.
@@ -33,8 +40,8 @@ pub fn of_bytes(bytes: &[u8]) -> String {
     in_words(xxhash_rust::xxh3::xxh3_128(bytes))
 }
 
-/// The digest of a file as it lies there, whatever it is. `check` is called after each part that was read,
-/// with the number of its bytes, and its error ends the reading.
+/// The digest of any file. `check` is called after each part that was read, with the number of its
+/// bytes, and an error of `check` ends the reading.
 pub fn of_file<E: From<std::io::Error>>(
     path: &Path,
     mut check: impl FnMut(u64) -> Result<(), E>,
@@ -54,7 +61,7 @@ pub fn of_file<E: From<std::io::Error>>(
     Ok(in_words(xxh3.digest128()))
 }
 
-/// Reads a recording from its first byte to its last, and sums it up.
+/// Reads a recording from its first byte to its last, and sums up all bytes on the way.
 pub struct Digester {
     path: PathBuf,
     source: Arc<Source>,
@@ -62,10 +69,10 @@ pub struct Digester {
     buffers: Buffers,
     xxh3: xxhash_rust::xxh3::Xxh3,
     crc: crc32fast::Hasher,
-    /// Where the bytes end over which the data section's checksum is taken, and what that checksum should be.
-    /// `None`: there is none.
+    /// The byte at which the data section's checksum ends (it begins at byte 0), and what it should
+    /// be. `None`: the file has none.
     data: Option<(u64, u32)>,
-    /// Every byte before this one has been summed up.
+    /// The next byte to be read: all before it have been summed up.
     at: u64,
 }
 
@@ -88,9 +95,10 @@ impl Digester {
         }
     }
 
-    /// The bytes of a block, for [`load_read`](super::block_reader::BlockReader::load_read); `None` if they
-    /// have been read before. `check` is called before each part between blocks that is read, and its error
-    /// ends the reading.
+    /// The bytes of a block, for [`load_read`](super::block_reader::BlockReader::load_read); `None`
+    /// if the digester is beyond the block's begin, so that the worker must read the block itself.
+    /// `check` is called before each part between blocks that is read, and an error of `check` ends
+    /// the reading.
     pub fn read<E: From<RecordingError>>(
         &mut self,
         block: &Block,
@@ -104,7 +112,7 @@ impl Digester {
         Ok(Some(self.take(buffer, Some(block.kind))?))
     }
 
-    /// Reads and sums up what lies before `to`, and keeps nothing of it.
+    /// Reads and sums up everything before byte `to`, and keeps nothing of it.
     fn pass<E: From<RecordingError>>(
         &mut self,
         to: u64,
@@ -120,7 +128,8 @@ impl Digester {
         Ok(())
     }
 
-    /// Fills a buffer with the bytes that come next: a block, or some other bytes. Each part is summed up
+    /// Fills a buffer with the next bytes of the file and sums them up. `kind`: the bytes are a
+    /// block of this kind; `None`: bytes that nobody decodes. Each part of 64 KiB is summed up
     /// while it still lies in the processor's cache.
     fn take(
         &mut self,
@@ -129,6 +138,7 @@ impl Digester {
     ) -> Result<ReadBlock, RecordingError> {
         // small enough for the processor's cache
         const PART: usize = 1 << 16;
+        // how many of these bytes the data section's checksum covers: all, none, or the first ones
         let checked = self.data.map_or(0, |(end, _)| end.saturating_sub(self.at));
         let checked = checked.min(buffer.len() as u64) as usize;
 
@@ -139,8 +149,9 @@ impl Digester {
                 .read_at(self.at + from as u64, &mut buffer[from..to])
                 .map_err(FileError::unread(&self.path))?;
             if from == 0 && kind == Some(BlockKind::Chunk) && checked == buffer.len() {
-                // the records of a chunk without compression are within these bytes, and get their checksum
-                // on the way
+                // The header of a chunk lies in its first part. If the chunk has no compression,
+                // its records get their own checksum on the way. (Only where the data section's
+                // checksum covers the whole chunk: elsewhere the worker computes it.)
                 records = records_of(&buffer).map(Records::new);
             }
             self.xxh3.update(&buffer[from..to]);
@@ -171,8 +182,9 @@ impl Digester {
     }
 }
 
-/// The records of a chunk without compression, which have a checksum of their own within the data section's.
-/// One pass serves both, since the checksum of two parts can be combined from theirs.
+/// The records of a chunk without compression. They have a checksum of their own, which is a part
+/// of what the data section's checksum covers. CRC-32 of two adjacent ranges can be combined from
+/// those of the ranges, so these bytes are summed up once for both.
 struct Records {
     /// Where in the block the records lie.
     range: Range<usize>,
@@ -184,8 +196,9 @@ impl Records {
         Records { range, crc: crc32fast::Hasher::new() }
     }
 
-    /// Sums up the next part of the block, whose first byte is the block's `from`-th. `all` is the checksum
-    /// of the data section.
+    /// Sums up the next part of the block; `from` is the place of its first byte in the block.
+    /// `all` is the checksum of the data section. Bytes before and behind the records go into `all`
+    /// alone; the records go into `crc`, which is combined into `all` with their last byte.
     fn take(&mut self, part: &[u8], from: usize, all: &mut crc32fast::Hasher) {
         let Range { start, end } = self.range;
         let within = |at: usize| at.clamp(from, from + part.len()) - from;

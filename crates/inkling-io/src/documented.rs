@@ -1,8 +1,10 @@
-//! Compares the tables that are written with the pages that describe them; only tests use it.
+//! A check for tests of tables: the columns that the code writes are those that a page of
+//! `schemas/` documents. Not part of the product.
+
 use arrow_schema::{DataType, Field, Schema, TimeUnit};
 
-/// Fails unless the table of columns on a page of `schemas/` has just these columns, of these types and in
-/// this order.
+/// Panics unless the table of columns on a page of `schemas/` (`page`: its Markdown) has just the
+/// columns of `schema`, with the same types and in the same order.
 pub fn is_documented(page: &str, schema: &Schema) {
     let documented = page.lines().filter_map(|line| {
         let mut cells = line.strip_prefix("| `")?.split(" | ");

@@ -1,7 +1,10 @@
-//! Episodes to a Parquet file and back: the episode table of the contract (`schemas/episodes.md`).
+//! Writes episodes to a Parquet file and reads them back: the episode table
+//! (`schemas/episodes.md`). An episode is a fault of one channel over several bursts; a row is an
+//! episode.
 //!
-//! In: episodes as they end; at the end the metadata document. Out: `<stem>.episodes.parquet`, under its name
-//! once it is complete; and for `score` and `report`, its rows again.
+//! In, from the pipeline: episodes as they end, and at the end the metadata document (JSON). Out:
+//! `<stem>.episodes.parquet`, which the caller gives its name when it is complete; and its rows
+//! again, for `score` and `report`. `row_table.rs` does the work, by the list of columns here.
 
 use super::part_file::CompleteFile;
 use super::row_table::{self, Column, Kind, TableWriter};
@@ -14,12 +17,13 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// So many episodes wait until they are handed to the parquet crate together.
+/// From so many waiting episodes on, they are handed to the parquet crate together.
 const BATCH_ROWS: usize = 8192;
 /// A table with more rows is refused: no run writes so many episodes.
 const MOST_ROWS: usize = 1 << 24;
 
-/// The columns in the table's order; their names are those of [`Episode`]'s fields.
+/// The columns in the table's order. Their names are those of [`Episode`]'s fields; `or_missing`
+/// marks columns that a table may lack when it is read.
 static COLUMNS: [Column; 18] = [
     Column::required("recording", Kind::Name).or_missing(),
     Column::required("printhead", Kind::Name),
@@ -53,8 +57,8 @@ pub struct EpisodeWriter {
 }
 
 impl EpisodeWriter {
-    /// Begins a table under a provisional name. `recording` is what the column of that name says in every
-    /// row.
+    /// Begins a table under a provisional name. `recording`: the recording's name, which stands in
+    /// every row.
     pub fn create(
         path: &Path,
         unit: TimestampUnit,
@@ -66,7 +70,7 @@ impl EpisodeWriter {
         Ok(EpisodeWriter { path, table, schema, unit, waiting, recording })
     }
 
-    /// Appends episodes. What each says of its recording is replaced by the table's own.
+    /// Appends episodes. The recording that an episode names is replaced by the table's own.
     pub fn write(&mut self, episodes: Vec<Episode>) -> Result<(), TableError> {
         for episode in episodes {
             let of_it = Episode { recording: self.recording.clone(), ..episode };
@@ -84,7 +88,8 @@ impl EpisodeWriter {
         self.table.write(&batch)
     }
 
-    /// Completes the file with its metadata document; it still has a provisional name.
+    /// Writes what is left, and the metadata document. The file is complete then, and still has a
+    /// provisional name.
     pub fn complete(mut self, metadata_json: String) -> Result<CompleteFile, TableError> {
         self.flush()?;
         self.table.complete(metadata_json)
@@ -96,8 +101,8 @@ pub fn path_beside(verdicts: &Path) -> PathBuf {
     stored::beside(verdicts, "episodes.parquet")
 }
 
-/// The rows of an episode table, as this program wrote it or as another tool wrote it again. Numbers and
-/// sentences may be missing.
+/// The rows of an episode table that this program wrote, or that another tool wrote anew (such a
+/// tool may drop the columns that are marked `or_missing`).
 pub fn read(path: &Path) -> Result<Vec<Episode>, TableError> {
     let batches = open(path)?.with_batch_size(BATCH_ROWS).build();
     let mut batches = batches.map_err(TableError::parquet(path))?;

@@ -1,20 +1,21 @@
-//! Why a file of somebody's, or a place for results, cannot be used: what readers and writers of labels,
-//! tables, designs, baselines and other results have in common.
+//! The error of readers and writers of files: labels, tables, designs, baselines, results.
+//! (Recordings have an error of their own, in `damage.rs`, of which this one is a part.) `src/cli`
+//! turns it into a message and an exit status.
 
 use std::io;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// Why a file cannot be read, written or used. The variants differ in who has to do something about it, which
-/// decides on the exit status.
+/// Why a file cannot be read, written or used. The variants differ in who has to do something about
+/// it, which decides on the exit status (`src/cli/exit.rs`).
 #[derive(Debug, Error)]
 pub enum FileError {
     #[error("{path}: cannot be read: {source}")]
     Read { path: PathBuf, source: io::Error },
     #[error("{path}: cannot be written: {source}")]
     Write { path: PathBuf, source: io::Error },
-    /// Whoever named the file, or wrote it, made a mistake. `place`: the file, and the line if one is to
-    /// blame.
+    /// Whoever named the file, or wrote it, made a mistake. `place`: the path, and the line if one
+    /// line is to blame.
     #[error("{place}: {what}")]
     Mistaken { place: String, what: String },
     /// Nobody need have made a mistake: the content is damaged, another run is in the way, or a disk or a
@@ -45,7 +46,7 @@ impl FileError {
     }
 }
 
-/// A line of a file, as a place in errors.
+/// A line of a file, as a place in errors. Lines count from 1.
 pub(super) fn line_of(path: &Path, line: u64) -> String {
     format!("{}, line {line}", path.display())
 }

@@ -1,8 +1,12 @@
-//! A recording that is still being written, for `replay --follow`.
+//! Reads a recording that is still being written, for `replay --follow`.
 //!
-//! In: a path. Out: a [`Recording`] whose blocks come as they become whole, until the footer is there or the
-//! caller says that it is enough; then the recording as a whole ([`Recording::closed`]). Only files can be
-//! followed: an object of a store appears when it is complete.
+//! In: a path, and a flag by which the caller says that it is enough. Out: a [`Recording`] whose
+//! blocks come as soon as they are whole ([`Recording::next_block`], which waits for them), until
+//! the footer is there or the flag is set; then the recording as a whole ([`Recording::closed`]).
+//! Only files can be followed: an object of a store appears when it is complete.
+//!
+//! The file is looked at every 20 ms (polling). If it shrinks or another file takes its place, that
+//! is an error, so that no verdicts mix two recordings.
 
 use super::Limits;
 use super::block::Block;
@@ -24,8 +28,9 @@ use std::time::Duration;
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 
 impl Recording {
-    /// Opens a file that is being written, and waits for its first bytes. Once `enough` is set, the recording
-    /// ends where it is. An error says that the file does not begin like a recording, or cannot be read.
+    /// Opens a file that is being written, after waiting for its first bytes. Once `enough` is set,
+    /// the recording ends where it is. An error says that the file does not begin like a recording,
+    /// or cannot be read.
     pub fn follow(
         path: &Path,
         limits: Limits,
@@ -37,7 +42,8 @@ impl Recording {
         let growth = Growth { enough, over, ends, closed: false };
         loop {
             let magic = magic(path, &source)?;
-            // what does not begin like a recording never will
+            // the magic bytes are there, or cannot come any more: the check below passes or fails
+            // for good
             if magic.len() == MAGIC.len() || !MAGIC.starts_with(&magic) || growth.is_enough() {
                 check_magic(path, &magic)?;
                 break;
@@ -56,8 +62,9 @@ impl Recording {
         self.growth.as_ref().is_some_and(|growth| !growth.closed)
     }
 
-    /// The next block, or damage; if the recording is being written, waits for it. `check` is called at every
-    /// wait, and its error ends the wait. `None`: the recording has ended.
+    /// The next block, or damage in place of one. If the recording is being written, waits for the
+    /// block. `check` is called at every wait, and an error of `check` ends the wait. `None`: the
+    /// recording has ended.
     pub fn next_block<E: From<RecordingError>>(
         &self,
         blocks: &mut Blocks,
@@ -67,7 +74,8 @@ impl Recording {
             let over = self.growth.as_ref().is_none_or(|growth| *growth.over());
             match blocks.poll() {
                 Poll::Ready(found) => return Ok(found),
-                // `over` was read before the look at the blocks, so nothing can have come since
+                // `over` was read before the blocks were looked at, so nothing can have come in
+                // between
                 Poll::Pending if over => {
                     blocks.close();
                     return Ok(None);
@@ -81,9 +89,11 @@ impl Recording {
         }
     }
 
-    /// Takes in what was written since the last look. Gives whether another look at the blocks is worth it.
+    /// Takes in what was written since the last look. Gives whether another look at the blocks is
+    /// worth it at once.
     fn grow(&self) -> Result<bool, RecordingError> {
         let Some(growth) = &self.growth else { return Ok(true) };
+        // one reader looks at a time, and once the recording is over nobody looks any more
         let mut over = growth.over();
         *over |= growth.is_enough();
         if *over {
@@ -94,8 +104,8 @@ impl Recording {
         Ok(now > before)
     }
 
-    /// The recording that was followed, opened again as a whole: with the summary that its writer wrote last,
-    /// or cut off where the caller had enough.
+    /// The recording that was followed, opened again as a whole: with the summary that its writer
+    /// wrote last, or cut off where the caller had enough.
     pub fn closed(&self, dialects: &Dialects) -> Result<Recording, RecordingError> {
         let source = self.source.clone();
         let now = source.stamp().map_err(FileError::unread(&self.path))?;
@@ -126,7 +136,8 @@ impl Recording {
         self.check_file(self.source.bytes(), now.bytes)
     }
 
-    /// The same for a file that had `before` bytes and has `now` bytes.
+    /// Refuses a file that shrank from `before` to `now` bytes, or whose name another file has
+    /// taken.
     fn check_file(&self, before: u64, now: u64) -> Result<(), RecordingError> {
         if now < before {
             return Err(self.not_the_same(&format!("shrank from {before} to {now} bytes")));

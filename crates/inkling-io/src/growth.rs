@@ -1,9 +1,10 @@
-//! How far a recording that is still being written has come, as all its readers agree on it.
+//! The state of a recording that is still being written, shared by all its readers (`followed.rs`).
 //!
-//! Messages outside chunks are gathered to runs ([`super::scan`]). In a growing file a run ends early where
-//! no further message is whole yet, and where that is depends on when somebody looks. Several readers go over
-//! the same recording, and all must count the same blocks, so the first who meets such an end remembers it
-//! for the others.
+//! Its main job is to make all readers count the same blocks. Messages outside chunks are gathered
+//! to runs ([`super::scan`]), and each run is a block. In a growing file a run ends early where the
+//! next message is not whole yet, and where that is depends on when somebody looks. One reader
+//! reads ahead and another one judges, so the first who meets such an end remembers it here
+//! ([`EarlyEnds`]), and the others end their run at the same byte.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,21 +14,19 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// is ahead of another one is never that far ahead.
 const MOST_ENDS: usize = 1 << 20;
 
-/// The bytes at which runs of messages ended because no further one was whole yet, in order. Whoever comes by
-/// later ends the run there, too: the one who reads ahead and the one who judges count the same blocks,
-/// whenever each of them looks.
+/// The bytes (offsets in the file, ascending) at which runs of messages ended early.
 #[derive(Debug, Default)]
 pub struct EarlyEnds(Mutex<VecDeque<u64>>);
 
 impl EarlyEnds {
-    /// While it is locked, nobody else decides where a run ends.
+    /// Locks the list. While it is locked, nobody else decides where a run ends.
     pub(super) fn lock(&self) -> MutexGuard<'_, VecDeque<u64>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Whether a run ends at byte `at`. It does if somebody ended it there before, or if what follows is not
-/// whole; then it does so for everybody from now on.
+/// Whether a run ends at byte `at`: because somebody ended it there before, or because what follows
+/// is not whole (`is_whole` is false). In the second case the end is remembered for all readers.
 pub(super) fn ends_early(ends: &mut VecDeque<u64>, at: u64, is_whole: bool) -> bool {
     match ends.binary_search(&at) {
         Ok(_) => true,
@@ -47,20 +46,22 @@ pub(super) fn ends_early(ends: &mut VecDeque<u64>, at: u64, is_whole: bool) -> b
 pub struct Growth {
     /// Set by the caller: the recording is to end where it is.
     pub(super) enough: Arc<AtomicBool>,
-    /// Whether the recording has ended, so that it is not looked at any more. Locked during a look.
+    /// Whether the recording has ended, so that the file is not looked at any more. Locked during a
+    /// look.
     pub(super) over: Mutex<bool>,
     pub(super) ends: Arc<EarlyEnds>,
-    /// Whether it has been opened again as a whole ([`super::recording::Recording`]'s `closed`).
+    /// Whether this is the recording opened again as a whole ([`super::recording::Recording`]'s
+    /// `closed`).
     pub(super) closed: bool,
 }
 
 impl Growth {
-    /// Locks and gives whether it has ended.
+    /// Locks the answer to whether the recording has ended.
     pub(super) fn over(&self) -> MutexGuard<'_, bool> {
         self.over.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Whether the caller wants it to end.
+    /// Whether the caller wants the recording to end where it is.
     pub(super) fn is_enough(&self) -> bool {
         self.enough.load(Ordering::Relaxed)
     }

@@ -1,4 +1,10 @@
-//! Which files the names on a command line mean: files, directories, patterns, objects of a store.
+//! Finds the files that the names on a command line mean. A name is a file, a directory (which is
+//! searched), a pattern, or the same in an object store.
+//!
+//! In, from `src/cli`: names, and whether recordings (`*.mcap`) or verdict tables are searched.
+//! Out: [`Input`]s, each file once, and a reason for every name that means no file. Files that are
+//! still being written (`.part`) and annotations are never found by a search.
+
 use super::objects::{self, in_object_store};
 use super::regular_file::if_there;
 use super::result_file::ResultFile;
@@ -11,7 +17,7 @@ use std::path::{Component, Path, PathBuf};
 use thiserror::Error;
 use walkdir::WalkDir;
 
-/// Why a name means no file.
+/// Why a name means no file, or why two files cannot be judged together.
 #[derive(Debug, Error)]
 pub enum InputsError {
     #[error("{path}: no such file or directory{}", meant(path))]
@@ -36,7 +42,7 @@ pub enum InputsError {
 }
 
 impl InputsError {
-    /// The name that the error is about.
+    /// The name that the error is about, for the account of a run.
     pub fn subject(&self) -> String {
         match self {
             InputsError::Missing { path }
@@ -52,7 +58,7 @@ impl InputsError {
     }
 }
 
-/// What makes a name a pattern.
+/// A name with one of these characters is a pattern, unless a file or directory is called so.
 const WILDCARDS: [char; 4] = ['*', '?', '[', '{'];
 /// At most so many names of a directory are compared with a name that does not exist.
 const MOST_SIBLINGS: usize = 10_000;
@@ -76,8 +82,8 @@ fn meant(path: &Path) -> String {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Input {
     pub path: PathBuf,
-    /// If the file was found in a directory or by a pattern: its directory below that one. The layout `tree`
-    /// keeps it.
+    /// The file's directory relative to the directory that was searched or that the pattern begins
+    /// with; empty if the file itself was named. The layout `tree` keeps this path.
     pub below: PathBuf,
 }
 
@@ -94,13 +100,13 @@ pub fn find_recordings(named: &[String]) -> Result<Vec<Input>, InputsError> {
     all_there(find_each_recording(named)?)
 }
 
-/// The same, but a name that stands for nothing is returned beside the others. It is an error if all names
-/// do.
+/// Finds recordings like `find_recordings`, but a name that stands for nothing is returned beside
+/// the others. It is an error only if all names stand for nothing.
 pub fn find_each_recording(named: &[String]) -> Result<FoundInputs, InputsError> {
     find(named, ".mcap", "*.mcap files")
 }
 
-/// Finds verdict tables in the same way.
+/// Finds verdict tables (`*.verdicts.parquet`) like `find_recordings`.
 pub fn find_verdicts(named: &[String]) -> Result<Vec<Input>, InputsError> {
     all_there(find(named, ".verdicts.parquet", "*.verdicts.parquet files")?)
 }
@@ -113,12 +119,14 @@ fn all_there(found: FoundInputs) -> Result<Vec<Input>, InputsError> {
     }
 }
 
-/// Finds the files of all names. A file that is named twice, or by two links, is taken once.
+/// Finds the files of all names, in the order of the names. A file that is named twice, or by two
+/// links, is taken once. `ending`: how the names of files that a search finds must end; `what`:
+/// these files in words, for errors.
 fn find(named: &[String], ending: &str, what: &'static str) -> Result<FoundInputs, InputsError> {
     let mut all = FoundInputs::default();
     let mut seen = BTreeSet::new();
     for name in named {
-        // a directory without such a file is an error of its own, beside those of other names
+        // a name without a file is an error of its own, which is kept beside what other names give
         let mut found = find_one(name, ending).unwrap_or_else(FoundInputs::without);
         if found.inputs.is_empty() && found.lost.is_empty() {
             let nothing = match name.contains(WILDCARDS) && !Path::new(name).is_dir() {
@@ -136,6 +144,8 @@ fn find(named: &[String], ending: &str, what: &'static str) -> Result<FoundInput
         }
         all.lost.append(&mut found.lost);
     }
+
+    // an error if there is no file at all: the first reason
     if !all.inputs.is_empty() {
         return Ok(all);
     }
@@ -143,7 +153,8 @@ fn find(named: &[String], ending: &str, what: &'static str) -> Result<FoundInput
     Err(first.unwrap_or(InputsError::Nothing { searched: named.join(", "), what }))
 }
 
-/// Finds the files of one name. An existing file is never taken for a pattern, even if its name has a `*` in
+/// Finds the files of one name. In this order the name is an object's, a directory, an existing
+/// file, a pattern. So an existing file is never taken for a pattern, even if its name has a `*` in
 /// it.
 fn find_one(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
     let path = Path::new(name);
@@ -170,8 +181,8 @@ fn find_one(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
     Err(InputsError::Missing { path: path.into() })
 }
 
-/// Finds the objects of one name: the object that is called so, else those below it, or those that the
-/// pattern fits.
+/// Finds the objects of one name: the object that is called so, else the objects below it, or those
+/// that the pattern fits.
 fn find_objects(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
     let path = Path::new(name);
     let failed =
@@ -196,7 +207,8 @@ fn find_objects(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
         None => (path, None),
     };
 
-    // whether inkling wrote what is called annotations is not asked here: each would cost a request
+    // an object that is named like annotations counts as such: looking into each would cost a
+    // request
     let is_other = |p: &Path| name_ends(p, ".part") || name_ends(p, ANNOTATIONS);
     let wanted = |p: &Path| match &matcher {
         Some(glob) => glob.is_match(p) && !is_other(p),
@@ -224,11 +236,11 @@ impl FoundInputs {
     }
 }
 
-/// How files end that `replay --annotate` writes.
+/// How the names of the files end that `replay --annotate` writes.
 const ANNOTATIONS: &str = ".annotations.mcap";
 
-/// Whether a file was written by `replay --annotate`. It lies beside verdicts and is an MCAP file, but no
-/// recording.
+/// Whether a file was written by `replay --annotate`. Such a file lies beside verdicts and is an
+/// MCAP file, but no recording to judge.
 fn is_annotation(path: &Path) -> bool {
     name_ends(path, ANNOTATIONS) && matches!(ResultFile::of(path), Ok(Some(ResultFile::Recording)))
 }
@@ -244,8 +256,9 @@ fn input_below(root: &Path, path: &Path) -> Input {
     Input { path: path.to_path_buf(), below: below.to_path_buf() }
 }
 
-/// Files below `root`, sorted by name in each directory. Links to directories are followed, loops are not.
-/// `depth`: how many directories deep they may lie.
+/// Finds the wanted files below `root`, sorted by name in each directory. Links to directories are
+/// followed, but not in circles. `depth`: how many directories deep files may lie. A directory that
+/// cannot be read is an entry in `lost`.
 fn search(root: &Path, depth: usize, wanted: impl Fn(&Path) -> bool) -> FoundInputs {
     let mut found = FoundInputs::default();
     let walk = WalkDir::new(root).follow_links(true).max_depth(depth);
@@ -255,7 +268,8 @@ fn search(root: &Path, depth: usize, wanted: impl Fn(&Path) -> bool) -> FoundInp
             Err(e) if e.loop_ancestor().is_some() => continue,
             Err(e) => {
                 let path = e.path().unwrap_or(root).to_path_buf();
-                // a link to nowhere that is named like what is searched: reading it will say so
+                // a link to nowhere that is named like a wanted file is taken: reading it will say
+                // what is wrong
                 let is_denied =
                     e.io_error().is_some_and(|e| e.kind() == ErrorKind::PermissionDenied);
                 if is_denied || !path.is_symlink() {
@@ -277,16 +291,17 @@ fn search(root: &Path, depth: usize, wanted: impl Fn(&Path) -> bool) -> FoundInp
     found
 }
 
-/// A pattern of paths.
+/// A pattern of paths, ready for a search.
 struct Pattern {
-    /// The directory that it begins with, which alone is searched.
+    /// The directory that the pattern begins with, up to the first part with a wildcard. Only it is
+    /// searched.
     root: PathBuf,
-    /// How many directories below that what fits it may lie.
+    /// How many levels below `root` a file that fits may lie.
     depth: usize,
     matcher: GlobMatcher,
 }
 
-/// Reads a pattern, without the dots and doubled slashes that mean nothing in a path.
+/// Parses a pattern. `.` parts and doubled slashes, which mean nothing in a path, are left out.
 fn pattern(text: &str) -> Result<Pattern, InputsError> {
     if text.ends_with('/') {
         let what = "it ends in a slash, and a pattern stands for files".into();

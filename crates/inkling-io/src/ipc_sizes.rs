@@ -1,17 +1,22 @@
-//! Checks the sizes that an Arrow IPC file claims, before its library believes them: the library allocates
-//! what a message says, and an allocation that fails ends the process.
+//! Checks the sizes that an Arrow IPC file or stream claims, before the arrow crate reads it. That
+//! crate allocates whatever a message says, and an allocation that fails ends the process.
+//!
+//! In, from `columnar.rs`: all bytes of a file. Out: nothing, or in words what is wrong. The rule:
+//! every message and every buffer in it must lie within the bytes, and the buffers of one message
+//! may claim at most 1 GiB uncompressed. The content itself is not checked here.
 
 use arrow_ipc::{Message, RecordBatch, root_as_footer, root_as_message};
 
-/// Most bytes that all buffers of one message may claim to have uncompressed.
+/// Most bytes that all compressed buffers of one message may claim to have uncompressed.
 const MOST_UNCOMPRESSED: i64 = 1 << 30;
 /// A file begins and ends with these bytes.
 const MAGIC: &[u8] = b"ARROW1";
-/// Stands before each message since version 0.15 of the format; then follows the length of the message's
-/// head.
+/// These bytes stand before each message since version 0.15 of the format; then the length of the
+/// message's head (4 bytes) follows.
 const CONTINUES: [u8; 4] = [0xff; 4];
 
-/// Checks a file with a footer, which says where the messages lie.
+/// Checks a file: its footer says where the messages lie, and each must lie within the file. The
+/// layout from the end: the magic bytes, the footer's length (4 bytes), the footer.
 pub fn check_file(bytes: &[u8]) -> Result<(), String> {
     let odd = || "its footer points nowhere".to_owned();
     let end = bytes.strip_suffix(MAGIC).ok_or("it ends before its footer")?;
@@ -37,7 +42,7 @@ pub fn check_file(bytes: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
-/// Checks messages that follow one another.
+/// Checks a stream: messages that follow one another, each a head and a body.
 pub fn check_stream(mut bytes: &[u8]) -> Result<(), String> {
     let short = || "it ends within a message".to_owned();
     while !bytes.is_empty() {
@@ -57,7 +62,8 @@ pub fn check_stream(mut bytes: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
-/// Checks that the buffers of a message lie within its body, and claim no more than they may.
+/// Checks one message: its buffers must lie within `body`, and claim no more than they may.
+/// `message` is the head, a flatbuffer.
 fn check_message(message: &[u8], body: &[u8]) -> Result<(), String> {
     let message: Message = root_as_message(message).map_err(|e| format!("a message: {e}"))?;
     if usize::try_from(message.bodyLength()).ok() != Some(body.len()) {
@@ -78,7 +84,8 @@ fn check_message(message: &[u8], body: &[u8]) -> Result<(), String> {
         if batch.compression().is_none() {
             continue;
         }
-        // -1: as it is, uncompressed
+        // a compressed buffer begins with its uncompressed length (8 bytes); -1: it is stored as it
+        // is
         if let Some(length) = part.first_chunk().map(|n| i64::from_le_bytes(*n))
             && length != -1
         {

@@ -1,8 +1,11 @@
-//! The journal of a directory of results (`schemas/journal.md`): one line of JSON for every recording that
-//! was judged or failed, appended when its files have their names. By it a later run skips what is finished.
+//! The journal of a directory of results (`journal.jsonl`, `schemas/journal.md`): one line of JSON
+//! for every recording that was judged or failed, appended once the recording's result files have
+//! their final names. By it a later run skips what is finished.
 //!
-//! In: lines of any earlier run, of which the last may have been cut short by a power cut. Out: what is known
-//! of each result file ([`Journal::of_result`]) and of each recording ([`Journal::of_recording`]).
+//! In: lines of earlier runs, of which any may have been cut short by a power cut. Out: what the
+//! last line says of each result file ([`Journal::of_result`]) and of each recording
+//! ([`Journal::of_recording`]); `src/pipeline/resume.rs` decides by them. New lines are written by
+//! [`JournalWriter`].
 
 use super::objects;
 use super::regular_file::{self, if_there};
@@ -17,11 +20,12 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
 
-/// Name of the file.
+/// Name of the file in the directory of results.
 pub const JOURNAL_NAME: &str = "journal.jsonl";
 /// Version of a line. A line of another version is read as far as it is alike.
 pub const VERSION: u32 = 2;
-/// Most bytes of a line that is read; settings with a thousand priors take far less.
+/// Most bytes of a line that is read as one; settings with a thousand priors take far less. The
+/// rest of a longer line is taken for another line, and both are unreadable.
 const MOST_LINE_BYTES: u64 = 4 << 20;
 
 /// How a recording ended; the worst outcome comes first.
@@ -68,20 +72,23 @@ pub struct Source {
     pub starts_at_ns: Option<i64>,
 }
 
-/// What else decides on verdicts, besides the recording. If any of it changes, the recording is judged again.
+/// What decides on verdicts besides the recording. If any of it differs from the run's own, the
+/// recording is judged again.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Means {
     /// Version of the tables' columns.
     pub schema: u32,
-    /// Digests of the files of the design and of the labels; `None`: none was given.
+    /// Digest of the file of the design; `None`: none was given.
     pub design: Option<String>,
+    /// Digest of the file of the labels; `None`: none was given.
     pub labels: Option<String>,
     /// The settings that have an effect on what is written.
     pub settings: Arc<Value>,
 }
 
-/// Digests of the baselines before and after a recording; `None`: there were none yet. Recordings form a
-/// chain by them: each must continue where the one before has ended.
+/// Digests of the file of baselines before and after a recording was judged; `None`: there was no
+/// file. Recordings form a chain by these: each must begin with the digest that the one before
+/// ended with.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Link {
     pub before: Option<String>,
@@ -93,8 +100,8 @@ pub struct Link {
 pub struct Results {
     /// The verdict table, below the directory of results, parts separated by `/`.
     pub verdicts: String,
-    /// Sizes of verdicts, episodes and summary; empty: there are none. By them a file that was cut short is
-    /// noticed.
+    /// Sizes in bytes of verdicts, episodes and summary, in this order; empty: there are no files.
+    /// By these sizes a file that was cut short is noticed.
     pub bytes: Vec<u64>,
 }
 
@@ -111,15 +118,15 @@ pub struct CountedMessage {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Entry {
     pub version: u32,
-    /// When it was done, RFC 3339.
+    /// When the recording was done, RFC 3339.
     pub at: String,
     pub recording: Source,
     pub by: Means,
-    /// Only with channels' own baselines.
+    /// Only with `--baseline`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub baseline: Option<Link>,
     pub outcome: Outcome,
-    /// `None`: its place is taken, or unknown.
+    /// `None`: another recording's results lie at this one's place, or the place is unknown.
     pub results: Option<Results>,
     /// Why judging failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -129,8 +136,9 @@ pub struct Entry {
     /// Printheads of which nothing, or that less than half, could be judged: a sentence each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub not_judged: Vec<String>,
-    /// What was damaged, and what else the user was told.
+    /// What was damaged.
     pub damage: Vec<CountedMessage>,
+    /// What else the user was warned of.
     pub warnings: Vec<CountedMessage>,
     /// What the user should know although nothing is wrong.
     #[serde(default)]
@@ -140,7 +148,7 @@ pub struct Entry {
 }
 
 impl Entry {
-    /// An entry of now, which says of a recording only how it ended.
+    /// An entry with the present time, which says only how the recording ended.
     pub fn new(recording: Source, by: Means, outcome: Outcome) -> Entry {
         Entry { version: VERSION, at: now(), recording, by, outcome, ..Entry::default() }
     }
@@ -151,10 +159,12 @@ impl Entry {
     }
 }
 
-/// What earlier runs did in a directory, with the last entry of each recording and of each result.
+/// What earlier runs did in a directory: the last entry of each recording and of each result.
 #[derive(Debug, Default)]
 pub struct Journal {
+    /// By the path of the verdict table below the directory.
     by_result: HashMap<String, Arc<Entry>>,
+    /// By the path of the recording.
     by_path: HashMap<String, Arc<Entry>>,
     /// Lines that are no entries, or not whole.
     pub unreadable: u64,
@@ -197,7 +207,7 @@ impl Journal {
         }
     }
 
-    /// The last entry about a verdict table.
+    /// The last entry about a verdict table, by its path below the directory.
     pub fn of_result(&self, verdicts: &str) -> Option<&Arc<Entry>> {
         self.by_result.get(verdicts)
     }
@@ -213,19 +223,21 @@ impl Journal {
     }
 }
 
-/// Appends to a journal. Each line is on disk, or in the store, when [`JournalWriter::append`] returns.
+/// Appends to a journal. A line is safely on disk, or in the store, when [`JournalWriter::append`]
+/// returns.
 #[derive(Debug)]
 pub struct JournalWriter {
     file: File,
     pub path: PathBuf,
-    /// The last line was cut short, so that the next one must begin with the end of a line.
+    /// Whether the last line was cut short, so that the next entry must begin with a line break.
     torn: bool,
-    /// The file is a copy of an object. Objects cannot be appended to, so it is sent anew as a whole.
+    /// Whether the file is a copy of an object. Objects cannot be appended to, so the copy is sent
+    /// anew as a whole with each line.
     is_copy: bool,
 }
 
 impl JournalWriter {
-    /// Opens the journal of a directory, which is made if there is none.
+    /// Opens the journal of a directory; an empty journal is made if there is none.
     pub fn open(dir: &Path) -> io::Result<JournalWriter> {
         let path = dir.join(JOURNAL_NAME);
         let is_copy = objects::in_object_store(&path);

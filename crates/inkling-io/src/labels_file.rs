@@ -1,5 +1,11 @@
-//! Labels as CSV (`schemas/labels.md`): what is true of which channel and when. They are read for training
-//! and scoring, and written by the simulation.
+//! Reads and writes labels as CSV (`schemas/labels.md`): what is true of which channel and when.
+//! `train` and `score` read them, `simulate` writes them.
+//!
+//! In: a CSV with the columns of `HEADER` in any order; further columns are ignored. A row says:
+//! from `from` to `to` this channel of this printhead was in this state, with this severity. Out:
+//! [`Labels`] of `inkling-core`, which finds the row that holds for a signal. Any mistake in a row
+//! is an error that names its line. `outcomes_file.rs` reads and writes its CSV by the same
+//! functions.
 
 use super::file_error::{FileError, line_of};
 use super::regular_file::{self, Records};
@@ -15,7 +21,8 @@ const MOST_BYTES: u64 = 256 << 20;
 /// Most rows that are held in memory; each takes some 200 bytes.
 const MOST_ROWS: usize = 1 << 22;
 
-/// Largest severity of drying and of added compliance: far beyond what a channel can still ring with.
+/// Largest severity of drying (a factor of viscosity) and of added compliance (relative to the
+/// chamber's): far beyond what a channel can still ring with.
 const MOST_FACTOR: f64 = 1e3;
 /// Most bytes of a printhead's or a state's name.
 const LONGEST_NAME: usize = 1024;
@@ -26,14 +33,14 @@ pub(super) const HEADER: [&str; 6] = ["printhead", "channel", "from", "to", "sta
 /// Which states labels may have beside `healthy`, `ignore` and the classes of the thesis.
 #[derive(Clone, Copy, Debug)]
 pub enum States<'a> {
-    /// Any: whoever reads asks only what is healthy, or compares with other labels.
+    /// Any state, because the reader asks only what is healthy, or compares with other labels.
     Any,
     /// Only the classes that somebody declared.
     Declared(&'a [&'a str]),
 }
 
-/// Reads and checks labels. States are free, but an error is a state that differs from a known one only by
-/// its case, or that was probably meant as `healthy` or `ignore`. Further columns are ignored.
+/// Reads and checks labels that may have any state. Still refused is a state that differs from a
+/// known one only by its case, or that was probably meant as `healthy` or `ignore`.
 pub fn read(path: &Path) -> Result<Labels, FileError> {
     read_states(Written::File(path), States::Any)
 }
@@ -46,7 +53,7 @@ pub enum Written<'a> {
 }
 
 impl Written<'_> {
-    /// What errors call them.
+    /// The name by which errors call the labels.
     pub fn name(&self) -> &Path {
         match self {
             Written::File(path) => path,
@@ -55,7 +62,7 @@ impl Written<'_> {
     }
 }
 
-/// Reads and checks labels, and refuses states that they may not have.
+/// Reads and checks labels. A state that `states` does not allow is an error.
 pub fn read_states(of: Written, states: States) -> Result<Labels, FileError> {
     match of {
         Written::Text(text) => parse_rows(of.name(), text.as_bytes(), states),
@@ -77,8 +84,7 @@ fn parse_rows(path: &Path, from: impl Read, states: States) -> Result<Labels, Fi
     let mut rows = Vec::new();
     each_row(path, from, [], |fields, []| {
         let label = parse(fields)?;
-        // labels say the same in row after row
-        // most rows have the state of the row before, and checking compares with many names
+        // checking compares with many names, and most rows have the state of the row before
         if rows.last().is_none_or(|before: &Label| before.state != label.state) {
             states.check(&label.state)?;
         }
@@ -91,8 +97,9 @@ fn parse_rows(path: &Path, from: impl Read, states: States) -> Result<Labels, Fi
     Ok(Labels::new(rows))
 }
 
-/// Calls `take` with the fields of every row: those of labels, and those of the columns `more`, which are
-/// empty if there are no such columns. What `take` refuses becomes an error with the row's line.
+/// Calls `take` with the fields of every row: those of the columns `HEADER`, in its order, and
+/// those of the columns `more`, which are empty if the file has no such columns. What `take`
+/// refuses becomes an error with the row's line.
 pub(super) fn each_row<const M: usize>(
     path: &Path,
     from: impl Read,
@@ -135,7 +142,8 @@ pub(super) fn each_row<const M: usize>(
 }
 
 impl<'a> States<'a> {
-    /// Refuses a state that labels may not have; the error says what was probably meant.
+    /// Refuses a state that labels may not have; the error says what was probably meant. Where any
+    /// state is allowed, only likely misspellings are refused.
     pub(super) fn check(self, state: &str) -> Result<(), String> {
         let own: &[&'a str] = match self {
             States::Any => &[],
@@ -168,7 +176,7 @@ impl<'a> States<'a> {
     }
 }
 
-/// A label from the six fields of a row.
+/// Parses a label from the six fields of a row, in the order of `HEADER`.
 pub(super) fn parse(
     [printhead, channel, from, to, state, severity]: [&str; 6],
 ) -> Result<Label, String> {
@@ -204,12 +212,11 @@ fn too_long(column: &str, text: &str) -> String {
     format!("{column} \"{}\": a name of more than {LONGEST_NAME} bytes", printable::cell(text))
 }
 
-/// A severity, which must lie in the range that the contract gives for this state; of other classes it may be
-/// any number.
+/// Parses a severity. For the thesis's classes it must lie in the range of the fault's physics
+/// (`schemas/labels.md`); for other classes it may be any number.
 fn size(state: &str, text: &str) -> Result<f64, String> {
     let said = printable::cell(text);
     let number = text.parse().ok().filter(|v: &f64| v.is_finite());
-    // each range is that of the fault's physics; see the contract
     let severity =
         number.ok_or_else(|| format!("severity \"{said}\": give a number or nothing"))?;
     let (least, most, what) = match state {
@@ -226,7 +233,8 @@ fn size(state: &str, text: &str) -> Result<f64, String> {
     Err(format!("severity \"{said}\" of {state}: {what} lies between {least} and {most}"))
 }
 
-/// RFC 3339 or whole nanoseconds since 1970. Empty: `None`, which means without bound.
+/// Parses a time, RFC 3339 or whole nanoseconds, to ns since 1970. An empty field is `None`:
+/// without bound.
 fn time(column: &str, text: &str) -> Result<Option<i64>, String> {
     if text.is_empty() {
         return Ok(None);

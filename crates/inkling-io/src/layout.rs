@@ -1,7 +1,8 @@
-//! Where below the directory of results the files of a recording go.
+//! Decides where below the directory of results the files of a recording go.
 //!
-//! In: the recordings that a command line means, and a [`Layout`]. Out: for each the path of its verdict
-//! table; all other results lie beside it ([`super::stored::beside`]). No two recordings may get the same
+//! In, from `src/cli` (`plan.rs`, `follow.rs`): the recordings that a command line means, and a
+//! [`Layout`]. Out: for each a [`PlacedRecording`] with the path of its verdict table; all other
+//! results lie beside that table ([`super::stored::beside`]). No two recordings may get the same
 //! place ([`refuse_shared`]).
 
 use super::Limits;
@@ -20,16 +21,17 @@ use std::path::{Component, Path, PathBuf};
 /// Rows that are decoded at a time in search of the first burst.
 const MOST_ROWS: usize = 32_768;
 
-/// How results are laid out (`output.layout`).
+/// How results are laid out in directories (setting `output.layout`). Not the layout of samples in
+/// a burst.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Layout {
-    /// If a directory or a pattern was named, the path of a file below it is kept.
+    /// If a directory or a pattern was named, the path of a recording below it is kept.
     #[default]
     Tree,
-    /// By the day (UTC) of the recording's first burst.
+    /// A directory for each day (UTC), by the recording's first burst, such as `2026-11-01`.
     Date,
-    /// All side by side.
+    /// All recordings' results side by side.
     Flat,
     /// Each kind of table has a directory of its own, with a directory for each day such as `day=2026-11-01`.
     /// So `verdicts/` is one data set for tools that know this layout.
@@ -47,17 +49,19 @@ impl Layout {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PlacedRecording {
     pub input: Input,
-    /// What the journal says of it. Its digest, and whatever else is not known yet, is `None`.
+    /// The recording as the journal will name it. Its digest and whatever else is not known yet is
+    /// `None`.
     pub source: Source,
     /// Path of the verdict table below the directory of results, with `/` between its parts.
     pub verdicts: String,
-    /// Names of its printheads. They are looked up only if there are baselines, and the recording is not
-    /// judged here and can be read.
+    /// Names of the recording's printheads. They are looked up only where there are baselines and
+    /// the recording, although not judged in this run, can be read; else empty.
     pub printheads: Vec<String>,
 }
 
 impl PlacedRecording {
-    /// The place of a recording. `day` is asked only if the layout needs it.
+    /// The place of a recording. `day` gives the day of the recording with this absolute path; it
+    /// is called only if the layout needs the day.
     pub fn new(layout: Layout, input: Input, day: impl FnOnce(&str) -> String) -> PlacedRecording {
         let absolute = || match in_object_store(&input.path) {
             true => input.path.clone(),
@@ -121,7 +125,8 @@ pub fn day_of(path: &Path, dialects: &Dialects) -> Option<String> {
     Some(first.format("%Y-%m-%d").to_string())
 }
 
-/// The time of the first usable burst, ns since 1970; reads no further.
+/// The time of the first usable burst in the order of the file, ns since 1970. Nothing behind that
+/// burst is read.
 fn first_burst_ns(recording: &Recording) -> Option<i64> {
     let mut reader = recording.reader();
     for block in recording.blocks().filter_map(Result::ok) {

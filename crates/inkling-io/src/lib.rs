@@ -1,23 +1,30 @@
-//! Reads and writes all files: recordings, tables and arrays in, verdicts and labels in and out, on disks and in
-//! object stores.
+//! Reads and writes all files of inkling: recordings, tables and arrays in, verdicts and labels in
+//! and out, on disks and in object stores.
 //!
-//! In: files that anybody may have written, cut short or damaged. Out: bursts, labels and verdicts of
-//! `inkling-core`, and an account of whatever was lost ([`damage::Damage`]). This crate must never trust a size,
-//! panic on bad input, or leave a half-written file under its final name (the journal alone is appended to, line
-//! by line).
+//! In: files that anybody may have written, cut short or damaged. Out: bursts, labels and verdicts
+//! of `inkling-core`, and an account of whatever was lost ([`damage::Damage`]). This crate must
+//! never trust a size, panic on bad input, or leave a half-written file under its final name (the
+//! journal alone is appended to, line by line).
+//!
+//! A recording passes through these files: `source` (bytes), `recording` (opens, finds the
+//! summary), `scan` (finds blocks), `block_reader` with `chunk_loader` and `channels` (blocks to
+//! messages), `burst_codec` or `dialect` (messages to bursts). Verdicts pass through
+//! `verdict_table` (writer), `verdict_chunk` and `column` (encoding), and come back by
+//! `verdict_reader`.
 //!
 //! ```text
-//! recordings  recording source scan block block_reader chunk_loader decompress mcap_records channels
-//!             burst_codec dialect followed growth digest census damage; written by recording_writer mcap_file
-//!             memory_recording
+//! recordings  recording source scan block block_reader chunk_loader decompress mcap_records
+//! channels
+//!             burst_codec dialect followed growth digest census damage; written by
+//!             recording_writer mcap_file memory_recording
 //! results     verdict_* column column_types row_table episode_table summary_file annotation_writer
 //!             part_tables baseline_file result_file
-//! foreign     table_file columnar plain_columns arrow_cells numpy sampling matrix; made safe by parquet_*
-//!             thrift ipc_sizes unpanicked
+//! foreign     table_file columnar plain_columns arrow_cells numpy sampling matrix; made safe by
+//!             parquet_* thrift ipc_sizes unpanicked
 //! people      labels_file outcomes_file
 //! made by other verbs than replay  design_file truth_file
-//! places      inputs outputs layout journal run_lock part_file stored objects regular_file stamp pieces
-//!             buffers
+//! places      inputs outputs layout journal run_lock part_file stored objects regular_file stamp
+//!             pieces buffers
 //! what is told  file_error printable
 //! ```
 
@@ -91,24 +98,27 @@ mod documented;
 #[cfg(test)]
 mod recording_tests;
 
-/// The largest pieces that a reader takes into memory, whatever a file claims: one record, one chunk or one
-/// burst at a time.
+/// The largest pieces that a reader of recordings takes into memory, whatever a file claims: one
+/// record, one chunk or one burst at a time. The defaults hold everywhere in the product; tests use
+/// smaller ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Bytes of the largest record that is read, compressed chunks included: by default 1 MiB more than those
-    /// of a chunk, for a chunk that is not compressed has its header beside them.
+    /// Bytes of the largest record that is read, compressed chunks included. The default is 1 MiB
+    /// more than `chunk_bytes`, because the record of a chunk without compression holds the chunk's
+    /// header, too.
     pub record_bytes: u64,
     /// Bytes of the largest uncompressed chunk.
     pub chunk_bytes: u64,
-    /// Channels of one burst.
+    /// Most channels of one burst.
     pub channels: u32,
-    /// Samples of one channel in one burst.
+    /// Most samples of one channel in one burst.
     pub samples_per_channel: u32,
-    /// Bytes of all samples of one burst.
+    /// Most bytes of all samples of one burst.
     pub samples_bytes: u64,
 }
 
 impl Default for Limits {
+    /// The limits of the product.
     fn default() -> Limits {
         Limits {
             record_bytes: 257 << 20,

@@ -1,12 +1,14 @@
-//! One acquisition out of a table or an array, before it has a time and a printhead: what readers of foreign
-//! tables hand to `inkling convert`.
+//! One acquisition out of a table or an array, before it has a printhead and a time in ns: what the
+//! readers of foreign tables (`columnar.rs`, `numpy.rs`) hand to `inkling convert`, which makes a
+//! burst of it.
 
 use super::Limits;
 use super::dialect::value::Gathered;
 use bytes::Bytes;
 use inkling_core::burst::{Format, Layout};
 
-/// Channels × samples, in the bytes of a burst.
+/// The samples of an acquisition, channels × samples, encoded as in a burst, with what the table
+/// says beside them.
 #[derive(Clone, Debug, Default)]
 pub struct Matrix {
     pub channels: u32,
@@ -14,18 +16,19 @@ pub struct Matrix {
     pub format: Format,
     pub layout: Layout,
     pub samples: Bytes,
-    /// When it began, if the table says so: the number that stands there, in the table's unit.
+    /// When the acquisition began: the number in the table, in the table's own unit. `None`: the
+    /// table has no times.
     pub time: Option<f64>,
-    /// The printhead it is of, if the table has a column for that.
+    /// The acquisition's printhead; `None`: the table does not say.
     pub printhead: Option<String>,
-    /// Values of the columns beside the samples, in the order in which they were asked for; NaN: there is
-    /// none.
+    /// Values of the columns beside the samples (`Columns::beside`), in the order in which they
+    /// were asked for; NaN: the cell has no value.
     pub beside: Vec<f64>,
 }
 
 impl Matrix {
-    /// A matrix of numbers, channel after channel: int16 if all of them are, else float32. `None`: more than
-    /// a burst may have.
+    /// A matrix of numbers that come channel after channel: int16 if all of them are, else float32.
+    /// `None`: more bytes than a burst may have.
     pub fn of(
         channels: usize,
         samples_per_channel: usize,

@@ -1,8 +1,9 @@
-//! An MCAP file that is being written; it gets its name once it is whole. Recordings and annotations are
-//! written through it.
+//! Writes an MCAP file that gets its name once it is whole. `recording_writer.rs` and
+//! `annotation_writer.rs` write through it.
 //!
-//! In: protobuf messages with their topics, schemas and times. Out: an MCAP file in which a topic is one
-//! channel whose messages are numbered from 0 on.
+//! In: protobuf messages with their topics, schemas and times. Out: an MCAP file in which each
+//! topic is one channel, whose messages are numbered from 0. The same messages give the same bytes
+//! on every machine.
 
 use super::burst_codec::MESSAGE_ENCODING;
 use super::damage::RecordingError;
@@ -16,17 +17,17 @@ use std::path::{Path, PathBuf};
 
 type Writer = mcap::Writer<BufWriter<File>>;
 
-/// A protobuf schema: the message's full name, and the FileDescriptorSet that has it.
+/// A protobuf schema: the message's full name, and the compiled FileDescriptorSet that defines it.
 pub(super) struct Schema(pub &'static str, pub &'static [u8]);
 
-/// A topic's id in the file, and how many messages it has.
+/// A topic's channel id in the file, and how many messages it has so far.
 #[derive(Clone, Copy)]
 struct Channel {
     id: u16,
     messages: u32,
 }
 
-/// The file, and the topics that were defined.
+/// The file that is being written, and the topics that were defined in it.
 pub(super) struct McapFile {
     writer: Writer,
     part: PartFile,
@@ -73,7 +74,8 @@ impl McapFile {
         Ok(())
     }
 
-    /// Appends a message to a topic that was defined. Log time and publish time are the same, ns.
+    /// Appends a message to a topic that was defined (a panic if it was not). Log time and publish
+    /// time are the same, ns since 1970.
     pub fn write(&mut self, topic: &str, time_ns: u64, data: &[u8]) -> Result<(), RecordingError> {
         let channel = self.channels.get_mut(topic).expect("the topic was added");
         let header = MessageHeader {
@@ -100,8 +102,8 @@ impl McapFile {
         Ok(part.finish(&file).map_err(failed)?)
     }
 
-    /// An error of the mcap crate, with the file's name; one of the file system by itself, so that a full
-    /// disk is recognised.
+    /// An error of the mcap crate, with the file's name. An error of the file system is kept as
+    /// such, so that a full disk is recognised.
     fn failed(&self, source: mcap::McapError) -> RecordingError {
         match source {
             mcap::McapError::Io(source) => FileError::unwritten(&self.path)(source).into(),

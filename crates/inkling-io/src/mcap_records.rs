@@ -1,12 +1,4 @@
-//! The few MCAP records that are read, field by field. It reads no file.
-//!
-//! In: the bytes of one record's body. Out: its fields, or `None` if the body is shorter than its own fields
-//! claim. Bytes after the last known field are allowed, as the format demands. Texts and data are borrowed,
-//! so that no claimed length ever allocates.
-//!
-//! The mcap crate writes recordings, names opcodes and reads records that hold only numbers. Its readers of
-//! files are not used: they end at the first broken record and copy every message, which a damaged archive at
-//! full rate cannot afford. It also refuses a channel for its metadata, which nobody here asks for.
+//! Parses the few MCAP records that are read, field by field. It reads no file.
 
 pub use mcap::MAGIC;
 pub use mcap::records::{Footer, MessageHeader, Statistics, op};
@@ -20,7 +12,7 @@ pub const RECORD_HEADER: usize = 9;
 /// Bytes of the footer record: opcode, length, three fields.
 pub const FOOTER_BYTES: u64 = 9 + 20;
 
-/// What stands before a record's body.
+/// What stands before a record's body: one byte of opcode and the body's length in 8 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RecordHeader {
     pub opcode: u8,
@@ -34,7 +26,8 @@ impl RecordHeader {
     }
 }
 
-/// The fields of a chunk before its records. Times are log times, ns.
+/// The fields of a chunk before its records. Times are log times, ns since 1970; sizes are in
+/// bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ChunkHeader<'a> {
     pub start_time: u64,
@@ -43,7 +36,7 @@ pub struct ChunkHeader<'a> {
     pub uncompressed_crc: u32,
     pub compression: &'a str,
     pub compressed_size: u64,
-    /// Bytes of these fields; the records begin behind them.
+    /// Bytes of these fields together; the records begin behind them.
     pub header_bytes: u64,
 }
 
@@ -105,13 +98,14 @@ impl ChannelRecord<'_> {
     }
 }
 
-/// The bytes that stand behind a length of 32 bits, taken off the front.
+/// Takes bytes with their length (32 bits) before them off the front. `None`: fewer bytes are
+/// there.
 fn counted<'a>(rest: &mut &'a [u8]) -> Option<&'a [u8]> {
     let length = rest.try_get_u32_le().ok()?;
     rest.split_off(..length as usize)
 }
 
-/// The text that stands behind its length, taken off the front. `None`: it is not UTF-8, or not whole.
+/// Takes a text with its length before it off the front. `None`: it is not UTF-8, or not whole.
 fn text<'a>(rest: &mut &'a [u8]) -> Option<&'a str> {
     std::str::from_utf8(counted(rest)?).ok()
 }
@@ -142,9 +136,10 @@ pub fn footer(body: &[u8]) -> Option<Footer> {
 /// Where a chunk lies in time and in the file, as the chunk index says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ChunkSpan {
-    /// The first and the last log time of its messages, ns.
+    /// The first and the last log time of the chunk's messages, ns since 1970.
     pub from_ns: u64,
     pub to_ns: u64,
+    /// Offset of the chunk record in the file.
     pub offset: u64,
 }
 
@@ -155,7 +150,7 @@ impl ChunkSpan {
     }
 }
 
-/// Where a record lies in a buffer of whole records.
+/// Where a record lies in a buffer of records.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RecordAt {
     pub opcode: u8,
@@ -164,7 +159,7 @@ pub struct RecordAt {
     pub to: usize,
 }
 
-/// The record at `at` in a buffer of whole records; `None` if it is not whole.
+/// The record that begins at `at` in a buffer of records; `None` if it does not end in the buffer.
 pub fn record_at(buffer: &[u8], at: usize) -> Option<RecordAt> {
     let header = RecordHeader::parse(buffer.get(at..)?)?;
     let from = at + RECORD_HEADER;

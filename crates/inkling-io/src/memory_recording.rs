@@ -1,8 +1,10 @@
-//! Bursts in memory as a recording, so that arrays are judged, learned from and criticised like files. The
-//! Python package uses it.
+//! Makes a recording of bursts in memory, so that arrays are judged, learned from and criticised
+//! like files. The Python package uses it.
 //!
-//! In: bursts, whose samples somebody else holds. Out: a [`Recording`] that reads like the MCAP file they
-//! would make, with its messages outside chunks. The samples are copied only block by block as they are read.
+//! In: bursts whose samples the caller holds. Out: a [`Recording`] that reads like the MCAP file
+//! that would hold these bursts, with messages outside chunks and a summary. That file exists only
+//! as `Pieces`: small buffers with everything but samples, and between them the bursts' own
+//! samples. So samples are copied only block by block as they are read.
 
 use super::Limits;
 use super::burst_codec::{FILE_DESCRIPTOR_SET, MESSAGE_ENCODING, SCHEMA_NAME, encode, topic};
@@ -21,17 +23,18 @@ use std::sync::Arc;
 
 /// The only schema's id.
 const SCHEMA_ID: u16 = 1;
-/// Key of the protobuf field `samples`, number 9 of type bytes. It comes last here, so that its bytes can be
-/// the burst's own.
+/// Key of the protobuf field `samples` (number 9, length-delimited). The field comes last in these
+/// messages, so that its bytes can be the burst's own.
 const SAMPLES_KEY: u8 = 9 << 3 | 2;
 
-/// A recording of these bursts, which reads as a file of the name `label` would. The ids of MCAP's channels
-/// have 16 bits, so bursts of more printheads than there are such ids above 0 are refused.
+/// A recording of these bursts. `label` stands where a file's path would. The ids of MCAP's
+/// channels have 16 bits and 0 is left out, so bursts of more than 65,535 printheads are refused.
 pub fn of_bursts(label: &str, bursts: &[Burst]) -> Result<Recording, RecordingError> {
     let mut pieces = Pieces::default();
     let mut small = Vec::from(MAGIC);
     record(&mut small, op::HEADER, &[text(""), text("inkling")].concat());
 
+    // one schema, and a channel for each printhead: its id and its number of bursts
     let mut channels: HashMap<&Arc<str>, (u16, u64)> = HashMap::new();
     let mut definitions = Vec::new();
     record(&mut definitions, op::SCHEMA, &schema());
@@ -51,17 +54,19 @@ pub fn of_bursts(label: &str, bursts: &[Burst]) -> Result<Recording, RecordingEr
     small.extend(&definitions);
 
     for burst in bursts {
+        // everything up to the samples, then the samples themselves, not copied
         push_message(&mut small, channels[&burst.printhead].0, burst);
         pieces.push(std::mem::take(&mut small).into());
         pieces.push(burst.samples.clone());
     }
+    // no checksum of the data section
     record(&mut small, op::DATA_END, &[0; 4]);
 
     // the summary names all channels, so that several readers can take the blocks side by side
     let summary_start = pieces.bytes() + small.len() as u64;
     small.extend(definitions);
     record(&mut small, op::STATISTICS, &statistics(bursts.len() as u64, channels.values()));
-    // no summary offsets, no checksum
+    // the footer: where the summary begins, no summary offsets, no checksum
     let footer = [summary_start.to_le_bytes().as_slice(), &[0; 8 + 4]].concat();
     record(&mut small, op::FOOTER, &footer);
     small.extend(MAGIC);
@@ -70,19 +75,19 @@ pub fn of_bursts(label: &str, bursts: &[Burst]) -> Result<Recording, RecordingEr
     Recording::of_source(Path::new(label), source, Limits::default(), &Dialects::default())
 }
 
-/// Appends a record.
+/// Appends a whole record.
 fn record(out: &mut Vec<u8>, opcode: u8, body: &[u8]) {
     begin(out, opcode, body.len() as u64);
     out.extend(body);
 }
 
-/// Appends what stands before a record's body.
+/// Appends what stands before a record's body: opcode and length.
 fn begin(out: &mut Vec<u8>, opcode: u8, body_bytes: u64) {
     out.push(opcode);
     out.extend(body_bytes.to_le_bytes());
 }
 
-/// A text as MCAP has it, behind its length.
+/// A text as MCAP has it: its length (32 bits), then its bytes.
 fn text(of: &str) -> Vec<u8> {
     [&(of.len() as u32).to_le_bytes(), of.as_bytes()].concat()
 }
@@ -102,7 +107,7 @@ fn channel(id: u16, printhead: &str) -> Vec<u8> {
     [&ids[..], &topic, &encoding, &no_metadata].concat()
 }
 
-/// Appends the message record of a burst, up to its samples, which come last and are not copied.
+/// Appends the message record of a burst up to its samples; the caller puts the samples behind it.
 fn push_message(out: &mut Vec<u8>, channel: u16, burst: &Burst) {
     let mut message = encode(&Burst { samples: Bytes::new(), ..burst.clone() });
     message.push(SAMPLES_KEY);

@@ -1,8 +1,15 @@
-//! Reads NumPy files (`.npy`, and `.npz`, which are several of them zipped) as bursts, for `inkling convert`.
+//! Reads NumPy files (`.npy`, and `.npz`, a zip of several `.npy`) as bursts, for `inkling
+//! convert`.
 //!
-//! In: an array of samples, of channels × samples, or of bursts × channels × samples. Out: a [`Table`] whose
-//! bursts are read one after the other, each when it is asked for, so that memory holds one burst, whatever
-//! the size of the array. No size is trusted before as many bytes have been read.
+//! In, from `table_file.rs`: a file, and which arrays are what. The array of samples has the shape
+//! samples, channels × samples, or bursts × channels × samples, of any number type. Out: a
+//! [`Table`] whose bursts are read one after the other, each when it is asked for, so that memory
+//! holds one burst, whatever the size of the array. No size is trusted before as many bytes have
+//! been read.
+//!
+//! Steps: find the array (by name in a `.npz`); parse its header (type, order, shape); read the
+//! arrays with one number for each burst (times, covariates) whole; then read the samples burst by
+//! burst.
 
 use super::dialect::value::{Array, Element, Value};
 use super::file_error::FileError;
@@ -17,27 +24,29 @@ use zip::ZipArchive;
 
 /// Most bytes of the text that says what an array is.
 const MOST_HEADER_BYTES: u64 = 1 << 20;
-/// Most numbers of an array that has one number for each burst: the times, or an array beside the samples.
+/// Most numbers of an array that has one number for each burst: the times, or a covariate beside
+/// the samples.
 const MOST_TIMES: usize = 1 << 22;
 /// A `.npy` begins with these bytes, then two of the version.
 const MAGIC: &[u8] = b"\x93NUMPY";
 
-/// What a file says of its array, before the numbers.
+/// What an array's header says of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Header {
     element: Element,
     big_endian: bool,
-    /// Column order: from number to number the index of the first axis changes, not that of the last.
+    /// Whether the numbers lie in column order: from one number to the next the index of the first
+    /// axis changes, not that of the last.
     fortran: bool,
     shape: Vec<usize>,
-    /// For an array of dates (`datetime64`): the ending, such as `_ns`, that in the name of a column says the
-    /// unit of its times.
+    /// For an array of dates (`datetime64`): the unit of its times, as the ending (such as `_ns`)
+    /// that stands for it in the name of a column; `None` for plain numbers.
     unit: Option<&'static str>,
 }
 
-/// An array that is read burst by burst.
+/// An array of samples that is read burst by burst.
 struct Bursts {
-    /// Stands at the first number of the burst that is read next.
+    /// The file, at the first number of the burst that is read next.
     input: Box<dyn Read>,
     header: Header,
     /// How many bursts there are.
@@ -46,10 +55,11 @@ struct Bursts {
     samples: usize,
 }
 
-/// Opens the array of samples, and reads the arrays of a `.npz` that stand beside it: the times and those of
-/// `columns.beside`, with one number for each burst. One of `columns.beside` may also hold a single number,
-/// for all bursts. The first name of `columns.outputs` is that of the array of samples; further ones, `burst`
-/// and `printhead` are not looked at.
+/// Opens the array of samples, and reads the arrays of a `.npz` that stand beside it:
+/// `columns.time` and `columns.beside`, with one number for each burst. An array of
+/// `columns.beside` may also hold a single number, for all bursts. The first name of
+/// `columns.outputs` is that of the array of samples; further names, `burst` and `printhead` have
+/// no effect.
 pub fn read(path: &Path, columns: &Columns) -> Result<Table, FileError> {
     let choice = |what: String| FileError::mistaken(path, what);
     let name = columns.outputs.as_ref().and_then(|names| names.first());
@@ -66,6 +76,7 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Table, FileError> {
     let mut array = Bursts::of(header, input).map_err(|what| FileError::failed(path, what))?;
     let bursts = array.number;
 
+    // an array beside the samples must have as many numbers as there are bursts
     let numbers = |name: &str, one_for_all: bool| {
         let (all, unit) = numbers(path, name)?;
         match all.len() {
@@ -87,7 +98,7 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Table, FileError> {
     let path = path.to_path_buf();
     let bursts = (0..bursts).map(move |i| {
         let matrix = array.burst(i).map_err(|what| FileError::failed(&path, what))?;
-        // one number may stand for all bursts
+        // a single number stands for all bursts
         let beside = beside.iter().map(|column| *column.get(i).unwrap_or(&column[0])).collect();
         Ok(Matrix { time: times.as_ref().map(|times| times[i]), beside, ..matrix })
     });
@@ -95,8 +106,8 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Table, FileError> {
     Ok(Table { time, first_time, outputs, content })
 }
 
-/// Opens an array and reads its header; what is read next is its first number. `name`: of the array in a
-/// `.npz`; `None`: the file is a `.npy`.
+/// Opens an array and reads its header; the reader that is returned stands at the array's first
+/// number. `name`: the name of the array in a `.npz`; `None`: the file is a `.npy`.
 fn array(path: &Path, name: Option<&str>) -> Result<(Header, Box<dyn Read>), FileError> {
     let mut input: Box<dyn Read> = match name {
         Some(name) => member(path, name)?,
@@ -109,8 +120,9 @@ fn array(path: &Path, name: Option<&str>) -> Result<(Header, Box<dyn Read>), Fil
     Ok((header, input))
 }
 
-/// The name of the array of samples in a `.npz`, where nobody says it: that of the only array that is not
-/// among `beside`, the names of all others that are read.
+/// The name of the array of samples in a `.npz` where the user does not say it: the only array that
+/// is not in `beside`, which names all other arrays that are read. Several such arrays are an
+/// error.
 fn only_one(path: &Path, beside: &[&String]) -> Result<String, FileError> {
     let names = names(path)?;
     let there = super::printable::line(&names.join(", "), 400);
@@ -163,7 +175,7 @@ impl Bursts {
         Ok(Bursts { input, header, number, channels, samples })
     }
 
-    /// Reads the next burst. `i`: its number, which is the number of bursts that were read before it.
+    /// Reads the next burst. `i`: its number from 0, which is how many bursts were read before.
     fn burst(&mut self, i: usize) -> Result<Matrix, String> {
         let Header { element, big_endian, fortran, .. } = self.header;
         let most_bytes = Limits::default().samples_bytes;
@@ -195,7 +207,8 @@ impl Bursts {
             channels: self.channels as u32,
             samples_per_channel: self.samples as u32,
             format: samples.format,
-            // in column order the first axis changes fastest, which in one burst is that of the channels
+            // in column order the first axis changes fastest; in a single burst that is the axis of
+            // channels
             layout: if fortran { Layout::SampleMajor } else { Layout::ChannelMajor },
             samples: samples.bytes,
             ..Matrix::default()
@@ -203,8 +216,8 @@ impl Bursts {
     }
 }
 
-/// The numbers of an array of a `.npz` that has one axis or none, and the unit ([`Header::unit`]) if they are
-/// dates.
+/// The numbers of an array of a `.npz` that has one axis or none, and the unit ([`Header::unit`])
+/// if they are dates.
 fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<&'static str>), FileError> {
     let failed = |what: String| FileError::failed(path, what);
     let choice = |what: String| FileError::mistaken(path, what);
@@ -248,8 +261,8 @@ fn names(path: &Path) -> Result<Vec<String>, FileError> {
     Ok(names)
 }
 
-/// Opens an array of a `.npz` at the first byte of its header. It is decompressed as it is read, so what the
-/// `.npz` says of its size before compression is not believed.
+/// Opens an array of a `.npz` at the first byte of its header. The array is decompressed as it is
+/// read, so the size that the `.npz` claims for it is not used.
 fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, FileError> {
     let failed = |what: String| FileError::failed(path, what);
     let mut archive = archive(path)?;
@@ -273,6 +286,7 @@ fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, FileError> {
         (stored, member.data_start(), member.compressed_size())
     };
     let at = at.ok_or_else(|| failed(format!("{name}: where its data begin is not said")))?;
+    // the compressed bytes of the member, and the decompressor in front of them
     let mut file = archive.into_inner();
     use std::io::{Seek, SeekFrom};
     file.seek(SeekFrom::Start(at)).map_err(unread(path))?;
@@ -329,8 +343,8 @@ impl Header {
     }
 }
 
-/// The type of numbers that NumPy calls so, and the unit ([`Header::unit`]) if they are dates, which are
-/// whole numbers of 64 bits.
+/// The type of numbers that NumPy calls `descr`, and the unit ([`Header::unit`]) if they are dates,
+/// which are whole numbers of 64 bits.
 fn element(descr: &str) -> Option<(Element, Option<&'static str>)> {
     let kind = descr.trim_start_matches(['<', '>', '|', '=']);
     let dates = [("M8[ns]", "_ns"), ("M8[us]", "_us"), ("M8[ms]", "_ms"), ("M8[s]", "_s")];

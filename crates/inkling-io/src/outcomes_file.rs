@@ -1,9 +1,10 @@
-//! Doubts, and what somebody found who looked at them: a CSV that `report --doubts` writes with empty states,
-//! that a person or a drop watcher fills in, and that `train --outcomes` reads back.
+//! Writes the list of doubts and reads it back when somebody has filled it in: a CSV that `report
+//! --doubts` writes with empty states, in which a person or a drop watcher enters what is true of
+//! each doubtful channel, and that `train --outcomes` reads as labels.
 //!
-//! Its columns are those of labels, then `source` (who says so), `certainty` (how certain that is, 0 to 1;
-//! empty: 1) and `sentence` (why the channel is doubtful; not read). A row whose state is empty was not
-//! looked at.
+//! Its columns are those of labels (`labels_file.rs`), then `source` (who says so), `certainty` (of
+//! that statement, 0 to 1; empty: 1) and `sentence` (why the channel is doubtful; not read). A row
+//! whose state is empty has not been filled in.
 
 use super::file_error::FileError;
 use super::labels_file::{self, HEADER, States};
@@ -15,8 +16,8 @@ use std::path::Path;
 /// The columns beside those of labels.
 const MORE: [&str; 3] = ["source", "certainty", "sentence"];
 
-/// A fault of a channel that could not be named, with the time over which it was seen. `to_ns`: `None`, if it
-/// still lasts.
+/// A fault of a channel that could not be named, and the time over which it was seen, ns since
+/// 1970. `to_ns`: `None` if the fault still lasts.
 #[derive(Clone, Debug)]
 pub struct Doubt {
     pub printhead: String,
@@ -26,16 +27,16 @@ pub struct Doubt {
     pub sentence: String,
 }
 
-/// What was found, as labels, and how much of it there is.
+/// What a filled-in list says, as labels, and how many rows say something.
 #[derive(Clone, Debug, Default)]
 pub struct Outcomes {
     pub labels: Vec<Label>,
-    /// How many rows teach something, by their source.
+    /// How many rows became labels, by their source.
     pub by_source: BTreeMap<String, usize>,
-    /// Rows that nobody has filled in.
+    /// How many rows nobody has filled in.
     pub not_looked_at: usize,
-    /// Rows that are less certain than was asked for. They teach nothing, and what labels say of the channel
-    /// stays.
+    /// How many rows are less certain than was asked for. They become no labels, so other labels of
+    /// these channels stay.
     pub uncertain: usize,
 }
 
@@ -64,7 +65,8 @@ pub fn write(path: &Path, doubts: &[Doubt]) -> Result<(), FileError> {
     labels_file::write_rows(path, header, rows)
 }
 
-/// Reads a list that somebody has filled in. `least` is the certainty that a row needs to teach something.
+/// Reads a list. `least`: the certainty that a row needs to become a label, 0 to 1. A state that
+/// `states` does not allow is an error, as is a certainty outside 0 to 1.
 pub fn read(path: &Path, least: f64, states: States) -> Result<Outcomes, FileError> {
     let file = regular_file::open(path).map_err(FileError::unread(path))?;
     let mut outcomes = Outcomes::default();

@@ -1,8 +1,11 @@
-//! Where results go: checked before any work is done for them, and freed of the files of an earlier run.
+//! Checks the places where results will go, before any work is done for them, and removes the files
+//! of an earlier run.
 //!
-//! A result may replace an earlier result of the same kind, and nothing else: a file that does not say who made
-//! it is somebody else's, unless it is empty or lies beside one that does. Of objects in a store only the name
-//! and the credentials are checked.
+//! Called by the verbs in `src/cli` at their beginning. The rule: a result may replace an earlier
+//! result of the same kind, and nothing else. Most results say in themselves who made them
+//! ([`ResultFile`]); a file that does not say it is taken for somebody else's, unless it is empty
+//! or lies beside a result that does. Of objects in a store only the name and the credentials are
+//! checked.
 
 use super::file_error::FileError;
 use super::objects::{self, in_object_store};
@@ -45,8 +48,8 @@ pub fn check_directory(path: &Path) -> Result<(), FileError> {
     }
 }
 
-/// Refuses a name for a result that is a directory's, or that of a file which is no earlier result of this
-/// kind, or which cannot be looked into.
+/// Refuses a name for a result of this kind if it is a directory, or a file that is no earlier
+/// result of this kind, or a file that cannot be looked into.
 pub fn check_file(path: &Path, kind: ResultFile) -> Result<(), FileError> {
     if in_object_store(path) {
         return check_object(path);
@@ -75,8 +78,9 @@ fn of_another(path: &Path, kind: ResultFile) -> FileError {
     FileError::mistaken(path, what)
 }
 
-/// Refuses a directory in which one of the files that a run writes is somebody else's. Some files do not say
-/// who made them; they count as an earlier run's if a file that does say so lies beside them.
+/// Refuses a directory in which one of the `files` that a run will write is somebody else's. Files
+/// of the kind `Companion` ("mute" here) do not say who made them; they count as an earlier run's
+/// if another of the files is that run's.
 pub fn check_files<'a>(
     dir: &Path,
     files: impl IntoIterator<Item = (&'a str, ResultFile)>,
@@ -110,8 +114,9 @@ pub fn check_beside(dir: &Path, begin: &str, is_earlier_run: bool) -> Result<(),
     }
 }
 
-/// Removes an earlier run's files from a directory in the given order: first the file that says that the
-/// others are complete, then all that might not be written again.
+/// Removes an earlier run's files from a directory in the given order. The caller names first the
+/// file that says that the others are complete, then all files that the new run might not write
+/// again.
 pub fn remove_earlier(dir: &Path, names: &[&str]) -> Result<(), FileError> {
     for path in names.iter().map(|name| dir.join(name)) {
         stored::remove(&path).map_err(|e| {

@@ -1,21 +1,28 @@
-//! What a Parquet file claims of itself, in its footer and before each page, checked before the library
-//! believes it.
+//! Checks what a Parquet file claims of itself, in its footer and in the header of each page,
+//! before the parquet crate reads it.
 //!
-//! In: those bytes. Out: whether they claim no more than there may be. The reader (parquet 59) makes room for
-//! all that is claimed, or counts as many elements that take no byte, before it reads on (found by fuzzing).
-//! It also takes the types of known fields as given, so they are written down here, as `parquet.thrift` has
-//! them.
+//! In, from `parquet_file.rs`: the bytes of a footer or of a page's header (Thrift's compact
+//! protocol, walked by `thrift.rs`). Out: whether they claim no more than there may be. Two rules:
+//! all lists of the footer together have at most as many elements as the footer has bytes; a page
+//! has at most 32,768 times its stored bytes uncompressed, and a dictionary no more values than
+//! bytes.
+//!
+//! Why: the reader (parquet 59) makes room for all that is claimed, or counts elements that take no
+//! bytes, before it reads on (found by fuzzing). It also takes the types of known fields as given,
+//! so the types are written down here, as `parquet.thrift` has them.
 
 use super::thrift::Shape::{Byte, Bytes, Double, Flag, List, Number, Record, Told};
 use super::thrift::{Shape, Stop, Walk};
 use std::io::Read;
 
-/// Most elements in the lists of a page's header; the format has no lists there so far.
+/// Most elements in all lists of a page's header; the format has no lists there so far.
 const MOST_OF_A_PAGE: u64 = 64;
-/// No compression that is read makes more bytes of one: zstd makes 128 kB of one value from four bytes.
+/// Most bytes that a page may claim uncompressed for each stored byte. No compression that is read
+/// makes more: zstd makes 128 KiB of one value from four bytes.
 const MOST_OF_A_BYTE: u64 = 1 << 15;
 
-/// Places of the numbers that are wanted of a page's header.
+/// Places, in the memory of a `Walk`, of the numbers that are wanted of a page's header: its kind,
+/// its bytes uncompressed and as stored, its number of values.
 const KIND: usize = 0;
 const PLAIN_BYTES: usize = 1;
 const STORED_BYTES: usize = 2;
@@ -24,7 +31,8 @@ const VALUES: usize = 3;
 const INDEX_PAGE: u32 = 1;
 const DICTIONARY_PAGE: u32 = 2;
 
-/// The fields of `PageHeader`. The reader skips statistics (fields 5.5 and 8.8), so they are not walked.
+/// The fields of `PageHeader`, in the order of their numbers. The reader skips statistics (fields
+/// 5.5 and 8.8), so they are not walked.
 const PAGE: &[Shape] = &[
     Told(KIND),
     Told(PLAIN_BYTES),
@@ -36,9 +44,11 @@ const PAGE: &[Shape] = &[
     Record(&[Told(VALUES), Number, Number, Number, Number, Number, Flag]),
 ];
 
-/// The parts of the footer, each with its fields in the order of their numbers.
+/// The parts of the footer, each with the types of its fields in the order of their numbers.
 const EMPTY: Shape = Record(&[]);
+/// `TimeType` and `TimestampType`.
 const TIME: Shape = Record(&[Flag, Record(&[EMPTY, EMPTY, EMPTY])]);
+/// `LogicalType`, a union: a record of which one field is set.
 const LOGICAL_TYPE: Shape = Record(&[
     EMPTY,
     EMPTY,
@@ -62,8 +72,10 @@ const LOGICAL_TYPE: Shape = Record(&[
 const SCHEMA_ELEMENT: Shape =
     Record(&[Number, Number, Number, Bytes, Number, Number, Number, Number, Number, LOGICAL_TYPE]);
 const STATISTICS: Shape = Record(&[Bytes, Bytes, Number, Number, Bytes, Bytes, Flag, Flag]);
+/// `BoundingBox` of geospatial statistics.
 const BOX: Shape = Record(&[Double, Double, Double, Double, Double, Double, Double, Double]);
 const KEY_VALUE: Shape = Record(&[Bytes, Bytes]);
+/// `ColumnMetaData`.
 const COLUMN: Shape = Record(&[
     Number,
     List(&Number),
@@ -104,8 +116,8 @@ const FOOTER: &[Shape] = &[
     List(&Record(&[EMPTY])),
 ];
 
-/// Checks a file's metadata of so many bytes. Each element of a list takes at least one byte, so all lists
-/// together can claim no more elements than there are bytes.
+/// Checks a file's metadata (the footer), of `bytes` bytes. Each element of a list takes at least
+/// one byte, so all lists together can claim no more elements than there are bytes.
 pub fn footer(metadata: impl Read, bytes: u64) -> Result<(), Stop> {
     Walk::new(metadata, bytes).record(FOOTER)
 }
@@ -138,6 +150,7 @@ pub fn page(header: impl Read, compressed: bool) -> Result<Page, Stop> {
         return Err(Stop::Unread);
     }
 
+    // values of a dictionary take a byte at least, except where compression shrinks them
     let held = if compressed { plain } else { plain.min(stored) };
     match plain <= stored * MOST_OF_A_BYTE && !(page.is_dictionary && page.values > held) {
         true => Ok(page),

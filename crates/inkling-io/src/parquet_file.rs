@@ -1,8 +1,12 @@
-//! A Parquet file that anybody may have written, made safe for the parquet crate's reader.
+//! Opens a Parquet file that anybody may have written, so that the parquet crate can read it
+//! safely.
 //!
-//! In: an open file. Out: what the reader reads from. The reader itself believes what a damaged file claims:
-//! it skips a claimed length as if it were there, for hours if the length is large (found by fuzzing; parquet
-//! 59). So reading beyond the end is an error here, and so is a header that claims more than there is.
+//! In, from `columnar.rs` and `verdict_reader.rs`: an open file. Out: the crate's reader, which
+//! reads through [`ParquetFile`]. The crate's reader believes what a damaged file claims: it skips
+//! a claimed length as if it were there, for hours if the length is large (found by fuzzing;
+//! parquet 59). So three things are done: the footer's claims are checked, then the header of every
+//! page of every column (`parquet_claims.rs`), and reading at the end of the file is an error
+//! instead of no bytes.
 
 use super::parquet_claims;
 use super::thrift::Stop;
@@ -20,15 +24,15 @@ use std::ops::Range;
 
 /// The last bytes of a file: the length of the metadata, and "PAR1".
 const FOOTER_BYTES: u64 = 8;
-/// So many bytes of a page's header are read at once; most headers are shorter.
+/// Bytes of a page's header that are read at once; most headers are shorter.
 const PAGE_HEADER_BYTES: usize = 256;
 
-/// A file whose claims were checked.
+/// A file that the parquet crate reads from, once its claims were checked.
 #[derive(Debug)]
 pub struct ParquetFile(File);
 
 impl ParquetFile {
-    /// A reader of the file, after the claims of its footer and of its pages' headers were found to fit.
+    /// Checks the claims of the footer and of all pages' headers, and gives a reader of the file.
     pub fn open(
         file: File,
         options: ArrowReaderOptions,
@@ -40,8 +44,8 @@ impl ParquetFile {
         Ok(ParquetRecordBatchReaderBuilder::new_with_metadata(file, metadata))
     }
 
-    /// Checks the claims of the footer. If there is none, or it does not fit into the file, the reader itself
-    /// says so.
+    /// Checks the claims of the footer. If there is no footer, or it does not fit into the file,
+    /// the parquet crate says so itself.
     fn check_footer(&self) -> io::Result<()> {
         let Some(Range { start, end }) = footer_of(&self.0)? else { return Ok(()) };
         let mut file = &self.0;
@@ -56,8 +60,8 @@ impl ParquetFile {
         groups.flat_map(RowGroupMetaData::columns).try_for_each(|column| self.check_column(column))
     }
 
-    /// Checks a column chunk: it must consist of pages from its beginning to its end, with no more values in
-    /// them than the footer says.
+    /// Checks a column chunk: pages must follow one another from its first byte to its end, and
+    /// their values together must be no more than the footer says.
     fn check_column(&self, column: &ColumnChunkMetaData) -> io::Result<()> {
         let (start, bytes) = column.byte_range();
         let (mut at, end) = (start, start.saturating_add(bytes));
@@ -83,7 +87,8 @@ impl ParquetFile {
     }
 }
 
-/// Where the metadata of a file lie. `None`: there are none, or they do not fit into the file.
+/// The range of bytes in which a file's metadata lie. `None`: there are none, or they do not fit
+/// into the file.
 pub fn footer_of(mut file: &File) -> io::Result<Option<Range<u64>>> {
     let mut footer = [0; FOOTER_BYTES as usize];
     let Some(end) = file.len().checked_sub(FOOTER_BYTES) else { return Ok(None) };
@@ -94,7 +99,8 @@ pub fn footer_of(mut file: &File) -> io::Result<Option<Range<u64>>> {
     Ok(start.filter(|_| magic == *b"PAR1").map(|start| start..end))
 }
 
-/// An error in words: one of this file as it is, and one of the library as a sign of damage.
+/// An error in words: an error that this file made as it is, and one of the library as a sign of
+/// damage.
 pub fn words(error: &ParquetError) -> String {
     match error {
         ParquetError::External(own) => own.to_string(),

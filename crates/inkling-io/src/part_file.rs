@@ -1,13 +1,17 @@
-//! A file that gets its name only when it is complete: every result is written through it.
+//! Writes a file that gets its name only when it is complete: every result is written through this.
 //!
-//! It is written as `.<name>.<process>-<number>.part`, a name of its own, so that two runs into one directory
-//! never write into one file. [`PartFile::finish`] renames it; if it is dropped before, it is removed. Files
-//! that belong together are all completed ([`PartFile::complete`]) before the first gets its name.
+//! The steps: [`PartFile::create`] opens a file of another name beside the final one; the caller
+//! writes to the handle; [`PartFile::complete`] has all bytes on disk; [`CompleteFile::name`]
+//! renames the file. A file that is dropped before is removed. Files that belong together are all
+//! completed before the first of them gets its name.
 //!
-//! While it is written it is locked, and a lock ends with the process that holds it. So a file that a killed
-//! run left behind is known by being free, and can be removed ([`sweep`]).
+//! Until then a file is called `.<name>.<process>-<number>.part`, a name of its own, so that two
+//! runs into one directory never write into one file. While it is written it is locked, and a lock
+//! ends with the process that holds it. So a file that a killed run left behind is known by having
+//! no lock, and can be removed ([`sweep`]).
 //!
-//! An object of a store is written to a temporary file, which is sent where a file would be renamed.
+//! An object of a store is written to a temporary file, which is sent where a file would be
+//! renamed.
 
 use super::objects::{self, in_object_store};
 use std::ffi::OsString;
@@ -17,24 +21,24 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::JoinHandle;
 
-/// So many names are tried. A name can be taken only by a file that an ended process with the same number has
-/// left behind.
+/// How many names are tried. A name can be taken only by a file that an ended process with the same
+/// number has left behind.
 const MOST_NAMES: u32 = 1000;
 
-/// Number of the next file of this process.
+/// Number of the next file that this process begins.
 static NUMBER: AtomicU64 = AtomicU64::new(0);
 
 /// A file that has no name yet.
 #[derive(Debug)]
 pub struct PartFile {
-    /// The name that it is to have.
+    /// The name that the file is to have.
     path: PathBuf,
     place: Place,
-    /// The thread that writes to disk what was flushed so far.
+    /// The thread, if any, that has the bytes flushed so far written to disk.
     syncing: Option<JoinHandle<io::Result<()>>>,
 }
 
-/// Where the bytes lie until then.
+/// Where the bytes lie until the file has its name.
 #[derive(Debug)]
 enum Place {
     /// In a file beside the final one.
@@ -42,6 +46,7 @@ enum Place {
         part: PathBuf,
         /// The same open file once more: it keeps the lock until the file has its name.
         lock: Option<File>,
+        /// Whether the file has its name, so that there is nothing to remove.
         finished: bool,
     },
     /// In a file without a name, to be sent to an object store.
@@ -49,8 +54,9 @@ enum Place {
 }
 
 impl PartFile {
-    /// Creates a file beside `path`, or beside the file that a link of that name points to, and the
-    /// directories above it. A device or a pipe is refused, because renaming would replace it.
+    /// Creates a file beside `path` (or beside the file that a link at `path` leads to), and the
+    /// directories above it. Returns also the handle to write to. A device or a pipe at `path` is
+    /// refused, because renaming would replace it.
     pub fn create(path: &Path) -> io::Result<(PartFile, File)> {
         if in_object_store(path) {
             objects::check(path)?;
@@ -99,8 +105,9 @@ impl PartFile {
         self.complete(file)?.name_on_disk()
     }
 
-    /// Has the bytes that were flushed so far written to disk, by a thread of its own, so that less is left
-    /// to wait for at the end. While one such thread is at work, a further call does nothing.
+    /// Has the bytes that were flushed so far written to disk by a thread, so that less is left to
+    /// wait for at the end. While one such thread is at work, a further call does nothing. An error
+    /// is that of the thread before.
     pub fn sync_early(&mut self) -> io::Result<()> {
         let Place::Beside { lock: Some(file), .. } = &self.place else { return Ok(()) };
         if self.syncing.as_ref().is_some_and(|thread| !thread.is_finished()) {
@@ -112,23 +119,23 @@ impl PartFile {
         Ok(())
     }
 
-    /// Waits for that thread, and gives what became of it. The system reports a failed write once per open
-    /// file, and the thread's handle is the same open file: at the end nobody would hear of the failure
-    /// again.
+    /// Waits for the thread of `sync_early`, if there is one, and gives its result. This result
+    /// must not be lost: the system reports a failed write once per open file, and the thread's
+    /// handle is the same open file, so nobody would hear of the failure again.
     fn synced_early(&mut self) -> io::Result<()> {
         let Some(thread) = self.syncing.take() else { return Ok(()) };
         thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     }
 
-    /// Writes all bytes to disk; what can fail for want of room fails here. `file` is the handle that was
-    /// written to, flushed.
+    /// Has all bytes written to disk, so that what can fail for want of room fails here. `file` is
+    /// the handle that was written to, flushed.
     pub fn complete(mut self, file: &File) -> io::Result<CompleteFile> {
         self.synced_early()?;
         file.sync_all()?; // or a power cut may leave the name with no bytes
         Ok(CompleteFile(self))
     }
 
-    /// The same for a file that is written in larger pieces.
+    /// Completes a file that was written through a buffer; the buffer is flushed first.
     pub fn complete_buffered(self, file: BufWriter<File>) -> io::Result<CompleteFile> {
         self.complete(&file.into_inner().map_err(IntoInnerError::into_error)?)
     }
@@ -139,12 +146,12 @@ impl PartFile {
     }
 }
 
-/// Writes a file of these bytes.
+/// Writes a file of these bytes: complete under its name on disk, or not at all.
 pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     completed(path, bytes)?.name_on_disk()
 }
 
-/// The same file, complete on disk, but without its name.
+/// Writes a file of these bytes, complete on disk, but without its name.
 pub fn completed(path: &Path, bytes: &[u8]) -> io::Result<CompleteFile> {
     let (part, mut file) = PartFile::create(path)?;
     file.write_all(bytes)?;
@@ -164,7 +171,7 @@ pub(super) fn followed(path: &Path) -> PathBuf {
 pub struct CompleteFile(PartFile);
 
 impl CompleteFile {
-    /// Gives the file its name: renames it, or sends the object.
+    /// Gives the file its name: renames it, or sends it to the object store.
     pub fn name(mut self) -> io::Result<()> {
         match &mut self.0.place {
             Place::Unnamed(file) => objects::send(file, &self.0.path),

@@ -1,10 +1,12 @@
-//! Parts of the verdict table of a recording that is still being written (`replay --follow --rotate`). They
-//! are provisional: each is a table by itself, for tools that read while the recording grows, and goes when
-//! the whole table has its name.
+//! Manages the parts of the verdict table of a recording that is still being written (`replay
+//! --follow --rotate`): where they lie, whose they are, and their removal. The tables themselves
+//! are written by `verdict_table.rs`. Parts are provisional: each is a table by itself, for tools
+//! that read while the recording grows, and is removed when the whole table has its name.
 //!
-//! In: where the table will be, and of which recording. Out: `<stem>.parts/00001.parquet`, `00002.parquet`
-//! and so on. They are not called `*.verdicts.parquet`, so that whoever searches for tables meets no row
-//! twice. A part says in its metadata how its recording begins; a file that does not say so of the recording
+//! In: where the whole table will be, and of which recording. Out: paths
+//! `<stem>.parts/00001.parquet`, `00002.parquet` and so on. Parts are not called
+//! `*.verdicts.parquet`, so that whoever searches for tables meets no row twice. A part says in its
+//! metadata how its recording begins ([`Beginning`]); a file that does not say so of the recording
 //! at hand belongs to somebody else, and stays.
 
 use super::objects::in_object_store;
@@ -17,12 +19,13 @@ use std::path::{Path, PathBuf};
 
 /// Key in the metadata of a part that tells it from a whole table.
 pub const PART_KEY: &str = "part";
-/// So many bytes at its beginning tell a recording from others.
+/// Most bytes at the beginning of a recording by which it is told from others.
 const MOST_BEGINNING_BYTES: u64 = 1 << 20;
 
 /// How a recording begins. While it grows it has no digest of the whole, but its first bytes stay the same.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Beginning {
+    /// How many bytes, from the first on, the digest covers.
     pub bytes: u64,
     /// Digest of these bytes.
     pub digest: String,
@@ -34,7 +37,7 @@ impl Beginning {
         Beginning::read(recording, recording.source.bytes().min(MOST_BEGINNING_BYTES))
     }
 
-    /// The beginning in so many bytes.
+    /// The beginning of a recording in `bytes` bytes.
     fn read(recording: &Recording, bytes: u64) -> io::Result<Beginning> {
         let mut first = vec![0; bytes as usize];
         recording.source.read_at(0, &mut first)?;
@@ -43,8 +46,8 @@ impl Beginning {
 
     /// Whether a recording begins like this.
     fn is_of(&self, recording: &Recording) -> io::Result<bool> {
-        // the file as it is now counts: a part may have seen more of it than the recording at hand, which may
-        // end where it is whole
+        // the size of the file now counts: a part may have seen more of the file than the recording
+        // at hand, which may end where it is whole
         let there = recording.source.stamp()?.bytes.min(MOST_BEGINNING_BYTES);
         Ok(self.bytes <= there && Beginning::read(recording, self.bytes)? == *self)
     }
@@ -67,8 +70,9 @@ impl PartTables {
         self.dir.join(format!("{number:05}.parquet"))
     }
 
-    /// Removes the parts of this recording, unfinished files that killed runs left behind, and the directory
-    /// if nothing else is in it. Other files with the name of a part stay, and the first of them is returned.
+    /// Removes the parts of this recording, the unfinished files that killed runs left behind, and
+    /// the directory if nothing else is in it. Other files with the name of a part stay, and the
+    /// first of them is returned.
     pub fn remove_of(&self, recording: &Recording) -> io::Result<Option<PathBuf>> {
         if in_object_store(&self.dir) {
             return Ok(None); // parts are never written to a store

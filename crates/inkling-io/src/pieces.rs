@@ -1,16 +1,18 @@
-//! A file that is nowhere but in memory, in pieces whose bytes others share.
+//! A file that exists only in memory, as a list of pieces whose bytes others share.
 //!
-//! `memory_recording.rs` makes one of bursts whose samples the caller holds, so that arrays are read like a
-//! file and no sample is copied beforehand.
+//! `memory_recording.rs` builds one from bursts whose samples the caller holds; `source.rs` reads
+//! it by offset like a file. So arrays are read like a recording and no sample is copied
+//! beforehand.
 
 use bytes::Bytes;
 use std::io;
 
-/// The pieces, one after the other.
+/// The pieces of a file, one after the other.
 #[derive(Debug, Default)]
 pub struct Pieces {
     /// Each piece with the offset at which it begins; none is empty.
     pieces: Vec<(u64, Bytes)>,
+    /// Bytes of all pieces together, which is where the next piece begins.
     bytes: u64,
 }
 
@@ -29,9 +31,10 @@ impl Pieces {
         self.bytes
     }
 
-    /// Fills `buffer` with the bytes from `offset` on; it is an error if they end before.
+    /// Fills `buffer` with the bytes from `offset` on. It is an error if there are fewer bytes.
     pub fn read_at(&self, offset: u64, mut buffer: &mut [u8]) -> io::Result<()> {
         let ends_before = |(begins, piece): &(u64, Bytes)| begins + piece.len() as u64 <= offset;
+        // from the first piece that reaches beyond `offset`
         let mut at = offset;
         for (begins, piece) in &self.pieces[self.pieces.partition_point(ends_before)..] {
             if buffer.is_empty() {

@@ -1,7 +1,8 @@
-//! A Parquet file of whole columns, for tables of which this crate knows nothing, such as those of a
-//! critique.
+//! Writes a Parquet file of whole columns, for tables of which this crate knows nothing, such as
+//! those of a critique.
 //!
 //! In: the name and the cells of each column. Out: a file, under its name once it is complete.
+//! There is no metadata document; the program's version stands in its place.
 
 use super::row_table;
 use super::verdict_table::TableError;

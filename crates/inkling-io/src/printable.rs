@@ -1,7 +1,8 @@
-//! Names and cells from files, as a terminal may show them.
+//! Makes text from files safe for messages: names, cells, and what parsers say of them.
 //!
-//! In: any text. Out: the same, not longer than stated, and without characters that could move a cursor or
-//! turn the direction of reading, so that a hostile name cannot forge a message.
+//! In: any text. Out: its beginning, not longer than stated, in which each character that could
+//! move a cursor, end a line or turn the direction of reading is replaced by U+FFFD, so that a
+//! hostile name cannot forge a message. A text that was cut ends with `…`.
 
 /// Most characters of a cell that a message repeats.
 const MOST_OF_A_CELL: usize = 60;
@@ -14,12 +15,13 @@ pub fn cell(text: &str) -> String {
     line(text, MOST_OF_A_CELL)
 }
 
-/// One line of at most `most` characters.
+/// The beginning of a text as one line, at most `most` characters (and `…` if it was cut).
 pub fn line(text: &str, most: usize) -> String {
     shown(text, most, moves)
 }
 
-/// Several lines of at most `most` characters together.
+/// The beginning of a text with its line breaks, at most `most` characters together (and `…` if it
+/// was cut).
 pub fn lines(text: &str, most: usize) -> String {
     shown(text, most, |c| c != '\n' && moves(c))
 }
@@ -34,7 +36,7 @@ fn shown(text: &str, most: usize, is_odd: impl Fn(char) -> bool) -> String {
     short
 }
 
-/// What a parser says of a text; it may repeat all of the text.
+/// A parser's error, made printable: it may repeat all of the text that was parsed.
 pub fn of_parser(error: &impl std::fmt::Display) -> String {
     lines(&error.to_string(), MOST_OF_A_PARSER)
 }

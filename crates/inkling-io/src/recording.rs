@@ -1,10 +1,14 @@
-//! A recording: an MCAP file, opened and checked as a whole. Everything that judges, trains or inspects
-//! begins here.
+//! Opens a recording, which is an MCAP file, and answers what is asked of it as a whole. Everything
+//! that judges, trains or inspects begins here.
 //!
-//! In: a path. Out: a [`Recording`]. It hands out its blocks in file order ([`Recording::blocks`]) and
-//! readers that decode them ([`Recording::reader`]), and it knows what its own statistics and checksums say.
-//! Reading never relies on the index: the order in the file is the order of the verdicts, and a file without
-//! a summary gives the same.
+//! In: a path, limits, dialects. Out: a [`Recording`]. It gives its blocks in file order
+//! ([`Recording::blocks`]), readers that decode blocks ([`Recording::reader`]), and a digester; and
+//! it knows what its own statistics and checksums say.
+//!
+//! Opening reads the first bytes (the magic), the footer at the end, and the summary that the
+//! footer points to: schemas, channels, statistics, chunk index (`read_summary`). Reading never
+//! relies on the chunk index: the order in the file is the order of the verdicts, and a file
+//! without a summary gives the same bursts.
 
 use super::block::Block;
 use super::block_reader::BlockReader;
@@ -37,28 +41,31 @@ pub struct Recording {
     pub path: PathBuf,
     /// Its file name.
     pub name: String,
-    /// Its name for people: its path below the directory that was asked for, or its file name if whoever
-    /// opens it knows no more.
+    /// The recording's name for people: its path below the directory that was asked for, or its
+    /// file name if whoever opens it knows no more.
     pub label: String,
     pub bytes: u64,
     /// Size and time of change when it was opened.
     pub stamp: Stamp,
     /// How long it took to open it.
     pub opening: Duration,
-    /// Burst messages that there are by the recording's own statistics. `None`: it does not say.
+    /// How many burst messages the recording's own statistics say there are. `None`: the statistics
+    /// do not say.
     pub expected: Option<u64>,
-    /// Channels that carry no bursts: the first of those that its summary names.
+    /// Channels that carry no bursts: the first `MOST_NAMED` of those that the summary names.
     pub others: Vec<Other>,
-    /// What was found wrong when it was opened; blocks and the digest add more later.
+    /// Damage that was found when the recording was opened; blocks and the digest add more later.
     pub damage: Vec<Damage>,
     pub(super) source: Arc<Source>,
     pub(super) limits: Limits,
-    /// Set if the recording is being written, or was when it was read.
+    /// Set if the recording is followed while it is being written, or was when it was read; else
+    /// `None`.
     pub(super) growth: Option<Growth>,
     /// Schemas and channels by the summary.
     channels: Arc<Channels>,
-    /// Whether the summary names every channel. Then any number of readers may take blocks in any order;
-    /// otherwise one reader must take them all, in order. What a block gives does not depend on this.
+    /// Whether the summary names every channel. Then any number of readers may take blocks in any
+    /// order; otherwise one reader must take all blocks, in order. What a block gives is the same
+    /// either way.
     pub channels_known_upfront: bool,
     /// First byte after the data section, if the file's end says so.
     data_end: Option<u64>,
@@ -73,9 +80,10 @@ pub struct Recording {
 pub struct Unread {
     pub topic: String,
     pub schema: String,
-    /// By the statistics; `None`: the file does not say.
+    /// Number of messages by the statistics; `None`: the file does not say.
     pub messages: Option<u64>,
-    /// Whether a dialect would read it under another topic or schema name: then a name is probably mistyped.
+    /// Whether a dialect would read the channel under another topic or schema name: then a name is
+    /// probably mistyped.
     pub by_dialect: bool,
 }
 
@@ -88,12 +96,13 @@ pub struct Other {
     pub messages: Option<u64>,
 }
 
-/// To learn which dialects read something, no more of a recording is looked at than about so many bytes.
+/// Bytes of a recording after which the search for what dialects read gives up (roughly, to a
+/// block).
 const MOST_PEEKED_BYTES: u64 = 64 << 20;
-/// So many blocks are looked at in any case, because only a channel's first message says whether paths in
-/// JSON lead anywhere. After each so many blocks it is asked whether that is enough.
+/// Blocks that are looked at in any case, because only a channel's first message says whether paths
+/// in JSON lead anywhere. After each further so many blocks it is asked whether that is enough.
 const PEEKED_AT_ONCE: u64 = 16;
-/// Rows of each of these blocks that are decoded at most.
+/// Most rows of each of these blocks that are decoded.
 const MOST_PEEKED_ROWS: usize = 32_768;
 
 impl Recording {
@@ -102,7 +111,8 @@ impl Recording {
         Recording::open_with(path, limits, &Dialects::default())
     }
 
-    /// Opens a recording. It is also an error if a dialect fits a channel and cannot read it.
+    /// Opens a recording. It is an error if the path is no MCAP file, or if a dialect fits a
+    /// channel and cannot read it. A missing or broken summary is damage only.
     pub fn open_with(
         path: &Path,
         limits: Limits,
@@ -116,7 +126,7 @@ impl Recording {
         Ok(recording)
     }
 
-    /// Opens the recording in a source whose first bytes were checked.
+    /// Opens the recording in a source whose magic bytes were checked already.
     pub(super) fn of_source(
         path: &Path,
         source: Arc<Source>,
@@ -168,7 +178,7 @@ impl Recording {
         }
     }
 
-    /// Whether it has an end that could be read.
+    /// Whether the recording has a footer that could be read, and so an end.
     pub(super) fn is_indexed(&self) -> bool {
         self.data_end.is_some()
     }
@@ -192,17 +202,20 @@ impl Recording {
         )
     }
 
-    /// Which of the `dialects` many dialects read something of this recording. Only its beginning is looked
-    /// at: until each channel that a dialect reads has had a message and, without a summary, every dialect
-    /// has read something. It is an error if a path of a dialect leads nowhere in the first message of a
-    /// channel.
+    /// Which dialects read something of this recording; `dialects` is how many the settings have.
+    /// Only the beginning is looked at: until each channel that a dialect reads has had a message
+    /// and, without a summary, every dialect has read something. It is an error if a path of a
+    /// dialect leads nowhere in the first message of a channel.
     pub fn dialects_used(&self, dialects: usize) -> Result<DialectsUsed, RecordingError> {
         let wrong = |what: String| RecordingError::Dialect { path: self.path.clone(), what };
+        // a summary names all channels, and so all dialects that read something
         let mut used = DialectsUsed { numbers: Vec::new(), all: self.channels_known_upfront };
         used.numbers.extend(self.channels.dialects_used());
         if used.all && used.numbers.is_empty() {
             return Ok(used);
         }
+
+        // the messages at the beginning, asked every 16 blocks whether they suffice
         let reader = self.peek(|block, reader| {
             if block.index == 0 || !block.index.is_multiple_of(PEEKED_AT_ONCE) {
                 return false;
@@ -212,6 +225,8 @@ impl Recording {
             let all = used.all || met.iter().collect::<BTreeSet<_>>().len() >= dialects;
             all && reader.foreign_seen() >= met.len() || block.offset > MOST_PEEKED_BYTES
         });
+
+        // then each channel's first message is checked
         let known = reader.dialects_met();
         for summary in reader.census().map(Census::topics).unwrap_or_default() {
             self.check_first(&summary).map_err(wrong)?;
@@ -220,7 +235,8 @@ impl Recording {
         Ok(used)
     }
 
-    /// A reader that has counted the messages of the blocks before the first one at which `is_enough`.
+    /// Reads blocks until `is_enough` says so of the next block, and gives the reader, which has
+    /// counted their messages.
     fn peek(&self, is_enough: impl Fn(&Block, &BlockReader) -> bool) -> BlockReader {
         let mut reader = self.reader().counting();
         for block in self.blocks().filter_map(Result::ok) {
@@ -233,13 +249,15 @@ impl Recording {
         reader
     }
 
-    /// Channels that look like bursts and that nothing reads, as far as the first blocks tell.
+    /// Channels whose messages look like bursts and that nothing reads, as far as the first 16
+    /// blocks tell.
     pub fn unread(&self, dialects: &Dialects) -> Vec<Unread> {
         if self.channels_known_upfront && self.others.is_empty() {
             return Vec::new();
         }
         let reader = self.peek(|block, _| block.index >= PEEKED_AT_ONCE);
         let topics = reader.census().map(Census::topics).unwrap_or_default();
+        // the schemas that a dialect reads on other topics: there a topic's pattern may be mistyped
         let read = |summary: &&TopicSummary| matches!(summary.becomes, Becomes::Foreign(_));
         let read: BTreeSet<&str> =
             topics.iter().filter(read).map(|summary| &*summary.schema_name).collect();
@@ -286,8 +304,8 @@ impl Recording {
         })
     }
 
-    /// The damage if the recording was written to since it was opened: what was read may belong to no one
-    /// state of it.
+    /// The damage if the recording was changed since it was opened: what was read may belong to no
+    /// one state of it. `None` if it was not changed, or is followed.
     pub fn changed(&self) -> Option<Damage> {
         if self.growth.is_some() {
             return None; // a followed recording is read only as far as it is whole
@@ -305,7 +323,8 @@ impl Recording {
         Some(Damage { from_byte: self.bytes, to_byte: now.bytes.max(self.bytes), what })
     }
 
-    /// A digester, which takes the digest while it reads the blocks, so that every byte is read once.
+    /// A digester, which computes the digest while it reads the blocks, so that every byte is read
+    /// once.
     pub fn digester(&self) -> Digester {
         // The DataEnd record is the last of the data section; its checksum does not cover itself.
         let data = self.data_end.and_then(|end| self.data_end_record(end));
@@ -317,7 +336,8 @@ impl Recording {
         self.digester().finish(|| Ok(()))
     }
 
-    /// Where the DataEnd record that ends at `end` begins, and the checksum in it.
+    /// For the DataEnd record that ends at `end`: where it begins, and the checksum of the data
+    /// section in it. `None`: no such record ends there.
     fn data_end_record(&self, end: u64) -> Option<(u64, u32)> {
         let mut record = [0; 13];
         let at = end.checked_sub(record.len() as u64)?;
@@ -363,16 +383,16 @@ pub(super) fn check_magic(path: &Path, found: &[u8]) -> Result<(), RecordingErro
     }
 }
 
-/// Which dialects a recording uses, by their numbers: at least one number for each channel that a dialect
-/// reads, so the same dialect may be there several times.
+/// Which dialects a recording uses, by their numbers. There is at least one number for each channel
+/// that a dialect reads, so a number may be there several times.
 #[derive(Clone, Debug)]
 pub struct DialectsUsed {
     pub numbers: Vec<usize>,
-    /// Whether there can be no others.
+    /// Whether the recording can use no other dialects.
     pub all: bool,
 }
 
-/// What the end of the file says of the whole: the footer and the summary section.
+/// What the end of the file says of the whole: the contents of the footer and the summary section.
 #[derive(Debug, Default)]
 struct Summary {
     channels: Channels,
@@ -392,6 +412,7 @@ impl Summary {
     /// At most so many characters of a name are shown.
     const MOST_OF_A_NAME: usize = 200;
 
+    /// A summary that says nothing.
     fn new(dialects: &Dialects) -> Summary {
         Summary { channels: Channels::new(dialects), ..Summary::default() }
     }
@@ -427,7 +448,8 @@ impl Summary {
             && self.channel_ids.iter().all(|&id| self.channels.route(id).is_ok())
     }
 
-    /// See [`Recording::disorder_ns`].
+    /// See [`Recording::disorder_ns`]: the chunks in the order of the file, each against the latest
+    /// end before it.
     fn disorder_ns(&self) -> Option<u64> {
         let holds_messages = |chunk: &&ChunkSpan| chunk.to_ns > 0;
         let mut chunks: Vec<&ChunkSpan> = self.chunks.iter().filter(holds_messages).collect();
@@ -441,7 +463,8 @@ impl Summary {
         Some(disorder)
     }
 
-    /// See [`Recording::expected`].
+    /// See [`Recording::expected`]: the sum of the counts of the channels that carry bursts. `None`
+    /// also if a channel is not known, or the counts do not add up.
     fn expected(&self) -> Option<u64> {
         let statistics = self.statistics.as_ref().filter(|_| self.complete())?;
         let counts = &statistics.channel_message_counts;
@@ -454,8 +477,8 @@ impl Summary {
     }
 }
 
-/// Reads the footer and the summary section. If they are missing or not sound, all of them count as missing,
-/// and that is damage: reading goes on without.
+/// Reads the footer and the summary section. If either is missing or not sound, nothing of them is
+/// used, and that is damage: reading goes on without.
 fn read_summary(source: &Source, dialects: &Dialects) -> Result<Summary, Damage> {
     /// The index of a file of 20 GB in chunks of 1 MiB takes a few MB.
     const MAX_SUMMARY_BYTES: u64 = 128 << 20;
@@ -464,6 +487,7 @@ fn read_summary(source: &Source, dialects: &Dialects) -> Result<Summary, Damage>
         let what = format!("{what}: nothing to check the number of messages against");
         Damage { from_byte, to_byte: bytes, what }
     };
+    // 1. the footer: the last record, right before the closing magic bytes
     let cut_short = || damage(bytes, "no footer, the recording was cut short or never closed");
     let tail_bytes = FOOTER_BYTES + MAGIC.len() as u64;
     let footer_at = bytes
@@ -479,7 +503,8 @@ fn read_summary(source: &Source, dialects: &Dialects) -> Result<Summary, Damage>
         .and_then(|r| footer(&tail[r.from..r.to]))
         .ok_or_else(cut_short)?;
 
-    // Without a summary section its checksum covers the footer alone.
+    // 2. the summary section, which ends at the footer. Without one, the checksum covers the footer
+    //    alone.
     let start = if footer.summary_start == 0 { footer_at } else { footer.summary_start };
     let length = footer_at
         .checked_sub(start)
@@ -487,6 +512,7 @@ fn read_summary(source: &Source, dialects: &Dialects) -> Result<Summary, Damage>
         .ok_or_else(|| damage(footer_at, "footer: it points nowhere"))?;
     let mut section = vec![0; length as usize];
     source.read_at(start, &mut section).map_err(unreadable)?;
+    // 3. the checksum covers the section and the footer up to the checksum itself
     if footer.summary_crc != 0 {
         let mut crc = crc32fast::Hasher::new();
         crc.update(&section);
@@ -496,13 +522,15 @@ fn read_summary(source: &Source, dialects: &Dialects) -> Result<Summary, Damage>
         }
     }
 
+    // 4. the records; the data section ends where the summary begins
     let mut summary = Summary { data_end: Some(start), ..Summary::new(dialects) };
     parse_summary(&section, &mut summary)
         .ok_or_else(|| damage(start, "summary: its records are malformed"))?;
     Ok(summary)
 }
 
-/// Takes the records of the summary section. `None`: one of them is malformed, or contradicts another.
+/// Takes the records of the summary section into `summary`. `None`: one of them is malformed, or
+/// contradicts another.
 fn parse_summary(section: &[u8], summary: &mut Summary) -> Option<()> {
     let mut at = 0;
     while at < section.len() {

@@ -1,4 +1,5 @@
-//! Recordings whole, cut, flipped, hostile: nothing panics, nothing is lost in silence.
+//! Tests of reading recordings: whole ones, cut ones, ones with flipped bits, and hostile ones. The
+//! rule under test: nothing panics, and nothing is lost without damage that says so.
 
 use super::Limits;
 use super::block::{Block, BlockKind};
@@ -47,11 +48,13 @@ fn write(path: &Path, bursts: u32, options: WriterOptions) {
     writer.finish().unwrap();
 }
 
-/// Everything a recording gives: acquisitions, then every damage that anything reports.
+/// Everything that a recording gives: the acquisitions of all blocks, and the damage of opening,
+/// blocks, statistics and digest.
 fn read(path: &Path) -> Result<(Vec<Acquisition>, Vec<Damage>), RecordingError> {
     read_with(path, Limits::default())
 }
 
+/// The same with other limits than the usual ones.
 fn read_with(
     path: &Path,
     limits: Limits,
@@ -76,7 +79,7 @@ fn read_with(
     Ok((acquisitions, damage))
 }
 
-/// An acquisition as text, to be compared.
+/// An acquisition as text, because acquisitions themselves cannot be compared.
 fn text(acquisition: &Acquisition) -> String {
     format!("{acquisition:?}")
 }
@@ -92,7 +95,8 @@ fn blocks(path: &Path) -> Vec<Block> {
     recording.blocks().map(Result::unwrap).collect()
 }
 
-/// The mcap crate's writer with any of its options, one message per data.
+/// Writes a recording by the mcap crate's own writer with any of its options, one message for each
+/// pair of log time and data, all on one channel.
 fn write_mcap(
     path: &Path,
     options: mcap::WriteOptions,
@@ -112,11 +116,12 @@ fn write_mcap(
     writer.finish().unwrap();
 }
 
-/// Times and messages of these bursts.
+/// The log times and encoded messages of the first `bursts` bursts.
 fn encoded(bursts: u32) -> Vec<(u64, Vec<u8>)> {
     (0..bursts).map(|i| (u64::from(i), super::burst_codec::encode(&burst(i)))).collect()
 }
 
+/// A temporary directory, removed when it is dropped.
 struct Dir(tempfile::TempDir);
 
 impl Dir {
@@ -483,7 +488,8 @@ fn bursts_read_after_their_reader_moved_on_keep_their_samples() {
     assert!(kept.len() > 20 && kept.iter().all(|k| all.contains(&text(k))));
 }
 
-/// Next to the package, or above it.
+/// The directory of the MCAP conformance suite, if it lies beside the package or beside a directory
+/// above it.
 fn conformance() -> Option<PathBuf> {
     let package = Path::new(env!("CARGO_MANIFEST_DIR"));
     package.ancestors().skip(1).map(|dir| dir.join("shared/mcap_conformance")).find(|d| d.is_dir())
@@ -508,7 +514,7 @@ fn every_file_of_the_mcap_conformance_suite_reads_without_damage_and_without_bur
     assert!(files > 400, "{files} files");
 }
 
-/// The blocks that a look at what is written by now gives.
+/// The blocks that are whole by now in a recording that is being written.
 fn whole_by_now(blocks: &mut super::scan::Blocks) -> Vec<Block> {
     let mut all = Vec::new();
     while let Poll::Ready(Some(block)) = blocks.poll() {

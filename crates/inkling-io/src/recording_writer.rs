@@ -1,7 +1,8 @@
-//! Bursts become a recording; `simulate` and `convert` write recordings by it.
+//! Writes bursts as a recording; `simulate` and `convert` write recordings this way.
 //!
-//! In: bursts in file order. Out: an MCAP file, under its final name once [`RecordingWriter::finish`] was
-//! called. The same bursts and options give the same bytes.
+//! In: bursts in the order that the file is to have. Out: an MCAP file with a topic for each
+//! printhead, under its final name once [`RecordingWriter::finish`] was called. The same bursts and
+//! options give the same bytes.
 
 use super::burst_codec::{FILE_DESCRIPTOR_SET, SCHEMA_NAME, encode, topic};
 use super::damage::RecordingError;
@@ -12,13 +13,14 @@ pub use inkling_core::burst::Compression;
 use std::path::Path;
 
 const SCHEMA: Schema = Schema(SCHEMA_NAME, FILE_DESCRIPTOR_SET);
-/// Usual size of a chunk: small, so that damage costs little, and large enough to compress well.
+/// Usual size of a chunk in bytes before compression: small, so that damage costs little, and large
+/// enough to compress well.
 pub const COMPACT_CHUNK_BYTES: u64 = 256 << 10;
-/// Bytes of a message record before its data. What begins a chunk (schemas and channels) is counted roughly
-/// by it, too.
+/// Bytes of a message record before its data. Channel records, which begin a chunk, are counted
+/// roughly by it, too.
 const MESSAGE_HEAD_BYTES: u64 = (RECORD_HEADER + MESSAGE_HEADER) as u64;
 
-/// How a recording is laid out.
+/// How the file of a recording is laid out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WriterOptions {
     pub compression: Compression,
@@ -28,6 +30,7 @@ pub struct WriterOptions {
 }
 
 impl Default for WriterOptions {
+    /// Chunks of the usual size, compressed by lz4.
     fn default() -> WriterOptions {
         WriterOptions { compression: Compression::Lz4, chunk_bytes: Some(COMPACT_CHUNK_BYTES) }
     }
@@ -37,7 +40,8 @@ impl Default for WriterOptions {
 pub struct RecordingWriter {
     file: McapFile,
     chunk_bytes: Option<u64>,
-    /// Bytes of the records in the chunk under way.
+    /// Bytes, about, of the records in the chunk that is being filled; the first chunk begins with
+    /// the schema.
     in_chunk: u64,
 }
 
@@ -73,7 +77,7 @@ impl RecordingWriter {
     }
 }
 
-/// The same options as the mcap crate has them.
+/// The options in the form of the mcap crate.
 fn mcap_options(options: WriterOptions) -> mcap::WriteOptions {
     mcap::WriteOptions::new()
         .compression(match options.compression {

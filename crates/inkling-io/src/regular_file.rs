@@ -1,8 +1,10 @@
-//! Files that a person or a program wrote: settings, labels, scenarios, designs, critiques, tables.
+//! Opens and reads files that a person or another program wrote: settings, labels, scenarios,
+//! designs, critiques, tables.
 //!
-//! In: a path. Out: its bytes, and no more of them than the caller says. Only regular files are opened,
-//! because a pipe or a device may never end. Tables that are read record by record go through [`Records`],
-//! which fails where one record is longer than any table has.
+//! In: a path, which may be a name in an object store. Out: the file's bytes, and no more than the
+//! caller allows. Only regular files are opened, because a pipe or a device may never end. Tables
+//! that are read record by record go through [`Records`], which fails where one record is longer
+//! than any table has.
 
 use super::objects::{self, in_object_store};
 use std::fs::File;
@@ -16,7 +18,8 @@ pub const MOST_CRITIQUE_BYTES: u64 = 64 << 20;
 /// Most bytes of one record of a table, with the comment lines before it.
 pub const MOST_RECORD_BYTES: u64 = 4 << 20;
 
-/// Opens a regular file, and nothing else. Of an object it opens a copy, which has no name.
+/// Opens a regular file; anything else is an error of kind `InvalidInput`. An object is fetched,
+/// and its copy, which has no name, is opened.
 pub fn open(path: &Path) -> io::Result<File> {
     if in_object_store(path) {
         return objects::fetch(path);
@@ -28,8 +31,8 @@ pub fn open(path: &Path) -> io::Result<File> {
             "not a file (a directory, a pipe or a device)",
         )),
     };
-    // before it is opened, because opening a pipe waits for a writer; and again after, because it may have
-    // been replaced
+    // checked before the file is opened, because opening a pipe waits for a writer, and again
+    // after, because the file may have been replaced meanwhile
     regular(path.metadata()?)?;
     let file = File::open(path)?;
     regular(file.metadata()?)?;
@@ -43,7 +46,7 @@ pub fn start(path: &Path, bytes: u64) -> io::Result<Vec<u8>> {
     Ok(start)
 }
 
-/// What was read, or `None` if there is no such file.
+/// The result of reading, where a missing file is `None` instead of an error.
 pub fn if_there<T>(read: io::Result<T>) -> io::Result<Option<T>> {
     match read {
         Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
@@ -64,7 +67,8 @@ pub fn read(path: &Path, most_bytes: u64) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The same, as text; anything but UTF-8 is an error of kind `InvalidData`.
+/// All of a regular file as text, like [`read`]; anything but UTF-8 is an error of kind
+/// `InvalidData`.
 pub fn read_text(path: &Path, most_bytes: u64) -> io::Result<String> {
     String::from_utf8(read(path, most_bytes)?)
         .map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "is not UTF-8 text"))
@@ -80,18 +84,19 @@ fn too_large(what: String) -> io::Error {
     io::Error::new(io::ErrorKind::FileTooLarge, what)
 }
 
-/// Reads the bytes of a table, and fails where a record, or all of them together, are longer than allowed.
-/// The caller says where a record ends. A quote that is never closed would otherwise make one record of the
-/// whole file.
+/// Reads the bytes of a table, and fails where one record, or the whole table, is longer than
+/// allowed. The caller says after each record that it has ended. Without this, a quote that is
+/// never closed would make one record of the whole file.
 pub struct Records<R> {
     input: R,
-    /// Bytes of the record under way, and of all so far.
+    /// Bytes read since the last record ended, and bytes read so far.
     of_record: u64,
     of_all: u64,
     most_bytes: u64,
 }
 
 impl<R: Read> Records<R> {
+    /// `most_bytes`: the most that all records together may have.
     pub fn new(input: R, most_bytes: u64) -> Records<R> {
         Records { input, of_record: 0, of_all: 0, most_bytes }
     }

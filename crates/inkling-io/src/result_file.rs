@@ -1,8 +1,14 @@
-//! What kind of file inkling has written, told by how it begins, by the keys of its JSON, or by a table's
-//! footer.
+//! Tells which kind of inkling's results a file is: by how it begins, by the keys of its JSON, or
+//! by a table's footer.
 //!
-//! A result overwrites only an earlier result of its own kind, and whoever names a wrong file is told what it
-//! is instead. In: a file. Out: its kind, if inkling made it.
+//! In: a file. Out: its [`ResultFile`], or `None` if inkling did not make it or it does not say so.
+//! Two callers need this: `outputs.rs`, because a result may overwrite only an earlier result of
+//! its own kind; and readers, which tell whoever names a wrong file what it is instead
+//! ([`instead`]).
+//!
+//! Recognised are: Parquet by `PAR1` and the word `inkling` in its footer; MCAP by its magic and
+//! the library `inkling` in its header; JSON by its top-level keys (`BY_KEYS`); HTML and manual
+//! pages by a mark in the first 1024 bytes.
 
 use super::mcap_records::{MAGIC, RECORD_HEADER};
 use super::parquet_file::footer_of;
@@ -37,19 +43,19 @@ pub enum ResultFile {
     Table,
     /// The table of faults over recordings, beside a report's page.
     Faults,
-    /// A file that does not say who made it. Its neighbours, which the same run wrote, do.
+    /// A file that does not say who made it. The files beside it, which the same run wrote, say it.
     Companion,
 }
 
-/// A file says what it is within so many bytes of its beginning.
+/// Bytes at the beginning of a file that are searched for a mark.
 const HEAD_BYTES: u64 = 1024;
-/// Most bytes of a table's footer, in which it says what it is.
+/// Most bytes of a table's footer that is searched for marks.
 const MOST_FOOTER_BYTES: u64 = 16 << 20;
-/// Most bytes of a line of a journal.
+/// Most bytes of the first line of a file of JSON that are tried as a document of their own.
 const MOST_LINE_BYTES: u64 = 4 << 20;
 
-/// Kinds of JSON, each by keys that it has and no kind above it has. The first kind whose keys are all there
-/// is taken.
+/// Kinds of JSON, each with keys that tell it. The first kind whose keys are all there is taken, so
+/// a kind with few keys stands after those that have the same keys and more.
 const BY_KEYS: [(ResultFile, &[&str]); 9] = [
     (ResultFile::Design, &["version", "sample_period_s", "pooled"]),
     (ResultFile::Critique, &["version", "verdict", "causes"]),
@@ -75,7 +81,7 @@ impl ResultFile {
         ResultFile::of_file(regular_file::open(path)?)
     }
 
-    /// The same for an opened file.
+    /// The kind of an opened file, which stands at its first byte.
     fn of_file(mut file: File) -> std::io::Result<Option<ResultFile>> {
         let mut head = Vec::new();
         file.by_ref().take(HEAD_BYTES).read_to_end(&mut head)?;
@@ -97,8 +103,8 @@ impl ResultFile {
         })
     }
 
-    /// What people call a kind of file, and what it can be used for on a command line; nothing if it has no
-    /// such use.
+    /// What people call a kind of file, and what it can be used for on a command line (empty if it
+    /// has no such use).
     fn words(self) -> (&'static str, &'static str) {
         match self {
             ResultFile::Design => ("design", "--design takes it"),
@@ -136,7 +142,8 @@ pub fn instead(path: &Path) -> String {
     format!(", but {article} {name}{used}")
 }
 
-/// The same, unless the file is of the kind that was `asked_for`: then `what` is wrong with it.
+/// Like [`instead`], but if the file is of the kind that was `asked_for` (a word of that kind's
+/// name), or of no known kind, the text says `what` is wrong with it.
 pub fn instead_or(path: &Path, asked_for: &str, what: &str) -> String {
     match instead(path) {
         instead if instead.is_empty() || instead.contains(asked_for) => format!(": {what}"),
@@ -154,24 +161,27 @@ fn library(head: &[u8]) -> Option<&[u8]> {
     text(profile_at + 4 + text(profile_at)?.len())
 }
 
-/// The kind of a file of JSON: one document, or lines of them. A journal whose only line was cut short by a
-/// power cut is known by how it begins.
+/// The kind of a file of JSON, which is one document or lines of documents. A journal whose only
+/// line was cut short by a power cut is known by how it begins.
 fn of_json(mut file: File) -> std::io::Result<Option<ResultFile>> {
     let keys = |text: &[u8]| serde_json::from_slice::<BTreeMap<String, IgnoredAny>>(text).ok();
     let of = |keys: BTreeMap<String, IgnoredAny>| {
         let has = |all: &[&str]| all.iter().all(|key| keys.contains_key(*key));
         BY_KEYS.iter().find(|(_, all)| has(all)).map(|(kind, _)| *kind)
     };
+    // 1. the first line by itself: all of a document on one line, or a line of a journal
     file.rewind()?;
     let (mut file, mut text) = (BufReader::new(file), Vec::new());
     file.by_ref().take(MOST_LINE_BYTES).read_until(b'\n', &mut text)?;
     if let Some(keys) = keys(&text) {
         return Ok(of(keys)); // a journal may be long, and each of its lines says what it is
     }
+    // 2. the whole file as one document; else its first line that is a document, unless the first
+    //    line is a bracket alone, as in a document over several lines
     let is_line = text.len() > 2;
     file.read_to_end(&mut text)?;
     let lines = || text.split(|byte| *byte == b'\n').filter(|_| is_line).filter_map(keys).next();
-    // baselines are one line, too
+    // 3. a single line that was cut short: a journal's, unless it goes on like that of baselines
     let is_of_state = text.windows(9).any(|part| part == b",\"design\"");
     let is_torn = text.starts_with(b"{\"version\":") && !text.contains(&b'\n') && !is_of_state;
     Ok(match keys(&text).or_else(lines) {

@@ -1,8 +1,10 @@
-//! Parquet tables with a row for each item, such as an episode or a fault. One list of columns serves writing
-//! and reading. An item is JSON whose keys are the names of the columns, so that any struct with serde can be
-//! a row.
+//! Writes and reads Parquet tables with a row for each item, such as an episode or a fault. One
+//! list of [`Column`]s serves writing and reading.
 //!
-//! These tables are small. Verdict tables, which are large, are written run by run (`verdict_table.rs`).
+//! In and out: items as JSON objects whose keys are the names of the columns, so that any struct
+//! with serde can be a row; between them Arrow batches. `episode_table.rs` and the report's table
+//! of faults (`src/cli/report_page.rs`) use it. These tables are small. Verdict tables, which are
+//! large, are written run by run (`verdict_table.rs`).
 
 use super::arrow_cells::ReadColumn;
 use super::column_types::{TimestampUnit, text, time, times};
@@ -58,12 +60,12 @@ impl Column {
         Column { nullable: true, ..Column::required(name, kind) }
     }
 
-    /// The same column, which other tools' and earlier versions' tables may lack.
+    /// The same column, marked as one that tables of other tools or earlier versions may lack.
     pub const fn or_missing(self) -> Column {
         Column { may_be_missing: true, ..self }
     }
 
-    /// The column as Arrow sees it.
+    /// The column's name and type in Arrow.
     fn field(&self, unit: TimestampUnit) -> Field {
         let data_type = match self.kind {
             Kind::Name => text(),
@@ -75,7 +77,8 @@ impl Column {
         Field::new(self.name, data_type, self.nullable)
     }
 
-    /// The column's cells of these rows.
+    /// The cells that these rows have for the column, as an Arrow array. A value of the wrong type
+    /// becomes null; a count beyond u32 becomes the largest one.
     fn array(&self, rows: &[Value], unit: TimestampUnit) -> ArrayRef {
         let cells = rows.iter().map(|row| &row[self.name]);
         match self.kind {
@@ -116,7 +119,7 @@ impl Column {
     }
 }
 
-/// All columns as Arrow sees them.
+/// The Arrow schema of these columns.
 pub fn schema(columns: &[Column], unit: TimestampUnit) -> Schema {
     Schema::new(columns.iter().map(|column| column.field(unit)).collect::<Vec<_>>())
 }
@@ -133,7 +136,8 @@ pub fn batch(
     RecordBatch::try_new(schema, arrays)
 }
 
-/// Items from the rows of a batch. An error says what does not fit.
+/// Items from the rows of a batch that was read. An error says which column is missing or does not
+/// fit, or what serde says.
 pub fn rows<T: DeserializeOwned>(
     columns: &[Column],
     batch: &RecordBatch,
@@ -157,7 +161,7 @@ pub fn rows<T: DeserializeOwned>(
     rows.into_iter().map(row).collect()
 }
 
-/// The file of a table, which the parquet crate encodes.
+/// A table that is being written; the parquet crate encodes it.
 pub struct TableWriter {
     writer: ArrowWriter<BufWriter<File>>,
     part: PartFile,
@@ -188,7 +192,7 @@ impl TableWriter {
     }
 }
 
-/// Writes a table of one batch.
+/// Writes a whole table of one batch, under its name.
 pub fn write(path: &Path, batch: &RecordBatch) -> Result<(), TableError> {
     let mut table = TableWriter::create(path, batch.schema())?;
     table.write(batch)?;

@@ -1,9 +1,10 @@
-//! One run at a time in a directory of results.
+//! The lock of a directory of results: one run of `replay` at a time.
 //!
-//! The lock is the system's lock on an open file, so it ends with the process that holds it, however that
-//! ends. The file itself stays. It says who held it last, and while a run is under way, which recordings it
-//! is to judge. So a report of the results that a killed run left behind can say that they are incomplete
-//! ([`unfinished`]).
+//! The lock is the system's lock on an open file (`.inkling.lock`), so it ends with the process
+//! that holds it, however that process ends. The file itself stays. Its first line says who held
+//! the lock last; while a run is under way, the further lines say which recordings it is to judge
+//! (one JSON object each). So a report of the results that a killed run left behind can say that
+//! they are incomplete ([`unfinished`]).
 
 use super::file_error::FileError;
 use super::objects::in_object_store;
@@ -13,19 +14,20 @@ use std::fs::{File, TryLockError};
 use std::io::{BufRead, BufReader, Read, Seek, Write};
 use std::path::Path;
 
-/// Name of the file.
+/// Name of the file in the directory of results.
 pub const LOCK_NAME: &str = ".inkling.lock";
 /// Most bytes of the file that are read; a million recordings take less.
 const MOST_BYTES: u64 = 1 << 30;
 
-/// The lock. It is held until it is dropped, or its process ends.
+/// The lock of a directory. It is held until this value is dropped or the process ends.
 #[derive(Debug)]
 pub struct RunLock {
+    /// The open file that is locked; `None` in an object store.
     file: Option<File>,
     /// The first line of the file: who holds the lock since when.
     said: String,
-    /// The file system, or an object store, knows no locks: a second run would not be noticed. The caller
-    /// warns.
+    /// Whether there is no lock, because the file system or the object store knows none: then a
+    /// second run would not be noticed. The caller warns.
     pub blind: bool,
 }
 
@@ -59,7 +61,7 @@ impl RunLock {
         Ok(RunLock { file: Some(file), said, blind })
     }
 
-    /// Writes which recordings are to be judged.
+    /// Writes which recordings this run is to judge.
     pub fn plan(&mut self, recordings: &[ToJudge]) -> std::io::Result<()> {
         let Some(file) = &mut self.file else { return Ok(()) };
         let mut text = self.said.clone();
@@ -70,7 +72,8 @@ impl RunLock {
         say(file, &text)
     }
 
-    /// Writes that the run came to its end: it has told of each recording what became of it.
+    /// Writes that the run came to its end, when the run has told of each recording what became of
+    /// it: the list of recordings is removed.
     pub fn over(mut self) {
         if let Some(file) = &mut self.file {
             let _ = say(file, &self.said); // if this fails, the run looks like one that was killed
@@ -78,7 +81,7 @@ impl RunLock {
     }
 }
 
-/// Replaces the text of the file.
+/// Replaces the text of the lock's file.
 fn say(file: &mut File, text: &str) -> std::io::Result<()> {
     file.set_len(0)?;
     file.rewind()?;
@@ -88,21 +91,22 @@ fn say(file: &mut File, text: &str) -> std::io::Result<()> {
 /// A recording that a run is to judge.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ToJudge {
-    /// What people call it.
+    /// What people call the recording.
     pub recording: String,
-    /// Its path, absolute and without links.
+    /// The recording's path, absolute and without links.
     pub path: String,
 }
 
 /// A run that has not ended, or was killed, and what it was to judge.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Unfinished {
-    /// When it began, RFC 3339.
+    /// When the run began, RFC 3339.
     pub since: String,
     pub recordings: Vec<ToJudge>,
 }
 
-/// What a run in this directory has not ended. `None`: the last run came to its end, or there was none.
+/// The run in this directory that is under way or was killed. `None`: the last run came to its end,
+/// or there was none.
 pub fn unfinished(dir: &Path) -> Option<Unfinished> {
     let text = regular_file::read_text(&dir.join(LOCK_NAME), MOST_BYTES).ok()?;
     let mut lines = text.lines();

@@ -1,23 +1,30 @@
-//! Puts decays that others recorded on a regular grid of times; `inkling convert` uses it for tables.
+//! Puts decays that others recorded on a regular grid of times; `inkling convert` uses it for
+//! tables whose rows are samples.
 //!
-//! In: the decays of a table. Out: [`Sampled`], with every decay on one common sample period. A table that is
-//! not regularly sampled is refused with where and how irregular it is, unless resampling is asked for.
+//! In, from `src/cli/convert`: the decays of a table, with times in the table's unit. Out:
+//! [`Sampled`], with every decay on one common sample period. A table that is not regularly sampled
+//! is refused with where and how irregular it is, unless resampling is asked for.
 //!
-//! Times written with few digits (33 and 34 ms for 1/30 s) are regular: what counts is how far they lie from
-//! a regular grid, in sample periods. Resampling is a natural cubic spline through the samples that are
-//! there.
+//! Without resampling: each decay's period is the least-squares slope of its times
+//! (`fitted_period`); all periods must agree to 1e-3; the median is the common period; then each
+//! time must lie within 3 % of a period from a regular grid (`as_written`). So times written with
+//! few digits (33 and 34 ms for 1/30 s) are regular. With resampling: the period is the usual step
+//! (`median_step`), and each output is interpolated by a natural cubic spline through the samples
+//! that are there (`resampled`).
 
 use super::table_file::Decay;
 use inkling_core::model::median::median;
 
-/// A time may lie this far from the regular grid, in sample periods. At eight samples per oscillation that is
-/// a phase error of 2 % of a radian. Times at 30 Hz that are rounded to milliseconds lie half as far off.
+/// How far a time may lie from the regular grid, in sample periods. At eight samples per
+/// oscillation that is a phase error of 2 % of a radian. Times at 30 Hz that are rounded to
+/// milliseconds lie half as far off.
 const MOST_OFF_GRID: f64 = 0.03;
-/// The sample periods of two decays of one table may differ by this much, relative.
+/// How much the sample period of a decay may differ from the table's median period, relative.
+/// Somewhat arbitrary.
 const MOST_PERIOD_DIFFERENCE: f64 = 1e-3;
 /// Most samples of one signal that a recording may hold.
 pub const MOST_SAMPLES: usize = 65_536;
-/// A decay with fewer samples is refused.
+/// Fewest samples of a decay.
 const FEWEST_SAMPLES: usize = 4;
 
 /// Decays on one sample period, and what had to be done for that.
@@ -28,9 +35,9 @@ pub struct Sampled {
     pub decays: Vec<Decay>,
     /// Largest distance of a written time from the grid, in sample periods.
     pub most_off_grid: f64,
-    /// Samples that were interpolated because none was written at their time.
+    /// How many samples were interpolated, because none was written near their time.
     pub interpolated: usize,
-    /// Cells that were missing, or not numbers.
+    /// How many cells were missing, or not numbers.
     pub missing: usize,
 }
 
@@ -46,7 +53,7 @@ pub fn sample(decays: Vec<Decay>, time: &str, resample: bool) -> Result<Sampled,
             fitted_period(&decay.times)
         });
     }
-    // without resampling, all decays must already have one period
+    // the common period; without resampling, all decays must already have it
     let common = median(&mut periods.clone());
     let differs = |own: f64| (own / common - 1.0).abs() > MOST_PERIOD_DIFFERENCE;
     let other = decays.iter().zip(&periods).find(|(_, own)| !resample && differs(**own));
@@ -68,14 +75,14 @@ pub fn sample(decays: Vec<Decay>, time: &str, resample: bool) -> Result<Sampled,
     Ok(sampled)
 }
 
-/// The decays of a table whose rows are samples one after the other, whatever stands beside them. The sample
+/// The decays of a table whose rows count as samples one after the other, without times. The sample
 /// period is 1; the caller knows the true one.
 pub fn as_listed(decays: Vec<Decay>) -> Result<Sampled, String> {
     decays.iter().try_for_each(|decay| too_long(decay, decay.times.len()))?;
     Ok(Sampled { period: 1.0, missing: cells_missing(&decays), decays, ..Sampled::default() })
 }
 
-/// Times on a regular grid.
+/// The times of a regular grid.
 fn grid(start: f64, period: f64, samples: usize) -> Vec<f64> {
     (0..samples).map(|k| start + k as f64 * period).collect()
 }
@@ -93,8 +100,8 @@ fn refused(decay: &Decay, what: String) -> String {
     format!("{}: {what}", named(decay))
 }
 
-/// Refuses a decay that is too short, whose times do not increase, or whose times are too large to be told
-/// apart as f64.
+/// Refuses a decay that is too short, whose times do not increase, or whose times are so large that
+/// f64 cannot hold steps of 3 % of a period. `time`: the name of the column of times.
 fn check(decay: &Decay, time: &str) -> Result<(), String> {
     let n = decay.times.len();
     if n < FEWEST_SAMPLES {
@@ -132,8 +139,9 @@ fn cells_missing(decays: &[Decay]) -> usize {
     decays.iter().flat_map(|d| &d.outputs).flatten().filter(|y| y.is_nan()).count()
 }
 
-/// Sample period of regular times: the slope of the times over their numbers, by least squares, so that the
-/// rounding of written times averages out.
+/// The sample period of regular times, in their unit: the slope of the times t_k over their numbers
+/// k by least squares, sum (k - mean k)(t_k - mean t) / sum (k - mean k)^2, so that the rounding of
+/// written times averages out.
 fn fitted_period(times: &[f64]) -> f64 {
     let n = times.len() as f64;
     let (mean_k, mean_t) = ((n - 1.0) / 2.0, times.iter().sum::<f64>() / n);
@@ -146,8 +154,10 @@ fn fitted_period(times: &[f64]) -> f64 {
     kt / kk
 }
 
-/// Sample period of times with gaps: the usual step, refined by least squares over the multiples of it that
-/// the rows lie at. Of irregular times it is the median step.
+/// The sample period of times with gaps: the median step, refined. If every step is (to 0.1) a
+/// multiple of the median step, each time t has a number k on a grid from the first time on, and
+/// the period is sum k (t - t_0) / sum k^2 (least squares). If not, the times are irregular, and
+/// the median step itself is given.
 fn median_step(times: &[f64]) -> f64 {
     let mut steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).collect();
     let step = median(&mut steps);
@@ -165,11 +175,13 @@ fn median_step(times: &[f64]) -> f64 {
     if kk > 0.0 { kt / kk } else { step }
 }
 
-/// A decay whose samples stay as they are, on the regular grid that lies nearest. It is refused if a time
-/// lies too far from that grid; the error says whether rows are missing or the sampling is irregular.
+/// A decay whose samples stay as they are, moved to the nearest regular grid of this period. It is
+/// refused if a time lies too far from that grid; the error says whether rows are missing or the
+/// sampling is irregular. `so_far` learns the largest distance.
 fn as_written(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, String> {
     let n = decay.times.len();
-    // the grid has the times' mean, so that rounding errors of the first time do not shift it
+    // the grid has the same mean as the times, so that a rounding error of the first time does not
+    // shift it
     let centre = decay.times.iter().sum::<f64>() / n as f64;
     let start = centre - period * (n as f64 - 1.0) / 2.0;
     // how far a time lies from the grid, in sample periods
@@ -182,6 +194,7 @@ fn as_written(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, 
         uneven += usize::from(off(k).abs() > MOST_OFF_GRID);
     }
 
+    // refused: are rows missing, or is the sampling irregular?
     if off(worst).abs() > MOST_OFF_GRID {
         if let Some(what) = missing(&decay.times) {
             return Err(refused(&decay, what));
@@ -206,8 +219,8 @@ fn as_written(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, 
     Ok(Decay { times: grid(start, period, n), ..decay })
 }
 
-/// Where rows are missing, in words, if the times lie on a grid but for those. `None`: no row is missing, or
-/// there is no such grid.
+/// Says in words where rows are missing, if the times lie on a grid except for missing rows.
+/// `None`: no row is missing, or there is no such grid.
 fn missing(times: &[f64]) -> Option<String> {
     const MOST_TOLD: usize = 3;
     let period = median_step(times);
@@ -215,7 +228,7 @@ fn missing(times: &[f64]) -> Option<String> {
     for pair in times.windows(2) {
         let steps = ((pair[1] - pair[0]) / period).round();
         k += steps;
-        // 2: the period is estimated from the same times
+        // twice the usual distance, because the period is estimated from the same times (heuristic)
         if steps < 1.0 || ((pair[1] - times[0]) / period - k).abs() > 2.0 * MOST_OFF_GRID {
             return None;
         }
@@ -253,9 +266,11 @@ fn too_long(decay: &Decay, samples: usize) -> Result<(), String> {
     if samples > MOST_SAMPLES { Err(refused(decay, what)) } else { Ok(()) }
 }
 
-/// A decay interpolated to a regular grid over the time that all its outputs cover: nothing is extrapolated.
-/// Missing cells are passed over, each output for itself.
+/// A decay interpolated to a regular grid of this period, over the time that all its outputs cover:
+/// nothing is extrapolated. Missing cells are passed over, each output for itself. `so_far` counts
+/// the samples that have no written sample within 3 % of a period.
 fn resampled(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, String> {
+    // 1. for each output its samples that are there; the grid spans what all outputs cover
     let mut known = Vec::new();
     let (mut start, mut end) = (f64::NEG_INFINITY, f64::INFINITY);
     for column in &decay.outputs {
@@ -268,7 +283,7 @@ fn resampled(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, S
         (start, end) = (start.max(t[0]), end.min(t[t.len() - 1]));
         known.push((t, y));
     }
-    // a hair more: the last sample must not be lost to rounding
+    // 2. how many steps fit; 1e-6 more, so that the last sample is not lost to rounding
     let steps = ((end - start) / period + 1e-6).floor();
     if steps.is_nan() || steps + 1.0 < FEWEST_SAMPLES as f64 {
         let what = "its outputs have no span of time in common".to_owned();
@@ -276,6 +291,7 @@ fn resampled(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, S
     }
     too_long(&decay, steps.min(1e15) as usize + 1)?;
     let n = steps as usize + 1;
+    // 3. the spline of each output, read at the grid's times
     let mut outputs = Vec::new();
     for (t, y) in &known {
         let spline = Spline::new(t, y);
@@ -291,21 +307,24 @@ fn resampled(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, S
     Ok(Decay { times: grid(start, period, n), outputs, ..decay })
 }
 
-/// The natural cubic spline through the points (t, y); t increases.
+/// The natural cubic spline through the points (t, y), where t increases: cubic between knots, with
+/// continuous first and second derivatives, and no curvature at the ends.
 struct Spline<'a> {
     t: &'a [f64],
     y: &'a [f64],
-    /// Second derivatives at the knots.
+    /// Second derivatives of the spline at the knots.
     bend: Vec<f64>,
 }
 
 impl Spline<'_> {
-    /// Solves the tridiagonal equations for the second derivatives, which are 0 at both ends.
+    /// Solves the tridiagonal equations for the second derivatives m, by the Thomas algorithm: (1 -
+    /// s_i) m_(i+1) + 2 m_i + s_i m_(i-1) = 6 (difference of slopes at i) / (t_(i+1) - t_(i-1)),
+    /// where s_i is the share of the step before the knot (`share`), and m is 0 at both ends.
     fn new<'a>(t: &'a [f64], y: &'a [f64]) -> Spline<'a> {
         let n = t.len();
         let (mut bend, mut upper) = (vec![0.0; n], vec![0.0; n]);
         for i in 1..n - 1 {
-            // forward elimination of the tridiagonal system, row by row
+            // forward elimination, row by row; `bend` holds the factors of the back substitution
             let share = (t[i] - t[i - 1]) / (t[i + 1] - t[i - 1]);
             let pivot = share * bend[i - 1] + 2.0;
             bend[i] = (share - 1.0) / pivot;
@@ -321,12 +340,13 @@ impl Spline<'_> {
         Spline { t, y, bend }
     }
 
-    /// The value at a time, and how far the nearest knot is from it.
+    /// The spline's value at a time, and how far that time lies from the nearest knot.
     fn at(&self, t: f64) -> (f64, f64) {
         let right = self.t.partition_point(|knot| *knot < t).clamp(1, self.t.len() - 1);
         let left = right - 1;
         let h = self.t[right] - self.t[left];
         let (a, b) = ((self.t[right] - t) / h, (t - self.t[left]) / h);
+        // the chord between the two knots, and the curvature beyond it
         let bent = (a.powi(3) - a) * self.bend[left] + (b.powi(3) - b) * self.bend[right];
         let value = a * self.y[left] + b * self.y[right] + bent * h * h / 6.0;
         (value, (t - self.t[left]).abs().min((self.t[right] - t).abs()))

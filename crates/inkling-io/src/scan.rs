@@ -1,15 +1,19 @@
-//! Finds where the blocks of a recording lie.
+//! Finds where the blocks of a recording lie, and where it is damaged.
 //!
-//! In: an opened file. Out: [`Block`]s in file order, found from the headers of records and chunks without
-//! reading what they hold, and [`Damage`] of two sorts. A record whose length is believed, but that cannot
-//! be used (too large, or at odds with itself), is lost alone. Where the framing is broken (a record's
-//! length cannot be true, or a record stands where it cannot be) the scan goes on at the next chunk that
-//! has a checksum and verifies, because chunks hold nearly all data and can be recognised by themselves.
-//! Messages outside chunks and chunks without a checksum are lost up to there.
+//! In: an opened file. Out: [`Block`]s in file order, for workers to read and decode, and
+//! [`Damage`]. Only headers of records and chunks are read, not what records hold. A block is a
+//! chunk record, or a run: consecutive messages outside chunks, with the schemas and channels among
+//! them, up to 1 MiB.
 //!
-//! A chunk is a block, and so is a run: consecutive messages outside chunks, with the schemas and channels
-//! among them. In a recording that is being written, what is not whole may still become so, and
-//! [`Blocks::poll`] says that it is pending.
+//! Each turn of [`Blocks::poll`] looks at the record at `at` and decides on a `Step`. There are
+//! two sorts of damage. A record whose length is believed, but that cannot be used (too large, or
+//! at odds with itself), is lost alone. Where the framing is broken (a record's length cannot be
+//! true, or a record stands where it cannot be), the scan goes on at the next chunk that has a
+//! checksum and verifies (`find_chunk`), because chunks hold nearly all data and can be recognised
+//! by themselves. Messages outside chunks and chunks without a checksum are lost up to there.
+//!
+//! In a recording that is being written, a record that is not whole may still become so, and
+//! [`Blocks::poll`] says that the next block is pending.
 
 use super::Limits;
 use super::block::{Block, BlockKind};
@@ -21,17 +25,18 @@ use super::source::Source;
 use std::sync::Arc;
 use std::task::Poll;
 
-/// A run of messages ends where it would become larger than this; a larger message is a run by itself.
+/// A run ends where it would become larger than this; a larger message is a run by itself.
 const RUN_BYTES: u64 = 1 << 20;
 /// In a recording that is being written, a record that claims more bytes is taken for damage instead of being
 /// waited for.
 const MOST_AWAITED_BYTES: u64 = 1 << 32;
-/// So many bytes are read at once to look at record headers.
+/// Bytes that are read at once to look at record headers.
 const WINDOW_BYTES: u64 = 16 << 10;
-/// After broken framing, places that look like chunks are tried. Once so many were tried in vain, counted
-/// over the whole recording, the rest of it is given up.
+/// After broken framing, places that look like chunks are tried. Once so many were tried in vain,
+/// counted over the whole recording, the rest of the recording is given up: a hostile file could
+/// make each try long.
 const MAX_FAILED_RESYNCS: usize = 256;
-/// A chunk's header with a compression that is known fits into this.
+/// Bytes that suffice for a chunk's header with a known compression.
 const CHUNK_HEADER_BYTES: usize = 64;
 
 /// Iterator over the blocks of a recording.
@@ -45,40 +50,45 @@ pub struct Blocks {
     growing: Option<Arc<EarlyEnds>>,
     /// The next byte that is looked at: a record should begin here.
     at: u64,
-    /// No chunk that was not given yet can begin before this byte. A search for chunks begins here: it may
-    /// lie before `at`, within a record that was stepped over although its length may have been false.
+    /// No chunk that was not given out yet can begin before this byte, so a search for chunks
+    /// begins here. It may lie before `at`, inside a record that was stepped over although its
+    /// length may have been false.
     known_until: u64,
-    /// Where the run of messages under way begins.
+    /// Where the run under way begins; `None`: there is none.
     run_from: Option<u64>,
     /// Whether the record that ends the data section was met.
     after_data_end: bool,
+    /// Whether nothing further is given, except the run under way.
     done: bool,
+    /// Number of the next block.
     index: u64,
+    /// How many places were tried in vain after broken framing.
     failed_resyncs: usize,
-    /// Bytes of the file that were read last, and where they begin.
+    /// The bytes of the file that were read last, and the offset at which they begin.
     window: Vec<u8>,
     window_at: u64,
 }
 
 /// What to do with the record that is looked at.
 enum Step {
-    /// It holds nothing for us, and no chunk can begin in it before `known_until`.
+    /// The record holds nothing for us, and no chunk can begin in it before `known_until`.
     Skip { known_until: u64 },
-    /// It belongs to a run of messages: a message, schema or channel outside chunks.
+    /// The record belongs to a run: it is a message, schema or channel outside chunks.
     Run,
-    /// It is a chunk; no other chunk can begin before `known_until`.
+    /// The record is a chunk; no other chunk can begin before `known_until`.
     Chunk { known_until: u64 },
-    /// Its bytes are lost, but its length is believed: the scan goes on behind it.
+    /// The record's bytes are lost, but its length is believed: the scan goes on behind it.
     Lost(String),
-    /// Not even its length is believed: a chunk must be searched for.
+    /// Not even the record's length is believed: a chunk must be searched for.
     Broken(String),
-    /// It is not whole yet.
+    /// The record is not whole yet.
     NotYet,
     /// The recording, or the part of it that holds data, ends here.
     End,
 }
 
 impl Blocks {
+    /// The blocks of a whole file, from the first record on.
     pub(super) fn new(source: Arc<Source>, limits: Limits, data_end: Option<u64>) -> Blocks {
         Blocks {
             source,
@@ -97,13 +107,14 @@ impl Blocks {
         }
     }
 
-    /// The same for a recording that is being written. `ends`: where runs of messages ended early.
+    /// The blocks of a recording that is being written. `ends`: where runs ended early for other
+    /// readers.
     pub(super) fn growing(mut self, ends: Arc<EarlyEnds>) -> Blocks {
         self.growing = Some(ends);
         self
     }
 
-    /// Ends the recording where it is: what is not whole by now does not count any more.
+    /// Ends the recording where it is: a record that is not whole by now does not count any more.
     pub fn close(&mut self) {
         if self.growing.is_some() && !self.done {
             self.source.cut(self.at);
@@ -111,7 +122,7 @@ impl Blocks {
         (self.growing, self.done) = (None, true);
     }
 
-    /// The blocks that follow one of them; all blocks for `None`.
+    /// The blocks that follow `block`; all blocks for `None`.
     pub fn after(mut self, block: Option<&Block>) -> Blocks {
         if let Some(block) = block {
             self.at = block.offset + block.bytes;
@@ -125,7 +136,7 @@ impl Blocks {
         self.data_end.unwrap_or(self.source.bytes())
     }
 
-    /// The bytes from `at` on: at least `want` of them, if there are so many.
+    /// The bytes from `at` on: at least `want` of them, or up to the end if there are fewer.
     fn peek(&mut self, at: u64, want: u64) -> std::io::Result<&[u8]> {
         let end = self.end();
         let want_end = at.saturating_add(want).min(end);
@@ -142,7 +153,8 @@ impl Blocks {
         Ok(&self.window[(at - self.window_at) as usize..])
     }
 
-    /// Looks at the record at `self.at`; gives what to do with it, and where it ends.
+    /// Looks at the record at `self.at`; gives what to do with it, and where it ends. Whether it is
+    /// whole is decided here, whether it can be used in `step_record`.
     fn step(&mut self) -> std::io::Result<(Step, u64)> {
         let (at, end) = (self.at, self.end());
         if at >= end {
@@ -171,7 +183,7 @@ impl Blocks {
         Ok((self.step_record(at, header, next)?, next))
     }
 
-    /// Looks at a record that is whole, from `at` to `next`.
+    /// Looks at a record that is whole, from `at` to `next`; the kind decides.
     fn step_record(&mut self, at: u64, header: RecordHeader, next: u64) -> std::io::Result<Step> {
         let (end, growing) = (self.end(), self.growing.is_some());
         let RecordHeader { opcode, body_bytes } = header;
@@ -180,15 +192,15 @@ impl Blocks {
         Ok(match opcode {
             op::HEADER if at == MAGIC.len() as u64 => skip,
             _ if at == MAGIC.len() as u64 => Step::Broken("no header record".into()),
-            // those of the summary, which repeats the definitions
+            // schemas and channels of the summary, which repeats definitions
             op::SCHEMA | op::CHANNEL if growing && self.after_data_end => skip,
             op::SCHEMA | op::CHANNEL if next - at > self.limits.record_bytes => {
                 Step::Lost(format!("schema or channel of {body_bytes} bytes, beyond the limit"))
             }
             op::SCHEMA | op::CHANNEL | op::MESSAGE => Step::Run,
             op::CHUNK => self.step_chunk(body_at, body_bytes)?,
-            // the length of its entries must fit into the record: a record whose kind was hit by damage is
-            // noticed so
+            // the length of the index's entries must fit into the record: so a record whose kind
+            // was changed by damage is noticed
             op::MESSAGE_INDEX => {
                 let ids = self.peek(body_at, 6)?;
                 let map_bytes = ids.get(2..6).and_then(|b| b.first_chunk().copied());
@@ -218,8 +230,8 @@ impl Blocks {
             op::FOOTER if growing && self.after_data_end && next + MAGIC.len() as u64 > end => {
                 Step::NotYet
             }
-            // Kinds of later versions and private ones are to be skipped; but not a chunk whose kind was hit
-            // by damage.
+            // Records of later versions and private ones are to be skipped; but not a chunk whose
+            // kind was changed by damage.
             0x10..=0xff => {
                 let body = self.peek(body_at, CHUNK_HEADER_BYTES as u64)?;
                 if plausible_chunk(body, body_bytes, u64::MAX).is_some() {
@@ -232,7 +244,7 @@ impl Blocks {
         })
     }
 
-    /// What to do where no record follows.
+    /// What to do at the end of the scan, where no record follows.
     fn step_at_end(&self) -> Step {
         match self.data_end {
             _ if self.growing.is_some() => Step::NotYet,
@@ -241,7 +253,8 @@ impl Blocks {
         }
     }
 
-    /// Looks at a chunk's header, which must fit into its record.
+    /// Looks at a chunk's header, which must fit into its record, as must the compressed bytes that
+    /// it claims.
     fn step_chunk(&mut self, body_at: u64, body_bytes: u64) -> std::io::Result<Step> {
         let record_bytes = body_bytes + RECORD_HEADER as u64;
         if record_bytes > self.limits.record_bytes {
@@ -260,9 +273,9 @@ impl Blocks {
         })
     }
 
-    /// Where the next chunk begins, from `from` on, that has a checksum and whose checksum verifies. Every
-    /// byte that could be a chunk's opcode is looked at. `None`: there is none, or too many were tried in
-    /// vain.
+    /// Where the next chunk begins, from `from` on, that has a checksum which verifies. Every byte
+    /// that could be a chunk's opcode is looked at: a plausible header first, which is cheap, then
+    /// the whole chunk is loaded. `None`: there is none, or too many were tried in vain.
     fn find_chunk(&mut self, from: u64) -> std::io::Result<Option<u64>> {
         let mut loader = ChunkLoader::new(self.source.clone(), self.limits);
         let (mut at, end) = (from, self.end());
@@ -283,6 +296,7 @@ impl Blocks {
             });
 
             if let Some(bytes) = found {
+                // the checksum decides
                 let block = Block { index: 0, offset: at, bytes, kind: BlockKind::Chunk };
                 if loader.load(&block, None).is_ok() {
                     return Ok(Some(at));
@@ -297,8 +311,8 @@ impl Blocks {
         Ok(None)
     }
 
-    /// Gives up what lies at `self.at`, and goes on at the next chunk that verifies; if there is none, the
-    /// recording ends.
+    /// Gives up the bytes from `self.at` on, and goes on at the next chunk that verifies; if there
+    /// is none, the recording ends. The damage is the range in between.
     fn resync(&mut self, what: String) -> Damage {
         let from = self.known_until.max(MAGIC.len() as u64).min(self.at.saturating_add(1));
         let to_byte = match self.find_chunk(from) {
@@ -308,35 +322,42 @@ impl Blocks {
                 self.end()
             }
         };
+        // the chunk may lie before `self.at`, inside a record that was stepped over
         let from_byte = self.at.min(to_byte);
         self.at = to_byte;
         self.known_until = to_byte;
         Damage { from_byte, to_byte, what }
     }
 
-    /// A block from `offset` to `to`, with the next number.
+    /// Makes a block from `offset` to `to`, with the next number.
     fn block(&mut self, kind: BlockKind, offset: u64, to: u64) -> Block {
         let index = self.index;
         self.index += 1;
         Block { index, offset, bytes: to - offset, kind }
     }
 
-    /// The next block, or damage. It is pending only if the recording is being written and nothing further is
-    /// whole.
+    /// The next block, or damage in its place; `None` at the end. It is pending only if the
+    /// recording is being written and nothing further is whole.
     pub fn poll(&mut self) -> Poll<Option<Result<Block, Damage>>> {
         let run_bytes = RUN_BYTES.min(self.limits.record_bytes);
         let growing = self.growing.clone();
         while !self.done {
+            // 1. what to do with the record at `at`; in a growing file nobody else decides
+            //    meanwhile
             let mut ends = growing.as_ref().map(|ends| ends.lock());
             let (step, next) = match self.step() {
                 Ok(found) => found,
                 Err(e) => (Step::Broken(format!("cannot be read: {e}")), self.end()),
             };
+
+            // 2. in a growing file: does the run under way end here for all readers?
             let is_whole = !matches!(step, Step::NotYet);
             let ends_now = ends.as_mut().filter(|_| self.run_from.is_some());
             let early = ends_now.is_some_and(|ends| ends_early(ends, self.at, is_whole));
             drop(ends);
 
+            // 3. a run that does not go on is given out, and the record is looked at again in the
+            //    next turn
             let run_goes_on = matches!(step, Step::Run)
                 && !early
                 && self.run_from.is_none_or(|from| next - from <= run_bytes);
@@ -345,6 +366,7 @@ impl Blocks {
                 return Poll::Ready(Some(Ok(self.block(BlockKind::Messages, from, self.at))));
             }
 
+            // 4. the step itself
             let at = self.at;
             match step {
                 Step::End => self.done = true,
@@ -372,7 +394,7 @@ impl Blocks {
         Poll::Ready(run.map(|from| Ok(self.block(BlockKind::Messages, from, self.at))))
     }
 
-    /// Goes on to the next record.
+    /// Goes on to the record at `next`.
     fn advance(&mut self, next: u64, known_until: u64) {
         self.at = next;
         self.known_until = known_until;
@@ -394,9 +416,9 @@ impl Iterator for Blocks {
     }
 }
 
-/// The header of a chunk, if `body` may be the beginning of one: a compression that is known, sizes and
-/// times that agree, and no more than `max_chunk_bytes` uncompressed. `body_bytes`: length of the whole
-/// body, as the record claims.
+/// The header of a chunk, if `body` may be the beginning of one: its compression is known, its
+/// sizes and times agree, and it claims no more than `max_chunk_bytes` uncompressed. `body_bytes`:
+/// length of the whole body, as the record claims.
 fn plausible_chunk(body: &[u8], body_bytes: u64, max_chunk_bytes: u64) -> Option<ChunkHeader<'_>> {
     let body = &body[..body.len().min(usize::try_from(body_bytes).unwrap_or(usize::MAX))];
     let h = ChunkHeader::parse(body)?;

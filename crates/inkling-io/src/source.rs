@@ -1,7 +1,9 @@
-//! The bytes of a recording, read by offset: a file, an object of a store, or memory.
+//! Reads the bytes of a recording by offset, wherever they lie: in a file, an object of a store, or
+//! memory.
 //!
-//! There is no shared cursor, so workers may read side by side. A file is never mapped into memory, since a
-//! mapped file that shrinks kills the process.
+//! `recording.rs` opens a source; scan, block readers and digester share it. There is no shared
+//! cursor, so workers may read side by side. A file is never mapped into memory, since a mapped
+//! file that shrinks kills the process.
 
 use super::objects::{Object, in_object_store};
 use super::pieces::Pieces;
@@ -16,9 +18,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 #[derive(Debug)]
 pub struct Source {
     storage: Storage,
-    /// Size and time of change when it was opened.
+    /// Size and time of change when the source was opened.
     stamp: Stamp,
-    /// How many bytes of it count: more and more if it is being written ([`Source::grow`]).
+    /// How many bytes count: more and more if the file is being written ([`Source::grow`]).
     bytes: AtomicU64,
 }
 
@@ -31,7 +33,8 @@ enum Storage {
 }
 
 impl Source {
-    /// Opens a file or an object. What is no regular file is an error of kind `InvalidInput`.
+    /// Opens a file or an object. A path to anything but a regular file is an error of kind
+    /// `InvalidInput`.
     pub fn open(path: &Path) -> io::Result<Source> {
         if in_object_store(path) {
             let object = Object::open(path)?;
@@ -41,7 +44,7 @@ impl Source {
         Ok(Source::new(Stamp::of(&file.metadata()?), Storage::File(file)))
     }
 
-    /// A source that is nowhere but in memory.
+    /// A source of bytes in memory.
     pub fn in_memory(pieces: Pieces) -> Source {
         let stamp = Stamp { bytes: pieces.bytes(), modified_ns: None };
         Source::new(stamp, Storage::Memory(pieces))
@@ -51,12 +54,12 @@ impl Source {
         Source { storage, stamp, bytes: AtomicU64::new(stamp.bytes) }
     }
 
-    /// Its length when it was opened, or as far as it has grown since.
+    /// The source's length: when it was opened, or as far as it has grown or was cut since.
     pub fn bytes(&self) -> u64 {
         self.bytes.load(Ordering::Acquire)
     }
 
-    /// Takes in what was written since; gives the length before and now.
+    /// Takes in what was written to the file since the last look; gives the length before and now.
     pub fn grow(&self) -> io::Result<(u64, u64)> {
         // a file that shrank keeps its length here; reading beyond its end is an error then
         let (before, now) = (self.bytes(), self.stamp()?.bytes);
@@ -66,7 +69,7 @@ impl Source {
         Ok((before, now))
     }
 
-    /// From here on only so many bytes count.
+    /// From now on only the first `bytes` bytes count.
     pub fn cut(&self, bytes: u64) {
         self.bytes.store(bytes, Ordering::Release);
     }
@@ -80,12 +83,12 @@ impl Source {
         }
     }
 
-    /// Its size and time of change when it was opened.
+    /// The source's size and time of change when it was opened.
     pub fn stamp_then(&self) -> Stamp {
         self.stamp
     }
 
-    /// Its size and time of change now.
+    /// The source's size and time of change now; of an object the server is asked.
     pub fn stamp(&self) -> io::Result<Stamp> {
         match &self.storage {
             Storage::File(file) => Ok(Stamp::of(&file.metadata()?)),
@@ -104,14 +107,15 @@ impl Source {
     }
 }
 
-/// Whether two files are one, by device and number.
+/// Whether two files are the same, by device and number.
 #[cfg(unix)]
 fn is_same(a: &Metadata, b: &Metadata) -> io::Result<bool> {
     use std::os::unix::fs::MetadataExt;
     Ok((a.dev(), a.ino()) == (b.dev(), b.ino()))
 }
 
-/// Windows tells no number here; two files created at the same time to 100 ns are taken for one.
+/// Whether two files are the same. Windows tells no number here, so two files that were created at
+/// the same time (to 100 ns) are taken for one.
 #[cfg(windows)]
 fn is_same(a: &Metadata, b: &Metadata) -> io::Result<bool> {
     use std::os::windows::fs::MetadataExt;
@@ -124,7 +128,8 @@ fn read_file_at(file: &File, offset: u64, buffer: &mut [u8]) -> io::Result<()> {
     std::os::unix::fs::FileExt::read_exact_at(file, buffer, offset)
 }
 
-/// Windows reads as much as it likes at once, so this goes on until the buffer is full.
+/// Fills a buffer from an offset. Windows may read less than asked for, so this goes on until the
+/// buffer is full.
 #[cfg(windows)]
 fn read_file_at(file: &File, mut offset: u64, mut buffer: &mut [u8]) -> io::Result<()> {
     while !buffer.is_empty() {

@@ -1,12 +1,12 @@
-//! Size and time of change of a file or an object: by these two its content is recognised without reading it.
-//!
-//! The journal keeps the stamp of each input, so that a recording that has not changed is not judged again.
+//! The stamp of a file or an object: its size and time of change, by which its content is
+//! recognised without reading it.
 
 use serde::{Deserialize, Serialize};
 use std::fs::Metadata;
 use std::time::SystemTime;
 
-/// What is compared; two inputs with equal stamps are taken for the same.
+/// Size and time of change. Two inputs at the same path with equal stamps are taken for the same
+/// content.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Stamp {
     pub bytes: u64,

@@ -1,5 +1,6 @@
-//! Asks and changes what lies under a name, be that a file's or an object's: whether it is there, its size
-//! and time, removing, renaming. Also where the files that belong to a verdict table lie.
+//! Asks about and changes files and objects of a store alike: whether one is there, its size and
+//! time, removing, renaming. Also says where the files that belong to a verdict table lie
+//! ([`beside`]).
 
 use super::objects::{self, in_object_store};
 use super::regular_file::if_there;
@@ -7,10 +8,10 @@ use super::stamp::Stamp;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// The directory for verdict tables in the layout `hive`, below the directory of results; other kinds of
-/// tables have directories of their own beside it.
+/// The directory for verdict tables in the layout `hive`, below the directory of results; other
+/// kinds of results have directories of their own beside it.
 pub const HIVE: &str = "verdicts";
-/// The name of a day's directory in the layout `hive` begins so.
+/// How the name of a day's directory in the layout `hive` begins.
 pub const DAY: &str = "day=";
 
 /// The path of a file that belongs to a recording's verdict table: `<stem>.verdicts.parquet` gives
@@ -46,7 +47,7 @@ pub fn stamp(path: &Path) -> io::Result<Stamp> {
     }
 }
 
-/// Whether there is a file or an object of this name. If that cannot be asked, there is none.
+/// Whether there is a file or an object of this name; also `false` if the question fails.
 pub fn is_file(path: &Path) -> bool {
     match in_object_store(path) {
         true => objects::stamp(path).is_ok(),
@@ -54,12 +55,12 @@ pub fn is_file(path: &Path) -> bool {
     }
 }
 
-/// Whether there is anything of that name.
+/// Whether there is anything of this name: a file, a directory or an object.
 pub fn exists(path: &Path) -> bool {
     if in_object_store(path) { is_file(path) } else { path.exists() }
 }
 
-/// Bytes of a file or an object; 0 if it is not there.
+/// Size in bytes of a file or an object; 0 if it is not there.
 pub fn bytes(path: &Path) -> u64 {
     stamp(path).map_or(0, |stamp| stamp.bytes)
 }

@@ -1,8 +1,10 @@
-//! A recording's summary, for reports: `<stem>.summary.json` beside its verdicts, or else the document in the
-//! metadata of the verdict table.
+//! Reads a recording's summary for reports: `<stem>.summary.json` beside its verdicts, or else the
+//! document in the metadata of the verdict table.
 //!
-//! In: a path. Out: the part of the summary that a report tells, without what is large, so that a report over
-//! thousands of recordings fits into memory.
+//! In: a path. Out: JSON with the few keys that a report tells (`OF_RECORDING`, of each model
+//! `OF_MODEL`, of the damage its number and first place), so that a report over thousands of
+//! recordings fits into memory. The pipeline writes summaries (`src/pipeline/finish.rs`);
+//! `schemas/summary.md` describes them.
 
 use super::regular_file::{self, if_there};
 use super::verdict_reader::document_of;
@@ -10,13 +12,13 @@ use super::{printable, stored};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
 
-/// Most bytes of a summary that is read: the models of a long recording, and all damage that its writer lists,
-/// take less.
+/// Most bytes of a summary that is read: the models of a long recording and all damage that a
+/// summary lists take less.
 const MOST_BYTES: u64 = 64 << 20;
 /// The keys that a report needs of a recording.
 const OF_RECORDING: [&str; 6] =
     ["recording", "counts", "expected", "classes", "not_judged", "unread"];
-/// The keys that it needs of a model.
+/// The keys that a report needs of each model.
 const OF_MODEL: [&str; 4] = ["printhead", "valid_from", "temperature_c", "poles"];
 
 /// The summary that belongs to a verdict table: `<stem>.verdicts.parquet` gives `<stem>.summary.json`.
@@ -24,7 +26,8 @@ pub fn path_beside(verdicts: &Path) -> PathBuf {
     stored::beside(verdicts, "summary.json")
 }
 
-/// The summary of a recording. `Ok(None)`: there is no such file.
+/// Reads a summary. `Ok(None)`: there is no such file. An error says in words why it cannot be read
+/// or is no summary.
 pub fn read(path: &Path) -> Result<Option<Value>, String> {
     let failed = |what: String| format!("{}: {what}", path.display());
     let there = if_there(regular_file::read(path, MOST_BYTES));
@@ -38,8 +41,8 @@ pub fn read(path: &Path) -> Result<Option<Value>, String> {
     }
 }
 
-/// What a report needs of the metadata document of a verdict table, which lists no damage; null if there is
-/// no such document.
+/// The part that a report needs of a verdict table's metadata document (its JSON text). That
+/// document lists no damage. Null if there is none.
 pub fn of_metadata(json: Option<&str>) -> Value {
     json.and_then(|json| serde_json::from_str(json).ok())
         .filter(Value::is_object)
@@ -47,12 +50,14 @@ pub fn of_metadata(json: Option<&str>) -> Value {
         .unwrap_or_default()
 }
 
-/// What a report needs of the metadata document of a verdict table on disk, with nulls if there is none.
+/// The part that a report needs of the metadata document of a verdict table on disk; its keys are
+/// null if there is none.
 pub fn of_table(verdicts: &Path) -> Value {
     reported(document_of(verdicts))
 }
 
-/// The part of a summary that a report needs. Of the damage that is the first place and how many there are.
+/// The part of a summary that a report needs. Of the damage it has how many places there are, and
+/// what is wrong at the first.
 fn reported(mut document: Value) -> Value {
     let mut kept: Map<String, Value> =
         OF_RECORDING.iter().map(|key| ((*key).to_owned(), taken(&mut document, key))).collect();

@@ -1,15 +1,18 @@
-//! Tables that other programs wrote, of which `inkling convert` makes recordings: the type [`Table`], and the
-//! reader of CSV. `columnar.rs` reads Parquet and Arrow, and `numpy.rs` arrays, into the same type.
+//! Reads tables of CSV that other programs wrote, of which `inkling convert` makes recordings, and
+//! defines the type [`Table`] for all foreign tables. `columnar.rs` reads Parquet and Arrow, and
+//! `numpy.rs` arrays, into the same type.
 //!
-//! In: CSV, and which columns are what ([`Columns`]). Out: a [`Table`] of decays. A decay has the times of
-//! its samples and one column of samples for each output (what was measured); it becomes a burst, and its
-//! outputs become the channels. Nothing is moved to a regular grid here: `sampling.rs` does that.
+//! In, from `src/cli/convert`: CSV, and which columns are what ([`Columns`]). Out: a [`Table`] of
+//! decays. A decay has the times of its samples (in the table's unit) and one column of samples for
+//! each output (what was measured); it becomes a burst, and its outputs become the burst's
+//! channels. Rows with the same burst and printhead are one decay. Nothing is moved to a regular
+//! grid here: `sampling.rs` does that.
 //!
-//! Cells are separated by comma, semicolon or tab; with semicolon and tab, decimal commas are read, too. A
-//! byte order mark and lines that begin with `#` are passed over. No cell of times and outputs is dropped
-//! without saying so: one that is no number is an error that names the line, and so is a missing time; a
-//! missing output is kept as NaN, and `sampling.rs` counts it. Of the columns beside them
-//! ([`Columns::beside`]) only the first row of each decay is read.
+//! Cells are separated by comma, semicolon or tab; with semicolon and tab, decimal commas are read,
+//! too. A byte order mark and lines that begin with `#` are passed over. No cell of times and
+//! outputs is dropped silently: a cell that is no number is an error that names the line, and so is
+//! a missing time; a missing output is kept as NaN, and `sampling.rs` counts it. Of the columns
+//! beside them ([`Columns::beside`]) only the first row of each decay is read.
 
 use super::file_error::{FileError, line_of};
 use super::matrix::Matrix;
@@ -32,7 +35,8 @@ const MOST_NAMED: usize = 400;
 /// many more while `sampling.rs` interpolates its decay.
 const MOST_CELLS: usize = 1 << 25;
 
-/// The error of a table that cannot be read. A file that is not there is the mistake of whoever named it.
+/// The error for a table that cannot be read. A file that is not there is the mistake of whoever
+/// named it; other failures are nobody's.
 pub(super) fn unread(path: &Path) -> impl Fn(io::Error) -> FileError {
     |e| match e.kind() {
         io::ErrorKind::NotFound => FileError::unread(path)(e),
@@ -43,28 +47,31 @@ pub(super) fn unread(path: &Path) -> impl Fn(io::Error) -> FileError {
 /// Which columns of a table are what, by name; of a `.npz`, which arrays.
 #[derive(Clone, Debug, Default)]
 pub struct Columns {
-    /// Column of times. `None`: the first column that is none of `burst`, `printhead` and `beside`, unless
-    /// `rows_are_samples`. A column that `outputs` names is not passed over in this, but refused.
+    /// Column of times. `None`: the first column that is none of `burst`, `printhead` and `beside`,
+    /// unless `rows_are_samples`. If `outputs` names that first column, the choice is refused.
     pub time: Option<String>,
     /// Columns of outputs, in the order of the channels. `None`: all columns that are nothing else.
     pub outputs: Option<Vec<String>>,
     /// Column that tells the decays of a table apart: rows that have the same value here, and the same
     /// printhead, are one decay.
     pub burst: Option<String>,
-    /// A name that the user gave for the printhead. If the table has a column of this name, that column holds
-    /// each row's printhead; if not, it is the name of the printhead itself, and nothing is read for it.
+    /// What the user gave for the printhead. If the table has a column of this name, that column
+    /// holds each row's printhead; if not, this is the name of the printhead itself, and no column
+    /// is read for it.
     pub printhead: Option<String>,
     /// Columns with one value for each decay, such as the temperature. Of a decay with several rows, only the
     /// value in its first row is read.
     pub beside: Vec<String>,
-    /// Something else says the sample period (`--period-s`), so rows need no times: no column is taken for
-    /// times unless `time` names one, whose first value in a decay then says when the decay began.
+    /// Whether something else (`--period-s`) says the sample period, so that rows need no times:
+    /// then no column is taken for times unless `time` names one, whose first value in a decay says
+    /// when the decay began.
     pub rows_are_samples: bool,
 }
 
 impl Columns {
-    /// An error about the choice of columns. It is the user's if the user named any, otherwise the table's. A
-    /// printhead's name does not count, as it need not be a column's.
+    /// An error about the choice of columns. It is the user's mistake if the user named any column,
+    /// otherwise the table's fault. A printhead's name does not count, as it need not be a
+    /// column's.
     pub(super) fn refused(&self, path: &Path, what: String) -> FileError {
         let Columns { time, outputs, burst, beside, .. } = self;
         match time.is_some() || outputs.is_some() || burst.is_some() || !beside.is_empty() {
@@ -82,21 +89,22 @@ pub struct Decay {
     pub name: String,
     /// The value of the printhead column; empty if there is none.
     pub printhead: String,
-    /// Where its first row stands: the line of a CSV file, otherwise the number of the row, from 1 on.
+    /// Where the decay's first row stands: the line of a CSV file, otherwise the number of the row,
+    /// from 1 on.
     pub line: u64,
     /// Times of the samples, in the unit of the column of times; dates in CSV count from 1970. If no column
     /// of times is read, the numbers of the decay's rows, from 0 on.
     pub times: Vec<f64>,
     /// The samples of each output, as many as `times`; NaN: missing.
     pub outputs: Vec<Vec<f64>>,
-    /// Values of the columns of [`Columns::beside`] in its first row; NaN: missing.
+    /// Values of the columns of [`Columns::beside`] in the decay's first row; NaN: missing.
     pub beside: Vec<f64>,
 }
 
 impl Decay {
-    /// The decay as channels × samples, one channel for each output. Of its times only the first is kept, as
-    /// when the decay began; `has_time`: they are times, and not numbers of rows. `None`: more samples than a
-    /// burst may have.
+    /// The decay as channels × samples, one channel for each output. Of the times only the first is
+    /// kept, as the time when the decay began; `has_time`: `times` are times, not numbers of rows.
+    /// `None`: more samples than a burst may have.
     pub fn matrix(self, has_time: bool) -> Option<Matrix> {
         let numbers = self.outputs.iter().flatten().copied();
         let matrix = Matrix::of(self.outputs.len(), self.times.len(), numbers)?;
@@ -111,10 +119,12 @@ impl Decay {
 
 /// The content of a file, whatever its format was.
 pub struct Table {
-    /// Name of the column of times, whose ending says their unit. If the type of an Arrow column or NumPy
-    /// array says the unit, an ending such as `_ns` is added.
+    /// Name of the column of times, whose ending (such as `_ns`) says their unit ([`unit_ns`]). If
+    /// the type of an Arrow column or NumPy array says the unit, the reader has added the ending.
+    /// `None`: there are no times.
     pub time: Option<String>,
-    /// The first time of the first decay or burst: where no ending says the unit, its size may.
+    /// The first time of the first decay or burst: if no ending says the unit, the caller may guess
+    /// it by the size of this number.
     pub first_time: Option<f64>,
     /// Names of the columns of outputs, in the order of the channels; empty where channels have no names: in
     /// a NumPy array, and in a column of several channels.
@@ -147,7 +157,8 @@ fn delimiter(start: &[u8]) -> u8 {
     [b';', b'\t'].into_iter().find(|d| header.contains(d)).unwrap_or(b',')
 }
 
-/// Reads rows until the input ends. `path` is for errors.
+/// Reads the header, chooses the columns, and reads rows until the input ends. `path` is for
+/// errors.
 fn read_from(
     input: impl Read,
     delimiter: u8,
@@ -166,6 +177,7 @@ fn read_from(
         return Err(FileError::failed(path, what));
     }
 
+    // which columns are read
     let decimal_comma = delimiter != b',';
     let chosen =
         choose(&header, columns, decimal_comma).map_err(|what| columns.refused(path, what))?;
@@ -173,6 +185,7 @@ fn read_from(
     // dates become numbers in the unit of their column, seconds where its name says none; as f64 these hold
     // steps of .24 µs
     let date_unit_ns = chosen.time.and_then(|c| unit_ns(&chosen.names[c])).unwrap_or(1e9);
+
     let mut rows = Rows::new(&chosen);
     let mut record = StringRecord::new();
     while csv.read_record(&mut record).map_err(failed)? {
@@ -181,6 +194,7 @@ fn read_from(
         let text = |c: Option<usize>| c.and_then(|c| record.get(c)).unwrap_or_default();
         let cell = |c: usize| {
             let cell = record.get(c).unwrap_or_default();
+            // only cells in the column of times may be dates
             let date = || time_in(cell).filter(|_| chosen.time == Some(c));
             let time = || date().map(|ns| ns as f64 / date_unit_ns);
             number_in(cell, decimal_comma).or_else(|e| time().ok_or(e))
@@ -192,7 +206,7 @@ fn read_from(
     rows.table(time).ok_or_else(|| FileError::failed(path, "a header and no rows"))
 }
 
-/// An error of the csv crate, with its line.
+/// An error of the csv crate in words, with its line.
 fn csv_error(path: &Path, e: csv::Error) -> FileError {
     let line = e.position().map_or(1, csv::Position::line);
     let what = match e.into_kind() {
@@ -206,14 +220,14 @@ fn csv_error(path: &Path, e: csv::Error) -> FileError {
     FileError::Failed { place: line_of(path, line), what }
 }
 
-/// The unit in ns of a column of times, if the ending of its name says one.
+/// The unit of a column of times in ns (1e9 for `_s`), if the ending of the column's name says one.
 pub fn unit_ns(column: &str) -> Option<f64> {
     let units = [("_s", 1e9), ("_ms", 1e6), ("_us", 1e3), ("_ns", 1.0)];
     units.iter().find(|(end, _)| column.ends_with(end)).map(|(_, ns)| *ns)
 }
 
-/// A time such as 2026-11-01T08:00:00.5Z as ns since 1970. A blank may stand instead of the T. A time without
-/// a zone is taken as UTC.
+/// Parses a time such as 2026-11-01T08:00:00.5Z to ns since 1970. A blank may stand instead of the
+/// T. A time without a zone is taken as UTC. `None`: the cell is no such time.
 fn time_in(cell: &str) -> Option<i64> {
     let cell = unquoted(cell);
     let zoned = || DateTime::parse_from_rfc3339(cell).ok()?.timestamp_nanos_opt();
@@ -228,18 +242,19 @@ pub(super) struct Rows<'a> {
     decays: Vec<Decay>,
     /// Index in `decays` of the decay of each burst and printhead.
     by_name: HashMap<(String, String), usize>,
-    /// Cells that are held so far; each decay counts as 16 more.
+    /// How many cells are held so far; each decay counts as 16 more.
     cells: usize,
 }
 
 impl Rows<'_> {
+    /// No rows yet; `chosen` says which columns are read.
     pub fn new(chosen: &ChosenColumns) -> Rows<'_> {
         Rows { chosen, decays: Vec::new(), by_name: HashMap::new(), cells: 0 }
     }
 
-    /// Adds a row to the decay of its burst and printhead, or begins that decay with it. `line`: see
-    /// [`Decay::line`]; `cell` gives the number that the row has in a column. An error says in words what is
-    /// wrong with the row.
+    /// Adds a row to the decay of its burst and printhead, or begins a decay with it. `line`: see
+    /// [`Decay::line`]; `cell` gives the number that the row has in a column. An error says in
+    /// words what is wrong with the row.
     pub fn add(
         &mut self,
         line: u64,
@@ -255,6 +270,8 @@ impl Rows<'_> {
                 "more than {MOST_CELLS} cells of time and outputs; cut the table into several"
             ));
         }
+
+        // the decay that the row belongs to; with its first row the values beside it are read
         let decays = &mut self.decays;
         let place = match self.by_name.entry((burst.to_owned(), printhead.to_owned())) {
             Entry::Occupied(known) => *known.get(),
@@ -273,6 +290,7 @@ impl Rows<'_> {
             }
         };
 
+        // one time, and one sample for each output
         let decay = &mut decays[place];
         let time = match chosen.time {
             Some(c) => Some(cell(c)?)
@@ -296,7 +314,7 @@ impl Rows<'_> {
     }
 }
 
-/// Which columns are read, as indices of all columns of the table.
+/// Which columns are read, as indices among all columns of the table.
 pub(super) struct ChosenColumns {
     /// Names of all columns.
     pub names: Vec<String>,
@@ -308,7 +326,7 @@ pub(super) struct ChosenColumns {
 }
 
 impl ChosenColumns {
-    /// What is wrong with a cell, with the name of its column before it.
+    /// An error about a cell, with the name of its column before it.
     pub fn of_column(&self, c: usize, what: &str) -> String {
         format!("column {:?}: {what}", self.names[c])
     }
@@ -319,8 +337,8 @@ impl ChosenColumns {
     }
 }
 
-/// Finds the columns of CSV by the names in the first line. Whatever is ambiguous is refused, and so is a
-/// first line that holds nothing but numbers.
+/// Finds the columns of a CSV by the names in its first line. Ambiguous names are refused, and so
+/// is a first line that holds nothing but numbers (then the names are missing).
 fn choose(
     header: &StringRecord,
     columns: &Columns,
@@ -341,9 +359,9 @@ fn choose(
     choose_columns(names, columns)
 }
 
-/// Finds the columns by their names, where these are names for certain, as in the schema of a Parquet file.
-/// It is an error if a name that is asked for is not there exactly once, if one column is asked for twice, or
-/// if no column is left for times or outputs.
+/// Finds the columns by their names, in a table that is known to have names, such as Parquet. It is
+/// an error if a name that is asked for is not there exactly once, if one column is asked for
+/// twice, or if no column is left for times or outputs.
 pub(super) fn choose_columns(
     names: Vec<String>,
     columns: &Columns,
@@ -360,6 +378,7 @@ pub(super) fn choose_columns(
         }
     };
 
+    // columns that the user named; a printhead's name need not be a column
     let burst = columns.burst.as_deref().map(place).transpose()?;
     let beside: Vec<usize> =
         columns.beside.iter().map(|name| place(name)).collect::<Result<_, _>>()?;
@@ -384,11 +403,14 @@ pub(super) fn choose_columns(
         let time = time.map_or("", |c| &names[c]);
         return Err(format!("no column is left for an output beside {time:?}"));
     }
+
+    // no column may be asked for twice, and none may share its name with another
     let all = outputs.iter().chain(&time).chain(&burst).chain(&printhead).chain(&beside);
     let mut used: Vec<usize> = all.copied().collect();
     used.sort_unstable();
     for (i, &c) in used.iter().enumerate() {
-        // columns that nobody named were not looked up by name: equal ones would be two channels
+        // columns that nobody named were not looked up by name: two of the same name would be two
+        // channels
         place(&names[c])?;
         if used.get(i + 1) == Some(&c) {
             let why = match columns.time.is_none() && time == Some(c) {

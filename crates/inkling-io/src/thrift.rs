@@ -1,36 +1,45 @@
-//! Records of Apache Thrift in its compact form, walked without making anything of them. Parquet's headers
-//! are such records.
+//! Walks records of Apache Thrift's compact protocol without building anything from them. Parquet's
+//! footer and page headers are such records; `parquet_claims.rs` uses this to check them.
 //!
-//! In: the bytes of a record, and what its fields are known to hold. Out: whether they hold that, and the few
-//! numbers that are asked for. A reader that knows a field may take its type as given, whatever the bytes
-//! declare. So a field that declares another type, comes twice or out of order is refused; otherwise the
-//! reader and this walk could read different things.
+//! In: the bytes of a record, and what each field is known to hold ([`Shape`]). Out: whether the
+//! fields hold that, and a few numbers that are asked for ([`Walk::told`]). Bounds: all lists, sets
+//! and maps together may claim only so many elements, and records may be nested only so deep.
+//!
+//! The parquet crate takes the type of a field that it knows as given, whatever the bytes declare.
+//! So a field that declares another type, comes twice or out of order is refused here; otherwise
+//! the crate and this walk could read different things.
+//!
+//! The protocol: a field is a byte with its distance from the field before (4 bits) and its type (4
+//! bits), then its value. Types: 1 true, 2 false, 3 byte, 4 to 6 whole numbers, 7 double, 8 bytes,
+//! 9 list, 10 set, 11 map, 12 record, 13 UUID.
 
 use std::io::{self, Read};
 
-/// At most so many records within records are followed.
+/// Most records within records that are followed.
 const MOST_DEPTH: u8 = 64;
 
-/// At most so many numbers can be asked for.
+/// Most numbers that can be asked for.
 const MOST_TOLD: usize = 4;
 
-/// What a field or an element is known to hold.
+/// What a field of a record, or an element of a list, is known to hold.
 #[derive(Debug)]
 pub enum Shape {
     Flag,
     Byte,
     Number,
-    /// A number that is asked for, with its place in [`Walk::told`]: from 0 to 2^31 − 1, at most once.
+    /// A number that is asked for, with its place in [`Walk::told`]. It must be 0 to 2^31 − 1 and
+    /// come at most once.
     Told(usize),
     Double,
     Bytes,
     List(&'static Shape),
-    /// Its fields, of which the first has the number 1. Fields with other numbers may be of any type.
+    /// A record with its fields; the first has the number 1. Fields with other numbers may be of
+    /// any type.
     Record(&'static [Shape]),
 }
 
 impl Shape {
-    /// Whether a type that the bytes declare is that of the shape.
+    /// Whether the type `kind` that the bytes declare is that of the shape.
     fn declared(&self, kind: u8) -> bool {
         match self {
             Shape::Flag => matches!(kind, 1 | 2),
@@ -44,7 +53,7 @@ impl Shape {
     }
 }
 
-/// Why a record was not followed to its end.
+/// Why a record was not walked to its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stop {
     /// More is claimed than may be.
@@ -65,7 +74,7 @@ pub struct Walk<R> {
 }
 
 impl<R: Read> Walk<R> {
-    /// All lists, sets and maps together may claim `elements` elements.
+    /// Begins a walk. All lists, sets and maps together may claim `elements` elements.
     pub fn new(bytes: R, elements: u64) -> Walk<R> {
         Walk { bytes, left: elements, read: 0, told: [None; MOST_TOLD] }
     }
@@ -80,13 +89,14 @@ impl<R: Read> Walk<R> {
         self.told[place]
     }
 
-    /// Walks a record with these fields.
+    /// Walks the whole record, whose fields are those of `shapes`.
     pub fn record(&mut self, shapes: &'static [Shape]) -> Result<(), Stop> {
         self.fields(shapes, 0)
     }
 
-    /// Walks the fields of a record: each begins with a byte of its distance from the field before, and its
-    /// type. A byte of 0 ends the record.
+    /// Walks the fields of a record. Each begins with a byte of its distance from the field before
+    /// and its type; a distance of 0 means that the field's number follows. A byte of 0 ends the
+    /// record.
     fn fields(&mut self, shapes: &'static [Shape], depth: u8) -> Result<(), Stop> {
         if depth > MOST_DEPTH {
             return Err(Stop::Unread);
@@ -101,12 +111,14 @@ impl<R: Read> Walk<R> {
                 0 => i16::try_from(zigzag(self.number()?)).map_err(|_| Stop::Unread)?,
                 on => i16::checked_add(last, on.into()).ok_or(Stop::Unread)?,
             };
+            // numbers must increase: a field that comes twice could be read differently
             if field <= last {
                 return Err(Stop::Unread);
             }
             last = field;
             match head & 0xf {
-                // a flag has its value in the type, and no byte of its own
+                // a flag has its value in the type, and no byte of its own; a type that does not
+                // fit is refused in `value`
                 1 | 2 if shapes.get(field as usize - 1).is_none_or(|s| s.declared(1)) => {}
                 kind => self.value(kind, shapes.get(field as usize - 1), depth)?,
             }
@@ -137,7 +149,7 @@ impl<R: Read> Walk<R> {
         }
     }
 
-    /// Keeps a number that is asked for.
+    /// Reads and keeps a number that is asked for.
     fn tell(&mut self, place: usize) -> Result<(), Stop> {
         let number = i32::try_from(zigzag(self.number()?)).map_err(|_| Stop::Beyond)?;
         let number = u32::try_from(number).map_err(|_| Stop::Beyond)?;
@@ -147,7 +159,8 @@ impl<R: Read> Walk<R> {
         }
     }
 
-    /// Walks a list or a set.
+    /// Walks a list or a set. Its first byte has the number of elements (4 bits; 15: the number
+    /// follows) and their type (4 bits). `of`: what the elements are known to hold.
     fn list(&mut self, of: Option<&'static Shape>, depth: u8) -> Result<(), Stop> {
         let head = self.byte()?;
         let elements = match head >> 4 {
@@ -158,7 +171,7 @@ impl<R: Read> Walk<R> {
         self.elements(elements, &[(head & 0xf, of)], depth)
     }
 
-    /// Walks a map; no field that is known is one.
+    /// Walks a map, which only fields that are not known can be.
     fn map(&mut self, depth: u8) -> Result<(), Stop> {
         match self.number()? {
             0 => Ok(()),
@@ -169,7 +182,8 @@ impl<R: Read> Walk<R> {
         }
     }
 
-    /// Walks the elements of a list, or the keys and values of a map.
+    /// Walks `number` elements of a list (one kind), or keys and values of a map (two kinds in
+    /// turns). A kind is the type and what is known of it.
     fn elements(
         &mut self,
         number: u64,
@@ -198,7 +212,7 @@ impl<R: Read> Walk<R> {
         Ok(byte[0])
     }
 
-    /// A whole number of seven bits a byte, the lowest first.
+    /// Reads a whole number (ULEB128: seven bits a byte, the lowest first).
     fn number(&mut self) -> Result<u64, Stop> {
         let mut number = 0;
         for place in 0..10 {
@@ -211,7 +225,8 @@ impl<R: Read> Walk<R> {
         Err(Stop::Unread)
     }
 
-    /// Passes over bytes. A claimed length costs no memory, and ends where the bytes do.
+    /// Passes over bytes. A false length costs no memory: passing ends where the bytes do, with an
+    /// error.
     fn pass(&mut self, bytes: u64) -> Result<(), Stop> {
         match io::copy(&mut self.bytes.by_ref().take(bytes), &mut io::sink()) {
             Ok(passed) if passed == bytes => {
@@ -223,7 +238,7 @@ impl<R: Read> Walk<R> {
     }
 }
 
-/// The signed number that is written so: 0, −1, 1, −2 are 0, 1, 2, 3.
+/// The signed number that is stored as `written`: 0, −1, 1, −2 are stored as 0, 1, 2, 3.
 fn zigzag(written: u64) -> i64 {
     (written >> 1) as i64 ^ -((written & 1) as i64)
 }

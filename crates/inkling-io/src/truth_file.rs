@@ -1,8 +1,9 @@
-//! The sealed truth of a simulated recording with a hidden effect.
+//! Writes and reads the sealed truth of a simulated recording with a hidden effect.
 //!
-//! A critique must find the effect without knowing it. So the simulation writes the truth into `truth.json`,
-//! and the SHA-256 of its bytes into a file beside that file's directory, which can be published beforehand;
-//! `score --truth` checks that nobody has changed the truth since.
+//! A critique must find the effect without knowing it. So `simulate` writes the truth (any JSON)
+//! into `truth.json` in a directory of its own, and the SHA-256 of its bytes into `truth.sha256`
+//! beside that directory, which can be published beforehand. `score --truth` reads the truth here,
+//! which checks that nobody has changed it since.
 
 use super::file_error::FileError;
 use super::regular_file::{self, MOST_CRITIQUE_BYTES, if_there};
@@ -11,10 +12,11 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 use std::path::Path;
 
+/// How errors begin about a file that cannot be a truth.
 const NO_TRUTH: &str = "is no truth of a hidden effect";
 
-/// Writes the truth and its digest. The truth holds a salt, without which a truth could be guessed from its
-/// digest.
+/// Writes the truth and its digest. The truth should hold a salt (the caller puts it in), without
+/// which it could be guessed from its digest.
 pub fn write(path: &Path, digest_path: &Path, truth: &impl Serialize) -> Result<(), FileError> {
     let json = serde_json::to_vec_pretty(truth);
     let mut json = json.map_err(|e| FileError::failed(path, format!("{NO_TRUTH}: {e}")))?;
@@ -31,7 +33,7 @@ fn digest(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// What the seal says of a truth. A seal that does not hold is an error.
+/// What the seal says of a truth that was read. A seal that does not hold is an error instead.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Seal {
     /// The truth is the one that was sealed.

@@ -1,16 +1,20 @@
-//! Calls libraries that panic where they should say that a file is damaged.
+//! Calls libraries that panic where they should return an error for a damaged file, and turns the
+//! panic into `None`. The readers of Parquet, Arrow and protobuf schemas are called this way.
+
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::sync::Once;
 
-/// Calls `read`, and gives what it returns; `None` if a library in it panics. Nothing is printed of such a
-/// panic, since it becomes an error in words. A panic of other threads is printed as ever.
+/// Calls `read`, and gives its result; `None` if it panics. Nothing is printed of such a panic,
+/// since the caller makes an error in words of it. A panic of another thread is printed as ever.
+/// Calls must not be nested: the inner call would make the outer one's panics be printed again.
 pub fn unpanicked<T>(read: impl FnOnce() -> T) -> Option<T> {
     thread_local! {
         /// Whether panics of this thread are expected.
         static QUIET: Cell<bool> = const { Cell::new(false) };
     }
-    /// The hook is installed once, and asks the thread that panics.
+    /// The panic hook is installed once for the process, and looks at the flag of the thread that
+    /// panics.
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {
         let print = take_hook();

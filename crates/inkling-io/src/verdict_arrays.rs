@@ -1,8 +1,9 @@
-//! Verdicts as Arrow arrays: the rows of the verdict table (`schemas/verdicts.md`) for a caller in this
-//! process. The Python package takes them.
+//! Turns verdicts into Arrow arrays: the rows of the verdict table (`schemas/verdicts.md`) for a
+//! caller in this process, instead of a file. The Python package takes them.
 //!
-//! In: verdict columns, batch by batch in the recording's order; at the end the metadata document. Out:
-//! record batches with the table's schema.
+//! In, from the pipeline's write stage: verdicts, batch by batch in the recording's order, and at
+//! the end the metadata document. Out: record batches with the table's schema. The cells come from
+//! the same functions as those of the file (`verdict_cells.rs`), so both say the same.
 
 use super::column::{Numbers, RunColumn, Steps, text, text_of};
 use super::column_types::{TimestampUnit, times};
@@ -20,7 +21,7 @@ use parquet::errors::{ParquetError, Result};
 use parquet::schema::types::ColumnDescPtr;
 use std::sync::Arc;
 
-/// The verdicts of a recording, as far as it was judged.
+/// The verdicts of a recording, as far as it was judged so far.
 #[derive(Debug)]
 pub struct VerdictArrays {
     options: TableOptions,
@@ -30,6 +31,7 @@ pub struct VerdictArrays {
 }
 
 impl VerdictArrays {
+    /// No verdicts yet; `options` decide on the schema.
     pub fn new(options: TableOptions) -> VerdictArrays {
         let schema = Arc::new(schema(&options));
         VerdictArrays { options, schema, batches: Vec::new(), rows: 0 }
@@ -46,18 +48,19 @@ impl VerdictArrays {
         Ok(())
     }
 
-    /// Adds the table's metadata, once all rows are there.
+    /// Puts the metadata document into the schema, once all rows are there.
     pub fn complete(mut self, document: String) -> VerdictArrays {
         let metadata = [(METADATA_KEY.to_owned(), document)].into();
         self.schema = Arc::new(self.schema.as_ref().clone().with_metadata(metadata));
         self
     }
 
-    /// The cells of a column: one arm for each kind of column.
+    /// The cells that a batch has for a column: one arm for each kind of column. `described`: the
+    /// column in Parquet's words, which `RunColumn` needs.
     fn array(&self, column: &Column, described: ColumnDescPtr, of: &Verdicts) -> Result<ArrayRef> {
         Ok(match &column.cells {
             Cells::Time(_) | Cells::Channel(_) => {
-                // times stay ns here; they are converted with the whole array
+                // times stay ns here; they are converted to the table's unit with the whole array
                 let mut steps = Vec::with_capacity(of.len());
                 push_steps(&mut steps, column, of, TimestampUnit::Ns);
                 match &column.cells {
@@ -86,7 +89,8 @@ impl VerdictArrays {
                 let value = |key: Option<i32>| key.map(|key| &values[key as usize][..]);
                 match cells {
                     Cells::Model(_) => {
-                        // Parquet has no 16-bit integers
+                        // as Parquet has no 16-bit integers, the dictionary holds 32 bits; the low
+                        // two bytes count
                         let model = |of: &[u8]| of.first_chunk().map(|of| u16::from_le_bytes(*of));
                         let models = keys.iter().map(|key| value(key).and_then(model));
                         Arc::new(models.collect::<UInt16Array>())

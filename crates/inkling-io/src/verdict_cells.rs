@@ -1,8 +1,11 @@
-//! What the verdicts of a batch give to each kind of column of the verdict table.
+//! Pushes the verdicts of a batch into the columns of the verdict table, one function for each kind
+//! of column.
 //!
-//! A batch consists of runs of healthy signals, which are kept as a few vectors, and of rows for all other
-//! signals. A healthy run is pushed as a run, the rows are pushed one by one or grouped where they are equal.
-//! The columns take them as a file's chunk (`verdict_chunk.rs`) or as an Arrow array (`verdict_arrays.rs`).
+//! In: [`Verdicts`], which consist of parts in the recording's order: runs of healthy signals of
+//! one burst, kept as a few vectors, and rows for all other signals. Out: pushes into a column,
+//! which is a file's chunk (`verdict_chunk.rs`) or becomes an Arrow array (`verdict_arrays.rs`). A
+//! healthy run is pushed as a run, whatever its length; rows are pushed one by one, or together
+//! where neighbours are equal.
 
 use super::column::{self, Numbers, RunColumn, Steps};
 use super::column_types::TimestampUnit;
@@ -15,8 +18,8 @@ use parquet::arrow::arrow_writer::{ArrowColumnWriter, compute_leaves};
 use parquet::errors::{ParquetError, Result};
 use std::sync::Arc;
 
-/// Pushes times and channels. In a healthy run the time is the same for all signals, and channels go on by
-/// one.
+/// Pushes times (in `unit`) or channels. In a healthy run all signals have one time, and channels
+/// go on by one.
 pub fn push_steps(out: &mut impl Steps, column: &Column, of: &Verdicts, unit: TimestampUnit) {
     for part in &of.parts {
         match (&column.cells, part) {
@@ -39,7 +42,7 @@ pub fn push_steps(out: &mut impl Steps, column: &Column, of: &Verdicts, unit: Ti
     }
 }
 
-/// Pushes a column that is the same over many rows.
+/// Pushes a column whose value is the same over many rows, as keys into the column's dictionary.
 pub fn push_runs(out: &mut RunColumn, column: &Column, of: &Verdicts) -> Result<()> {
     // the value of all healthy signals, such as `healthy`, or null
     let same = |key| move |_: &HealthyRun, _: &mut RunColumn| RunKey::Same(key);
@@ -85,15 +88,15 @@ pub fn push_runs(out: &mut RunColumn, column: &Column, of: &Verdicts) -> Result<
 
 /// The key, or keys, that the signals of a healthy run have in a column.
 enum RunKey {
-    /// All signals have the same; `None` is null.
+    /// All signals have the same key; `None` is null.
     Same(Option<u32>),
-    /// Each signal has one of two keys: the first if the first test decided, the second if the second one
-    /// did.
+    /// Each signal has one of two keys: the first key if the first test (along the ring) decided,
+    /// the second if the second test (beside the ring) did.
     OfTest([u32; 2]),
 }
 
-/// Pushes a column by runs. `healthy` gives what a healthy run has in it, `key` what a row's value is in the
-/// dictionary.
+/// Pushes a column part by part. `at`: the column's cells among the rows. `healthy` gives the key,
+/// or keys, of a healthy run; `key` gives the key of a row's value.
 fn by_runs<T: PartialEq>(
     of: &Verdicts,
     at: &CellsAt<T>,
@@ -115,8 +118,8 @@ fn by_runs<T: PartialEq>(
     })
 }
 
-/// Pushes numbers that differ from row to row. Healthy signals have only statistics and misfits; other
-/// numbers are null.
+/// Pushes a column of numbers that differ from row to row. Of healthy signals only statistics and
+/// misfits are known; their other numbers are null.
 pub fn push_numbers(out: &mut impl Numbers, column: &Column, of: &Verdicts) -> Result<()> {
     let (at, healthy) = match &column.cells {
         Cells::Statistic(at) => (at, Some(&of.tests.statistic)),
@@ -150,7 +153,8 @@ pub fn push_weights(
     compute_leaves(&field, &array)?.iter().try_for_each(|leaf| out.write(leaf))
 }
 
-/// The weights of all rows: `classes` numbers each, and null for healthy runs and for rows without weights.
+/// The weights of all rows as lists of `classes` numbers, null for healthy runs and for rows
+/// without weights. An error if a row's weights lie beyond the batch's.
 pub fn weights(of: &Verdicts, classes: usize) -> Result<FixedSizeListArray> {
     let mut values = Vec::with_capacity(of.rows.len() * classes);
     let mut valid = Vec::with_capacity(of.len());

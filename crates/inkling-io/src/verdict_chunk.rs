@@ -1,6 +1,9 @@
-//! One column of the verdict table in a row group under way; `verdict_table.rs` has one for each column.
+//! One column of the verdict table in a row group that is being filled; `verdict_table.rs` has one
+//! for each column.
 //!
-//! In: verdicts, healthy signals as runs. Out: the column's encoded chunk, to be appended to the file.
+//! In: verdicts, batch by batch. Out: the column's encoded chunk, to be appended to the file. This
+//! file chooses by the column's kind which encoder of `column/` takes it; `verdict_cells.rs` does
+//! the pushing.
 
 use super::column::{NumberColumn, RunColumn, StepColumn};
 use super::verdict_cells;
@@ -12,7 +15,7 @@ use parquet::file::writer::SerializedRowGroupWriter;
 use parquet::schema::types::ColumnDescPtr;
 use std::io::Write;
 
-/// The kinds of columns that `column/` writes; only weights, which are lists, go through the parquet crate's
+/// The encoder of a column: one of `column/`, or for weights, which are lists, the parquet crate's
 /// own writer.
 pub enum Chunk {
     Runs(Box<RunColumn>),
@@ -22,8 +25,8 @@ pub enum Chunk {
 }
 
 impl Chunk {
-    /// The empty chunk of a column. `weights` is the parquet crate's own writer of the column, which is
-    /// dropped for all others.
+    /// The empty chunk of a column. `of`: the column in Parquet's words. `weights`: the parquet
+    /// crate's own writer of the column, which is dropped unless the column is that of the weights.
     pub fn new(
         column: &Column,
         of: ColumnDescPtr,
@@ -40,7 +43,7 @@ impl Chunk {
         }
     }
 
-    /// Appends what a batch has for this column.
+    /// Appends the cells that a batch has for this column.
     pub fn push(&mut self, column: &Column, of: &Verdicts, options: &TableOptions) -> Result<()> {
         match self {
             Chunk::Runs(out) => verdict_cells::push_runs(out, column, of),
@@ -65,8 +68,8 @@ impl Chunk {
         }
     }
 
-    /// Encodes the chunk. What it returns appends the chunk to the file, so that chunks can be encoded side
-    /// by side and appended in order.
+    /// Encodes the chunk. The closure that it returns appends the chunk to the file: so chunks can
+    /// be encoded side by side and appended in order.
     pub fn close<W: Write + Send>(self, column: &Column) -> Result<Append<W>> {
         let pages = match self {
             // statistics stand where a query can skip row groups by them: time, printhead, numbers

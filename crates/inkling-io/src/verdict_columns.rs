@@ -1,5 +1,7 @@
-//! How the verdict table's columns stand in Parquet: their types, encodings and dictionaries. Which columns
-//! there are, and what they mean, is said in [`inkling_core::verdict`] and `schemas/verdicts.md`.
+//! Says how the verdict table's columns stand in Parquet and Arrow: their types, encodings and
+//! dictionaries. Which columns there are, and what they mean, is said in [`inkling_core::verdict`]
+//! and `schemas/verdicts.md`. The writer of the file (`verdict_table.rs`) and that of arrays
+//! (`verdict_arrays.rs`) both follow this.
 
 use super::column;
 use super::column_types::{TimestampUnit, text, time};
@@ -10,10 +12,10 @@ use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::schema::types::ColumnPath;
 use std::sync::Arc;
 
-/// Rows of a row group.
+/// Most rows of a row group, roughly: it ends with the batch that reaches them.
 pub const ROW_GROUP_ROWS: usize = 1 << 20;
 
-/// What the table of one recording has beside its verdicts.
+/// What decides on the form of one recording's table, besides the verdicts themselves.
 #[derive(Clone, Debug)]
 pub struct TableOptions {
     /// The text of the column `recording`, the same in every row.
@@ -34,7 +36,7 @@ pub fn columns(options: &TableOptions) -> impl Iterator<Item = &'static Column> 
     COLUMNS.iter().filter(move |column| has_weights || !matches!(column.cells, Cells::Weights))
 }
 
-/// The table's columns as Arrow sees them.
+/// The table's Arrow schema.
 pub fn schema(options: &TableOptions) -> Schema {
     let field = |column: &Column| {
         let data_type = match column.cells {
@@ -58,8 +60,8 @@ pub fn weight_field() -> Arc<Field> {
     Arc::new(Field::new("element", DataType::Float32, false))
 }
 
-/// Encoding of numbers that differ from row to row. Readers that want microseconds (Spark) do not know the
-/// better encoding.
+/// The encoding of numbers that differ from row to row. BYTE_STREAM_SPLIT compresses better, but
+/// readers that want microseconds (Spark) do not know it.
 pub fn floats(options: &TableOptions) -> Encoding {
     match options.timestamp_unit {
         TimestampUnit::Ns => Encoding::BYTE_STREAM_SPLIT,
@@ -67,7 +69,8 @@ pub fn floats(options: &TableOptions) -> Encoding {
     }
 }
 
-/// Properties of the columns that the parquet crate encodes itself, which are the weights, and of the file.
+/// The parquet crate's properties of the file, and of the one column that the crate encodes itself,
+/// the weights.
 pub fn properties(options: &TableOptions) -> WriterProperties {
     let weights = ColumnPath::new(["weights", "list", "element"].map(String::from).to_vec());
     WriterProperties::builder()
@@ -81,8 +84,9 @@ pub fn properties(options: &TableOptions) -> WriterProperties {
         .build()
 }
 
-/// Of a column that is the same over many rows: the values that are known before there are any rows, encoded
-/// PLAIN. The key of a value is its place.
+/// For a column that is kept as runs: the values that are known before there are any rows, encoded
+/// PLAIN. The key of a value is its place in this list, as `verdict_cells.rs` relies on. Columns
+/// whose values come with the rows begin empty.
 pub fn dictionary(column: &Column, options: &TableOptions) -> Vec<Vec<u8>> {
     let texts = |of: &[String]| of.iter().map(|v| column::text(v)).collect();
     match column.cells {

@@ -1,8 +1,10 @@
-//! Reads verdict tables again: for `score`, `report`, and whatever else looks at results.
+//! Reads verdict tables for `score`, `report`, and whatever else looks at results.
 //!
-//! In: a Parquet file with the columns of the contract, as this program wrote it or as another tool wrote it
-//! again (plain strings, other integers, microseconds; nullable columns may be missing). Out:
-//! [`VerdictColumns`], batch by batch.
+//! In: a Parquet file with the columns of `schemas/verdicts.md`, as this program wrote it or as
+//! another tool wrote it anew (plain strings, other integers, microseconds; nullable columns may be
+//! missing). Out: [`VerdictColumns`], batch by batch of 65,536 rows, with names as indices into
+//! [`VerdictReader::classes`] and [`VerdictReader::categories`]. A damaged file is an error, also
+//! where the parquet crate panics on it.
 
 use super::arrow_cells::{ReadColumn, Texts};
 use super::parquet_file::ParquetFile;
@@ -38,8 +40,8 @@ impl VerdictReader {
         VerdictReader::of_columns(path, None)
     }
 
-    /// Opens a table to read these columns only. Others are null, and those that may not be null are an error
-    /// when rows are read.
+    /// Opens a table to read these columns only. Other columns are null; a required column that is
+    /// not among `names` is an error when rows are read.
     pub fn open_columns(path: &Path, names: &[&str]) -> Result<VerdictReader, TableError> {
         VerdictReader::of_columns(path, Some(names))
     }
@@ -65,29 +67,31 @@ impl VerdictReader {
         })
     }
 
-    /// The metadata document under the key `inkling`, if the file still has it; other tools may drop it.
+    /// The text of the metadata document under the key `inkling`, if the file still has it; other
+    /// tools may drop it.
     pub fn metadata_json(&self) -> Option<&str> {
         self.metadata_json.as_deref()
     }
 
-    /// The names that `fault` and `candidate` refer to: the metadata's classes, then others in the order in
-    /// which they were met.
+    /// The names that the indices of `fault` and `candidate` mean: the metadata's classes, then
+    /// others in the order in which they were met. The list grows while batches are read.
     pub fn classes(&self) -> &[String] {
         &self.classes.list
     }
 
-    /// The names that `category` refers to, in the same order.
+    /// The names that the indices of `category` mean, likewise.
     pub fn categories(&self) -> &[String] {
         &self.categories.list
     }
 
-    /// A batch as verdict columns. An error says which column is missing or holds something else.
+    /// Converts a batch to verdict columns. An error says which column is missing or holds
+    /// something else.
     fn columns(&mut self, batch: &RecordBatch) -> Result<VerdictColumns, String> {
         let mut columns = VerdictColumns::default();
         for Column { name, nullable, cells } in COLUMNS {
             match batch.column_by_name(name) {
                 Some(array) => self.read(cells, ReadColumn { name, array }, &mut columns)?,
-                // tables of other tools, and of version 1, may lack it
+                // tables of other tools, and of version 1, may lack the column
                 None if *nullable || matches!(cells, Cells::Recording) => {}
                 None => return Err(format!("column `{name}` is missing")),
             }
@@ -96,7 +100,7 @@ impl VerdictReader {
         Ok(columns)
     }
 
-    /// Reads one column into its place.
+    /// Reads one column into its place in `c`.
     fn read(
         &mut self,
         cells: &Cells,
@@ -145,13 +149,13 @@ pub fn document_of(path: &Path) -> serde_json::Value {
     open(path).map(|table| document(metadata_json(table.metadata()).as_deref())).unwrap_or_default()
 }
 
-/// The text of that document.
+/// The text of the metadata document; `None`: there is none.
 fn metadata_json(of: &ParquetMetaData) -> Option<String> {
     let entries = of.file_metadata().key_value_metadata()?;
     entries.iter().find(|entry| entry.key == METADATA_KEY)?.value.clone()
 }
 
-/// The same, parsed; null if it is no JSON.
+/// The metadata document, parsed; null if there is none or it is no JSON.
 fn document(json: Option<&str>) -> serde_json::Value {
     json.and_then(|json| serde_json::from_str(json).ok()).unwrap_or_default()
 }
@@ -167,7 +171,8 @@ pub(super) fn open(
     undamaged(path, || ParquetFile::open(file, options))?.map_err(TableError::parquet(path))
 }
 
-/// Runs the Parquet reader, which panics on some damaged pages; that is a damaged file and no bug here.
+/// Runs the Parquet reader. It panics on some damaged pages, which means a damaged file and no bug
+/// here.
 fn undamaged<T>(path: &Path, read: impl FnOnce() -> T) -> Result<T, TableError> {
     unpanicked(read).ok_or_else(|| TableError::damaged(path, ""))
 }
@@ -199,7 +204,8 @@ impl From<&serde_json::Value> for Names {
 }
 
 impl Names {
-    /// The index of a name, which may be new. `None`: there are more names than indices.
+    /// The index of a name; a new name gets the next index. `None`: there are more names than
+    /// indices of 16 bits.
     fn key(&mut self, name: &str) -> Option<u16> {
         if let Some(&known) = self.index.get(name) {
             return Some(known);

@@ -1,8 +1,14 @@
-//! Writes verdicts to a Parquet file: the verdict table of the contract (`schemas/verdicts.md`).
+//! Writes verdicts to a Parquet file: the verdict table (`schemas/verdicts.md`), one row for each
+//! signal.
 //!
-//! In: verdict columns, batch by batch in the recording's order; at the end the metadata document. Out:
-//! `<stem>.verdicts.parquet`, under its name once it is complete. No string is made per row. While a row
-//! group is encoded and written by a thread of its own, the next one fills up.
+//! In, from the pipeline's write stage: verdicts, batch by batch in the recording's order, and at
+//! the end the metadata document (JSON). Out: `<stem>.verdicts.parquet`, under its name once it is
+//! complete.
+//!
+//! Batches fill a row group, which has one `Chunk` for each column; runs of healthy signals stay
+//! runs, and no string is made for each row. A row group ends at 1,048,576 rows or 128 MiB. A
+//! thread then encodes and writes it, while the next row group fills up; at most one row group is
+//! written at a time.
 
 pub use super::column_types::TimestampUnit;
 pub use super::verdict_columns::TableOptions;
@@ -30,7 +36,7 @@ use thiserror::Error;
 
 /// Key of the metadata document in the file's footer.
 pub const METADATA_KEY: &str = "inkling";
-/// A row group that takes this much memory is ended before it has all its rows.
+/// A row group that takes this much memory is ended even if it lacks rows.
 const MOST_HELD_BYTES: usize = 128 << 20;
 
 /// Why a table of results could not be written or read.
@@ -38,7 +44,8 @@ const MOST_HELD_BYTES: usize = 128 << 20;
 pub enum TableError {
     #[error("{path}: {source}")]
     Io { path: PathBuf, source: io::Error },
-    /// The library's error stays the source, because a full disk is recognised by it.
+    /// The parquet crate cannot read or write the file. Its error stays the source, because a full
+    /// disk is recognised by it.
     #[error("{path}: {}", parquet_file::words(source))]
     Parquet { path: PathBuf, source: ParquetError },
     #[error("{path}: {what}")]
@@ -51,8 +58,8 @@ impl TableError {
         TableError::Wrong { path: path.into(), what: what.to_string() }
     }
 
-    /// A file that was complete once and cannot be read now. `how`: what the library says, in brackets with a
-    /// blank before.
+    /// The error for a file that was complete once and cannot be read now. `how`: what the library
+    /// says, in brackets with a blank before.
     pub(super) fn damaged(path: &Path, how: &str) -> TableError {
         let what = format!("damaged Parquet file{how}; replay the recording again");
         TableError::wrong(path, what)
@@ -77,30 +84,33 @@ impl TableError {
 /// The file that row groups are appended to.
 type Out = SerializedFileWriter<BufWriter<File>>;
 
-/// A verdict table under way.
+/// A verdict table that is being written.
 pub struct VerdictWriter {
+    /// `None` after an append has failed, or while the file is in use here.
     file: Option<OutFile>,
     /// The columns as the file's schema describes them.
     described: Vec<ColumnDescPtr>,
-    /// Makes the writers of weights.
+    /// Makes the parquet crate's writers of columns; only that of the weights is used.
     factory: ArrowRowGroupWriterFactory,
     part: PartFile,
     options: TableOptions,
-    /// The row group under way, and how many have ended before it.
+    /// The row group that is being filled.
     group: Option<RowGroup>,
+    /// How many row groups have ended.
     groups: usize,
     rows: u64,
 }
 
-/// Where row groups go: `None` in the writer after an append has failed.
+/// Where the file is, to which row groups are appended.
 enum OutFile {
     /// No thread writes: the file is at hand.
     Free(Box<Out>),
-    /// A thread encodes and appends a group that has ended, while the next one is under way.
+    /// A thread has the file, and appends a row group that has ended, while the next one is being
+    /// filled.
     Taken(JoinHandle<Result<Box<Out>, ParquetError>>),
 }
 
-/// A row group under way.
+/// A row group that is being filled.
 struct RowGroup {
     /// One for each column, in the table's order.
     chunks: Vec<Chunk>,
@@ -123,7 +133,8 @@ impl VerdictWriter {
         Ok(VerdictWriter { file, described, factory, part, options, group, groups, rows })
     }
 
-    /// Appends a batch of verdicts. It may wait until the row group before is written.
+    /// Appends a batch of verdicts. It may wait until the row group before is written. A batch
+    /// whose lengths do not fit each other is an error, and nothing of it is appended.
     pub fn write(&mut self, batch: &Verdicts) -> Result<(), TableError> {
         let path = self.path();
         let (failed, unfit) = (TableError::parquet(&path), TableError::columns(&path));
@@ -140,6 +151,7 @@ impl VerdictWriter {
                 .map_err(|e| unfit(ArrowError::InvalidArgumentError(e.to_string())))?;
         }
 
+        // is the row group full, by rows or by memory?
         group.rows += batch.len();
         self.rows += batch.len() as u64;
         let held = group.chunks.iter().map(Chunk::memory).sum::<usize>();
@@ -156,8 +168,8 @@ impl VerdictWriter {
         self.rows
     }
 
-    /// Completes the file with its metadata document. It still has a provisional name, so that several
-    /// results can get their names together.
+    /// Writes the last row group and the metadata document. The file is complete then, but still
+    /// has a provisional name, so that several results can get their names together.
     pub fn complete(mut self, metadata_json: String) -> Result<CompleteFile, TableError> {
         let path = self.path();
         let failed = TableError::parquet(&path);
@@ -184,7 +196,7 @@ impl VerdictWriter {
 
     /// An empty row group.
     fn new_group(&mut self) -> Result<RowGroup, ParquetError> {
-        // the crate makes a writer for each column; only that of the weights is kept
+        // the parquet crate makes a writer for each column; only that of the weights is kept
         let writers = self.factory.create_column_writers(self.groups)?;
         let chunks = writers.into_iter().zip(columns(&self.options)).zip(&self.described);
         let chunks = chunks.map(|((writer, column), described)| {
@@ -193,7 +205,8 @@ impl VerdictWriter {
         Ok(RowGroup { chunks: chunks.collect(), rows: 0 })
     }
 
-    /// The file, once the group before is in it. An error of that group comes out here.
+    /// Waits for the file until the row group before is in it. An error of that row group comes out
+    /// here.
     fn file(&mut self) -> Result<Box<Out>, ParquetError> {
         match self.file.take() {
             Some(OutFile::Free(file)) => Ok(file),
@@ -233,8 +246,8 @@ impl RowGroup {
     }
 }
 
-/// Refuses a batch whose rows and runs do not hold what they say, so that a wrong batch is an error and no
-/// panic.
+/// Refuses a batch whose vectors are not as long as its rows and runs say, so that a wrong batch is
+/// an error and no panic.
 fn check_lengths(batch: &Verdicts) -> Result<(), ArrowError> {
     let wrong = |what: String| Err(ArrowError::InvalidArgumentError(what));
     let (rows, lengths) = (batch.rows.len(), batch.rows.lengths());

@@ -1,6 +1,8 @@
-//! The parts on which no verdict depends: recordings with known truth are simulated, verdicts are scored, the
-//! model is criticised, chapter 4 of the thesis is done again, and figures of all that are drawn. The library
-//! `inkling` has the map of the code (`src/lib.rs`).
+//! The parts on which no verdict depends: recordings with known truth are simulated (`simulate`),
+//! verdicts are scored against labels (`score`), the model is criticised (`critique`), chapters 4
+//! and 5 of the thesis are done again (`thesis`), and figures of all these are drawn (`plot`). The
+//! library `inkling` has the map of the code (`src/lib.rs`) and explains the floors; its verbs call
+//! these rooms.
 
 // floor 1
 pub mod plot;

@@ -1,6 +1,12 @@
-//! Figures: one set of axes with points and lines. In: data and words. Out: SVG, PNG and the data as CSV,
-//! under one name. This is the only place that uses `plotters`. Beside figures: [`raster`], pictures made of
-//! cells, and [`page`], the page that figures stand on.
+//! Figures: one set of axes with points and lines. This is the only place that uses `plotters`.
+//!
+//! In: a `Figure` (title, axes, series, thresholds) from the rooms that have something to show:
+//! `thesis`, `critique`, the report and the verbs. Out: with `write` an SVG, a PNG and the data as
+//! CSV under one name; with `svg` or `svg_of_size` an SVG document for a page. One function,
+//! `draw`, draws for SVG and PNG alike.
+//!
+//! Beside figures there are [`raster`], pictures made of cells, and [`page`], the page that figures
+//! stand on.
 
 mod axis;
 pub mod page;
@@ -17,6 +23,8 @@ use std::path::Path;
 use std::sync::Once;
 use thiserror::Error;
 
+/// A figure could not be drawn or written. `path`: the file, or the figure's title if it has no
+/// file.
 #[derive(Debug, Error)]
 pub enum PlotError {
     #[error("{path}: {message}")]
@@ -26,6 +34,7 @@ pub enum PlotError {
 /// How a series is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mark {
+    /// Small, transparent points, for many of them.
     Points,
     Line,
     /// Large points, which the legend tells apart even on an axis of categories.
@@ -33,13 +42,14 @@ pub enum Mark {
     /// The area between a lower edge and an upper one: its points go along one and back along the other.
     /// Where every other series has a band, the band has the colour of its series.
     Band,
-    /// Bars, each from one point to the next, with a dot in the middle.
+    /// Bars, each from one point to the next (so points come in pairs), with a dot in the middle.
     Bars,
-    /// Bars without dots, where the middle is not what was measured.
+    /// Bars without dots, for intervals whose middle is not what was measured.
     Spans,
 }
 
-/// Points that are drawn alike, under one name.
+/// Points (x, y) that are drawn alike, under one name. A series with an empty name is not in the
+/// legend.
 #[derive(Clone, Debug)]
 pub struct Series {
     pub name: String,
@@ -55,7 +65,7 @@ pub struct Figure {
     pub x: Axis,
     pub y: Axis,
     pub series: Vec<Series>,
-    /// Vertical lines: place and name of each.
+    /// Vertical lines: the place on the x axis and the name of each.
     pub thresholds: Vec<(f64, String)>,
 }
 
@@ -64,14 +74,14 @@ impl Series {
         Series { name: name.into(), mark, points }
     }
 
-    /// Samples over the time since the first one, µs.
+    /// Samples `y` over the time since the first one, µs.
     pub fn over_time(name: &str, mark: Mark, y: &[f64], dt_s: f64) -> Series {
         let points = y.iter().enumerate().map(|(k, &v)| (k as f64 * dt_s * 1e6, v));
         Series::new(name, mark, points.collect())
     }
 }
 
-/// Width and height in pixels.
+/// Width and height in pixels, unless `svg_of_size` is told others.
 const SIZE: (u32, u32) = (1000, 640);
 const FONT: &str = "DejaVu Sans";
 /// Colours that can be told apart without colour vision, too (Okabe and Ito 2008), then darker ones.
@@ -94,7 +104,7 @@ impl Figure {
         Figure { title, x, y, series, thresholds: Vec::new() }
     }
 
-    /// A figure of series that are [`Series::over_time`].
+    /// A figure of series that are made by [`Series::over_time`]. `y`: the label of the y axis.
     pub fn over_time(title: String, y: &str, series: Vec<Series>) -> Figure {
         Figure::new(title, Axis::new("time since acquisition began, µs"), Axis::new(y), series)
     }
@@ -128,7 +138,7 @@ impl Figure {
         self.svg_of_size(SIZE)
     }
 
-    /// The figure as an SVG document, so many pixels wide and high.
+    /// The figure as an SVG document of this width and height, pixels.
     pub fn svg_of_size(&self, size: (u32, u32)) -> Result<String, PlotError> {
         let mut text = String::new();
         let drawn = self.draw(SVGBackend::with_string(&mut text, size).into_drawing_area());
@@ -136,7 +146,8 @@ impl Figure {
         Ok(text)
     }
 
-    /// Writes all points and thresholds as rows of a CSV file.
+    /// Writes all points as rows `series,x,y` of a CSV file, and after them the thresholds, which
+    /// have no y.
     fn write_csv(&self, path: &Path) -> std::io::Result<()> {
         let mut file = std::io::BufWriter::new(std::fs::File::create(path)?);
         let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
@@ -160,6 +171,8 @@ impl Figure {
             let _ = register_font(FONT, FontStyle::Normal, dejavu::sans::regular());
         });
         area.fill(&WHITE).map_err(text::<B>)?;
+
+        // The axes: ranges hold all points and thresholds, unless the figure fixes them.
         let points = || self.series.iter().flat_map(|s| s.points.iter());
         let marked = self.thresholds.iter().map(|t| t.0);
         let x = self.x.scale(points().map(|p| p.0).chain(marked));
@@ -167,6 +180,8 @@ impl Figure {
         let ends = Ends { x: (x.low, x.high), y: (y.low, y.high) };
         // the y axis is as wide as the longest name of a category
         let names = self.y.categories.iter().map(|c| 24 + 8 * c.len() as u32);
+
+        // The frame, the grid, then the series in their order, so that later ones lie above.
         let mut chart = ChartBuilder::on(&area)
             .caption(&self.title, (FONT, 21))
             .margin(14)
@@ -179,7 +194,8 @@ impl Figure {
             self.draw_series(&mut chart, &ends, series, colour)?;
         }
         self.draw_thresholds(&mut chart, &ends)?;
-        // a legend is of use from two names on
+
+        // A legend is of use from two names on.
         let named = self.series.iter().filter(|s| !s.name.is_empty()).count();
         if named + self.thresholds.len() > 1 {
             chart
@@ -194,6 +210,7 @@ impl Figure {
         area.present().map_err(text::<B>)
     }
 
+    /// Draws the grid, the ticks and the labels of the axes.
     fn draw_mesh<B: DrawingBackend>(&self, chart: &mut Chart<B>) -> Result<(), String> {
         chart
             .configure_mesh()
@@ -211,8 +228,8 @@ impl Figure {
             .map_err(text::<B>)
     }
 
-    /// The colour of each series: one of its own, or, if every other series is a band, the same for a series
-    /// and its band.
+    /// The colour of each series: one of its own, or, if every other series is a band, the same for
+    /// a series and its band, the first band with the first other series and so on.
     fn colours(&self) -> Vec<RGBColor> {
         let is_band = |s: &Series| s.mark == Mark::Band;
         let paired = 2 * self.series.iter().filter(|s| is_band(s)).count() == self.series.len();
@@ -226,6 +243,8 @@ impl Figure {
         self.series.iter().enumerate().map(colour).collect()
     }
 
+    /// Draws one series, and puts it into the legend where that tells something. Points and dots
+    /// outside the axes are not drawn.
     fn draw_series<B: DrawingBackend>(
         &self,
         chart: &mut Chart<B>,
@@ -245,6 +264,7 @@ impl Figure {
                 chart.draw_series([Polygon::new(area, colour.mix(0.18).filled())])
             }
             Mark::Bars | Mark::Spans => {
+                // one bar for each two points
                 let edges: Vec<(f64, f64)> = points.collect();
                 let bars = edges.as_chunks::<2>().0;
                 let middles = bars
@@ -272,13 +292,15 @@ impl Figure {
         Ok(())
     }
 
+    /// Draws the vertical lines, dashed, over the whole height.
     fn draw_thresholds<B: DrawingBackend>(
         &self,
         chart: &mut Chart<B>,
         ends: &Ends,
     ) -> Result<(), String> {
         for (k, (x, what)) in self.thresholds.iter().enumerate() {
-            // several thresholds belong to the series one by one, and have their colours
+            // several thresholds belong to the series one by one, and have the colours of these; a
+            // single one is red
             let colour = if self.thresholds.len() > 1 { COLOURS[k % COLOURS.len()] } else { RED };
             let (x, style) = (self.x.at(*x), colour.stroke_width(2));
             let line = DashedLineSeries::new([(x, ends.y.0), (x, ends.y.1)], 8, 5, style);
@@ -294,18 +316,20 @@ impl Figure {
 
 type Chart<'a, B> = ChartContext<'a, B, Cartesian2d<Scale, Scale>>;
 
-/// Ends of the axes, in their coordinates.
+/// The two ends of each axis, in coordinates.
 struct Ends {
     x: (f64, f64),
     y: (f64, f64),
 }
 
 impl Ends {
+    /// Whether a point lies within the axes.
     fn hold(&self, (x, y): (f64, f64)) -> bool {
         (self.x.0..=self.x.1).contains(&x) && (self.y.0..=self.y.1).contains(&y)
     }
 }
 
+/// The words of a backend's error.
 fn text<B: DrawingBackend>(e: DrawingAreaErrorKind<B::ErrorType>) -> String {
     e.to_string()
 }

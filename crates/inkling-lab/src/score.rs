@@ -1,8 +1,16 @@
 //! Scores verdicts against the truth: the numbers of thesis chapter 4, and further ones.
 //!
-//! In: one row after another, with what was predicted and what was true. Out: confusion of detection and of
-//! isolation, accuracy, coverage at the certainty bound, calibration. The thesis's "HMA" (§4-3) is trace over
-//! total: plain accuracy.
+//! In: one `Prediction` after another with the state that its label gives (`Score::add`), from
+//! `inkling score` and from `thesis::measure`. Out: a `Report`: counts of detection, the confusion
+//! of isolation, accuracy, coverage at the certainty bound, and calibration. All shares are from 0
+//! to 1. Only sums are kept, so memory does not grow with signals.
+//!
+//! Isolation and calibration count faulty signals that have a candidate, whether they were flagged
+//! or not; whoever wants gated figures leaves the candidate out. The thesis's "HMA" (§4-3) is trace
+//! over total: plain accuracy.
+//!
+//! Scores of other things are in the modules: `severity` (sizes), `episodes` (faults over several
+//! bursts), `curves` (other thresholds), `blind` (critiques).
 
 pub mod blind;
 pub mod curves;
@@ -19,18 +27,22 @@ use severity::SeverityReport;
 use std::collections::BTreeMap;
 use sums::{named, share};
 
-/// What inkling predicts for one signal, to be compared with its label.
+/// What inkling says of one signal, to be compared with the signal's label.
 #[derive(Clone, Copy, Debug)]
 pub struct Prediction<'a> {
     /// Whether the signal was flagged (faulty or undecided).
     pub flagged: bool,
+    /// The class with the largest weight, whether it is certain or not; `None`: the signal was not
+    /// isolated.
     pub candidate: Option<&'a str>,
+    /// The weight of the candidate, from 0 to 1.
     pub certainty: Option<f64>,
     /// The phi or the posterior of each class, in the order of the classes given to [`Score::add_classes`].
     pub weights: Option<&'a [f32]>,
 }
 
-/// Counts of true and false alarms and passes.
+/// Numbers of signals by truth and by whether they were flagged: `tp` faulty and flagged, `fp`
+/// healthy and flagged, `tn` healthy and passed, `fn_` faulty and passed.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Detection {
     pub tp: u64,
@@ -41,30 +53,35 @@ pub struct Detection {
 }
 
 impl Detection {
+    /// Share of all signals that are flagged if faulty and passed if healthy.
     pub fn accuracy(&self) -> f64 {
         share(self.tp + self.tn, self.tp + self.tn + self.fp + self.fn_)
     }
 
+    /// Share of the faulty signals that is flagged.
     pub fn recall(&self) -> f64 {
         share(self.tp, self.tp + self.fn_)
     }
 
+    /// Share of the healthy signals that is flagged.
     pub fn false_alarm_rate(&self) -> f64 {
         share(self.fp, self.fp + self.tn)
     }
 }
 
-/// Confusion of the named classes. Rows are the truth, columns the predictions.
+/// Confusion of the candidates of faulty signals. Rows are the truth, columns the candidates, both
+/// in the order of `classes`.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Isolation {
     pub classes: Vec<String>,
     pub confusion: Vec<Vec<u64>>,
     pub accuracy: f64,
-    /// Share of the signals whose best class is of the right category.
+    /// Share of these signals whose candidate is of the right category.
     pub category_accuracy: f64,
 }
 
-/// Accuracy of those candidates whose certainty reaches the bound, and their share.
+/// Those candidates whose certainty reaches `bound`: the share of them that is right (`accuracy`),
+/// and their share among all candidates of faulty signals (`coverage`).
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Certain {
     pub bound: f64,
@@ -72,26 +89,27 @@ pub struct Certain {
     pub coverage: f64,
 }
 
-/// How well stated certainties agree with how often they are right.
+/// How well stated certainties agree with how often the candidates are right, over faulty signals.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Calibration {
     /// Expected calibration error of the candidate's certainty, 15 equal-width bins.
     pub ece: f64,
-    /// Mean over the classes of the same error of each class's weight; null without weights.
+    /// The same error of each class's weight, over all signals whether the class is the candidate
+    /// or not; the mean over the classes. Null without weights.
     pub classwise_ece: Option<f64>,
     /// Per bin: mean of the certainty, share that is right, count.
     pub bins: Vec<(f64, f64, u64)>,
-    /// For each class, over the signals for which it was the best class.
+    /// For each class, over the signals of which it was the candidate.
     pub by_class: BTreeMap<String, ClassCalibration>,
 }
 
-/// Certainty of the predictions of one class, against how often it was right.
+/// Certainty of the candidates of one class, against how often they were right.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct ClassCalibration {
     pub signals: u64,
     /// Mean certainty.
     pub certainty: f64,
-    /// Share of the predictions that is right.
+    /// Share of the candidates that is right.
     pub right: f64,
     pub ece: f64,
 }
@@ -108,7 +126,7 @@ const THESIS_BOUND: f64 = 0.8;
 /// Number of bins of the certainty.
 const BINS: usize = 15;
 
-/// Sums of one bin.
+/// Sums of one bin: of the certainties, of how often the class was right, and of the signals.
 #[derive(Clone, Copy, Debug, Default)]
 struct Bin {
     certainty: f64,
@@ -122,7 +140,7 @@ pub struct Score {
     classes: Vec<String>,
     /// Categories of a user's own classes.
     pub categories: Categories,
-    /// The certainty bound of `certain`; `None`: the thesis's.
+    /// The certainty bound of `certain`; `None`: .8, that of the thesis.
     pub bound: Option<f64>,
     detection: Detection,
     by_state: BTreeMap<String, ByState>,
@@ -132,10 +150,11 @@ pub struct Score {
     isolated: u64,
     category_right: u64,
     right: u64,
-    /// Candidates whose certainty reaches the bound, and those of them that are right.
+    /// Candidates whose certainty reaches the bound, and those of them whose class is right.
     certain: u64,
     certain_right: u64,
-    /// Bins of the candidate's certainty, of each class's weight, and of the certainty by candidate.
+    /// Bins of the candidate's certainty; of each class's weight, in the order of `classes`; and of
+    /// the candidate's certainty by candidate.
     bins: [Bin; BINS],
     class_bins: Vec<[Bin; BINS]>,
     candidate_bins: BTreeMap<String, [Bin; BINS]>,
@@ -164,7 +183,8 @@ pub struct Report {
 }
 
 impl Score {
-    /// Appends the classes in whose order weights come; those that are known already stay.
+    /// Makes known the classes in whose order weights come. It may be called again with a list that
+    /// begins with the known classes: only those beyond them are appended.
     pub fn add_classes(&mut self, classes: &[String]) {
         for class in classes.iter().skip(self.classes.len()) {
             self.classes.push(class.clone());
@@ -172,8 +192,8 @@ impl Score {
         }
     }
 
-    /// Counts one prediction against the state that its label gives. `None`: there is no label, so nothing is
-    /// scored.
+    /// Counts one prediction against the state that its label gives. `None`: there is no label, so
+    /// nothing is scored. Without a candidate, or of a healthy signal, only detection is counted.
     pub fn add(&mut self, prediction: Prediction, truth: Option<&str>) {
         let Some(truth) = truth else {
             self.unlabelled += 1;
@@ -191,6 +211,8 @@ impl Score {
         if truth == inkling_core::fault::HEALTHY {
             return;
         }
+
+        // Isolation: faulty signals with a candidate.
         let Some(candidate) = prediction.candidate else { return };
         self.isolated += 1;
         let right = candidate == truth;
@@ -198,6 +220,8 @@ impl Score {
         let category = self.categories.of(candidate);
         self.category_right += u64::from(self.categories.is_of(truth, category));
         *self.confusion.entry((truth.to_owned(), candidate.to_owned())).or_default() += 1;
+
+        // Calibration: how certain the candidate was, and how often it was right.
         if let Some(certainty) = prediction.certainty.filter(|c| c.is_finite()) {
             if certainty >= self.bound.unwrap_or(THESIS_BOUND) {
                 self.certain += 1;
@@ -206,6 +230,8 @@ impl Score {
             fill(&mut self.bins, certainty, right);
             fill(named(&mut self.candidate_bins, candidate), certainty, right);
         }
+
+        // The same of every class's weight: the class is right where it is the truth.
         if let Some(weights) = prediction.weights {
             for ((bins, class), &w) in self.class_bins.iter_mut().zip(&self.classes).zip(weights) {
                 if w.is_finite() {
@@ -215,7 +241,9 @@ impl Score {
         }
     }
 
-    /// The figures so far. Classes that only labels or candidates name follow those that were added.
+    /// The figures so far. In the confusion, classes that only labels or candidates name follow
+    /// those of `add_classes`. Severities and episodes are left empty; `inkling score` fills them
+    /// in.
     pub fn report(&self) -> Report {
         let mut classes = self.classes.clone();
         for (truth, candidate) in self.confusion.keys() {
@@ -271,6 +299,7 @@ impl Score {
 }
 
 impl ClassCalibration {
+    /// The certainty and the right share of one class, over all bins.
     fn of(bins: &[Bin; BINS]) -> ClassCalibration {
         let n: u64 = bins.iter().map(|b| b.n).sum();
         ClassCalibration {
@@ -282,6 +311,7 @@ impl ClassCalibration {
     }
 }
 
+/// Adds one certainty (0 to 1) to its bin, one of `BINS` of equal width.
 fn fill(bins: &mut [Bin; BINS], certainty: f64, right: bool) {
     let i = ((certainty * BINS as f64) as usize).min(BINS - 1);
     bins[i].certainty += certainty;
@@ -289,7 +319,8 @@ fn fill(bins: &mut [Bin; BINS], certainty: f64, right: bool) {
     bins[i].n += 1;
 }
 
-/// Expected calibration error: sum over bins of n/N |mean certainty - share right|.
+/// Expected calibration error: sum over bins of n/N |mean certainty - share right|. With the bin's
+/// sums this is |sum of certainties - number right| / N.
 fn calibration_error(bins: &[Bin; BINS]) -> f64 {
     let total: u64 = bins.iter().map(|b| b.n).sum();
     bins.iter().map(|b| (b.certainty - b.right as f64).abs()).sum::<f64>() / total.max(1) as f64

@@ -1,4 +1,6 @@
-//! The options of `inkling convert`, which of them are refused, and the numbers that they give for bursts.
+//! The options of `inkling convert` ([`Args`]), which of them are refused ([`Args::check`]), and
+//! the numbers that they give for bursts ([`BurstValues`]): a sample period, a temperature or a
+//! voltage may be one number for all bursts or the name of a column.
 
 use super::super::exit::Failure;
 use super::burst_clock::{LATEST_NS, time_in_name};
@@ -81,7 +83,7 @@ pub struct Args {
 }
 
 impl Args {
-    /// What the options give beside the samples.
+    /// What the options give beside the samples, and the columns that they name.
     pub fn values(&self) -> BurstValues {
         let mut columns = Vec::new();
         BurstValues {
@@ -92,7 +94,8 @@ impl Args {
         }
     }
 
-    /// The printhead's name: the one that is given, else that of the table's file.
+    /// The printhead's name: the one that is given, else that of the table's file, without its time
+    /// if the time is taken from there.
     pub fn name(&self) -> Result<String, Failure> {
         let is_good = |name: &str| (1..=LONGEST_NAME).contains(&name.chars().count());
         match &self.printhead {
@@ -133,7 +136,9 @@ impl Args {
                 "--resample has no effect with --period-s: rows are samples one after the other",
             );
         }
-        // temperatures and voltages that are out of range
+
+        // temperatures and voltages that are out of range; a text that is no number is a column's
+        // name
         let number =
             |text: &Option<String>| text.as_deref().and_then(|text| text.parse::<f64>().ok());
         for (option, value, most) in

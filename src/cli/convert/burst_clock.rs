@@ -1,8 +1,13 @@
 //! The times at which converted bursts begin.
 //!
-//! In: the time of each burst as the table gives it, and the start of the first. Out: ns since the epoch.
-//! Times of 1979 and later are taken as they are; others count from the first burst. A burst that would begin
-//! before an earlier one ends (as with times that start at 0 again) is put after it.
+//! In: from `conversion`, for each burst the time that the table gives it, if any, and its length;
+//! from the options the start of the first burst and the time between bursts. Out: t_a of each
+//! burst, ns since the epoch.
+//!
+//! There are three cases ([`BurstClock::next`]). Times of 1979 and later are taken as they are,
+//! unless options say otherwise. With `--every` bursts begin that far apart. Else times count from
+//! the first burst, and a burst that would begin before an earlier one ends (as with times that
+//! start at 0 again) is put after that one; so is a burst without a time.
 
 use chrono::{DateTime, NaiveDate};
 
@@ -16,6 +21,8 @@ const SOME_START_NS: i64 = 1_735_718_400_000_000_000;
 /// Gives one burst after another its time.
 #[derive(Default)]
 pub struct BurstClock {
+    /// Time of the first burst by `--start`, ns since the epoch, and time between bursts by
+    /// `--every`, ns; `None`: the option is not given.
     start_ns: Option<i64>,
     every_ns: Option<f64>,
     /// Time of the first burst as the table has it, ns.
@@ -33,6 +40,7 @@ pub struct BurstClock {
 }
 
 impl BurstClock {
+    /// A clock that has given no time yet, by the options `--start` and `--every`.
     pub fn new(start_ns: Option<i64>, every_s: Option<f64>) -> BurstClock {
         let (every_ns, free_from_ns) = (every_s.map(|s| s * 1e9), f64::NEG_INFINITY);
         BurstClock { start_ns, every_ns, free_from_ns, ..BurstClock::default() }
@@ -45,6 +53,7 @@ impl BurstClock {
         let number = self.given as f64;
         self.given += 1;
         self.untimed += u64::from(time_ns.is_none());
+
         // 1. a time since the epoch, unless the options say when bursts begin
         if let (None, Some(t), None) = (self.every_ns, time_ns, self.start_ns)
             && first_ns >= ABSOLUTE_NS
@@ -53,13 +62,17 @@ impl BurstClock {
             return later(0, t);
         }
         let start_ns = self.start_ns.unwrap_or(SOME_START_NS);
+
         // 2. evenly spaced bursts
         if let Some(every_ns) = self.every_ns {
             return later(start_ns, number * every_ns);
         }
+
         // 3. a time from the first burst, or after the burst before
         let own = time_ns.map_or(f64::NEG_INFINITY, |t| t - first_ns);
-        // the small tolerance keeps bursts in place that follow each other without a gap
+        // a millionth of a sample period is tolerated: it keeps bursts in place that follow each
+        // other without a gap, whose times are rounded; the first burst begins at 0, even without a
+        // time
         let begins = match own < self.free_from_ns - 1e-6 * period_ns {
             true => self.free_from_ns,
             false if time_ns.is_none() => 0.0,
@@ -96,11 +109,14 @@ pub struct TimeInName {
     pub without: String,
 }
 
-/// The first date and time in a file's name, UTC: `20261101T080000`, `2026-11-01_08-00-00`, `20261101`.
+/// The first date and time in a file's name, UTC: `20261101T080000`, `2026-11-01_08-00-00`,
+/// `20261101`. `None`: there is none. It is looked for at the begin of each run of digits.
 pub fn time_in_name(name: &str) -> Option<TimeInName> {
     let starts = name.char_indices().filter(|(_, c)| c.is_ascii_digit()).map(|(at, _)| at);
     starts.filter(|at| !name[..*at].ends_with(|c: char| c.is_ascii_digit())).find_map(|at| {
         let (ns, rest) = date_time(&name.as_bytes()[at..])?;
+        // what is left of the name before and after the time, without the characters that separated
+        // it
         let between = |c: char| "-_. ".contains(c);
         let (before, after) = (&name[..at], &name[name.len() - rest.len()..]);
         let parts = [before.trim_end_matches(between), after.trim_matches(between)];
@@ -110,8 +126,10 @@ pub fn time_in_name(name: &str) -> Option<TimeInName> {
     })
 }
 
-/// A date and time at the beginning of `text`, ns, and the text after it.
+/// A date and time at the beginning of `text`, ns, and the text after it. A missing time of day is
+/// midnight, missing seconds are 0. `None`: there is no date there.
 fn date_time(mut text: &[u8]) -> Option<(i64, &[u8])> {
+    // takes exactly `n` digits off the text, and before them one of `separators` if there is one
     let mut digits = |n: usize, separators: &[u8]| -> Option<u32> {
         if let [first, rest @ ..] = text
             && separators.contains(first)

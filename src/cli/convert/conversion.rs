@@ -1,5 +1,9 @@
 //! Makes the bursts of a recording from those of a table, one after another, and tells what became of the
 //! table.
+//!
+//! In: from `input_bursts`, a matrix (channels x samples) per burst; from `args`, what the options
+//! give. Out: a [`Burst`] per matrix, which `convert` writes ([`Conversion::burst`]); at the end
+//! what was made and what had to be assumed ([`Conversion::tell`], or [`Made`] as JSON).
 
 use super::super::exit::Failure;
 use super::super::output;
@@ -24,10 +28,13 @@ const LONGEST_PERIOD_S: f64 = 1000.0;
 /// A conversion under way: the means by which bursts are made, and what was made so far.
 pub struct Conversion<'a> {
     args: &'a Args,
+    /// The printhead of bursts whose rows name none.
     printhead: Arc<str>,
     values: &'a BurstValues,
-    /// The sample period: the one of the option, or else that of the table's own times.
+    /// The sample period, s: the one of the option, or else that of the table's own times; `None`:
+    /// nothing gives it.
     period: Option<BurstValue>,
+    /// The unit of the table's times.
     unit: TimeUnit,
     clock: BurstClock,
     pub made: Made<'a>,
@@ -47,12 +54,14 @@ pub struct Made<'a> {
     outputs: Vec<String>,
     /// The printheads that rows of the table name.
     printheads: BTreeSet<Arc<str>>,
+    /// Number of cells without a value.
     cells_missing: usize,
     /// The unit of times that was recognised by their size.
     times_in: Option<&'static str>,
 }
 
 impl<'a> Conversion<'a> {
+    /// A conversion that has made no burst yet. `start_ns`: time of the first burst by `--start`.
     pub fn new(
         args: &'a Args,
         values: &'a BurstValues,
@@ -80,7 +89,8 @@ impl<'a> Conversion<'a> {
         })
     }
 
-    /// Makes the next burst from a matrix of samples.
+    /// Makes the next burst from a matrix of samples. A failure if its sample period or its time is
+    /// not plausible, which names the burst by its number from 0 on.
     pub fn burst(&mut self, matrix: Matrix) -> Result<Burst, Failure> {
         let args = self.args;
         let wrong = |what: &str| Failure::new(format!("{}: {what}", args.table.display()));
@@ -95,6 +105,7 @@ impl<'a> Conversion<'a> {
             let what = "s between samples: if that is a rate, give the period, which is 1 / rate";
             return Err(of_burst(self.made.bursts, &format!("{period_s} {what}")));
         }
+
         // the time of the burst
         let period_ns = period_s * 1e9;
         let length_ns = f64::from(matrix.samples_per_channel) * period_ns;
@@ -106,6 +117,7 @@ impl<'a> Conversion<'a> {
             .clock
             .next(time_ns, length_ns, period_ns)
             .ok_or_else(|| wrong("its times reach beyond the years 1970 to 2200"))?;
+
         // channel numbers must fit into u32
         if args.first_channel.checked_add(matrix.channels).is_none() {
             return Err(Failure::usage(format!(
@@ -114,6 +126,8 @@ impl<'a> Conversion<'a> {
             )));
         }
         let printhead = self.printhead_of(matrix.printhead.clone())?;
+
+        // what is told at the end
         let samples = matrix.samples_per_channel;
         self.made.bursts += 1;
         self.made.samples += u64::from(matrix.channels) * u64::from(samples);
@@ -121,6 +135,7 @@ impl<'a> Conversion<'a> {
         self.made.samples_per_channel = [shortest.min(samples), longest.max(samples)];
         let [least_s, most_s] = self.made.sample_period_s;
         self.made.sample_period_s = [least_s.min(period_s), most_s.max(period_s)];
+
         // a temperature or voltage that is not finite counts as not measured
         let measured = |value: Option<BurstValue>| {
             value.map(|v| v.in_burst(&matrix)).filter(|x| x.is_finite())

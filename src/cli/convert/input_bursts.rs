@@ -1,4 +1,10 @@
 //! Opens a table or an array, reads its bursts, and finds the unit of its times.
+//!
+//! In: the options and the kind of the file. Out: an iterator over matrices of samples, one per
+//! burst ([`InputBursts`]). There are two forms. Where rows are bursts (cells that are lists,
+//! arrays), the matrices are read one after another. Where rows are samples (a decay per burst),
+//! the table is read whole, and its times must lie on a regular grid, give the sample period, and
+//! may be resampled.
 
 use super::super::exit::Failure;
 use super::args::Args;
@@ -34,6 +40,8 @@ impl InputBursts {
             beside: beside.to_vec(),
             rows_are_samples: args.period_s.is_some(),
         };
+
+        // 1. read the file by its kind
         let table = match kind {
             FileKind::Text => table_file::read(&args.table, &columns)?,
             FileKind::Numpy => {
@@ -48,6 +56,8 @@ impl InputBursts {
             }
             kind => columnar::read(&args.table, kind, &columns)?,
         };
+
+        // 2. the unit of its times; rows that are bursts need nothing more
         let Table { time, first_time, outputs, content } = table;
         let unit = time.as_ref().map_or(TimeUnit::SECONDS, |time| TimeUnit::of(time, first_time));
         let decays = match content {
@@ -61,13 +71,16 @@ impl InputBursts {
                 return Ok(InputBursts { matrices, unit, period_s, missing, outputs, sampled });
             }
         };
-        // with --period-s rows are taken as they are listed; else the table's times give the period, and must be
-        // regular
+
+        // 3. rows that are samples: with --period-s they are taken as they are listed; else the
+        // table's times give the period, and must be regular
         let mut sampled = match (args.period_s.is_some(), &time) {
             (false, Some(time)) => sampling::sample(decays, time, args.resample),
             _ => sampling::as_listed(decays),
         }
         .map_err(|e| Failure::new(format!("{}: {e}", args.table.display())))?;
+
+        // 4. a matrix per decay
         let too_large = || Failure::new(format!("{}: a burst too large", args.table.display()));
         let matrix = |decay: Decay| decay.matrix(time.is_some()).ok_or_else(too_large);
         let decays = std::mem::take(&mut sampled.decays).into_iter();

@@ -1,4 +1,8 @@
 //! `inkling convert`: makes a recording of bursts from a table or an array.
+//!
+//! In: a table (CSV, Parquet, Arrow IPC) or an array (.npy, .npz), and the options (`args`). Out: a
+//! recording, and what had to be assumed. `input_bursts` opens the file and gives one matrix of
+//! samples per burst; `conversion` makes a burst of each; `burst_clock` gives each burst its time.
 
 mod args;
 mod burst_clock;

@@ -1,4 +1,14 @@
-//! Answers to requests: the page, its events, metrics, faults. No request changes anything.
+//! Answers to requests. In: a request that was read, its client, and what is known of the recording
+//! ([`Live`]), from `connections`. Out: the answer, written to the client. No request changes
+//! anything.
+//!
+//! ```text
+//! /             the page                              without token
+//! /page.js      its script                            without token
+//! /events       the state again and again, as server-sent events, for the page; stays connected
+//! /metrics      for Prometheus
+//! /faults.json  the open faults
+//! ```
 
 use super::client::{
     Client, NO_ROOM, NO_SUCH_PATH, NO_TOKEN, NOT_GET, OTHER_HOST, Refusal, Request, Seat,
@@ -24,7 +34,7 @@ const MOST_PAUSE: Duration = Duration::from_secs(1);
 /// connects again by itself.
 const TAKING: Duration = Duration::from_secs(10);
 
-/// Answers one request.
+/// Answers one request. The error is one of the connection: the client is slow or gone.
 pub fn answer(request: &Request, client: &mut Client, live: &Live) -> io::Result<()> {
     if !request.is_get {
         return refuse(client, NOT_GET);
@@ -35,6 +45,7 @@ pub fn answer(request: &Request, client: &mut Client, live: &Live) -> io::Result
         "/events" | "/metrics" | "/faults.json" => true,
         _ => return refuse(client, NO_SUCH_PATH),
     };
+    // who may ask: the path is known, the name of the host is ours, and the token is right
     if !is_named_as_here(&request.host, live) {
         return refuse(client, OTHER_HOST);
     }
@@ -51,6 +62,7 @@ pub fn answer(request: &Request, client: &mut Client, live: &Live) -> io::Result
         "/faults.json" => {
             say(client, "application/json", &live.state.faults_as_json(&live.recording).to_string())
         }
+        // /events, for as long as there are seats for pages
         _ => match Seat::take(&live.pages, MOST_PAGES) {
             Some(_seat) => tell(client, live),
             None => refuse(client, NO_ROOM),
@@ -64,6 +76,8 @@ fn is_named_as_here(host: &str, live: &Live) -> bool {
     if !live.place.address.ip().is_loopback() {
         return true; // names of machines are not known here; the token decides
     }
+
+    // the name without its port; an IPv6 address stands in brackets
     let name = match host.strip_prefix('[') {
         Some(rest) => rest.split(']').next(),
         None => host.split(':').next(),
@@ -90,6 +104,7 @@ fn head(status: &str, kind: &str) -> String {
     )
 }
 
+/// Sends a whole answer: `status` line, content type `kind`, and text.
 fn write_whole(client: &mut Client, status: &str, kind: &str, text: &str) -> io::Result<()> {
     client.give(TAKING);
     let whole = format!("{}Content-Length: {}\r\n\r\n{text}", head(status, kind), text.len());

@@ -1,6 +1,7 @@
-//! A client's connection, with a deadline for all reads and writes together, so that a client that sends or reads
-//! one byte at a time cannot hold it for long; a limit on how many clients are served at once; and the head of
-//! the HTTP request that a client sends.
+//! A client's connection, with a deadline for all reads and writes together ([`Client`]), so that a
+//! client that sends or reads one byte at a time cannot hold its thread for long; a limit on how
+//! many clients are served at once ([`Seat`]); and the head of the HTTP request that a client sends
+//! ([`Request`]). Used by `connections` and `answers`.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{Shutdown, TcpStream};
@@ -20,6 +21,8 @@ pub struct Client {
 }
 
 impl Client {
+    /// A client whose deadline has passed: [`Client::give`] is called before anything is read or
+    /// written.
     pub fn new(stream: TcpStream) -> Client {
         Client { stream, until: Instant::now() }
     }
@@ -112,6 +115,8 @@ pub const TOO_LARGE: Refusal =
 pub const NO_ROOM: Refusal = ["503 Service Unavailable", "too many are connected: come again"];
 
 impl Request {
+    /// Reads the head of a request, and parses it; the inner error says why it is refused.
+    ///
     /// # Errors
     /// The client is slow, or has gone.
     pub fn read(client: &mut Client) -> io::Result<Result<Request, Refusal>> {

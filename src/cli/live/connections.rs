@@ -1,4 +1,6 @@
-//! The connections of clients: a limited number at once, each on a thread of its own.
+//! The connections of clients: a limited number at once, each on a thread of its own. In: a bound
+//! port (`place`), from `replay`. Out: a [`Live`], which `follow` feeds and the threads read. One
+//! request is read and answered per connection.
 
 use super::answers;
 use super::client::{Client, NO_ROOM, Request, Seat};
@@ -19,7 +21,8 @@ const ASKING: Duration = Duration::from_secs(5);
 /// Pause after an error of the system, such as too many open files.
 const PAUSE: Duration = Duration::from_millis(100);
 
-/// Starts to serve, on threads of its own.
+/// Starts to serve, on threads of its own, until the process ends. `recording`: path of the
+/// recording that is followed.
 pub fn start(place: Place, recording: &str, control: &Arc<Control>) -> Result<Arc<Live>, Failure> {
     let path = PathBuf::from(recording);
     let recording = path.file_name().unwrap_or_default().to_string_lossy().into_owned();

@@ -29,7 +29,7 @@ pub struct Place {
 }
 
 /// Checks the options and binds the port; `None` if no live view is asked for. `address`: `127.0.0.1:8080` or
-/// `localhost:8080`; `token`: the file that holds the token.
+/// `localhost:8080`; `token`: the file that holds the token; `follow`: whether `--follow` is given.
 ///
 /// # Errors
 /// A usage failure if the options have no effect, or if other machines could look without a token; a failure
@@ -90,6 +90,7 @@ fn resolve(address: &str) -> Result<Vec<SocketAddr>, Failure> {
     Ok(addresses)
 }
 
+/// Reads a token from its file: one line, long enough, of characters that need no escape in a URL.
 fn read_token(path: &Path) -> Result<String, Failure> {
     let failed = |what: String| Failure::usage(format!("--serve-token {}: {what}", path.display()));
     let text = regular_file::read(path, MOST_TOKEN).map_err(|e| failed(e.to_string()))?;
@@ -105,10 +106,13 @@ fn read_token(path: &Path) -> Result<String, Failure> {
 
 /// Everything that the threads of the live view share.
 pub struct Live {
+    /// What is known of the recording.
     pub state: State,
     pub place: Place,
+    /// Name of the recording's file, and its path.
     pub recording: String,
     pub path: PathBuf,
+    /// Tells how far the recording was read.
     pub control: Arc<Control>,
     /// Number of clients that are pages, which stay connected.
     pub pages: Arc<AtomicUsize>,
@@ -121,7 +125,7 @@ impl Live {
         thread::sleep(LAST_WORDS);
     }
 
-    /// Bytes of the recording that were written and not read yet.
+    /// Number of bytes of the recording that were written and not read yet.
     pub fn behind_bytes(&self) -> u64 {
         let written = std::fs::metadata(&self.path).map_or(0, |of| of.len());
         written.saturating_sub(self.control.bytes_read.load(Ordering::Relaxed))

@@ -1,5 +1,11 @@
-//! The present state of a recording that is being followed. In: verdicts and episodes. Out: JSON for the page
-//! and for programs, metrics for Prometheus. Memory grows with printheads and channels, not with bursts.
+//! The present state of a recording that is being followed. In: verdicts and episodes, from
+//! `follow` on the pipeline's threads. Out: JSON for the page and for programs, metrics for
+//! Prometheus, to `answers` on the clients' threads. Memory grows with printheads and channels, not
+//! with bursts.
+//!
+//! Of each channel only the outcome of its last signal is kept, as a letter of its printhead's map;
+//! of episodes those that are on. A number counts the changes, by which a waiting thread knows
+//! whether there is something new ([`State::wait`]).
 
 use super::super::output::episode_event;
 use crate::pipeline::{EpisodeEvent, rfc3339};
@@ -36,15 +42,19 @@ struct RecordingStatus {
     heads: BTreeMap<Arc<str>, Vec<u8>>,
     /// The episodes that are on, by printhead and channel.
     faults: BTreeMap<(Arc<str>, u32), Episode>,
+    /// Number of signals, judged or rejected, and of the rejected ones by reason.
     signals: u64,
     rejected: BTreeMap<&'static str, u64>,
+    /// t_a of the latest signal, ns; `None`: there was none yet.
     newest_ns: Option<i64>,
     /// Number of changes so far, by which waiting threads recognise a new state.
     version: u64,
+    /// Whether nothing more will come.
     ended: bool,
 }
 
 impl State {
+    /// The status, locked.
     fn status(&self) -> MutexGuard<'_, RecordingStatus> {
         self.status.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -58,10 +68,13 @@ impl State {
         self.changed.notify_all();
     }
 
+    /// Takes in a batch of verdicts.
     pub fn take_rows(&self, of: &Verdicts) {
         self.change(|status| status.take_rows(of));
     }
 
+    /// Takes in an event: an episode that is on becomes the channel's fault, any other event ends
+    /// that fault.
     pub fn take_episode(&self, of: EpisodeEvent) {
         self.change(|status| {
             let key = |episode: &Episode| (episode.printhead.clone(), episode.channel);
@@ -143,6 +156,7 @@ impl State {
             *open.entry((head, fault.category.as_deref().unwrap_or("not_named"))).or_default() += 1;
         }
         let mut text = String::new();
+
         // writes one family of metrics: its help, its type, and a line for each series
         let mut family = |name: &str, kind: &str, help: &str, lines: Vec<(String, f64)>| {
             let _ = writeln!(text, "# HELP {name} {help}\n# TYPE {name} {kind}");
@@ -171,7 +185,7 @@ impl State {
     }
 }
 
-/// A text as the value of a label.
+/// A text as the value of a label in Prometheus's format.
 fn escaped(text: &str) -> String {
     text.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n")
 }
@@ -194,6 +208,7 @@ impl RecordingStatus {
         }
     }
 
+    /// Marks the channel of one row, and counts the row if it was rejected.
     fn take_row(&mut self, of: &Verdicts, row: usize) {
         let c = &of.rows;
         let channel = c.channel[row] as usize;
@@ -229,6 +244,7 @@ impl RecordingStatus {
         }
     }
 
+    /// The open faults as events of episodes that are raised.
     fn faults_as_json(&self, recording: &str) -> Vec<Value> {
         let fault = |episode: &Episode| episode_event(recording, EpisodeEvent::Raised(episode));
         self.faults.values().map(fault).collect()

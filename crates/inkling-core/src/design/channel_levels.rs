@@ -1,9 +1,14 @@
-//! The level of each healthy channel of a printhead: where its features lie relative to the printhead's, as
-//! far as that lasts.
+//! The level of each healthy channel of a printhead: where the features of its signals lie relative
+//! to the mean of the printhead's channels, as far as the difference lasts.
 //!
-//! In: a printhead's labelled healthy signals. Out: [`ChannelLevels`], by which faults that were labelled on
-//! a few channels are moved to where they would be on the others. Without that, a class that was labelled on
-//! two channels would be as narrow as these two.
+//! In, from `train`: a printhead's labelled healthy signals. Out: [`ChannelLevels`], by which
+//! `training_set` moves faults that were labelled on a few channels to where they would be on the
+//! others. Without that, the density of a class that was labelled on two channels would be as
+//! narrow as these two.
+//!
+//! Feature by feature, with m_c the mean of the n_c signals of channel c, m the mean of all m_c, w
+//! the variance of signals within channels and b that of channels: level_c = (m_c - m) b / (b + w /
+//! n_c), the best linear predictor in a one-way analysis of variance with random effects.
 
 use super::{DesignError, HealthyModel};
 use crate::identify::averaging::SignalSet;
@@ -13,7 +18,8 @@ use std::collections::BTreeMap;
 /// Fewer channels than this do not tell how channels differ.
 const FEWEST: usize = 5;
 
-/// Expected features of each channel relative to the printhead's, by ascending channel number.
+/// Expected features (ln amplitude, ln damping, ln frequency, phase) of each channel relative to
+/// the printhead's mean, by ascending channel number.
 #[derive(Debug)]
 pub(super) struct ChannelLevels(Vec<(u32, Vector4<f64>)>);
 
@@ -21,13 +27,14 @@ impl ChannelLevels {
     /// At most so many signals of a channel are used, the first ones.
     pub const MOST: usize = 64;
 
-    /// Learns the levels from healthy signals. They are shrunk by the share of the variance between channels'
-    /// means that is no scatter of single signals: if channels do not differ for good, all levels are zero.
-    /// `None`: fewer than `FEWEST` channels have two healthy signals.
+    /// Learns the levels from healthy signals of one printhead, by its `model`. If channels do not
+    /// differ for good, all levels are zero. `None`: fewer than `FEWEST` channels have two healthy
+    /// signals that a ring fits. An error if the model does not ring.
     pub fn learn(
         model: &HealthyModel,
         healthy: &SignalSet,
     ) -> Result<Option<ChannelLevels>, DesignError> {
+        // the first signals of each channel
         let mut seen: BTreeMap<u32, usize> = BTreeMap::new();
         let mut is_early = |i: &usize| {
             let seen = seen.entry(healthy.channel[*i]).or_default();
@@ -36,6 +43,8 @@ impl ChannelLevels {
         };
         let few: Vec<usize> = (0..healthy.len()).filter(|i| is_early(i)).collect();
         let few = healthy.select(&few);
+
+        // their fitted features, channel by channel
         let mut channels: BTreeMap<u32, Vec<Vector4<f64>>> = BTreeMap::new();
         for (i, x) in model.fitted(&few)? {
             channels.entry(few.channel[i]).or_default().push(x);
@@ -47,10 +56,10 @@ impl ChannelLevels {
         Ok(Some(ChannelLevels::of(&channels)))
     }
 
-    /// The levels from the features of each channel's signals, feature by feature: a one-way analysis of
-    /// variance with random effects. The variance within channels and that between their means give the
-    /// variance of the levels themselves; each mean is then shrunk towards the common middle, in proportion
-    /// (the best linear predictor).
+    /// The levels from the features of each channel's signals, at least two per channel, feature by
+    /// feature (the formula stands in the head of this file). The variance within channels and that
+    /// between their means give the variance of the levels themselves; each mean is then shrunk
+    /// towards the common middle in proportion.
     fn of(channels: &BTreeMap<u32, Vec<Vector4<f64>>>) -> ChannelLevels {
         let mean = |of: &[Vector4<f64>]| of.iter().sum::<Vector4<f64>>() / of.len() as f64;
         let scatter = |of: &[Vector4<f64>]| {
@@ -58,17 +67,22 @@ impl ChannelLevels {
             of.iter().map(|x| (x - at).map(|v| v * v)).sum::<Vector4<f64>>()
         };
         let looks = channels.values().map(Vec::len).sum::<usize>();
-        // variance of signals about their own channel
+
+        // w, the variance of signals about the mean of their own channel
         let of_signals = channels.values().map(|of| scatter(of)).sum::<Vector4<f64>>()
             / (looks - channels.len()) as f64;
+
+        // b, the variance of channels: the variance of their means, less the part that the scatter
+        // of single signals gives by chance, w times the mean over channels of 1 / signals; at
+        // least 0.
         let means: Vec<Vector4<f64>> = channels.values().map(|of| mean(of)).collect();
         let middle = mean(&means);
-        // the mean over channels of 1 / signals: the part of that variance which the means have by chance
         let by_chance =
             channels.values().map(|of| 1.0 / of.len() as f64).sum::<f64>() / channels.len() as f64;
         let of_channels = (scatter(&means) / (means.len() - 1) as f64 - of_signals * by_chance)
             .map(|v| v.max(0.0));
-        // `lasts`: the reliability of this channel's mean, of_channels / (of_channels + its sampling error)
+
+        // `lasts`: the reliability b / (b + w / n_c) of a channel's mean
         let level = |(mean, looks): (&Vector4<f64>, &Vec<Vector4<f64>>)| {
             let noise = of_signals / looks.len() as f64;
             let lasts = of_channels.zip_map(&(of_channels + noise), |v, all| v / all.max(1e-300));
@@ -78,18 +92,19 @@ impl ChannelLevels {
         ChannelLevels(channels.keys().copied().zip(levels).collect())
     }
 
-    /// The level of a channel. `None`: the channel had fewer than two healthy signals.
+    /// The level of a channel. `None`: the channel had fewer than two healthy signals with a ring.
     pub fn at(&self, channel: u32) -> Option<Vector4<f64>> {
         let found = self.0.binary_search_by_key(&channel, |(c, _)| *c);
         found.ok().map(|at| self.0[at].1)
     }
 
-    /// Features `x` of a channel's signal number `i`, moved to the level of another channel. Which one
-    /// depends on `i`, so that a class's signals spread over other channels. Signals of a channel without a
-    /// level stay as they are.
+    /// Features `x` of a channel's signal number `i`, moved from the channel's level to that of
+    /// another channel. Which one depends on `i`, so that a class's signals spread over all
+    /// channels. Signals of a channel without a level stay as they are.
     pub fn elsewhere(&self, channel: u32, i: usize, x: &Vector4<f64>) -> Vector4<f64> {
-        /// Step from one signal's new channel to the next signal's, such that consecutive signals go to
-        /// channels far apart; a prime above [`ChannelLevels::MOST`], so that all channels are reached.
+        /// Step from one signal's new channel to the next signal's, so that consecutive signals go
+        /// to channels far apart. It is a prime, so that all channels are reached unless their
+        /// number is a multiple of it.
         const STRIDE: usize = 101;
         let (_, other) = self.0[(i * STRIDE) % self.0.len()];
         self.at(channel).map_or(*x, |own| x - own + other)
@@ -101,8 +116,8 @@ mod tests {
     use super::*;
     use crate::model::normal::draws;
 
-    /// 40 channels of 20 signals each. `differ`: standard deviation of the channels' levels; `scatter`: of
-    /// signals about them.
+    /// 40 channels of 20 signals each. `differ`: standard deviation of the channels' levels;
+    /// `scatter`: of signals about them.
     fn channels(differ: f64, scatter: f64) -> BTreeMap<u32, Vec<Vector4<f64>>> {
         let mut normal = draws(3);
         let mut signals = |c: u32| {
@@ -134,7 +149,8 @@ mod tests {
         let middle = channels.values().map(|of| mean(of)).sum::<Vector4<f64>>() / 40.0;
         for (channel, signals) in &channels {
             let off = mean(signals) - middle - levels.at(*channel).unwrap();
-            // a level is shrunk towards the head's by what noise alone may make of the mean of 20 signals
+            // a level is shrunk towards the head's by what noise alone may make of the mean of 20
+            // signals
             assert!(off.amax() < 0.002, "{channel}: {off}");
         }
         assert_eq!(levels.at(99), None);

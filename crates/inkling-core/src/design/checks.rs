@@ -1,4 +1,10 @@
 //! Validation of a design that was read from a file: whether training could have made it.
+//!
+//! In: a [`Design`]. Out: nothing, or an error in words that names the key and its value. Later
+//! code relies on what is checked here: row lengths, finite numbers whose squares are finite,
+//! positive thresholds, names of their own, at most [`MAX_CLASSES`] classes, stable filters.
+//! Training checks its own result, too (`train`). The parts that other rooms define check
+//! themselves.
 
 use super::error::{DesignError, is_signal, same_period};
 use super::{Design, FaultClass, HealthyModel, Statistic, VERSION, other_version};
@@ -7,8 +13,8 @@ use crate::identify::grey_box::Identification;
 use crate::isolate::MAX_CLASSES;
 use std::collections::BTreeSet;
 
-/// Largest value that a filter's impulse response may have within a signal. Beyond, the filter is unstable: a
-/// marginal pair of poles (thesis §3-2-1) rings on but does not grow.
+/// Largest value that a filter's impulse response may have within a signal. With a larger one the
+/// filter counts as unstable: a marginal pair of poles (thesis §3-2-1) rings on but does not grow.
 const MOST_GAIN: f64 = 1e6;
 
 /// An error in these words unless `holds`.
@@ -16,7 +22,8 @@ fn must(holds: bool, words: impl Into<String>) -> Result<(), String> {
     if holds { Ok(()) } else { Err(words.into()) }
 }
 
-/// Refuses rows that are no signals; `what`: what they are, in words.
+/// Refuses rows that are no signals: not one number per sample, or numbers that cannot be counts.
+/// `what`: what the rows are, in words.
 fn signals<'a>(
     what: &str,
     rows: impl IntoIterator<Item = &'a Vec<f64>>,
@@ -26,12 +33,13 @@ fn signals<'a>(
     must(rows.into_iter().all(|row| is_signal(row, samples)), words)
 }
 
-/// Refuses a number that is not positive and finite.
+/// Refuses a number that is not positive and finite. `what`: what the number is, in words.
 fn positive(what: &str, v: f64) -> Result<(), String> {
     must(v.is_finite() && v > 0.0, format!("{what} must be positive"))
 }
 
-/// Refuses numbers that are larger than `most` or no numbers; `bounds`: what they must be, in words.
+/// Refuses numbers whose absolute value is above `most`, and NaN. `key`: where the numbers stand in
+/// the file; `bounds`: what they must be, in words.
 fn within(key: &str, all: &[f64], most: f64, bounds: &str) -> Result<(), String> {
     let wrong = all.iter().find(|v| v.is_nan() || v.abs() > most);
     wrong.map_or(Ok(()), |v| Err(format!("`{key}` = {v:e}: must be {bounds}")))
@@ -43,6 +51,7 @@ impl Design {
         self.check_all().map_err(DesignError::Invalid)
     }
 
+    /// [`Design::check`] with the reason in words: the design's own numbers, then its parts.
     fn check_all(&self) -> Result<(), String> {
         must(self.version == VERSION, other_version(self.version, &self.made_by))?;
         let period = self.sample_period_s;
@@ -76,7 +85,9 @@ impl Design {
         })
     }
 
-    /// Refuses models or classes without names of their own.
+    /// Refuses models or classes without names of their own: a model of the list without a
+    /// printhead, two of one printhead; a class without a name, called `healthy`, or with another
+    /// class's name.
     fn check_names(&self) -> Result<(), String> {
         let mut names = BTreeSet::new();
         for model in &self.models {
@@ -137,12 +148,14 @@ impl HealthyModel {
         if let Some(sensitivity) = &self.sensitivity {
             sensitivity.check(samples)?;
         }
-        // re-identification carries the threshold over in units of the median
+        // Windows carry the threshold over in units of the median, so the ratio must be a usable
+        // number.
         let in_medians = self.threshold.value / self.median_statistic;
         let words = "its threshold is out of all proportion to `median_statistic`";
         must((1e-9..=1e9).contains(&in_medians), words)?;
 
-        // The filter is judged by its impulse response over the length of a signal.
+        // The filter is judged by its impulse response over the length of a signal: it must not
+        // grow, and must not be 0 throughout.
         let answer = self.generator.impulse_response(samples);
         let largest = answer.iter().map(|v| v.abs()).fold(0.0, f64::max);
         let is_stable = answer.iter().all(|v| v.is_finite()) && largest <= MOST_GAIN;
@@ -150,7 +163,7 @@ impl HealthyModel {
         must(largest != 0.0, "its filter lets nothing through")
     }
 
-    /// Refuses a number that is out of its range.
+    /// Refuses a number of the model that is out of its range.
     fn check_numbers(&self) -> Result<(), String> {
         let Identification { channel, poles, output_state, acquisition_state, cubic, .. } =
             &self.identification;
@@ -164,7 +177,7 @@ impl HealthyModel {
             ("identification.poles.frequency_hz", poles.frequency_hz),
             ("identification.poles.lambda_per_s", poles.lambda_per_s),
         ];
-        // the square and the inverse square of each are finite, too
+        // so the square and the inverse square of each of these numbers are finite, too
         for (key, v) in rates {
             let words = format!("`{key}` = {v:e}: must be 1e-30 to 1e30");
             must((1e-30..=1e30).contains(&v), words)?;

@@ -1,8 +1,14 @@
-//! The physics of faults at the start of a design: what it predicts before any fault was labelled, and what
-//! labelled signals add.
+//! Learning the physics of faults for a design: what is predicted before any fault was labelled,
+//! and what labelled signals correct.
 //!
-//! In: the healthy models and signals, a guess of rates and actuation, labelled faults. Out:
-//! [`FaultPhysics`], from which severities and the densities of unlabelled classes follow. thesis §2-2.
+//! In, from `train`: the healthy models and signals, a guess of rates and actuation from the
+//! settings, labelled faults. Out: [`FaultPhysics`], from which severities and the densities of
+//! unlabelled classes follow, and the classes that nobody labelled. thesis (2-2), §2-2. The steps:
+//! 1. The guessed channel is scaled in time to the measured healthy ring.
+//! 2. Healthy features, less the noise of their fits, tell how channels differ (`spread`).
+//! 3. Labelled faults of known severity correct the rates.
+//! 4. Labelled faults tell how severities are distributed in each class, and how far estimated
+//!    severities lie off labelled ones.
 
 use super::training_set::{From, examples};
 use super::{Design, DesignError, FaultClass, HealthyModel, IsolateSettings, TrainingSet};
@@ -19,19 +25,21 @@ use crate::model::{Actuation, Waveform};
 use nalgebra::Vector4;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Pulse and delay of the actuation where nobody gave them, for a channel that rings at the frequency of the
-/// default `identify.grey_box`. For any other channel they are scaled in proportion to its period.
+/// Pulse and delay of the actuation, s, where nobody gave them, for a channel that rings at the
+/// frequency of the guess `identify.grey_box`. For any other channel both are scaled in proportion
+/// to its period.
 const PULSE_S: f64 = 9e-6;
 const DELAY_S: f64 = 6e-6;
 /// At most so many healthy signals of a printhead are fitted to learn how channels differ.
 const MOST_HEALTHY: usize = 4096;
-/// At most so many labelled signals of a class and printhead correct the rates.
+/// At most so many labelled signals of a class and printhead correct rates and severities.
 const MOST_LOOKS: usize = 512;
 
-/// Learns the physics of a design: the guessed channel is scaled to the measured ring, healthy signals tell
-/// how channels differ, and labelled faults correct the guess. `None`: the guessed channel does not ring, or
-/// the healthy signals do not tell how channels differ, such as where they are too few. An error if an
-/// identified model does not ring.
+/// Learns the physics of a design whose healthy models and labelled classes are there already.
+/// `grey_box`: the guess of the channel's rates; `isolate`: actuation, the user's own laws, and how
+/// far the guess is trusted. `None`: the guessed channel does not ring, or the healthy signals do
+/// not tell how channels differ, for example because they are too few. An error if an identified
+/// model does not ring, or if the settings' waveform is not possible.
 pub(super) fn physics(
     design: &Design,
     set: &TrainingSet,
@@ -41,7 +49,10 @@ pub(super) fn physics(
     let model = &design.pooled;
     let sampling = (design.sample_period_s, design.samples);
     let ring = model.ring()?;
-    // The settings' channel in ratios, at the machine's own scale of time.
+
+    // Step 1. Of the settings' channel only the ratios of rates are trusted: it is scaled in time
+    // such that it rings at the measured frequency. `slower`: its period here over that of the
+    // settings.
     let scaled = grey_box.at_frequency(ring.frequency_hz);
     let slower = (grey_box.a_per_s2 / scaled.a_per_s2).sqrt();
     // Durations that were given in seconds stay; only the defaults are scaled.
@@ -57,8 +68,9 @@ pub(super) fn physics(
     };
     physics.laws = isolate.physics.clone();
 
-    // How channels differ: the covariance of healthy features less that of the fits' noise. Features are per
-    // unit drive, so the noise of weakly driven signals counts more (`weaker`).
+    // Step 2. How channels differ: the covariance of healthy features less that of the fits' noise.
+    // Features are per unit drive, so weakly driven signals have more noise: `weaker` is the mean
+    // factor on the noise's variance. `channels`: all channels, told apart by printhead and number.
     let few: BTreeMap<String, SignalSet> =
         set.healthy.iter().map(|(name, all)| (name.clone(), all.first(MOST_HEALTHY))).collect();
     let channels: BTreeSet<(&str, u32)> = few
@@ -75,8 +87,8 @@ pub(super) fn physics(
         return Ok(None);
     }
 
-    // Labelled faults of known kinds correct the rates. Classes of the user's own, which stand for no law,
-    // tell nothing of them.
+    // Step 3. Labelled faults of known kinds correct the rates. Classes of the user's own that
+    // stand for no law, or for laws of several kinds, tell nothing of the rates.
     let mut labelled = Vec::new();
     for (name, printheads) in &set.faulty {
         let Some(class) = design.classes.iter().find(|class| class.name == *name) else { continue };
@@ -88,19 +100,22 @@ pub(super) fn physics(
         }
     }
     if !labelled.is_empty() {
-        // If the corrected rates would not ring, the labels do not fit the physics at all, and it stays as
-        // guessed.
+        // If a channel of the corrected rates would not ring, the labels do not fit the physics at
+        // all, and the physics stays as guessed.
         let before = physics.clone();
         if physics.learn_rates(guess, isolate.guess_sd, &labelled, sampling).is_none() {
             physics = before;
         }
     }
+
+    // Step 4.
     learn_sizes(&mut physics, &labelled, sampling);
     Ok(Some(physics))
 }
 
-/// Learns the distribution of severities in each labelled class, and how far estimated severities lie off
-/// labelled ones. A signal whose label gives no severity counts with the physics' own estimate.
+/// Learns the distribution of severities in each labelled class, and how far estimated severities
+/// lie off labelled ones. A signal whose label gives no severity counts in the distribution with
+/// the physics' own estimate. `dt_s`, `samples`: the sampling.
 fn learn_sizes(
     physics: &mut FaultPhysics,
     labelled: &[LabelledFault],
@@ -108,13 +123,15 @@ fn learn_sizes(
 ) {
     let mut by_class: BTreeMap<&str, Vec<&LabelledFault>> = BTreeMap::new();
     labelled.iter().for_each(|fault| by_class.entry(&fault.class).or_default().push(fault));
-    // each labelled class as one that stands for the kind of its signals
+
+    // For the curves each labelled class stands for the one kind of its signals.
     let class = |(name, labelled): (&&str, &Vec<&LabelledFault>)| fault::Class {
         of: labelled.iter().take(1).map(|fault| fault.kind.clone()).collect(),
         ..fault::Class::plain(name)
     };
     let classes: Vec<fault::Class> = by_class.iter().map(class).collect();
-    // the severity of a fault of which it is known that it is of class k
+    // The estimated severity of a fault of which it is known that it is of class k: of the weights
+    // only that of class k is 1.
     let estimate = |curves: &FaultCurves, k: usize, fault: &LabelledFault| {
         let changed = curves.changed(fault.ring);
         let conditions = Conditions { drive: fault.drive, changed, baseline: None };
@@ -124,7 +141,8 @@ fn learn_sizes(
         curves.severity(k, &only, &compared)
     };
 
-    // First the distributions of severities.
+    // First the distributions of severities, from labels or else from estimates with a uniform
+    // prior.
     let curves = physics.curves(&classes, dt_s, samples);
     for (k, (name, labelled)) in by_class.iter().enumerate() {
         let size = |fault: &&LabelledFault| {
@@ -152,9 +170,10 @@ fn learn_sizes(
     }
 }
 
-/// Adds the classes that the physics knows and nobody labelled: the thesis's, those of a user's own laws, and
-/// names that were declared to stand for some of these. The mean deviation of each is that of the middle of
-/// its severities. A class that a declared name stands for is not added under its own name as well.
+/// Adds the classes that the physics knows and nobody labelled: the thesis's, those of a user's own
+/// laws, and names that were declared to stand for some of these. The mean deviation of an added
+/// class is the predicted one in the middle of its severities, since residual matching needs one. A
+/// class that a declared name stands for is not added under its own name as well.
 pub(super) fn add_classes(design: &mut Design, isolate: &IsolateSettings) {
     let Some(physics) = &design.physics else { return };
     let categories = isolate.physics.categories();
@@ -168,7 +187,7 @@ pub(super) fn add_classes(design: &mut Design, isolate: &IsolateSettings) {
         if design.classes.iter().any(|class| class.name == name) {
             continue;
         }
-        // a declared name looks like the first of the classes that it stands for
+        // a declared name gets the deviation of the first of the classes that it stands for
         let like = of.first().map_or(name, String::as_str);
         let middle = physics.laws.law(like).map(Law::middle);
         let deviation = middle.and_then(|s| physics.deviation(like, s, sampling));
@@ -184,9 +203,11 @@ pub(super) fn add_classes(design: &mut Design, isolate: &IsolateSettings) {
     }
 }
 
-/// The labelled signals of a class on one printhead, with their fitted features corrected for temperature.
-/// Each signal weighs one over its channel's number of signals, so that every channel counts as one. Signals
-/// that do not ring are left out. `ring`: the one that the physics is relative to.
+/// The labelled signals of a class on one printhead (`set`), with their fitted features corrected
+/// for temperature. Each signal weighs one over its channel's number of signals, so that every
+/// channel counts as one. Signals that no ring fits are left out. `class`: the label; `kind`: the
+/// law in whose unit severities are given; `model`: the printhead's; `ring`: the one that the
+/// physics is relative to.
 fn labelled_faults(
     (class, kind): (&str, &str),
     model: &HealthyModel,

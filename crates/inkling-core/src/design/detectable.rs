@@ -1,9 +1,12 @@
-//! What an identified channel lets a filter see, before any fault is labelled.
+//! What an identified channel lets a filter see, before any fault is labelled: shown by `inkling
+//! identify`.
 //!
-//! In: an identified model, the healthy signals that it was identified on. Out: the filter's freedom and
-//! where it is blind, and by Monte Carlo how small a fault of each class would be found, and which classes
-//! would be mistaken for each other, given this model, its noise and how its channels differ. thesis (3-2),
-//! (3-3), §3-2-1.
+//! In: an identified model, the healthy signals that the model was identified on. Out:
+//! [`Detectability`]. Of the FD filter by method I: how many filters of its degree no healthy
+//! signal excites (the dimension of the left null space), and the frequencies that the filter does
+//! not answer. And by Monte Carlo (`promise`), for a design that is trained on these signals: how
+//! small a fault of each class would be found, and which classes would be mistaken for each other.
+//! thesis (3-2), (3-3), §3-2-1.
 
 use super::fd_filter::{by_resonance, with_denominator};
 use super::{Design, DesignError, IsolateSettings, TrainingSet};
@@ -17,10 +20,10 @@ use crate::promise::Promise;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// A filter is blind to a frequency that it answers with less than this share of its largest answer. The
-/// largest is that to the undamped pair, some thousand times the answer elsewhere.
+/// A filter is blind to a frequency at which its gain is less than this share of its largest gain.
+/// The largest gain is that at the undamped pair, some thousand times the gain elsewhere.
 const BLIND: f64 = 1e-6;
-/// Number of steps over 0 .. half the sample rate in which blind frequencies are looked for.
+/// Number of frequencies, evenly over 0 .. half the sample rate, at which the gain is looked at.
 const STEPS: usize = 8192;
 
 /// What can be seen of a channel's faults.
@@ -28,17 +31,22 @@ const STEPS: usize = 8192;
 pub struct Detectability {
     /// Degree of the filter of method I.
     pub degree: usize,
-    /// Number of linearly independent filters of that degree that no healthy signal excites: (3-3a).
+    /// Number of linearly independent filters of that degree that no healthy signal excites:
+    /// (3-3a).
     pub nullity: usize,
-    /// Frequencies that the filter answers with less than a millionth of its largest answer, Hz.
+    /// Ranges (from, to), Hz, of frequencies at which the filter's gain is less than a millionth of
+    /// its largest.
     pub blind_hz: Vec<[f64; 2]>,
-    /// Power analysis of the default detection, with the faults that the physics knows; `None`: too few
-    /// signals to tell how channels differ, or these signals do not ring.
+    /// Power analysis of detection by sensitivities with a quantile as threshold, with the faults
+    /// that the physics knows. `None`: a design could not be trained, for example on too few
+    /// signals to tell how channels differ, or on signals that do not ring.
     pub promise: Option<Promise>,
 }
 
 impl Detectability {
-    /// `identification`: the model; `healthy`: signals of one printhead; `dt_s`: their sample period, s.
+    /// `identification`: the model; `healthy`: signals of one printhead; `dt_s`: their sample
+    /// period, s; `grey_box`, `settings`: `[identify.grey_box]` and `[detect]`. An error if the
+    /// channel has no filter of method I.
     pub fn of(
         identification: &Identification,
         healthy: &SignalSet,
@@ -46,6 +54,8 @@ impl Detectability {
         grey_box: &GreyBoxSettings,
         settings: &DetectSettings,
     ) -> Result<Detectability, DesignError> {
+        // The FD filter by method I, whatever the settings' denominator is, and what it leaves
+        // unseen.
         let channel = identification.channel;
         let denominator = by_resonance(identification, healthy.samples, settings, dt_s)?;
         let degree = denominator.len() - 1;
@@ -55,8 +65,8 @@ impl Detectability {
         let blind = blind_ranges(&filter, BLIND, STEPS).into_iter();
         let blind_hz = blind.map(|(from, to)| [from, to]).collect();
 
-        // The power analysis needs a whole design. It is trained on the healthy signals alone, so its faults
-        // are those of the physics.
+        // The power analysis needs a whole design. It is trained on the healthy signals alone, so
+        // its faults are those of the physics.
         let set = TrainingSet {
             sample_period_s: dt_s,
             samples: healthy.samples,

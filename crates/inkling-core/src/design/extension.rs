@@ -1,9 +1,15 @@
-//! A model extension: what a critique found missing in the healthy model.
+//! A model extension: what a critique (`inkling critique`) found missing in the healthy model, as a
+//! correction of signals.
 //!
-//! In: the covariates of a signal. Out: counts, subtracted from the signal before anything is learned from it
-//! or judged. Three effects: parameters of the free decay that depend linearly on covariates (`follows`), the
-//! tail of the previous actuation's decay, and shapes that every signal has. The effect of temperature is not
-//! here: every healthy model learns it ([`super::HealthyModel`]).
+//! In: a signal, N, counts, its covariates and its relative drive s. Out: the signal less the
+//! extension, in place, before anything is learned from the signal or it is judged. With D(theta,
+//! t) the free decay of thesis (2-2) per unit drive, theta_0 the typical parameters, theta the
+//! signal's own ones and t_p the time since the previous actuation, three effects are subtracted:
+//! * `shapes`, which every signal has: the sum over k of s^k shape_k;
+//! * `follows`, parameters that depend linearly on covariates: s (D(theta, t) - D(theta_0, t));
+//! * `previous_tail` p, the previous actuation's decay, which still rings: s p D(theta, t + t_p).
+//!
+//! The effect of temperature is not here: every healthy model learns it ([`super::HealthyModel`]).
 
 use super::error::{is_count, is_signal};
 use crate::burst::{Beside, Burst};
@@ -11,8 +17,9 @@ use crate::identify::reservoir::relative_drive;
 use crate::model::free_decay::{self, ALL, Theta};
 use serde::{Deserialize, Serialize};
 
-/// Largest change of ln damping and of ln frequency that covariates may cause: beyond what an extension was learned
-/// from, its straight lines are not followed without end.
+/// Largest change of ln damping and of ln frequency that all covariates together may cause, to
+/// either side. It bounds what a damaged or extrapolated extension can do (the value is somewhat
+/// arbitrary).
 const MOST_SHIFT: f64 = 1.0;
 
 /// A covariate: a number that is recorded with a signal and has an effect on its free decay.
@@ -44,39 +51,43 @@ impl Covariate {
     }
 }
 
-/// Linear dependence of the free decay's parameters on a covariate.
+/// Linear dependence of the free decay's parameters on one covariate z: their change is
+/// slope * (z clamped to `range` - about).
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Follows {
     pub covariate: Covariate,
-    /// Value of the covariate at which the change is 0.
+    /// Value of the covariate at which the change is 0, in the unit of [`Covariate`].
     pub about: f64,
-    /// Range of the training data; beyond it the covariate is clamped.
+    /// Range of the covariate in the critique's recordings; beyond it the covariate is clamped.
     pub range: [f64; 2],
     /// Change of the parameters [`Extension::decay`] per unit of the covariate.
     pub slope: [f64; ALL],
 }
 
-/// The extension of a design, for all its models.
+/// The extension of a design, for all of the design's models.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Extension {
     /// Identifiers of the causes that the critique named, as in `critique.json`.
     pub causes: Vec<String>,
-    /// The typical free decay, per unit drive: ln sigma, ln omega, a, b, c, ln lambda; time counts in signal
-    /// lengths, amplitudes in counts ([`crate::model::free_decay`]).
+    /// The typical free decay, per unit drive: ln sigma, ln omega, a, b, c, ln lambda; time counts
+    /// in signal lengths, amplitudes in counts ([`crate::model::free_decay`]).
     pub decay: [f64; ALL],
+    /// One entry per covariate that has an effect.
     pub follows: Vec<Follows>,
-    /// Amplitude of the previous actuation's decay, which still rings, over that of the present one; 0: no
-    /// such effect.
+    /// Amplitude of the previous actuation's decay, which still rings, over that of the present
+    /// one, at the same time after each actuation; 0: no such effect.
     pub previous_tail: f64,
-    /// Shapes that every signal has; number k is scaled by drive^k. Each N, counts, or empty.
+    /// Shapes that every signal has; shape number k, from 0 on, is scaled by drive^k. Each N,
+    /// counts, or empty: there is none with that power.
     pub shapes: Vec<Vec<f64>>,
 }
 
 impl Extension {
-    /// Subtracts the extension from a signal. `beside`: its covariates; `drive`: relative; `dt_s`: sample
-    /// period, s; `signal`: N, counts.
+    /// Subtracts the extension from a signal, in place. `beside`: the signal's covariates; `drive`:
+    /// relative; `dt_s`: sample period, s; `signal`: N, counts. A covariate that was not recorded
+    /// (NaN) has no effect.
     pub fn subtract(&self, beside: &Beside, drive: f64, dt_s: f64, signal: &mut [f64]) {
-        // shapes, with ascending powers of the drive
+        // The shapes, with ascending powers of the drive.
         let mut scale = 1.0;
         for shape in &self.shapes {
             signal.iter_mut().zip(shape).for_each(|(y, v)| *y -= scale * v);
@@ -93,26 +104,27 @@ impl Extension {
                 own += Theta::from(follows.slope) * z;
             }
         }
-        // the first two are ln damping and ln frequency
+        // The change of the first two parameters, ln damping and ln frequency, is bounded.
         for (own, usual) in own.iter_mut().zip(&usual).take(2) {
             *own = own.clamp(usual - MOST_SHIFT, usual + MOST_SHIFT);
         }
-        // replace the signal's own decay by the typical one
+        // Replace the signal's own decay by the typical one.
         if !self.follows.is_empty() {
             free_decay::add(&own, true, 0.0, -drive, signal);
             free_decay::add(&usual, true, 0.0, drive, signal);
         }
 
-        // What the previous decay still has at this time; `since` counts in signal lengths, as the decay
-        // does.
+        // Subtract what the previous actuation's decay still is. `since`: the time from that
+        // actuation to the first sample, in signal lengths, the unit of the decay's time. Infinite:
+        // there was none.
         let since = beside.idle_s / (dt_s * signal.len() as f64);
         if self.previous_tail != 0.0 && since.is_finite() && since > 0.0 {
             free_decay::add(&own, true, since, -drive * self.previous_tail, signal);
         }
     }
 
-    /// Subtracts the extension from the signal of row `row` of a burst. `reference_v`: drive voltage that
-    /// relative drives refer to, V.
+    /// Subtracts the extension from the signal of row `row` of a burst. `reference_v`: drive
+    /// voltage that relative drives refer to, V.
     pub fn take_off(
         &self,
         burst: &Burst,
@@ -183,7 +195,8 @@ mod tests {
     #[test]
     fn what_is_left_is_the_usual_decay() {
         let (extension, drive) = (extension(), 0.8);
-        // 50 s after the covariate's reference; 5000 s after lies beyond what was seen and counts as 100
+        // 50 s after the covariate's reference; 5000 s after lies beyond what was seen and counts
+        // as 100
         for (t_s, off) in [(1050.0, 50.0), (6000.0, 100.0), (1000.0, 0.0)] {
             for idle_s in [150e-6, f64::INFINITY, f64::NAN] {
                 let mut own = extension.decay;

@@ -1,7 +1,10 @@
-//! The FD filter of an identified model: numerator (3-2), denominator by method I or as it was learned.
+//! The FD filter of an identified model: numerator N L from the null space, thesis (3-2),
+//! denominator alpha by method I or as it was learned from faults, thesis §3-2-1.
 //!
-//! In: an identified model, `[detect]`, for all but method I what training has learned from faults. Out: the
-//! residual generator. thesis §3-2-1.
+//! In, from `learn`: an identified model, the settings `[detect]`, and for every
+//! `detect.denominator` but method I what training has learned from faults ([`LearnedFilter`]).
+//! Out: the [`ResidualGenerator`] r = (M N L / alpha) d, discretised exactly: each pole s becomes z
+//! = e^(s dt).
 
 use super::DesignError;
 use crate::detect::{Denominator, DetectSettings, ResidualGenerator, null_space, numerator, poles};
@@ -10,32 +13,34 @@ use crate::identify::grey_box::Identification;
 use crate::model::InkChannel;
 use serde::{Deserialize, Serialize};
 
-/// Settings for learning a healthy model.
+/// Settings for learning a healthy model, as `HealthyModel::learn` takes them.
 #[derive(Clone, Copy, Debug)]
 pub struct LearnSettings<'a> {
     pub grey_box: &'a GreyBoxSettings,
     pub detect: &'a DetectSettings,
-    /// Least share of a window's signals that must agree with each other; `None`: labels say that all are
-    /// healthy.
+    /// Least share of a window's signals that must agree with each other. `None`: labels say that
+    /// all signals are healthy; by this labelled signals and windows are told apart.
     pub least_agreeing: Option<f64>,
+    /// Sample period, s.
     pub sample_period_s: f64,
-    /// The part of the filter that methods II, III and the search have learned from faults; `None` with
-    /// method I.
+    /// The part of the filter that methods II, III and the search have learned from faults; `None`
+    /// with method I.
     pub filter: Option<&'a LearnedFilter>,
 }
 
-/// What methods II and III and the search learn from faults. A later model of the same printer keeps it: only
+/// What the methods but method I learn from faults. Later models, of windows, take it over: only
 /// the numerator N L follows the model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LearnedFilter {
     /// alpha(z), descending powers.
     pub denominator: Vec<f64>,
-    /// M(z) of Appendix A, descending powers; the constant 1 with methods that learn the denominator alone.
+    /// M(z), the factor of the numerator (thesis §3-2-1 III), descending powers; the constant 1
+    /// with methods that learn the denominator alone.
     pub enhancement: Vec<f64>,
 }
 
-/// The filter of an identified model for signals of `samples` samples. An error if the chosen denominator is
-/// one that is learned from faults and nothing was learned.
+/// The filter of an identified model for signals of `samples` samples with the period `dt_s`, s. An
+/// error if the chosen denominator is one that is learned from faults and nothing was learned.
 pub(super) fn residual_generator(
     identification: &Identification,
     samples: usize,
@@ -63,7 +68,8 @@ pub(super) fn residual_generator(
     }
 }
 
-/// The filter of a channel with this denominator, whose numerator has the same degree.
+/// The filter N L / alpha of a channel, with the numerator's degree equal to that of `denominator`
+/// (alpha).
 pub(super) fn with_denominator(
     channel: &InkChannel,
     denominator: Vec<f64>,
@@ -73,8 +79,10 @@ pub(super) fn with_denominator(
     Ok(ResidualGenerator::new(numerator, denominator, dt_s)?)
 }
 
-/// The denominator alpha(z) of method I for a model: poles at the resonance that rings for a given number of
-/// oscillations within a signal, by default for as many as the healthy ring has.
+/// The denominator alpha(z) of method I for a model, descending powers: an undamped pair at omega_r
+/// = 2 pi n_o / T, and the settings' other poles. n_o, the number of oscillations within a signal
+/// of length T, is `detect.oscillations`; or `detect.oscillations_of_ring` times that of the
+/// healthy ring, f0 T (by default once, which is the healthy resonance itself).
 pub(super) fn by_resonance(
     identification: &Identification,
     samples: usize,

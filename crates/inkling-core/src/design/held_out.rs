@@ -1,10 +1,14 @@
-//! What a design makes of labelled signals of its classes, and of those that were held out
-//! (cross-validation).
+//! Review of a design by the labelled signals of its classes: as the design judges them, and as
+//! designs judge them that were learned without them (cross-validation).
 //!
-//! In: a design and the signals that it was trained on. Out: for each labelled class how many of its signals
-//! pass the detection, how many would be named if they had not been labelled, and what they would be called
-//! instead. The healthy models and the physics stay; what is learned of labelled faults is learned without
-//! those held out.
+//! In, from `inkling train`: a design and the signals that it was trained on. Out: a
+//! [`ClassReview`] per labelled class: how many of its signals are flagged, how many are named, and
+//! what the others would be called instead. `train` prints it, and refuses a design with a class
+//! that can never be named.
+//!
+//! The cross-validation has two folds, divided by channel. For each fold, classes, posterior and
+//! bounds are learned again from the other fold, and the fold is judged. Healthy models, filter and
+//! physics stay those of all signals.
 
 use super::train::{learn_classes, learn_posterior};
 use super::{
@@ -19,21 +23,21 @@ use std::sync::{Arc, OnceLock};
 
 /// Number of folds of the cross-validation. Each signal is held out once.
 const FOLDS: usize = 2;
-/// At most so many signals of a class and printhead are judged.
+/// At most so many signals of a class and printhead are judged (all of them are learned from).
 const MOST_SIGNALS: usize = 1024;
 
-/// Counts of labelled signals of a class, as a design judges them.
+/// Counts of the labelled signals of one class, as a design judges them.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Judged {
     /// Signals that were judged.
     pub signals: usize,
-    /// Signals that pass the detection (are flagged).
+    /// Signals that the detection flags.
     pub detected: usize,
-    /// Detected signals by the class that they are named with certainty.
+    /// Flagged signals by the class that they are named with certainty.
     pub named: BTreeMap<String, usize>,
-    /// Detected signals that no ring explains.
+    /// Flagged signals that no ring explains.
     pub no_ring: usize,
-    /// Detected signals by the class that they are most like, whether named or not.
+    /// Flagged signals by the class of largest weight, whether named or not.
     pub most_like: BTreeMap<String, usize>,
 }
 
@@ -43,30 +47,33 @@ pub struct ClassReview {
     pub name: String,
     /// Number of signals that the labels gave the class, whether judged here or not.
     pub labelled: u64,
-    /// Whether the class is one of the physics, or was declared to stand for some: then settings and physics
-    /// may name signals of it that nobody labelled.
+    /// Whether the class is one of the physics, or was declared to stand for some of those: then
+    /// the design can name signals of the class without any label.
     pub is_known: bool,
     /// The class's signals as the design itself judges them.
     pub trained_on: Judged,
-    /// Signals of other classes that the design takes for this one, by their class.
+    /// Number of flagged signals of other classes that are most like this one, by their true class.
     pub taken_in: BTreeMap<String, usize>,
-    /// The class's signals as designs judge them that were not trained on them; empty for a class that only
-    /// labels know and that has a single one.
+    /// The class's signals as designs judge them that were learned without them. Empty where the
+    /// class could not be learned without them: a class that only labels know, and that has a
+    /// single signal.
     pub held_out: Judged,
 }
 
 impl Judged {
-    /// Number of signals that get the name `class`.
+    /// Number of signals that are named `class`.
     pub fn named(&self, class: &str) -> usize {
         self.named.get(class).copied().unwrap_or(0)
     }
 
-    /// The name other than the class's own that most signals get, and how many do.
+    /// The name, other than `class`, that the most signals get, and the number of these signals.
     pub fn mistaken_for(&self, class: &str) -> Option<(&str, usize)> {
         most(&self.named, class)
     }
 
-    /// Counts one more signal, as a judge sees it. `names`: those of the judge's classes.
+    /// Judges one more signal and adds it to the counts. `deviation`: from the expected signal, N,
+    /// counts; `drive`: relative; `names`: those of the judge's classes; in `work`,
+    /// [`Workspace::warmer`] is set.
     fn count(
         &mut self,
         judge: &Judge,
@@ -92,15 +99,18 @@ impl Judged {
     }
 }
 
-/// The name with the largest count, `but` that one.
+/// The name with the largest count, and that count, among all names but `but`.
 fn most<'a>(counts: &'a BTreeMap<String, usize>, but: &str) -> Option<(&'a str, usize)> {
     let others = counts.iter().filter(|(name, _)| *name != but);
     others.max_by_key(|(_, n)| **n).map(|(name, n)| (name.as_str(), *n))
 }
 
 impl ClassReview {
-    /// The reason why no signal of the class can ever be named, where that is so: the class is known by its
-    /// labels alone, and not even a signal that it was learned from gets its name.
+    /// The reason, in words, why no signal of the class can ever be named; `None`: some can, or too
+    /// few signals tell. The class is then known by its labels alone, has at least `few` judged
+    /// signals, and not even a signal that it was learned from gets its name. Three reasons are
+    /// looked for in turn: no signal is flagged; most flagged signals do not ring; another class
+    /// takes many of the signals.
     pub fn why_never_named(&self) -> Option<String> {
         let Judged { signals, detected, no_ring, ref most_like, .. } = self.trained_on;
         let is_never = !self.is_known && signals >= few() && self.trained_on.named(&self.name) == 0;
@@ -115,10 +125,13 @@ impl ClassReview {
                  rings; such signals are told as `no_ring`, the sensor's or the acquisition's"
             )
         } else {
-            // Signals that are most like their own class, and like no other, will be named when there are
-            // more labels of it. So the reason must be another class that takes many of them.
+            // Signals that are most like their own class will be named when more signals of the
+            // class are labelled, so that is no reason to refuse it. The reason must be another
+            // class.
             let (like, n) = most(most_like, &self.name)?;
-            // two names for one thing take each other's signals
+            // Two names for one fault take each other's signals, so the signals of both directions
+            // are counted. They must be some, and a quarter of the flagged ones (a share somewhat
+            // arbitrary).
             let back = self.taken_in.get(like).copied().unwrap_or(0);
             if n + back < few() || 4 * (n + back) < detected {
                 return None;
@@ -136,21 +149,23 @@ impl ClassReview {
 }
 
 impl Design {
-    /// Reviews every labelled class: how its signals are judged by this design, and by designs that were
-    /// learned without them.
+    /// Reviews every labelled class: how its signals are judged by this design, and by designs that
+    /// were learned without them.
     pub fn tell_classes(
         &self,
         set: &TrainingSet,
         grey_box: &GreyBoxSettings,
         isolate: &IsolateSettings,
     ) -> Result<Vec<ClassReview>, DesignError> {
-        // by the design itself
+        // All labelled signals, at most MOST_SIGNALS of a class and printhead, by the design
+        // itself.
         let few = first_of(set);
         let mut trained_on = BTreeMap::new();
         judge_all(self, &few, isolate, &mut trained_on)?;
 
-        // Cross-validation: learn from the other folds, judge this one. A class that was not learned without
-        // the fold cannot name anything, so its held-out signals are not counted.
+        // Cross-validation: learn from the other folds, judge this one. A class that could not be
+        // learned without the fold is no class of `without`, so the class's held-out signals are
+        // not counted.
         let mut held_out = BTreeMap::new();
         for fold in 0..FOLDS {
             let learned_from = part_of(set, |of| of != fold);
@@ -163,10 +178,11 @@ impl Design {
             judge_all(&without, &part, isolate, &mut held_out)?;
         }
 
+        // One review per class from both counts.
         let review = |(name, of): (&String, &Judged)| {
             let class = self.classes.iter().find(|class| class.name == *name);
             let stands_for = class.map(|class| class.class().of).unwrap_or_default();
-            // the signals of other classes that this one takes
+            // the flagged signals of other classes that are most like this class
             let others = trained_on.iter().filter(|(other, _)| *other != name);
             let taken =
                 |(other, of): (&String, &Judged)| Some((other.clone(), *of.most_like.get(name)?));
@@ -182,8 +198,8 @@ impl Design {
         Ok(trained_on.iter().map(review).collect())
     }
 
-    /// The same design with its classes learned from other signals. `None`: the signals are too few for the
-    /// method of isolation.
+    /// The same design with its classes learned again, from the faulty signals of `set`. `None`:
+    /// these are too few for the method of isolation.
     fn learned_from(
         &self,
         set: &TrainingSet,
@@ -200,7 +216,10 @@ impl Design {
         let mut design = Design { curves: OnceLock::new(), ..self.clone() };
         let learned = learn_classes(&design, set, isolate, settings, &mut Vec::new());
         let is_known = |name: &str| isolate.physics.law(name).is_some();
-        // A class that has no labelled signals now is known by physics, by declaration, or not at all.
+
+        // A class without labelled signals in `set` stays if the physics or a declaration knows it
+        // (with its mean deviation as it was); else the class goes. All others are replaced by what
+        // was learned.
         design.classes.retain(|class| {
             is_known(&class.name) || !class.of.is_empty() || set.faulty.contains_key(&class.name)
         });
@@ -209,7 +228,8 @@ impl Design {
                 *class = learned.clone();
             }
         }
-        // densities and bounds rest on the labelled signals, too
+
+        // Densities and bounds rest on the labelled signals, too, and are learned again.
         if self.posterior.is_some() {
             design.posterior = learn_posterior(&design, set)?.map(Arc::new);
             design.typical = typical::learn(&design, set)?.map(Arc::new);
@@ -219,8 +239,9 @@ impl Design {
     }
 }
 
-/// Judges every labelled class's signals by a design, and adds to the counts of each class. Without what the
-/// method of isolation needs, they are only detected.
+/// Judges every labelled class's signals by a design, each by the model of its printhead, and adds
+/// to `counts`, by class. If the design lacks what the method of isolation needs, the signals are
+/// only detected.
 fn judge_all(
     design: &Design,
     set: &TrainingSet,
@@ -243,15 +264,18 @@ fn judge_all(
     Ok(())
 }
 
-/// The first signals of each class and printhead, with the healthy signals of the set.
+/// The first `MOST_SIGNALS` signals of each class and printhead, with all healthy signals of the
+/// set.
 fn first_of(set: &TrainingSet) -> TrainingSet {
     of_faulty(set, |_, signals| (0..signals.len().min(MOST_SIGNALS)).collect())
 }
 
-/// The labelled faults in some of the folds. All signals of a channel are in one fold, so that what is held
-/// out is of other channels; a class with a single channel is divided signal by signal.
+/// The same set with the labelled faults of some folds only. `in_part`: whether a fold, 0 or 1,
+/// belongs to the part. All signals of a channel are in one fold, so that held-out signals are of
+/// channels that were not learned from; a class with a single channel is divided signal by signal.
 fn part_of(set: &TrainingSet, in_part: impl Fn(usize) -> bool) -> TrainingSet {
     of_faulty(set, |channels, signals| {
+        // the rank of a signal's channel (or the number of the signal) modulo FOLDS is its fold
         let rank = |i: usize| match channels.len() {
             1 => i,
             _ => channels.binary_search(&signals.channel[i]).unwrap_or(i),
@@ -260,8 +284,9 @@ fn part_of(set: &TrainingSet, in_part: impl Fn(usize) -> bool) -> TrainingSet {
     })
 }
 
-/// The same set with some signals of each class and printhead. `keep`: the indices to keep of a set of
-/// signals, given all channels on which the class was labelled.
+/// The same set with some signals of each class and printhead, and all healthy signals. `keep` gets
+/// the ascending numbers of all channels on which a class was labelled, and the class's signals on
+/// one printhead, and returns the indices of the signals to keep.
 fn of_faulty(set: &TrainingSet, keep: impl Fn(&[u32], &SignalSet) -> Vec<usize>) -> TrainingSet {
     set.with(|state, _, signals| {
         let Some(printheads) = set.faulty.get(state) else { return (0..signals.len()).collect() };

@@ -1,8 +1,17 @@
-//! The methods of `isolate.method`, each made ready for a model.
+//! The methods of `isolate.method` (how the fault of a flagged signal is named), each made ready
+//! for a model.
 //!
-//! In: a healthy model, the fault classes of a design as training left them. Out: an [`Isolator`]. All methods but
-//! the posterior weigh the classes here, for one signal after another; the posterior needs a fitted ring, and
-//! [`super::named_ring`] weighs by it.
+//! In: a healthy model, the fault classes of a design as training left them. Out: an [`Isolator`],
+//! which a [`super::Judge`] holds: it turns a signal's deviation from the expected signal into one
+//! weight per class. Four methods:
+//! * posterior (the default): needs a ring fitted to the signal; [`super::named_ring`] does the
+//!   weighing;
+//! * residual matching, thesis §3-3-2: min over phi of |R phi - r|, phi >= 0, sum phi = 1;
+//! * model matching, thesis §3-3-1: the class whose own filter leaves the least residual energy;
+//! * neighbours, thesis §4-3-1: a vote of the nearest training signals.
+//!
+//! The last three compare deviations per unit drive with the classes' ones, so they survive another
+//! identification of the healthy model.
 
 use super::rings::Rings;
 use super::workspace::Workspace;
@@ -20,18 +29,19 @@ use crate::model::ring_fit::Fit;
 use nalgebra::Vector4;
 use std::sync::Arc;
 
-/// Isolation by the features of a fitted ring (`isolate.method` = `posterior`); used in
+/// What isolation by the features of a fitted ring needs (`isolate.method` = `posterior`); used in
 /// [`super::named_ring`].
 #[derive(Debug)]
 pub(super) struct RingClassifier {
+    /// The densities of the features in each class.
     pub(super) posterior: Arc<Posterior>,
     /// Fits rings about the healthy ring of the model.
     pub(super) rings: Rings,
-    /// Prior weight of each class.
+    /// Prior weight of each class, in the design's order; they sum to 1.
     pub(super) priors: Vec<f64>,
     /// How the features of a ring, healthy or faulty, change with temperature, per K.
     pub(super) per_k: Vector4<f64>,
-    /// Bounds on what signals of each class leave beside their rings.
+    /// Bounds on what signals of each class leave beside their rings; `None`: there are none.
     pub(super) typical: Option<Arc<Typical>>,
 }
 
@@ -40,8 +50,9 @@ pub(super) struct RingClassifier {
 pub(super) enum Isolator {
     /// A posterior over the classes from the features of a fitted ring.
     Posterior(Box<RingClassifier>),
-    /// thesis §3-3-2, with the adjoint signatures F^T R in place of R: since r = F d, (F^T R)^T d = R^T r,
-    /// and no signal needs to be filtered.
+    /// thesis §3-3-2. The solver of the simplex needs R^T r of a signal's residual r only. It is
+    /// computed with the adjoint signatures F^T R in place of R: since r = F d, (F^T R)^T d = R^T
+    /// r, so no signal needs to be filtered.
     ResidualMatching(SignatureMatrix, Simplex),
     /// thesis §3-3-1: the identified model of each class that has one.
     ModelMatching(Vec<Option<FaultModel>>),
@@ -50,8 +61,8 @@ pub(super) enum Isolator {
 }
 
 impl Isolator {
-    /// Makes the isolator of a design's classes for one model. An error if the design was not trained with
-    /// the method.
+    /// Makes the isolator of a design's classes for one model, by `settings.method`. An error if
+    /// the design was not trained with the method.
     pub(super) fn new(
         model: &HealthyModel,
         design: &Design,
@@ -69,8 +80,8 @@ impl Isolator {
                 Isolator::ModelMatching(design.classes.iter().map(|c| c.model.clone()).collect())
             }
             IsolateMethod::Neighbours => {
-                // rows: the training signals of all classes as this model sees them; class_of: the class of
-                // each
+                // `rows`: the training signals of all classes, filtered by this model; `class_of`:
+                // the class of each
                 let (mut rows, mut class_of) = (Vec::new(), Vec::new());
                 for (k, class) in design.classes.iter().enumerate() {
                     rows.extend(class.examples.iter().map(|e| compared(model, settings.signal, e)));
@@ -82,10 +93,12 @@ impl Isolator {
         })
     }
 
-    /// Writes the weights of the classes to [`Workspace::weights`], for every method but
-    /// [`Isolator::Posterior`], which needs a fitted ring. The weights come in as one 0 for each class. `None`: no
-    /// class fits. `model`: whose filter makes the residual; `signal`: what the neighbours are compared in
-    /// (the signatures were made of it in [`Isolator::new`]).
+    /// Writes the weights of the classes to [`Workspace::weights`], which must come in as one 0 for
+    /// each class. For every method but [`Isolator::Posterior`], which needs a fitted ring.
+    /// `deviation`: from the expected signal, N, counts; `drive`: relative; `model`: whose filter
+    /// makes the residual; `signal`: whether neighbours compare residuals or deviations (the
+    /// signatures of residual matching were made of one of the two in [`Isolator::new`]). `None`:
+    /// no class fits, or a number is not finite.
     pub(super) fn weigh(
         &self,
         (deviation, drive): (&[f64], f64),
@@ -93,11 +106,11 @@ impl Isolator {
         work: &mut Workspace,
     ) -> Option<()> {
         let Workspace { residual, projection, weights, .. } = work;
-        projection.resize(weights.len(), 0.0);
+        projection.resize(weights.len(), 0.0); // one number per class
         match self {
             Isolator::Posterior(_) => return None,
             Isolator::ResidualMatching(adjoint, simplex) => {
-                // c = R^T r = (F^T R)^T d: the residual itself is not needed
+                // c = R^T r = (F^T R)^T d, per unit drive: the residual itself is not needed
                 adjoint.project(deviation, projection);
                 projection.iter_mut().for_each(|c| *c /= drive);
                 simplex.solve(projection, weights).ok()?;
@@ -108,7 +121,8 @@ impl Isolator {
                 neighbours.weigh(residual, weights).ok()?;
             }
             Isolator::ModelMatching(models) => {
-                // a class without a model fits nothing
+                // Per class the energy that its filter leaves; infinite where that exceeds the
+                // class's bound, or where the class has no model.
                 for (energy, model) in projection.iter_mut().zip(models) {
                     *energy = model
                         .as_ref()
@@ -116,7 +130,8 @@ impl Isolator {
                         .filter(|(energy, bound)| energy <= bound)
                         .map_or(f64::INFINITY, |(energy, _)| energy);
                 }
-                // the class whose filter leaves the least energy; bounds were applied above
+                // The class with the least energy gets all the weight. The bounds were applied
+                // above, so none are given here.
                 let best = model_matching::best_class(projection, &[f64::MAX; MAX_CLASSES])?;
                 weights[usize::from(best)] = 1.0;
             }
@@ -124,8 +139,8 @@ impl Isolator {
         Some(())
     }
 
-    /// Residual matching: the signature rho of every class is the residual of its mean deviation by this
-    /// model's filter, or that deviation itself.
+    /// Residual matching, thesis §3-3-2: the signature rho of every class is the residual of the
+    /// class's mean deviation by this model's filter, or that deviation itself.
     fn residual_matching(
         model: &HealthyModel,
         design: &Design,
@@ -134,7 +149,8 @@ impl Isolator {
         let rho = design.classes.iter().map(|class| compared(model, signal, &class.deviation));
         let rho: Vec<Vec<f64>> = rho.collect();
         let simplex = Simplex::new(&SignatureMatrix::new(&slices(&rho))?);
-        // what a deviation is projected on: the signatures themselves, or F^T of each for residuals
+        // The columns that a signal's deviation is projected on: F^T rho, or rho itself where
+        // deviations are compared.
         let adjoint: Vec<Vec<f64>> = match signal {
             IsolateSignal::Deviation => rho,
             IsolateSignal::Residual => rho.iter().map(|rho| model.adjoint(rho)).collect(),
@@ -157,8 +173,8 @@ impl Design {
 }
 
 impl FaultClass {
-    /// Learns what the method of isolation needs of a class's labelled signals beside their mean deviation.
-    /// `sets`: the class's signals, each set with the healthy model of its printhead.
+    /// Learns what the method of isolation needs of a class's labelled signals beside their mean
+    /// deviation. `sets`: the class's signals, each set with the healthy model of its printhead.
     pub(super) fn learn_for(
         &mut self,
         isolate: &IsolateSettings,
@@ -177,7 +193,8 @@ impl FaultClass {
     }
 }
 
-/// Writes what is compared of a signal: the residual of a model's filter, or the deviation itself.
+/// Writes to `out` what is compared of a signal, N, counts: the residual of its `deviation` by a
+/// model's filter, or the deviation itself.
 fn write_compared(
     model: &HealthyModel,
     signal: IsolateSignal,
@@ -191,13 +208,14 @@ fn write_compared(
     }
 }
 
-/// The same as a new vector, of the deviation of a class or of a training signal.
+/// `write_compared` into a new vector, for the deviation of a class or of a training signal.
 fn compared(model: &HealthyModel, signal: IsolateSignal, deviation: &[f64]) -> Vec<f64> {
     let mut out = Vec::new();
     write_compared(model, signal, deviation, &mut out);
     out
 }
 
+/// The same rows as slices.
 fn slices(of: &[Vec<f64>]) -> Vec<&[f64]> {
     of.iter().map(Vec::as_slice).collect()
 }
@@ -218,14 +236,16 @@ impl RingClassifier {
         Ok(RingClassifier { posterior, rings, priors, per_k, typical })
     }
 
-    /// A fitted ring's features, corrected for a temperature `warmer` K above the model's.
+    /// A fitted ring's features (ln amplitude, ln damping, ln frequency, phase, relative to the
+    /// model's ring), corrected for a temperature `warmer` K above the model's.
     pub(super) fn features(&self, fit: &Fit, warmer: f64) -> Vector4<f64> {
         fit.features.coordinates() - warmer * self.per_k
     }
 
-    /// Mean square of a misfit beside a ring over the noise's, in which what is usual in a class counts less
-    /// ([`Typical::misfit_of`]). `beside`: in standard deviations of the noise; `noise`: that of one sample
-    /// of the signal per unit drive, counts.
+    /// Mean square of a misfit beside a ring over the noise's, in which what is usual in class
+    /// number `class` counts less ([`Typical::misfit_of`]). `beside`: the misfit, N, in standard
+    /// deviations of the noise; `fit`: the ring; `noise`: standard deviation of one sample of the
+    /// signal per unit drive, counts.
     pub(super) fn misfit_beyond(
         &self,
         beside: &[f64],
@@ -236,8 +256,9 @@ impl RingClassifier {
     ) -> f64 {
         let mean_square = || beside.iter().map(|v| v * v).sum::<f64>() / beside.len() as f64;
         self.typical.as_ref().map_or_else(mean_square, |typical| {
-            // The variances that are usual in a class are those of a ring of the healthy amplitude, over the
-            // noise at the reference drive. The signal's ring has another amplitude, and its own noise.
+            // `typical` states the variances for a ring of the healthy amplitude and the noise at
+            // the reference drive. `size` is the amplitude of this signal's ring over the healthy
+            // one, each in units of its own noise.
             let size = fit.features.ln_amplitude.exp() * (model.noise_beside() / noise);
             typical.misfit_of(RingMisfit { values: beside, size }, class)
         })

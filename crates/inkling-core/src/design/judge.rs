@@ -1,9 +1,14 @@
-//! The judge: a healthy model and the fault classes, made ready to judge signals. Every batch carries the
-//! judge of each of its bursts.
+//! The judge: a healthy model and the fault classes of a design, made ready to judge signals.
 //!
-//! In: a signal's deviation from the expected signal, counts, and its relative drive. Out: its detection
-//! statistics, whether it is flagged, and the isolation of its fault: the decision here, the weights of the
-//! fault classes in the [`Workspace`].
+//! The pipeline makes one judge per model, and every batch carries the judge of each of its bursts.
+//! In the filter stage a judge turns a signal into its deviation from the expected signal
+//! ([`Judge::deviate`]), and the deviation, N, counts, with the relative drive into detection
+//! statistics ([`Judge::detect`]). The gate compares these with thresholds ([`Judge::test`]) and
+//! flags the signal or not. In the isolate stage a flagged signal gets an [`Isolation`]
+//! ([`Judge::isolate`]): the decision is returned, the weights of the fault classes and further
+//! results stand in the [`Workspace`].
+//!
+//! The work itself is done in `detector` (first half) and `isolator`, `named_ring` (second half).
 
 use super::detector::{Detection, SensitivityDetector};
 use super::isolator::Isolator;
@@ -22,22 +27,24 @@ use crate::model::ring_fit::RingFitter;
 use crate::verdict::Test;
 use std::sync::{Arc, OnceLock};
 
-/// A signal's detection statistics ([`Detection`]) compared with their thresholds, as it is written to the
-/// verdict table: the test that decided, and its two numbers.
+/// A signal's detection statistics ([`Detection`]) compared with their thresholds, as it is written
+/// to the verdict table: the test that decided, and its two numbers.
 #[derive(Clone, Copy, Debug)]
 pub struct Tested {
+    /// The test that decided.
     pub test: Test,
-    /// The statistic of `test`, and the threshold that it is compared with.
+    /// The statistic of `test`, and the threshold that the statistic is compared with, in the same
+    /// unit.
     pub statistic: f64,
     pub threshold: f64,
-    /// The misfit divided by the mean misfit of healthy signals ([`crate::detect::misfit`]), whichever test
-    /// decided; NaN: not known.
+    /// The misfit divided by the mean misfit of healthy signals ([`crate::detect::misfit`]),
+    /// whichever test decided; NaN: not known.
     pub misfit: f64,
 }
 
 impl Tested {
-    /// Whether the statistic exceeds its threshold. A signal on it is healthy, as by f of thesis §3-2, after
-    /// (3-4).
+    /// Whether the statistic exceeds its threshold. A signal whose statistic equals the threshold
+    /// is healthy, as by f of thesis §3-2, after (3-4).
     pub fn is_flagged(&self) -> bool {
         self.statistic > self.threshold
     }
@@ -48,42 +55,47 @@ impl Tested {
 pub struct Thresholds {
     /// What the first test, whose statistic is [`Detection::ring`], is called in the verdict table.
     pub along: Test,
-    /// Threshold of the first test, also if its statistic is no distance along the ring.
+    /// Threshold of the first test, also if the method's statistic is no distance along the ring.
     pub of_ring: f64,
     /// Threshold of the second test; NaN: there is none.
     pub beside: f64,
 }
 
-/// Identifies a judge within a run, by [`Judge::index`] and the number of the move that made it.
+/// Identifies a judge within a run, by [`Judge::index`] and the number of the move that made the
+/// judge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct JudgeKey {
     index: u16,
     moves: u32,
 }
 
-/// Judges signals by one model. All workers share it. If all channels of a printhead change alike, the
-/// printhead gets another judge of the same model, which was moved with them ([`Judge::moved`]).
+/// Judges signals by one model. All workers share a judge. If all channels of a printhead change
+/// alike, the printhead gets another judge of the same model, which was moved with the channels
+/// ([`Judge::moved`]).
 #[derive(Debug)]
 pub struct Judge {
-    /// The index of its model in `models` of the verdict table's metadata.
+    /// The index of the judge's model in `models` of the verdict table's metadata.
     pub index: u16,
-    /// Number of the move that made this judge ([`Judge::moved`]), counted from 1 over all judges of the run;
-    /// 0: the model is as it was learned.
+    /// Number of the move that made this judge ([`Judge::moved`]), counted from 1 over all judges
+    /// of the run; 0: the model is as it was learned.
     pub(super) moves: u32,
     pub model: Arc<HealthyModel>,
     /// Drive voltage at which the model expects its signals, V; `None`: not known.
     pub reference_v: Option<f64>,
-    /// Detection of many signals at once, in f32. What it does not settle is computed in f64, as by
-    /// [`Judge::detect`]; `None`: all signals are.
+    /// Detection of many signals at once, in f32. Signals that this does not settle are computed in
+    /// f64, as by [`Judge::detect`]; `None`: all signals are.
     pub lanes: Option<Lanes>,
-    /// What a critique found missing in the model, as a further part of the expected signal; `None`: nothing.
+    /// What a critique found missing in the model, as a further part of the expected signal;
+    /// `None`: nothing.
     pub(super) extension: Option<Extension>,
     /// The detector of `detect.method` = `sensitivity`; `None` with the other methods.
     pub(super) detector: Option<SensitivityDetector>,
-    /// The Fourier transform by which `detect.method` = `practice` computes a signal's key numbers: dominant
-    /// amplitude, damping and frequency ([`crate::detect::key_numbers`]). `None` with the other methods.
+    /// The Fourier transform by which `detect.method` = `practice` computes a signal's key numbers:
+    /// dominant amplitude, damping and frequency ([`crate::detect::key_numbers`]). `None` with the
+    /// other methods.
     pub(super) spectrum: Option<Spectrum>,
-    /// The fitter of rings for [`Judge::ring_of`], made when it is first asked for, where no method has one.
+    /// The fitter of rings for [`Judge::ring_of`], made when it is first asked for, where neither
+    /// detection nor isolation has one. `None` inside: the model does not ring.
     pub(super) told: OnceLock<Option<RingFitter>>,
     /// What names faults; `None`: there is no design, or it has no classes.
     pub(super) isolating: Option<Isolating>,
@@ -95,14 +107,16 @@ pub(super) struct Isolating {
     pub(super) isolator: Arc<Isolator>,
     /// Whether residual matching and neighbours compare signals' residuals or their deviations.
     signal: IsolateSignal,
+    /// What may be named on the strength of the weights.
     pub(super) rule: DecisionRule,
     /// The classes' curves by the physics, with `isolate.method` = `posterior`.
     pub(super) curves: Option<Arc<FaultCurves>>,
     /// The healthy ring about which the curves were computed; `None`: the design has no physics.
     pub(super) physics_ring: Option<Ring>,
-    /// Standard deviation of the noise that the curves were computed for, over that of this model's noise,
-    /// both as they affect a ring's fit. The relative drive is multiplied by it: of a signal with half the
-    /// noise the ring is known as well as of one with twice the drive.
+    /// Standard deviation of the noise that the curves were computed for, over that of this model's
+    /// noise, both as they affect a ring's fit. The relative drive is multiplied by this number
+    /// before the comparison with the curves: the ring of a signal with half the noise is known as
+    /// well as that of a signal with twice the drive.
     pub(super) quieter: f64,
 }
 
@@ -110,9 +124,9 @@ pub(super) struct Isolating {
 pub type Isolation = Decision;
 
 impl Judge {
-    /// Makes the judge of a model. `index`: see [`Judge::index`]; `design`: its fault classes, if there is
-    /// one (without, whatever is flagged stays undecided); `reference_v`: the drive voltage at which the
-    /// model expects its signals.
+    /// Makes the judge of a model. `index`: see [`Judge::index`]; `design`: its fault classes, if
+    /// there is one (without, whatever is flagged stays undecided); `reference_v`: the drive
+    /// voltage at which the model expects its signals.
     pub fn new(
         index: u16,
         model: Arc<HealthyModel>,
@@ -120,6 +134,7 @@ impl Judge {
         design: Option<&Design>,
         settings: &IsolateSettings,
     ) -> Result<Judge, DesignError> {
+        // What names faults.
         let isolating = match design {
             Some(design) if !design.classes.is_empty() => Some(Isolating {
                 isolator: Arc::new(Isolator::new(&model, design, settings)?),
@@ -137,13 +152,14 @@ impl Judge {
             }),
             _ => None,
         };
+        // What detects: the method is known by which parts the model has.
         let detector = |sensitivity: &Sensitivity| {
             SensitivityDetector::new(&model, sensitivity.clone(), model.misfit.as_ref())
         };
         let detector = model.sensitivity.as_ref().map(detector).transpose()?;
         let extension = design.and_then(|design| design.extension.clone());
-        // Lanes compare all signals of a burst with one expected signal. With an extension, what is expected
-        // differs from signal to signal.
+        // Lanes compare all signals of a burst with one expected signal. With an extension the
+        // expected signal differs from signal to signal, so there are no lanes.
         let lanes = if extension.is_none() { Lanes::of(&model) } else { None };
         let is_practice = matches!(model.statistic, Some(Statistic::Practice(_)));
         let spectrum =
@@ -167,8 +183,8 @@ impl Judge {
         JudgeKey { index: self.index, moves: self.moves }
     }
 
-    /// Relative drive of a burst, which scales its expected signal: its drive voltage over the reference; 1
-    /// where one of the two is not known.
+    /// Relative drive of a burst, which scales its expected signal: the burst's drive voltage over
+    /// the reference; 1 where one of the two is not known.
     pub fn drive(&self, burst: &Burst) -> f64 {
         relative_drive(burst.drive_voltage_v.unwrap_or(f64::NAN), self.reference_v)
     }
@@ -178,8 +194,9 @@ impl Judge {
         self.model.warmer(burst.temperature_c.unwrap_or(f64::NAN))
     }
 
-    /// Turns the signal of row `row` of a burst, as acquired, into its deviation from what is expected: from
-    /// `expected`, the burst's expected signal ([`Judge::expect`]), and the extension; counts.
+    /// Turns `signal`, row `row` of a burst as acquired, into its deviation from what is expected:
+    /// less `expected`, the burst's expected signal ([`Judge::expect`]), and less the extension;
+    /// all N, counts.
     pub fn deviate(&self, burst: &Burst, row: usize, expected: &[f64], signal: &mut [f64]) {
         self.take_off_extension(burst, row, signal);
         signal.iter_mut().zip(expected).for_each(|(y, e)| *y -= e);
@@ -192,14 +209,16 @@ impl Judge {
         }
     }
 
-    /// Writes the expected signal y_hat at a burst's drive and temperature, without the extension; N, counts.
+    /// Writes the expected signal y_hat at a burst's drive and temperature, without the extension;
+    /// N, counts.
     pub fn expect(&self, burst: &Burst, out: &mut [f64]) {
         self.model.expect(self.drive(burst), burst.temperature_c.unwrap_or(f64::NAN), out);
     }
 
-    /// The detection statistics of a signal by the model's method. `deviation`: from the expected signal, N,
-    /// counts; `drive`: relative. Only `sensitivity` has a second test; the statistic of any other method is
-    /// the result's `ring`.
+    /// The detection statistics of a signal by the model's method, in f64: the reference of the
+    /// filter stage. `deviation`: from the expected signal, N, counts; `drive`: relative. Only
+    /// `sensitivity` has a second test. The statistic of any other method stands in the result's
+    /// `ring`.
     pub fn detect(&self, deviation: &[f64], drive: f64, work: &mut Workspace) -> Detection {
         let Some(detector) = &self.detector else {
             let ring = self.without_distance(deviation, drive, &mut work.residual);
@@ -208,21 +227,24 @@ impl Judge {
         detector.detect(deviation, drive, &mut work.residual)
     }
 
-    /// The statistic of the first test for a signal that is judged by its channel's own level. `distance`:
-    /// squared distance of the signal's features from that level. The result is scaled such that it exceeds
-    /// the model's threshold if the distance exceeds the threshold for own levels ([`OwnChannels::gate`]), or
-    /// if the channel's level itself lies beyond its bound ([`OwnBaseline::off`]); the larger excess counts.
+    /// The statistic of the first test for a signal that is judged by its channel's own level.
+    /// `distance`: squared distance of the signal's features from that level. The result is
+    /// threshold * max(distance / gate, off). So the result exceeds the model's threshold if the
+    /// distance exceeds the one for own levels ([`OwnChannels::gate`]), or if the channel's level
+    /// itself lies beyond its bound ([`OwnBaseline::off`]), and tables need no second threshold.
     pub fn of_own(&self, distance: f64, channels: &OwnChannels, own: &OwnBaseline) -> f64 {
         let threshold = self.model.threshold.value;
         threshold * (distance / channels.gate(threshold)).max(own.off)
     }
 
-    /// The statistic of every method but `sensitivity`. `signal`: a buffer, for the signal or its residual.
+    /// The statistic of every method but `sensitivity`, in the method's unit. `signal`: a buffer,
+    /// for the signal or its residual.
     fn without_distance(&self, deviation: &[f64], drive: f64, signal: &mut Vec<f64>) -> f64 {
         match (&self.model.statistic, &self.spectrum) {
             (Some(Statistic::Practice(range)), Some(spectrum)) => {
-                // the key numbers are those of the signal itself, at the reference drive and the model's
-                // temperature
+                // The key numbers are those of the signal itself per unit drive, not of its
+                // deviation. The deviation was taken at the signal's temperature, so adding the
+                // expected signal at the model's (`warmer` 0) corrects for temperature.
                 self.model.per_drive(deviation, drive, 0.0, signal);
                 range.distance(&spectrum.key_numbers(signal))
             }
@@ -243,8 +265,8 @@ impl Judge {
         }
     }
 
-    /// The test that decides: the one whose statistic is larger relative to its threshold; the first one if
-    /// the model has no second test or the misfit is not known.
+    /// The test that decides: the one whose statistic is larger relative to its threshold; the
+    /// first test if the model has no second one or the misfit is not known (NaN).
     pub fn test(&self, detection: Detection) -> Tested {
         let Detection { ring, unexplained } = detection;
         let Thresholds { along, of_ring: threshold, .. } = self.thresholds();
@@ -259,21 +281,22 @@ impl Judge {
         }
     }
 
-    /// The detector of `detect.method` = `sensitivity`, which computes the features that channels' baselines
-    /// consist of.
+    /// The detector of `detect.method` = `sensitivity`, which computes the features that channels'
+    /// baselines consist of. `None` with the other methods.
     pub fn detector(&self) -> Option<&SensitivityDetector> {
         self.detector.as_ref()
     }
 
-    /// Whether it knows fault classes.
+    /// Whether the judge knows fault classes.
     pub fn can_isolate(&self) -> bool {
         self.isolating.is_some()
     }
 
-    /// Isolates the fault of a signal, thesis §3-3. `deviation`: from the expected signal, N, counts;
-    /// `drive`: relative, which scales the classes' deviations as it scales the signal. In `work`,
-    /// [`Workspace::warmer`] and [`Workspace::own`] are to be set before. `None`: the judge knows no classes;
-    /// or, with a method that fits no rings, no class fits or the residual is not finite.
+    /// Isolates the fault of a signal, thesis §3-3. `deviation`: from the expected signal, N,
+    /// counts; `drive`: relative, which scales the classes' deviations as it scales the signal. In
+    /// `work`, [`Workspace::warmer`] and [`Workspace::own`] are to be set before; the weights of
+    /// the classes are written to [`Workspace::weights`]. `None`: the judge knows no classes; or,
+    /// with a method that fits no rings, no class fits or the residual is not finite.
     pub fn isolate(
         &self,
         deviation: &[f64],
@@ -282,9 +305,9 @@ impl Judge {
     ) -> Option<Isolation> {
         let Isolating { isolator, signal, rule, .. } = self.isolating.as_ref()?;
         if let Isolator::Posterior(classifier) = &**isolator {
+            // The posterior needs a ring fitted to the signal itself per unit drive, at the
+            // signal's own temperature, with the phase free (`true`).
             let fitter = &classifier.rings.fitter;
-            // The posterior needs a ring fitted to the signal itself, scaled to the reference drive; its
-            // phase is free (`true`).
             self.model.per_drive(deviation, drive, work.warmer, &mut work.residual);
             let signal = std::mem::take(&mut work.residual);
             let fit = fitter.fit(&signal, true, &mut work.products);
@@ -294,14 +317,14 @@ impl Judge {
             return isolation;
         }
 
-        // The other methods compare the signal's residual or deviation with those of the classes. What `work`
-        // holds of the signal before is forgotten.
+        // The other methods compare the signal's residual or deviation with those of the classes.
+        // The results in `work`, which are of the signal before, are forgotten.
         work.forget();
         work.weights.resize(rule.naming.category_of.len(), 0.0);
         isolator.weigh((deviation, drive), (&self.model, *signal), work)?;
         let weights = &work.weights;
-        // these methods know no alternatives to the classes, so the signal is of some class with probability
-        // 1
+        // These methods know no alternatives to the classes, so the signal is of some class with
+        // probability 1.
         Some(rule.decide(weights, 1.0).certain_of_class(weights))
     }
 }

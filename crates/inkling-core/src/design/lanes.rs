@@ -1,13 +1,20 @@
-//! Fast detection: a model's statistic in f32 for many signals at once, one in each lane. It settles most
-//! healthy signals of a stream; the rest is judged by the f64 reference.
+//! Fast detection: a model's statistic in f32 for many signals at once, one in each lane.
+//!
+//! In: a healthy model. Out: [`Lanes`], which the filter stage (`pipeline/statistics.rs`) runs on
+//! bursts, and the limits within which the lanes' result counts. A signal is *settled* if a bound
+//! on the rounding proves that the f64 reference ([`super::Judge::detect`]) would decide alike
+//! without a fit. Most healthy signals of a stream are settled; the rest is judged by the
+//! reference. So every verdict is the reference's. The arithmetic and the bound are in
+//! `detect/kernel.rs` and `detect/lane_sensitivity.rs`.
 
 use super::HealthyModel;
 use crate::detect::kernel::LaneFilter;
 use crate::detect::lane_sensitivity::{LaneSensitivity, Limits};
 use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK};
 
-/// The statistic of `detect.method` in f32, for many signals at once. The residual energy takes signals
-/// transposed to a tile, the sensitivity signals as they lie in memory.
+/// The statistic of `detect.method` in f32, for many signals at once. The residual energy takes
+/// signals that were transposed to a tile; the squared distance along the sensitivities takes
+/// signals as they lie in their bursts.
 #[derive(Clone, Debug)]
 pub enum Lanes {
     ResidualEnergy(LaneFilter),
@@ -15,7 +22,8 @@ pub enum Lanes {
 }
 
 impl Lanes {
-    /// The lanes of a model. `None`: f32 cannot serve, or the statistic is neither of the two.
+    /// The lanes of a model. `None`: a number is out of the range of f32, the statistic is neither
+    /// of the two, or disturbances are decoupled.
     pub fn of(model: &HealthyModel) -> Option<Lanes> {
         if model.statistic.is_some() || model.decoupled.is_some() {
             return None;
@@ -38,8 +46,11 @@ impl Lanes {
         }
     }
 
-    /// The limits of what the first-order statistics decide. Between the near and the far limit of the
-    /// squared distance, and above the limit of the misfit, the reference fits a ring.
+    /// The limits of what the first-order statistics decide, with `detect.method` = `sensitivity`.
+    /// Between the near and the far limit of the squared distance, and above the limit of the
+    /// misfit (counts²), the signal goes to the reference, which may fit a ring. The near limit is
+    /// not above the threshold and the far one not below it, so that what is settled lies surely on
+    /// one side of the threshold.
     pub fn limits(model: &HealthyModel) -> Limits {
         let threshold = model.threshold.value;
         Limits {

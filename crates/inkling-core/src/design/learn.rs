@@ -1,12 +1,17 @@
 //! Learning a healthy model, from a window's signals or from signals that labels say are healthy.
 //!
-//! In: signals, the model that came before (the *anchor*), settings. Out: a [`HealthyModel`]: average, grey
-//! box, filter, effect of temperature, the statistics of `detect.method` and their thresholds.
+//! In, from training (`train`) and from the windows of a replay (`pipeline/progress.rs`): signals
+//! in counts with their drive and temperature, the model that came before (the *anchor*; a window's
+//! is the design's model of the printhead, or else its first window's), settings. Out: a
+//! [`HealthyModel`]. The steps: average, grey box (3-1), filter, effect of temperature; then
+//! detection: the leftover and the noise, the spread of healthy channels, the statistics by it, and
+//! their thresholds.
 //!
-//! The two sources differ in what may be trusted. Labelled signals are all healthy, so their mean, spread and
-//! tail are taken as they are. Of a window nobody knows which signals are faulty (up to two in five), so only
-//! the signals that agree are averaged, the spread is estimated robustly, and the thresholds come from a
-//! mixture model or from the anchor.
+//! The two sources differ in what may be trusted. Labelled signals are all healthy, so their mean,
+//! spread and tail are taken as they are. Of a window nobody knows which signals are faulty (up to
+//! two in five), so only the signals that agree are averaged, the spread is estimated robustly, and
+//! the thresholds come from a mixture model or from the anchor. Which of the two a call is about,
+//! `LearnSettings::least_agreeing` says: `None` for labelled signals, `Some` for a window.
 
 use super::detector::{Detection, SensitivityDetector};
 use super::error::DesignError;
@@ -28,26 +33,28 @@ use crate::numbers::tuned::little;
 use nalgebra::Vector3;
 use std::borrow::Cow;
 
-/// 46 % of faulty signals raise the median of squared distances by this factor: chi-squared with three
-/// degrees of freedom has its quantile .5 / .54 there. A median beyond means that the window's signals have
-/// another spread.
+/// The largest factor by which faulty signals in a window may raise the median of the squared
+/// distances. If 46 % of the signals are faulty and lie far off, the median of all signals is the
+/// quantile .5 / .54 of the healthy ones, which for chi-squared with three degrees of freedom is
+/// three times the median. A larger factor means that the window's signals have another spread.
 const MOST_FAULTY: f64 = 3.0;
 
-/// Shares of the channels' covariance that a metric may count: all of it down to a quarter, each the next
-/// times the square root of two.
+/// The values tried for `Sensitivity::share`, the share of the channels' covariance that a metric
+/// counts: all of it down to a quarter, each the next times the square root of two.
 const SHARES: [f64; 5] = [1.0, 0.71, 0.5, 0.35, 0.25];
 
-/// Number of lags, in samples, of the noise's autocovariance.
+/// Number of lags, one sample apart and beginning with 0, of the noise's autocovariance.
 const LAGS: usize = 32;
 
 /// The signals of a set whose features are plausible.
 struct Usable<'a> {
     signals: Cow<'a, SignalSet>,
-    /// The features of each signal, with its drive.
+    /// ln amplitude, ln damping and ln frequency of each signal relative to the model's ring, to
+    /// first order, and the signal's relative drive.
     features: Vec<(Vector3<f64>, f64)>,
 }
 
-/// Both statistics of some signals.
+/// Both statistics of some signals, one entry per signal each.
 #[derive(Default)]
 struct Statistics {
     /// Squared distances along the ring's sensitivities.
@@ -57,23 +64,25 @@ struct Statistics {
 }
 
 impl HealthyModel {
-    /// Learns a healthy model. `set`: a window's signals, or labelled ones; `printhead`: `None` if they are
-    /// of several; `anchor`: the model that came before, which passes on what one window cannot know
-    /// (temperature response, tail of the energies).
+    /// Learns a healthy model. `set`: a window's signals, or labelled ones; `printhead`: the name
+    /// of their printhead, `None` if the signals are of several; `anchor`: the model that came
+    /// before, which passes on what one window cannot know (temperature response, tail of the
+    /// statistics). An error if the signals are too few, do not agree, or give no model that rings.
     pub fn learn(
         set: &SignalSet,
         printhead: Option<&str>,
         anchor: Option<&HealthyModel>,
         settings: LearnSettings,
     ) -> Result<HealthyModel, DesignError> {
-        // The average is to be that of healthy signals: of a window it is taken over the signals that agree.
-        // Departs: thesis §3-1 averages all signals and trusts that few are faulty; with `plain_mean` so does
-        // this
+        // The average is to be that of healthy signals: of a window it is taken over the signals
+        // that agree with each other.
+        // Departs: thesis §3-1 averages all signals and trusts that few are faulty. With
+        // `plain_mean` this code does the same.
         let least = settings.least_agreeing.filter(|_| !settings.grey_box.plain_mean);
         let healthy = &*averaging::healthy(set, least)?;
 
-        // Identification of the average, then the filter that turns the identified model's signal into
-        // nothing.
+        // Identification of the average, then the filter that turns the identified model's signal
+        // into nothing.
         let mean = averaging::average(healthy)?;
         let dt_s = settings.sample_period_s;
         let near = anchor.map(|anchor| &anchor.identification.channel);
@@ -82,12 +91,15 @@ impl HealthyModel {
         let expected = identification.expected(dt_s, set.samples);
         let generator = residual_generator(&identification, set.samples, settings, dt_s)?;
 
-        // The effect of temperature: the anchor's, or that of labelled signals.
+        // The effect of temperature, counts/K sample by sample: the anchor's if it knows one, or
+        // else a regression on labelled signals. From the response along the ring's tangent follow
+        // the changes of damping and frequency per K.
         let temperature_c = healthy.mean_temperature_c();
         let directions = tangent::tangent(&identification, dt_s, set.samples);
         let known = anchor.and_then(|anchor| anchor.temperature_response.clone());
         let temperature_response = known.or_else(|| {
-            // in a window that nobody labelled temperature goes with time, and so may all else
+            // In a window without labels temperature and time rise together, so that any other slow
+            // change would be taken for the effect of temperature.
             let reference = temperature_c.filter(|_| settings.least_agreeing.is_none())?;
             tangent::temperature_response(healthy, &expected, &directions, reference)
         });
@@ -96,7 +108,8 @@ impl HealthyModel {
             .and_then(|response| tangent::pole_changes(&identification, &directions, response))
             .unwrap_or((0.0, 0.0));
 
-        // The model without its detection, which is learned next from the deviations from this model.
+        // The model without its detection, which is learned next from the deviations from this
+        // model.
         let mut model = HealthyModel {
             printhead: printhead.map(str::to_owned),
             valid_from_ns: None,
@@ -124,8 +137,9 @@ impl HealthyModel {
         Ok(model)
     }
 
-    /// Learns the statistics of `detect.method` and their thresholds. `set`: the whole window; `healthy`: the
-    /// signals that agree in it.
+    /// Learns the statistics of `detect.method` and their thresholds. `set`: the whole window;
+    /// `healthy`: those of its signals that agree with each other (all of them if labels say so).
+    /// The model must have its average, filter and expected signal already.
     fn learn_detection(
         &mut self,
         set: &SignalSet,
@@ -151,8 +165,9 @@ impl HealthyModel {
         }
     }
 
-    /// Learns the ranges of `detect.method` = `practice`. They are set once, on signals that are known to be
-    /// healthy, and never adapted: a window takes over its anchor's.
+    /// Learns the ranges of frequency and damping of `detect.method` = `practice`. The ranges are
+    /// set once, on signals that are known to be healthy, and never adapted: a window takes over
+    /// those of its anchor.
     fn learn_ranges(
         &mut self,
         healthy: &SignalSet,
@@ -179,8 +194,8 @@ impl HealthyModel {
         self.learn_statistics(&distances, healthy, None, settings)
     }
 
-    /// Learns the threshold of a method with one test, thesis (3-4) on its statistic. `energies`: the
-    /// statistics of `healthy`.
+    /// Learns the threshold of a method with one test, thesis (3-4) on its statistic. `energies`:
+    /// the statistic of each signal of `healthy`, in the unit of the method.
     fn learn_statistics(
         &mut self,
         energies: &[f64],
@@ -189,8 +204,9 @@ impl HealthyModel {
         settings: LearnSettings,
     ) -> Result<(), DesignError> {
         self.median_statistic = median(&mut energies.to_vec());
-        // Nobody says that the window is free of slight faults, so its own tail cannot be trusted; its
-        // median can. The anchor's tail is carried over, in units of the median.
+        // Nobody says that a window is free of slight faults, so its own tail cannot be trusted,
+        // but its median can. So the anchor's threshold is taken, times the ratio of the two
+        // medians.
         // Departs: the thesis has one model, and (3-4) of signals that are known to be healthy.
         let trusted = anchor.filter(|_| settings.least_agreeing.is_some());
         self.threshold = match trusted {
@@ -202,11 +218,13 @@ impl HealthyModel {
         Ok(())
     }
 
-    /// Learns `detect.method` = `sensitivity`, along the ring and beside it. `set`: the whole window;
-    /// `healthy`: the signals that agree in it.
+    /// Learns `detect.method` = `sensitivity`: the test along the ring and the one beside it.
+    /// `set`: the whole window; `healthy`: those of its signals that agree with each other.
     ///
-    /// The spread of healthy channels decides the metric. It is the window's own, the anchor's if the window
-    /// has few signals, or the anchor's if that gives the better test ([`HealthyModel::like_known`]).
+    /// The spread of healthy channels decides the metric. Labelled signals give their own spread,
+    /// of which a share counts (`smallest`). A window uses the anchor's spread if the window has
+    /// few signals or if that spread gives the better test (`like_known`); otherwise it uses its
+    /// own.
     fn learn_distances(
         &mut self,
         set: &SignalSet,
@@ -214,14 +232,19 @@ impl HealthyModel {
         anchor: Option<&HealthyModel>,
         settings: LearnSettings,
     ) -> Result<(), DesignError> {
+        // The sensitivities and the noise, for which healthy signals are needed.
         let new = self.learn_ring(healthy)?;
-        // Labels say that all signals are healthy. Without labels the whole window is used, of which up to
-        // two in five signals may be faulty.
+
+        // Spread and thresholds are learned from `seen`. Labels say that all signals are healthy.
+        // Without labels `seen` is the whole window, up to two in five of whose signals may be
+        // faulty: if only the signals that agree were used, the tail of the healthy ones would be
+        // cut off.
         let (seen, labelled) = match settings.least_agreeing {
             None => (healthy, true),
             Some(_) => (set, false),
         };
-        // A window of few signals says less than the design does.
+        // A window of few signals says less of spread and tail than the design does: only the ring
+        // and the noise are the window's own.
         if let (false, true, Some(anchor)) = (labelled, seen.len() < tuned::fewest_own(), anchor)
             && let Some(known) = &anchor.sensitivity
         {
@@ -231,7 +254,7 @@ impl HealthyModel {
             return Ok(());
         }
 
-        // The spread of these signals, and the statistics by it.
+        // The spread of these signals, and the statistics of the signals by that spread.
         let Usable { signals: seen, features } = self.usable(seen, &new)?;
         let own = match labelled {
             true => self.smallest(&seen, new.with_spread(&features), settings.detect)?,
@@ -240,26 +263,34 @@ impl HealthyModel {
                 (self.statistics(&seen, &own)?, own)
             }
         };
-        // The spread of the anchor competes if it was learned from labels, not from a window itself.
+
+        // The spread of the anchor competes with it if the anchor was learned from labels, not from
+        // a window.
         let known = anchor.filter(|of| !labelled && of.threshold.method != Method::Window);
         let better = known.map(|known| self.like_known(&seen, &own, known, settings.detect));
         let better = better.transpose()?.flatten();
         let spread = if better.is_some() { Spread::Known } else { Spread::Own };
         let (found, sensitivity) = better.unwrap_or(own);
+
+        // With the metric chosen, the thresholds.
         self.sensitivity = Some(sensitivity);
         self.median_statistic = median(&mut found.along.clone());
         self.learn_thresholds(&found, spread, (&seen.channel, labelled), settings.detect)
     }
 
-    /// Of the tests by [`SHARES`] of the spread that labelled signals have, all at the same rate of false alarms,
-    /// the one that calls the least of the space of features healthy. How far the channels' differences reach
-    /// in the tail, and how surely that can be learned from so many channels, tells which one it is.
+    /// Chooses how much of the spread of labelled signals the metric counts. One test is made for
+    /// each of [`SHARES`], all at the same rate of false alarms; the best test is the one whose
+    /// ellipsoid of healthy features has the smallest volume. The less far the channels'
+    /// differences reach in the tail, beside a Gaussian of their covariance, the smaller is the
+    /// share that wins. `own`: the sensitivities with the spread of `seen`. Returns the statistics
+    /// of `seen` by the chosen share, and the sensitivities with that share.
     fn smallest(
         &self,
         seen: &SignalSet,
         own: Sensitivity,
         settings: &DetectSettings,
     ) -> Result<(Statistics, Sensitivity), DesignError> {
+        // the part of the allowed false alarms that is left to the first test
         let of_rate = 1.0 - little();
         let test = |share| -> Result<(f64, (Statistics, Sensitivity)), DesignError> {
             let test = Sensitivity { share, ..own.clone() };
@@ -268,7 +299,7 @@ impl HealthyModel {
             Ok((test.volume(threshold.value), (found, test)))
         };
         let [first, others @ ..] = SHARES;
-        // a volume that is no number is larger than none
+        // a volume that is NaN is never the smaller one
         let mut smallest = test(first)?;
         for share in others {
             let next = test(share)?;
@@ -279,12 +310,15 @@ impl HealthyModel {
         Ok(smallest.1)
     }
 
-    /// A window's test by the spread of signals that somebody called healthy, if that is better than the test
-    /// by its own spread.
+    /// A window's test by the spread that labelled signals have, if that test is better than the
+    /// one by the window's own spread. `found`, `own`: the statistics by the window's own spread,
+    /// and that spread; `known`: the anchor, learned from labelled signals. `None`: the window's
+    /// own is better.
     ///
-    /// Faults in a window widen its own spread, in their direction, and hide there. The known spread does
-    /// not, but may be another head's. Of two tests of the same rate of false alarms the better one calls
-    /// less of the space of features healthy.
+    /// Faults in a window widen the window's spread in the direction of the faults, and hide there.
+    /// The known spread is free of faults, but may be that of another printhead. Of two tests of
+    /// the same rate of false alarms the better one calls a smaller volume of the space of features
+    /// healthy.
     fn like_known(
         &self,
         seen: &SignalSet,
@@ -295,14 +329,17 @@ impl HealthyModel {
         let Some(spread) = &known.sensitivity else { return Ok(None) };
         let like_known = own.clone().scattering_like(spread);
         let of_known = self.statistics(seen, &like_known)?;
-        // The signals lie farther apart than faults among them explain: the known spread is not theirs. The
-        // two medians are by metrics that may count different shares of it.
+
+        // If the signals lie farther apart than faults among them explain, the known spread is not
+        // theirs. The medians here and in training are by metrics that may count different shares
+        // of the spread, so each is divided by the mean that its own metric gives.
         let apart = median(&mut of_known.along.clone()) / like_known.mean_square();
         if apart > MOST_FAULTY * known.typical_distance() {
             return Ok(None);
         }
 
-        // Compare the volumes of features that each test calls healthy.
+        // Compare the volumes of features that the two tests call healthy. A test whose threshold
+        // cannot be learned loses.
         let rate = (1.0 - little()) * settings.false_alarm_rate;
         let threshold = |of: &Statistics, spread: Spread| {
             let kind = (Degrees::Three, spread);
@@ -310,44 +347,49 @@ impl HealthyModel {
         };
         let Some(by_known) = threshold(&of_known, Spread::Known) else { return Ok(None) };
         let is_better = threshold(found, Spread::Own).is_none_or(|by_own| {
-            // The spread of few channels is known badly: ln of its volume to sqrt(3 / 2n), as the determinant
-            // of a Wishart matrix of three features. The window's own test must be better by two of these.
+            // The spread of n channels is known badly: ln of its volume has the standard deviation
+            // sqrt(3 / 2n), from the determinant of a Wishart matrix of three features. The
+            // window's own test must be better by two of these standard deviations.
             let surely = 2.0 * (1.5 / by_own.n_channels as f64).sqrt();
             like_known.volume(by_known.value).ln() < own.volume(by_own.value).ln() + surely
         });
         Ok(is_better.then_some((of_known, like_known)))
     }
 
-    /// Adds the leftover of healthy signals to the expected signal. Returns the ring's sensitivities, with
-    /// the noise covariance corrected for coloured noise, as the misfits beside the ring show it; the spread
-    /// of channels is not in it yet.
+    /// Adds the leftover of healthy signals to the expected signal, and returns the ring's
+    /// sensitivities. The noise covariance in the result is corrected for coloured noise, which the
+    /// misfits beside the ring show; mean and spread of the channels are still 0 in it.
     fn learn_ring(&mut self, healthy: &SignalSet) -> Result<Sensitivity, DesignError> {
         let rings = self.rings()?;
         let left = Leftovers::of(self, &rings, healthy, Some(Features::HEALTHY));
-        // what healthy signals have in common beside their rings is expected of every signal
+        // What healthy signals have in common beside their rings is expected of every signal.
         if let Some(shape) = left.shape() {
             self.expected.iter_mut().zip(&shape).for_each(|(e, s)| *e += s);
             self.leftover = shape;
         }
 
-        // The sensitivities, with the phase held.
+        // The sensitivities by ln amplitude, ln damping and ln frequency, with the phase held.
         let left = left.without(&self.leftover);
         let tangent = rings.fitter.tangent(&Features::HEALTHY).columns(0, 3).into_owned();
         let new = Sensitivity::new(&tangent, self.noise).ok_or_else(|| {
             DesignError::Invalid("amplitude, damping and frequency cannot be told apart".into())
         })?;
-        // The misfits' autocovariance is compared with that of white noise after the same projection.
+
+        // The misfits were projected beside the ring, which colours even white noise. So their
+        // autocovariance is compared with that of white noise after the same projection.
         let (seen, white) = (left.autocovariance(LAGS), left.of_white_noise(&rings, LAGS));
         let white: Vec<f64> = white.iter().map(|r| r * self.noise * self.noise).collect();
         Ok(new.coloured(&seen, &white))
     }
 
-    /// The signals with plausible first-order features, and these features. An error if they are too few.
+    /// The signals with plausible first-order features, and these features. `by`: sensitivities
+    /// whose projection gives the features. An error if fewer signals remain than an average needs.
     fn usable<'a>(&self, seen: &'a SignalSet, by: &Sensitivity) -> Result<Usable<'a>, DesignError> {
         let (mut features, mut kept) = (Vec::with_capacity(seen.len()), Vec::new());
         self.each_deviation(seen, |i, deviation, drive| {
             let x = by.features(deviation, drive);
-            // absurd drives make absurd features
+            // a recorded drive near 0 makes features that no channel has, and would ruin the
+            // covariance
             if x.iter().all(|v| v.abs() < 1e6) {
                 features.push((x, drive));
                 kept.push(i);
@@ -359,23 +401,26 @@ impl HealthyModel {
         Ok(Usable { signals, features })
     }
 
-    /// Statistics of a set's signals, computed as they will be when signals are judged.
+    /// Both statistics of a set's signals, computed as by a judge: to first order, and by fits
+    /// where first order does not decide.
     fn statistics(
         &self,
         seen: &SignalSet,
         sensitivity: &Sensitivity,
     ) -> Result<Statistics, DesignError> {
+        // There is no second test yet whose threshold would tell which first-order misfits need a
+        // fit. So that limit is set from the distribution of the first-order misfits themselves. A
+        // misfit that is NaN belongs to a signal far along the ring.
         let mut detector = SensitivityDetector::new(self, sensitivity.clone(), None)?;
         let mut squares = Vec::with_capacity(seen.len());
         self.each_deviation(seen, |_, deviation, drive| {
             squares.push(detector.first_look(deviation, drive).detection().unexplained);
         });
-        // There is no second test yet, whose threshold would tell which misfits need a fit. So a limit is set
-        // from the distribution of first-order misfits.
         squares.retain(|q| q.is_finite());
         if let Some([root, sd]) = Misfit::scale(&squares) {
             detector.settled = (root + SECOND_LOOK_SDS * sd).powi(2);
         }
+
         let (mut scratch, mut found) = (Vec::new(), Statistics::default());
         self.each_deviation(seen, |_, deviation, drive| {
             let Detection { ring, unexplained } = detector.detect(deviation, drive, &mut scratch);
@@ -385,8 +430,11 @@ impl HealthyModel {
         Ok(found)
     }
 
-    /// Learns the thresholds of both tests, each for its share of the rate of false alarms. `spread`: whose
-    /// spread the distances are by; `labelled`: whether labels say that all signals are healthy.
+    /// Learns the thresholds of both tests, each for its share of the rate of false alarms.
+    /// `found`: the statistics of the signals; `spread`: whether the distances are by the signals'
+    /// own spread or by a known one; `channels`: the channel of each signal; `labelled`: whether
+    /// labels say that all signals are healthy. Labelled signals give a tail quantile or a maximum,
+    /// others the quantile of a mixture model of healthy and faulty signals.
     fn learn_thresholds(
         &mut self,
         found: &Statistics,
@@ -395,6 +443,8 @@ impl HealthyModel {
         settings: &DetectSettings,
     ) -> Result<(), DesignError> {
         let Statistics { along, squares } = found;
+        // a threshold on any statistic; `kind` is that statistic's distribution in the mixture
+        // model
         let learn = |statistics: &[f64], channels: &[u32], kind, share: f64| match labelled
             || settings.threshold == ThresholdMethod::Max
         {
@@ -404,12 +454,13 @@ impl HealthyModel {
                 Ok(contaminated(statistics, channels, kind, rate, settings.confidence)?)
             }
         };
-        // Most of the allowed false alarms are left to the distance, since what the misfit looks for lies far
-        // beyond any threshold.
+
+        // The first test gets all of the allowed false alarms but the share of the second one.
         let share = 1.0 - little();
         self.threshold = learn(along, channels, (Degrees::Three, spread), share)?;
-        // Labels may be wrong: if the robust threshold lies far below, a part of the signals lies apart,
-        // which training warns of.
+
+        // Labels may be wrong. If the threshold by the mixture model lies far below the learned
+        // one, a part of the signals lies apart from the others, of which training warns.
         if labelled {
             let rate = share * settings.false_alarm_rate;
             let law = contaminated(along, channels, (Degrees::Three, spread), rate, 0.5);
@@ -417,8 +468,9 @@ impl HealthyModel {
             self.apart = apart.map(|law| 1.0 - law.n_effective / along.len() as f64);
         }
 
-        // The second test, learned from signals that pass the first; signals far along the ring have no
-        // misfit.
+        // The second test is learned from the signals that the first test calls healthy, since
+        // signals far along the ring have no misfit (NaN). Its statistic is the squared
+        // standardised excess of the misfit's root over the median root.
         let near = |i: &usize| squares[*i].is_finite() && along[*i] <= self.threshold.value;
         let near: Vec<usize> = (0..squares.len()).filter(near).collect();
         let channels: Vec<u32> = near.iter().map(|&i| channels[i]).collect();
@@ -428,7 +480,8 @@ impl HealthyModel {
             let kind = (Degrees::OneSided, Spread::Own);
             let threshold = learn(&distances, &channels, kind, little())?;
             let [root, root_sd] = scale;
-            // the mean misfit of the signals that pass, by which misfits are reported
+            // the mean misfit of the signals that the second test calls healthy: verdicts state
+            // misfits relative to this mean
             let within = squares.iter().zip(&distances).filter(|(_, d)| **d <= threshold.value);
             let within: Vec<f64> = within.map(|(q, _)| *q).collect();
             let square = within.iter().sum::<f64>() / within.len().max(1) as f64;
@@ -438,8 +491,10 @@ impl HealthyModel {
     }
 }
 
-/// A threshold by `detect.threshold`, with all signals taken for healthy. `energies`: their statistics;
-/// `share`: of the rate of false alarms.
+/// A threshold by `detect.threshold`, with all signals taken for healthy: thesis (3-4), or the tail
+/// quantile. `energies`: the statistic of each signal; `channels`: the channel of each signal,
+/// since signals of one channel are not independent; `share`: the part of `false_alarm_rate` that
+/// the threshold's test may use.
 fn learn_threshold(
     energies: &[f64],
     channels: &[u32],

@@ -1,6 +1,18 @@
-//! What the FD filter learns from faults: methods II and III, and the search. thesis §3-2-1.
+//! What the FD filter learns from faults, for every `detect.denominator` but method I. thesis
+//! §3-2-1.
 //!
-//! In: a healthy model and signals of faults. Out: [`LearnedFilter`].
+//! In, from `train`: a healthy model by method I, its signals, and signals of faults. Out:
+//! [`LearnedFilter`]: alpha(z) and M(z) of the filter M N L / alpha, from which `fd_filter` makes
+//! the filter of every model. Per method:
+//! * `eigenvalues` (II): alpha has the eigenvalues of the identified faulty channel; M = 1;
+//! * `enhanced` (III): alpha by method I; M maximises faulty over healthy residual energy;
+//! * `lp`: alpha by method I; M N L is the row of the null space that is most sensitive to the
+//!   fault, (3-3b);
+//! * `appendix-a`: alpha by method I; M as Appendix A writes it, from the mean faulty residual;
+//! * `searched`: alpha that misses the fewest labelled faults; M = 1.
+//!
+//! Polynomials in z have descending powers. Every alpha has the degree 2 + number of
+//! `other_poles_per_s`, so that methods can be compared.
 
 use super::fd_filter::{LearnSettings, LearnedFilter, by_resonance};
 use super::healthy_model::deviations;
@@ -11,13 +23,15 @@ use crate::detect::{
 };
 use crate::identify::averaging::SignalSet;
 
-/// Degree of the numerator where there is room for it: 3 states are observable, and the fourth root rejects a
-/// constant sensor offset.
+/// Degree of N where there is room for it: 3 states are observable, and the fourth root, z = 1,
+/// rejects a constant sensor offset.
 const OFFSET_DEGREE: usize = 4;
 
 impl LearnedFilter {
-    /// Learns the filter from the class `detect.fault`. `healthy`: a model by method I, and its signals;
-    /// `sets`: the class's signals, each set with the healthy model of its printhead.
+    /// Learns the filter from the fault class `class`, that of `detect.fault`. `healthy`: a model
+    /// by method I, and its signals; `sets`: the class's signals, each set with the healthy model
+    /// of its printhead. An error if the class's dynamics cannot be identified where they are
+    /// needed, or if the degree leaves no room.
     pub(super) fn learn(
         healthy: (&HealthyModel, &SignalSet),
         class: &FaultClass,
@@ -27,19 +41,21 @@ impl LearnedFilter {
         let (model, signals) = healthy;
         let (detect, dt_s) = (settings.detect, settings.sample_period_s);
         let degree = 2 + detect.other_poles_per_s.len();
-        // Method II: the denominator has the eigenvalues of the faulty channel.
+
+        // Method II: the denominator has the eigenvalues of the faulty channel. Degrees that these
+        // do not fill get poles at `filler`, 1/s.
         if detect.denominator == Denominator::Eigenvalues {
             let fault = class.identify(model, settings.grey_box, dt_s)?;
-            // check() has seen at least one other pole
+            // there is at least one other pole: `DetectSettings::check` has refused none
             let filler = detect.other_poles_per_s.first().copied().unwrap_or(2e5);
             let denominator = poles::eigenvalues(&fault.channel.a(), filler, degree, dt_s)?;
             return Ok(LearnedFilter { denominator, enhancement: vec![1.0] });
         }
 
-        // All others have method I's denominator and learn the factor M of the numerator.
+        // All other methods have method I's denominator and learn the factor M of the numerator.
         let denominator = by_resonance(&model.identification, signals.samples, detect, dt_s)?;
         let channel = &model.identification.channel;
-        // N has at least one degree less than the denominator, which is the room for M.
+        // N has at least one degree less than the denominator; the rest is the room for M.
         let n = || null_space::numerator_of(channel, dt_s, OFFSET_DEGREE.min(degree - 1));
         let enhancement = match detect.denominator {
             Denominator::Lp => {
@@ -48,7 +64,8 @@ impl LearnedFilter {
             }
             Denominator::AppendixA => {
                 let n = n()?;
-                // N z^k is biproper beside the denominator
+                // The mean faulty residual r_f of Appendix A, by the filter N z^k / alpha, with k
+                // such that numerator and denominator have the same degree.
                 let mut padded = n.clone();
                 padded.resize(degree + 1, 0.0);
                 let plain = ResidualGenerator::new(padded, denominator.clone(), dt_s)?;
@@ -56,7 +73,7 @@ impl LearnedFilter {
                 plain.filter(&class.deviation, &mut residual);
                 appendix::as_written(&residual, degree + 1 - n.len())?
             }
-            // Method III by the deviations of healthy and faulty signals.
+            // Method III, `enhanced`, by the deviations of healthy and faulty signals.
             _ => {
                 let (healthy, faulty) = (deviations(&[(model, signals)]), deviations(sets));
                 numerator::enhancement(&n()?, &denominator, &healthy, &faulty, dt_s)?
@@ -65,8 +82,8 @@ impl LearnedFilter {
         Ok(LearnedFilter { denominator, enhancement })
     }
 
-    /// Searches the denominator. `healthy`: a model by method I, and its signals; `sets`: signals of every
-    /// labelled fault, each set with the healthy model of its printhead.
+    /// Searches the denominator. `model`, `signals`: a model by method I, and its signals; `sets`:
+    /// signals of every labelled fault, each set with the healthy model of its printhead.
     pub(super) fn search(
         (model, signals): (&HealthyModel, &SignalSet),
         sets: &[(&HealthyModel, &SignalSet)],
@@ -83,8 +100,8 @@ impl LearnedFilter {
     }
 }
 
-/// Deviations for the search: at most `MOST` of them, evenly over all that there are, since the search looks
-/// at each a hundred times.
+/// Deviations per unit drive for the search: at most `MOST` of them, evenly over all that there
+/// are, since the search looks at each about a hundred times.
 fn spread_out(sets: &[(&HealthyModel, &SignalSet)]) -> Vec<Vec<f64>> {
     const MOST: usize = 4096;
     let all = deviations(sets);

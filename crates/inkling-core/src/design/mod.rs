@@ -1,11 +1,16 @@
-//! The offline artefact: what training makes, what every verdict rests on.
+//! The design, the offline artefact: what training makes, and what every verdict rests on.
 //!
-//! In: healthy and labelled faulty signals of each printhead. Out: [`Design`]: identified healthy models with
-//! filter and threshold, and fault classes as mean deviations from them. Rooms `identify`, `detect` and
-//! `isolate` meet here and nowhere else. A design is immutable once made.
+//! In: healthy and labelled faulty signals of each printhead ([`TrainingSet`]). Out: a [`Design`]:
+//! identified healthy models with filter and threshold, fault classes as mean deviations from
+//! these, class densities and the physics of faults. `inkling train` writes it to a file
+//! (`schemas/design.md`), and `replay` judges by it. Rooms `identify`, `detect` and `isolate` meet
+//! here and nowhere else. A design is immutable once made.
 //!
-//! `train` makes a design, `learn` a healthy model, `cold_start` what the physics knows of faults. A
-//! [`Judge`] is a model of a design made ready for signals; `detector` and `isolator` are its two halves.
+//! `train` makes a design, `learn` a healthy model, `cold_start` what the physics knows of faults;
+//! `checks` validates a design from a file. A [`Judge`] is a model of a design made ready for
+//! signals: `detector` is its first half (is the signal flagged?), `isolator` with `named_ring` its
+//! second (which fault?). `own_channel` and `moved_model` make a judge follow channels and
+//! printheads that change. `held_out` and `promise` say how good a design is.
 
 mod channel_levels;
 mod checks;
@@ -74,29 +79,35 @@ pub const VERSION: u32 = 3;
 /// What training makes. `schemas/design.md` describes the file that holds it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Design {
+    /// [`VERSION`]; a design of another version is refused.
     pub version: u32,
-    /// The version of inkling that made it.
+    /// The name and version of the program that made the design, such as `inkling 1.2.3`.
     pub made_by: String,
     pub sample_period_s: f64,
+    /// Number N of samples per signal.
     pub samples: usize,
-    /// Drive voltage at which the models expect their signals; absent: it was not recorded.
+    /// Reference drive voltage, V, at which the models expect their signals; absent: not recorded.
     pub drive_voltage_v: Option<f64>,
+    /// The section `[detect]` of the training; `replay` takes it over.
     pub detect: DetectSettings,
-    /// Further settings of the training that are not the default, as keys and values: how windows are
-    /// averaged and faults isolated. `replay` takes them over.
+    /// Further settings of the training that are not the default, as keys and values: how windows
+    /// are averaged and faults isolated. `replay` takes them over.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub chosen: BTreeMap<String, serde_json::Value>,
-    /// The learned part of the filter, with methods II and III and the search; the filter of every later
-    /// model takes it over.
+    /// The part of the FD filter that was learned from faults, for every `detect.denominator` but
+    /// method I; the filter of every later model takes it over.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub filter: Option<LearnedFilter>,
-    /// Number of signals by label. Those labelled `unlabelled` and `rejected` were not trained on.
+    /// Number of signals seen in training, by label. Those counted as `unlabelled` and `rejected`
+    /// were not trained on.
     pub signals: BTreeMap<String, u64>,
     /// One healthy model per printhead, by name.
     pub models: Vec<HealthyModel>,
-    /// The healthy model of all printheads together. It judges a printhead that the design does not know, if
-    /// that agrees with it.
+    /// The healthy model of all printheads together. It judges a printhead that the design does not
+    /// know, if the printhead's signals agree with it.
     pub pooled: HealthyModel,
+    /// The fault classes: the thesis's in the order of its tables, then a user's own by name.
+    /// Weights per class have this order everywhere.
     pub classes: Vec<FaultClass>,
     /// What a critique found that the models lack; it is subtracted from every signal.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -104,7 +115,7 @@ pub struct Design {
     /// Class densities of a fitted ring's features, for `isolate.method` = `posterior`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub posterior: Option<Arc<Posterior>>,
-    /// Bounds on what signals of each class leave beside their rings; with a posterior.
+    /// Bounds on what signals of each class leave beside their rings; only with a posterior.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub typical: Option<Arc<Typical>>,
     /// The physics of faults, for severities and for classes without labelled signals.
@@ -115,7 +126,8 @@ pub struct Design {
     curves: OnceLock<Arc<FaultCurves>>,
 }
 
-/// What to do with a design of another version, in words (`docs/versions.md`).
+/// The error of a design of another version in words, with what to do (`docs/versions.md`).
+/// `version`, `made_by`: as in the file.
 pub fn other_version(version: u32, made_by: &str) -> String {
     let ours = env!("CARGO_PKG_VERSION");
     let then = match version < VERSION {
@@ -133,25 +145,26 @@ impl Design {
         self.models.iter().find(|m| m.printhead.as_deref() == Some(printhead))
     }
 
-    /// The model from which the drift of a printhead is measured: its own, or that of all printheads.
+    /// The model from which the drift of a printhead is measured: its own, or that of all
+    /// printheads.
     pub fn reference_of(&self, printhead: &str) -> &HealthyModel {
         self.model_of(printhead).unwrap_or(&self.pooled)
     }
 
-    /// Whether signals of that sampling can be judged by this design.
+    /// Whether signals of that sample period and number of samples can be judged by this design.
     pub fn fits(&self, sample_period_s: f64, samples: usize) -> bool {
         same_period(self.sample_period_s, sample_period_s) && self.samples == samples
     }
 
-    /// Subtracts what a critique found missing from a burst's signal, counts.
+    /// Subtracts what a critique found missing from `signal`, row `row` of a burst, N, counts.
     pub fn take_off_extension(&self, burst: &Burst, row: usize, signal: &mut [f64]) {
         if let Some(extension) = &self.extension {
             extension.take_off(burst, row, self.drive_voltage_v, signal);
         }
     }
 
-    /// The classes' curves by the physics, made once and shared by all models. `None`: the design has no
-    /// physics, or no posterior to use them.
+    /// The fault curves of the classes by the physics, made once and shared by all models. `None`:
+    /// the design has no physics, or no posterior to use the curves.
     pub fn curves(&self) -> Option<Arc<FaultCurves>> {
         let physics = self.physics.as_ref().filter(|_| self.posterior.is_some())?;
         let (dt_s, classes) = (self.sample_period_s, self.fault_classes());
@@ -159,7 +172,8 @@ impl Design {
         Some(self.curves.get_or_init(make).clone())
     }
 
-    /// Prior probability that a flagged signal is of no class.
+    /// Prior probability that a flagged signal is of no class (another gain, clock, delay, any
+    /// ring).
     pub fn of_no_class(&self) -> f64 {
         self.curves().map_or(no_class(), |curves| curves.of_no_class())
     }
@@ -169,8 +183,8 @@ impl Design {
         self.classes.iter().map(|c| c.name.clone()).collect()
     }
 
-    /// The classes with their categories, the laws that they stand for, and the unit of their severities
-    /// where a user declared one.
+    /// The classes in the design's order, with their categories, the laws that they stand for, and
+    /// the unit of their severities where a user declared one.
     pub fn fault_classes(&self) -> Vec<fault::Class> {
         let laws = self.physics.as_ref().map(|physics| &physics.laws);
         let class = |of: &FaultClass| {

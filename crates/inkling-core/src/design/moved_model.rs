@@ -1,8 +1,14 @@
-//! Models and judges moved to where a printhead's channels are now.
+//! Models and judges moved to where a printhead's channels are now (ink warms up, a supply sags).
 //!
-//! In: a model as it was learned, and how far ln amplitude, ln damping, ln frequency and phase of all
-//! channels have moved since, as [`crate::state`] follows them. Out: the same model with its ring, expected
-//! signal and sensitivities shifted by that. Thresholds, healthy covariances and fault classes stay.
+//! In, from `pipeline/moved_judge.rs`: a judge with its model as it was learned, and the *change*:
+//! how far ln amplitude, ln damping, ln frequency and phase of all channels have moved since, as
+//! [`crate::state`] follows them. Out: a judge whose model has ring, expected signal and
+//! sensitivities shifted by the change. Thresholds, healthy covariances and fault classes stay,
+//! since how channels scatter about their common level is taken not to change.
+//!
+//! The file also has the way back: the features of a signal relative to the healthy mean, from
+//! which the state estimates the change ([`Judge::features`]), and what the state must know of a
+//! judge ([`Judge::kind`]).
 
 use super::detector::SensitivityDetector;
 use super::isolator::{Isolator, RingClassifier};
@@ -17,15 +23,17 @@ use std::f64::consts::TAU;
 use std::sync::{Arc, OnceLock};
 
 impl HealthyModel {
-    /// The same model after a common change of all channels. What is reported of the model, its parameters
-    /// and its filter, stays as it was learned. `by`: change of ln amplitude, ln damping, ln frequency,
-    /// phase. `None`: the model does not ring, or its sensitivities can no longer be told apart there.
+    /// The same model after a common change of all channels. What is reported of the model stays as
+    /// it was learned: the identified channel (but for damping and frequency of its poles) and the
+    /// filter. `by`: change of ln amplitude, ln damping, ln frequency, phase (rad). `None`: the
+    /// model does not ring, or its sensitivities are linearly dependent there.
     fn moved(&self, by: Change) -> Option<HealthyModel> {
         let ring = self.ring().ok()?;
         let there = Features::from(by);
         let size = there.ln_amplitude.exp();
 
-        // The ring, and what detection derives its ring from: poles and output state.
+        // The moved ring, and what `HealthyModel::ring` computes the ring from: poles and output
+        // state.
         let ring = Ring {
             amplitude: ring.amplitude * size,
             phase_rad: ring.phase_rad + there.phase_rad,
@@ -38,8 +46,9 @@ impl HealthyModel {
         moved.identification.poles.frequency_hz = ring.frequency_hz;
         moved.identification.output_state = ring.output_state();
 
-        // The expected signal is the moved ring, which is the first sensitivity (a signal grows with ln A by
-        // itself), plus the leftover, which grows with the ring's amplitude.
+        // The expected signal is the moved ring plus the leftover, which grows with the ring's
+        // amplitude. The ring itself is the first sensitivity, since its derivative by ln A is the
+        // ring.
         let tangent = self.fitter().ok()?.tangent(&there);
         moved.expected = tangent.column(0).iter().copied().collect();
         moved.leftover.iter_mut().for_each(|left| *left *= size);
@@ -53,10 +62,11 @@ impl HealthyModel {
 }
 
 impl Judge {
-    /// The same judge after a common change of all channels. `by`: change of ln amplitude, ln damping, ln
-    /// frequency, phase, from the model as it was learned; `moves`: number of moves over all judges of the
-    /// run, by which the new judge is told from others. `None`: the judge cannot follow, since its method
-    /// knows no sensitivities or nothing rings there.
+    /// The same judge after a common change of all channels. `self` must be a judge as its model
+    /// was learned, not a moved one. `by`: change of ln amplitude, ln damping, ln frequency, phase
+    /// (rad); `moves`: number of moves over all judges of the run, this one included, by which the
+    /// new judge is told from others. `None`: the judge cannot follow, since its method knows no
+    /// sensitivities or nothing rings there.
     pub fn moved(&self, by: Change, moves: u32) -> Option<Judge> {
         let model = Arc::new(self.model.moved(by)?);
         let (sensitivity, misfit) = (model.sensitivity.clone()?, model.misfit.as_ref());
@@ -79,34 +89,36 @@ impl Judge {
         })
     }
 
-    /// Standard deviations of healthy signals' features (ln amplitude, ln damping, ln frequency, phase),
-    /// noise included. `None`: a change of all channels cannot be followed, since the method of detection
-    /// knows no sensitivities, or since an extension already holds such changes.
+    /// Standard deviations of healthy signals' features (ln amplitude, ln damping, ln frequency,
+    /// phase), noise included. `None`: a change of all channels cannot be followed, since the
+    /// method of detection knows no sensitivities, or since an extension already holds such
+    /// changes.
     pub fn healthy_sd(&self) -> Option<Change> {
         let detector = self.detector.as_ref().filter(|_| self.extension.is_none())?;
         Some(detector.healthy_sd())
     }
 
-    /// How the channels of its printhead scatter, and how far they may all move at once, for
-    /// [`crate::state`]. `bounds`: of the change of damping and of frequency, relative. `None`: as with
-    /// [`Judge::healthy_sd`], or the covariances are degenerate.
+    /// What [`crate::state`] must know of a judge: the noise of features, how the channels of the
+    /// printhead scatter, and how far all of them may move at once. `bounds`: largest relative
+    /// change of damping and of frequency (`[identify]`). `None`: as with [`Judge::healthy_sd`], or
+    /// the covariances are degenerate.
     pub fn kind(&self, bounds: [f64; 2]) -> Option<Kind> {
         let detector = self.detector.as_ref().filter(|_| self.extension.is_none())?;
         let leap = Matrix4::from_diagonal(&leap_sds(bounds).map(|sd| sd * sd));
         Kind::new(detector.own_noise(), &detector.healthy_spread(), &leap)
     }
 
-    /// The mean of healthy signals' features from the model's ring, which [`Judge::features`] subtracts.
-    /// `None`: the judge has no sensitivities.
+    /// The mean of healthy signals' features from the model's ring, which [`Judge::features`]
+    /// subtracts. `None`: the judge has no sensitivities.
     pub fn healthy_mean(&self) -> Option<Change> {
         let [ln_amplitude, ln_damping, ln_frequency] = self.model.sensitivity.as_ref()?.mean;
         Some(Change::new(ln_amplitude, ln_damping, ln_frequency, 0.0))
     }
 
     /// ln amplitude, ln damping, ln frequency and phase of a signal relative to the healthy mean.
-    /// `deviation`: from what is expected, counts; `far`: whether a fit is made where the first orders do not
-    /// tell. `None`: the judge has no sensitivities, the signal holds more than a ring, or, without `far`,
-    /// only a fit would tell.
+    /// `deviation`: from what is expected, N, counts; `drive`: relative; `far`: whether a fit may
+    /// be made where first and second order do not suffice. `None`: the judge has no sensitivities,
+    /// the signal holds more than a ring, or `far` is false and only a fit would tell.
     pub fn features(
         &self,
         deviation: &[f64],
@@ -120,8 +132,8 @@ impl Judge {
     }
 }
 
-/// Standard deviations of a sudden common change (ln amplitude, ln damping, ln frequency, phase), within the
-/// bounds of damping and frequency.
+/// Standard deviations of a sudden common change (ln amplitude, ln damping, ln frequency, phase):
+/// `tuned::leap`, of which the entries of damping and frequency count in units of ln (1 + bound).
 fn leap_sds(bounds: [f64; 2]) -> Change {
     let [damping, frequency] = bounds.map(f64::ln_1p);
     let bounds = Change::new(1.0, damping, frequency, 1.0);
@@ -129,16 +141,16 @@ fn leap_sds(bounds: [f64; 2]) -> Change {
 }
 
 impl HealthyModel {
-    /// Amplitude in counts, damping in 1/s, frequency in Hz and phase in rad of the model's ring. `None`: the
-    /// model does not ring.
+    /// Amplitude in counts, damping in 1/s, frequency in Hz and phase in rad of the model's ring.
+    /// `None`: the model does not ring.
     pub fn ring_numbers(&self) -> Option<[f64; 4]> {
         let ring = self.ring().ok()?;
         Some([ring.amplitude, ring.damping_per_s, ring.frequency_hz, ring.phase_rad])
     }
 
-    /// The features of this model's ring (ln amplitude, ln damping, ln frequency, phase) relative to another
-    /// model's, corrected for temperature as if both had been learned at the same one. `None`: one of them
-    /// does not ring.
+    /// The features of this model's ring (ln amplitude, ln damping, ln frequency, phase) relative
+    /// to another model's ring, corrected by `other`'s effect of temperature as if both had been
+    /// learned at the same temperature. `None`: one of the two models does not ring.
     pub fn features_from(&self, other: &HealthyModel) -> Option<Change> {
         let from = ring_from(self.ring_numbers()?, other.ring_numbers()?);
         let warmer = match (self.temperature_c, other.temperature_c) {
@@ -150,8 +162,9 @@ impl HealthyModel {
     }
 }
 
-/// The features of the ring `of` (amplitude, damping, frequency, phase) relative to the ring `from`. The
-/// phase difference is wrapped into one turn about 0.
+/// The features of the ring `of` (amplitude, damping, frequency, phase, in the units of
+/// [`HealthyModel::ring_numbers`]) relative to the ring `from`: ln of three ratios, and the phase
+/// difference, wrapped into -pi .. pi.
 pub fn ring_from(of: [f64; 4], from: [f64; 4]) -> Change {
     let turned = of[3] - from[3];
     Change::new(
@@ -163,9 +176,9 @@ pub fn ring_from(of: [f64; 4], from: [f64; 4]) -> Change {
 }
 
 impl Isolator {
-    /// The isolator of the same classes for a model that was moved. The posterior counts features from the
-    /// model's ring, so it needs a fitter about the moved ring; its densities stay. `None`: the model does
-    /// not ring.
+    /// The isolator of the same classes for a model that was moved. The posterior counts features
+    /// from the model's ring, so it needs a fitter of rings about the moved ring; the densities of
+    /// the features stay. `None`: the model does not ring.
     fn moved(self: &Arc<Isolator>, model: &HealthyModel) -> Option<Arc<Isolator>> {
         // The other methods compare deviations from the expected signal and need no change.
         let Isolator::Posterior(of) = &**self else { return Some(self.clone()) };

@@ -1,11 +1,17 @@
-//! Isolation by a fitted ring (`isolate.method` = `posterior`): the fault's class, its severity, and whether
-//! the signal is of any class.
+//! Isolation by a fitted ring (`isolate.method` = `posterior`): the fault's class, its severity,
+//! and whether the signal is of any class.
 //!
-//! In: a signal, and the ring fitted to it. Out: a decision, and in the [`Workspace`] the weights of the
-//! classes, the severity and what else the signal may be. The steps: no ring, no class; the ring's features
-//! are compared with the fault curves and with the learned densities; the classes are weighed against each
-//! other, then all of them against what is no class; last the misfit beside the ring is compared with what is
-//! usual in the best class.
+//! In, from the isolate stage (`pipeline/isolator.rs`) or [`Judge::isolate`]: a signal, and the
+//! ring fitted to it. Out: an [`Isolation`], and in the [`Workspace`] the weights of the classes,
+//! the severity and what else the signal may be. The steps of [`Judge::isolate_ring`]:
+//! 1. If no ring explains the signal, the signal is of no class.
+//! 2. The ring's features (ln amplitude, ln damping, ln frequency, phase) are compared with the
+//!    fault curves of the physics and with the learned densities.
+//! 3. The classes are weighed against each other by Bayes' rule, then all of them together against
+//!    what is no class (another gain, clock or delay, a contrast of the physics, any ring).
+//! 4. The misfit beside the ring is compared with what is usual in the best class. If the signal
+//!    leaves more, no ring of a class explains it.
+//! 5. The severity of the named class is read off the class's fault curve.
 
 use super::isolator::{Isolator, RingClassifier};
 use super::judge::{Isolating, Isolation, Judge};
@@ -19,23 +25,26 @@ use crate::model::ring_fit::{Fit, RingFitter};
 use crate::verdict::Appearance;
 use nalgebra::{Vector2, Vector4};
 
-/// A signal is said to be of no class if the probability of any class is below this, as a test at the usual 5 %
-/// would. What may be a class's as well as, say, a stiffer actuator's is undecided between the two.
+/// A signal of which nothing is named is said to be of no class if the probability of all classes
+/// together is below this, as a test at the usual 5 % would. Above, the signal stays undecided: it
+/// may be of a class as well as, say, of a channel with a stiffer actuator.
 const OF_NONE: f64 = 0.05;
 
-/// Whether a fit explains more of a signal than it would of noise alone. `noise`: standard deviation of one
-/// sample, counts.
+/// Whether a fit explains more of a signal than it would explain of noise alone. `noise`: standard
+/// deviation of one sample of the signal that was fitted, counts.
 ///
-/// A damped cosine explains of noise alone what the largest of some hundred values of chi-squared with two
-/// degrees of freedom is, one for each frequency: 2 ln(100 / p) is exceeded with probability p.
+/// Of noise alone a damped cosine explains a square norm (over noise²) as large as the largest of
+/// some hundred values of chi-squared with two degrees of freedom, one value per frequency. The
+/// number 2 ln(100 / p) is exceeded by that with probability p.
 pub(super) fn is_ring(fit: &Fit, noise: f64) -> bool {
-    /// 2 ln(100 / p) of noise that counts as a ring once in five million times.
+    /// 2 ln(100 / p) with p one in five million: so rarely noise alone counts as a ring.
     const NOISE_ALONE: f64 = 40.0;
     fit.square - fit.misfit > NOISE_ALONE * noise * noise
 }
 
 impl Judge {
-    /// The fitter of rings for isolation, the phase free; `None`: the method of isolation fits no rings.
+    /// The fitter of rings for isolation, the phase free; `None`: the method of isolation fits no
+    /// rings.
     pub fn rings(&self) -> Option<&RingFitter> {
         match &*self.isolating.as_ref()?.isolator {
             Isolator::Posterior(of) => Some(&of.rings.fitter),
@@ -43,16 +52,19 @@ impl Judge {
         }
     }
 
-    /// Corrects a signal, counts, to the reference drive and temperature.
+    /// Corrects a signal, N, counts, to the reference drive and temperature. `drive`: the signal's,
+    /// relative; `warmer`: its temperature above the model's, K.
     pub fn at_reference(&self, y: &mut [f64], drive: f64, warmer: f64) {
         let scale = 1.0 / drive;
         y.iter_mut().for_each(|y| *y *= scale);
         self.model.warm(-warmer, y);
     }
 
-    /// [`Judge::isolate`] for a signal whose ring was fitted already. `fit`: to the signal per unit drive, at
-    /// its own temperature; `signal`: writes that signal, counts, and is only called if the misfit beside the
-    /// ring is needed. `None`: the method fits no rings.
+    /// [`Judge::isolate`] for a signal whose ring was fitted already. `fit`: to the signal per unit
+    /// drive, at its own temperature, the phase free (`None`: no ring fits); `drive`: relative;
+    /// `signal`: writes that signal, N, counts, and is only called if the misfit beside the ring is
+    /// needed. In `work`, [`Workspace::warmer`] and [`Workspace::own`] are to be set before.
+    /// `None`: the method fits no rings.
     pub fn isolate_ring(
         &self,
         fit: Option<&Fit>,
@@ -67,26 +79,32 @@ impl Judge {
         let Isolator::Posterior(classifier) = &**isolator else { return None };
         let RingClassifier { posterior, priors, .. } = &**classifier;
 
-        // the noise of a signal per unit drive
+        // Step 1: is the signal a ring? `noise`: that of one sample of the signal per unit drive.
         let noise = self.model.noise_beside() / drive;
         let Some(fit) = fit.filter(|fit| is_ring(fit, noise)) else {
             return Some(Isolation::of_no_ring());
         };
 
+        // The mean square of what the fit leaves over the noise's, and the features at the model's
+        // temperature.
         let warmer = work.warmer;
         work.misfit = fit.misfit / (noise * noise * self.model.expected.len() as f64);
         let Workspace { weights, of_any, alternative, ring, physics, own, ln_densities, .. } = work;
         let features = &classifier.features(fit, warmer);
         *ring = Some([features[1], features[2]]);
-        // Where the channel's own level is known, its features are compared with curves about that level.
+
+        // Step 2: where the level of the signal's own channel is known well enough for curves of
+        // its own, the features are compared with curves about that level; else with those of any
+        // channel.
         let of_own = own.as_ref().and_then(|own| own.curves.as_ref().zip(Some(&own.baseline)));
         let curves = of_own.map(|(curves, _)| curves).or(curves.as_ref());
 
-        // The physics: densities of the features along the curves, at the signal's noise and the model's
-        // present ring.
+        // The densities of the features along the curves, at the signal's noise. The curves were
+        // computed about the healthy ring of training; `changed` moves them by how stiffness and
+        // viscosity of the model's present ring differ from that.
         let physics_ring = physics_ring.map(|ring| self.model.ring_from(&ring, warmer));
         let conditions = Conditions {
-            // twice the noise is half the drive
+            // a signal with twice the noise is known as well as one with half the drive
             drive: drive * quieter,
             changed: curves.zip(physics_ring).map_or(Vector2::zeros(), |(c, r)| c.changed(r)),
             baseline: of_own.map(|(_, baseline)| baseline),
@@ -97,8 +115,9 @@ impl Judge {
             curves.compare(features.as_slice(), conditions, physics);
         }
 
-        // The posterior of the classes, from the learned densities and the physics. If densities about a
-        // channel's own level were learned, they need the features counted from there.
+        // Step 3: the posterior of the classes, given that the signal is of one of them, from the
+        // learned densities and the physics. If densities about a channel's own level were learned
+        // and the level is known, they are used, with the features counted from the level.
         weights.clear();
         weights.resize(rule.naming.category_of.len(), 0.0);
         let from_own = of_own.map(|(_, baseline)| features - baseline);
@@ -106,16 +125,18 @@ impl Judge {
         let (posterior, place) = of_own.unwrap_or((posterior, features.as_slice()));
         posterior.weigh(place, &physics.ln_densities, priors, ln_densities, weights);
 
-        // All classes together against the alternatives that are no class. `known`: the probability of any
-        // class.
+        // All classes together against the alternatives that are no class, which have the weight
+        // `none` a priori. `known`: the probability that the signal is of any class; `likely`: the
+        // likeliest alternative and its probability.
         let none = curves.map_or(no_class(), |curves| curves.of_no_class());
         let Weighed { of_any: known, alternative: likely } =
             weigh(features.as_slice(), ln_densities, priors, (&physics.ln_alternatives, none));
         let decision = rule.decide(weights, known);
         *of_any = known;
 
-        // An alternative is told beside the best class if it is nearly as likely, or if it is a twin of the
-        // class: about as dense by the physics, however rare it is a priori.
+        // An alternative is told beside the best class if its probability is at least the share
+        // `Appearance::AS_WELL` of the class's; or if it is a twin of the class: its density by the
+        // physics is at least that share of the class's, however rare the alternative is a priori.
         let best = weights.iter().copied().fold(0.0, f64::max) * known;
         let as_likely = likely.filter(|(_, p)| *p >= Appearance::AS_WELL * best);
         let twin = |of: &FaultCurves| {
@@ -131,9 +152,11 @@ impl Judge {
             *alternative = Some(what.appearance(x.as_slice(), frequency_hz));
         }
 
-        // A signal that leaves more beside its ring than is usual in its best class is no ring of that class.
-        // The misfit beside the ring is at most that of the fit, which is known already: only if that exceeds
-        // the bound, the misfit is computed, first whole, then without what is usual in the class.
+        // Step 4: a signal that leaves more beside its ring than is usual in its best class is no
+        // ring of that class. The misfit beside the ring hardly exceeds the misfit of the fit
+        // (`work.misfit` so far), since projection makes it smaller. So only if the latter exceeds
+        // the bound `most`, the former is computed: first whole, for the table, then with what is
+        // usual in the class discounted, for the decision.
         let Some(best) = decision.candidate.map(usize::from) else { return Some(decision) };
         let most = classifier.typical.as_ref().map_or(f64::INFINITY, |of| of.misfit[best]);
         if work.misfit > most {
@@ -149,40 +172,45 @@ impl Judge {
             }
         }
 
+        // A ring that is hardly of any class.
         if decision.is_uncertain() && known < OF_NONE {
             return Some(decision.of_unknown_fault());
         }
 
-        // the severity of the named class, or of the best one of the named category
+        // Step 5: the severity of the named class, or of the best class of the named category.
         let Workspace { weights, severity, physics, .. } = work;
         let sized = curves.zip(rule.sized(&decision, weights));
         *severity = sized.and_then(|(of, k)| of.severity(k, weights, physics));
         Some(decision)
     }
 
-    /// Whether a flagged signal is no ring, for designs without classes, where nothing is isolated. A ring is
-    /// what a fit explains beyond noise, leaving no more than half of the energy that is not noise. `y`:
-    /// the signal per unit drive, N, counts.
+    /// Whether a flagged signal is no ring, for designs without classes, where nothing is isolated.
+    /// A signal is a ring if a fit explains more of it than of noise alone, and leaves no more than
+    /// half of the energy that is not noise (a share somewhat arbitrary). `y`: the signal per unit
+    /// drive, N, counts. Without a detector that fits rings the answer is false. Keeps the fit in
+    /// `work`.
     pub fn is_no_ring(&self, y: &[f64], drive: f64, work: &mut Workspace) -> bool {
         let Some(detector) = &self.detector else { return false };
         let noise = self.model.noise_beside() / drive;
+        // the square norm that noise alone has
         let of_noise = y.len() as f64 * noise * noise;
         work.fit = detector.fitter().fit(y, true, &mut work.products);
         let explains = |fit: Fit| fit.misfit - of_noise <= 0.5 * (fit.square - of_noise);
         !work.fit.is_some_and(|fit| is_ring(&fit, noise) && explains(fit))
     }
 
-    /// A description of a signal that belongs to no class, made after its isolation. `y`: the signal per unit
-    /// drive, N, counts. `None`: the method of detection fits no rings.
+    /// A description of a signal that belongs to no class, for the sentence of an episode. To be
+    /// called after the signal's isolation, whose fit and misfit in `work` are used. `y`: the
+    /// signal per unit drive, N, counts. `None`: the method of detection fits no rings.
     pub fn appearance(&self, y: &[f64], drive: f64, work: &mut Workspace) -> Option<Appearance> {
         let detector = self.detector.as_ref()?;
         let fitter = detector.fitter();
         let noise = self.model.noise_beside() / drive;
         let Workspace { products, fit, beside, .. } = work;
-        // The fit of the isolation serves, which was one of the same ring to the same signal.
+        // The fit of the isolation serves, if there was one: it was made to the same signal.
         let fit = fit.or_else(|| fitter.fit(y, true, products));
-        // the misfit in standard deviations of the noise, if isolation has not computed it; of what is no
-        // ring it is the whole signal
+        // The misfit in standard deviations of the noise, unless isolation has computed it already.
+        // A signal that no ring fits is all misfit.
         if beside.is_empty() {
             match &fit {
                 Some(fit) => *beside = detector.rings.misfit(y, &fit.features),

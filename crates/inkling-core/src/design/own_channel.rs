@@ -1,12 +1,15 @@
-//! Judging a signal against its own channel's level: the place where the channel's features lie while it is
-//! healthy.
+//! What is needed to judge a signal against its own channel's level: the place in the space of
+//! features where the channel's signals lie while the channel is healthy.
 //!
-//! In: the levels of one printhead's channels, as followed by [`crate::state`], and the design's fault
-//! curves. Out: per channel its expected healthy features, the covariance of its healthy signals about them,
-//! and the fault curves relative to them.
+//! In, from `pipeline/head.rs`, sweep by sweep: the levels of one printhead's channels, as followed
+//! by [`crate::state`], and the design's fault curves. Out: [`OwnChannels`], which the filter stage
+//! judges by and the isolate stage names by: per channel the expected healthy features, the
+//! covariance of healthy signals about these, a threshold on the squared distance, and the fault
+//! curves relative to the expected features.
 //!
-//! How well a level is known depends on the number of looks behind it, and so do the covariance and the
-//! curves. They are computed for a few numbers of looks only (`LEVELS`).
+//! How well a level is known depends on the number of looks behind it (a look is one observed
+//! signal of the channel), and so do covariance and curves. Both cost time, so they are computed
+//! for a few numbers of looks only (`LEVELS`), once per printhead in an [`OwnBasis`].
 
 use super::tuned;
 use crate::isolate::physics_density::FaultCurves;
@@ -16,35 +19,40 @@ use crate::state::{Head, OwnLevel};
 use nalgebra::{Matrix4, Vector4};
 use std::sync::Arc;
 
-/// Numbers of looks behind a level for which covariance and fault curves are computed. A channel uses those
-/// of the largest number that it reaches. A channel in the first place (fewer than 4 looks) is known by its
-/// head's level only, so it gets no fault curves of its own.
+/// Numbers of looks behind a level for which covariance and fault curves are computed. A channel
+/// uses those of the largest number that it reaches. With fewer than 4 looks a channel is known by
+/// its printhead's level alone, so it gets no fault curves of its own. (The steps are somewhat
+/// arbitrary; finer ones would only be more exact.)
 const LEVELS: [f64; 4] = [0.0, 4.0, 16.0, 48.0];
 
-/// What all channels of one printhead have in common when they are judged by their own levels. Several sweeps
-/// may share one.
+/// What all channels of one printhead have in common when they are judged by their own levels. It
+/// is made anew only when the printhead's state has changed much, so several sweeps share one.
 #[derive(Debug, Default)]
 pub struct OwnBasis {
-    /// Covariance of a healthy signal's four features about its channel's level, besides the signal's own
-    /// noise, for each of [`LEVELS`].
+    /// Covariance of a healthy signal's four features about its channel's level, besides the
+    /// signal's own noise, for each of [`LEVELS`].
     scatter: [Matrix4<f64>; LEVELS.len()],
     /// Fault curves for each of [`LEVELS`] but the first; empty where the design has no physics.
     curves: Vec<Arc<FaultCurves>>,
-    /// Share of the variance between healthy signals that lies between channels and lasts, 0 to 1; the rest
-    /// is drawn anew for each drop.
+    /// Share of the variance between healthy signals, noise apart, that lies between channels and
+    /// lasts, 0 to 1; the rest is drawn anew for each drop.
     lasting: f64,
-    /// Threshold on the squared distance (chi-squared with three degrees of freedom) of a signal that
-    /// scatters about its level by Gaussian noise alone.
+    /// Threshold on the squared distance of a signal that scatters about its level by Gaussian
+    /// noise alone: the quantile of chi-squared with three degrees of freedom at the false-alarm
+    /// rate.
     gate: f64,
-    /// The channels lie so far from each other that the design's threshold, which was learned when they lay
-    /// closer together, does not hold for channels of which nothing else is known.
+    /// Whether the channels lie so far from each other that the design's threshold, which was
+    /// learned when they lay closer together, does not hold for channels of which nothing else is
+    /// known.
     is_aged: bool,
 }
 
 impl OwnBasis {
-    /// The basis of a printhead in this state. `curves`: those of the design, for a channel of which nothing
-    /// is known; `false_alarm_rate`: share of healthy signals that may be flagged.
+    /// The basis of a printhead in this state. `curves`: those of the design, for a channel of
+    /// which nothing is known (`None`: the design has none); `false_alarm_rate`: share of healthy
+    /// signals that may be flagged.
     pub fn new(state: &Head, curves: Option<&FaultCurves>, false_alarm_rate: f64) -> OwnBasis {
+        // the covariance from drop to drop within a channel, which widens the curves of one channel
         let shot = state.shot();
         let of = |curves: &FaultCurves| {
             let of = |&n: &f64| Some(Arc::new(curves.of_one_channel(&shot, n)?));
@@ -73,12 +81,14 @@ pub struct OwnChannels {
 /// A channel's own healthy features, which its signals are judged against.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct OwnBaseline {
-    /// Expected healthy features: ln amplitude, ln damping, ln frequency, phase from the judge's ring.
+    /// Expected healthy features: ln amplitude, ln damping, ln frequency, phase, relative to the
+    /// judge's ring.
     pub baseline: Vector4<f64>,
     /// How many looks the baseline rests on.
     pub behind: Behind,
-    /// How far beyond its bound the channel's level lay from the baseline when it left it, relative to the
-    /// bound; 0: the level still lies there.
+    /// While the channel is taken for faulty because its level has drifted from where it was long
+    /// ago, or lies apart from all other channels': the squared distance over the bound for it, at
+    /// least 1. Else 0: the level is such as healthy channels have.
     pub off: f64,
 }
 
@@ -87,27 +97,32 @@ pub struct OwnBaseline {
 pub struct Behind(usize);
 
 impl Behind {
+    /// `looks`: number of looks behind a level, 0 or more.
     fn of(looks: f64) -> Behind {
         Behind(LEVELS.iter().rposition(|&n| looks >= n).unwrap_or(0))
     }
 }
 
-/// What a channel's signals are isolated by: its own healthy features, and the fault curves about them.
+/// What a channel's signals are isolated by: the channel's own healthy features, and the fault
+/// curves about them.
 #[derive(Clone, Debug)]
 pub struct Own {
+    /// As [`OwnBaseline::baseline`].
     pub baseline: Vector4<f64>,
-    /// `None`: the design has no physics, or fewer looks than the second of `LEVELS` are behind the baseline.
+    /// The curves. `None`: the design has no physics, or fewer than 4 looks are behind the
+    /// baseline.
     pub curves: Option<Arc<FaultCurves>>,
 }
 
 impl OwnChannels {
-    /// Makes the baselines of a sweep's channels. `channels`: their levels relative to the printhead's,
-    /// ascending; `from`: the printhead's level in the features of the judge; `frozen`: channels that repeat
-    /// themselves.
+    /// Makes the baselines of a sweep's channels. `channels`: their levels relative to the
+    /// printhead's, by ascending channel number; `from`: the printhead's level, in features
+    /// relative to the judge's ring; `frozen`: numbers of the channels that repeat the same bits.
     ///
-    /// A channel gets no baseline where judging it against all channels says as much: if hardly anything of
-    /// what differs lasts, or if nothing is known of the channel itself. In an aged head every channel gets
-    /// one, since the design's threshold does not hold there.
+    /// No channel gets a baseline if hardly anything of what channels differ by lasts. Else a
+    /// channel gets none of its own while nothing is known of the channel itself (fewer than 4
+    /// looks): judging it against all channels then says as much. In an aged printhead such
+    /// channels get one, too, since the design's threshold does not hold there.
     pub fn new(
         basis: Arc<OwnBasis>,
         channels: Vec<OwnLevel>,
@@ -134,22 +149,25 @@ impl OwnChannels {
         self.channels.binary_search_by_key(&channel, |(k, _)| *k)
     }
 
+    /// Whether there is neither a baseline nor a frozen channel, so that nothing has to be judged
+    /// again.
     pub fn is_empty(&self) -> bool {
         self.channels.is_empty() && self.frozen.is_empty()
     }
 
-    /// Whether the channels lie too far from each other for the design's threshold on the distance from all
-    /// channels.
+    /// Whether the channels lie too far from each other for the design's threshold on the distance
+    /// from what all channels are expected to be.
     pub fn is_aged(&self) -> bool {
         self.basis.is_aged
     }
 
+    /// Whether a channel repeats the same bits again and again.
     pub fn is_frozen(&self, channel: u32) -> bool {
         !self.frozen.is_empty() && self.frozen.binary_search(&channel).is_ok()
     }
 
-    /// The baselines of `n` consecutive channels from number `first` on; `None` for a channel without its
-    /// own.
+    /// The baselines of `n` consecutive channels from number `first` on; `None` for a channel
+    /// without its own.
     pub fn from(&self, first: u32, n: usize) -> impl Iterator<Item = Option<&OwnBaseline>> {
         // One binary search for the first channel, then both lists are walked in parallel.
         let at = self.place(first).unwrap_or_else(|next| next);
@@ -159,7 +177,8 @@ impl OwnChannels {
         })
     }
 
-    /// The baseline and the fault curves that a channel's signals are isolated by.
+    /// The baseline and the fault curves that a channel's signals are isolated by. `None`: the
+    /// channel has no baseline of its own.
     pub fn of(&self, channel: u32) -> Option<Own> {
         let (_, OwnBaseline { baseline, behind, .. }) = self.channels[self.place(channel).ok()?];
         // the curves begin with the second of `LEVELS`
@@ -167,32 +186,38 @@ impl OwnChannels {
         Some(Own { baseline, curves: curves.cloned() })
     }
 
-    /// Threshold on the squared distance of a signal from its channel's level, at the allowed false-alarm
-    /// rate. `of_all`: the threshold on the distance from what all channels are expected to be.
+    /// Threshold on the squared distance of a signal from its channel's level, at the allowed
+    /// false-alarm rate. `of_all`: the model's threshold on the squared distance from what all
+    /// channels are expected to be. With g the chi-squared quantile (`OwnBasis::gate`) and l the
+    /// lasting share the result is `of_all` + l max(g - `of_all`, 0).
     ///
-    /// Where channels differ for good, a signal scatters about its own level by noise, whose tail is
-    /// Gaussian: the chi-squared quantile holds. Where the difference is drawn anew for each drop, signals
-    /// have the tail that `of_all` was learned from. Between the two the threshold is interpolated by the
-    /// lasting share, and it is never below `of_all`.
+    /// The reason: where channels differ for good (l = 1), a signal scatters about its own level by
+    /// noise, whose tail is Gaussian, and g holds. Where the difference is drawn anew for each drop
+    /// (l = 0), signals have the tail that `of_all` was learned from. Between the two the threshold
+    /// is interpolated (heuristic), and it is never below `of_all`.
     pub fn gate(&self, of_all: f64) -> f64 {
         of_all + self.basis.lasting * (self.basis.gate - of_all).max(0.0)
     }
 
-    /// Whether the same covariances hold for both, so that a metric made for one serves the other.
+    /// Whether the same covariances hold for both sweeps, so that a metric made for one serves the
+    /// other.
     pub fn scatters_as(&self, other: &OwnChannels) -> bool {
         Arc::ptr_eq(&self.basis, &other.basis)
     }
 
-    /// Covariance of a healthy signal's four features about its level, besides the signal's own noise: the
-    /// scatter from burst to burst, plus the sampling error of a level with so many looks behind it.
+    /// Covariance of a healthy signal's four features about its channel's level, besides the
+    /// signal's own noise: the scatter from drop to drop, plus the sampling error of a level with
+    /// so many looks behind it.
     pub fn scatter(&self, behind: Behind) -> &Matrix4<f64> {
         &self.basis.scatter[behind.0]
     }
 }
 
-/// Upper quantile of chi-squared with three degrees of freedom: the value that is exceeded at `rate`.
+/// Upper quantile of chi-squared with three degrees of freedom: the value that is exceeded at
+/// `rate`.
 fn chi_squared_3(rate: f64) -> f64 {
-    // the survival function in closed form, inverted by bisection
+    // the survival function in closed form, 2 Q(sqrt x) + sqrt(2 x / pi) e^(-x/2) with the upper
+    // tail Q of the normal distribution, inverted by bisection
     let beyond = |x: f64| {
         2.0 * upper_tail(x.sqrt()) + (2.0 * x / std::f64::consts::PI).sqrt() * (-x / 2.0).exp()
     };

@@ -1,4 +1,6 @@
-//! The detection statistics of the methods that have neither a distance nor a residual energy.
+//! The detection statistics of the two methods that have neither a squared distance along
+//! sensitivities nor a residual energy, as a healthy model keeps them (`HealthyModel::statistic`).
+//! `learn` makes them, `judge` and `residual` compute them for a signal.
 
 use crate::detect::key_numbers::KeyRange;
 use serde::{Deserialize, Serialize};
@@ -7,8 +9,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Statistic {
-    /// The largest sample of the FD filter's residual, counts.
+    /// The largest |r| of the FD filter's residual, counts, thesis §3-2.
     ResidualMaximum,
-    /// How far frequency and damping lie from the middle of the healthy range, in its half-widths.
+    /// The current practice with which the thesis compares: how far frequency and damping of a
+    /// signal, by Fourier transform, lie from the middle of the healthy range, in half-widths of
+    /// the range.
     Practice(KeyRange),
 }

@@ -1,7 +1,10 @@
-//! The ring of a signal as verdicts state it: resonance and damping, whether there is a design or not.
+//! The ring of a signal as verdicts state it: resonance and damping (columns `resonance_hz` and
+//! `damping_per_s`), whether there is a design or not.
 //!
-//! In: a signal that was judged. Out: its resonance and damping, of a ring fitted to it (flagged signals), or
-//! in closed form from its deviation.
+//! In, from the isolate stage (`pipeline/isolator.rs`): a signal that was judged. Out: its
+//! resonance, Hz, and damping, 1/s: of a ring fitted to the signal (flagged signals, and where the
+//! closed form fails), or in closed form from the signal's deviation (other signals, where
+//! `output.ring` asks for them).
 
 use super::judge::Judge;
 use super::named_ring::is_ring;
@@ -9,9 +12,10 @@ use super::workspace::Workspace;
 use crate::model::ring_fit::RingFitter;
 
 impl Judge {
-    /// Resonance, Hz, and damping, 1/s, of the ring fitted to a signal: of the fit that isolation made, or of
-    /// one that is made now. `signal`: writes the signal per unit drive, N, counts. `None`: the signal does
-    /// not ring.
+    /// Resonance, Hz, and damping, 1/s, of the ring fitted to a signal: of the fit in `work` that
+    /// isolation of this signal made, or of one that is made now. `signal`: writes the signal per
+    /// unit drive, N, counts; only called if a fit has to be made. `drive`: relative. `None`: the
+    /// signal does not ring.
     pub fn ring_of(
         &self,
         signal: impl FnOnce(&mut Vec<f64>),
@@ -19,6 +23,7 @@ impl Judge {
         work: &mut Workspace,
     ) -> Option<[f64; 2]> {
         let fitter = self.fitter()?;
+        // A fit explains something of pure noise, too; `is_ring` below leaves such fits out.
         let fit = work.fit.or_else(|| {
             let mut y = std::mem::take(&mut work.residual);
             signal(&mut y);
@@ -30,9 +35,10 @@ impl Judge {
         fit.filter(|fit| is_ring(fit, noise)).map(|fit| fitter.told(&fit.features))
     }
 
-    /// Resonance, Hz, and damping, 1/s, in closed form: from features to second order, without a fit.
-    /// `deviation`: from the expected signal, N, counts. `None`: the method of detection knows no
-    /// sensitivities, or the signal is so far off that the result is not finite.
+    /// Resonance, Hz, and damping, 1/s, of a signal in closed form: from features to second order,
+    /// without a fit. `deviation`: from the expected signal at the signal's drive and temperature,
+    /// N, counts; `warmer`: the signal's temperature above the model's, K. `None`: the method of
+    /// detection knows no sensitivities, or the signal is so far off that the result is not finite.
     pub fn ring_in_closed_form(
         &self,
         deviation: &[f64],
@@ -40,6 +46,8 @@ impl Judge {
         warmer: f64,
     ) -> Option<[f64; 2]> {
         let features = self.detector.as_ref()?.own_features(deviation, drive);
+        // The deviation was taken at the signal's temperature, so the features are relative to the
+        // model's ring at that temperature: the model's poles moved by `warmer`.
         let (poles, model) = (self.model.identification.poles, &self.model);
         let told = [
             poles.frequency_hz * (features[2] + warmer * model.frequency_per_k).exp(),
@@ -48,8 +56,8 @@ impl Judge {
         told.iter().all(|v| v.is_finite()).then_some(told)
     }
 
-    /// A fitter of rings about the model's ring: isolation's, or else detection's; where neither method has
-    /// one, the judge's own. `None`: the model does not ring.
+    /// A fitter of rings about the model's ring: isolation's, or else detection's; where neither
+    /// method has one, one that is made now and kept in the judge. `None`: the model does not ring.
     fn fitter(&self) -> Option<&RingFitter> {
         let of_methods = self.rings().or_else(|| self.detector.as_ref().map(|of| of.fitter()));
         of_methods.or_else(|| self.told.get_or_init(|| self.model.fitter().ok()).as_ref())

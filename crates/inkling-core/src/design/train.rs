@@ -1,9 +1,16 @@
 //! Training: from labelled signals to a design.
 //!
-//! In: a [`TrainingSet`], settings. Out: a [`Design`], and warnings. The order: a filter by a method that
-//! learns from faults, where one is chosen; healthy models; fault classes; the physics and the classes that
-//! it adds; last what is learned of classes and physics together, the posterior and what is typical of each
-//! class.
+//! In: a [`TrainingSet`], settings; from `inkling train`, and from whoever trains again (`inkling
+//! thesis`, a critique's extended design, `detectable`). Out: a [`Design`], and warnings in words.
+//! The order:
+//!
+//! 1. the learned part of the FD filter, where `detect.denominator` is a method that learns from
+//!    faults;
+//! 2. the healthy models, one per printhead and one of all together (`learn`);
+//! 3. the fault classes: mean deviations of the labelled signals (`fault_class`);
+//! 4. with `isolate.method` = `posterior` the physics, and the classes that the physics adds
+//!    (`cold_start`);
+//! 5. the posterior over all classes, and what is typical of each class (`typical`).
 
 use super::channel_levels::ChannelLevels;
 use super::training_set::{From, TrainingSet, examples};
@@ -25,15 +32,17 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
 impl Design {
-    /// Learns a model of every printhead and of all together, and a class of every fault label. Also returns
-    /// what could not be learned, in words.
+    /// Learns a model of every printhead and of all together, and a class of every fault label.
+    /// Also returns warnings in words: what could not be learned, and which labels look wrong. An
+    /// error if there is no pooled model, or if the chosen filter has no labelled faults to learn
+    /// from.
     pub fn train(
         set: &TrainingSet,
         grey_box: &GreyBoxSettings,
         detect: &DetectSettings,
         isolate: &IsolateSettings,
     ) -> Result<(Design, Vec<String>), DesignError> {
-        // Labels say which signals are healthy, so no share of agreeing signals is needed.
+        // `least_agreeing` is `None`: labels say which signals are healthy.
         let settings = LearnSettings {
             grey_box,
             detect,
@@ -61,8 +70,8 @@ impl Design {
             }
         }
 
-        // What is learned of all classes together. Classes may drop out here, hence the bounds of what is
-        // typical last.
+        // What is learned of all classes together. Classes may drop out in `yield_to_own_classes`,
+        // hence the bounds of what is typical, one per class, come last.
         in_table_order(&mut design.classes);
         if !design.classes.is_empty() {
             design.posterior = learn_posterior(&design, set)?.map(Arc::new);
@@ -80,13 +89,14 @@ impl Design {
         Ok((design, warnings))
     }
 
-    /// The healthy part of a design, models and thresholds, without fault classes. A printhead whose signals
-    /// give no model is judged by the pooled one, which a warning says.
+    /// The healthy part of a design (models and thresholds), without fault classes, and warnings. A
+    /// printhead whose signals give no model is judged by the pooled one, and a warning says so.
     fn of_healthy(
         set: &TrainingSet,
         settings: LearnSettings,
     ) -> Result<(Design, Vec<String>), DesignError> {
-        // Without a pooled model there is no design; a printhead without a model of its own is no failure.
+        // Without a pooled model there is no design; a printhead without a model of its own is no
+        // failure.
         let pooled = HealthyModel::learn(&pool(&set.healthy, set.samples), None, None, settings)?;
         let (mut models, mut warnings) = (Vec::new(), Vec::new());
         for (name, healthy) in &set.healthy {
@@ -97,6 +107,8 @@ impl Design {
                 )),
             }
         }
+
+        // What the pooled model says against the labels or the recordings.
         warnings.extend(temperature_unknown(&pooled));
         warnings.extend(pooled.apart.map(|share| {
             format!(
@@ -106,6 +118,7 @@ impl Design {
                 pooled.threshold.value
             )
         }));
+
         let design = Design {
             version: VERSION,
             made_by: format!("inkling {}", env!("CARGO_PKG_VERSION")),
@@ -128,7 +141,8 @@ impl Design {
         Ok((design, warnings))
     }
 
-    /// Pairs each printhead's signals with the model that judges them: its own, or else the pooled one.
+    /// Pairs each printhead's signals with the model that judges them: its own, or else the pooled
+    /// one.
     pub(super) fn with_models<'a>(
         &'a self,
         printheads: &'a BTreeMap<String, SignalSet>,
@@ -137,8 +151,8 @@ impl Design {
     }
 }
 
-/// Learns a class of every fault label. A class without what the method of isolation needs stays, with a
-/// warning.
+/// Learns a class of every fault label. A class for which the method of isolation lacks something
+/// (a model that cannot be identified) stays in the result, with a warning.
 pub(super) fn learn_classes(
     design: &Design,
     set: &TrainingSet,
@@ -171,8 +185,9 @@ fn temperature_unknown(pooled: &HealthyModel) -> Option<String> {
     ))
 }
 
-/// The filter of a method that learns from faults, in two steps: healthy models with method I's filter first,
-/// since faults are deviations from these; then the filter, from the faults.
+/// The learned part of the FD filter, for every `detect.denominator` but method I, in two steps:
+/// first healthy models with method I's filter, since faults are deviations from what these models
+/// expect; then the filter, from the faults. An error if no signal has the label that is needed.
 fn learned_filter(
     set: &TrainingSet,
     settings: LearnSettings,
@@ -207,15 +222,17 @@ fn learned_filter(
     LearnedFilter::learn(healthy, &class, &sets, settings)
 }
 
-/// Learns class densities from rings fitted to all labelled signals, and from the physics as far as it
-/// predicts the classes. They are learned twice: for channels of which nothing is known, with each signal
-/// moved to other channels' levels, and for channels whose own level is known, with features counted from
-/// there. `None`: a class has neither enough signals nor a prediction.
+/// Learns the class densities of a ring's features, from rings fitted to all labelled signals and
+/// from the physics as far as that predicts the classes. The densities are learned twice: for
+/// channels of which nothing is known, with each labelled signal moved to another channel's level;
+/// and for channels whose own level is known, with features counted from that level. `None`: a
+/// class has neither enough signals nor a prediction.
 pub(super) fn learn_posterior(
     design: &Design,
     set: &TrainingSet,
 ) -> Result<Option<Posterior>, DesignError> {
-    // the channels' levels on every printhead with healthy signals
+    // The channels' healthy levels on every printhead; `None` of a printhead whose channels are too
+    // few.
     let mut levels = BTreeMap::new();
     for ((model, signals), name) in
         design.with_models(&set.healthy).into_iter().zip(set.healthy.keys())
@@ -223,7 +240,8 @@ pub(super) fn learn_posterior(
         levels.insert(name, ChannelLevels::learn(model, signals)?);
     }
 
-    // Features of each class, both ways; `None` for a class without labelled signals.
+    // Features of each class's signals, both ways: `of_any` as of any channel, `of_own` from the
+    // signal's own channel's level. `None` for a class without labelled signals.
     let (mut of_any, mut of_own) = (Vec::new(), Vec::new());
     for class in &design.classes {
         let Some(sets) = set.faulty.get(&class.name) else {
@@ -238,14 +256,16 @@ pub(super) fn learn_posterior(
         of_own.push(examples(&sets, From::OwnChannel(&of_each))?);
     }
 
+    // The densities for channels of which nothing is known.
     let physics = design.physics.as_ref();
     let curves = physics
         .map(|of| of.curves(&design.fault_classes(), design.sample_period_s, design.samples));
     let Some(posterior) = posterior_of(&of_any, curves.as_ref()) else { return Ok(None) };
 
-    // The densities about a channel's own level need every labelled class to have signals of channels with a
-    // level. The physics' curves are those of one channel whose baseline is known from as many signals as a
-    // level is.
+    // The densities about a channel's own level. They need every labelled class to have signals of
+    // channels with a level. The physics' curves are then those of one channel whose baseline is
+    // known as from `ChannelLevels::MOST` healthy signals, the most that a level rests on, without
+    // scatter from drop to drop.
     let are_known = of_any.iter().zip(&of_own).all(|(any, own)| any.is_none() || own.is_some());
     let about_own = || match &curves {
         Some(curves) => {
@@ -257,8 +277,9 @@ pub(super) fn learn_posterior(
     Ok(Some(posterior.with_own(are_known.then(about_own).flatten())))
 }
 
-/// Learns the densities of classes from labelled signals and from the physics' curves. `of_classes`: the
-/// examples of each class, if it has any; `curves`: `None` without physics. `None`: a class has neither.
+/// Learns the densities of classes from labelled signals and from the physics' curves.
+/// `of_classes`: the examples of each class, if it has any; `curves`: `None` without physics. The
+/// result is `None` if a class has neither examples nor a curve.
 fn posterior_of(
     of_classes: &[Option<Examples>],
     curves: Option<&FaultCurves>,
@@ -268,7 +289,10 @@ fn posterior_of(
         all.and_then(|all| Posterior::learn(&all))
     };
     let Some(curves) = curves else { return learned() };
-    // With physics, both densities are stacked. So each example is first compared with the curves.
+
+    // With physics, the learned densities and those of the curves are stacked (mixed with weights
+    // that predict held-out examples best). For that, each example is first compared with the
+    // curves. `known`: whether a class has a curve.
     let known: Vec<bool> = (0..of_classes.len()).map(|k| !curves.class(k).is_empty()).collect();
     let mut by_physics: Vec<Vec<Vec<f64>>> = vec![Vec::new(); of_classes.len()];
     for (k, class) in of_classes.iter().enumerate() {
@@ -279,23 +303,25 @@ fn posterior_of(
     Posterior::stack(of_classes, &by_physics, &known).or_else(learned)
 }
 
-/// The ln density of features in each class along the physics' curves.
+/// The ln density of four features in each class by the physics' curves, at the reference drive.
 fn ln_densities(curves: &FaultCurves, x: &[f64]) -> Vec<f64> {
     let mut compared = Comparison::default();
     curves.compare(x, Conditions::as_made(), &mut compared);
     compared.ln_densities
 }
 
-/// Removes classes that are the same fault as a user's own class under another name: classes that are known
-/// by physics alone and that attract the signals of a class that stands for no law. Returns a message for
-/// each of the user's classes that replaced others.
+/// Removes classes that are probably the same fault as a user's own class under another name. The
+/// own class has labelled signals and stands for no law of the physics; the removed class has no
+/// labelled signals, is known by the physics alone, and takes more than the share `little` of
+/// the posterior of the own class's signals. Returns a message for each own class that replaced
+/// others.
 fn yield_to_own_classes(
     design: &mut Design,
     set: &TrainingSet,
     isolate: &IsolateSettings,
 ) -> Result<Vec<String>, DesignError> {
     let mut said = Vec::new();
-    // the user's own classes, of which the physics knows nothing
+    // the names of the user's own classes, of which the physics knows nothing
     let unknown =
         |class: &FaultClass| class.of.is_empty() && isolate.physics.law(&class.name).is_none();
     let own: Vec<String> =
@@ -304,23 +330,28 @@ fn yield_to_own_classes(
         let (Some(posterior), Some(curves)) = (&design.posterior, design.curves()) else { break };
         let sets = design.with_models(printheads);
         let Some(examples) = examples(&sets, From::Head)? else { continue };
+
+        // The posterior of each signal of the own class, under equal priors. `taken`: the sum over
+        // signals of what each class gets.
         let classes = design.classes.len();
-        // taken: how much posterior each class takes of the user's signals, under equal priors
         let (mut weights, mut taken) = (vec![0.0; classes], vec![0.0; classes]);
         for x in examples.features.iter().map(|x| x.as_slice()) {
             let (by_physics, priors) = (ln_densities(&curves, x), vec![1.0; classes]);
             posterior.weigh(x, &by_physics, &priors, &mut Vec::new(), &mut weights);
             taken.iter_mut().zip(&weights).for_each(|(t, w)| *t += w);
         }
+
+        // Only classes without labelled signals yield.
         let of_all = examples.features.len() as f64;
-        // only classes without labelled signals of their own yield
         let takes = |k: usize| design.classes[k].n_signals == 0 && taken[k] > little() * of_all;
         let gone: Vec<String> =
             (0..classes).filter(|&k| takes(k)).map(|k| design.classes[k].name.clone()).collect();
         if gone.is_empty() {
             continue;
         }
-        // Curves and posterior depend on the classes, so both are made again.
+
+        // Curves and posterior depend on the classes, so both are made again before the next own
+        // class.
         design.classes.retain(|class| !gone.contains(&class.name));
         design.curves = OnceLock::new();
         design.posterior = learn_posterior(design, set)?.map(Arc::new);
@@ -339,8 +370,9 @@ fn in_table_order(classes: &mut [FaultClass]) {
     classes.sort_by(|a, b| place(&a.name).cmp(&place(&b.name)).then(a.name.cmp(&b.name)));
 }
 
-/// All printheads' signals in one set. Channel numbers are offset by printhead, so that channels of different
-/// printheads are told apart.
+/// All printheads' signals in one set. Channel numbers are offset by 2^20 times the printhead's
+/// index, so that channels of different printheads are told apart. Labelled severities are not
+/// carried over.
 fn pool(healthy: &BTreeMap<String, SignalSet>, samples: usize) -> SignalSet {
     let mut all = SignalSet::new(samples);
     for (p, set) in healthy.values().enumerate() {

@@ -1,4 +1,10 @@
 //! Labelled signals, and the features of the rings that are fitted to them.
+//!
+//! In, from the collecting of recordings by their labels (`pipeline/collect.rs`): signals by label
+//! and printhead. Out: [`TrainingSet`], which training reads and cross-validation divides.
+//! `examples` turns a class's signals into the features (ln amplitude, ln damping, ln frequency,
+//! phase) that the densities of the posterior are learned from; `From` says which level the
+//! features are counted from.
 
 use super::channel_levels::ChannelLevels;
 use super::{DesignError, Extension, HealthyModel};
@@ -9,19 +15,23 @@ use crate::model::ring_fit::Features;
 use nalgebra::{DMatrix, DVector, Vector4};
 use std::collections::BTreeMap;
 
-/// Labelled signals of one sampling, by printhead; their drives are relative to `drive_voltage_v`.
+/// Labelled signals of one sample period and length; their drives are relative to
+/// `drive_voltage_v`.
 #[derive(Debug, Default)]
 pub struct TrainingSet {
     pub sample_period_s: f64,
+    /// Number N of samples per signal.
     pub samples: usize,
+    /// The reference drive voltage, V; `None`: no drive was recorded.
     pub drive_voltage_v: Option<f64>,
     /// Healthy signals by printhead.
     pub healthy: BTreeMap<String, SignalSet>,
     /// Faulty signals by class, then printhead.
     pub faulty: BTreeMap<String, BTreeMap<String, SignalSet>>,
-    /// Number of signals seen, by label.
+    /// Number of signals seen, by label, or by the reason for those that were not collected. They
+    /// may be more than are held here, which is a sample.
     pub signals: BTreeMap<String, u64>,
-    /// What a critique found and was subtracted from the signals.
+    /// What a critique found missing in the models. It was subtracted from the signals already.
     pub extension: Option<Extension>,
 }
 
@@ -35,8 +45,10 @@ impl TrainingSet {
         })
     }
 
-    /// The same with some of the signals: `keep` gets a state, a printhead and its signals, and returns the
-    /// indices to keep.
+    /// The same set with some of the signals, without the extension. `keep` gets a state, a
+    /// printhead and its signals of that state, and returns the indices of the signals to keep. A
+    /// class or printhead without any signal left is left out, and `signals` counts those that are
+    /// kept.
     pub fn with(&self, mut keep: impl FnMut(&str, &str, &SignalSet) -> Vec<usize>) -> TrainingSet {
         let mut part = TrainingSet {
             sample_period_s: self.sample_period_s,
@@ -61,21 +73,23 @@ impl TrainingSet {
     }
 }
 
-/// The level that the features of labelled signals are counted from.
+/// The level that the features of labelled signals are counted from. The slices hold, for each
+/// printhead in the order of the signals' sets, its channels' levels, if they are known.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum From<'a> {
     /// The printhead's level: the features stay as they are.
     Head,
-    /// The printhead's level, with each signal moved as if it were of another of its channels; for each
-    /// printhead its channels' levels, if they are known.
+    /// The printhead's level, with each signal moved as if it were of another of the printhead's
+    /// channels. Where levels are not known the signal stays as it is.
     AnyChannel(&'a [Option<&'a ChannelLevels>]),
-    /// The level of the signal's own channel; signals of channels without one are left out.
+    /// The level of the signal's own channel. Signals of channels without one are left out.
     OwnChannel(&'a [Option<&'a ChannelLevels>]),
 }
 
 impl From<'_> {
-    /// Features `x` of a signal, counted from that level. `k`: index of the printhead; `i`: number of the
-    /// signal among those of its set that ring. `None`: the signal is left out.
+    /// Features `x` of a signal, counted from the level that `self` says. `k`: index of the
+    /// signal's printhead; `i`: number of the signal among those of its set that a ring fits;
+    /// `channel`: the signal's. `None`: the signal is left out.
     fn moved(self, k: usize, i: usize, channel: u32, x: &Vector4<f64>) -> Option<Vector4<f64>> {
         match self {
             From::Head => Some(*x),
@@ -87,8 +101,10 @@ impl From<'_> {
     }
 }
 
-/// Features of a class's signals, and the covariance of a fit's noise at their mean (of the last printhead
-/// that gives one). `None`: there are none.
+/// Features of a class's signals, and the covariance (4 x 4) of a fit's noise at the mean of the
+/// features. `sets`: the class's signals, each set with the healthy model of its printhead. With
+/// several printheads the noise is that of the last one that gives a covariance. `None`: no signal
+/// is left. An error if a model does not ring.
 pub(super) fn examples(
     sets: &[(&HealthyModel, &SignalSet)],
     from: From,

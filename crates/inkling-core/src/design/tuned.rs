@@ -1,20 +1,25 @@
-//! All numbers that nobody derived of what a design learns and how signals are judged by it; docs/numbers.md
-//! tells what half and twice of each do.
+//! All numbers of the room `design` that nobody derived: of what a design learns, and of how
+//! signals are judged by it. `docs/numbers.md` tells what half and twice of each do. Each number is
+//! called as a function (see `crate::numbers`).
 
 crate::numbers! {
-    /// Fewest signals of a window that get their own mean and thresholds; with fewer, the design's are used.
+    /// Fewest signals of a window for which the spread of the channels and the thresholds are
+    /// learned from the window; with fewer, those of the model before (the anchor) are used.
     fewest_own: usize = 200;
-    /// A threshold that exceeds the robust one by more than this factor was probably learned on faulty
-    /// signals, too.
+    /// If the threshold learned from labelled signals exceeds the one by the mixture model, which
+    /// allows for faults among the signals, by more than this factor, some of them are probably
+    /// faulty.
     suspect = 3.0;
-    /// If less than this share of what healthy signals differ by lasts, a channel's own level says no more
-    /// than the level of all channels does.
+    /// If less than this share of the variance between healthy signals lasts from drop to drop, a
+    /// channel's own level says no more than the level of all channels does.
     least_lasting = 0.25;
-    /// Channels that lie more than this many times as far from each other as the design says are not judged
-    /// by its threshold if nothing else is known of them.
+    /// Where the channels of a printhead lie more than this many times as far from each other as
+    /// the design says, a channel of which nothing else is known is not judged by the design's
+    /// threshold.
     aged = 1.5;
-    /// Standard deviation of a sudden change that all channels have in common: of ln amplitude; of damping and
-    /// of frequency, in their bounds of `[identify]`; and of the phase, rad. Supply and ink move amplitude and
-    /// damping; what is beyond five of these is no ink.
+    /// Standard deviations of a sudden change that all channels have in common: of ln amplitude; of
+    /// ln damping and of ln frequency, in units of ln (1 + their bound in `[identify]`); and of the
+    /// phase, rad. Supply and ink move amplitude and damping; a change beyond five of these is no
+    /// ink.
     leap: [f64; 4] = [0.1, 1.0, 0.4, 0.05];
 }

@@ -1,9 +1,14 @@
-//! Learning the bounds on what is typical of each class ([`crate::isolate::typical`]), from labelled signals,
-//! and from the physics for classes of which none are labelled.
+//! Learning the bounds on what is typical of each class ([`crate::isolate::typical`]): from
+//! labelled signals, and from the physics for classes of which none are labelled.
 //!
-//! In: a design with its posterior, labelled signals. Out: [`Typical`]: the directions in which classes
-//! differ beside their rings, how far each class scatters along them, and a bound on the misfit that remains.
-//! Signals that leave more than the bound are no ring of the class.
+//! In, from `train`: a design with its posterior, labelled signals. Out: [`Typical`], by which
+//! `named_ring` decides whether a signal is a ring of its best class:
+//! 1. the misfits of healthy signals and of all classes beside their rings (see `leftover`), in
+//!    standard deviations of the noise;
+//! 2. the principal directions of all classes' misfits together, which exceed the noise;
+//! 3. the variance of each class along each direction;
+//! 4. per class a bound on the mean square of a misfit, with what is usual along the directions
+//!    discounted. Signals that leave more than the bound are no ring of the class.
 
 use super::leftover::Leftovers;
 use super::{Design, DesignError, HealthyModel, TrainingSet};
@@ -17,18 +22,20 @@ use std::collections::BTreeMap;
 const MOST_SIGNALS: usize = 256;
 /// At most so many principal directions of the misfit are kept.
 const MOST_DIRECTIONS: usize = 8;
-/// Number of severities at which the physics predicts the decays of a class.
+/// Number of severities at which the physics predicts the decays of one law.
 const SEVERITIES: usize = 9;
 
-/// Learns the bounds of every class of a design. `None`: the design has no posterior, which they would serve.
-/// An error if a model does not ring.
+/// Learns the bounds of every class of a design. `set`: the labelled signals that the design was
+/// learned from. `None`: the design has no posterior, the only method that uses the bounds. An
+/// error if a model does not ring.
 pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical>, DesignError> {
     if design.posterior.is_none() {
         return Ok(None);
     }
 
-    // Of healthy signals and of every class, what the signals leave beside their rings. A class without
-    // labelled signals gets the decays that the physics predicts for the kinds that it stands for.
+    // Step 1: what healthy signals and those of every class leave beside their rings. A class
+    // without labelled signals gets decays that the physics predicts for the laws that the class
+    // stands for.
     let healthy = left_of(design, &set.healthy)?;
     let mut classes = Vec::new();
     for class in &design.classes {
@@ -43,8 +50,9 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
         classes.push(OfClass { left, labelled });
     }
 
-    // The principal directions of all classes' misfits together, and the variance of each class along each of
-    // them. Few labelled signals say little of a class's own variance: it gets the widest of all classes.
+    // Steps 2 and 3: the principal directions of all classes' misfits together, and the variance of
+    // each class along each direction. Few labelled signals say little of a class's own variance,
+    // so such a class gets the largest variance of all classes.
     let rows: Vec<Vec<f64>> =
         classes.iter().flat_map(|of| of.left.rows.iter().take(MOST_SIGNALS).cloned()).collect();
     let mut typical =
@@ -60,18 +68,20 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
         .map(|(of, own)| if (1..few()).contains(&of.labelled) { widest.clone() } else { own })
         .collect();
 
-    // Bounds on what remains, never below that of healthy signals.
+    // Step 4: bounds on what remains, never below the bound that healthy signals give.
     let misfits = |left: &Leftovers, k: usize| -> Vec<f64> {
         let each = left.rows.iter().zip(&left.size);
         each.map(|(left, &size)| typical.misfit_of(RingMisfit { values: left, size }, k)).collect()
     };
     let bounds = classes.iter().enumerate().map(|(k, of)| {
+        // `of_noise`: the bound for healthy signals if they were judged as of class k
         let of_noise = misfit_bound(&misfits(&healthy, k));
         let own = misfits(&of.left, k);
         match of.labelled {
-            // the physics' decays are free of noise: their misfit adds to that of the noise
+            // Predicted decays are free of noise, so their misfit adds to that of the noise. The
+            // factor 2 is a margin (somewhat arbitrary), as is 1.5 below.
             0 => of_noise + 2.0 * own.iter().copied().fold(0.0, f64::max),
-            // too few for a bound of their own
+            // too few labelled signals for a prediction bound: the largest misfit, with a margin
             n if n < few() => own.iter().copied().fold(of_noise, f64::max) * 1.5,
             _ => misfit_bound(&own).max(of_noise),
         }
@@ -82,15 +92,17 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
 
 /// What signals of one class leave beside their rings.
 struct OfClass {
+    /// In standard deviations of the noise.
     left: Leftovers,
     /// Number of labelled signals among them; 0: all are predictions of the physics.
     labelled: usize,
 }
 
 impl OfClass {
-    /// Variance along a direction beyond the noise's, for a ring as large as the healthy one.
+    /// Variance of the misfits along a direction (N, unit norm) beyond the noise's, in units of the
+    /// noise's variance, for a ring as large as the healthy one; at least 0.
     fn along(&self, direction: &[f64]) -> f64 {
-        // misfits are in units of the noise; predictions of the physics have none
+        // In these units the noise has the variance 1; predictions of the physics have no noise.
         let noise = if self.labelled > 0 { 1.0 } else { 0.0 };
         let each = self.left.rows.iter().zip(&self.left.size);
         let sum: f64 =
@@ -99,14 +111,15 @@ impl OfClass {
     }
 }
 
-/// The misfits of one model's signals beside their rings, without the model's leftover, in standard
-/// deviations of a sample's noise.
+/// What the signals of one model leave beside their rings, without the model's leftover, in
+/// standard deviations of a sample's noise.
 fn left_by(model: &HealthyModel, set: &SignalSet) -> Result<Leftovers, DesignError> {
     let left = Leftovers::of(model, &model.rings()?, set, None);
     Ok(left.without(&model.leftover).over(model.noise_beside()))
 }
 
-/// The same misfits of the first signals of each printhead.
+/// What the first `MOST_SIGNALS` signals of each printhead leave beside their rings, by the model
+/// of the printhead.
 fn left_of(design: &Design, sets: &BTreeMap<String, SignalSet>) -> Result<Leftovers, DesignError> {
     let mut all = Leftovers::default();
     for (model, set) in design.with_models(sets) {
@@ -115,8 +128,9 @@ fn left_of(design: &Design, sets: &BTreeMap<String, SignalSet>) -> Result<Leftov
     Ok(all)
 }
 
-/// The same misfits of decays that the physics predicts for a class, free of noise: severities from the
-/// smallest to the largest that the class's name stands for.
+/// What decays that the physics predicts for a law leave beside their rings, free of noise: the
+/// middles of `SEVERITIES` equal parts of the law's range. `class`: the law's name. Empty: there is
+/// no physics or no such law, or no such decay rings.
 fn by_physics(design: &Design, class: &str) -> Result<Leftovers, DesignError> {
     let (Some(physics), model) = (&design.physics, &design.pooled) else {
         return Ok(Leftovers::default());
@@ -137,14 +151,14 @@ fn by_physics(design: &Design, class: &str) -> Result<Leftovers, DesignError> {
 }
 
 impl HealthyModel {
-    /// Standard deviation of the white noise, counts per sample, whose effect on fitted rings is that of the
-    /// model's noise.
+    /// Standard deviation, counts, of white noise that would scatter fitted rings as much as the
+    /// model's noise, which may be coloured.
     pub(super) fn noise_of_fits(&self) -> f64 {
         self.sensitivity.as_ref().map_or(self.noise, |of| of.noise_of_one_sample())
     }
 
-    /// Standard deviation of one sample's noise, counts, from the misfit of healthy signals beside their
-    /// rings; where there is no second test, the model's noise.
+    /// Standard deviation of one sample's noise, counts, from the mean misfit of healthy signals
+    /// beside their rings; where there is no second test, [`HealthyModel::noise`].
     pub(super) fn noise_beside(&self) -> f64 {
         match &self.misfit {
             Some(misfit) => (misfit.square / self.expected.len() as f64).sqrt(),

@@ -1,5 +1,10 @@
-//! What a judge computes with: buffers that are reused from signal to signal, and results beside the
-//! decision.
+//! What a judge computes with: buffers that are reused from signal to signal, and results beside
+//! the decision.
+//!
+//! Every worker thread of the isolate stage owns one [`Workspace`]. For each signal the stage sets
+//! `warmer` and `own`, calls [`super::Judge::isolate`] or [`super::Judge::isolate_ring`], and then
+//! reads the results: `weights`, `of_any`, `alternative`, `ring`, `severity`, `misfit`. The results
+//! hold until [`Workspace::forget`] or the next isolation.
 
 use super::own_channel::Own;
 use crate::isolate::calibration::Severity;
@@ -7,36 +12,44 @@ use crate::isolate::physics_density::Comparison;
 use crate::model::ring_fit::{Fit, Products};
 use crate::verdict::Appearance;
 
-/// Buffers of a judge, one set per thread, and results beside the decision on the signal last isolated.
+/// Buffers of a judge, one set per thread, and results beside the decision on the signal last
+/// isolated.
 #[derive(Debug, Default)]
 pub struct Workspace {
+    /// Buffer for a signal or its residual, N, counts.
     pub(super) residual: Vec<f64>,
+    /// Buffer: one number per class, by which the methods without rings weigh the classes.
     pub(super) projection: Vec<f64>,
+    /// Buffers of ring fits.
     pub(super) products: Products,
-    /// Weight of each class for that signal: a posterior, or what the method has instead.
+    /// Weight of each class for the signal last isolated, in the design's order: the posterior
+    /// given that the signal is of some class, or phi, or votes. Empty: no ring explains the
+    /// signal.
     pub weights: Vec<f64>,
-    /// The probability that the signal is of any class, given all that it may be.
+    /// The probability that the signal is of any class, given all else that it may be; 1 with
+    /// methods that know no alternatives.
     pub of_any: f64,
-    /// What the signal may well be instead of a fault of a class.
+    /// What the signal may well be instead of a fault of a class; `None`: nothing of the kind.
     pub alternative: Option<Appearance>,
-    /// ln damping and ln frequency of the ring last fitted for isolation, relative to the healthy model's and
-    /// corrected to its temperature; `None`: no ring was fitted.
+    /// ln damping and ln frequency of the ring fitted for isolation, relative to the healthy
+    /// model's ring and corrected to the model's temperature; `None`: no ring was fitted, or it is
+    /// no more than noise.
     pub ring: Option<[f64; 2]>,
     /// Severity of the fault of the signal last isolated, if its category was named.
     pub severity: Option<Severity>,
-    /// The signal's mean square misfit over the noise's; NaN: no ring was fitted.
+    /// The mean square of the signal's misfit over the noise's variance; NaN: no ring was fitted.
     pub misfit: f64,
-    /// The ring fitted to the signal.
+    /// The ring fitted to the signal per unit drive; `None`: no ring was fitted.
     pub(super) fit: Option<Fit>,
-    /// The signal's misfit beside that ring, N, in standard deviations of the noise; empty: it was not
-    /// computed.
+    /// The signal's misfit beside that ring, N, in standard deviations of the noise; empty: it was
+    /// not computed.
     pub(super) beside: Vec<f64>,
     /// Buffer: ln density of the signal's features in each class.
     pub(super) ln_densities: Vec<f64>,
-    /// The signal's features compared with all fault curves.
+    /// Buffer: the signal's features compared with all fault curves.
     pub(super) physics: Comparison,
-    /// To be set before a signal is isolated: its temperature above the model's ([`super::Judge::warmer`]),
-    /// K.
+    /// To be set before a signal is isolated: its temperature above the model's
+    /// ([`super::Judge::warmer`]), K.
     pub warmer: f64,
     /// To be set before a signal is isolated: its channel's own baseline, if the channel has one.
     pub own: Option<Own>,

@@ -1,9 +1,18 @@
-//! Numerator enhancement exactly as Appendix A of the thesis writes it, so that its effect can be seen.
+//! Numerator enhancement as Appendix A of the thesis writes it (`detect.denominator` =
+//! `appendix-a`), so that its effect can be seen. For use there is [`super::numerator`].
 //!
-//! In: a faulty residual over time. Out: M(z). What the text maximises is the energy of M r_f under bounded
-//! coefficients, which an eigenvector of Q_x solves; but its last line takes M(s) = det(Q_x - sI). Q_x is
-//! positive semidefinite, so such an M has real roots at or right of 0 whatever the fault is, and their size
-//! depends on the unit of time. [`super::numerator`] departs from the text for that reason.
+//! In, from `design/learned_filter.rs`: the mean residual r_f of a fault over time. Out: M(z). The
+//! steps of the text:
+//!
+//! 1. beta*: the inner products of r_f with a constant and with sines and cosines of 1 to 40
+//!    periods.
+//! 2. D-bar: the rows beta* D^k, k = 0, 1, ..; D is the derivative by time in that basis.
+//! 3. Q_x = D-bar D-bar^T, and M(s) = det(Q_x - sI).
+//!
+//! The text maximises the energy of M r_f under bounded coefficients, which an eigenvector of Q_x
+//! solves; but its last line takes the determinant. Q_x is positive semidefinite, so such an M has
+//! real roots at or right of 0 whatever the fault is, and their size depends on the unit of time.
+//! [`super::numerator`] departs from the text for that reason.
 
 use super::DetectError;
 use super::poles::monic;
@@ -13,10 +22,15 @@ use std::f64::consts::TAU;
 /// Number of frequencies of the basis b_i beside the constant, i = 0 .. 80.
 const HARMONICS: usize = 40;
 
-/// M(z), descending powers, of degree `degree` >= 1, for the mean residual of a fault, counts.
+/// M(z), monic, descending powers, of degree `degree` >= 1. `residual`: the mean residual of a
+/// fault, N, counts. An error if one of the two is empty or 0, or if a root has no finite image in
+/// z.
 ///
-/// Departs: the text's M is a polynomial in s. Its roots are taken over to z by the bilinear transformation,
-/// as e^{s dt} of them is no number; time is counted in samples.
+/// Departs: the text's M is a polynomial in s. Its roots are mapped to z by the bilinear
+/// transformation z = (2 + s) / (2 - s), as in the text's unit of time e^{s dt} of such a root is
+/// no number; here time is counted in samples. beta* is scaled to length 1, so that the roots do
+/// not depend on the size of the residual. Q_x has `degree` rows, so that M has the degree asked
+/// for.
 pub fn as_written(residual: &[f64], degree: usize) -> Result<Vec<f64>, DetectError> {
     let n = residual.len();
     let failed = || DetectError::Decomposition { rows: degree, columns: degree };
@@ -24,8 +38,8 @@ pub fn as_written(residual: &[f64], degree: usize) -> Result<Vec<f64>, DetectErr
         return Err(DetectError::NoRoom { numerator: degree, denominator: 0 });
     }
     let omega = TAU / n as f64;
-    // beta_i* = integral of b_i r_f: b_0 is constant, then sine and cosine of each frequency follow each
-    // other
+    // beta_i* = integral of b_i r_f: b_0 is constant, then sine (odd i) and cosine (even i) of each
+    // frequency follow each other
     let beta = |i: usize| {
         let at = |k: usize| match i % 2 {
             0 => (i as f64 / 2.0 * omega * k as f64).cos(),
@@ -35,7 +49,8 @@ pub fn as_written(residual: &[f64], degree: usize) -> Result<Vec<f64>, DetectErr
     };
     let mut row = DVector::from_fn(2 * HARMONICS + 1, |i, _| beta(i));
     row /= row.norm().max(f64::MIN_POSITIVE);
-    // D-bar: beta* D^k; D couples the sine and the cosine of each frequency, as d/dt does
+
+    // D-bar: row k is beta* D^k; D couples the sine and the cosine of each frequency, as d/dt does
     let mut d_bar = DMatrix::zeros(degree, row.len());
     for k in 0..degree {
         d_bar.row_mut(k).copy_from(&row.transpose());
@@ -47,6 +62,7 @@ pub fn as_written(residual: &[f64], degree: usize) -> Result<Vec<f64>, DetectErr
             (row[sin], row[cos]) = (-frequency * before[cos], frequency * before[sin]);
         }
     }
+
     let q_x = &d_bar * d_bar.transpose();
     // Q_x's eigenvalues are the roots of M(s): map them, and multiply the factors (z - z_i)
     let roots = SymmetricEigen::try_new(q_x, f64::EPSILON, 10_000).ok_or_else(failed)?.eigenvalues;

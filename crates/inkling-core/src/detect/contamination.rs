@@ -1,12 +1,20 @@
 //! The threshold from unlabelled signals, some of which are faulty (contaminated training data).
 //!
-//! In: detection statistics of a window's signals, of which up to two in five may be of faulty channels, and
-//! the channel that each came from. Out: the value that healthy signals exceed at a chosen rate, by a mixture
-//! model of healthy and faulty signals (`mixture`), raised so that it holds with a chosen confidence.
+//! In, from `design/learn.rs`: detection statistics of a window's signals, of which up to two in
+//! five may be of faulty channels, and the channel that each came from. Out: the [`Threshold`] that
+//! healthy signals exceed at a chosen rate, with a chosen confidence. Where all signals are known
+//! to be healthy, [`super::threshold`] is used instead.
 //!
-//! Signals of one channel are not independent: together all signals count as many as independent ones would
-//! that say as much. The standard error of the threshold comes from leaving out one group of channels after
-//! the other (jackknife).
+//! The steps:
+//!
+//! 1. Count the ln of the statistics, in units of their median, in a histogram. Signals of one
+//!    channel resemble each other, so each signal weighs n_independent / n, with the design effect
+//!    of a one-way analysis of variance.
+//! 2. Fit a mixture of healthy and faulty signals to the histogram (`mixture.rs`), and take the
+//!    quantile of its healthy part at the stated rate: the estimate.
+//! 3. Jackknife: divide the channels into eight groups, fit again without each group, and take the
+//!    standard error of ln(threshold) from how the eight estimates differ.
+//! 4. Raise the estimate by Student's t times this standard error.
 
 use super::DetectError;
 use super::mixture::{Counts, Mixture};
@@ -22,8 +30,17 @@ const GROUPS: usize = 8;
 /// Smallest number of signals for the mixture model.
 const FEWEST: usize = 24;
 
-/// The statistic that at most a share `rate` of the window's healthy signals exceed, with `confidence`.
-/// `statistics`: at least 0. `channels`: the channel of each signal.
+/// The threshold on a statistic: the value that at most a share `rate` of the window's healthy
+/// signals exceed, with `confidence`.
+///
+/// `statistics`: one per signal, finite and at least 0, in any unit. `channels`: the channel of
+/// each signal. `degrees`: how many squared features a statistic is the sum of; `spread`: from
+/// which signals the distances' unit was estimated. `confidence`: .5 or more; less would lower the
+/// estimate. Errors: a statistic that is no such number, fewer than 24 signals that count, a median
+/// of 0, or a threshold that is not finite.
+///
+/// In the result `n_effective` is the estimated number of healthy signals, and `tail_shape` is 1 /
+/// kappa of the mixture's healthy law.
 pub fn contaminated(
     statistics: &[f64],
     channels: &[u32],
@@ -34,7 +51,8 @@ pub fn contaminated(
     if let Some(index) = statistics.iter().position(|s| !(s.is_finite() && *s >= 0.0)) {
         return Err(DetectError::NotAnEnergy { value: statistics[index], index });
     }
-    // a one-sided statistic is 0 for signals below the middle, which say nothing about the tail
+    // A one-sided statistic is 0 for signals below the middle. These say nothing about the tail and
+    // are left out; of a statistic of three features all signals count.
     let counted: Vec<(f64, u32)> = statistics
         .iter()
         .zip(channels)
@@ -50,10 +68,12 @@ pub fn contaminated(
     if median <= 0.0 {
         return Err(DetectError::NoEnergy { signals: statistics.len() });
     }
-    // the stated rate refers to all signals, so of those that are counted a larger share may exceed the
-    // threshold
+
+    // The stated rate refers to all signals, so of the counted ones a larger share may exceed the
+    // threshold.
     let rate = rate * statistics.len() as f64 / counted.len() as f64;
     let weight = independent(&counted) / counted.len() as f64;
+
     // one histogram of all signals and one per group, so that the estimate can be repeated without each group
     let groups = groups(&counted);
     let mut of_groups = vec![Counts::default(); GROUPS];
@@ -62,6 +82,9 @@ pub fn contaminated(
         of_groups[*group].add(s / median, weight);
         all.add(s / median, weight);
     }
+
+    // the estimate, in ln (s / median), and the estimates without each group; for these the number
+    // of components is not chosen again
     let mixture = Mixture::fit(&all, degrees, spread);
     let estimate = mixture.ln_exceeded(rate);
     let without = of_groups
@@ -69,7 +92,8 @@ pub fn contaminated(
         .filter(|of| !of.is_empty())
         .map(|of| mixture.fit_again(&all.without(of)).ln_exceeded(rate));
     let widening = jackknifed(&without.collect::<Vec<_>>(), confidence);
-    // raise the estimate by the half width of its one-sided confidence interval
+
+    // raise the estimate to the upper end of its one-sided confidence interval
     let value = median * (estimate + widening).exp();
     let numbers = distinct(channels.to_vec());
     if !value.is_finite() {
@@ -89,8 +113,10 @@ pub fn contaminated(
     })
 }
 
-/// Half width of the estimate's confidence interval (in ln s), by the jackknife. `without`: the estimates
-/// without each of the groups.
+/// How far the one-sided confidence interval of the estimate reaches above it, in ln s, by the
+/// jackknife: Student's t at `confidence` times the standard error sqrt((n - 1) / n sum (e_i -
+/// mean)²). `without`: the n estimates e_i, each without one group. With fewer than two of them it
+/// is 0, as nothing is known of the error.
 fn jackknifed(without: &[f64], confidence: f64) -> f64 {
     let n = without.len() as f64;
     let mean = without.iter().sum::<f64>() / n;
@@ -101,11 +127,13 @@ fn jackknifed(without: &[f64], confidence: f64) -> f64 {
     }
 }
 
-/// How many independent signals say as much as these. Signals of one channel resemble each other by a share
-/// of their variance (of ln s), the intraclass correlation of a one-way analysis of variance. With m signals
-/// of each channel and correlation r the variance of a mean is 1 + (m - 1) r times that of as many
-/// independent ones.
+/// How many independent signals say as much as these (pairs of statistic and channel). Signals of
+/// one channel have a share of their variance (of ln s) in common, the intraclass correlation r of
+/// a one-way analysis of variance. With m signals of each channel the variance of a mean is 1 + (m
+/// - 1) r times that of as many independent signals (the design effect), so n signals are worth n /
+/// (1 + (m - 1) r).
 fn independent(counted: &[(f64, u32)]) -> f64 {
+    // per channel: number of signals, and sum and square sum of their ln s
     let mut channels: BTreeMap<u32, [f64; 3]> = BTreeMap::new();
     for (s, channel) in counted {
         let z = s.max(f64::MIN_POSITIVE).ln();
@@ -119,8 +147,9 @@ fn independent(counted: &[(f64, u32)]) -> f64 {
     }
     let [sum, square] = channels.values().fold([0.0; 2], |[a, b], of| [a + of[1], b + of[2]]);
     let of_means: f64 = channels.values().map(|[n, sum, _]| sum * sum / n).sum();
-    // mean squares between and within channels, and the mean number of signals per channel for unequal
-    // numbers
+
+    // mean squares between and within channels, and the mean number m of signals per channel as the
+    // analysis of variance has it for unequal numbers
     let between = (of_means - sum * sum / n) / (k - 1.0);
     let within = (square - of_means) / (n - k);
     let each = (n - channels.values().map(|[n, ..]| n * n).sum::<f64>() / n) / (k - 1.0);
@@ -128,8 +157,9 @@ fn independent(counted: &[(f64, u32)]) -> f64 {
     n / (1.0 + (each - 1.0) * alike)
 }
 
-/// Assigns channels to groups in turn, however few there are, since channels differ lastingly; if there is
-/// only one channel, its signals. Returns the group of each signal.
+/// The jackknife's group of each signal. All signals of a channel are in one group, since channels
+/// differ lastingly; the channels are assigned to the groups in turn, and with fewer than eight
+/// channels some groups stay empty. If there is only one channel, its signals are assigned in turn.
 fn groups(counted: &[(f64, u32)]) -> Vec<usize> {
     let numbers = distinct(counted.iter().map(|(_, c)| *c).collect());
     match numbers.len() < 2 {
@@ -151,7 +181,8 @@ mod tests {
     use rand_distr::{ChiSquared, Distribution, StandardNormal};
 
     #[derive(Clone, Copy, Debug, PartialEq)]
-    /// How healthy signals scatter.
+    /// How healthy signals scatter: their three features are Gaussian, uniform with little noise,
+    /// or Student's t with 5 degrees of freedom.
     enum Healthy {
         Gaussian,
         Bounded,
@@ -173,21 +204,25 @@ mod tests {
         x.iter().map(|v| v * v).sum()
     }
 
+    /// How far the faulty signals of a window lie off, in standard deviations of a healthy feature.
     #[derive(Clone, Copy, Debug)]
     enum Faults {
         /// Log-uniform over orders of magnitude.
         OverDecades,
         /// All so many standard deviations off.
         OneSize(f64),
+        /// Half of them the first number of standard deviations off, half the second.
         TwoSizes(f64, f64),
     }
 
+    /// Shares of fresh healthy and of fresh faulty signals above a threshold.
     #[derive(Clone, Copy, Debug, Default)]
     struct Rates {
         false_alarms: f64,
         recall: f64,
     }
 
+    /// The rate of false alarms that the thresholds are asked for.
     const STATED: f64 = 1e-3;
 
     /// The realised rates of the threshold learned from a window of 2560 signals of 128 channels.

@@ -1,21 +1,31 @@
-//! Disturbances of known shape, which are kept out of the residual. In: their shapes, and the ring's
-//! sensitivities. Out: a projection of deviations. thesis (2-1), d.
+//! Disturbances of known shape (an offset, a drift), which are kept out of the residual
+//! (`detect.decouple`). thesis (2-1), d.
 //!
-//! Departs: thesis (3-2) decouples disturbances of any shape in the null space of H-bar. With one output per
-//! channel nothing is left there, because every element of it responds to the sensor's disturbance as to the
-//! signal: only what has a known shape can be decoupled. A numerator with a root at z = 1 does not do it:
-//! from zero state the first sample of an offset is a step, which rings in the undamped pair to the end.
+//! In, from `design/residual.rs`: the names of the disturbances, and the sensitivities T of the
+//! model's ring. Out: [`KnownShapes`], a linear map that is applied to every deviation before the
+//! FD filter.
+//!
+//! The idea: fit a deviation by least squares with the shapes D and the sensitivities T together,
+//! and subtract only the fitted shapes. So a disturbance vanishes whatever its size, and a change
+//! of the ring, which the sensitivities explain, is not taken for one. With the rows G of the
+//! least-squares solution that belong to the shapes, a deviation d becomes d - D G d.
+//!
+//! Departs: thesis (3-2) decouples disturbances of any shape in the null space of H-bar. With one
+//! output per channel nothing is left of that null space, because each of its elements responds to
+//! a disturbance of the sensor as to the signal: only what has a known shape can be decoupled. A
+//! numerator with a root at z = 1 does not do that for an offset: from zero state the offset's
+//! first sample is a step, which rings in the undamped pair to the end.
 
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-/// A disturbance of known shape that adds to the output.
+/// A disturbance of known shape and unknown size that adds to the output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Disturbance {
     /// A constant offset.
     Offset,
-    /// A straight line that begins at 0.
+    /// A straight line that begins at 0 at the first sample.
     Drift,
 }
 
@@ -31,9 +41,10 @@ pub struct KnownShapes {
 }
 
 impl KnownShapes {
-    /// G by least squares in the orthogonal complement of T. `tangent`: T, the ring's sensitivities, N x any
+    /// The map that takes off these disturbances. `tangent`: T, the ring's sensitivities, N x any
     /// number. `None`: disturbances and sensitivities are linearly dependent.
     pub fn new(disturbances: &[Disturbance], tangent: &DMatrix<f64>) -> Option<KnownShapes> {
+        // the columns [T D], each scaled to length 1
         let (n, of_ring) = tangent.shape();
         let mut all = DMatrix::zeros(n, of_ring + disturbances.len());
         all.columns_mut(0, of_ring).copy_from(tangent);
@@ -49,7 +60,9 @@ impl KnownShapes {
             let size = column.norm();
             column /= size;
         }
-        // least squares on sensitivities and shapes together; only the shapes' rows are kept
+
+        // Least squares on sensitivities and shapes together; only the shapes' rows are kept. By G
+        // D = I and G T = 0 they are what the type's description says.
         let g = all.tr_mul(&all).try_inverse()? * all.transpose();
         let last = of_ring..all.ncols();
         let known = KnownShapes {
@@ -59,17 +72,19 @@ impl KnownShapes {
         known.check(n).ok().map(|()| known)
     }
 
-    /// Takes the disturbances off a deviation: d - D G d. `deviation`: N, counts.
+    /// Takes the disturbances off a deviation, in place: d - D G d. `deviation`: N, counts.
     pub fn take_off(&self, deviation: &mut [f64]) {
         subtract(&self.shapes, &self.estimators, deviation);
     }
 
-    /// The transposed projection, x - G' D' x.
+    /// The transposed map, x - G' D' x, in place: the product of a column x with a treated
+    /// deviation is that of the result with the deviation itself. For projecting residuals without
+    /// computing them.
     pub fn take_off_transposed(&self, x: &mut [f64]) {
         subtract(&self.estimators, &self.shapes, x);
     }
 
-    /// Refuses what training could not have made.
+    /// Refuses stored shapes that training could not have made. `samples`: N.
     pub fn check(&self, samples: usize) -> Result<(), String> {
         let whole = |rows: &[Vec<f64>]| {
             rows.iter().all(|r| r.len() == samples && r.iter().all(|v| v.abs() < 1e6))
@@ -84,7 +99,8 @@ impl KnownShapes {
     }
 }
 
-/// Subtracts from v each of the `directions` times the inner product of the corresponding row with v.
+/// Subtracts from v each of the `directions` times the inner product of the corresponding row with
+/// v as it came.
 fn subtract(directions: &[Vec<f64>], rows: &[Vec<f64>], v: &mut [f64]) {
     let much: Vec<f64> =
         rows.iter().map(|row| row.iter().zip(&*v).map(|(p, q)| p * q).sum()).collect();

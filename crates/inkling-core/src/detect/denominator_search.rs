@@ -1,8 +1,15 @@
-//! A systematic choice of the denominator, which the thesis leaves open (§3-2-1, chapter 5): a search over
-//! (frequency, damping) of the marginal pair and over the other poles, on training signals.
+//! A systematic choice of the filter's denominator, which the thesis leaves open (§3-2-1, chapter
+//! 5): a search over frequency and damping of a pair of poles and over the place of the other
+//! poles, on training signals (`detect.denominator` = `searched`).
 //!
-//! In: training deviations, and the healthy model. Out: the denominator with the fewest misses at a fixed
-//! false-alarm rate, and what it gains on signals on which it was not chosen.
+//! In, from `design/learned_filter.rs`: the filter's numerator, the healthy resonance, and the
+//! deviations of healthy and of faulty training signals. Out: that denominator of 112 fixed ones
+//! which misses the fewest faults at one false alarm in 1000; and, by cross-validation, how many
+//! faults such a choice misses among signals on which it was not chosen, beside those that method I
+//! misses. The grid is heuristic: a few values about those that method I has.
+//!
+//! Signals are assigned to folds in turn, so that a channel's signals are in several folds. The
+//! cross-validated number is therefore that of new signals of known channels, not of new channels.
 
 use super::{DetectError, ResidualGenerator, poles};
 use nalgebra::Complex;
@@ -12,9 +19,9 @@ use std::f64::consts::TAU;
 const FALSE_ALARM_RATE: f64 = 1e-3;
 /// Number of folds of the cross-validation.
 const FOLDS: usize = 5;
-/// Frequencies of the pair that are tried, over the healthy resonance.
+/// Frequencies of the pair that are tried, as multiples of the healthy resonance.
 const FREQUENCIES: [f64; 7] = [0.94, 0.97, 0.985, 1.0, 1.015, 1.03, 1.06];
-/// Dampings of the pair that are tried.
+/// Dampings of the pair that are tried; 0 is method I's marginal pair.
 const DAMPINGS_PER_S: [f64; 4] = [0.0, 5e3, 1.2e4, 2.5e4];
 /// Places of all other poles that are tried.
 const OTHER_POLES_PER_S: [f64; 4] = [5e4, 1e5, 2e5, 5e5];
@@ -22,15 +29,15 @@ const OTHER_POLES_PER_S: [f64; 4] = [5e4, 1e5, 2e5, 5e5];
 /// A denominator of the search, by its poles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
-    /// Frequency and damping of the pair.
+    /// The pair lies at s = -damping +- j 2 pi frequency.
     pub frequency_hz: f64,
     pub damping_per_s: f64,
-    /// The place of all other poles, 1/s.
+    /// All other poles lie at s = minus this, 1/s.
     pub other_per_s: f64,
 }
 
 impl Choice {
-    /// alpha(z), descending powers. `degree`: 2 or more.
+    /// alpha(z), monic, descending powers. `degree`: 2 or more.
     pub fn denominator(&self, degree: usize, dt_s: f64) -> Vec<f64> {
         let pair = Complex::new(-self.damping_per_s, TAU * self.frequency_hz);
         let mut all = vec![pair, pair.conj()];
@@ -49,18 +56,23 @@ impl Choice {
     }
 }
 
-/// The denominator that misses the fewest faults, and how many faults are missed.
+/// The denominator that misses the fewest faults, and how many faults are missed where the choice
+/// was not made.
 #[derive(Clone, Copy, Debug)]
 pub struct SearchResult {
+    /// The choice on all signals together.
     pub choice: Choice,
-    /// Misses over all folds, where each fold is judged by the denominator that was chosen on the others.
+    /// Number of faulty signals that are missed, where each fold is judged by the denominator that
+    /// was chosen, and by the threshold that was learned, on the other folds.
     pub cross_validated: f64,
-    /// Misses over all folds with the default denominator of method I.
+    /// Number of faulty signals that method I with its default poles misses, by thresholds that are
+    /// learned in the same way.
     pub method_one: f64,
 }
 
-/// Tries all combinations and chooses the one with the fewest misses. `numerator`: of degree 3 or more,
-/// descending powers; `frequency_hz`: the healthy resonance; `healthy`, `faulty`: training deviations.
+/// Tries all combinations and chooses the one with the fewest misses; of equals the first.
+/// `numerator`: of degree 3 or more, descending powers; `frequency_hz`: the healthy resonance;
+/// `healthy`, `faulty`: deviations of training signals, N counts each; `dt_s`: sample period, s.
 pub fn search(
     numerator: &[f64],
     frequency_hz: f64,
@@ -77,7 +89,10 @@ pub fn search(
             }
         }
     }
-    // method I with its default poles, with which the search is compared
+
+    // Method I with its default poles, with which the search is compared. The residual energies of
+    // all signals by every choice are computed once; each pair below is (healthy energies, faulty
+    // energies).
     let method_one = Choice { frequency_hz, damping_per_s: 0.0, other_per_s: 2e5 };
     let energies = |choice: &Choice| -> Result<(Vec<f64>, Vec<f64>), DetectError> {
         let generator = choice.generator(numerator, dt_s)?;
@@ -86,7 +101,9 @@ pub fn search(
     };
     let all = choices.iter().map(energies).collect::<Result<Vec<_>, _>>()?;
     let plain = energies(&method_one)?;
-    // the first of the choices that miss the fewest of some signals
+
+    // the first of the choices that miss the fewest of the signals `among`, by a threshold from the
+    // same ones
     let fewest = |among: &dyn Fn(usize) -> bool| {
         (0..all.len()).min_by_key(|&k| misses(&all[k], among, among)).unwrap_or(0)
     };
@@ -105,8 +122,10 @@ pub fn search(
     })
 }
 
-/// Number of faulty signals among those of `judged` whose energy is at or below the threshold, which the
-/// healthy signals of `learned` set at [`FALSE_ALARM_RATE`].
+/// Number of faulty signals, among those whose index is `judged`, with an energy at or below the
+/// threshold. The threshold is an order statistic of the healthy signals whose index is `learned`:
+/// a share of at most `FALSE_ALARM_RATE` of them lies above it. Without such signals all faults are
+/// missed, the judged ones or not.
 fn misses(
     (healthy, faulty): &(Vec<f64>, Vec<f64>),
     learned: impl Fn(usize) -> bool,

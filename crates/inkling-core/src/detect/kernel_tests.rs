@@ -1,3 +1,8 @@
+//! Tests of the streaming kernel (`kernel.rs`, whose private parts they see): an energy has the
+//! same bits whatever the instruction set, the layout and the neighbours; whatever is settled lies
+//! below the threshold by the f64 reference, too; and what f32 cannot hold gets no kernel. Tests
+//! with `property_` in their names draw random filters and signals from fixed seeds.
+
 use super::*;
 use crate::burst::{Burst, FORMS, Format, Layout};
 use crate::detect::poles;
@@ -14,7 +19,8 @@ fn alone(signal: &[f32]) -> Burst {
     Burst::of(&[signal.to_vec()], DT_S, Format::S16Le, Layout::ChannelMajor)
 }
 
-/// A filter of degree `order`: poles anywhere up to the unit circle, a pair on it if there is room.
+/// A random filter of degree `order` (1 or more): one pair of poles on the unit circle if there is
+/// room, the others real and inside of it, and any numerator.
 fn random_generator(rng: &mut ChaCha8Rng, order: usize) -> ResidualGenerator {
     let mut a = vec![1.0];
     let times = |p: &[f64], q: &[f64]| -> Vec<f64> {
@@ -37,8 +43,9 @@ fn random_generator(rng: &mut ChaCha8Rng, order: usize) -> ResidualGenerator {
     ResidualGenerator::new(b, a, DT_S).unwrap()
 }
 
+/// The expected signal plus a deviation of random size: uniform noise (half of the time), a
+/// constant, one outlying sample, or an alternating sign. Counts, rounded and within the rails.
 fn random_signal(rng: &mut ChaCha8Rng, expected: &[f64]) -> Vec<f32> {
-    // uniform noise (half of the time), a constant, one outlying sample, or an alternating sign
     let kind = rng.random_range(0..6);
     let size = 10f64.powf(rng.random_range(-1.0..3.5));
     let at = rng.random_range(0..expected.len());
@@ -53,7 +60,7 @@ fn random_signal(rng: &mut ChaCha8Rng, expected: &[f64]) -> Vec<f32> {
     y.map(|y| y.round().clamp(-32767.0, 32766.0) as f32).collect()
 }
 
-/// The residual energy in f64.
+/// The residual energy in f64, which the kernel must agree with.
 fn reference(g: &ResidualGenerator, expected: &[f64], signal: &[f32]) -> f64 {
     let d: Vec<f64> = signal.iter().zip(expected).map(|(&y, e)| f64::from(y) - e).collect();
     g.energy(&d)
@@ -84,6 +91,8 @@ fn property_energies_have_equal_bits_whatever_the_instructions_layout_format_and
             let lanes = rng.random_range(1..=LANES);
             let signals: Vec<Vec<f32>> =
                 (0..lanes).map(|_| random_signal(&mut rng, &expected)).collect();
+            // each signal by itself, then all in one tile in every format and with every
+            // instruction set
             let threshold = 2.0 * reference(&g, &expected, &signals[0]);
             let alone: Vec<(u64, bool)> = signals
                 .iter()
@@ -107,8 +116,9 @@ fn property_energies_have_equal_bits_whatever_the_instructions_layout_format_and
     }
 }
 
-/// Tests that the bound holds, and that no lane is settled whose reference lies above the threshold:
-/// thresholds are put right at, and hardly beside, each signal's own energy.
+/// Tests that the bound holds, and that no lane is settled whose reference lies above the
+/// threshold: thresholds are put right at, and hardly beside, each signal's own energy. At four
+/// times the energy most signals must be settled, otherwise the bound would be useless.
 #[test]
 fn property_what_is_settled_is_at_or_below_the_threshold_in_f64() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
@@ -188,8 +198,8 @@ fn hand_bad_and_extreme_signals_are_never_settled_or_settled_rightly() {
             assert_eq!(*first.get_or_insert(j.settled), j.settled);
         });
     }
-    // rails within the range of the expected signal: nothing is settled, and the reference looks at every
-    // signal
+    // With rails within the range of the expected signal any sample may be saturated. So nothing is
+    // settled, and the reference looks at every signal.
     let mut tile = Tile::default();
     tile.push(&b, 0..1, 1.0, 0.0);
     assert!(!filter.judge(&mut tile, 1e3, [-300.0, 300.0]).settled[0]);

@@ -1,8 +1,16 @@
-//! The current practice with which the thesis compares: dominant amplitude, damping and frequency of a signal
-//! by Fourier transform, and their distance from the healthy range.
+//! The current practice with which the thesis compares (`detect.method` = `practice`): dominant
+//! amplitude, damping and frequency of a signal by Fourier transform, and their distance from the
+//! healthy range.
 //!
-//! In: a signal. Out: its key numbers (thesis §4-1), and a distance. The manufacturer's own toolbox is not
-//! published; this follows the thesis's description of it.
+//! In, from `design/learn.rs`, `design/judge.rs` and the thesis's chapter 4 in inkling-lab: a
+//! signal, N, counts. Out: its key numbers (thesis §4-1), and its distance from the [`KeyRange`] of
+//! healthy signals, which is the statistic that a threshold is put on.
+//!
+//! The manufacturer's own toolbox is not published. The thesis says little more of it than that key
+//! numbers come from a Fast Fourier Transform, and that thresholds are margins, so what is here is
+//! a plausible reconstruction: the frequency is the peak of the spectrum, the damping comes from
+//! the ratio of the peak's magnitudes in the first and the second half of the signal, and the
+//! amplitude from the first half.
 
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
@@ -15,20 +23,22 @@ pub struct KeyNumbers {
     pub frequency_hz: f64,
 }
 
-/// The frequencies that are looked at, Hz: the lowest, their distance, and their number.
+/// The frequencies that are looked at, Hz: the lowest, their distance, and their number: 15 to 110
+/// kHz.
 const LOWEST_HZ: f64 = 15e3;
 const STEP_HZ: f64 = 1e3;
 const STEPS: usize = 96;
 
-/// A Fourier transform at these frequencies.
+/// A Fourier transform at these frequencies, for signals of one length and sample period.
 #[derive(Clone, Debug)]
 pub struct Spectrum {
     dt_s: f64,
-    /// Per frequency: cos and sin at every sample.
+    /// Per frequency: cos and sin at every sample, N each.
     waves: Vec<(Vec<f64>, Vec<f64>)>,
 }
 
 impl Spectrum {
+    /// Computes the waves. `samples`: N, `dt_s`: sample period, s.
     pub fn new(samples: usize, dt_s: f64) -> Spectrum {
         let wave = |k: usize| {
             let omega = TAU * (LOWEST_HZ + k as f64 * STEP_HZ) * dt_s;
@@ -38,8 +48,10 @@ impl Spectrum {
         Spectrum { dt_s, waves: (0..STEPS).map(wave).collect() }
     }
 
-    /// The key numbers: the frequency of the spectrum's peak, interpolated by a parabola; the damping from
-    /// the ratio of the peak's magnitudes in the two halves of the signal; and the amplitude.
+    /// The key numbers of a signal `y`, N, counts (2 samples or more): the frequency of the
+    /// spectrum's peak, interpolated by a parabola; the damping from the ratio of the peak's
+    /// magnitudes in the two halves of the signal, which may come out negative; and the amplitude
+    /// at the signal's beginning.
     pub fn key_numbers(&self, y: &[f64]) -> KeyNumbers {
         let power = |(cos, sin): &(Vec<f64>, Vec<f64>)| magnitude(y, cos, sin).powi(2);
         let powers: Vec<f64> = self.waves.iter().map(power).collect();
@@ -49,7 +61,10 @@ impl Spectrum {
                 top = k;
             }
         }
-        // parabola through the ln of the power at the peak and its neighbours
+
+        // The top of a parabola through the ln of the power at the peak and its neighbours, `shift`
+        // steps from the peak. At the ends of the spectrum there is no neighbour, and the peak
+        // itself is taken.
         let mut shift = 0.0;
         if top > 0 && top + 1 < powers.len() {
             let [l, m, r] = [top - 1, top, top + 1].map(|k| powers[k].max(f64::MIN_POSITIVE).ln());
@@ -59,13 +74,19 @@ impl Spectrum {
             }
         }
         let frequency_hz = LOWEST_HZ + (top as f64 + shift) * STEP_HZ;
+
+        // damping: a ring with damping sigma loses the factor e^(-sigma span) from one half to the
+        // next
         let (cos, sin) = &self.waves[top];
         let half = y.len() / 2;
         let first = magnitude(&y[..half], &cos[..half], &sin[..half]);
         let second = magnitude(&y[half..], &cos[half..], &sin[half..]);
         let span = half as f64 * self.dt_s;
         let damping_per_s = (first / second.max(f64::MIN_POSITIVE)).ln() / span;
-        // |sum of A e^{-sigma t} cos| ~ A/2 (1 - e^{-sigma T/2}) / (sigma dt) over the first half
+
+        // amplitude A: over the first half |sum of A e^{-sigma t} cos(omega t) e^{-j omega t}| is
+        // about A/2 (1 - e^{-sigma T/2}) / (sigma dt), which is solved for A; `mean` is the mean of
+        // e^{-sigma t}
         let decay = damping_per_s * span;
         let mean = if decay.abs() < 1e-6 { 1.0 } else { -(-decay).exp_m1() / decay };
         let amplitude_counts = 2.0 * first / (half as f64 * mean);
@@ -73,7 +94,7 @@ impl Spectrum {
     }
 }
 
-/// Magnitude of a signal's Fourier sum at one frequency.
+/// Magnitude of a signal's Fourier sum at the frequency of these waves, counts.
 fn magnitude(y: &[f64], cos: &[f64], sin: &[f64]) -> f64 {
     let (mut re, mut im) = (0.0, 0.0);
     for ((y, c), s) in y.iter().zip(cos).zip(sin) {
@@ -83,18 +104,18 @@ fn magnitude(y: &[f64], cos: &[f64], sin: &[f64]) -> f64 {
     re.hypot(im)
 }
 
-/// The healthy range of frequency and damping.
+/// The healthy range of frequency and damping; the amplitude is not looked at.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct KeyRange {
-    /// Lowest and highest value.
+    /// Lowest and highest value of healthy signals.
     pub frequency_hz: [f64; 2],
     pub damping_per_s: [f64; 2],
 }
 
 impl KeyRange {
-    /// The range of the numbers of some signals, from which a share `cut` is left out at each end. `None`:
-    /// there are no signals.
+    /// The range of the key numbers of some signals, of which a share `cut` (0 to below .5) is left
+    /// out at each end, for frequency and damping separately. `None`: there are no signals.
     pub fn of<'a>(
         numbers: impl Iterator<Item = &'a KeyNumbers> + Clone,
         cut: f64,
@@ -112,8 +133,8 @@ impl KeyRange {
         })
     }
 
-    /// Distance from the middle of the range, in half-widths, which is up to 1 inside: the larger one of
-    /// frequency and damping.
+    /// Distance of a signal's key numbers from the middle of the range, in half-widths of the
+    /// range, so that it is at most 1 inside: that of frequency or of damping, whichever is larger.
     pub fn distance(&self, k: &KeyNumbers) -> f64 {
         let off = |v: f64, [low, high]: [f64; 2]| {
             ((v - 0.5 * (low + high)) / (0.5 * (high - low)).max(f64::MIN_POSITIVE)).abs()
@@ -121,7 +142,7 @@ impl KeyRange {
         off(k.frequency_hz, self.frequency_hz).max(off(k.damping_per_s, self.damping_per_s))
     }
 
-    /// Refuses what could not have been learned.
+    /// Refuses a stored range that could not have been learned.
     pub fn check(&self) -> Result<(), String> {
         let is_range = |[low, high]: [f64; 2]| low.abs() < 1e15 && high.abs() < 1e15 && low <= high;
         match is_range(self.frequency_hz) && is_range(self.damping_per_s) {

@@ -1,20 +1,26 @@
-//! [`Sensitivity`] in f32 for many signals at once, one signal in each lane: their squared distances along
-//! the model's sensitivities.
+//! The streaming kernel of the default detection method: [`Sensitivity`] for many signals at once,
+//! one signal in each lane, from inner products in f32.
 //!
-//! In: signals as they lie in their bursts. Out: per lane the squared distance to first order, and whether
-//! the lane is settled: whether the reference's squared distance is proved to lie below a near limit or
-//! beyond a far one. The arithmetic keeps the rules of [`super::kernel`].
+//! In, from `src/pipeline/statistics.rs`: signals of one drive and temperature (a [`Condition`]),
+//! projected on three columns by [`super::row_projection`]. Out: per lane the squared distance to
+//! first order along the model's sensitivities, the square norm orthogonal to them, and whether the
+//! lane is *settled*: whether it is proved that the f64 reference ([`Sensitivity::distance`]) would
+//! decide the same without fitting a ring. That is so if the squared distance lies below a near
+//! limit and the orthogonal part below its own, or if the squared distance lies beyond a far limit
+//! ([`Limits`]). Other signals go to the reference. The arithmetic keeps the rules of
+//! [`super::kernel`], so the bits are the same on every processor.
 //!
 //! # The bound
 //!
-//! With u = 2^-24 and c = P^T d, |c^_k - c_k| <= |P_k| ((N + 4) u |d^| + |d^ - d|), the latter as in
-//! [`super::kernel`]; the drive that divides c is rounded once, and so is its square in the metric M.
-//! The distance is a norm of x = c / drive - mean, sqrt(x^T M x), which an error of x moves by at most
-//! sum_k sqrt(M_kk) |error of x_k|.
+//! P_k is row k of the projection, c_k = P_k d its product with the deviation, u = 2^-24, and a hat
+//! marks what f32 computes. Then |c^_k - c_k| <= |P_k| ((N + 4) u |d^| + |d^ - d|), the last term
+//! as in [`super::kernel`]; the drive that divides c is rounded once, and so is its square in the
+//! metric M. The distance sqrt(x^T M x) is a norm of x = c / drive - mean, which an error of x
+//! moves by at most sum_k sqrt(M_kk) |error of x_k|.
 //!
-//! The square norm orthogonal to the three columns t_k of the tangent is |d|² - c^T Gram c. The first is
-//! wrong by (N + 4) u |d^|² + 2 |d^| |d^ - d|; the second by 2 sum_k |(Gram c)_k| |error of c_k|, and
-//! (Gram c)_k is the product of d with t_k, at most |t_k| |d|.
+//! The square norm orthogonal to the three columns t_k of the tangent is |d|² - c^T Gram c. Its
+//! first term is wrong by at most (N + 4) u |d^|² + 2 |d^| |d^ - d|; its second by 2 sum_k |(Gram
+//! c)_k| |error of c_k|, and (Gram c)_k is the product of d with t_k, at most |t_k| |d|.
 
 use super::kernel::LaneStatistics;
 use super::lane_expectation::{LEAST, LaneExpectation, SLACK, U, fits, norm};
@@ -23,21 +29,26 @@ use super::sensitivity::Sensitivity;
 use crate::processor::for_processor;
 use std::ops::Range;
 
-/// A sensitivity in f32, and the constants of the bound that all conditions share.
+/// A sensitivity whose projection is in f32, and the constants of the bound that all conditions
+/// share.
 #[derive(Clone, Debug)]
 pub struct LaneSensitivity {
     expectation: LaneExpectation,
     /// The three rows P_k of the projection, in groups of samples, and their norms.
     columns: Columns<3>,
     norms: [f64; 3],
-    /// sum_k |t_k| |P_k|, which bounds the error of the part along the sensitivities.
+    /// sum_k |t_k| |P_k|, which bounds the error of the part along the sensitivities. (A condition
+    /// number, not a [`Condition`].)
     condition: f64,
+    /// T'T, counts², see [`Sensitivity::gram`].
     gram: [[f64; 3]; 3],
     sensitivity: Sensitivity,
 }
 
-/// The limits within which a signal is settled: its squared distance is below `near` and its square norm
-/// orthogonal to the sensitivities below `unexplained`, counts²; or its squared distance is beyond `far`.
+/// The limits within which a signal is settled: either its squared distance is below `near` and its
+/// square norm orthogonal to the sensitivities below `unexplained`, counts² (healthy by both
+/// tests); or its squared distance is beyond `far` (faulty for certain). `design/lanes.rs` sets
+/// them.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
     pub near: f64,
@@ -50,7 +61,7 @@ pub struct Limits {
 pub struct Condition {
     pub drive: f32,
     pub warmer: f32,
-    /// The expected signal, counts.
+    /// The expected signal under this condition, N, counts, in groups of sixteen samples.
     pub expected: Vec<Phases>,
     /// The constants of the bound; `None`: nothing can be judged at that drive.
     limit: Option<Limit>,
@@ -60,20 +71,24 @@ pub struct Condition {
 #[derive(Clone, Copy, Debug)]
 struct Limit {
     limits: Limits,
+    /// M at this drive, see [`Sensitivity::metric`].
     metric: [[f64; 3]; 3],
     /// sqrt(M_kk), by which an error of feature k moves the distance at most.
     roots: [f64; 3],
     /// 1 / drive, the factor from an inner product to a feature.
     scale: f64,
-    /// |d^ - d|, as far as it is due to the rounding of the expected signal, counts.
+    /// The part of the bound on |d^ - d| that is due to the rounding of the expected signal,
+    /// counts.
     error: f64,
     /// The smallest deviation of a saturated sample, counts.
     room: f64,
 }
 
 impl LaneSensitivity {
-    /// The f32 form of a sensitivity. `None`: f32 cannot serve, because a number is out of its range or the
-    /// sensitivities are linearly dependent.
+    /// The f32 form of a sensitivity. `expected`: the expected signal at the reference, N, counts;
+    /// `response`: its change with temperature, N, counts/K (`None`: 0). `None`: f32 cannot serve,
+    /// because a number is out of its range, lengths differ, or the sensitivities are linearly
+    /// dependent.
     pub fn new(
         sensitivity: &Sensitivity,
         expected: &[f64],
@@ -101,13 +116,14 @@ impl LaneSensitivity {
         self.expectation.samples()
     }
 
-    /// The columns with which signals are projected for [`LaneSensitivity::judge`].
+    /// The columns P_k on which signals are projected for [`LaneSensitivity::judge`].
     pub fn columns(&self) -> &Columns<3> {
         &self.columns
     }
 
-    /// Prepares a condition: a relative drive, and `warmer` K above the reference temperature. `rails`:
-    /// counts at or beyond which a sample may be saturated (the converter's limits).
+    /// Prepares a condition: a relative drive, and `warmer` K above the reference temperature.
+    /// `rails`: the least and the greatest count of the converter, at or beyond which a sample may
+    /// be saturated.
     pub fn condition(&self, drive: f64, warmer: f64, limits: Limits, rails: [f64; 2]) -> Condition {
         let (drive, warmer) = (drive as f32, warmer as f32);
         let expected = self.expectation.at(drive, warmer);
@@ -128,8 +144,8 @@ impl LaneSensitivity {
         })
     }
 
-    /// Judges the first `lanes` lanes. `products`: the projections of signals of one condition on
-    /// [`LaneSensitivity::columns`].
+    /// Judges the first `lanes` lanes; the others stay unknown. `products`: the projections of
+    /// signals of one condition on [`LaneSensitivity::columns`], with the deviations' square norms.
     pub fn judge(&self, at: &Condition, products: &Projections<3>, lanes: usize) -> LaneStatistics {
         let mut judged = LaneStatistics::unknown();
         if let Some(limit) = &at.limit {
@@ -140,6 +156,7 @@ impl LaneSensitivity {
 }
 
 for_processor! {
+    /// Fills in the statistics of some lanes, by the rule of `LaneSensitivity::judge`.
     fn judge(
         of: (&LaneSensitivity, &Limit),
         sums: &Projections<3>,
@@ -165,10 +182,12 @@ fn portable(
     let settled = &mut judged.settled[lanes.clone()];
     for i in 0..lanes.len() {
         let norm = f64::from(squares[i]).sqrt();
-        // all comparisons are false for NaN; `inside`: the norm is too small for any sample to be saturated
+        // All comparisons are false for NaN, so that it settles nothing. `inside`: the norm is too
+        // small for any sample to be saturated.
         let trusted = (squares[i] > LEAST) & (squares[i] < f32::INFINITY);
         let inside = SLACK * norm + 1.0 < of.room;
-        // the features' distance from the mean, and a bound on the error of sqrt(x^T M x)
+
+        // the features less their mean (d), and a bound on the error of sqrt(x^T M x)
         let c = [p[i], q[i], r[i]];
         let (mut d, mut error) = ([0.0; 3], 0.0);
         for k in 0..3 {
@@ -179,13 +198,17 @@ fn portable(
         }
         let along = |row: &[f64; 3]| row[0] * d[0] + row[1] * d[1] + row[2] * d[2];
         let distance = d[0] * along(&m[0]) + d[1] * along(&m[1]) + d[2] * along(&m[2]);
-        // the distance is proved to be below the near limit, or beyond the far one
+
+        // The distance is proved to be below the near limit, or beyond the far one. 4 u: the
+        // rounding of the drive's square in the metric.
         let (root, error) = (distance.sqrt(), SLACK * error);
         let most = SLACK * (root * (1.0 + 4.0 * U) + error);
         let least = root * (1.0 - 4.0 * U) - SLACK * error;
         let near = most * most < of.limits.near;
         let far = (least > 0.0) & (least * least > SLACK * of.limits.far);
-        // the square norm orthogonal to the sensitivities, |d|² - c^T Gram c, and its upper bound
+
+        // The square norm orthogonal to the sensitivities, |d|² - c^T Gram c, and its upper bound.
+        // It has to lie below its limit as well, unless the distance is far.
         let g = &by.gram;
         let c = c.map(f64::from);
         let of_c = |row: &[f64; 3]| row[0] * c[0] + row[1] * c[1] + row[2] * c[2];

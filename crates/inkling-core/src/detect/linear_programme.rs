@@ -1,13 +1,22 @@
-//! (3-3b) as the linear programme that the thesis speaks of before it takes the null space alone.
+//! The filter's numerator by (3-3b) as the linear programme that the thesis speaks of before it
+//! takes the null space alone (`detect.denominator` = `lp`).
 //!
-//! In: the healthy (A, C), the same system with a fault, and a degree. Out: the M(z) for which M p3 lets the
-//! fault through most, where p3 is the numerator of the observable order. thesis §3-2 (3-3), after Mohajerin
+//! In, from `design/learned_filter.rs`: a healthy channel, the same channel with a fault, the
+//! sample period, and a degree. Out: the M(z) for which the numerator M p3 lets the fault through
+//! most, where p3 is the numerator of the observable order 3. thesis §3-2 (3-3), after Mohajerin
 //! Esfahani and Lygeros (2016).
 //!
-//! The programme maximises over N-bar the largest coefficient of N(z) F(z), subject to N-bar H-bar = 0 and to
-//! no coefficient of N-bar exceeding 1, with F = [A_f - A; 0], thesis (3-2). The largest of several linear
-//! forms is not linear: each form has a programme of its own, and the best of their solutions is the answer.
-//! At the observable order N-bar has one row, and the programme has nothing to choose, as the text says.
+//! The programme maximises over N-bar the largest coefficient of N(z) F(z), subject to N-bar H-bar
+//! = 0 and to no coefficient of N-bar exceeding 1 in size, with F = [A_f - A; 0], thesis (3-2). The
+//! largest of several linear forms is not linear, so each form has a programme of its own, and the
+//! best of their solutions is the answer. The steps:
+//!
+//! 1. A basis of the null space of H-bar ([`super::null_space`]): N-bar = weights' basis.
+//! 2. For each coefficient of N(z) F(z), a linear form of the weights, maximise it (`largest`).
+//! 3. Take the best, read N(z) L off N-bar, and divide it by p3.
+//!
+//! At degree 3 the null space has one element, and the programme has nothing to choose, as the text
+//! says.
 
 use super::DetectError;
 use super::null_space::{left_null_space, numerator_of, pencil, stack};
@@ -16,8 +25,9 @@ use crate::model::programme::minimise;
 use crate::model::ring_down::{discretise, in_microseconds};
 use nalgebra::{DMatrix, DVector};
 
-/// M(z), descending powers, scaled such that its largest coefficient is 1. `degree`: the degree of M p3, 3 or
-/// more.
+/// M(z), descending powers, scaled such that its coefficient of the largest size is 1. `healthy`,
+/// `faulty`: the channels; `dt_s`: sample period, s; `degree`: the degree of M p3, 3 or more, so M
+/// has degree - 3.
 pub fn most_sensitive(
     healthy: &InkChannel,
     faulty: &InkChannel,
@@ -29,7 +39,8 @@ pub fn most_sensitive(
     if degree < OBSERVABLE_ORDER {
         return Err(DetectError::NoRoom { numerator: OBSERVABLE_ORDER, denominator: degree });
     }
-    // the null space of H-bar as in `null_space`, and B_f = A_f - A, both discrete
+
+    // the null space of H-bar as in `null_space`, and B_f = A_f - A, both discrete (e^{A dt} for A)
     let (a_us, c) = in_microseconds(&healthy.a(), &healthy.c());
     let (a_f_us, _) = in_microseconds(&faulty.a(), &faulty.c());
     let [a_d, a_f] = [a_us, a_f_us].map(|a| discretise(&(a * 1e6), dt_s));
@@ -37,7 +48,9 @@ pub fn most_sensitive(
     let space = left_null_space(&stack(&h0, &h1, degree + 1))?;
     let b_f = a_f - &a_d;
     let (n, block) = (b_f.nrows(), h0.nrows());
-    // the coefficients of N(z) F(z): N_k B_f, entry by entry
+
+    // The coefficients of N(z) F(z): entry j of N_k B_f is a linear form of the weights of the
+    // basis. N_k is block k of a row, of which the first n entries meet the states.
     let forms = (0..=degree).flat_map(|k| (0..n).map(move |j| (k, j))).map(|(k, j)| {
         let of_block = space.columns(k * block, n);
         of_block * b_f.column(j)
@@ -50,11 +63,14 @@ pub fn most_sensitive(
             best = Some((value, weights));
         }
     }
+
+    // N(z) L of the best weights, up to the sign
     let (_, weights) = best.ok_or(DetectError::NothingObservable)?;
     let n_bar = space.tr_mul(&weights);
     // L picks the last entry of every block
     let mut rest: Vec<f64> = (0..=degree).rev().map(|k| n_bar[(k + 1) * block - 1]).collect();
-    // every element of the null space is a multiple of p3: M is the quotient of this division
+    // every element of the null space is a multiple of p3: M is the quotient of a long division,
+    // whose rest is 0
     let m: Vec<f64> = (0..=degree - OBSERVABLE_ORDER)
         .map(|k| {
             let quotient = rest[k] / p3[0];
@@ -62,12 +78,14 @@ pub fn most_sensitive(
             quotient
         })
         .collect();
+    // a polynomial's scale is free: the coefficient of the largest size becomes 1
     let largest = m.iter().fold(0.0, |most: f64, v| if v.abs() > most.abs() { *v } else { most });
     Ok(m.iter().map(|v| v / largest).collect())
 }
 
-/// The weights of the null space's rows that make a linear form of these weights largest, with no coefficient
-/// of N-bar above 1 in size.
+/// The weights of the null space's rows that make a linear form of these weights largest, with no
+/// coefficient of N-bar above 1 in size. `space`: the basis, one row per element; `form`: the
+/// form's coefficients, one per row. An error if the solver does not converge.
 fn largest(space: &DMatrix<f64>, form: &DVector<f64>) -> Result<DVector<f64>, DetectError> {
     let (rows, columns) = space.shape();
     let size = form.amax().max(f64::MIN_POSITIVE);

@@ -1,34 +1,45 @@
-//! The second test, of goodness of fit: whether a signal contains something that no ring explains.
+//! The second test of detection, of goodness of fit: whether a signal contains something that no
+//! ring explains.
 //!
-//! In: a signal's misfit, the square norm that remains when a ring with free amplitude, damping, frequency
-//! and phase is fitted to it. Out: how far the misfit exceeds that of healthy signals, as a squared distance.
-//! The first test ([`super::sensitivity`]) looks along the ring's sensitivities, this one at their orthogonal
-//! complement: offsets, drifts, outlying samples, noise and other disturbances of the sensor.
+//! In, from `design/detector.rs`: a signal's *misfit*, the square norm, counts², that remains when
+//! a ring with free amplitude, damping, frequency and phase is fitted to the signal (or an upper
+//! bound to first order, where that decides). Out: how far the misfit exceeds that of healthy
+//! signals, as a squared distance, which is compared with a threshold. `design/learn.rs` learns the
+//! [`Misfit`] of a model.
+//!
+//! The first test ([`super::sensitivity`]) looks along the ring's sensitivities, this one at their
+//! orthogonal complement: offsets, drifts, outlying samples, noise and other disturbances of the
+//! sensor. The idea: the root of a healthy misfit scatters about a median with a standard
+//! deviation; the statistic is the square of (root - median) / standard deviation, and 0 below the
+//! median, since too small a misfit is no fault.
 
 use super::Threshold;
 use crate::model::median::{median, robust_sd};
 use serde::{Deserialize, Serialize};
 
-/// A first-order misfit whose root exceeds the healthy median by so many healthy standard deviations is
-/// computed again by a fit. Fewer only fit more signals.
+/// A first-order misfit whose root exceeds the healthy median by more than this many healthy
+/// standard deviations is computed again by a fit. A smaller number costs time (more signals are
+/// fitted) and changes little else.
 pub const SECOND_LOOK_SDS: f64 = 3.0;
 
-/// The distribution of healthy signals' misfit.
+/// The distribution of healthy signals' misfit, and the test's threshold.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Misfit {
-    /// Mean misfit of a healthy signal, counts².
+    /// Mean misfit of a healthy signal, counts²: the unit of [`Misfit::relative`], and the noise
+    /// level by which isolation counts what lies beside a ring.
     pub square: f64,
     /// Median and robust standard deviation of the roots of the healthy misfits, counts.
     pub root: f64,
     pub root_sd: f64,
-    /// The threshold on [`Misfit::statistic`].
+    /// The threshold on [`Misfit::statistic`], a squared distance.
     pub threshold: Threshold,
 }
 
 impl Misfit {
-    /// Robust location and scale (median and scaled median absolute deviation) of the roots of misfits, of
-    /// which two in five may be of faulty signals; counts. `squares`: misfits, counts². `None`: they are not
-    /// finite, or all equal.
+    /// Robust location and scale (median and scaled median absolute deviation), in counts, of the
+    /// roots of misfits, of which two in five may be of faulty signals. `squares`: misfits,
+    /// counts². `None`: there are no misfits, or half of them are equal, 0 or not finite, so that
+    /// location or scale is no positive number.
     pub fn scale(squares: &[f64]) -> Option<[f64; 2]> {
         let mut roots: Vec<f64> = squares.iter().map(|q| q.max(0.0).sqrt()).collect();
         if roots.is_empty() {
@@ -40,12 +51,13 @@ impl Misfit {
     }
 
     /// The squared standardised excess of a misfit's root over the healthy median; 0 below the median.
-    /// `square`: the misfit, counts².
+    /// `square`: the misfit, counts²; the pair: median and standard deviation of [`Misfit::scale`].
     pub fn distance(square: f64, [root, sd]: [f64; 2]) -> f64 {
         ((square.max(0.0).sqrt() - root) / sd).max(0.0).powi(2)
     }
 
-    /// The same by this model's median and standard deviation; NaN for an unknown misfit.
+    /// [`Misfit::distance`] by this model's median and standard deviation; NaN for an unknown
+    /// misfit (NaN).
     pub fn statistic(&self, square: f64) -> f64 {
         if square.is_nan() { f64::NAN } else { Misfit::distance(square, [self.root, self.root_sd]) }
     }
@@ -55,18 +67,20 @@ impl Misfit {
         square / self.square
     }
 
-    /// The misfit, counts², up to which the first-order value decides the test.
+    /// The misfit, counts², up to which the first-order value decides the test: three standard
+    /// deviations above the median, or the threshold if that is lower.
     pub fn settled_square(&self) -> f64 {
         let sds = SECOND_LOOK_SDS.min(self.threshold.value.sqrt());
         (self.root + self.root_sd * sds).powi(2)
     }
 
-    /// The largest misfit, counts², that this test calls healthy.
+    /// The largest misfit, counts², that this test calls healthy: the one whose statistic is the
+    /// threshold.
     pub fn healthy_square(&self) -> f64 {
         (self.root + self.root_sd * self.threshold.value.sqrt()).powi(2)
     }
 
-    /// Refuses what could not have been learned.
+    /// Refuses a stored misfit that could not have been learned.
     pub fn check(&self) -> Result<(), String> {
         let positive = |v: f64| (1e-30..=1e30).contains(&v);
         let whole = [self.square, self.root, self.root_sd, self.threshold.value];

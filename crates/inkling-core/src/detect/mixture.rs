@@ -1,21 +1,37 @@
-//! A mixture model of detection statistics from healthy and faulty signals, fitted to their histogram.
+//! A mixture model of healthy and faulty signals' detection statistics, fitted to their histogram
+//! where nobody knows which signals are faulty.
 //!
-//! In: a histogram of ln (statistic / median). Out: the distribution of the healthy signals' statistic.
+//! In, from [`super::contamination`]: a histogram of ln (statistic / median). Out: the distribution
+//! of the healthy signals' statistic, of which [`super::contamination`] takes a quantile as
+//! threshold, and the estimated share of healthy signals.
 //!
 //! # The model
 //!
-//! Statistics s are squared distances. At least half of the signals are healthy. Their s follows a
-//! generalised F distribution: (s / c)^gamma is F with 2a and 2 kappa degrees of freedom. That is
-//! chi-squared at gamma = 1, kappa = infinity (Gaussian scatter), has a lighter tail at gamma > 1 (bounded
-//! scatter) and a power law at small kappa (Student's t with 2 kappa degrees of freedom).
+//! A statistic s is a squared distance, here in units of the median of all signals. At least half
+//! of the signals are healthy (a share h of 1/2 to 1). A healthy s follows a generalised F
+//! distribution: (s / c)^gamma is, up to a constant factor that c takes up, F distributed with 2a
+//! and 2 kappa degrees of freedom. This is chi-squared with 2a degrees of freedom at gamma = 1 and
+//! kappa = infinity (Gaussian scatter). It has a lighter tail at gamma > 1 (scatter that ends at
+//! bounds), and a tail that falls as a power at small kappa (as of Student's t with 2 kappa degrees
+//! of freedom).
 //!
-//! Faulty signals have two kinds of components. Faults of any size are uniform in the space of the features
-//! near the healthy ones, density s^(3/2) d ln s, and log-uniform further out. Faults of one size are a
-//! Gaussian in ln s. Such components are added one by one as long as Schwarz's criterion (BIC), or where
-//! signals are few Akaike's corrected one, asks for them. All parameters are estimated together by penalised
-//! maximum likelihood. So the healthy tail is extrapolated from the bulk where faults hide it, and measured
-//! where they do not. Tried on several shapes of scatter and of faults: `contamination.rs`,
-//! docs/open_world.md.
+//! Faulty signals are a mixture of two sorts of components. *Faults of any size*, one component,
+//! are uniform in the three-dimensional space of the features near the healthy ones, so that their
+//! density by ln s grows as s^(3/2), and log-uniform in s further out. *Faults of one size*, none
+//! to three components, are each a Gaussian in ln s.
+//!
+//! # The fit
+//!
+//! 1. Without any component of one size, maximise the penalised likelihood by damped Fisher
+//!    scoring, from three starts.
+//! 2. Add a component of one size where the counts exceed the fit most, and maximise over all
+//!    parameters together again.
+//! 3. Keep the component, and go on with step 2, if the likelihood gains enough by Schwarz's
+//!    criterion (BIC), or where signals are few by Akaike's corrected one. Else stop.
+//!
+//! So the healthy tail is extrapolated from the bulk where faults hide it, and measured where
+//! faults do not. The choice of the distributions is heuristic. It was tried on several shapes of
+//! scatter and of faults: the tests of `contamination.rs`, docs/open_world.md.
 
 use super::tuned;
 use crate::model::descent::{Damping, descend};
@@ -25,21 +41,25 @@ use crate::processor::for_processor;
 use nalgebra::{DMatrix, DVector};
 use std::sync::LazyLock;
 
-/// Bins of ln (s / median): their width, range and number.
+/// Bins of ln (s / median): their width, range and number. What lies outside counts in the
+/// outermost bins.
 const STEP: f64 = 0.1;
 const FIRST: f64 = -5.0;
 const LAST: f64 = 12.0;
 const BINS: usize = 170;
-/// The healthy distribution is computed that far beyond the bins on either side, in ln s and in bins.
+/// How far the healthy distribution is computed beyond the bins on either side, in ln s and in
+/// steps of `STEP`, so that its normalisation includes the tails.
 const BEYOND: f64 = 10.0;
 const BEFORE: usize = 100;
 const STEPS: usize = BINS + 2 * BEFORE;
 
-// These constants were chosen on seven shapes of scatter with 0, 3 and 40 % of faults over orders of
-// magnitude (a study apart from the tests), and on 72 windows of the open world with 0 to 40 % of nine
-// classes of faults (seed 913001).
+// The next two constants were chosen on seven shapes of scatter with 0, 3 and 40 % of faults over
+// orders of magnitude (a study apart from the tests), and on 72 windows of the open world with 0 to
+// 40 % of nine classes of faults (seed 913001).
 
-/// Bound on ln (1 / kappa): no healthy tail is heavier than that of Student's t with 4 degrees of freedom.
+/// Bound on the parameter ln (1 / kappa): apart from what the estimation of the spread adds
+/// (`Freedom::of_spread`), no healthy tail is heavier than that of Student's t with 4 degrees of
+/// freedom.
 const HEAVIEST: f64 = -0.69;
 
 /// Largest number of components of one size.
@@ -64,16 +84,17 @@ impl Degrees {
     }
 }
 
-/// Which signals the spread was estimated from, in whose units squared distances are taken.
+/// From which signals the spread (covariance of the features) was estimated by which squared
+/// distances are taken. A spread from few signals makes the tail of the distances heavier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Spread {
-    /// From these signals themselves, by their core.
+    /// From the same signals whose distances are looked at, by their core (`sensitivity::core_of`).
     Own,
-    /// From so many other signals that its error does not matter.
+    /// From so many other signals that the spread's error does not matter.
     Known,
 }
 
-/// A histogram of ln (s / median).
+/// A histogram of ln (s / median): per bin the sum of the weights of its signals.
 #[derive(Clone, Debug)]
 pub(super) struct Counts([f64; BINS]);
 
@@ -84,7 +105,8 @@ impl Default for Counts {
 }
 
 impl Counts {
-    /// Counts a signal whose statistic is `ratio` medians, with its weight.
+    /// Counts a signal whose statistic is `ratio` times the median. `weight`: how many independent
+    /// signals it counts as, 1 at most.
     pub fn add(&mut self, ratio: f64, weight: f64) {
         let place = ((ratio.ln() - FIRST) / STEP).floor();
         self.0[place.clamp(0.0, BINS as f64 - 1.0) as usize] += weight;
@@ -95,28 +117,32 @@ impl Counts {
         Counts(std::array::from_fn(|i| self.0[i] - part.0[i]))
     }
 
+    /// Whether no signal was counted.
     pub fn is_empty(&self) -> bool {
         self.0.iter().all(|n| *n == 0.0)
     }
 
+    /// The number of independent signals in all bins together.
     fn sum(&self) -> f64 {
         self.0.iter().sum()
     }
 }
 
-/// The middle of a bin.
+/// The middle of bin `i`, in ln (s / median).
 fn place(i: usize) -> f64 {
     FIRST + (i as f64 + 0.5) * STEP
 }
 
-// Indices of the parameters: ln c, ln gamma, ln (1 / kappa), the logit of 2 healthy_share - 1; after these
-// for every component of one size the ln of its weight over that of faults of any size, its mean in ln s, the
-// ln of its standard deviation.
+// The parameters are one vector. Its first four are the healthy law and its share: ln c, ln gamma,
+// ln (1 / kappa), and the logit of 2 h - 1 (h: share of healthy signals). Then follow three for
+// every component of one size: ln of its weight over the weight of faults of any size, its mean in
+// ln s, and ln of its standard deviation in ln s.
 const SCALE: usize = 0;
 const GAMMA: usize = 1;
 const TAIL: usize = 2;
 const HEALTHY: usize = 3;
-/// Number of parameters before the components of one size, and of each of these.
+/// Number of parameters before those of the components of one size, and number of parameters of
+/// each such component.
 const LAW: usize = 4;
 const OF_KIND: usize = 3;
 
@@ -132,9 +158,10 @@ struct Freedom {
 }
 
 impl Freedom {
-    /// `n`: number of independent signals.
+    /// What is known for these degrees and this spread. `n`: number of independent signals.
     fn new(degrees: Degrees, spread: Spread, n: f64) -> Freedom {
         let a = degrees.half();
+        // Hotelling: kappa is half of m - d + 1, where m points are in the core and d = 2a
         let points = tuned::core_share() * n - 2.0 * a + 1.0;
         let of_spread = match spread {
             Spread::Own => 2.0 / points.max(1.0),
@@ -143,7 +170,8 @@ impl Freedom {
         Freedom { a, of_spread }
     }
 
-    /// kappa of the healthy distribution at these parameters.
+    /// kappa of the healthy distribution at the parameters `at`: 1 / kappa is the parameter's part
+    /// plus the part that comes from estimating the spread.
     fn kappa(self, at: &DVector<f64>) -> f64 {
         1.0 / (at[TAIL].exp() + self.of_spread)
     }
@@ -161,9 +189,14 @@ pub(super) struct Mixture {
 
 impl Mixture {
     /// Fits the mixture: first without components of one size, from several starts, then with one more at a
-    /// time.
+    /// time (see the steps at the head of the file).
     pub fn fit(counts: &Counts, degrees: Degrees, spread: Spread) -> Mixture {
         let freedom = Freedom::new(degrees, spread, counts.sum());
+
+        // The likelihood may have several maxima, so it is climbed from three starts: pairs of ln
+        // (1 / kappa) and of the parameter of the healthy share. The first two take most signals
+        // for healthy (light and heavy tail), the third takes a good part for faulty. ln c and ln
+        // gamma start the same.
         let starts = [(-4.0, 3.0), (-1.5, 3.0), (-3.0, -1.0)];
         let start = |(tail, share): (f64, f64)| DVector::from_vec(vec![-0.2, 0.0, tail, share]);
         let mut best =
@@ -173,8 +206,11 @@ impl Mixture {
                     at: start(starts[0]),
                     ln_likelihood: f64::NEG_INFINITY,
                 });
-        // a further component begins where the counts exceed the fit most, and is kept if it is worth its
-        // parameters
+
+        // A further component begins where the counts exceed the fit most, and a little to either
+        // side, with a large and a small healthy share. A few rounds find the best of these six
+        // starts, which alone is followed to convergence. The component is kept if it is worth its
+        // parameters.
         for _ in 0..MOST_KINDS {
             let peak = best.peak(counts);
             let starts = [-0.6, 0.0, 0.6]
@@ -195,16 +231,21 @@ impl Mixture {
     /// are few by Akaike's corrected one (Hurvich and Tsai 1989), which does not allow as many parameters as
     /// there are signals.
     fn worth_of_more(&self, n: f64) -> f64 {
+        // half of the corrected criterion's penalty, 2 k n / (n - k - 1), at k parameters
         let akaike = |parameters: usize| {
             let (k, free) = (parameters as f64, n - parameters as f64 - 1.0);
             if free > 0.0 { k * n / free } else { f64::INFINITY }
         };
         let (before, after) = (self.at.len(), self.at.len() + OF_KIND);
+        // `min` keeps infinity less infinity from being NaN: the gain that is asked for is then
+        // infinite
         let of_few = akaike(after) - akaike(before).min(f64::MAX);
+        // Schwarz: half of ln n for each parameter
         of_few.max(0.5 * OF_KIND as f64 * n.max(1.0).ln())
     }
 
-    /// Fits the same components to other counts, starting from these parameters.
+    /// Fits the same number of components to other counts, starting from these parameters: for the
+    /// jackknife, which leaves out a part of the signals.
     pub fn fit_again(&self, counts: &Counts) -> Mixture {
         Mixture::maximise(self.freedom, self.at.clone(), counts, ROUNDS)
     }
@@ -214,12 +255,13 @@ impl Mixture {
         healthy_share(self.at[HEALTHY])
     }
 
-    /// 1 / kappa of the healthy distribution.
+    /// 1 / kappa of the healthy distribution: 0 for Gaussian scatter, more for heavier tails.
     pub fn tail(&self) -> f64 {
         1.0 / self.freedom.kappa(&self.at)
     }
 
-    /// The quantile of healthy signals: ln (s / median) that they exceed with probability `rate`.
+    /// The quantile of healthy signals: that ln (s / median) which a healthy signal exceeds with
+    /// probability `rate`.
     pub fn ln_exceeded(&self, rate: f64) -> f64 {
         // sum the probabilities from the far end until they reach the rate
         let p = law(self.freedom, &self.at);
@@ -235,8 +277,9 @@ impl Mixture {
         FIRST
     }
 
-    /// The parameters to start from with one more component of one size at `place`. The healthy tail starts
-    /// light again, since the new component may explain what made it heavy.
+    /// The parameters to start from with one more component of one size, whose mean in ln s is
+    /// `place`; `share`: the parameter of the healthy share. The healthy tail starts light again,
+    /// since the new component may explain what made the tail heavy.
     fn with_kind(&self, place: f64, share: f64) -> DVector<f64> {
         let mut at = self.at.clone().resize_vertically(self.at.len() + OF_KIND, 0.0);
         (at[GAMMA], at[TAIL], at[HEALTHY]) = (0.0, -4.0, share);
@@ -245,8 +288,8 @@ impl Mixture {
         at
     }
 
-    /// ln (s / median) where the counts exceed the expected ones most, in standard deviations, summed over
-    /// five neighbouring bins.
+    /// That ln (s / median), from `nearest` on, at which the counts of five neighbouring bins
+    /// together exceed the fit's expectation by the most standard deviations (of a Poisson count).
     fn peak(&self, counts: &Counts) -> f64 {
         const TOGETHER: usize = 5;
         let p = Components::of(self.freedom, &self.at).mixed();
@@ -265,7 +308,8 @@ impl Mixture {
         at
     }
 
-    /// The local maximum of the likelihood from a start, by damped Fisher scoring.
+    /// The local maximum of the penalised likelihood that is reached from a start, by damped Fisher
+    /// scoring of `rounds` steps at most.
     fn maximise(freedom: Freedom, start: DVector<f64>, counts: &Counts, rounds: usize) -> Mixture {
         let cost = |at: &DVector<f64>| (-ln_likelihood(freedom, at, counts), ());
         let slope = |at: &DVector<f64>, ()| Some(Score::of(freedom, at, counts));
@@ -294,9 +338,12 @@ fn healthy_share(at: f64) -> f64 {
     0.5 + 0.5 / (1.0 + (-at).exp())
 }
 
-/// Probabilities of the healthy distribution in all bins from `FIRST - BEYOND` on.
+/// Probabilities of the healthy distribution in steps of `STEP` from ln s = `FIRST - BEYOND` on,
+/// which sum to 1.
 fn law(freedom: Freedom, at: &DVector<f64>) -> [f64; STEPS] {
     let (gamma, kappa) = (at[GAMMA].exp(), freedom.kappa(at));
+    // t = gamma (ln s - ln c) is ln of an F variable; its steps are gamma times as long as those of
+    // ln s
     let first = gamma * (FIRST - BEYOND + 0.5 * STEP - at[SCALE]);
     let mut p = densities(freedom.a, kappa, first, gamma * STEP);
     let sum: f64 = p.iter().sum();
@@ -309,7 +356,8 @@ const LEAST: f64 = -700.0;
 const SQRT_TAU: f64 = 2.506_628_274_631_000_7;
 
 for_processor! {
-    /// Density of ln F, unnormalised: e^(a t) (1 + e^t / kappa)^-(a + kappa) at t = first, first + step, ..
+    /// Density of t, the ln of an F variable (up to a constant factor), unnormalised:
+    /// e^(a t) (1 + e^t / kappa)^-(a + kappa) at t = first, first + step, ..
     fn densities(a: f64, kappa: f64, first: f64, step: f64) -> [f64; STEPS] { all_densities }
 }
 
@@ -325,7 +373,8 @@ fn all_densities(a: f64, kappa: f64, first: f64, step: f64) -> [f64; STEPS] {
 }
 
 for_processor! {
-    /// Probabilities of a Gaussian in ln s in every bin.
+    /// Probabilities, in every bin, of a Gaussian in ln s: density in the bin's middle times its
+    /// width.
     fn gaussian(middle: f64, sd: f64) -> [f64; BINS] { gaussian_of_bins }
 }
 
@@ -363,7 +412,9 @@ fn of_bins(freedom: Freedom, at: &DVector<f64>) -> [f64; BINS] {
     bins
 }
 
-/// Probabilities of faults of any size in every bin.
+/// Probabilities of faults of any size in every bin. Their density by ln s is (s / (s +
+/// `evenly`))^(3/2): as s^(3/2) below `evenly` medians, which is uniform in three dimensions, and
+/// constant above. The same is used for one-sided statistics, for which it is only a guess.
 static OF_ANY_SIZE: LazyLock<[f64; BINS]> = LazyLock::new(|| {
     let density = |t: f64| 1.5 * t - 1.5 * (t.exp() + tuned::evenly()).ln();
     let p: [f64; BINS] = std::array::from_fn(|i| density(place(i)).exp());
@@ -371,14 +422,15 @@ static OF_ANY_SIZE: LazyLock<[f64; BINS]> = LazyLock::new(|| {
     p.map(|p| p / sum)
 });
 
-/// The mixture's components: probabilities in every bin.
+/// The mixture's components at some parameters, as probabilities in every bin.
 struct Components {
     healthy_share: f64,
     healthy: [f64; BINS],
     /// Weights among the faults, which sum to 1: first of faults of any size, then of the components of one
     /// size.
     weights: Vec<f64>,
-    /// Their probabilities, in the same order.
+    /// The probabilities in every bin of each component among the faults, in the order of
+    /// `weights`.
     faults: Vec<[f64; BINS]>,
 }
 
@@ -415,7 +467,9 @@ impl Components {
     }
 }
 
-/// Penalised ln likelihood: of the counts, plus the ln density of the priors.
+/// Penalised ln likelihood: that of the counts, plus the ln density of the priors up to a constant.
+/// The priors: ln gamma is Gaussian about 0, 1 / kappa is exponential with mean `tail_mean`, and ln
+/// of each component's standard deviation is Gaussian about `width`.
 fn ln_likelihood(freedom: Freedom, at: &DVector<f64>, counts: &Counts) -> f64 {
     let mixed = Components::of(freedom, at).mixed();
     let data = ln_of_counts(&counts.0, &mixed);
@@ -428,19 +482,23 @@ fn ln_likelihood(freedom: Freedom, at: &DVector<f64>, counts: &Counts) -> f64 {
         - widths
 }
 
-/// Gradient of the penalised ln likelihood by the parameters, and the Fisher information.
+/// Gradient of the penalised ln likelihood by the parameters, and the Fisher information (its
+/// expected curvature), to which the priors' own curvature is added.
 struct Score {
     gradient: DVector<f64>,
     information: DMatrix<f64>,
 }
 
 impl Score {
+    /// The score of the counts at the parameters `at`.
     fn of(freedom: Freedom, at: &DVector<f64>, counts: &Counts) -> Score {
+        /// Step of the numerical derivatives.
         const H: f64 = 1e-4;
         let components = Components::of(freedom, at);
         let (p, faulty, h) = (components.mixed(), components.faulty(), components.healthy_share);
-        // derivatives of the mixed probabilities by each parameter: by differences for the healthy law, else
-        // in closed form
+
+        // Derivatives of the mixed probabilities p by each parameter. First those by ln c, ln gamma
+        // and ln (1 / kappa) of the healthy law, by central differences.
         let mut slopes: Vec<[f64; BINS]> = (SCALE..=TAIL)
             .map(|k| {
                 let moved = |by: f64| {
@@ -452,9 +510,11 @@ impl Score {
                 std::array::from_fn(|i| h * (up[i] - down[i]) / (2.0 * H))
             })
             .collect();
-        // derivative of h = 1/2 + 1/2 logistic
+        // then by the parameter of the healthy share: the derivative of h = 1/2 + 1/2 logistic
         let of_share = 2.0 * (h - 0.5) * (1.0 - h);
         slopes.push(std::array::from_fn(|i| of_share * (components.healthy[i] - faulty[i])));
+        // last by the weight, the mean and the standard deviation (both logs but the mean) of each
+        // component of one size, in closed form
         let kinds = at.as_slice()[LAW..].chunks_exact(OF_KIND);
         for ((kind, w), density) in kinds.zip(&components.weights[1..]).zip(&components.faults[1..])
         {
@@ -465,8 +525,9 @@ impl Score {
             slopes.push(std::array::from_fn(|i| by * density[i] * z(i) / sd));
             slopes.push(std::array::from_fn(|i| by * density[i] * (z(i) * z(i) - 1.0)));
         }
-        let n = counts.sum();
+
         // gradient: sum of counts times slope / p; information: n times the sum of products of slopes / p
+        let n = counts.sum();
         let over: Vec<[f64; BINS]> =
             slopes.iter().map(|slope| std::array::from_fn(|i| slope[i] / p[i])).collect();
         let mut gradient = DVector::from_fn(at.len(), |k, _| dot(&counts.0, &over[k]));
@@ -477,7 +538,9 @@ impl Score {
                 (information[(j, k)], information[(k, j)]) = (of, of);
             }
         }
-        // the priors add to both
+
+        // The priors add to both. For the exponential prior of 1 / kappa the curvature by ln (1 /
+        // kappa) equals the gradient's size.
         let mut add_prior = |k: usize, down: f64, weight: f64| {
             gradient[k] -= down;
             information[(k, k)] += weight;
@@ -492,7 +555,8 @@ impl Score {
         Score { gradient, information }
     }
 
-    /// The step of Fisher scoring.
+    /// The step of Fisher scoring, (information + damping diag(information) + a ridge)^-1 gradient.
+    /// `None`: the matrix is singular.
     fn step(&self, damping: f64) -> Option<DVector<f64>> {
         let regularised = &self.information
             + DMatrix::from_diagonal(&self.information.diagonal()) * damping
@@ -501,7 +565,8 @@ impl Score {
     }
 }
 
-/// Clamps the parameters to their ranges.
+/// Clamps the parameters to their ranges, within which all that is computed stays finite. Apart
+/// from the bound on the tail and `nearest` the ranges are wide, and somewhat arbitrary.
 fn within(mut at: DVector<f64>) -> DVector<f64> {
     at[SCALE] = at[SCALE].clamp(-6.0, 6.0);
     at[GAMMA] = at[GAMMA].clamp(-0.7, 0.7);

@@ -1,9 +1,21 @@
-//! Tells faulty from healthy: the residual generator and its threshold.
+//! Tells faulty from healthy signals: the residual generator, the detection statistics and their
+//! thresholds. thesis §3-2.
 //!
-//! In: (A, C) of a healthy model, and healthy deviations. Out: a filter whose output ignores what the model
-//! explains, and the energy above which a signal counts as faulty. thesis §3-2. By default that energy is
-//! r'Wr with a weight W of the model's own ([`sensitivity`]), in the thesis's mode r'r. All of it is pure
-//! mathematics, and the name of a fault is never looked at.
+//! In: (A, C) of a healthy model, and deviations of signals from what the model expects. Out: a
+//! filter whose output ignores what the model explains, statistics of a signal, and the values
+//! above which a signal counts as faulty. `design/` puts these parts together; nothing here reads
+//! files or knows of printheads. The name of a fault is never looked at.
+//!
+//! * The filter: numerators ([`null_space`], [`numerator`], [`appendix`], [`linear_programme`]),
+//!   denominators ([`poles`], [`denominator_search`]), the filter itself ([`residual_generator`]),
+//!   where it is blind ([`blind`]), and disturbances kept out of it ([`decoupling`]).
+//! * Statistics: by default the distance along the model's sensitivities ([`sensitivity`], which is
+//!   the residual energy r'Wr with a weight W of the model's own) with a second test beside them
+//!   ([`misfit`]); in the thesis's mode the energy r'r; and the current practice ([`key_numbers`]).
+//! * Thresholds: of healthy signals ([`threshold`], `pareto_tail`) and of windows in which some are
+//!   faulty ([`contamination`], `mixture`).
+//! * Streams, many signals at once in f32: [`tile`] and [`kernel`] for the residual energy,
+//!   [`row_projection`] and [`lane_sensitivity`] for the distance; both by [`lane_expectation`].
 
 pub mod appendix;
 pub mod blind;
@@ -35,7 +47,7 @@ pub use settings::{
 };
 pub use threshold::Threshold;
 
-/// Why no filter or no threshold can be made.
+/// Why no filter or no threshold can be made. The messages say with which numbers, and what to do.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum DetectError {
     #[error(

@@ -1,26 +1,42 @@
-//! Numerators that no healthy signal excites: the left null space of H-bar.
+//! Numerators of the FD filter that no healthy signal excites: the left null space of H-bar.
 //!
-//! In: (A, C), the sample period, and a degree. Out: N-bar, and for one output the polynomial N(z)L(z).
-//! thesis (3-2), Fig. H-bar. The order and the number of outputs are free. No signal is looked at.
+//! In, from `design/fd_filter.rs`: the healthy model (A, C), the sample period, and a degree. Out:
+//! N-bar, and for one output the polynomial N(z)L(z), the filter's numerator. thesis (3-2) and the
+//! display of H-bar after it. Any number n of states and m of outputs will do. No signal is looked
+//! at.
+//!
+//! The idea: a healthy signal is y_k = C A_d^k x_a with A_d = e^{A dt}, and x_(k+1) = A_d x_k.
+//! Written as a pencil, H(z) X(z) and L Y(z) with H(z) = H_0 + H_1 z and L = [0; -I] cancel each
+//! other but for x_a. A row polynomial N(z) with N(z) H(z) = 0 leaves N(z) L y = 0 from sample
+//! `degree` on, whatever x_a is. With N(z) = sum of N_k z^k the condition is linear: [N_0 N_1 ..]
+//! H-bar = 0, where H-bar repeats [H_0 H_1] on its diagonal.
+//!
+//! The steps: scale the states (`balanced`), build H_0, H_1 and H-bar (`pencil`, `stack`), take the
+//! left null space by a singular value decomposition (`left_null_space`), check its dimension
+//! against the observable order (`observable_order`), and choose one element of it
+//! ([`NullSpace::offset_rejection`]).
 //!
 //! Departs: the thesis designs in s and discretises later; here H(z) = [-zI + e^{A dt}; C] is exact
-//! at the samples. A zero-order hold leaves 0.116 of a healthy signal's energy, this 3e-25.
-//! Departs: the text's d_N block rows give degree d_N - 1 while its sum runs to d_N, and it declares
-//! N-bar a column but uses a row. Here `degree` is the degree, degree + 1 the block rows, N-bar a row.
+//! at the samples. In a study a zero-order hold left 0.116 of a healthy signal's energy, this
+//! design 3e-25. Departs: the text's d_N block rows give degree d_N - 1 while its sum runs to d_N,
+//! and it declares N-bar a column but uses a row. Here `degree` is the degree, degree + 1 the block
+//! rows, N-bar a row.
 
 use super::DetectError;
 use crate::model::InkChannel;
 use crate::model::ring_down::{discretise, in_microseconds};
 use nalgebra::{DMatrix, DVector};
 
-/// The largest degree: one beyond it is a mistake, and would make H-bar large.
+/// The largest degree: a larger one is a mistake, and would make H-bar large.
 const MAX_DEGREE: usize = 64;
-/// A direction of the state counts as observable if its part that the others do not explain is larger than
-/// this, relative to the one-sample change of the state. e^{A dt} is good to some 1e-15.
+/// A direction of the state counts as observable if the part of it that the directions found before
+/// do not explain is larger than this, relative to the one-sample change of the state. e^{A dt} is
+/// good to some 1e-15.
 const OBSERVABLE: f64 = 1e-10;
-/// Singular values of H-bar below this, relative to the largest, are zero.
+/// Singular values of H-bar up to this, relative to the largest, count as zero.
 const ZERO: f64 = 1e-12;
-/// How large N H-bar may be, relative to H-bar: some roundings of a sum of at most 1000 products.
+/// How large an entry of N H-bar may be that should be 0, relative to the largest of H-bar: some
+/// roundings of a sum of at most 1000 products.
 const REPAIRED: f64 = 1e-14;
 
 /// The left null space of H-bar: all N(z) of a degree with N(z) H(z) = 0.
@@ -29,13 +45,17 @@ pub struct NullSpace {
     /// N-bar = [N_0 ... N_degree], nullity x (degree + 1)(n + m), with orthonormal rows, in the scaled states
     /// of the design (N L does not depend on their scale).
     pub n_bar: DMatrix<f64>,
+    /// m, the number of outputs.
     pub outputs: usize,
+    /// Rank of the observability matrix: how many poles show in the output. 3 for an ink channel.
     pub observable_order: usize,
+    /// The highest power of z in N(z).
     pub degree: usize,
 }
 
-/// The left null space of H-bar, thesis (3-2). `a`: n x n, 1/s. `c`: m x n. Its dimension must be m (degree +
-/// 1) - observable order; another one is an error.
+/// The left null space of H-bar, thesis (3-2). `a`: n x n, in 1/s for states in any SI unit. `c`: m
+/// x n. `dt_s`: sample period, s. The dimension of the null space must be m (degree + 1) -
+/// observable order; another one is an error, and so is a degree at which this is not positive.
 ///
 /// Departs: thesis §3-2 says "only one solution". That holds for degree = observable order alone.
 pub fn annihilator(
@@ -62,9 +82,10 @@ pub fn annihilator(
     Ok(NullSpace { n_bar, outputs, observable_order, degree })
 }
 
-/// The monic numerator N(z)L(z), descending powers of z, `degree + 1` coefficients, for one output. With the
-/// degree equal to the observable order it is the unique one, whose roots are e^{observable poles dt}. With a
-/// higher degree it is the one that rejects an offset, too ([`NullSpace::offset_rejection`]).
+/// The monic numerator N(z)L(z) of a model (see [`annihilator`] for the arguments), descending
+/// powers of z, `degree + 1` coefficients, for one output. With the degree equal to the observable
+/// order it is the unique one, whose roots are e^{pole dt} over the observable poles. With a higher
+/// degree it is the element that rejects an offset, too ([`NullSpace::offset_rejection`]).
 pub fn numerator(
     a: &DMatrix<f64>,
     c: &DMatrix<f64>,
@@ -74,7 +95,7 @@ pub fn numerator(
     annihilator(a, c, dt_s, degree)?.offset_rejection()
 }
 
-/// The same of an ink channel.
+/// The numerator ([`numerator`]) of an ink channel.
 pub fn numerator_of(
     channel: &InkChannel,
     dt_s: f64,
@@ -84,8 +105,8 @@ pub fn numerator_of(
 }
 
 impl NullSpace {
-    /// N(z)L(z) of each row for one output, up to the sign: nullity x (degree + 1), ascending powers. L = [0;
-    /// -I] picks the last entry of every block.
+    /// N(z)L(z) of each row of N-bar for one output, up to the sign: nullity x (degree + 1),
+    /// ascending powers. L = [0; -I] picks the last entry of every block N_k.
     pub fn polynomials(&self) -> Result<DMatrix<f64>, DetectError> {
         if self.outputs != 1 {
             return Err(DetectError::OneOutputOnly { outputs: self.outputs });
@@ -96,23 +117,28 @@ impl NullSpace {
         }))
     }
 
-    /// The monic element that has a root of multiplicity nullity - 1 at z = 1, the image of s = 0; descending
-    /// powers. For the ink channel at degree 4 this is (z - 1) p3(z), the image of det(A - sI) = s p3(s) of
-    /// thesis §3-2-1 II; it rejects a constant sensor offset.
+    /// That monic element N(z)L(z) of the null space which has a root of multiplicity nullity - 1
+    /// at z = 1, the image of s = 0; descending powers. For the ink channel at degree 4 this is (z
+    /// - 1) p3(z), where p3 has the three observable poles as roots. It is the image of det(A - sI)
+    /// = s p3(s) of thesis §3-2-1 II, and rejects a constant sensor offset.
     pub fn offset_rejection(&self) -> Result<Vec<f64>, DetectError> {
         let q = self.polynomials()?;
         let nullity = q.nrows();
         let weights = if nullity == 1 {
+            // a null space of one element leaves no choice
             DMatrix::identity(1, 1)
         } else {
-            // Taylor coefficients at z = 1 of every element of the null space. A combination has the root
-            // with that multiplicity if its coefficients below nullity - 1 vanish.
+            // Taylor coefficients at z = 1 of every element of the null space: that of (z - 1)^j in
+            // z^k is the binomial coefficient k over j. A combination of elements has the root with
+            // that multiplicity if its coefficients j = 0 .. nullity - 2 vanish.
             let binomial = |k: usize, j: usize| {
                 (0..j).fold(1.0, |v, i| v * (k as f64 - i as f64) / (i as f64 + 1.0))
             };
             let taylor = DMatrix::from_fn(q.ncols(), nullity - 1, binomial);
             let at_one = &q * taylor;
-            // Values that are zero but for rounding are set to zero: every element has these roots already.
+            // Values that are zero but for rounding are set to zero. Where all are, every element
+            // has these roots already (the model has an observable pole at 0), and no combination
+            // is singled out.
             let conditions = at_one.map(|v| if v.abs() <= ZERO { 0.0 } else { v });
             left_null_space(&conditions)?
         };
@@ -120,6 +146,8 @@ impl NullSpace {
         if weights.nrows() != 1 {
             return Err(DetectError::AmbiguousNumerator { degree, observable_order });
         }
+
+        // divide by the leading coefficient, and turn the order of the powers round
         let p = weights * q;
         let lead = p[(0, degree)];
         // A leading coefficient of zero means a lower degree, which the nullity rules out.
@@ -130,7 +158,8 @@ impl NullSpace {
     }
 }
 
-/// Refuses matrices of wrong shapes, numbers that are not finite, and periods and degrees out of range.
+/// Refuses matrices of wrong shapes, numbers that are not finite, and sample periods and degrees
+/// out of range.
 pub(super) fn check(
     a: &DMatrix<f64>,
     c: &DMatrix<f64>,
@@ -157,8 +186,9 @@ pub(super) fn check(
     Ok(())
 }
 
-/// (A_d, C) with states scaled so that A_d's entries are of similar size (in SI units they differ by 12
-/// decades, and every rank would be wrong), and with outputs scaled to 1.
+/// (A_d, C) with A_d = e^{A dt} and with states scaled so that A_d's entries are of similar size
+/// (in SI units they differ by 12 decades, and every rank would be wrong). Each row of C is scaled
+/// to length 1. Neither scaling changes N L, up to a factor.
 fn balanced(
     a: &DMatrix<f64>,
     c: &DMatrix<f64>,
@@ -183,9 +213,11 @@ fn balanced(
     Ok((a_d, c_b))
 }
 
-/// Rank of the observability matrix of (C, A_d), by its staircase. Powers of A_d are never formed, so that
-/// slow and fast poles are told apart. A_d - I, which is used instead, spans the same space and is better
-/// spread.
+/// Rank of the observability matrix [C; C A_d; C A_d²; ..], found direction by direction: a basis
+/// of its row space starts from the rows of C; each new direction, orthogonal to those before, is
+/// multiplied by F and the product is tried next. So powers of A_d are never formed, and slow and
+/// fast poles are told apart. F is (A_d - I) over its norm; it gives the same space as A_d, and its
+/// eigenvalues lie farther apart. An error if C sees no state.
 fn observable_order(a_d: &DMatrix<f64>, c: &DMatrix<f64>) -> Result<usize, DetectError> {
     let n = a_d.nrows();
     let mut f = a_d - DMatrix::identity(n, n);
@@ -197,16 +229,18 @@ fn observable_order(a_d: &DMatrix<f64>, c: &DMatrix<f64>) -> Result<usize, Detec
     let mut candidates: Vec<DVector<f64>> = c.row_iter().map(|row| row.transpose()).collect();
     let mut next = 0;
     while next < candidates.len() && basis.len() < n {
-        // what of this direction the directions before it do not explain
+        // the part of this direction that the directions before it do not explain: Gram-Schmidt,
+        // twice against rounding, which is enough (Kahan, Parlett)
         let mut v = candidates[next].clone();
         next += 1;
         for _ in 0..2 {
-            // Gram-Schmidt; twice is enough (Kahan, Parlett)
             for b in &basis {
                 let along = b.dot(&v);
                 v.axpy(-along, b, 1.0);
             }
         }
+        // a direction that is new joins the basis, and what it becomes one sample later is tried
+        // next
         let rest = v.norm();
         if rest > OBSERVABLE {
             v /= rest;
@@ -217,8 +251,8 @@ fn observable_order(a_d: &DMatrix<f64>, c: &DMatrix<f64>) -> Result<usize, Detec
     if basis.is_empty() { Err(DetectError::NothingObservable) } else { Ok(basis.len()) }
 }
 
-/// H(z) = H_0 + H_1 z, thesis (3-2) in z: H_0 = [A_d; C], H_1 = [-I; 0], (n + m) x n. Decoupled disturbances
-/// would add columns [B_d; D_d] to H_0, and nothing else would change.
+/// H_0 and H_1 of H(z) = H_0 + H_1 z, thesis (3-2) in z: H_0 = [A_d; C], H_1 = [-I; 0], both (n +
+/// m) x n. Disturbances are not in them; `decoupling.rs` says why.
 pub(super) fn pencil(a_d: &DMatrix<f64>, c: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
     let (n, m) = (a_d.nrows(), c.nrows());
     let h0 = DMatrix::from_fn(n + m, n, |i, j| if i < n { a_d[(i, j)] } else { c[(i - n, j)] });
@@ -226,7 +260,8 @@ pub(super) fn pencil(a_d: &DMatrix<f64>, c: &DMatrix<f64>) -> (DMatrix<f64>, DMa
     (h0, h1)
 }
 
-/// H-bar, thesis Fig. H-bar: `block_rows` block rows, each with H_0 H_1 one block further to the right.
+/// H-bar, thesis after (3-3b): `block_rows` block rows [H_0 H_1], each one block further to the
+/// right than the one above; 0 elsewhere.
 pub(super) fn stack(h0: &DMatrix<f64>, h1: &DMatrix<f64>, block_rows: usize) -> DMatrix<f64> {
     let (rows, columns) = h0.shape();
     let mut h_bar = DMatrix::zeros(block_rows * rows, (block_rows + 1) * columns);
@@ -237,11 +272,14 @@ pub(super) fn stack(h0: &DMatrix<f64>, h1: &DMatrix<f64>, block_rows: usize) -> 
     h_bar
 }
 
-/// Orthonormal rows N with N M = 0, by a singular value decomposition; that N M vanishes is checked.
+/// Orthonormal rows N, a basis of all with N M = 0, by a singular value decomposition: the left
+/// singular vectors whose singular value is 0. That N M vanishes is checked; an error if it does
+/// not.
 pub(super) fn left_null_space(m: &DMatrix<f64>) -> Result<DMatrix<f64>, DetectError> {
     let (rows, columns) = m.shape();
     let failed = DetectError::Decomposition { rows, columns };
-    // U would be thin: columns of zeros up to a square matrix make it complete
+    // nalgebra's U has only as many columns as M: columns of zeros up to a square matrix make it
+    // complete
     let square = m.clone().resize_horizontally(columns.max(rows), 0.0);
     let svd = square.try_svd(true, true, f64::EPSILON, 10_000).ok_or(failed.clone())?;
     let (u, v_t) = svd.u.zip(svd.v_t).ok_or(failed.clone())?;
@@ -249,8 +287,10 @@ pub(super) fn left_null_space(m: &DMatrix<f64>) -> Result<DMatrix<f64>, DetectEr
     let bound = ZERO * sigma.max();
     let (null, range): (Vec<usize>, Vec<usize>) = (0..rows).partition(|&i| sigma[i] <= bound);
     let mut n = DMatrix::from_fn(null.len(), rows, |i, j| u[(j, null[i])]);
-    // The decomposition is at times only good to 1e-12. This is repaired by what is left of N M, taken back
-    // through the pseudo-inverse: N - (N M) M^+.
+
+    // The decomposition is at times only good to 1e-12. This is repaired, twice: what is left of N
+    // M is taken back through the pseudo-inverse, N - (N M) M^+, and the rows are made orthonormal
+    // again.
     for _ in 0..2 {
         let left = &n * m;
         for &k in &range {

@@ -1,26 +1,37 @@
-//! Method III: extra zeros M(z), which raise faulty residuals above healthy ones.
+//! Method III of the FD filter: extra zeros M(z) in the numerator, which raise faulty residuals
+//! above healthy ones. thesis §3-2-1 III, Appendix A.
 //!
-//! In: N(z)L(z), a denominator with room for M, and healthy and faulty deviations. Out: M(z), of the
-//! numerator M N L. thesis §3-2-1 III, Appendix A.
+//! In, from `design/learned_filter.rs`: N(z)L(z), a denominator with room for M, and the deviations
+//! of healthy and of faulty signals, counts. Out: the coefficients of M(z); the filter's numerator
+//! becomes M N L. As N L annihilates healthy signals, M N L does so, too.
 //!
-//! Departs: Appendix A takes M(s) = det(Q_x - sI). Q_x is positive semidefinite, so such an M has only real
-//! nonnegative roots, whatever the data. Instead, the coefficients of M are an eigenvector here, and what is
-//! maximised is faulty energy over healthy energy, since faulty energy alone rises with any gain. The same
-//! maximisation is (3-3b). At the observable order (3 for the ink channel) the left null space of H-bar has
-//! one element p3, as the text says. At degree d it consists of M p3 with any M of degree d - 3, so what
-//! maximises the fault's share over the null space is the enhancement of p3. At degree 4 that M has degree 1;
-//! the element that rejects an offset ([`super::null_space`]) is another one of many.
+//! The idea: the residual is linear in M's coefficients m, so its mean energy over some signals is
+//! a quadratic form m' Q m. The m sought maximises m' Q_f m / m' Q_h m (f: faulty, h: healthy
+//! signals): it is the eigenvector of the largest eigenvalue of Q_f m = ratio Q_h m.
+//!
+//! Departs: Appendix A takes M(s) = det(Q_x - sI). Its Q_x is positive semidefinite, so such an M
+//! has only real nonnegative roots, whatever the data ([`super::appendix`] has it as written). And
+//! faulty energy is compared with healthy energy, since faulty energy alone rises with any gain.
+//!
+//! The same maximisation serves (3-3b). At the observable order (3 for the ink channel) the left
+//! null space of H-bar has one element p3, as the text says. At degree d the null space consists of
+//! M p3 with any M of degree d - 3. So the element that shows the fault most is the enhancement of
+//! p3. At degree 4 that M has degree 1; the element that rejects an offset ([`super::null_space`])
+//! has another M, z - 1.
 
 use super::{DetectError, ResidualGenerator};
 use nalgebra::{DMatrix, SymmetricEigen};
 
-/// Healthy energy that is added to every coefficient, relative to the largest. Without it, directions in
-/// which a small healthy set has no energy by chance would look like a gain.
+/// What is added to the diagonal of Q_h, relative to its largest entry. Without it, a direction of
+/// m in which a small healthy set has no energy by chance would look like an infinite gain.
 const RIDGE: f64 = 1e-9;
 
-/// The M of unit norm, of degree denominator - numerator, that maximises the energy of the `faulty` residuals
-/// of M N L over that of the `healthy` ones. Descending powers. Deviations: counts, each from what the
-/// healthy model expects.
+/// The M that maximises the mean energy of the `faulty` residuals of M N L / alpha over that of the
+/// `healthy` ones: coefficients of unit norm, descending powers. Its degree is the denominator's
+/// less the numerator's, and must be 1 or more.
+///
+/// `numerator`: N L, and `denominator`: alpha, descending powers. `healthy`, `faulty`: deviations
+/// of signals from what the healthy model expects, N counts each. `dt_s`: sample period, s.
 pub fn enhancement(
     numerator: &[f64],
     denominator: &[f64],
@@ -33,6 +44,7 @@ pub fn enhancement(
         let (numerator, denominator) = (degree(numerator), degree(denominator));
         return Err(DetectError::NoRoom { numerator, denominator });
     }
+
     let terms = denominator.len() - numerator.len() + 1;
     // the residual is linear in M's coefficients: one filter z^k N L / alpha per coefficient
     let shifted = |k: usize| {
@@ -43,13 +55,18 @@ pub fn enhancement(
     let basis = (0..terms)
         .map(|k| ResidualGenerator::new(shifted(k), denominator.to_vec(), dt_s))
         .collect::<Result<Vec<_>, _>>()?;
+
+    // the two quadratic forms, and the Cholesky factor of the healthy one: Q_h = L L'
     let q_healthy = mean_energy(&basis, healthy, "healthy deviation")?;
     let q_faulty = mean_energy(&basis, faulty, "faulty deviation")?;
     let size = q_healthy.diagonal().amax();
     let ridge = DMatrix::identity(terms, terms) * (RIDGE * size);
     let factor = (q_healthy + ridge).cholesky().filter(|_| size > 0.0);
     let l = factor.ok_or(DetectError::NoHealthyEnergy)?.l();
-    // The generalised eigenvalue problem Q_f m = ratio Q_h m, made an ordinary one by m = L^-T v.
+
+    // The generalised eigenvalue problem Q_f m = ratio Q_h m becomes an ordinary one, L^-1 Q_f L^-T
+    // v = ratio v, by m = L^-T v. Two triangular solves give the matrix; averaging with its
+    // transpose takes off rounding.
     let failed = || DetectError::Decomposition { rows: terms, columns: terms };
     let half = l.solve_lower_triangular(&q_faulty).ok_or_else(failed)?;
     let whitened = l.solve_lower_triangular(&half.transpose()).ok_or_else(failed)?;
@@ -60,7 +77,7 @@ pub fn enhancement(
     Ok(m.iter().copied().collect())
 }
 
-/// The product M N; all in descending powers.
+/// The product of two polynomials, such as M and N; all in descending powers.
 pub fn product(m: &[f64], n: &[f64]) -> Vec<f64> {
     let mut product = vec![0.0; (m.len() + n.len()).saturating_sub(1)];
     for (k, m) in m.iter().enumerate() {
@@ -71,7 +88,10 @@ pub fn product(m: &[f64], n: &[f64]) -> Vec<f64> {
     product
 }
 
-/// The matrix Q for which m^T Q m is the mean residual energy of the M with coefficients m.
+/// The matrix Q for which m^T Q m is the mean, over the `deviations`, of the square sum of the
+/// residual by the M with coefficients m (the residual energy without its factor dt, which
+/// cancels); counts². Without deviations it is 0. `basis`: the filters z^k N L / alpha; `what`: the
+/// name of the deviations, for the error.
 fn mean_energy(
     basis: &[ResidualGenerator],
     deviations: &[Vec<f64>],
@@ -82,6 +102,7 @@ fn mean_energy(
         if let Some(index) = d.iter().position(|v| !v.is_finite()) {
             return Err(DetectError::NotFinite { what, index });
         }
+        // one column per filter: its residual of this deviation
         let mut columns = DMatrix::zeros(d.len(), basis.len());
         for (generator, mut column) in basis.iter().zip(columns.column_iter_mut()) {
             generator.filter(d, column.as_mut_slice());
@@ -114,6 +135,7 @@ mod tests {
         })
     }
 
+    /// Mean faulty over mean healthy residual energy of a filter.
     fn ratio(g: &ResidualGenerator, faulty: &[Vec<f64>], healthy: &[Vec<f64>]) -> f64 {
         let mean = |d: &[Vec<f64>]| d.iter().map(|d| g.energy(d)).sum::<f64>() / d.len() as f64;
         mean(faulty) / mean(healthy)

@@ -1,20 +1,32 @@
-//! The tail of healthy energies: a generalised Pareto distribution, and what its sample leaves unknown of it.
+//! The tail of healthy energies: a generalised Pareto distribution, and how uncertain its sample
+//! leaves it.
 //!
-//! In: the largest energies, the level that they exceed, and how many independent ones they are worth. Out:
-//! the posterior of the energy that is exceeded at a given rate, which may lie far beyond the sample.
+//! In, from [`super::threshold::quantile`]: the largest energies, the level that they exceed, and
+//! how many independent ones they are worth. Out: the posterior of the energy that is exceeded at a
+//! given rate, which may lie far beyond the sample.
 //!
-//! The method is peaks over threshold (Pickands 1975). The prior of the shape is flat between the lightest
-//! and the heaviest tail that healthy channels have, and so is that of the ln of the scale. Given the shape,
-//! the posterior of the scale is log-normal about its maximum likelihood (Laplace). A posterior is used, and
-//! not a standard error about an estimate, because an estimate that is too low by chance brings a standard
-//! error that is too small.
+//! The method is peaks over threshold (Pickands 1975): whatever the distribution, excesses z over a
+//! high level are about generalised Pareto distributed, P(excess > z) = (1 + xi z / scale)^(-1 /
+//! xi), which at the shape xi = 0 is exponential. The steps:
+//!
+//! 1. The prior of xi is flat on a grid between the lightest and the heaviest tail that healthy
+//!    channels have; that of ln scale is flat.
+//! 2. For each xi find the scale of maximum likelihood. Given xi, the posterior of ln scale is
+//!    Gaussian about it with variance (1 + 2 xi) / n (Laplace). Integrated over the scale, this
+//!    gives the weight of xi.
+//! 3. For each xi the excess at a given rate is scale ((1 / rate)^xi - 1) / xi. So its ln is
+//!    Gaussian, too, and its posterior is a mixture of these Gaussians. `ParetoTail::quantile`
+//!    inverts the mixture.
+//!
+//! A posterior is used, and not a standard error about an estimate, because an estimate that is too
+//! low by chance brings a standard error that is too small.
 
 use crate::model::bisection::bisected;
 use crate::model::normal::upper_tail;
 
-/// The range of shapes xi: from that of scatter that ends at bounds, widened by noise, to that of Student's t
-/// with 4 degrees of freedom, whose squares have the shape 2/4. The heaviest tail is the same as that of
-/// windows ([`super::mixture`]).
+/// The range of shapes xi, from the shape of scatter that ends at bounds and is widened by noise to
+/// the shape of Student's t with 4 degrees of freedom, whose squares have xi = 2/4. The heaviest
+/// tail is the same as in windows (`mixture.rs`).
 const LIGHTEST: f64 = -0.25;
 const HEAVIEST: f64 = 0.5;
 /// Number of shapes that represent the whole range.
@@ -23,15 +35,20 @@ const SHAPES: usize = 76;
 /// Number of halvings of an interval until no digit changes.
 const HALVINGS: usize = 60;
 
-/// How many independent signals those of a tail are worth: as to how many they are, and as to their excesses.
-/// Signals of one channel are less alike in the latter.
+/// How many independent signals the signals of a tail are worth. There are two numbers, because
+/// signals of one channel are more alike in whether they lie in the tail than in how far they lie
+/// in it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Effective {
+    /// As to the share of all signals that lies in the tail. It determines the widths of the
+    /// posterior of a quantile, of the part from the scale, too (as the smaller number it is the
+    /// cautious choice).
     pub number: f64,
+    /// As to the sizes of the excesses. It determines how sharply the shapes are told apart.
     pub excesses: f64,
 }
 
-/// The posterior of the tail above a level.
+/// The posterior of the tail above a level. Without excesses `of_shapes` is empty.
 #[derive(Debug)]
 pub(super) struct ParetoTail {
     level: f64,
@@ -48,8 +65,8 @@ struct OfShape {
 }
 
 impl ParetoTail {
-    /// Fits the tail. `energies`: those above `level`. If none lies above, nothing is known of a tail, and
-    /// all quantiles are the level.
+    /// Fits the tail. `energies`: the tail's, none below `level`. If none lies above the level,
+    /// nothing is known of a tail, and all quantiles are the level.
     pub fn fit(energies: &[f64], level: f64, effective: Effective) -> ParetoTail {
         let excesses: Vec<f64> = energies.iter().map(|e| e - level).collect();
         let n = excesses.len() as f64;
@@ -61,14 +78,18 @@ impl ParetoTail {
             .map(|i| {
                 let shape = LIGHTEST + step * i as f64;
                 let scale = likeliest_scale(&excesses, shape);
-                // excesses that depend on each other count for fewer
+                // excesses that depend on each other count as fewer: the ln likelihood is scaled
+                // down
                 let ln_likelihood = ln_likelihood(&excesses, shape, scale) * effective.excesses / n;
-                // integrated over the scale (Laplace), so the width of the scale's posterior counts, too
+                // Integrated over ln scale (Laplace), which multiplies by the width of its
+                // posterior. Until the probabilities are normalised, `weight` is their ln.
                 let weight = ln_likelihood + 0.5 * of_ln_scale(shape).ln();
                 OfShape { shape, weight, ln_scale: scale.ln() }
             })
             .collect();
-        // normalise the probabilities to 1
+
+        // from ln probabilities to probabilities that sum to 1; the largest is taken out against
+        // underflow
         let most = of_shapes.iter().map(|of| of.weight).fold(f64::NEG_INFINITY, f64::max);
         of_shapes.iter_mut().for_each(|of| of.weight = (of.weight - most).exp());
         let sum: f64 = of_shapes.iter().map(|of| of.weight).sum();
@@ -81,30 +102,36 @@ impl ParetoTail {
         self.of_shapes.iter().map(|of| of.weight * of.shape).sum()
     }
 
-    /// The upper confidence bound of a quantile: the energy below which, with probability `confidence`, the
-    /// energy lies that is exceeded by a share `beyond`, less than 1, of the signals above the level.
+    /// The upper confidence bound of a quantile. The quantile is the energy that a share `beyond`
+    /// (above 0, less than 1) of the signals above the level exceeds; with the posterior
+    /// probability `confidence` it lies below the returned energy.
     pub fn quantile(&self, beyond: f64, confidence: f64) -> f64 {
         if self.of_shapes.is_empty() {
             return self.level;
         }
         let further = (1.0 / beyond).ln();
-        // Per shape: its weight, the ln of the excess at its likeliest scale, and the standard deviation of
-        // that.
+        // Per shape: its weight, the ln of the quantile's excess at the likeliest scale, and the
+        // posterior standard deviation of that ln.
         let each: Vec<(f64, f64, f64)> = (self.of_shapes.iter())
             .map(|of| {
                 let reach = reach(of.shape, further);
-                // the share of signals above the level is a random number as well
+                // The share of signals above the level is a random number as well, whose ln has the
+                // variance 1 / number. The ln of the excess changes with it by this derivative.
                 let by_share = (of.shape * further).exp() / reach;
                 let variance = of_ln_scale(of.shape) / self.effective.number
                     + by_share * by_share / self.effective.number;
                 (of.weight, of.ln_scale + reach.ln(), variance.sqrt())
             })
             .collect();
+
         // posterior probability that the ln of the excess lies below a value: a mixture of Gaussians, one per
         // shape
         let below = |ln: f64| -> f64 {
             each.iter().map(|(w, middle, sd)| w * upper_tail((middle - ln) / sd)).sum()
         };
+
+        // bisection for the value at which that probability is `confidence`, between ends that lie
+        // 12 standard deviations off
         const FAR: f64 = 12.0;
         let least = each.iter().map(|(_, middle, sd)| middle - FAR * sd);
         let most = each.iter().map(|(_, middle, sd)| middle + FAR * sd);
@@ -114,19 +141,21 @@ impl ParetoTail {
     }
 }
 
-/// (e^(xi t) - 1) / xi, which is t at xi = 0: the excess, in units of the scale, that is exceeded with
-/// probability e^-t.
+/// The excess, in units of the scale, that is exceeded with probability e^-t: (e^(xi t) - 1) / xi,
+/// which is t at xi = 0.
 fn reach(shape: f64, t: f64) -> f64 {
     if shape.abs() < 1e-9 { t } else { (shape * t).exp_m1() / shape }
 }
 
-/// Variance of the ln of the scale given the shape, times the number of excesses it is estimated from.
+/// Asymptotic variance of the ln of the estimated scale given the shape, times the number of
+/// excesses that the scale is estimated from: the inverse Fisher information.
 fn of_ln_scale(shape: f64) -> f64 {
     1.0 + 2.0 * shape
 }
 
-/// The scale of largest likelihood: there (1 + xi) times the sum of z / (1 + xi z) over z = excess / scale
-/// equals the number of excesses.
+/// The scale of largest likelihood for a shape, by bisection of its ln: there (1 + xi) times the
+/// sum of z / (1 + xi z) over z = excess / scale equals the number of excesses, and the sum falls
+/// as the scale grows.
 fn likeliest_scale(excesses: &[f64], shape: f64) -> f64 {
     let n = excesses.len() as f64;
     let largest = excesses.iter().copied().fold(0.0, f64::max);
@@ -140,7 +169,7 @@ fn likeliest_scale(excesses: &[f64], shape: f64) -> f64 {
     halved(ends.ln(), (10.0 * largest).ln(), |ln| is_too_small(&ln.exp())).exp()
 }
 
-/// Log likelihood of the generalised Pareto distribution.
+/// Log likelihood of excesses under a generalised Pareto distribution of this shape and scale.
 fn ln_likelihood(excesses: &[f64], shape: f64, scale: f64) -> f64 {
     let each = |e: &f64| match shape.abs() < 1e-9 {
         true => e / scale,

@@ -1,7 +1,14 @@
-//! Denominators alpha(z) of the residual generator: methods I and II.
+//! Denominators alpha(z) of the residual generator: methods I and II of thesis §3-2-1.
 //!
-//! In: poles in 1/s (or a fault's model), and the sample period. Out: monic polynomials in z, descending
-//! powers, each pole mapped by z = e^{s dt}. thesis §3-2-1.
+//! In, from `design/fd_filter.rs` and `design/learned_filter.rs`: poles in 1/s (or a fault's
+//! model), and the sample period, s. Out: alpha(z) as a monic polynomial in z, coefficients in
+//! descending powers. Each pole s of the thesis's alpha(s) becomes a root z = e^{s dt}, which is
+//! exact at the samples.
+//!
+//! * Method I: an undamped pair at +-j omega_r, so that a residual once excited keeps ringing and
+//!   its energy grows to the end of the signal; the other poles are real and fast.
+//! * Method II: the poles of a faulty channel, so that the filter answers most to that fault's
+//!   ring.
 
 use super::DetectError;
 use crate::model::ring_down::in_microseconds;
@@ -10,9 +17,9 @@ use nalgebra::{Complex, ComplexField, DMatrix};
 /// An eigenvalue smaller than this, relative to the largest, counts as the model's unobservable pole at 0.
 const AT_ZERO: f64 = 1e-9;
 
-/// Method I: alpha(s) = (s^2 + omega_r^2) prod (s + p_i), thesis §3-2-1 I. The undamped pair keeps the
-/// residual ringing, so that its energy grows over the whole signal. `other_poles_per_s`: p_i, all positive.
-/// The degree is 2 plus their number.
+/// Method I: alpha(s) = (s^2 + omega_r^2) prod (s + p_i), thesis §3-2-1 I, mapped to z.
+/// `omega_r_rad_s`: above 0 and below pi / dt. `other_poles_per_s`: p_i, all positive: the poles
+/// lie at -p_i. The degree is 2 plus the number of other poles.
 pub fn resonance(
     omega_r_rad_s: f64,
     other_poles_per_s: &[f64],
@@ -32,24 +39,27 @@ pub fn resonance(
     Ok(from_poles(&poles, dt_s))
 }
 
-/// omega_r = 2 pi n_o / T with T = samples * dt, thesis §3-2-1 I, in rad/s. Departs: the text has n_o / T,
-/// which lacks the 2 pi if n_o counts oscillations.
+/// The omega_r, rad/s, that completes n_o = `oscillations` within a signal: 2 pi n_o / T with T =
+/// samples * dt, thesis §3-2-1 I. Departs: the text has n_o / T, which lacks the 2 pi if n_o counts
+/// oscillations.
 pub fn resonance_of_oscillations(oscillations: f64, samples: usize, dt_s: f64) -> f64 {
     2.0 * std::f64::consts::PI * oscillations / (samples as f64 * dt_s)
 }
 
-/// The n_o that is taken by default: f0 T, that is, the healthy resonance itself. Departs: the thesis has n_o
-/// chosen by hand; at the wrong one most faults are missed.
+/// The n_o that is taken by default: f0 T, which puts the undamped pair at the healthy resonance f0
+/// = `frequency_hz`. Departs: the thesis has n_o chosen by hand; at a wrong n_o many faults are
+/// missed.
 pub fn healthy_oscillations(frequency_hz: f64, samples: usize, dt_s: f64) -> f64 {
     frequency_hz * samples as f64 * dt_s
 }
 
-/// Method II: alpha(s) = det(A_f - sI), thesis §3-2-1 II, of a fault's model `a_fault`, n x n, 1/s. The
-/// result always has the degree asked for: it takes as many of the model's poles as fit, the slowest first,
-/// without tearing a pair apart; what is then missing is filled with poles at -`filler_per_s`.
+/// Method II: alpha(s) = det(A_f - sI), thesis §3-2-1 II, of a fault's model A_f = `a_fault`, n x
+/// n, 1/s, mapped to z. The result always has the degree asked for: alpha takes as many of the
+/// model's poles as fit, the slowest first, without tearing a pair apart; what is then missing is
+/// filled with poles at -`filler_per_s`. A model with a growing pole is an error.
 ///
-/// Departs: det(A_f - sI) has a pole at 0 like the healthy model. It is marginally stable and not observable
-/// in the output, so it would only accumulate noise; a filler takes its place.
+/// Departs: det(A_f - sI) has a pole at 0 like the healthy model. This pole is marginally stable
+/// and not observable in the output, so it would only accumulate noise; a filler takes its place.
 pub fn eigenvalues(
     a_fault: &DMatrix<f64>,
     filler_per_s: f64,
@@ -66,6 +76,8 @@ pub fn eigenvalues(
     if let Some(index) = a_fault.iter().position(|v| !v.is_finite()) {
         return Err(DetectError::NotFinite { what: "A of the fault", index });
     }
+
+    // the eigenvalues, computed in 1/us, where the matrix is well scaled; those at 0 are left out
     let (a_us, _) = in_microseconds(a_fault, &DMatrix::zeros(1, n));
     let failed = DetectError::Decomposition { rows: n, columns: n };
     let schur = nalgebra::Schur::try_new(a_us, f64::EPSILON, 10_000).ok_or(failed)?;
@@ -76,7 +88,8 @@ pub fn eigenvalues(
     if let Some(s) = found.iter().find(|s| s.re > AT_ZERO * largest) {
         return Err(DetectError::UnstablePole { re: s.re, im: s.im });
     }
-    // keep one of each pair (im >= 0), the slowest first
+
+    // keep one of each pair (im >= 0), the slowest (least damped) first, and take what fits
     found.retain(|s| s.im >= 0.0);
     found.sort_by(|p, q| q.re.total_cmp(&p.re).then(p.im.total_cmp(&q.im)));
     let mut poles = Vec::with_capacity(degree);
@@ -101,8 +114,8 @@ pub(super) fn monic<T: ComplexField>(roots: impl Iterator<Item = T>) -> Vec<T> {
     let mut p = vec![T::one()];
     for z in roots {
         p.push(T::zero());
-        // multiply by (z - z_i), from the lowest power upwards, so that no coefficient is used after its
-        // change
+        // multiply by (z - z_i): p_k becomes p_k - z_i p_(k-1), from the lowest power upwards, so
+        // that no coefficient is used after its change
         for k in (1..p.len()).rev() {
             let before = p[k - 1].clone();
             p[k] -= z.clone() * before;
@@ -116,6 +129,7 @@ pub(super) fn check_period(dt_s: f64) -> Result<(), DetectError> {
     check_decay("sample period, s,", dt_s)
 }
 
+/// Refuses a value that is not positive and finite. `what`: its name and unit for the error.
 fn check_decay(what: &'static str, value: f64) -> Result<(), DetectError> {
     if value > 0.0 && value.is_finite() {
         Ok(())

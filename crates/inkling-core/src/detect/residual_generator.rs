@@ -1,10 +1,15 @@
 //! The fault detection filter, ready to run: the residual r of a signal's deviation, and its energy.
 //!
-//! In: N(z)L(z), alpha(z), and the deviation y - C e^{At} x_a_hat of a signal from what the healthy model
-//! expects, counts. Out: r, counts, or its energy, counts²·s. thesis r(y), e(r) (before (3-4)).
+//! In: once the polynomials N(z)L(z) ([`super::null_space`], [`super::numerator`]) and alpha(z)
+//! ([`super::poles`]), which `design/fd_filter.rs` brings together; then per signal the deviation y
+//! - C e^{At} x_a_hat from what the healthy model expects, N, counts. Out: r, N, counts, its
+//! energy, counts²·s, or its largest sample. thesis r(y), e(r) (before (3-4)). In a stream, signals
+//! go through this f64 filter only where the f32 kernel ([`super::kernel`]) does not settle them.
 //!
-//! The default statistic is an energy of the same residual with another weight than the identity:
-//! [`super::sensitivity`].
+//! The filter is an ordinary difference equation: r_k = sum of b_j d_(k-j) - sum of a_j r_(k-j),
+//! with b and a the coefficients of numerator and denominator. Over N samples it is r = F d with a
+//! lower triangular Toeplitz matrix F of the impulse response. The default statistic is an energy
+//! of the same residual with another weight than the identity: [`super::sensitivity`].
 //!
 //! Departs: the thesis runs two filters, on y and on x_a_hat. Both are the same linear filter applied to the
 //! deviation, r = (N L / alpha) (y - y_hat), from zero state, so one suffices.
@@ -12,9 +17,10 @@
 use super::DetectError;
 use serde::{Deserialize, Serialize};
 
-/// The filter r = (numerator / denominator) (y - y_hat). Both polynomials are in descending powers of z and
-/// of equal length (a biproper filter, which is fine in discrete time), and the denominator is monic: `new`
-/// and deserialising have checked this.
+/// The filter r = (numerator / denominator) (y - y_hat). Both polynomials have finite coefficients
+/// in descending powers of z and equal lengths (a biproper filter, which is fine in discrete time),
+/// and the denominator is monic: `new` and deserialising check this. Whether the filter is stable
+/// is not checked, as the pair of method I is not. `dt_s`: sample period, s.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Unchecked")]
 pub struct ResidualGenerator {
@@ -66,12 +72,14 @@ impl ResidualGenerator {
         Ok(ResidualGenerator { numerator, denominator, dt_s })
     }
 
+    /// The degree of both polynomials: the number of the filter's poles.
     pub fn degree(&self) -> usize {
         self.denominator.len().saturating_sub(1)
     }
 
-    /// The residual of a deviation, thesis r(y), from zero state. `deviation`, `residual`: N, counts; if
-    /// their lengths differ, the shorter one counts.
+    /// Writes the residual of a deviation, thesis r(y), from zero state, into `residual`. Both: N,
+    /// counts; if their lengths differ, the shorter one counts, and the rest of `residual` stays as
+    /// it was.
     pub fn filter(&self, deviation: &[f64], residual: &mut [f64]) {
         let deviation = &deviation[..deviation.len().min(residual.len())];
         let mut out = residual.iter_mut();
@@ -104,8 +112,9 @@ impl ResidualGenerator {
         h
     }
 
-    /// F^T x for a column x. With it R^T r = (F^T R)^T d projects the residual without computing it. F is
-    /// Toeplitz, so its transpose is F between two reversals of the order of samples.
+    /// F^T x for a column x of N numbers. By it a residual r = F d can be projected on columns R
+    /// without being computed: R^T r = (F^T R)^T d. F is Toeplitz, so its transpose is F between
+    /// two reversals of the order of samples.
     pub fn adjoint(&self, column: &[f64]) -> Vec<f64> {
         let reversed: Vec<f64> = column.iter().rev().copied().collect();
         let mut out = vec![0.0; column.len()];
@@ -114,7 +123,8 @@ impl ResidualGenerator {
         out
     }
 
-    /// Runs the filter in direct form II transposed. `emit` gets every sample of the residual.
+    /// Runs the filter over a deviation, in direct form II transposed and from zero state. `emit`
+    /// gets every sample of the residual in order.
     fn run(&self, deviation: &[f64], mut emit: impl FnMut(f64)) {
         let (Some((b0, b)), Some((_, a))) =
             (self.numerator.split_first(), self.denominator.split_first())
@@ -122,6 +132,7 @@ impl ResidualGenerator {
             return;
         };
         let order = a.len().min(b.len());
+        // the state: one number per pole, on the stack unless there are many
         let mut inline = [0.0; INLINE];
         let mut heap;
         let state = if order <= INLINE {
@@ -130,6 +141,8 @@ impl ResidualGenerator {
             heap = vec![0.0; order];
             &mut heap[..]
         };
+
+        // state k holds what the samples so far add to the residual k + 1 samples ahead
         for &d in deviation {
             let r = b0 * d + state.first().copied().unwrap_or(0.0);
             for k in 0..order {

@@ -1,17 +1,24 @@
-//! Inner products of signals with columns, taken from the signals as they lie in their bursts, one after the
-//! other, without transposing them to a tile.
+//! Inner products of many signals' deviations with a few columns, in f32, taken from the signals as
+//! they lie in their bursts, without transposing them to a tile.
 //!
-//! In: rows (one row is one channel's signal), the expected signal, and columns. Out: per row the inner
-//! products of its deviation with the columns, and its square norm. The arithmetic keeps the rules of
-//! [`super::kernel`]: sample k is added to partial sum k mod 16, the sixteen partial sums are added in a
-//! fixed order (`tree`), and no multiplication is fused with an addition. So the bits depend neither on the
-//! instruction set nor on a row's neighbours.
+//! In, from `src/pipeline/statistics.rs`: rows of a burst (one row is one channel's signal, N
+//! samples), the expected signal y_hat that all of them share, and M columns p_j of N numbers. Out:
+//! per row the products p_j . (y - y_hat), and the square norm |y - y_hat|², counts².
+//! [`super::lane_sensitivity`] uses three columns, and `design/detector.rs` four, for features with
+//! the phase free.
+//!
+//! The arithmetic keeps the rules of [`super::kernel`]: sample k is added to partial sum k mod 16,
+//! the sixteen partial sums are added in a fixed order (`tree`), and no multiplication is fused
+//! with an addition. So the bits depend neither on the instruction set nor on a row's neighbours.
+//! Three loops do the same sums in the order in which the memory lies: int16 rows in place
+//! (`of_int16`), one row of another format (`of_f64`), and signals that lie sample by sample
+//! (`of_samples`).
 
 use crate::burst::{Burst, Layout};
 use crate::processor::for_processor;
 use std::ops::Range;
 
-/// Number of signals that are judged together.
+/// Number of signals that are judged together, one in each lane.
 pub const LANES: usize = 32;
 /// One number for each lane.
 pub type Sample = [f32; LANES];
@@ -30,7 +37,7 @@ pub fn in_phases(of: impl ExactSizeIterator<Item = f32>) -> Vec<Phases> {
     phases
 }
 
-/// The sum of the sixteen partial sums, in a fixed order.
+/// The sum of the sixteen partial sums, pairwise in a fixed order.
 #[inline(always)]
 pub(super) fn tree(of: &Phases) -> f32 {
     let eight: [f32; 8] = std::array::from_fn(|l| of[l] + of[l + 8]);
@@ -41,7 +48,9 @@ pub(super) fn tree(of: &Phases) -> f32 {
 /// M columns, in groups of sixteen samples.
 #[derive(Clone, Debug)]
 pub struct Columns<const M: usize> {
+    /// Number of samples of a column, without padding; not 0.
     n: usize,
+    /// Per group of sixteen samples the part of each column.
     groups: Vec<[Phases; M]>,
 }
 
@@ -53,8 +62,9 @@ impl<const M: usize> Columns<M> {
         Columns { n: of[0].len(), groups: (0..columns[0].len()).map(group).collect() }
     }
 
-    /// Projects rows of a burst and writes the results to the lanes from `lane` on. `expected`: the expected
-    /// signal that all of them share, counts.
+    /// Projects rows of a burst and writes the results to the lanes from `lane` on; `lane` plus the
+    /// number of rows must not exceed [`LANES`]. `expected`: the expected signal that all rows
+    /// share, counts; `room`: buffers. The burst's signals must be as long as the columns.
     pub fn project(
         &self,
         (burst, rows): (&Burst, Range<usize>),
@@ -113,6 +123,8 @@ pub struct Room {
 type Groups<'a, const M: usize> = (&'a [Phases], &'a [[Phases; M]]);
 
 for_processor! {
+    /// Projects rows of little-endian int16 samples that lie one after the other. `n`: samples per
+    /// row; `lane`: where the first row's results go.
     fn project_int16<const M: usize>(
         samples: &[u8],
         n: usize,
@@ -123,6 +135,7 @@ for_processor! {
 }
 
 for_processor! {
+    /// Projects one signal and writes the results to `lane`.
     fn project_f64<const M: usize>(
         signal: &[f64],
         groups: Groups<'_, M>,
@@ -132,6 +145,7 @@ for_processor! {
 }
 
 for_processor! {
+    /// Projects signals that lie sample by sample: `samples[k]` holds sample k of all of them.
     fn project_samples<const M: usize>(
         samples: &[Sample],
         groups: Groups<'_, M>,
@@ -184,8 +198,9 @@ fn of_f64<const M: usize>(
     sums.end(lane, out);
 }
 
-/// The same for signals that lie sample by sample: each partial sum is computed for all signals at once, one
-/// partial sum after the other. `lanes`: where the results go.
+/// The projection of signals that lie sample by sample: each partial sum is computed for all
+/// signals at once, one partial sum after the other. `lanes`: where the results go; signal l goes
+/// to the l-th of them.
 #[inline(always)] // compiled once per instruction set
 fn of_samples<const M: usize>(
     samples: &[Sample],
@@ -220,7 +235,7 @@ fn of_samples<const M: usize>(
     }
 }
 
-/// The partial sums of one row.
+/// The partial sums of one row: of its products with each column, and of its squares.
 struct Sums<const M: usize> {
     products: [Phases; M],
     squares: Phases,
@@ -234,7 +249,8 @@ impl<const M: usize> Default for Sums<M> {
 }
 
 impl<const M: usize> Sums<M> {
-    /// Adds sixteen samples.
+    /// Adds sixteen samples, each to its own partial sum. `expected`, `p`: the expected signal and
+    /// the columns at the same samples.
     #[inline(always)] // compiled once per instruction set
     fn add(&mut self, counts: &Phases, expected: &Phases, p: &[Phases; M]) {
         let d: Phases = std::array::from_fn(|l| counts[l] - expected[l]);

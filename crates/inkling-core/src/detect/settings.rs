@@ -1,4 +1,6 @@
-//! Settings of fault detection: `pipeline.toml` section `[detect]`.
+//! Settings of fault detection: `pipeline.toml` section `[detect]`, with its defaults and the check
+//! of its values. `design/learn.rs` and `design/fd_filter.rs` read them; `pipeline.toml` explains
+//! each key to users.
 
 use super::decoupling::Disturbance;
 use crate::ranges::check_between;
@@ -8,7 +10,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DetectMethod {
-    /// The distance from the healthy channels along the model's own sensitivities.
+    /// The distance from the healthy channels along the model's own sensitivities, with a second
+    /// test of what lies beside the ring ([`super::sensitivity`], [`super::misfit`]).
     #[default]
     Sensitivity,
     /// The energy of the FD filter's residual, thesis e(r).
@@ -16,11 +19,11 @@ pub enum DetectMethod {
     /// The largest absolute sample of that residual, thesis §3-2.
     ResidualMaximum,
     /// The distance from the range of healthy frequencies and dampings, found by Fourier transform: the
-    /// current practice with which the thesis compares.
+    /// current practice with which the thesis compares ([`super::key_numbers`]).
     Practice,
 }
 
-/// How the threshold is learned.
+/// How the threshold is learned from signals that are all known to be healthy.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ThresholdMethod {
@@ -40,13 +43,15 @@ pub enum Denominator {
     Resonance,
     /// Method II: the eigenvalues of the identified model of the class `fault`.
     Eigenvalues,
-    /// Method III: numerator enhancement, learned on the class `fault`.
+    /// Method III: numerator enhancement, learned on the class `fault` ([`super::numerator`]);
+    /// poles by method I.
     Enhanced,
     /// (3-3b) as a linear programme ([`super::linear_programme`]) for the class `fault`, poles by method I.
     Lp,
-    /// Method III with the numerator as Appendix A writes it ([`super::appendix`]), for the class `fault`.
+    /// Method III with the numerator as Appendix A writes it ([`super::appendix`]), for the class
+    /// `fault`, poles by method I.
     AppendixA,
-    /// The marginal pair and the other poles that miss the fewest labelled faults
+    /// The pair and the other poles that miss the fewest labelled faults of all classes
     /// ([`super::denominator_search`]).
     Searched,
 }
@@ -64,29 +69,31 @@ pub struct DetectSettings {
     pub method: DetectMethod,
     /// How the threshold is learned.
     pub threshold: ThresholdMethod,
-    /// Share of healthy signals that may be flagged, for `quantile`.
+    /// Share of healthy signals that may be flagged, for `quantile` and for windows.
     pub false_alarm_rate: f64,
     /// Probability, over the sampling of channels, that the realised rate stays below `false_alarm_rate`; for
-    /// `quantile`.
+    /// `quantile` and for windows.
     pub confidence: f64,
     /// Factor on the largest healthy energy, for `max`.
     pub mu: f64,
     /// How the denominator of the FD filter is chosen.
     pub denominator: Denominator,
-    /// The fault class that methods II and III are made for.
+    /// The fault class that all denominators but `resonance` and `searched` are made for.
     pub fault: String,
-    /// Number of oscillations n_o of methods I and III; absent: by `oscillations_of_ring`.
+    /// Number of oscillations n_o within a signal at which method I puts the marginal pair; absent:
+    /// by `oscillations_of_ring`. It also counts for the methods that take method I's poles.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub oscillations: Option<f64>,
     /// n_o in periods of the healthy ring, that is n_o over f0 T; absent: 1, which puts the pair at the
     /// resonance.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub oscillations_of_ring: Option<f64>,
-    /// Disturbances that must not reach the residual.
+    /// Disturbances that must not reach the residual; with the two methods that use the residual
+    /// alone.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub decouple: Vec<Disturbance>,
-    /// The other poles of method I, 1/s. Together with the pair they fix the filter's degree, with every
-    /// method.
+    /// The other poles of method I, 1/s, as positive numbers p for poles at -p: 1 to 8 of them.
+    /// Together with the pair they fix the filter's degree, with every method.
     pub other_poles_per_s: Vec<f64>,
 }
 
@@ -109,8 +116,11 @@ impl Default for DetectSettings {
 }
 
 impl DetectSettings {
-    /// Refuses a value that is out of range, and says which key holds it.
+    /// Refuses a value that is out of range, and says which key holds it. Thresholds have narrower
+    /// ranges of their own ([`super::threshold::quantile`]), which are checked when they are
+    /// learned.
     pub fn check(&self) -> Result<(), String> {
+        // between 0 and a bound, both excluded
         let open = |key: &str, v: f64, below: f64| check_between(key, v, 0.0, below);
         open("false_alarm_rate", self.false_alarm_rate, 0.5)?;
         open("confidence", self.confidence, 1.0)?;

@@ -1,15 +1,22 @@
-//! The threshold on the detection statistic, learned from healthy signals.
+//! The threshold on a detection statistic, learned from signals that are all known to be healthy.
 //!
-//! In: energies of healthy training signals, counts²·s, and the channel that each came from. Out: the value
-//! above which a signal counts as faulty. thesis (3-4) as an option.
+//! In, from `design/learn.rs`: the statistics of healthy training signals, and the channel that
+//! each came from. This file calls them *energies*, after the thesis; squared distances and other
+//! statistics are treated alike, as only their order and ratios matter. Out: a [`Threshold`], the
+//! value above which a signal counts as faulty, with how it was learned. Signals of which some may
+//! be faulty go to [`super::contamination`] instead.
 //!
-//! Departs: (3-4) takes the maximum of the training energies, which grows with their number. The default is
-//! the energy that healthy signals exceed at a chosen rate, with a confidence bound.
+//! [`max`] is thesis (3-4), mu times the largest energy. Departs: that grows with the number of
+//! training signals. The default is [`quantile`]: the energy that healthy signals exceed at a
+//! chosen rate, with a confidence bound. It lies where few signals or none have been seen, so:
 //!
-//! This quantile lies where few signals or none have been seen. So the largest energies are fitted by a
-//! generalised Pareto tail (`pareto_tail.rs`), and the threshold is the upper end of what the fit leaves
-//! possible. Signals of one channel resemble each other and count for fewer. The threshold holds for channels
-//! like those of the training set.
+//! 1. The largest energies (a tenth by default) are the tail. Signals of one channel resemble each
+//!    other, so the tail counts as fewer, independent signals (design effect).
+//! 2. A generalised Pareto distribution is fitted to the excesses over the tail's lower end
+//!    (`pareto_tail.rs`); the result is a posterior of the quantile.
+//! 3. The threshold is that posterior's upper end at the chosen confidence.
+//!
+//! The threshold holds for channels like those of the training set.
 
 use super::DetectError;
 use super::pareto_tail::{Effective, ParetoTail};
@@ -18,15 +25,18 @@ use serde::{Deserialize, Serialize};
 
 /// Smallest number of healthy signals for the estimate of a tail.
 const MIN_SIGNALS: usize = 20;
-/// The number of signals that make up the tail lies between these, but it is half of all signals at most, and
-/// at least twice the number expected beyond the threshold.
+/// The number of signals that make up the tail is `little` (a tenth) of all, but it lies between these
+/// two. It is at least twice the number expected beyond the threshold, and half of all signals at
+/// most (this bound wins).
 const MIN_TAIL: usize = 50;
 const MAX_TAIL: usize = 5000;
-/// A window's threshold that is raised by more than this factor (in a squared distance: 1.4 standard
-/// deviations instead of one) hides small faults: a warning.
+/// A window's threshold that is raised over its estimate by more than this factor hides small
+/// faults, and gives a warning. On a squared distance the factor means 1.4 standard deviations
+/// instead of one.
 const WIDE: f64 = 2.0;
-/// The channels are too few for a threshold if its upper bound exceeds its median by more than this factor: a
-/// bound by which every fault would pass tells nothing.
+/// The channels are too few for a threshold if the upper end of its posterior exceeds the
+/// posterior's median by more than this factor. With such a threshold every fault would pass. The
+/// factor itself is somewhat arbitrary.
 const MAX_FACTOR: f64 = 1e3;
 
 /// How a threshold was learned.
@@ -48,21 +58,26 @@ pub struct Threshold {
     /// The threshold in the statistic's unit, counts²·s for a residual energy. A signal is healthy up to and
     /// including this value.
     pub value: f64,
+    /// How the threshold was learned. The default, [`Threshold::none`], counts as `max`.
     pub method: Method,
     /// Factor mu of (3-4); with method `max` only.
     pub mu: Option<f64>,
-    /// Largest share of healthy signals above `value`, with `confidence`; `None` with method `max`.
+    /// Largest share of healthy signals above `value`, which holds with the probability
+    /// `confidence`; both are `None` with method `max`.
     pub false_alarm_rate: Option<f64>,
     pub confidence: Option<f64>,
+    /// Numbers of the signals that the threshold was learned from, and of their channels.
     pub n_signals: usize,
     pub n_channels: usize,
-    /// Number of independent signals that would say as much about the tail as these do: `n_signals` over the
-    /// design effect of their channels.
+    /// With methods `quantile` and `max` the number of independent signals that would say as much
+    /// about the tail as these do: `n_signals` over the design effect of their channels. With
+    /// method `window` another quantity: the estimated number of healthy signals among them.
     pub n_effective: f64,
     /// Number of signals to which the tail was fitted; 0 with methods `max` and `window`.
     pub n_tail: usize,
-    /// Shape xi of the tail: 0 is exponential, above 0 heavier; 0 with method `max`. With method `window` it
-    /// is 1 / kappa of the window's law.
+    /// With method `quantile` the shape xi of the tail (posterior mean): 0 is exponential, above 0
+    /// heavier, below 0 the tail ends. 0 with method `max`. With method `window` it is 1 / kappa of
+    /// the window's law, see `mixture.rs`.
     pub tail_shape: f64,
     /// With method `window`: the factor by which `value` exceeds its estimate, to hold with `confidence`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -75,8 +90,8 @@ impl Threshold {
         Threshold { value: f64::INFINITY, ..Threshold::default() }
     }
 
-    /// The threshold times a factor: carries a learned tail over to a window whose own tail cannot be
-    /// trusted.
+    /// The threshold with its value times a factor. It carries a learned tail over to a window
+    /// whose own tail cannot be trusted; the factor is then the ratio of the median statistics.
     pub fn scaled(&self, factor: f64) -> Threshold {
         Threshold { value: self.value * factor, ..self.clone() }
     }
@@ -92,7 +107,7 @@ impl Threshold {
         ))
     }
 
-    /// Describes how the threshold was learned.
+    /// Describes in one line how the threshold was learned, for reports.
     pub fn in_words(&self) -> String {
         match (self.method, self.false_alarm_rate, self.confidence) {
             (Method::Quantile, Some(rate), Some(confidence)) => format!(
@@ -124,7 +139,8 @@ impl Threshold {
     }
 }
 
-/// T = mu max(e_h), thesis (3-4). `energies`: counts²·s. `channels`: the channel of each signal.
+/// T = mu max(e_h), thesis (3-4). `energies`: e_h, finite and at least 0, one per signal.
+/// `channels`: the channel of each signal. One signal suffices; an error if all energies are 0.
 pub fn max(energies: &[f64], channels: &[u32], mu: f64) -> Result<Threshold, DetectError> {
     if !(mu > 0.0 && mu.is_finite()) {
         return Err(DetectError::BadNumber { what: "mu", value: mu, must: "positive and finite" });
@@ -142,10 +158,14 @@ pub fn max(energies: &[f64], channels: &[u32], mu: f64) -> Result<Threshold, Det
     })
 }
 
-/// The energy that at most `false_alarm_rate` of healthy signals exceed, with `confidence`. `energies`:
-/// counts²·s, any order. `channels`: the channel of each signal, numbered over all printheads together; with
-/// a single channel, or if no channel repeats, the signals count as independent. The order of the signals
-/// does not matter.
+/// The energy that at most `false_alarm_rate` of healthy signals exceed, with the probability
+/// `confidence`.
+///
+/// `energies`: one per signal, finite and at least 0, in any unit and order; at least 20.
+/// `channels`: the channel of each signal, numbered over all printheads together; with a single
+/// channel, or if no channel repeats, the signals count as independent. `false_alarm_rate`: above
+/// 0, at most .25; `confidence`: .5 to .999. An error if the posterior is so wide that the bound
+/// tells nothing.
 pub fn quantile(
     energies: &[f64],
     channels: &[u32],
@@ -163,18 +183,24 @@ pub fn quantile(
     }
     let sample = Sample::new(energies, channels, MIN_SIGNALS, "quantile")?;
     let n = energies.len();
-    // how many of the largest energies the tail is fitted to: a tenth of all, within bounds
+
+    // how many of the largest energies the tail is fitted to
     let tail = ((little() * n as f64) as usize)
         .clamp(MIN_TAIL, MAX_TAIL)
-        // A quantile inside the sample needs exceedances on both sides of it.
+        // A quantile that lies inside the sample needs signals of the tail on both sides of it.
         .max((2.0 * false_alarm_rate * n as f64).ceil() as usize)
         .min(n / 2);
-    // how many independent signals the tail is worth, as to its number and as to its excesses
+
+    // How many independent signals the tail is worth: as to how many signals lie in it (`number` is
+    // of all signals, and the tail has its share of them), and as to the sizes of their excesses.
     let (number, excesses) = (sample.effective(tail), sample.effective_excesses(tail));
     let effective = Effective { number: tail as f64 * number / n as f64, excesses };
     let energies: Vec<f64> = sample.descending[..tail].iter().map(|(e, _)| *e).collect();
     let law = ParetoTail::fit(&energies, sample.descending[tail].0, effective);
-    // the share of the tail's signals that may lie beyond the threshold
+
+    // The threshold: the share `beyond` of the tail's signals may lie above it, which is the stated
+    // rate of all signals. The upper end of the posterior is taken, and refused where it is far
+    // above the median.
     let beyond = false_alarm_rate * n as f64 / tail as f64;
     let value = law.quantile(beyond, confidence);
     if !value.is_finite() || value > MAX_FACTOR * law.quantile(beyond, 0.5) {
@@ -194,10 +220,12 @@ pub fn quantile(
     })
 }
 
-/// Healthy energies, the largest first, each with the index of its channel.
+/// Healthy energies, sorted for both methods.
 struct Sample {
+    /// The energies, the largest first, each with the index of its channel (0 .. number of
+    /// channels). Where `alone`, each signal has an index of its own.
     descending: Vec<(f64, u32)>,
-    /// Number of signals of each channel.
+    /// Number of signals of each channel, by its index.
     sizes: Vec<f64>,
     /// Whether there is a single channel only: its signals then count as independent, for want of other
     /// channels.
@@ -240,7 +268,7 @@ impl Sample {
             return Err(DetectError::NoEnergy { signals: energies.len() });
         }
         let alone = sizes.len() == 1;
-        // every signal counts as a channel of its own
+        // one channel alone: every signal counts as a channel of its own
         if alone {
             for (i, e) in descending.iter_mut().enumerate() {
                 e.1 = i as u32;
@@ -249,19 +277,21 @@ impl Sample {
         Ok(Sample { descending, sizes, alone })
     }
 
-    /// How many independent signals say as much about the share of signals that is among the `tail` largest.
+    /// How many independent signals would say as much about the share of signals that belong to the
+    /// tail: the value of a signal is 1 if it is among the `tail` largest, else 0.
     fn effective(&self, tail: usize) -> f64 {
         self.independent(self.descending.len(), |i| f64::from(u8::from(i < tail)))
     }
 
-    /// How many independent excesses over the tail's level say as much as those of the `tail` largest
-    /// signals.
+    /// How many independent excesses over the tail's level would say as much as the excesses of the
+    /// `tail` largest signals. The level is the largest energy that is not in the tail.
     fn effective_excesses(&self, tail: usize) -> f64 {
         let level = self.descending[tail].0;
         self.independent(tail, |i| self.descending[i].0 - level)
     }
 
-    /// How many independent values say as much as those of the `n` largest signals.
+    /// How many independent values would say as much as the `value`s of the `n` largest signals.
+    /// `value`: of a signal by its place in descending order.
     fn independent(&self, n: usize, value: impl Fn(usize) -> f64) -> f64 {
         if self.alone {
             return n as f64;
@@ -279,8 +309,12 @@ pub(super) fn distinct(mut numbers: Vec<u32>) -> Vec<u32> {
     numbers
 }
 
-/// The number of values over the design effect 1 + (n_0 - 1) icc, where icc is the intra-channel correlation
-/// of the values (one-way analysis of variance).
+/// How many independent values would say as much as these: their number n over the design effect 1
+/// + (m - 1) icc. icc is the intra-channel correlation of the values by a one-way analysis of
+/// variance, and m the mean number of values per channel, in which each channel weighs by its own
+/// number (sum n_c² / n). `values`: each with the index of its channel, which is less than
+/// `channels`. Where no correlation can be estimated (one channel, or one value per channel), n is
+/// returned.
 fn independent(values: impl Iterator<Item = (f64, u32)>, channels: usize) -> f64 {
     /// Number, sum and square sum of one channel's values.
     #[derive(Clone, Copy, Default)]
@@ -303,12 +337,16 @@ fn independent(values: impl Iterator<Item = (f64, u32)>, channels: usize) -> f64
     if inside <= 0.0 || groups < 2.0 {
         return n;
     }
-    let mean = total(|of| of.values) / n;
+
     // mean squares between and within channels
+    let mean = total(|of| of.values) / n;
     let off = |of: &Sums| of.n * (of.values / of.n - mean).powi(2);
     let between = of_channels.iter().map(off).sum::<f64>();
     let within = total(|of| of.squares - of.values * of.values / of.n);
     let (between, within) = (between / (groups - 1.0), within / inside);
+
+    // n_0 is the number of values per channel that the analysis of variance uses where numbers are
+    // unequal. A correlation below 0, which sampling error gives, counts as 0.
     let squares = total(|of| of.n * of.n);
     let n_0 = (n - squares / n) / (groups - 1.0);
     let icc = (between - within) / (between + (n_0 - 1.0) * within);

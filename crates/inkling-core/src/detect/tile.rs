@@ -1,10 +1,12 @@
-//! A tile: [`LANES`] signals transposed to sample-major order, so that a SIMD vector holds one sample of many
-//! signals, one signal in each *lane*.
+//! A tile: [`LANES`] signals transposed to sample-major order, so that a SIMD vector holds one
+//! sample of many signals, one signal in each *lane*. A filter is a recursion over samples, so only
+//! signals side by side fill a vector.
 //!
-//! In: signals of one or several bursts (a *row* is one channel of a burst), in any layout and sample format.
-//! Out: their deviations from the expected signal, sample by sample, lane by lane, and the residual energies
-//! of a filter. All of it is plain loops over lanes, compiled once per instruction set; no lane depends on
-//! its neighbours.
+//! In: signals of one or several bursts (a *row* is one channel of a burst), in any layout and
+//! sample format, from `src/pipeline/statistics.rs`. Out, for [`super::kernel`]: their deviations
+//! from the expected signal, sample by sample, lane by lane, with their square norms, and the
+//! square sums of a filter's residuals. All arithmetic is f32 in plain loops over lanes, compiled
+//! once per instruction set; no lane depends on its neighbours.
 
 use super::row_projection::{LANES, PHASES, Sample, tree};
 use crate::burst::{Burst, Layout};
@@ -14,21 +16,25 @@ use std::ops::Range;
 /// Up to [`LANES`] signals, sample by sample. The values of lanes without a signal are unspecified.
 #[derive(Debug, Default)]
 pub struct Tile {
+    /// One entry per sample, which holds that sample of every lane: counts, after `subtract`
+    /// deviations.
     pub(super) values: Vec<Sample>,
+    /// Number of lanes that hold a signal, the first ones.
     pub(super) lanes: usize,
-    /// Per lane the drive voltage over the reference, which scales the expected signal, and the temperature
-    /// in K above the reference.
+    /// Per lane the drive voltage over the reference voltage, which scales the expected signal, and
+    /// the temperature in K above the reference.
     pub(super) drive: Sample,
     pub(super) warmer: Sample,
-    /// Per lane the square norm of the deviation, counts².
+    /// Per lane the square norm of the deviation, counts²; set by `subtract`.
     pub(super) square_sum: Sample,
     /// Buffer for one signal.
     signal: Vec<f64>,
 }
 
 impl Tile {
-    /// Adds as many of a burst's rows as there is room for, and returns how many. All signals of a tile have
-    /// one length. `drive`, `warmer`: the burst's relative drive, and K above the reference temperature.
+    /// Adds as many of a burst's rows as there is room for, the first ones, and returns how many.
+    /// All signals of a tile must have one length. `drive`, `warmer`: the burst's relative drive,
+    /// and K above the reference temperature.
     pub fn push(&mut self, burst: &Burst, rows: Range<usize>, drive: f64, warmer: f64) -> usize {
         let n = burst.samples_per_channel as usize;
         if self.lanes == 0 {
@@ -59,6 +65,7 @@ impl Tile {
         lanes.len()
     }
 
+    /// Whether every lane holds a signal.
     pub fn is_full(&self) -> bool {
         self.lanes == LANES
     }
@@ -70,8 +77,9 @@ impl Tile {
 }
 
 for_processor! {
-    /// Turns counts into deviations: subtracts drive (expected + warmer response), and stores the deviations'
-    /// square norms. `expected`: counts; `response`: counts/K.
+    /// Turns a tile's counts into deviations: subtracts drive times (expected + warmer times
+    /// response), and stores the deviations' square norms. `expected`: N, counts; `response`: N,
+    /// counts/K.
     pub(super) fn subtract(tile: &mut Tile, expected: &[f32], response: &[f32]) { deviations }
 }
 
@@ -96,10 +104,12 @@ fn deviations(tile: &mut Tile, expected: &[f32], response: &[f32]) {
 /// Number of lanes that are filtered together: as many as keep a filter's state in registers.
 const TOGETHER: usize = 16;
 
-/// Per lane the square sum of the deviation filtered by b/a from zero state, for filters of 1 to 8 poles.
-/// `b`: order + 1 coefficients, `a`: a_1 .. a_order. Other filters give NaN.
+/// Per lane the square sum of the deviation filtered by b/a from zero state, for filters of 1 to 8
+/// poles: the residual energy without its factor dt. `b`: order + 1 coefficients, `a`: a_1 ..
+/// a_order. Other filters give NaN.
 pub fn energies(b: &[f32], a: &[f32], deviations: &[Sample], out: &mut Sample) {
-    /// The same for a number of poles that is known to the compiler. Returns false if there are not so many.
+    /// The filter with a number of poles that is known to the compiler, which unrolls its loops.
+    /// Returns false if the filter has another number of poles.
     fn of<const ORDER: usize>(
         (b, a): (&[f32], &[f32]),
         deviations: &[Sample],
@@ -119,6 +129,9 @@ pub fn energies(b: &[f32], a: &[f32], deviations: &[Sample], out: &mut Sample) {
 }
 
 for_processor! {
+    /// Per lane the square sum of the filtered deviation. `b_0`: what feeds the residual; `fed_by`:
+    /// b_1 .. b_order, what feeds the states; `back`: a_1 .. a_order, by which the residual is fed
+    /// back.
     fn energies_of<const ORDER: usize>(
         b_0: f32,
         fed_by: [f32; ORDER],
@@ -128,7 +141,10 @@ for_processor! {
     ) { filtered }
 }
 
-/// Direct form II transposed, in the same order of operations as `ResidualGenerator::run`.
+/// The filter in direct form II transposed, in the same order of operations as
+/// `ResidualGenerator::run`: per sample r = b_0 d + state_0, then state_k = state_(k+1) + b_(k+1) d
+/// - a_(k+1) r. The lanes are filtered in parts of sixteen, one part after the other over all
+/// samples.
 #[inline(always)] // compiled once per instruction set
 fn filtered<const ORDER: usize>(
     b_0: f32,

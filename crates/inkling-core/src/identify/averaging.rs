@@ -1,7 +1,15 @@
 //! The average of a healthy window, robust against the faulty minority (thesis Fig. 3-2).
 //!
-//! In: the signals of a window. Out: their mean per unit drive, which of them agree with each other, and the
-//! noise of the mean.
+//! In: the signals of a window of one printhead ([`SignalSet`]: n signals of N samples, counts,
+//! with their covariates). Out: which of them agree with the majority ([`agreeing`]), and the mean
+//! of signals per unit drive with the noise of one signal ([`average`]), which `grey_box` fits.
+//!
+//! * A signal is proportional to its relative drive s, so the mean is the least-squares response
+//!   sum s_i y_i / sum s_i^2.
+//! * Signals agree whose squared distance from the sample-wise median signal is at most four times
+//!   the median distance; this is refined once, with the mean of those that agreed.
+//! * The noise is estimated from third differences of the difference of two signals of one channel:
+//!   the rings cancel in it.
 
 use super::IdentifyError;
 use crate::model::inner_product::dot;
@@ -11,7 +19,7 @@ use std::borrow::Cow;
 /// Smallest number of signals for an average.
 pub const FEWEST_SIGNALS: usize = 16;
 
-/// Refuses so many signals if they are too few for an average.
+/// Refuses `found` signals if they are too few for an average.
 pub fn enough(found: usize) -> Result<(), IdentifyError> {
     match found < FEWEST_SIGNALS {
         true => Err(IdentifyError::TooFewSignals { found, needed: FEWEST_SIGNALS }),
@@ -37,6 +45,7 @@ pub struct SignalSet {
 }
 
 impl SignalSet {
+    /// An empty set of signals of `samples` samples each.
     pub fn new(samples: usize) -> SignalSet {
         SignalSet { samples, ..SignalSet::default() }
     }
@@ -54,7 +63,8 @@ impl SignalSet {
         &self.data[i * self.samples..(i + 1) * self.samples]
     }
 
-    /// Adds a signal without a severity.
+    /// Adds a signal, N counts, without a severity. The covariates are those of the fields with
+    /// these names.
     pub fn push(&mut self, signal: &[f32], channel: u32, drive: f64, temperature_c: f64) {
         debug_assert_eq!(signal.len(), self.samples);
         self.data.extend_from_slice(signal);
@@ -81,7 +91,7 @@ impl SignalSet {
         chosen
     }
 
-    /// The first signals, at most `most`.
+    /// The first `most` signals, or all if there are fewer.
     pub fn first(&self, most: usize) -> SignalSet {
         self.select(&(0..self.len().min(most)).collect::<Vec<_>>())
     }
@@ -94,31 +104,33 @@ impl SignalSet {
     }
 }
 
-/// The average of a window.
+/// The average of a window. All numbers in counts are per unit drive or at about unit drive.
 #[derive(Clone, Debug)]
 pub struct MeanSignal {
     /// The mean signal per unit drive, counts.
     pub y: Vec<f64>,
-    /// Standard deviation of one signal about the mean, pooled over samples, counts.
+    /// Standard deviation of one sample of one signal about the mean, counts: noise, and what
+    /// channels and drops differ by.
     pub scatter: f64,
-    /// Standard deviation of one sample's noise, counts, estimated from third differences of the difference of
-    /// two signals of one channel, in which their rings cancel.
+    /// Standard deviation of one sample's noise alone, counts (`white_noise`).
     pub noise: f64,
+    /// Number of signals in the mean, and of the channels that these are of.
     pub n_signals: usize,
     pub n_channels: usize,
 }
 
 impl MeanSignal {
-    /// Standard error of one sample of the mean, counts. Noise averages out over signals, the lasting
-    /// differences of channels only over channels.
+    /// Standard error of one sample of the mean, counts. Noise averages out over signals; the rest
+    /// of the scatter is taken for lasting differences of channels, which average out only over
+    /// channels.
     pub fn standard_error(&self) -> f64 {
         let shared = (self.scatter.powi(2) - self.noise.powi(2)).max(0.0);
         (self.noise.powi(2) / self.n_signals as f64 + shared / self.n_channels as f64).sqrt()
     }
 }
 
-/// The signal per unit drive by least squares: sum s_i y_i / sum s_i^2, summed in row order, so that it is
-/// deterministic. `kept`: rows of the set.
+/// The signal per unit drive by least squares, N counts: sum s_i y_i / sum s_i^2, summed in row
+/// order, so that the result is deterministic. `kept`: indices of the signals that are averaged.
 fn response(set: &SignalSet, kept: impl Iterator<Item = usize>) -> Vec<f64> {
     let (mut y, mut weight) = (vec![0.0; set.samples], 0.0);
     for i in kept {
@@ -130,7 +142,8 @@ fn response(set: &SignalSet, kept: impl Iterator<Item = usize>) -> Vec<f64> {
     y
 }
 
-/// The average of all signals of a set, with its scatter and noise.
+/// The average of all signals of a set, with its scatter and noise. An error: the signals are too
+/// few.
 pub fn average(set: &SignalSet) -> Result<MeanSignal, IdentifyError> {
     enough(set.len())?;
     let y = response(set, 0..set.len());
@@ -147,11 +160,13 @@ pub fn average(set: &SignalSet) -> Result<MeanSignal, IdentifyError> {
     })
 }
 
-/// Indices of the signals that agree with the majority: those whose squared distance from the sample-wise
-/// median signal is at most `REACH` times the median of the squared distances. This is done twice, the second
-/// time with the distance from the mean of the signals kept. A window in which less than `least_share` agree
-/// is refused.
+/// Indices of the signals that agree with the majority: those whose squared distance from the
+/// sample-wise median signal is at most `REACH` times the median of the squared distances. This is
+/// done twice, the second time with the distance from the mean of the signals kept, which has less
+/// noise than the median signal. A window in which less than `least_share` of the signals agree is
+/// refused: then nobody knows what is healthy.
 pub fn agreeing(set: &SignalSet, least_share: f64) -> Result<Vec<usize>, IdentifyError> {
+    /// Twice the median distance, squared.
     const REACH: f64 = 4.0;
     enough(set.len())?;
     let mut centre = median_signal(set);
@@ -170,8 +185,9 @@ pub fn agreeing(set: &SignalSet, least_share: f64) -> Result<Vec<usize>, Identif
     Ok(keep)
 }
 
-/// The signals of a set that are taken for healthy: with `least` those that agree, which must be at least that
-/// share of all; without it all.
+/// The signals of a set that are taken for healthy. `least`: the least share that has to agree;
+/// then those that agree are returned. `None`: all are returned, as where labels have told already
+/// what is healthy, or where the settings ask for the plain mean.
 pub fn healthy(set: &SignalSet, least: Option<f64>) -> Result<Cow<'_, SignalSet>, IdentifyError> {
     Ok(match least {
         Some(least) => Cow::Owned(set.select(&agreeing(set, least)?)),
@@ -191,7 +207,8 @@ fn distances(set: &SignalSet, centre: &[f64]) -> Vec<f64> {
     (0..set.len()).map(of).collect()
 }
 
-/// The sample-wise median of all signals per unit drive.
+/// The sample-wise median of all signals per unit drive, N counts: a minority of faulty signals
+/// hardly moves it.
 fn median_signal(set: &SignalSet) -> Vec<f64> {
     let column = |k: usize| -> Vec<f64> {
         (0..set.len()).map(|i| f64::from(set.data[i * set.samples + k]) / set.drive[i]).collect()
@@ -199,17 +216,22 @@ fn median_signal(set: &SignalSet) -> Vec<f64> {
     (0..set.samples).map(|k| median(&mut column(k))).collect()
 }
 
-/// Standard deviation of one sample's noise, counts, from third differences of the difference of two signals
-/// of one channel, in which their rings cancel and their noise does not; of any two signals where hardly a
-/// channel has two. The median over these pairs is taken.
+/// Standard deviation of one sample's noise, counts, from third differences of the difference of
+/// two signals of one channel, in which their rings cancel and their noise does not. Third
+/// differences suppress what is left of the rings, because that is smooth. Where fewer than
+/// `FEWEST_SIGNALS` pairs are of one channel, pairs of different channels are taken, too. The
+/// median over the pairs is taken, so that a channel whose ring changed between its signals does
+/// not matter.
 fn white_noise(set: &SignalSet) -> f64 {
+    // neighbours in the order of channels are pairs of one channel as far as possible
     let mut by_channel: Vec<usize> = (0..set.len()).collect();
     by_channel.sort_by_key(|&i| set.channel[i]);
     let is_of_one = |pair: &[usize]| set.channel[pair[0]] == set.channel[pair[1]];
     let few_of_one = by_channel.windows(2).filter(|pair| is_of_one(pair)).count() < FEWEST_SIGNALS;
     let pairs = by_channel.windows(2).filter(|pair| few_of_one || is_of_one(pair));
-    // The third difference of white noise has 1 + 9 + 9 + 1 = 20 times its variance, and the difference of
-    // two signals at equal drive doubles it.
+
+    // The third difference of white noise has 1 + 9 + 9 + 1 = 20 times the noise's variance, and
+    // the difference of two signals at equal drive doubles that.
     let mut squares = Vec::with_capacity(set.len());
     for pair in pairs {
         // the first signal is scaled to the drive of the second
@@ -247,8 +269,8 @@ mod tests {
 
     #[test]
     fn white_noise_is_found_beside_rings_of_any_drive() {
-        // The channels ring differently, and their signals come in any order. A ring of 5 samples' period is
-        // little smoother than noise.
+        // The channels ring differently, and their signals come in any order. A ring of 5 samples'
+        // period is little smoother than noise.
         let mut normal = crate::model::normal::draws(31);
         let rings: Vec<[f64; 2]> =
             (0..100).map(|_| [1.0 + 0.03 * normal(), 300.0 * (1.0 + 0.05 * normal())]).collect();

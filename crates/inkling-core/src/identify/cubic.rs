@@ -1,16 +1,24 @@
 //! The cubic s^3 + p2 s^2 + p1 s + p0 of the observable poles: its decays, and its roots.
+//!
+//! In: p2, p1, p0, which one decay determines (the four rates it does not), and the output state y,
+//! y', y'' at t_a. Out: the decay's samples, their derivatives, or the poles. The output obeys
+//! y''' + p2 y'' + p1 y' + p0 y = 0, so with the companion matrix M of the cubic the state (y, y',
+//! y'') at sample k is e^(M k dt) times the state at t_a, exactly. Numbers "per µs" have time in
+//! microseconds: p2 in 1/µs, p1 in 1/µs², p0 in 1/µs³, y' in counts/µs, y'' in counts/µs².
 
 use crate::model::ring_down::Poles;
 use nalgebra::{DMatrix, Matrix3, MatrixXx3, Vector3};
 
-/// The basis of all decays of a cubic: its columns are the outputs from unit y, y', y'' at t_a (per µs), by
-/// exact discretisation of the cubic's companion form. `cubic`: p2, p1, p0 per µs.
+/// The basis of all decays of a cubic: its columns are the outputs from unit y, y', y'' at t_a (per
+/// µs), by exact discretisation of the cubic's companion form. `cubic`: p2, p1, p0 per µs.
 pub(super) fn basis(cubic: [f64; 3], dt_us: f64, samples: usize) -> MatrixXx3<f64> {
     let step = (companion(cubic) * dt_us).exp();
     let mut basis = MatrixXx3::zeros(samples);
     let (of_y, rest) = basis.as_mut_slice().split_at_mut(samples);
     let (of_dy, of_ddy) = rest.split_at_mut(samples);
-    // the first row of e^(M k dt) for sample k, M the companion matrix
+
+    // the first row of e^(M k dt) for sample k, which is what turns the state at t_a into y at
+    // sample k
     let mut row = [1.0, 0.0, 0.0];
     for ((y, dy), ddy) in of_y.iter_mut().zip(of_dy).zip(of_ddy) {
         [*y, *dy, *ddy] = row;
@@ -21,8 +29,9 @@ pub(super) fn basis(cubic: [f64; 3], dt_us: f64, samples: usize) -> MatrixXx3<f6
     basis
 }
 
-/// The derivatives dy/d(p2, p1, p0, y, y', y''), N x 6, per µs: every small change of a decay that leaves it
-/// a decay. `cubic`, `state`: per µs.
+/// The derivatives dy/d(p2, p1, p0, y, y', y''), N x 6, per µs: they span all small changes of a
+/// decay that leave it a decay. The first three are central differences, the others the basis
+/// itself, since the decay is linear in the state. `cubic`, `state`: per µs.
 pub(super) fn tangent(
     cubic: [f64; 3],
     state: Vector3<f64>,
@@ -57,7 +66,9 @@ pub(super) fn to_microseconds([y, dy, ddy]: [f64; 3]) -> [f64; 3] {
     [y, dy * 1e-6, ddy * 1e-12]
 }
 
-/// The damped pair and the real pole of a cubic; `None`: all its roots are real, or a coefficient is absurd.
+/// The damped pair and the real pole of a cubic, as the eigenvalues of its companion matrix.
+/// `cubic`: p2, p1, p0 in 1/s, 1/s², 1/s³. `None`: all its roots are real, or a coefficient is
+/// absurd.
 pub fn poles_of(cubic: [f64; 3]) -> Option<Poles> {
     let cubic = cubic_per_us(cubic);
     // larger coefficients belong to no rates, and with them the iteration for the roots may not end

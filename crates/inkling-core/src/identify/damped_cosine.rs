@@ -1,9 +1,14 @@
 //! The damped cosine that is nearest to an average signal: it tells the signal's own time scale.
 //!
-//! In: the average. Out: frequency and misfit of the best damped cosine plus constant, by a grid search. It
-//! sets the scale at which the search of thesis (3-1) starts, whatever the rates of a plant are, and it is
-//! the yardstick that the identified model must at least match. Of the nominal channel in the settings only
-//! the ratios of the rates then matter, as a prior for what one decay does not determine.
+//! In: the average (N counts). Out: frequency and misfit of the best damped cosine plus constant.
+//! `grey_box` uses both: the frequency sets the scale at which the search of thesis (3-1) starts,
+//! whatever the rates of a plant are, and the misfit is the yardstick that the identified model
+//! must at least match. Of the guessed rates in the settings only the ratios then matter, as a
+//! prior for what one decay does not determine.
+//!
+//! It is a grid search: at each frequency and damping of the grid, cosine, sine and constant are
+//! fitted by least squares, and the place that leaves the least square misfit wins. Dampings are
+//! computed side by side, one in each SIMD lane.
 
 use super::GreyBoxSettings;
 use super::cubic::poles_of;
@@ -28,20 +33,24 @@ const STEP: f64 = 0.2;
 /// Largest number of frequencies of the grid.
 const MOST_STEPS: usize = 2000;
 
-/// The best damped cosine of the grid. `y`: N, counts. `None`: the signal is too short, or not finite.
+/// The best damped cosine of the grid. `y`: N, counts. `None`: the signal is too short, or not
+/// finite.
 pub fn damped_cosine(y: &[f64], dt_s: f64) -> Option<DampedCosine> {
+    // the grid of frequencies, in cycles per signal; of long signals the steps are wider than STEP
     let n = y.len();
     let most = MOST_PER_SAMPLE * n as f64;
     let step = STEP.max((most - FEWEST_CYCLES) / MOST_STEPS as f64);
     let (square, sum) = (dot(y, y), y.iter().sum::<f64>());
     let decays = DAMPINGS.map(|damping| (-damping / n as f64).exp());
+
+    // the least square misfit, and the cycles where it is
     let mut best: Option<(f64, f64)> = None;
     let mut cycles = FEWEST_CYCLES;
     while cycles < most {
         let (sin, cos) = (std::f64::consts::TAU * cycles / n as f64).sin_cos();
         let sums = sums(y, decays.map(|d| sin * d), decays.map(|d| cos * d));
         for lane in 0..DAMPINGS.len() {
-            // least squares on cosine, sine and constant: what it leaves is the misfit's square
+            // least squares on cosine, sine and constant: ||y||² less what the three explain
             let [rr, ri, ii, r, i, ry, iy] = sums.map(|sum| sum[lane]);
             let gram = Matrix3::new(rr, ri, r, ri, ii, i, r, i, n as f64);
             let product = Vector3::new(ry, iy, sum);
@@ -64,8 +73,10 @@ pub fn damped_cosine(y: &[f64], dt_s: f64) -> Option<DampedCosine> {
 type Lanes = [f64; DAMPINGS.len()];
 
 for_processor! {
-    /// Normal equations of a damped cosine: sums over a signal of re re, re im, im im, re, im, re y, im y,
-    /// where the phasor (re, im) starts at (1, 0) and is multiplied by (cos, sin) from sample to sample.
+    /// Sums for the normal equations of a damped cosine, for each damping: sums over a signal of re
+    /// re, re im, im im, re, im, re y, im y, where the phasor (re, im) starts at (1, 0) and is
+    /// multiplied by (cos, sin) from sample to sample; `sin` and `cos` hold the decay from sample
+    /// to sample as a factor.
     fn sums(y: &[f64], sin: Lanes, cos: Lanes) -> [Lanes; 7] { sums_of }
 }
 
@@ -87,7 +98,10 @@ fn sums_of(y: &[f64], sin: Lanes, cos: Lanes) -> [Lanes; 7] {
 }
 
 impl GreyBoxSettings {
-    /// The same settings with all rates scaled in time such that the nominal channel rings at that frequency.
+    /// These settings with the guessed rates scaled in time such that the guessed channel rings at
+    /// that frequency: a and b by the square of the ratio of frequencies, g and d by the ratio.
+    /// Bounds that are given for single rates stay as they are. Where the guessed channel does not
+    /// ring, nothing is scaled.
     pub fn at_frequency(&self, frequency_hz: f64) -> GreyBoxSettings {
         let Some(poles) = poles_of(self.channel().cubic()) else { return self.clone() };
         let faster = frequency_hz / poles.frequency_hz;

@@ -1,15 +1,22 @@
 //! Identifiability: the covariance of an identified model, and what one decay does not determine.
 //!
-//! In: the fit of thesis (3-1). Out: standard deviations of poles and cubic, and the null directions in
-//! words.
+//! In: the fit of thesis (3-1), from `grey_box`. Out: standard deviations of the poles and of the
+//! cubic's coefficients, and in words the directions in which rates and state can move without
+//! changing the decay.
+//!
+//! One decay carries six numbers: p2, p1, p0 of the cubic and y, y', y'' at t_a. With their
+//! Jacobian J (N x 6) their covariance is noise² (J'J)^-1. The part of p2, p1, p0 is propagated to
+//! damping, frequency and lambda by the derivatives of these by the coefficients. What was held or
+//! has a prior in the fit adds nothing here: the covariance is that of the decay alone.
 
 use super::cubic::{cubic_per_us, poles_of, tangent};
 use super::identification::Uncertainty;
 use nalgebra::{DVector, Matrix3, SMatrix, Vector3};
 
-/// Gauss-Newton covariance of all six numbers (p2, p1, p0, y, y', y''), of which the cubic's part is
-/// propagated to the poles. `state`: per µs; `noise`: standard deviation of one sample, counts; 0: it is
-/// estimated from the misfit.
+/// The uncertainty of a fit. `cubic`: p2, p1, p0 in 1/s, 1/s², 1/s³; `state`: y, y', y'' per µs;
+/// `noise`: standard deviation of one sample of the fitted signal, counts; 0: it is estimated from
+/// `misfit` (N, counts) with N - 6 degrees of freedom. Standard deviations are infinite where the
+/// decay does not determine the six numbers, or the cubic has no damped pair.
 pub fn uncertainty(
     cubic: [f64; 3],
     state: &Vector3<f64>,
@@ -22,7 +29,8 @@ pub fn uncertainty(
 
     let from_misfit = misfit.norm() / ((samples.max(7) - 6) as f64).sqrt();
     let noise = if noise > 0.0 { noise } else { from_misfit };
-    // the columns are scaled, because the six numbers differ by decades
+
+    // (J'J)^-1, with columns scaled to unit length, because the six numbers differ by decades
     let scales: Vec<f64> =
         jacobian.column_iter().map(|col| col.norm().max(f64::MIN_POSITIVE)).collect();
     let normal = SMatrix::<f64, 6, 6>::from_fn(|i, j| {
@@ -31,6 +39,8 @@ pub fn uncertainty(
     let Some(inverse) = normal.try_inverse() else {
         return Uncertainty { noise, ..unknown() };
     };
+
+    // the cubic's part of the covariance, per µs, and what follows for the poles
     let covariance =
         Matrix3::from_fn(|i, j| noise * noise * inverse[(i, j)] / (scales[i] * scales[j]));
     let Some(slopes) = pole_slopes(cubic) else { return Uncertainty { noise, ..unknown() } };
@@ -57,7 +67,9 @@ fn unknown() -> Uncertainty {
     }
 }
 
-/// The Jacobian d(damping, frequency, lambda)/d(p2, p1, p0 per µs), by central differences.
+/// The Jacobian d(damping 1/s, frequency Hz, lambda 1/s)/d(p2, p1, p0 per µs), by central
+/// differences. `cubic`: in 1/s, 1/s², 1/s³. `None`: beside it, or at it, the cubic has no damped
+/// pair.
 fn pole_slopes(cubic: [f64; 3]) -> Option<Matrix3<f64>> {
     let si = [1e6, 1e12, 1e18];
     let mut slopes = Matrix3::zeros();

@@ -1,4 +1,6 @@
-//! The result of identification.
+//! The result of identification: the type in which a model leaves this room, with its uncertainty
+//! and with what was held. The healthy models of a design hold it, and `inkling identify` prints
+//! it.
 
 use super::cubic::{basis, cubic_per_us, to_microseconds};
 use crate::model::{InkChannel, ring_down::Poles};
@@ -20,9 +22,10 @@ pub enum Convergence {
 /// The result of thesis (3-1), with its uncertainty.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Identification {
-    /// The rates of thesis (2-2). Each by itself depends on the ratio g/d that was held; poles and cubic do
-    /// not.
+    /// The rates of thesis (2-2). Each rate by itself depends on the ratio g/d that was held; poles
+    /// and cubic do not.
     pub channel: InkChannel,
+    /// Damping, frequency and real pole of the decay.
     pub poles: Poles,
     /// p2, p1, p0 of the observable polynomial s^3 + p2 s^2 + p1 s + p0, in 1/s, 1/s², 1/s³.
     pub cubic: [f64; 3],
@@ -30,10 +33,12 @@ pub struct Identification {
     pub acquisition_state: [f64; 4],
     /// The output and its derivatives y, y', y'' at t_a: counts, counts/s, counts/s².
     pub output_state: [f64; 3],
-    /// Fit in percent, 100 (1 - ||y - y_hat|| / ||y - mean y||).
+    /// Fit in percent, 100 (1 - ||y - y_hat|| / ||y - mean y||), of the signal that was fitted
+    /// last: the average, less the curvature that channels leave in it.
     pub fit_percent: f64,
-    /// Root mean square of y - y_hat for the average, counts.
+    /// Root mean square of y - y_hat of that signal, counts.
     pub misfit_rms: f64,
+    /// Why the best search ended, and after how many iterations.
     pub convergence: Convergence,
     pub iterations: usize,
     /// Number of starts whose search ended at the same optimum, and number of starts tried.
@@ -51,7 +56,7 @@ pub struct Identification {
 }
 
 impl Identification {
-    /// The expected signal y_hat = C e^{At} x_a, counts, at the reference drive.
+    /// The expected signal y_hat = C e^{At} x_a, N counts, at the reference drive.
     pub fn expected(&self, dt_s: f64, samples: usize) -> Vec<f64> {
         let dt_us = dt_s * 1e6;
         let c = Vector3::from(to_microseconds(self.output_state));
@@ -70,7 +75,8 @@ pub struct Scatter {
     pub frequency_se: f64,
 }
 
-/// Standard deviations of what one decay identifies.
+/// Standard deviations of what one decay identifies; infinite: the decay does not determine the
+/// number.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Uncertainty {
     pub damping_sd_per_s: f64,
@@ -80,6 +86,7 @@ pub struct Uncertainty {
     pub cubic_sd: [f64; 3],
     /// Covariance of (p2, p1, p0) in 1/µs units, rows.
     pub cubic_covariance_us: [[f64; 3]; 3],
-    /// The standard deviation of one sample of the fitted signal on which all of this rests, counts.
+    /// The standard deviation of one sample of the fitted signal on which all of this rests,
+    /// counts.
     pub noise: f64,
 }

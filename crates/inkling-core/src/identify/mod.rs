@@ -1,9 +1,21 @@
-//! Parameters from data: the signals of a healthy window are averaged (thesis Fig. 3-2), and the model of
-//! thesis (2-2) with its acquisition state is fitted to the average, thesis (3-1).
+//! Parameters from data: the signals of a healthy window are averaged (thesis Fig. 3-2), and the
+//! model of thesis (2-2) with its acquisition state is fitted to the average, thesis (3-1).
 //!
 //! In: [`averaging::SignalSet`], the signals of one window of one printhead. Out:
-//! [`identification::Identification`], the model with its covariance and with what is not identifiable. No
-//! signal is judged here, and no fault is known.
+//! [`identification::Identification`], the model with its covariance and with what is not
+//! identifiable. No signal is judged here, and no fault is known. Training, the identify stage and
+//! `inkling identify` call:
+//!
+//! 1. `reservoir` keeps a bounded sample of the window's signals.
+//! 2. `averaging` leaves out those that disagree, and averages the rest.
+//! 3. `grey_box` solves (3-1): `damped_cosine` finds the time scale, `rate_search` searches the
+//!    rates (with decays by `cubic`), `identifiability` states the covariance, and `scatter`
+//!    corrects for channels that differ.
+//! 4. What else an average or its signals tell: `tangent` (what temperature does to the signal),
+//!    `temperature` (the ratios of rates that one decay does not tell), `whiteness` (whether the
+//!    misfit is noise).
+//!
+//! This file holds the settings of the fit (`[identify.grey_box]`) and the errors.
 
 pub mod averaging;
 mod cubic;
@@ -25,8 +37,9 @@ use serde::{Deserialize, Serialize};
 use std::ops::Bound;
 use thiserror::Error;
 
-/// Settings of identification; the section `[identify]` of `pipeline.toml` holds them beside those of the
-/// windows.
+/// Settings of identification: the table `[identify.grey_box]` of `pipeline.toml`. The four guesses
+/// are a channel whose ratios of rates matter; its time scale is fitted to the signal
+/// (`damped_cosine`).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct GreyBoxSettings {
@@ -34,17 +47,20 @@ pub struct GreyBoxSettings {
     pub a_per_s2: f64,
     /// Initial guess of 1/(I_n B_t), 1/s².
     pub b_per_s2: f64,
-    /// Initial guess of R_r/I_r, 1/s. Its ratio to `d_per_s` is held: one decay cannot tell it.
+    /// Initial guess of R_r/I_r, 1/s. The ratio g/d of this guess to `d_per_s` is held in the fit:
+    /// one decay cannot tell it.
     pub g_per_s: f64,
     /// Initial guess of R_n/I_n, 1/s.
     pub d_per_s: f64,
-    /// The search for 1/(I_r B_t), 1/(I_n B_t) and R_n/I_n is bounded to guess / factor .. guess * factor.
+    /// The search for a = 1/(I_r B_t), b = 1/(I_n B_t) and d = R_n/I_n is bounded to guess / factor
+    /// .. guess * factor, where the guess is scaled to the signal's time scale.
     pub bound_factor: f64,
-    /// Bounds of some of these rates instead, lowest and highest, in their own units.
+    /// Bounds of some of the rates a, b, d instead, lowest and highest, in the units of the rates.
+    /// These are not scaled with the guess.
     #[serde(skip_serializing_if = "Bounds::is_empty")]
     pub bounds: Bounds,
-    /// Follows thesis (3-1) to the letter: the plain mean of all signals is fitted, without excluding signals
-    /// that disagree and without correcting for channels that differ.
+    /// Follows thesis (3-1) to the letter: the plain mean of all signals is fitted, without
+    /// excluding signals that disagree and without correcting for channels that differ.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub plain_mean: bool,
 }
@@ -62,6 +78,7 @@ pub struct Bounds {
 }
 
 impl Bounds {
+    /// Whether no rate has a bound of its own.
     fn is_empty(&self) -> bool {
         *self == Bounds::default()
     }
@@ -127,6 +144,7 @@ impl GreyBoxSettings {
 /// Why no model can be identified from a window.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum IdentifyError {
+    /// Root mean square of what the model and the best damped cosine leave of the average, counts.
     #[error(
         "the model leaves {model:.3} counts of the average signal, a free damped cosine at \
          {frequency_hz:.4e} Hz {cosine:.3}: it did not find the ring; give identify.grey_box rates whose \
@@ -149,7 +167,8 @@ pub enum IdentifyError {
 }
 
 impl IdentifyError {
-    /// The error in words, with what helps. `labelled`: labels tell which signals are healthy.
+    /// The error in words, with what helps against it. `labelled`: labels tell which signals are
+    /// healthy.
     pub fn advice(&self, labelled: bool) -> String {
         match (self, labelled) {
             (IdentifyError::TooFewSignals { found, needed }, true) => format!(

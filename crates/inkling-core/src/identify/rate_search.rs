@@ -1,9 +1,15 @@
 //! The search for the rates whose free decay is nearest to a signal, thesis (3-1).
 //!
-//! In: a signal, a guess of the rates, bounds. Out: where the search ended ([`End`]). The state enters linearly
-//! and is eliminated (variable projection, Golub & Pereyra 1973), so the search is over three log-rates only.
-//! It is a bounded Levenberg-Marquardt search, whose box-constrained subproblem is solved by an interior-point
-//! method where the free step leaves the box.
+//! In: a signal (N counts), a guess of the rates, bounds. Out: where a search ended ([`End`]), for
+//! `grey_box`, which starts several searches and takes the best end.
+//!
+//! The cost of the rates is 1/2 ||y - E c||² plus a weak prior, where E is the basis of their
+//! decays (N x 3) and c the state y, y', y'' at t_a. c enters linearly and is eliminated: for each
+//! trial of the rates it is solved by least squares (variable projection, Golub & Pereyra 1973). So
+//! the search is over three coordinates theta of the rates only ([`Problem`]). It is Levenberg and
+//! Marquardt's, in a box: each iteration takes the step of the damped Gauss-Newton equations, or,
+//! where that leaves the bounds, the best step within them, by an interior-point method
+//! ([`Problem::search`]).
 
 use super::GreyBoxSettings;
 use super::cubic::basis;
@@ -13,25 +19,30 @@ use crate::model::inner_product::dot;
 use crate::model::programme::minimise;
 use nalgebra::{DVector, Matrix3, MatrixXx3, Vector3};
 
-/// Standard deviation of the prior on ln (a / b) about the guess: a factor e. An average often does not determine the
-/// real pole; without a prior the search would then wander along a flat valley of the cost. Where the data
-/// determine it, the prior is negligible.
+/// Standard deviation of the prior on ln (a / b) about the guess: a factor e. An average often does
+/// not determine the real pole; without a prior the search would then wander along a flat valley of
+/// the cost. Where the data determine the real pole, the prior is negligible. The width is somewhat
+/// arbitrary.
 const PRIOR_SD: f64 = 1.0;
 
 /// Where a search ended.
 #[derive(Clone, Debug)]
 pub(super) struct End {
+    /// The rates there, in the coordinates of [`Problem`].
     pub theta: Vector3<f64>,
+    /// The cost there, counts².
     pub cost: f64,
     pub convergence: Convergence,
     pub iterations: usize,
 }
 
-/// The least-squares problem (3-1) in the coordinates theta = (ln (a + b), ln (a / b), ln d) relative to the
-/// guess, with g = kappa d. In these the decay is close to linear: the first moves the frequency, the last
-/// the damping, the middle one the real pole. The bounds apply to (ln a, ln b, ln d), relative to the guess,
-/// each by itself. Inside, time is in microseconds.
+/// The least-squares problem (3-1) in the coordinates theta = (ln (a + b), ln (a / b), ln d)
+/// relative to the guess, with g = kappa d. In these the decay is close to linear: the first moves
+/// the frequency, the last the damping, the middle one the real pole. The bounds apply to (ln a, ln
+/// b, ln d), relative to the guess, each by itself, so in the coordinates theta their box is
+/// curved. Inside, time is in microseconds.
 pub(super) struct Problem {
+    /// The signal, N counts.
     pub y: DVector<f64>,
     dt_us: f64,
     /// The guess of a + b per µs², a / b, and d per µs.
@@ -41,11 +52,14 @@ pub(super) struct Problem {
     /// Bounds of (ln a, ln b, ln d), relative to the guess.
     lowest: Vector3<f64>,
     highest: Vector3<f64>,
-    /// Weight of the prior on ln (a / b), counts².
+    /// Weight of the prior on ln (a / b): the noise's variance over that of the prior, counts²; 0:
+    /// no prior.
     prior: f64,
 }
 
 impl Problem {
+    /// The problem for a signal `y`, counts, whose samples have noise of the standard deviation
+    /// `noise`, counts.
     pub fn new(y: &[f64], dt_s: f64, noise: f64, settings: &GreyBoxSettings) -> Problem {
         let (factor, bounds) = (settings.bound_factor, settings.bounds);
         let guess = [settings.a_per_s2, settings.b_per_s2, settings.d_per_s];
@@ -101,7 +115,8 @@ impl Problem {
         Matrix3::new(1.0, 1.0 - of_a, 0.0, 1.0, -of_a, 0.0, 0.0, 0.0, 1.0)
     }
 
-    /// Moves rates that lie beyond their bounds, or nearer to them than `near`, onto the bounds.
+    /// Moves rates that lie beyond their bounds, or nearer to them than `near` (a difference of
+    /// logarithms), onto the bounds. Rates that lie within stay the same to the last bit.
     fn within(&self, theta: Vector3<f64>, near: f64) -> Vector3<f64> {
         let rates = self.ln_rates(&theta);
         let bounded =
@@ -113,7 +128,8 @@ impl Problem {
         if bounded == rates { theta } else { self.theta_of(&bounded) }
     }
 
-    /// Starts of the search: the guess with compliance and viscosity scaled over the bounded range.
+    /// Starts of the search: the guess with stiffness (a + b) and viscosity (d) scaled, in fifteen
+    /// combinations moved into the bounds. Of these the five with the least cost are returned.
     pub fn starts(&self) -> Vec<Vector3<f64>> {
         let mut starts = Vec::new();
         for stiffness in [1.0f64, 0.6, 1.5, 0.35, 2.2] {
@@ -122,7 +138,7 @@ impl Problem {
                 starts.push(self.within(Vector3::new(s, 0.0, v), 0.0));
             }
         }
-        // only from the five with the least cost a search starts
+
         let cost = |t: &Vector3<f64>| self.project(t).map_or(f64::INFINITY, |p| self.cost(t, &p));
         let mut starts: Vec<_> = starts.into_iter().map(|t| (cost(&t), t)).collect();
         starts.sort_by(|p, q| p.0.total_cmp(&q.0));
@@ -149,13 +165,14 @@ impl Problem {
         InkChannel { a_per_s2: a * 1e12, b_per_s2: b * 1e12, g_per_s: g * 1e6, d_per_s: d * 1e6 }
     }
 
-    /// The outputs from unit y, y', y'' at t_a, by the rates of theta ([`basis`]).
+    /// E, N x 3: the outputs from unit y, y', y'' at t_a (per µs), by the rates of theta.
     fn basis(&self, theta: &Vector3<f64>) -> MatrixXx3<f64> {
         let [a, b, g, d] = self.rates_per_us(theta);
         basis([g + d, g * d + a + b, a * d + b * g], self.dt_us, self.y.len())
     }
 
     /// The best state for these rates, which is a linear least-squares problem, and its misfit.
+    /// `None`: the decays of these rates are linearly dependent, or not finite.
     pub fn project(&self, theta: &Vector3<f64>) -> Option<Projection> {
         let (q, r) = thin_qr(self.basis(theta));
         let along = q.tr_mul(&self.y);
@@ -169,8 +186,13 @@ impl Problem {
         (at.misfit.norm_squared() + self.prior * theta[1].powi(2)) / 2.0
     }
 
-    /// Gradient and Gauss-Newton matrix of [`Problem::cost`] after the state was eliminated. They use the
-    /// full Jacobian of the projection, whose second term matters along the weakly known real pole.
+    /// Gradient and Gauss-Newton matrix of [`Problem::cost`] by theta, after the state was
+    /// eliminated.
+    ///
+    /// The misfit is (1 - q q') y with E = q r. When theta changes, E changes by dE (central
+    /// differences), and the misfit by -(1 - q q') dE c - q r^-T dE' misfit. The first term says
+    /// that the columns turn out of their span, the second that the best state changes. The second
+    /// is often left out; here it matters, along the weakly known real pole.
     fn normal_equations(
         &self,
         theta: &Vector3<f64>,
@@ -182,8 +204,7 @@ impl Problem {
             let (mut up, mut down) = (*theta, *theta);
             up[k] += h;
             down[k] -= h;
-            // With E = q r and the state c, the misfit's derivative is -(1 - q q^T) dE c - q r^-T dE^T
-            // misfit, where dE is the derivative of E (Golub and Pereyra).
+            // Golub and Pereyra's derivative, as q (q' dE c - r^-T dE' misfit) - dE c
             let slope = (self.basis(&up) - self.basis(&down)) / (2.0 * h);
             let de = &slope * state;
             let mut along = q.tr_mul(&de);
@@ -192,6 +213,8 @@ impl Problem {
             }
             q * along - de
         });
+
+        // the normal equations, with the prior's share
         let mut gradient = Vector3::from_fn(|k, _| columns[k].dot(misfit));
         let mut gauss_newton = Matrix3::from_fn(|j, k| columns[j].dot(&columns[k]));
         gradient[1] += self.prior * theta[1];
@@ -199,8 +222,12 @@ impl Problem {
         (gradient, gauss_newton)
     }
 
-    /// Levenberg and Marquardt's search from one start. `None`: it did not end within 200 iterations, or the
-    /// model could not be evaluated.
+    /// Levenberg and Marquardt's search from one start. `None`: the search did not end within 200
+    /// iterations, or the model could not be evaluated.
+    ///
+    /// Each iteration asks whether the search has converged (by the gradient, or by the gain that
+    /// is left), and then tries steps, damped the more the less they succeed, until one reduces the
+    /// cost by at least a thousandth of what was predicted.
     pub fn search(&self, start: Vector3<f64>) -> Option<End> {
         let mut theta = start;
         let mut at = self.project(&theta)?;
@@ -210,16 +237,19 @@ impl Problem {
             let (gradient, hessian) = self.normal_equations(&theta, &at);
             let here = theta;
             let end = |convergence| End { theta: here, cost, convergence, iterations };
+
+            // Converged by the gradient: the cosine of the angle between the misfit and every
+            // direction that no bound holds. At 1e-6 the optimum is nearer than a
+            // hundred-thousandth of a standard deviation. Of a signal without noise, where the
+            // misfit vanishes, rounding is the limit.
             let scale = hessian.diagonal().map(|h| h.sqrt().max(f64::MIN_POSITIVE));
-            // Converged by the gradient: the cosine of the angle between the misfit and every direction that
-            // no bound holds. At 1e-6 the optimum is nearer than a hundred-thousandth of a standard
-            // deviation.
             let slope = self.projected(&theta, &gradient).component_div(&scale).amax();
             if slope <= 1e-6 * at.misfit.norm() + 1e-13 * self.y.norm() {
                 return Some(end(Convergence::Gradient));
             }
-            // Converged by the gain: the decrease that the undamped step predicts. 1e-9 of the cost is 1e-4
-            // standard deviations.
+
+            // Converged by the gain: the decrease of the cost that the undamped step predicts. 1e-9
+            // of the cost is a step of about 1e-4 standard deviations.
             let gain =
                 |step: &Vector3<f64>| -gradient.dot(step) - step.dot(&(hessian * step)) / 2.0;
             let ridge = hessian + Matrix3::identity() * (1e-14 * hessian.amax());
@@ -227,13 +257,17 @@ impl Problem {
             {
                 return Some(end(Convergence::Gain));
             }
-            // raise the damping until a step reduces the cost by enough of what was predicted
+
+            // Raise the damping until a step reduces the cost by enough of what was predicted. A
+            // step that does nearly what was predicted lowers the damping, one that does little of
+            // it raises the damping though it is taken.
             let mut moved = false;
             while damping < 1e12 {
                 let mut damped = hessian;
                 for k in 0..3 {
                     damped[(k, k)] += damping * hessian[(k, k)].max(1e-12 * hessian.amax());
                 }
+
                 let step = self.bounded_step(&damped, &gradient, &theta)?;
                 if step.amax() <= 1e-11 {
                     return Some(end(Convergence::Step));
@@ -265,8 +299,11 @@ impl Problem {
         None
     }
 
-    /// The gradient without its components that push rates against their bounds.
+    /// The gradient by theta without its components that push rates against their bounds: it is
+    /// turned into the gradient by (ln a, ln b, ln d), where each bound belongs to one component,
+    /// and back.
     fn projected(&self, theta: &Vector3<f64>, gradient: &Vector3<f64>) -> Vector3<f64> {
+        // a rate within 1e-9 of a bound lies at it
         let (rates, slope) = (self.ln_rates(theta), self.slope_of_rates(theta));
         let is_high = |k: usize| rates[k] >= self.highest[k] - 1e-9;
         let is_low = |k: usize| rates[k] <= self.lowest[k] + 1e-9;
@@ -283,8 +320,9 @@ impl Problem {
         slope.tr_mul(&free)
     }
 
-    /// The step x that minimises 1/2 x'Hx + g'x such that the rates at theta + x are within their bounds, to
-    /// first order; if the free minimum is within them, that one.
+    /// The step x that minimises 1/2 x'Hx + g'x such that the rates at theta + x are within their
+    /// bounds, to first order; if the free minimum is within the bounds, that one. `None`: there is
+    /// none, or it is not finite.
     fn bounded_step(
         &self,
         h: &Matrix3<f64>,
@@ -296,7 +334,9 @@ impl Problem {
         if let Some(step) = h.cholesky().map(|l| l.solve(&-g)).filter(inside) {
             return Some(step);
         }
-        // scaled to unit curvature, so that the programme's tolerances mean the same in each direction
+
+        // Else a quadratic programme, scaled to unit curvature and to a gradient of size 1, so that
+        // the programme's tolerances mean the same in each direction and for each signal.
         let unit = h.diagonal().map(|v| 1.0 / v.sqrt().max(1e-300));
         let hessian: Vec<Vec<f64>> = (0..3)
             .map(|j| {
@@ -305,10 +345,12 @@ impl Problem {
             .collect();
         let size = g.component_mul(&unit).amax().max(1e-300);
         let linear: Vec<f64> = (0..3).map(|k| g[k] * unit[k] / size).collect();
+
+        // six inequalities: each rate below its highest and above its lowest value, linear in the
+        // step
         let (rates, slope) = (self.ln_rates(theta), self.slope_of_rates(theta));
         let mut rows = vec![vec![0.0; 3]; 6];
         let mut limits = vec![0.0; 6];
-        // six inequalities: each rate below its highest and above its lowest value, linear in the step
         for k in 0..3 {
             for j in 0..3 {
                 rows[k][j] = slope[(k, j)] * unit[j];
@@ -318,13 +360,15 @@ impl Problem {
             limits[k + 3] = (rates[k] - self.lowest[k]) / size;
         }
         let (x, _) = minimise(&hessian, &linear, &rows, &limits)?;
+
+        // An interior-point method ends just inside an active bound: the end is moved onto the
+        // bound.
         let end = Vector3::from_fn(|k, _| theta[k] + x[k] * unit[k] * size);
-        // an interior-point method ends just inside an active bound: move it onto the bound
         let step = self.within(end, 1e-6) - theta;
         step.amax().is_finite().then_some(step)
     }
 
-    /// Names of the rates that lie at a bound.
+    /// Names of the rates that lie at a bound, as the settings call them.
     pub fn at_bounds(&self, theta: &Vector3<f64>) -> Vec<String> {
         let rates = self.ln_rates(theta);
         let is_at =
@@ -345,8 +389,10 @@ pub(super) struct Projection {
     r: Matrix3<f64>,
 }
 
-/// The factors q, r of N x 3 columns, by Gram and Schmidt, twice: as orthogonal as Householder's (Giraud,
-/// Langou and Rozloznik 2005). Linearly dependent columns give numbers that are not finite.
+/// The factors of N x 3 columns E = q r: q with orthonormal columns (N x 3), r upper triangular.
+/// Each column is made orthogonal to those before it twice (Gram and Schmidt), which is as
+/// orthogonal as Householder's method (Giraud, Langou and Rozloznik 2005). Linearly dependent
+/// columns give numbers that are not finite.
 fn thin_qr(mut q: MatrixXx3<f64>) -> (MatrixXx3<f64>, Matrix3<f64>) {
     let (n, mut r) = (q.nrows(), Matrix3::zeros());
     for k in 0..3 {

@@ -1,7 +1,13 @@
 //! The model's own sensitivities, and the effect of temperature along them.
 //!
-//! In: an identified model. Out: the tangent space of its decays (3 pole directions, 3 state directions), and
-//! the effect of the ink temperature as a direction in that space.
+//! In: an identified model and the signals of its window. Out: the tangent space of the model's
+//! decays (N x 6: 3 pole directions, 3 state directions); what one Kelvin does to the expected
+//! signal, as a direction in that space (counts per K); and by how much a direction changes damping
+//! and frequency. `design/learn.rs` calls all three and stores the results in the healthy model.
+//!
+//! The temperature response is a weighted linear regression: of all signals at one recorded
+//! temperature the mean deviation from the expected signal is projected on the tangent space, and
+//! the six coordinates are regressed on the temperature.
 
 use super::averaging::SignalSet;
 use super::cubic::{self, cubic_per_us, to_microseconds};
@@ -9,29 +15,34 @@ use super::identification::Identification;
 use crate::numbers::tuned::few;
 use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
 
-/// The derivatives dy/d(p2, p1, p0, y, y', y''), N x 6, in units per µs: every small change of a decay that
-/// leaves it a decay of the model.
+/// The derivatives dy/d(p2, p1, p0, y, y', y''), N x 6, in units per µs: every small change of a
+/// decay that leaves it a decay of the model.
 pub fn tangent(fit: &Identification, dt_s: f64, samples: usize) -> DMatrix<f64> {
     let state = Vector3::from(to_microseconds(fit.output_state));
     cubic::tangent(cubic_per_us(fit.cubic), state, dt_s * 1e6, samples)
 }
 
-/// d y_hat / d temperature, counts per K at the reference drive, projected on the tangent space, so that 6
-/// numbers are estimated and not N. `None`: the temperature was not recorded, or it has no significant effect
-/// (Hotelling's test over independent temperatures, size 1e-6: few temperatures have to show a large one).
+/// d y_hat / d temperature, N counts per K at the reference drive, projected on the tangent space,
+/// so that 6 numbers are estimated and not N.
+///
+/// `expected`: the model's signal at `reference_c`, N counts; `tangent`: N x 6, by [`tangent`].
+/// `None`: the temperature of some signal was not recorded; there are fewer than `few` different
+/// temperatures; or temperature has no significant effect (Hotelling's test over the temperatures,
+/// size 1e-6: few temperatures have to show a large effect).
 pub fn temperature_response(
     set: &SignalSet,
     expected: &[f64],
     tangent: &DMatrix<f64>,
     reference_c: f64,
 ) -> Option<Vec<f64>> {
+    // every temperature is known, and they differ
     let deviation = |i: usize| set.temperature_c[i] - reference_c;
     if set.temperature_c.iter().any(|t| !t.is_finite()) {
         return None;
     }
 
-    // One mean deviation per recorded temperature: the signals of a burst share it, so only bursts are
-    // independent.
+    // One point of the regression per recorded temperature: the signals of a burst share theirs, so
+    // only bursts are independent.
     let mut order: Vec<usize> = (0..set.len()).collect();
     order.sort_by(|&i, &j| set.temperature_c[i].total_cmp(&set.temperature_c[j]));
     let looks: Vec<&[usize]> =
@@ -40,13 +51,16 @@ pub fn temperature_response(
         return None;
     }
 
-    // coordinates of a deviation on the tangent space, by least squares on columns scaled to unit length
+    // coordinates of a deviation on the tangent space, by least squares on columns scaled to unit
+    // length
     let scaled = DMatrix::from_fn(tangent.nrows(), 6, |i, j| {
         tangent[(i, j)] / tangent.column(j).norm().max(f64::MIN_POSITIVE)
     });
     let gram: Matrix6<f64> = Matrix6::from_fn(|i, j| scaled.column(i).dot(&scaled.column(j)));
     let inverse = gram.try_inverse()?;
 
+    // for each temperature: its deviation from the reference in K, its weight (the sum of square
+    // drives), and the coordinates of the mean deviation per unit drive
     let mut coordinates: Vec<(f64, f64, Vector6<f64>)> = Vec::with_capacity(looks.len());
     for look in looks {
         let (mut mean, mut weight) = (DVector::zeros(set.samples), 0.0);
@@ -60,6 +74,7 @@ pub fn temperature_response(
         let projected = inverse * Vector6::from_fn(|j, _| scaled.column(j).dot(&mean) / weight);
         coordinates.push((deviation(look[0]), weight, projected));
     }
+
     let (slope, by_chance) = regress(&coordinates)?;
     (by_chance < 1e-6)
         .then(|| (scaled * DVector::from_row_slice(slope.as_slice())).as_slice().to_vec())
@@ -72,8 +87,9 @@ fn beyond_f6(f: f64, freedom: f64) -> f64 {
     x.powf(half) * (1.0 + half * (1.0 - x) * (1.0 + (half + 1.0) / 2.0 * (1.0 - x)))
 }
 
-/// Weighted linear regression of v on x, for points (x, weight, v): the slope, and the probability that chance
-/// alone makes its Hotelling statistic as large.
+/// Weighted linear regression of v on x, for points (x, weight, v): the slope, and the probability that
+/// chance alone makes its Hotelling statistic as large. `None`: there are fewer than 8 points, or their
+/// scatter about the line has no inverse.
 fn regress(points: &[(f64, f64, Vector6<f64>)]) -> Option<(Vector6<f64>, f64)> {
     let w: f64 = points.iter().map(|p| p.1).sum();
     let x_mean = points.iter().map(|p| p.1 * p.0).sum::<f64>() / w;
@@ -83,6 +99,9 @@ fn regress(points: &[(f64, f64, Vector6<f64>)]) -> Option<(Vector6<f64>, f64)> {
         .iter()
         .fold(Vector6::zeros(), |sum, p| sum + (p.2 - v_mean) * (p.1 * (p.0 - x_mean)))
         / sxx;
+
+    // covariance of a point of weight 1 about the line, and the slope's square distance from 0 by
+    // it
     let mut scatter = Matrix6::zeros();
     for (x, w, v) in points {
         let rest = v - v_mean - slope * (x - x_mean);
@@ -96,9 +115,11 @@ fn regress(points: &[(f64, f64, Vector6<f64>)]) -> Option<(Vector6<f64>, f64)> {
     Some((slope, beyond_f6(square * freedom / (6.0 * (freedom + 5.0)), freedom)))
 }
 
-/// Relative change of (damping, frequency) per unit of a deviation `direction` from the expected signal: the
-/// direction's coordinates on the tangent space, propagated to the poles. `None`: the decomposition failed,
-/// or the changed model does not ring.
+/// Relative change of (damping, frequency) where the expected signal changes by `direction` (N
+/// counts; per K if the direction is a temperature response). The direction's coordinates on the
+/// tangent space, by least squares, say how the cubic changes; the poles of the cubic a thousandth
+/// of that to either side give the derivative. `None`: the decomposition failed, or the changed
+/// model does not ring.
 pub fn pole_changes(
     fit: &Identification,
     tangent: &DMatrix<f64>,

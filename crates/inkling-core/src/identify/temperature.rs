@@ -1,16 +1,22 @@
 //! What a recording at several temperatures tells and one decay does not: the rates one by one.
 //!
-//! In: the healthy signals of a printhead, with their temperatures. Out: the ratios g/d and a/b, of which
-//! (3-1) holds one and has a prior for the other.
+//! In: the healthy signals of a printhead, with their temperatures. Out: the ratios g/d and a/b, of
+//! which (3-1) holds one and has a prior for the other. `inkling identify` prints them; nothing
+//! else depends on them.
 //!
-//! A free decay has p2 = g + d, p1 = g d + a + b, p0 = a d + b g: three numbers from four rates. In ink that
-//! is so many times as viscous, g and d are so many times as large, and a and b are the same. At two
-//! temperatures that makes six numbers for five unknowns (a, b, g, d and the factor between the
-//! temperatures), and each further temperature brings three numbers for one unknown. The method holds if
-//! temperature changes nothing but the viscosity, which the surplus numbers test. Another drive voltage
-//! brings nothing: the decay only becomes larger. Where the real pole is hardly excited, the numbers of each
-//! temperature are determined by the prior of (3-1) alone; the standard deviations leave the prior out, and
-//! are then large.
+//! A free decay has p2 = g + d, p1 = g d + a + b, p0 = a d + b g: three numbers from four rates. In
+//! ink that is so many times as viscous, g and d are so many times as large, and a and b are the
+//! same. At two temperatures that makes six numbers for five unknowns (a, b, g, d and the factor
+//! between the temperatures), and each further temperature brings three numbers for one unknown.
+//! The method holds if temperature changes nothing but the viscosity, which the surplus numbers
+//! test. Another drive voltage brings nothing: the decay only becomes larger. Where the real pole
+//! is hardly excited, the numbers of each temperature are determined by the prior of (3-1) alone;
+//! the standard deviations leave the prior out, and are then large.
+//!
+//! Steps: the signals are sorted by temperature into up to four parts with the same channels
+//! (`of_the_same_channels`); a model is identified of each part (`by_temperature`); and the
+//! unknowns of all parts are fitted to the parts' cubics, each weighted by its covariance
+//! (`joint`).
 
 use super::averaging::{self, SignalSet};
 use super::cubic::cubic_per_us;
@@ -29,7 +35,8 @@ const MOST_BINS: usize = 4;
 /// The ratios of rates that become known, with the standard deviations of their logarithms.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ByTemperature {
-    /// Mean temperature of each part of the signals, °C, and the viscosity there over that in the first part.
+    /// Mean temperature of each part of the signals, °C, and the viscosity there over that in the
+    /// first part.
     pub temperatures_c: Vec<f64>,
     pub viscosity: Vec<f64>,
     /// g/d, that is, R_r/I_r over R_n/I_n.
@@ -38,7 +45,8 @@ pub struct ByTemperature {
     /// a/b, that is, I_n over I_r.
     pub a_over_b: f64,
     pub a_over_b_sd: f64,
-    /// p value of the misfit of the surplus numbers: small where temperature changes more than the viscosity.
+    /// p value of the joint fit's misfit, by chi-squared with as many degrees of freedom as there
+    /// are surplus numbers: small where temperature changes more than the viscosity.
     pub p_value: f64,
 }
 
@@ -51,9 +59,10 @@ impl ByTemperature {
     }
 }
 
-/// Splits the signals by temperature, identifies a model of each part, and estimates all rates from these.
-/// `fit`: the model of all signals together. `None`: the temperature hardly varies, or a part has too few
-/// signals.
+/// Splits the signals by temperature, identifies a model of each part, and estimates all rates from
+/// these. `set`: the healthy signals; `fit`: the model of all of them together, where the searches
+/// start. `None`: the temperature hardly varies, a part has too few signals, or the covariance of a
+/// part's cubic has no inverse. An error: a part has no model.
 pub fn by_temperature(
     set: &SignalSet,
     fit: &Identification,
@@ -67,8 +76,8 @@ pub fn by_temperature(
         }
         let signals = set.select(&part);
         let mean = averaging::average(&signals)?;
-        // The parts have the same channels, so how these differ is no error of the differences between parts:
-        // only noise counts.
+        // The parts have the same channels, so how these differ is no error of the differences
+        // between parts: only noise counts.
         let noise = mean.noise / (mean.n_signals as f64).sqrt();
         let near = Some(&fit.channel);
         let mut found = grey_box::identify(&mean.y, dt_s, noise, settings, near)?;
@@ -81,9 +90,10 @@ pub fn by_temperature(
     Ok(if span_k < tuned::least_span_k() { None } else { joint(&parts, fit) })
 }
 
-/// Indices of the signals, from cold to warm, in up to [`MOST_BINS`] parts. All parts have equally many
-/// signals of each channel, so that the differences of channels are the same in all of them. Where the
-/// channels change with the temperature, the parts are empty.
+/// Indices of the signals, from cold to warm, in up to [`MOST_BINS`] parts of about equally many
+/// signals. Then signals are left out until all parts have equally many of each channel, so that
+/// the differences of channels are the same in all parts and are not taken for an effect of
+/// temperature. Where other channels were heard at each temperature, the parts are empty.
 fn of_the_same_channels(set: &SignalSet) -> Vec<Vec<usize>> {
     let mut order: Vec<usize> =
         (0..set.len()).filter(|&i| set.temperature_c[i].is_finite()).collect();
@@ -93,7 +103,9 @@ fn of_the_same_channels(set: &SignalSet) -> Vec<Vec<usize>> {
         return Vec::new();
     }
     let parts: Vec<&[usize]> = order.chunks(order.len().div_ceil(bins)).collect();
-    // of each channel as many signals are kept as the part with the fewest of them has
+
+    // of each channel as many signals are kept in every part as the part with the fewest of them
+    // has
     let counted = |part: &&[usize]| {
         let mut counts: BTreeMap<u32, usize> = BTreeMap::new();
         part.iter().for_each(|&i| *counts.entry(set.channel[i]).or_default() += 1);
@@ -117,16 +129,22 @@ fn of_the_same_channels(set: &SignalSet) -> Vec<Vec<usize>> {
     parts.iter().map(kept).collect()
 }
 
-/// Estimates the unknowns of all parts by damped Gauss-Newton steps: ln a, ln b, ln g, ln d, and for every
-/// part but the first the logarithm of its viscosity over the first's. Rates are per µs.
+/// Estimates the unknowns of all parts by damped Gauss-Newton steps (Levenberg and Marquardt): ln
+/// a, ln b, ln g, ln d in the first part, and for every other part the logarithm of its viscosity
+/// over the first's. Rates are per µs. `parts`: mean temperature, °C, and model of each part.
+/// `None`: a part's covariance has no inverse.
 fn joint(parts: &[(f64, Identification)], fit: &Identification) -> Option<ByTemperature> {
+    // the start: the rates of all signals together, and equal viscosities (logarithms of 0)
     let unknowns = 3 + parts.len();
     let c = fit.channel;
     let start = [c.a_per_s2 * 1e-12, c.b_per_s2 * 1e-12, c.g_per_s * 1e-6, c.d_per_s * 1e-6];
     let mut theta = DVector::zeros(unknowns);
     start.iter().enumerate().for_each(|(k, v)| theta[k] = v.ln());
+
+    // The misfit: for each part the three coefficients of its cubic, less those that the unknowns
+    // give, whitened by the covariance of the part's cubic. So its square norm is chi-squared if
+    // the model holds.
     let measured = |(_, found): &(f64, Identification)| Vector3::from(cubic_per_us(found.cubic));
-    // misfits are whitened by the covariance of each part's cubic
     let whitening: Vec<Matrix3<f64>> = parts
         .iter()
         .map(|(_, found)| {
@@ -143,6 +161,8 @@ fn joint(parts: &[(f64, Identification)], fit: &Identification) -> Option<ByTemp
         }
         left
     };
+
+    // Levenberg and Marquardt's descent, with derivatives by central differences
     let (mut here, mut normal) = (misfit(&theta), DMatrix::identity(unknowns, unknowns));
     let mut damping = 1e-3;
     for _ in 0..200 {
@@ -170,7 +190,10 @@ fn joint(parts: &[(f64, Identification)], fit: &Identification) -> Option<ByTemp
             break;
         }
     }
-    // singular where the unknowns ran away from each other: then nothing is known of them
+
+    // The covariance of the unknowns, and from it the standard deviation of a difference of two
+    // logarithms, that is, of the logarithm of a ratio. Where the unknowns ran away from each other
+    // the matrix is singular, and nothing is known of them.
     let covariance = normal.try_inverse();
     let sd = |i: usize, j: usize| {
         let of_difference =
@@ -189,7 +212,8 @@ fn joint(parts: &[(f64, Identification)], fit: &Identification) -> Option<ByTemp
     })
 }
 
-/// p2, p1, p0 (per µs) from the ln of the rates (per µs), at another viscosity.
+/// p2, p1, p0 (per µs) from the ln of the rates (per µs), where the ink is `viscosity` times as
+/// viscous: that multiplies g and d.
 fn cubic(theta: &DVector<f64>, viscosity: f64) -> Vector3<f64> {
     let [a, b, g, d]: [f64; 4] = std::array::from_fn(|k| theta[k].exp());
     let (g, d) = (viscosity * g, viscosity * d);
@@ -206,7 +230,8 @@ mod tests {
 
     const DT_S: f64 = 0.78125e-6;
 
-    /// Signals of a channel whose ink gets warmer by 8 K; `stiffer`: relative change of a and b per K.
+    /// Signals of a channel whose ink gets warmer by 8 K; `stiffer`: relative change of a and b per
+    /// K.
     fn warming(channel: &InkChannel, stiffer: f64, seed: u64) -> SignalSet {
         let mut normal = draws(seed);
         let x_a = nalgebra::dvector![1e-4, 0.0, 900.0, 400.0];
@@ -227,8 +252,8 @@ mod tests {
         set
     }
 
-    /// Signals of channels whose rates differ as those of the physical benchmark do; each channel has `looks`
-    /// signals, at the temperature that `temperature` gives to (channel, look).
+    /// Signals of channels whose rates differ as those of the physical benchmark do; each channel
+    /// has `looks` signals, at the temperature that `temperature` gives to (channel, look).
     fn differing(
         kappa: f64,
         temperature: impl Fn(u32, u32) -> f64,
@@ -270,9 +295,9 @@ mod tests {
         by_temperature(set, &fit.unwrap(), DT_S, &settings).unwrap()
     }
 
-    /// Tests with channels that differ: first with unlike shares of them at each temperature, then with other
-    /// channels at each temperature. The latter tells nothing, since the differences of channels would be
-    /// taken for an effect of temperature.
+    /// Tests with channels that differ: first with unlike shares of them at each temperature, then
+    /// with other channels at each temperature. The latter tells nothing, since the differences of
+    /// channels would be taken for an effect of temperature.
     #[test]
     fn channels_that_differ_are_no_temperature() {
         let mut within = 0;
@@ -292,8 +317,8 @@ mod tests {
         assert_eq!(told(&differing(0.3, in_turn, 40, 1)), None);
     }
 
-    /// Tests with channels that have neither the ratio g/d = .2 which the settings hold, nor the ratio a/b of
-    /// about .5 on which the prior is centred.
+    /// Tests with channels that have neither the ratio g/d = .2 which the settings hold, nor the
+    /// ratio a/b of about .5 on which the prior is centred.
     #[test]
     fn ratios_that_one_decay_cannot_tell_are_told_by_several_temperatures() {
         let mut within = 0;

@@ -1,7 +1,19 @@
-//! A description of a signal that is of no known class, for a technician: mostly there is a fault of the
-//! measurement (cable, amplifier) and not of the nozzle.
+//! A description of a flagged signal that is of no known class, for a technician: mostly there is a
+//! fault of the measurement (cable, amplifier) and not of the nozzle.
 //!
-//! In: the signal, its misfit beside its ring, and the ring's features. Out: [`Appearance`].
+//! In, from `design/named_ring.rs`: the signal, its misfit beside its ring, and the ring's
+//! features. Out: [`Appearance`], which the verdict's words are made of. A chain of tests, the
+//! simplest description first; the first that fits wins:
+//!
+//! 1. hardly more than noise about its mean: a constant, or noise alone;
+//! 2. the ring leaves little more than noise: a ring of another gain (upside down, too), or another
+//!    ring;
+//! 3. few samples hold most of the misfit: jumps;
+//! 4. one spectral line holds most of the misfit: a slow change below two cycles, else a tone;
+//! 5. else something else.
+//!
+//! The bounds of the tests (twice the noise, six standard errors, a thirty-second of the samples)
+//! are heuristic.
 
 use super::tuned;
 use crate::model::inner_product::dot;
@@ -13,33 +25,36 @@ use crate::verdict::Appearance;
 /// A signal that no known class explains.
 #[derive(Clone, Copy, Debug)]
 pub struct UnknownSignal<'a> {
-    /// The signal, N, counts.
+    /// The signal, N, counts, per unit drive.
     pub signal: &'a [f64],
-    /// Standard deviation of one sample's noise, counts.
+    /// Standard deviation of one sample's noise in `signal`, counts.
     pub noise: f64,
-    /// Features of the ring fitted to it; `None`: it does not ring.
+    /// Features of the ring fitted to the signal; `None`: the signal does not ring.
     pub ring: Option<Features>,
-    /// The signal's misfit beside its ring, N, in standard deviations of the noise.
+    /// The signal's misfit beside its ring, N, in standard deviations of the noise; the whole
+    /// signal if it does not ring.
     pub misfit: &'a [f64],
+    /// Sample period, s.
     pub dt_s: f64,
 }
 
 impl UnknownSignal<'_> {
-    /// Describes the signal by tests from the simplest description on: noise or a constant, a ring that
-    /// leaves nothing but noise, jumps, a slow change or a tone.
+    /// Describes the signal by the tests at the head of this file. At least 2 samples are needed.
     pub fn appearance(&self) -> Appearance {
         let n = self.signal.len() as f64;
         let mean = self.signal.iter().sum::<f64>() / n;
-        // square of the signal about its mean, which noise alone explains if it is below twice the expected
-        // one
+        // Square sum of the signal about its mean. Noise alone explains it if it is below twice the
+        // expected one. A mean that is six of its standard errors off 0 is then a constant.
         let about: f64 = self.signal.iter().map(|y| (y - mean).powi(2)).sum::<f64>();
         if about < 2.0 * n * self.noise * self.noise {
             let stands = mean.abs() > 6.0 * self.noise / n.sqrt();
             return if stands { Appearance::Constant } else { Appearance::NoiseAlone };
         }
-        // energy of the misfit beyond the noise's, in noise variances
+
+        // Square sum of the misfit beyond the noise's, in noise variances. If it is small, a ring
+        // explains the signal, which is described by its ring. A damping and frequency near the
+        // healthy ones leave only another gain, negative if the ring is upside down.
         let beyond = dot(self.misfit, self.misfit) - n;
-        // a ring explains the signal, so it is described by its ring
         if beyond < n {
             return match self.ring {
                 Some(x)
@@ -57,14 +72,17 @@ impl UnknownSignal<'_> {
                 None => Appearance::Other,
             };
         }
-        // jumps: few samples, a thirty-second of them, hold most of the misfit
+
+        // jumps: few samples, a thirty-second of them and at least two, hold most of the misfit
         let mut squares: Vec<f64> = self.misfit.iter().map(|v| v * v).collect();
         let few = (squares.len() / 32).max(2).min(squares.len() - 1);
         squares.select_nth_unstable_by(few, |p, q| q.total_cmp(p));
         if squares[..few].iter().sum::<f64>() > MOST * beyond {
             return Appearance::Jumps;
         }
-        // one spectral line holds most of the misfit; below two cycles it is a slow change
+
+        // one spectral line holds most of the misfit; below two cycles in the signal it is a slow
+        // change
         let Some((share, cycles)) = self.line() else { return Appearance::Other };
         match share > MOST * beyond {
             true if cycles < 2.0 => Appearance::Slow,
@@ -73,8 +91,10 @@ impl UnknownSignal<'_> {
         }
     }
 
-    /// The spectral line that explains most of the misfit: its energy (in noise variances), and its number of
-    /// cycles in the signal, a multiple of one half. `None`: no energy is a number.
+    /// The spectral line that explains most of the misfit: its energy (in noise variances), and its
+    /// number of cycles in the signal, a multiple of one half. Looked at are 0 to (N - 1) / 2
+    /// cycles, but 511.5 at most, so that faster tones in signals of more than 1024 samples are not
+    /// found. `None`: the misfit is empty.
     fn line(&self) -> Option<(f64, f64)> {
         let n = self.misfit.len();
         let lines = n.min(1024);
@@ -97,12 +117,13 @@ impl UnknownSignal<'_> {
 /// Share of the misfit's energy beyond the noise that a shape must explain for the misfit to be named after it:
 /// more than all else together.
 const MOST: f64 = 0.5;
-/// Number of spectral lines whose energies are computed at once: each line's recursion waits for its own last
-/// step, and the other lines fill that time.
+/// Number of spectral lines whose energies are computed at once. Each line's recursion waits for
+/// its own last step, and the other lines fill that time.
 const LINES: usize = 64;
 
 for_processor! {
-    /// Energies in `y` of spectral lines with `from`, `from` + 1, .. half cycles (Goertzel 1958).
+    /// Energies in `y` of spectral lines with `from`, `from` + 1, .. half cycles in its length
+    /// (Goertzel 1958): the square sum of the best-fitting sinusoid, 2/N |sum of y_i e^(-j w i)|².
     fn energies_of_lines(y: &[f64], from: usize, energies: &mut [f64; LINES]) { energies_at_once }
 }
 
@@ -119,6 +140,7 @@ fn energies_at_once(y: &[f64], from: usize, energies: &mut [f64; LINES]) {
             (before[k], last[k]) = (last[k], next);
         }
     }
+    // |sum of y_i e^(-j w i)|² from the last two states
     for k in 0..LINES {
         let square = last[k] * last[k] + before[k] * before[k] - twice_cos[k] * last[k] * before[k];
         energies[k] = 2.0 * square / n;

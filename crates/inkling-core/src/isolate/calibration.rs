@@ -1,14 +1,20 @@
 //! How far estimated severities lie off the true ones, and their correction.
 //!
-//! In: severities as the physics estimates them, and as they were labelled. Out: estimates from which the
-//! mean error is taken off, and standard deviations that hold the rest. What a fault does may differ from its
-//! law by any factor along its curve. No decay tells such a factor, but labels do.
+//! In, for training (`design/cold_start.rs`): severities of labelled signals as the physics
+//! estimates them and as they were labelled. Out: a [`SizeError`] per class. In, for a signal
+//! ([`super::severity`]): an estimate of its severity. Out: the corrected [`Severity`].
+//!
+//! What a fault does may differ from its law by any factor along its curve. No decay tells such a
+//! factor, but labels do. So where at least `few` labels tell, a straight line from estimates to
+//! labels is fitted by least squares: label = offset + slope estimate, and the scatter about the
+//! line widens the standard deviation. Without labels the estimate is kept, and its standard
+//! deviation is widened by a share of what the fault changes (`guessed_rate`).
 
 use super::tuned;
 use crate::numbers::tuned::few;
 use serde::{Deserialize, Serialize};
 
-/// A severity in the contract's unit, with its standard deviation.
+/// A severity in the unit of its class (`schemas/verdicts.md`), with its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Severity {
     pub value: f64,
@@ -24,11 +30,12 @@ pub struct SizeError {
     pub sd: f64,
 }
 
-/// The severity of a signal as estimated and as labelled, and the weight of that signal.
+/// The severity of a signal as estimated and as labelled.
 #[derive(Clone, Copy, Debug)]
 pub struct LabelledSize {
     pub estimated: Severity,
     pub labelled: f64,
+    /// The signal's weight; the weights of a channel's signals add up to 1.
     pub weight: f64,
 }
 
@@ -37,10 +44,10 @@ pub struct LabelledSize {
 pub(super) enum Calibration {
     /// By what was learned from labelled severities.
     Learned(SizeError),
-    /// Where no label tells: the estimate is kept, and what a fault changes is believed to within the
-    /// relative error of guessed rates.
+    /// Where no label tells: the estimate is kept, and what a fault changes (the estimate less
+    /// `none`) is believed to within the relative error of guessed rates.
     Guessed {
-        /// The severity of no fault.
+        /// The severity of no fault, in the class's unit.
         none: f64,
     },
 }
@@ -59,10 +66,11 @@ impl Calibration {
 }
 
 impl SizeError {
-    /// The weighted least-squares line from estimates to labels, and the standard deviation that is to be expected
-    /// of a further label about it (the final prediction error of Akaike, 1969), as far as the estimates' own
-    /// standard deviations do not explain it. The sum of the weights counts as the number of signals: those of one
-    /// channel weigh like one, as they have what is particular to the channel in common. `None`: there are too few
+    /// The weighted least-squares line from estimates to labels. `sd` is the standard deviation
+    /// that is to be expected of a further label about the line (the final prediction error of
+    /// Akaike, 1969), as far as the estimates' own standard deviations do not explain it. The sum
+    /// of the weights counts as the number of signals: signals of one channel weigh like one, as
+    /// they have in common what is particular to the channel. `None`: there are fewer than `few`
     /// signals, or signals of two channels at most, which a line fits whatever they are.
     pub fn learn(signals: &[LabelledSize]) -> Option<SizeError> {
         let all: f64 = signals.iter().map(|s| s.weight).sum();
@@ -72,26 +80,33 @@ impl SizeError {
         let mean = |of: &dyn Fn(&LabelledSize) -> f64| {
             signals.iter().map(|s| s.weight * of(s)).sum::<f64>() / all
         };
+
+        // the line through the weighted means; where all estimates are equal, only the offset is
+        // learned
         let (x, y) = (mean(&|s| s.estimated.value), mean(&|s| s.labelled));
         let square = mean(&|s| (s.estimated.value - x).powi(2));
         let product = mean(&|s| (s.estimated.value - x) * (s.labelled - y));
         let slope = if square > 0.0 { product / square } else { 1.0 };
         let offset = y - slope * x;
         let residual = |s: &LabelledSize| s.labelled - offset - slope * s.estimated.value;
-        // two parameters were fitted, and are as uncertain as so few signals leave them
+
+        // The mean square about the line, times (n + 2) / (n - 2), because two parameters were
+        // fitted and are as uncertain as n signals leave them; less the part that the estimates'
+        // own uncertainty explains.
         let rest = mean(&|s| residual(s).powi(2)) * (all + 2.0) / (all - 2.0)
             - mean(&|s| (slope * s.estimated.sd).powi(2));
         let sd = rest.max(0.0).sqrt();
         [offset, slope, sd].iter().all(|v| v.is_finite()).then_some(SizeError { offset, slope, sd })
     }
 
-    /// The severity that labels would give; the error beside the line is added to its variance.
+    /// The severity that a label would give to this estimate: on the line, with the variance about
+    /// the line added.
     fn correct(self, Severity { value, sd }: Severity) -> Severity {
         let value = self.offset + self.slope * value;
         Severity { value, sd: (self.slope * sd).hypot(self.sd) }
     }
 
-    /// Whether it could have been learned.
+    /// Whether a stored error could have been learned.
     pub fn check(&self) -> bool {
         [self.offset, self.slope, self.sd].iter().all(|v| v.abs() < 1e6) && self.sd >= 0.0
     }

@@ -1,13 +1,24 @@
 //! How the features of one fault class are spread: a density that can be learned from few examples.
 //!
-//! In: features of labelled signals (ln amplitude, ln damping, ln frequency, phase), and the covariance of
-//! the fit's noise at the class. Out: log density of any features, and how far outside the class they lie.
+//! In, from [`super::posterior`]: features of labelled signals (ln amplitude, ln damping, ln
+//! frequency, phase), and the covariance of the fit's noise at the class. Out: a [`ClassDensity`],
+//! which gives the ln density of any features x, and how far outside the class they lie.
 //!
-//! Faults come in severities over a range, so features of a class often fill an interval. Along each axis
-//! the density is therefore either a Gaussian or uniform over a range convolved with the noise, whichever has
-//! the larger likelihood. Over a range it is uniform in the feature, or in the quantity of which the feature
-//! is the logarithm. The axes are those in which the noise has unit covariance and the class's covariance
-//! is diagonal, or the features themselves, again whichever has the larger likelihood.
+//! The density is a product of one-dimensional densities along axes u = B (x - mean), in each of
+//! which the noise has unit variance. How it is learned:
+//!
+//! 1. Mean and covariance of the examples. The covariance is shrunk towards that of all classes
+//!    together, which counts as one example.
+//! 2. Two choices of B are tried: the axes in which the noise has unit covariance and the class's
+//!    covariance is diagonal; and the features themselves, each over the noise's standard
+//!    deviation. The one with the larger likelihood is kept.
+//! 3. Along each axis the density is either a Gaussian, or uniform over a range convolved with the
+//!    noise, whichever has the larger likelihood. Faults come in severities over a range, so the
+//!    features of a class often fill an interval. Over a range the density is uniform in the
+//!    feature, or in the quantity of which the feature is the logarithm (`Range` with a slope).
+//! 4. Both are widened, because the next signal is less well known than the examples are: the
+//!    Gaussian by its predictive variance, the range by how far its true ends lie beyond the
+//!    outermost examples.
 
 use super::tuned;
 use crate::model::normal::{half_erfc, upper_tail};
@@ -21,38 +32,44 @@ use std::sync::OnceLock;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Axis {
-    /// A Gaussian: its standard deviation, in units of the noise's.
+    /// A Gaussian about 0: its standard deviation, noise included, in units of the noise's.
     Gaussian(f64),
     /// A range convolved with the noise.
     Range(Range),
 }
 
-/// Density proportional to e^(slope v) for v in -half_width .. half_width, v in standard deviations of the
-/// noise.
+/// Density proportional to e^(slope v) for v in -half_width .. half_width, and 0 elsewhere, before
+/// it is convolved with the noise; v in standard deviations of the noise. With slope 0 it is
+/// uniform in the feature. With the slope that makes e^(slope v) the exponential of the feature it
+/// is uniform in that exponential.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Range {
     half_width: f64,
     slope: f64,
 }
 
+/// The density of one class's features.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ClassDensity {
+    /// The features at u = 0: the middle of ranges, the examples' mean along Gaussian axes.
     mean: Vec<f64>,
     /// Rows of B: the class's axes are u = B (x - mean), in each of which the noise has unit variance.
     to_axes: Vec<Vec<f64>>,
     /// ln of |det B|.
     ln_determinant: f64,
     axes: Vec<Axis>,
-    /// ln of the normalisation, and ln of the highest density; computed once.
+    /// ln of the factor that normalises the density, and ln of an upper bound of the density;
+    /// computed once.
     #[serde(skip)]
     ln_scales: OnceLock<[f64; 2]>,
 }
 
 impl ClassDensity {
-    /// Learns the density of a class. `features`: one vector per signal. `noise`: covariance of a fit's noise
-    /// at the class. `pooled`: within-class covariance of all classes, towards which that of few examples is
-    /// shrunk. `tell_ends`: whether an axis may be a range. `None`: there are no examples (or only one and
-    /// nothing pooled), or `noise` is not positive definite.
+    /// Learns the density of a class. `features`: one vector per signal, four numbers at most.
+    /// `noise`: covariance of a fit's noise at the class. `pooled`: within-class covariance of all
+    /// classes, towards which that of few examples is shrunk. `tell_ends`: whether the examples are
+    /// so many that an axis may be a range. `None`: there are no examples (or only one and nothing
+    /// pooled), or `noise` is not positive definite.
     pub fn learn(
         features: &[DVector<f64>],
         noise: &DMatrix<f64>,
@@ -62,7 +79,7 @@ impl ClassDensity {
         let n = features.len() as f64;
         let size = features.first()?.len();
         let (mean, scatter) = scattered(features, DMatrix::zeros(size, size));
-        // Degrees of freedom of the covariance: the pooled one counts for one example.
+        // Degrees of freedom of the covariance: the pooled covariance counts as one example.
         let known = match pooled {
             Some(_) => n - 1.0 + tuned::ONE_EXAMPLE,
             None => n - 1.0,
@@ -72,9 +89,12 @@ impl ClassDensity {
             None if n > 1.0 => scatter / known,
             None => return None,
         };
-        // Predictive variance of the next signal over the estimated one: the mean is uncertain (1 + 1/n), and
-        // so is the variance (Student's t with nu degrees of freedom has variance nu / (nu - 2)).
+
+        // Predictive variance of the next signal over the estimated variance: the mean is uncertain
+        // (1 + 1/n), and so is the variance (Student's t with nu degrees of freedom has variance nu
+        // / (nu - 2)).
         let wider = (1.0 + 1.0 / n) * known / (known - 2.0).max(0.5);
+
         // Axes in which the noise is white and the class's covariance is diagonal: with noise = L L^T, the
         // eigenvectors of the covariance whitened by L.
         let l = noise.clone().cholesky()?.l();
@@ -83,6 +103,7 @@ impl ClassDensity {
         let SymmetricEigen { eigenvectors, .. } = SymmetricEigen::new(spread);
         // The other axes: the features themselves, for features that vary independently of each other.
         let apart = DMatrix::from_diagonal(&noise.diagonal().map(|v| 1.0 / v.sqrt()));
+
         // the likelier of the two
         [eigenvectors.transpose() * inverse, apart]
             .into_iter()
@@ -91,7 +112,8 @@ impl ClassDensity {
             .map(|(_, density)| density)
     }
 
-    /// Refuses what could not have been learned.
+    /// Refuses a stored density that could not have been learned, or that is not of so many
+    /// features.
     pub fn check(&self, coordinates: usize) -> Result<(), String> {
         let finite = |v: &[f64]| v.len() == coordinates && v.iter().all(|x| x.abs() <= 1e30);
         let axis = |a: &Axis| match *a {
@@ -136,6 +158,7 @@ impl ClassDensity {
         self.ln_scales()[0] + ln_rest + ln_masses.iter().sum::<f64>()
     }
 
+    /// The two cached logarithms, see the field.
     fn ln_scales(&self) -> &[f64; 2] {
         let all = |of: fn(Axis) -> f64| {
             self.ln_determinant + self.axes.iter().map(|axis| of(*axis)).sum::<f64>()
@@ -143,8 +166,8 @@ impl ClassDensity {
         self.ln_scales.get_or_init(|| [all(Axis::ln_scale), all(Axis::ln_highest)])
     }
 
-    /// ln of an upper bound of the density: ln_density(x) <= ln_highest - square(x) / 2, with
-    /// [`ClassDensity::square`].
+    /// ln of an upper bound of the density, with which negligible classes are found cheaply:
+    /// ln_density(x) <= ln_highest - square(x) / 2, with [`ClassDensity::square`].
     pub fn ln_highest(&self) -> f64 {
         self.ln_scales()[1]
     }
@@ -162,8 +185,8 @@ impl ClassDensity {
     }
 }
 
-/// The mean of feature vectors, and the sum of the squares of their deviations from it, which is added to
-/// `before`.
+/// The mean of feature vectors, and the scatter matrix: the sum of the outer squares of their
+/// deviations from the mean, added to `before`. At least one vector is needed.
 pub(super) fn scattered(
     features: &[DVector<f64>],
     before: DMatrix<f64>,
@@ -177,9 +200,10 @@ pub(super) fn scattered(
     (mean, scatter)
 }
 
-/// The density along given axes, along each of which it is of the kind with the larger likelihood, and its
-/// log likelihood. `covariance`: of the examples; `wider`: predictive variance over theirs. `None`: the axes
-/// are linearly dependent.
+/// The density along given axes, along each of which it is of the kind with the larger likelihood,
+/// and its ln likelihood for the examples. `to_axes`: B; `covariance`: of the examples, shrunk;
+/// `wider`: predictive variance over the estimated one; `tell_ends`: whether ranges are tried.
+/// `None`: the axes are linearly dependent.
 fn along(
     to_axes: DMatrix<f64>,
     mean: &DVector<f64>,
@@ -198,16 +222,22 @@ fn along(
     let mut axes = Vec::with_capacity(mean.len());
     for j in 0..mean.len() {
         let row = to_axes.row(j);
-        // the examples along this axis; their variance is not below a quarter of the noise's
+        // the examples along this axis; their variance is taken for no less than a quarter of the
+        // noise's
         let u: Vec<f64> = features.iter().map(|x| (row * (x - mean))[0]).collect();
         let variance = spread[(j, j)].max(0.25);
-        // the kinds are compared by the examples' own likelihood, not the predictive one
+
+        // the kinds are compared by the examples' own likelihood, not the predictive one; kept is
+        // the Gaussian with the predictive variance
         let of_gaussian = Axis::Gaussian(variance.sqrt()).ln_likelihood(&u, 0.0);
         let gaussian = Axis::Gaussian((wider * variance).sqrt());
-        // the half width of a uniform density whose variance is that of the examples beyond the noise's
+
+        // the half width of a uniform density (variance w² / 3) whose variance is that of the
+        // examples less the noise's: where the search for a range starts
         let width = (3.0 * (variance - 1.0).max(0.0) * (1.0 + 1.0 / n)).sqrt();
-        // The density over a range is uniform in the feature. Where the axis is a log feature alone, it may
-        // also be uniform in the quantity of which that is the logarithm.
+        // The density over a range is uniform in the feature. Where the axis is a single log
+        // feature, the density may also be uniform in the quantity of which that feature is the
+        // logarithm.
         let mut others = (0..row.len()).filter(|&k| k != j).map(|k| row[k]);
         let in_itself = 1.0 / row[j];
         let is_logarithm = j < LOGARITHMS && others.all(|b| b == 0.0);
@@ -220,6 +250,8 @@ fn along(
                 .unwrap_or((f64::NEG_INFINITY, 0.0, gaussian)),
             false => (f64::NEG_INFINITY, 0.0, gaussian),
         };
+
+        // the likelier kind; a range brings its own middle
         let is_range = of_range > of_gaussian;
         likelihood += if is_range { of_range } else { of_gaussian };
         centre[j] = if is_range { middle } else { 0.0 };
@@ -243,10 +275,11 @@ const NARROWEST: f64 = 0.02;
 /// The first three features are logarithms: of amplitude, damping and frequency.
 const LOGARITHMS: usize = 3;
 
-/// The maximum-likelihood range of a given slope: its log likelihood, its middle, and the range, which is
-/// widened because its true ends lie outside the outermost examples. The search starts from the moments,
-/// whose error falls with the root of the number of examples, while that of the ends falls with the number
-/// itself.
+/// The maximum-likelihood range of a given slope for examples `u` along an axis: its ln likelihood,
+/// its middle, and the range, which is widened because its true ends lie outside the outermost
+/// examples. `half_width`: from the examples' variance, where the search starts. The search is
+/// worth it: the error of such a start falls only with the root of the number of examples, while
+/// that of the ends falls with the number itself.
 fn likeliest_range(u: &[f64], half_width: f64, slope: f64) -> (f64, f64, Axis) {
     let likelihood =
         |half_width, middle| Axis::Range(Range { half_width, slope }).ln_likelihood(u, middle);
@@ -273,9 +306,10 @@ fn likeliest_range(u: &[f64], half_width: f64, slope: f64) -> (f64, f64, Axis) {
             break;
         }
     }
-    let n = u.len() as f64;
+
     // A true end lies 2 w / n beyond the outermost of n examples on average (w: half width), and with
     // probability e^-3 three times as far: the range is widened by that.
+    let n = u.len() as f64;
     let half_width = best.2 * (1.0 + 6.0 / (n - 1.0));
     (best.0, best.1, Axis::Range(Range { half_width, slope }))
 }
@@ -306,12 +340,13 @@ impl Range {
 }
 
 impl Axis {
-    /// Log likelihood of examples `u` along the axis, about `middle`.
+    /// ln likelihood of examples `u` along the axis, whose middle is `middle`.
     fn ln_likelihood(self, u: &[f64], middle: f64) -> f64 {
         u.iter().map(|u| self.ln_density(u - middle)).sum()
     }
 
-    /// ln density along the axis: what [`ClassDensity::ln_density`] computes for all axes together.
+    /// ln density along this axis at `u`. [`ClassDensity::ln_density`] computes the same for all
+    /// axes together.
     fn ln_density(self, u: f64) -> f64 {
         match self {
             Axis::Gaussian(sd) => -0.5 * (u / sd).powi(2) + self.ln_scale(),
@@ -356,7 +391,7 @@ impl Axis {
     }
 }
 
-/// ln of the smallest probability for which the difference of two tails is accurate.
+/// ln of the smallest probability, about 1e-280, for which the difference of two tails is accurate.
 const LN_LEAST_MASS: f64 = -644.0;
 
 for_processor! {

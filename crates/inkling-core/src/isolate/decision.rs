@@ -1,9 +1,15 @@
-//! What may be said of a signal on the strength of its weights per class: a class, a category, or neither.
+//! What may be said of a signal on the strength of its weights per class: a class, a category of
+//! classes, or neither. thesis §3-3-2, Tables 4-3ff.
 //!
-//! In: one weight per class (phi, or a posterior probability), and the certainty from which on something is
-//! named. Out: candidate, fault, category and certainty as the contract's columns define them. thesis §3-3-2,
-//! Tables 4-3ff. phi is a mixture weight that is calibrated to nothing; a sum of phi over a category is one,
-//! too.
+//! In, from `design/judge.rs` and `design/named_ring.rs`: one weight per class (phi, or a posterior
+//! probability), the probability that the signal is of any class, and the certainty from which on
+//! something is named (`isolate.certainty`). Out: a [`Decision`]: candidate, fault, category and
+//! certainty as the columns of the verdict table define them (`schemas/verdicts.md`).
+//!
+//! The rule ([`Naming::name`]): all weights are multiplied by the probability of any class. If the
+//! largest reaches the bound, its class is named. Else, if the sum over some category does, that
+//! category is named. Else nothing is. phi is a mixture weight that is calibrated to nothing, and a
+//! sum of phi over a category is no probability either.
 
 use super::{IsolateError, MAX_CLASSES};
 use crate::fault::{Class, Named, Naming};
@@ -11,14 +17,16 @@ use crate::fault::{Class, Named, Naming};
 /// What is said of one signal. Classes and categories are indices into those of the [`DecisionRule`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Decision {
-    /// The class with the largest weight; `None` if there were no weights to compare.
+    /// The class with the largest weight, named or not; `None` if there were no weights to compare.
     pub candidate: Option<u16>,
     /// The class that is named, because its weight reaches the bound.
     pub fault: Option<u16>,
     /// The category of the named class, or one that is certain although none of its classes is.
     pub category: Option<u16>,
-    /// The weight of the named class, else of the named category, else of the class with the largest weight.
+    /// The weight of the named class, else of the named category, else of the class with the
+    /// largest weight; times the probability of any class, 0 to 1.
     pub certainty: Option<f32>,
+    /// Whether any known class explains the signal.
     pub likeness: Likeness,
 }
 
@@ -51,28 +59,31 @@ impl Decision {
         Decision { likeness: Likeness::NoRing, ..Decision::default() }
     }
 
-    /// The same decision with the largest weight as its certainty, also where a category is named. The thesis
-    /// does so, since sums of phi are no probability.
+    /// The same decision with the candidate's weight as its certainty, also where a category is
+    /// named. For methods whose weights are phi, as in the thesis, since sums of phi are no
+    /// probability. `weights`: one per class.
     pub fn certain_of_class(self, weights: &[f64]) -> Decision {
         let certainty = self.candidate.and_then(|k| unit(*weights.get(usize::from(k))?));
         Decision { certainty, ..self }
     }
 
-    /// Whether neither class nor category is named: the outcome is undecided.
+    /// Whether neither class nor category is named: the outcome is undecided. (A named class brings
+    /// its category.)
     pub fn is_uncertain(&self) -> bool {
         self.category.is_none()
     }
 }
 
-/// The rule by which a signal's weights decide what is said of it.
+/// The rule by which a signal's weights decide what is said of it, for the classes of a design.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DecisionRule {
+    /// The classes' categories, and the bound on the certainty.
     pub naming: Naming,
 }
 
 impl DecisionRule {
-    /// Makes the rule for these classes. `certainty`: the bound, 0 to 1. 0 names the best class always, as
-    /// the thesis's Table 4-3 does.
+    /// Makes the rule for these classes. `certainty`: the bound, 0 to 1. The bound 0 always names
+    /// the best class, as the thesis's Table 4-3 does.
     pub fn new(classes: &[Class], certainty: f64) -> Result<DecisionRule, IsolateError> {
         if classes.is_empty() || classes.len() > MAX_CLASSES {
             return Err(IsolateError::ClassCount { found: classes.len() });
@@ -83,8 +94,9 @@ impl DecisionRule {
         Ok(DecisionRule { naming: Naming::new(classes, certainty) })
     }
 
-    /// The class whose severity belongs to a decision: the named one, else the class with the largest weight
-    /// in the named category. `None`: nothing is named.
+    /// The index of the class whose severity belongs to a decision: the named class, else the class
+    /// with the largest weight in the named category. `None`: nothing is named. `weights`: one per
+    /// class.
     pub fn sized(&self, decision: &Decision, weights: &[f64]) -> Option<usize> {
         let category = decision.category?;
         let of_category = |k: &usize| self.naming.category_of[*k] == category;
@@ -94,7 +106,10 @@ impl DecisionRule {
         decision.fault.map(usize::from).or(best)
     }
 
-    /// Decides what is named ([`Naming::name`]). If a weight is not finite, nothing is.
+    /// Decides what is named ([`Naming::name`]). `weights`: one per class, with the sum 1;
+    /// `of_any`: the probability that the signal is of any class, 1 where a method does not know
+    /// it. If there are not as many weights as classes, or one is not finite, nothing is named and
+    /// there is no candidate.
     pub fn decide(&self, weights: &[f64], of_any: f64) -> Decision {
         let nothing = Decision::default();
         let all = weights.len() == self.naming.category_of.len();
@@ -108,7 +123,7 @@ impl DecisionRule {
     }
 }
 
-/// A weight as a certainty. Sums of weights are 1 only up to rounding, so it is clamped to 0 .. 1.
+/// A weight as a certainty, clamped to 0 .. 1, since sums of weights are 1 only up to rounding.
 fn unit(weight: f64) -> Option<f32> {
     Some(weight.clamp(0.0, 1.0) as f32)
 }
@@ -117,6 +132,7 @@ fn unit(weight: f64) -> Option<f32> {
 mod tests {
     use super::*;
 
+    /// A rule for six classes of four categories.
     fn rule(certainty: f64) -> DecisionRule {
         let classes = ["EC", "AB1", "AB2", "BN", "PBN", "own"].map(Class::plain);
         DecisionRule::new(&classes, certainty).unwrap()

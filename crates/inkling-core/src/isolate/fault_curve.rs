@@ -1,13 +1,28 @@
-//! How one kind of fault moves a ring's features as its severity grows, predicted by the physics alone.
+//! Fault curves: how one kind of fault moves a ring's features as its severity grows, predicted by
+//! the physics alone. thesis (2-2), §2-2 1)-4). Nothing here is learned from faults.
 //!
-//! In: a healthy channel's rates and actuation, the ring that signals are compared with, how healthy
-//! channels differ. Out: the [`Node`]s of a curve: as a function of severity the mean of a fitted ring's
-//! features and their covariance. thesis (2-2), §2-2 1)-4). Learns nothing from faults.
+//! In, from [`super::fault_physics`]: a healthy channel's rates (a, b, g, d) and actuation, the
+//! healthy ring that signals are compared with, the law of a fault, how healthy channels differ,
+//! and how uncertain the rates are. Out: the [`Node`]s of a curve. A node is a Gaussian density of
+//! the four features (ln amplitude, ln damping, ln frequency, phase in rad, all relative to the
+//! healthy ring) at one severity. [`super::physics_density`] sums over the nodes of a class;
+//! `node_columns.rs` does it fast.
 //!
-//! A fault changes the rates; these change the poles and, through B_u, the state at t_a. The resulting
-//! decay is simulated and fitted exactly as a signal is, so that the fit's own bias (it holds the healthy
-//! real pole) is part of the curve. Channels differ by small relative changes of their rates and gain; the
-//! fit's derivatives by these, at each severity, turn the channels' covariance into one of features.
+//! The steps of [`fault_curve`]:
+//!
+//! 1. At 65 severities from no fault to the largest: change the healthy rates by the law. The rates
+//!    give the poles and, through B_u and the actuation, the state at t_a. Simulate the decay
+//!    without noise, and fit a ring to it exactly as to a signal, so that the fit's own bias (it
+//!    holds the healthy real pole) is part of the curve. ([`FaultSimulator::point`])
+//! 2. Differentiate the fitted features by each channel's own changes of its rates and gain, and by
+//!    errors of the parameters that all channels share (central differences).
+//! 3. Covariance of the features at a severity: the channels' own changes through the first
+//!    derivative, plus what is uncertain of the physics through the second (`Trust`), plus the
+//!    noise of a fit.
+//! 4. Place nodes along the curve, at equal distances in standard deviations of a signal, by
+//!    interpolation between the 65 points (`nodes_along`).
+//! 5. Rotate each node's covariance to axes in which noise and other scatter are both diagonal
+//!    (`Node::scattered`), so that densities at any drive need no inversion.
 
 use super::tuned;
 use crate::model::faults::Law;
@@ -22,16 +37,19 @@ pub const CHANGES: usize = 5;
 /// Jacobian of the features (ln amplitude, ln damping, ln frequency, phase) with respect to these changes.
 pub type Slope = SMatrix<f64, 4, CHANGES>;
 
-/// A covariance of [`CHANGES`], or of the parameters that all channels share.
+/// A covariance of a channel's own [`CHANGES`], or of the five parameters that all channels share:
+/// ln a, ln b, ln g, ln d, ln pulse.
 pub type Square = SMatrix<f64, CHANGES, CHANGES>;
 
-/// The distribution of healthy features (fitted with the phase free): their Jacobian with respect to a
-/// channel's own changes, the covariance of these changes over channels, and the covariance of a fit's noise
-/// at the reference drive.
+/// The distribution of healthy features (fitted with the phase free), and what is uncertain of the
+/// physics.
 #[derive(Clone, Debug)]
 pub struct HealthySpread {
+    /// Jacobian of the healthy features with respect to a channel's own changes.
     pub slope: Slope,
+    /// Covariance of a channel's own changes over channels.
     pub channels: Square,
+    /// Covariance of the features that noise causes in a fit, at the reference drive.
     pub noise: Matrix4<f64>,
     /// Covariance of the errors of the parameters that all channels share: ln a, ln b, ln g, ln d, ln pulse.
     pub belief: Square,
@@ -47,12 +65,14 @@ pub struct Healthy {
     pub actuation: Actuation,
 }
 
-/// The features that a fit finds in the decay of one faulty channel, and their derivatives.
+/// The features that a fit finds in the simulated decay of the mean channel with a fault of one
+/// severity, and their derivatives.
 #[derive(Clone, Debug)]
 pub struct Point {
-    /// The fault's severity in the coordinate of [`Law::scale`].
+    /// The fault's severity in the coordinate of [`Law::scale`] (the severity itself, or the ln of
+    /// a factor).
     pub place: f64,
-    /// The fitted features, relative to the healthy channel's.
+    /// The fitted features, relative to those of the healthy channel.
     pub mean: Vector4<f64>,
     /// Derivatives of the features with respect to one channel's own [`CHANGES`].
     pub slope: Slope,
@@ -71,10 +91,12 @@ struct Reference {
     origin: Vector4<f64>,
 }
 
-/// Simulates noise-free decays of faulty channels and fits them as signals are fitted.
+/// Simulates noise-free decays of the mean channel with faults, and fits them as signals are
+/// fitted.
 #[derive(Clone)]
 pub struct FaultSimulator<'a> {
     fitter: &'a RingFitter,
+    /// The healthy channel.
     channel: InkChannel,
     /// Standard deviation of one sample's noise, counts.
     noise: f64,
@@ -84,6 +106,7 @@ pub struct FaultSimulator<'a> {
     /// Derivatives of the healthy channel's features by its own changes, with the phase free.
     healthy_slope: Slope,
     healthy_poles: Poles,
+    /// Buffers: the decay that is fitted, N, counts, and the fitter's own.
     decay: Vec<f64>,
     work: Products,
 }
@@ -116,9 +139,11 @@ impl<'a> FaultSimulator<'a> {
         Some(simulator)
     }
 
-    /// Adapts the delay of `set` such that the simulated healthy phase is the measured one, which determines
-    /// the delay far better than a setting does. Where that would need a negative delay or a large shift of
-    /// phase, the delay remains as set.
+    /// The actuation `set` with its delay adapted such that the simulated healthy phase is the
+    /// measured one (a fitted phase of 0, since features are relative to the measured ring), and
+    /// the healthy features then. The measured phase determines the delay far better than a setting
+    /// does. Where that would need a negative delay or a shift of phase beyond 1.5 rad, the delay
+    /// remains as set. `None`: the decay cannot be fitted.
     fn reference(&mut self, set: Actuation) -> Option<Reference> {
         const MOST_PHASE_RAD: f64 = 1.5;
         let omega = std::f64::consts::TAU * self.healthy_poles.frequency_hz;
@@ -140,8 +165,8 @@ impl<'a> FaultSimulator<'a> {
         Some(Reference { actuation, origin })
     }
 
-    /// Features fitted to the simulated decay of a channel. The fit starts from `near`, or else from a coarse
-    /// search.
+    /// Features fitted, with the phase free, to the simulated decay of a channel with gain 1. The
+    /// fit starts from `near`, or else from a coarse search. `None`: no ring fits.
     fn fit(
         &mut self,
         channel: &InkChannel,
@@ -157,8 +182,10 @@ impl<'a> FaultSimulator<'a> {
         Some(fit?.features.coordinates())
     }
 
-    /// Features of the channel after `fault` has changed its rates, not relative to the healthy ones, and
-    /// their derivatives by [`CHANGES`]: central differences in the rates of the channel before the fault.
+    /// Features of the channel after `fault` has changed its rates, and their derivatives by the
+    /// channel's own [`CHANGES`], by central differences in the rates before the fault. The
+    /// features are as fitted, not yet relative to those of the healthy channel. `None`: a channel
+    /// does not ring or cannot be fitted.
     fn slope(
         &mut self,
         fault: &dyn Fn(InkChannel) -> Option<InkChannel>,
@@ -179,8 +206,8 @@ impl<'a> FaultSimulator<'a> {
         Some((found, slope))
     }
 
-    /// A channel's decay, N, counts, with the nominal actuation and the gain that gives the healthy channel
-    /// its measured amplitude.
+    /// A channel's decay, N, counts, with the nominal actuation and with the gain that gives the
+    /// healthy channel its measured amplitude. `None`: it is not finite.
     pub fn decay(&self, channel: &InkChannel) -> Option<Vec<f64>> {
         let Reference { actuation, origin } = self.references[0];
         let x_a = actuation.acquisition_state(channel, (-origin[0]).exp());
@@ -201,19 +228,25 @@ impl<'a> FaultSimulator<'a> {
         let fault = |channel: InkChannel| law.apply(severity, &channel);
         let (found, slope) = self.slope(&fault)?;
         let faulty = fault(self.channel)?;
+
         // Derivative by ln pulse. Both features are taken relative to the healthy channel's with the same
         // pulse, since the healthy features were measured whatever the pulse is.
         let [believed, longer, shorter] = self.references;
         let mut moved =
             |to: Reference| Some(self.fit(&faulty, &to.actuation, Some(&found))? - to.origin);
         let of_pulse = turned(moved(longer)? - moved(shorter)?) / (2.0 * STEP);
-        // a fault may also change the signal by a factor, which no rate does
+
+        // A fault may also change the signal by a factor, which no rate does. The mean is relative
+        // to the healthy features.
         let gain = Vector4::new(law.gain(severity).ln(), 0.0, 0.0, 0.0);
         let mean = turned(found + gain - believed.origin);
 
-        // An error of the rates would change the healthy features too. These were measured, so the delay
-        // is adapted to keep the healthy phase, and with the delay change phase and amplitude of a faulty
-        // ring, whose frequency and damping are others.
+        // Derivatives by errors of the believed rates. Such an error changes faulty and healthy
+        // features alike; but the healthy ones were measured and must stay, so only the difference
+        // of the two derivatives counts. The healthy phase is kept by another delay, 1 / omega
+        // times what the error would add to the phase. That delay turns and damps the faulty ring
+        // otherwise than the healthy one, because its frequency and damping are others: hence the
+        // corrections of phase and amplitude.
         let Poles { damping_per_s, frequency_hz, .. } = self.healthy_poles;
         let omega = std::f64::consts::TAU * frequency_hz;
         let mut belief_slope = slope - self.healthy_slope;
@@ -228,14 +261,14 @@ impl<'a> FaultSimulator<'a> {
     }
 }
 
-/// Derivatives of the features by a change of ln stiffness that a and b have in common, and by one of ln
-/// viscosity that g and d have in common.
+/// Derivatives of the features by a change of ln stiffness, which a and b have in common, and by a
+/// change of ln viscosity, which g and d have in common: sums of two columns of the Jacobian each.
 pub fn of_change(slope: &Slope) -> Matrix4x2<f64> {
     let column = |i: usize, j: usize| slope.column(i) + slope.column(j);
     Matrix4x2::from_columns(&[column(0, 1), column(2, 3)])
 }
 
-/// The features with their phase brought to -pi .. pi.
+/// The features with their phase brought to -pi .. pi by whole turns.
 pub fn turned(mut x: Vector4<f64>) -> Vector4<f64> {
     if x[3].abs() <= std::f64::consts::PI {
         return x;
@@ -247,12 +280,13 @@ pub fn turned(mut x: Vector4<f64>) -> Vector4<f64> {
 /// The conditions under which a signal was acquired.
 #[derive(Clone, Copy, Debug)]
 pub struct Conditions<'a> {
-    /// Drive voltage over the reference drive, divided by the noise of a sample over the noise for which the
-    /// curves were made. The noise of the features has the variance of the reference drive over the square of
-    /// this.
+    /// The signal's drive voltage over the reference voltage, divided by the ratio of the present
+    /// noise of a sample to the noise for which the curves were made. The features' noise variance
+    /// is that at the reference drive over the square of this number.
     pub drive: f64,
-    /// ln of the stiffness (a, b) and of the viscosity (g, d) of all channels, relative to those that the
-    /// curves were made for: another ink temperature, window or printhead.
+    /// ln of the stiffness (a, b) and of the viscosity (g, d) of all channels, relative to those
+    /// for which the curves were made. They differ with another ink temperature, window or
+    /// printhead.
     pub changed: Vector2<f64>,
     /// The features of the channel's own healthy level; only with the curves of one channel
     /// ([`Node::of_one_channel`]).
@@ -270,18 +304,22 @@ impl Conditions<'_> {
 /// signal.
 #[derive(Clone, Debug)]
 pub struct Node {
+    /// Severity in the law's unit.
     pub severity: f64,
-    /// Severity in the coordinate of [`Law::scale`], and the length of the interval of severities that the
-    /// node stands for.
+    /// Severity in the coordinate of [`Law::scale`], and, in the same coordinate, the length of the
+    /// interval of severities that the node stands for.
     pub place: f64,
     pub length: f64,
     /// Prior probability of the assumption on which `belief` rests, of how far the physics may be wrong. Over
     /// the nodes of one severity, which differ in that assumption, the weights sum to 1.
     pub weight: f64,
+    /// Mean of the features under the conditions for which the curve was made.
     pub mean: Vector4<f64>,
+    /// Derivatives of the mean by a channel's own changes.
     slope: Slope,
     /// Covariance of the mean: how far the physics may be wrong.
     belief: Matrix4<f64>,
+    /// Covariance of the fit's noise at the reference drive.
     noise: Matrix4<f64>,
     /// Derivative of the mean by [`Conditions::changed`].
     pub(super) by_change: Matrix4x2<f64>,
@@ -291,13 +329,16 @@ pub struct Node {
     /// and all other scatter has the diagonal covariance `spread` (simultaneous diagonalisation). So the
     /// density at any drive needs no inversion.
     pub(super) to_axes: Matrix4<f64>,
+    /// Variances along the axes of all scatter but the noise, in units of the noise's at the
+    /// reference drive.
     pub(super) spread: Vector4<f64>,
+    /// ln |det `to_axes`|.
     pub(super) ln_determinant: f64,
 }
 
 impl Node {
-    /// Variances of the features: first those of all scatter but the noise, then those of the noise at the
-    /// reference drive.
+    /// Variances of the four features themselves (not along the axes): first those of all scatter
+    /// but the noise, then those of the noise at the reference drive.
     pub fn variances(&self) -> [Vector4<f64>; 2] {
         // x = to_axes^-1 u, where the noise is unit
         let back = self.to_axes.try_inverse().unwrap_or_else(Matrix4::identity);
@@ -305,19 +346,23 @@ impl Node {
         [along(&self.spread).diagonal(), along(&Vector4::repeat(1.0)).diagonal()]
     }
 
-    /// How far the node's mean lies from `mean` under these conditions.
+    /// By how much the node's mean differs from `mean` under these conditions.
     pub fn moved(&self, conditions: Conditions) -> Vector4<f64> {
         let changed = self.by_change * conditions.changed;
         conditions.baseline.map_or(changed, |own| changed + self.by_baseline * own)
     }
 }
 
-/// An assumption about how far the physics may be wrong about a class.
+/// An assumption about how far the physics may be wrong about a class. Every curve is made once
+/// under each assumption, and the two are mixed (docs/names.md). The two assumptions and their even
+/// weights are heuristic.
 #[derive(Clone, Copy, Debug)]
 enum Trust {
     /// The law of the fault is right, and the rates are wrong as much as their posterior covariance says.
     InRates,
-    /// The rates are no better than guesses, and the law of the fault holds only roughly.
+    /// The rates are no better than guesses (`guessed_rate`), and the law of the fault holds only
+    /// roughly: of each feature it may miss `of_law`, or `share_of_law` of the change, whichever is
+    /// more.
     InDirection,
 }
 
@@ -344,7 +389,8 @@ impl Trust {
     }
 }
 
-/// Severities at which decays are simulated and fitted; between them the curve is interpolated linearly.
+/// Number of steps of severity between the points at which decays are simulated and fitted; between
+/// two points the curve is interpolated linearly.
 const POINTS: usize = 64;
 /// Distance of neighbouring nodes, in standard deviations of a signal of any channel. A sum over Gaussians
 /// that lie h apart differs from their integral by 2 exp(-2 pi²/h²) of it (Poisson's summation formula),
@@ -353,12 +399,13 @@ const POINTS: usize = 64;
 /// trusted least, certainties move by .013 at most and severities by .04, because of how a class's range is
 /// shared out to its nodes.
 const NODE_DISTANCE: f64 = 0.7;
-/// Largest number of nodes between two neighbouring points; where the curve would need more, they are farther
-/// apart than [`NODE_DISTANCE`].
+/// Largest number of nodes between two neighbouring points; where the curve would need more, nodes
+/// are farther apart than `NODE_DISTANCE`.
 const MOST_BETWEEN: f64 = 48.0;
 
-/// The nodes of one kind of fault, from no fault to the `largest` severity, once for each assumption about the
-/// physics. `None`: a channel with that fault does not ring over the whole range.
+/// The nodes of one kind of fault, from no fault to the `largest` severity, once for each
+/// assumption about the physics. `law`: of any class of that kind. `None`: at one of the severities
+/// the channel does not ring or cannot be fitted.
 pub fn fault_curve(
     simulator: &mut FaultSimulator,
     law: &Law,
@@ -377,16 +424,17 @@ pub fn fault_curve(
         let some = nodes_along(&points, law, trust, healthy)?;
         nodes.extend(some.into_iter().map(|node| Node { weight, ..node }));
     }
-    // The features are relative to the healthy ones, which a common change of stiffness or viscosity
-    // moves as well: only the difference moves a node.
+    // Features are relative to the healthy ones, which a common change of stiffness or viscosity
+    // moves as well. So a node moves by the difference of the two derivatives.
     let own = |node: &Node| of_change(&(node.slope - healthy.slope));
     nodes.iter_mut().for_each(|node| node.by_change = own(node));
     Some(nodes)
 }
 
-/// The nodes of a curve under one assumption about the physics. Each stands for an interval of severities
-/// that is [`NODE_DISTANCE`] long at most, measured along the curve in standard deviations of a signal.
-/// `points`: at equal steps of their place.
+/// The nodes of a curve under one assumption about the physics. Each stands for an interval of
+/// severities that is `NODE_DISTANCE` long at most, measured along the curve in standard deviations
+/// of a signal (apart from the bound `MOST_BETWEEN`). `points`: at equal steps of their place.
+/// `None`: a covariance is singular.
 fn nodes_along(
     points: &[Point],
     law: &Law,
@@ -403,6 +451,8 @@ fn nodes_along(
         let distance = step.dot(&(own.try_inverse()? * step)).sqrt();
         distances.push(distances[distances.len() - 1] + distance.min(MOST_BETWEEN * NODE_DISTANCE));
     }
+
+    // how many nodes: the curve's length over the node distance, rounded up
     let total = distances[points.len() - 1];
     let n = (total / NODE_DISTANCE).ceil().max(1.0);
     // The inverse of `distances`, by linear interpolation: how many steps from the first point a distance
@@ -412,8 +462,10 @@ fn nodes_along(
         let (before, step) = (distances[k - 1], distances[k] - distances[k - 1]);
         (k - 1) as f64 + if step > 0.0 { ((distance - before) / step).min(1.0) } else { 0.5 }
     };
-    // Node i stands for the i-th of n parts of the curve, equally long, and has the features at the middle of
-    // its severities, interpolated between the two points beside it.
+
+    // Node i stands for the i-th of n parts of the curve, equally long. It has the features at the
+    // middle of its severities, interpolated between the two points beside it. `begins`, `ends`,
+    // `steps` count steps from the first point.
     let end = |i: f64| if i < n { steps_at(total * i / n) } else { (points.len() - 1) as f64 };
     let node = |i: usize| {
         let (begins, ends) = (end(i as f64), end(i as f64 + 1.0));
@@ -437,8 +489,8 @@ fn nodes_along(
 }
 
 impl Node {
-    /// A node with these features and derivatives, to which severity, scatter and noise are still to be
-    /// given.
+    /// A node with these features and derivatives. Severity, belief, noise and axes are
+    /// placeholders, which the caller replaces.
     fn at(mean: Vector4<f64>, slope: Slope) -> Node {
         Node {
             severity: f64::NAN,
@@ -457,9 +509,10 @@ impl Node {
         }
     }
 
-    /// A node that stands for no severity: signals of healthy channels, which differ by
-    /// [`HealthySpread::slope`], displaced to `mean` with the covariance `belief`. `noise`: covariance of a
-    /// fit's noise there.
+    /// A node that stands for no severity, of an alternative to the classes: signals of healthy
+    /// channels, which differ by [`HealthySpread::slope`], displaced to `mean` with the additional
+    /// covariance `belief`. `noise`: covariance of a fit's noise there. `None`: a covariance is
+    /// singular or not finite.
     pub fn displaced(
         mean: Vector4<f64>,
         belief: Matrix4<f64>,
@@ -469,8 +522,8 @@ impl Node {
         Node { belief, noise, ..Node::at(mean, healthy.slope) }.among(&healthy.channels)
     }
 
-    /// The node for signals of any channel: their features scatter because channels differ, and `belief` is
-    /// added.
+    /// The node for signals of any channel: the covariance is that of the channels' own changes,
+    /// `channels`, through the slope, plus `belief`.
     fn among(self, channels: &Square) -> Option<Node> {
         let spread = self.slope * channels * self.slope.transpose();
         let beyond = spread + self.belief;
@@ -480,8 +533,8 @@ impl Node {
     /// The node with `beyond` as the covariance of all scatter but the noise. `None`: the noise's covariance
     /// is not positive definite, or a number is not finite.
     fn scattered(self, beyond: &Matrix4<f64>) -> Option<Node> {
-        // noise = L L^T. L^-1 whitens the noise; the eigenvectors of what the scatter becomes make that
-        // diagonal, too, and leave the noise as it is, since they are orthonormal.
+        // noise = L L^T. L^-1 whitens the noise. The eigenvectors of the scatter after that make
+        // the scatter diagonal, too, and leave the noise white, since they are orthonormal.
         let inverse = self.noise.cholesky()?.l().try_inverse()?;
         let whitened = inverse * beyond * inverse.transpose();
         let SymmetricEigen { eigenvalues, eigenvectors } = SymmetricEigen::new(whitened);
@@ -492,9 +545,11 @@ impl Node {
         finite.then_some(Node { to_axes, spread, ln_determinant, ..self })
     }
 
-    /// The node for signals of one channel. The channel's baseline determines the channel's own changes: they
-    /// are `gain` times the baseline, with the remaining covariance `left`. `shot`: covariance of one
-    /// channel's signals beyond the noise.
+    /// The node for signals of one channel whose own healthy level (its baseline, in features) is
+    /// known. The baseline determines the channel's own changes: their mean is `gain` times the
+    /// baseline, and `left` is the covariance that remains
+    /// ([`super::physics_density::FaultCurves::of_one_channel`] computes both). `shot`: covariance
+    /// of one channel's signals beyond the noise. `None`: a covariance is singular.
     pub fn of_one_channel(
         &self,
         gain: &SMatrix<f64, CHANGES, 4>,

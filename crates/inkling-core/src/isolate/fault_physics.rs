@@ -1,15 +1,27 @@
-//! The physical parameters of a machine's channels, estimated with their covariance: they predict faults of
-//! which no signal was labelled.
+//! The physical parameters of a machine's channels, estimated with their covariance. They predict
+//! faults of which no signal was labelled. thesis (2-2), §2-2.
 //!
-//! In: a prior guess of the rates, the measured healthy ring, healthy features, and labelled severities where
-//! there are any. Out: [`FaultPhysics`]: rates and actuation with their covariance (`belief`), and how
-//! channels differ (`spread`); from these the curves of the fault classes. thesis (2-2), §2-2.
+//! In, from `design/cold_start.rs`: a guess of the rates a, b, g, d and of the actuation, the
+//! measured healthy ring, features of healthy signals, and labelled faulty signals with severities
+//! where there are any. Out: [`FaultPhysics`], which a design stores: rates and actuation with
+//! their covariance (`belief`), and how channels differ (`spread`). [`FaultPhysics::curves`] makes
+//! from it the curves of all fault classes and alternatives ([`FaultCurves`]), with which signals
+//! are compared.
 //!
-//! Damping and frequency of the healthy ring determine two combinations of the four rates. The ratios a/b and
-//! g/d are not observable in healthy signals; they come from the guess, with the prior standard deviation
-//! `isolate.guess_sd`. Faulty signals of labelled severity are observations of these ratios. The estimate is
-//! maximum a posteriori, by Gauss-Newton on the features, with the weights of Student's t against wrong
-//! labels.
+//! The estimate of the rates (maximum a posteriori):
+//!
+//! 1. Prior: Gaussian in ln a, ln b, ln g, ln d, ln pulse about the guess. Only ratios of rates are
+//!    trusted (to `isolate.guess_sd`); common factors of a and b, and of g and d, are free.
+//! 2. Damping and frequency of the healthy ring are two very precise observations. They determine
+//!    two combinations of the four rates. The ratios a/b and g/d are not observable in healthy
+//!    signals.
+//! 3. A faulty signal of labelled severity observes these ratios: its features should be those of a
+//!    simulated fault of that severity ([`super::fault_curve`]).
+//! 4. Gauss-Newton: linearise all observations about the present estimate, add up information and
+//!    gradient, and step. Faulty signals have the weights of Student's t, against wrong labels.
+//!
+//! How channels differ is estimated from the covariance of healthy features less their noise
+//! (`spread_of_channels`).
 
 use super::alternatives::{Alternative, broad};
 use super::class_density::scattered;
@@ -33,11 +45,12 @@ use std::collections::BTreeMap;
 pub struct FaultPhysics {
     /// The rates of the healthy channel.
     pub channel: InkChannel,
-    /// What actuates the channel; its pulse is estimated with the rates.
+    /// What actuates the channel. The length of its pulse is estimated with the rates; its delay is
+    /// only a first guess, which [`FaultSimulator`] adapts to the measured phase.
     pub actuation: Actuation,
     /// Posterior covariance of ln a, ln b, ln g, ln d, ln pulse.
     pub belief: [[f64; CHANGES]; CHANGES],
-    /// The ring that signals are compared with.
+    /// The measured healthy ring, to which the features of signals are relative.
     pub ring: Ring,
     /// Standard deviation of one sample's noise, counts.
     pub noise: f64,
@@ -45,28 +58,28 @@ pub struct FaultPhysics {
     pub spread: [f64; CHANGES],
     /// Severities of the labelled signals, by the name of their class.
     pub seen: BTreeMap<String, LabelledSeverities>,
-    /// All that is known to happen to a channel.
+    /// The laws of all that is known to happen to a channel: `faults.toml` and the user's own.
     #[serde(default, skip_serializing_if = "Catalogue::is_empty")]
     pub laws: Catalogue,
 }
 
-/// A labelled signal of known severity.
+/// A labelled faulty signal, with its severity if the label gives one.
 #[derive(Clone, Debug)]
 pub struct LabelledFault {
     /// The signal's label, the name of a class.
     pub class: String,
-    /// The thesis's class in whose unit the severity is given.
+    /// The name of the law in whose unit the severity is given.
     pub kind: String,
     /// The severity that the label gives; NaN: none.
     pub severity: f64,
-    /// Fitted features, the phase free.
+    /// Fitted features, with the phase free, relative to the healthy ring.
     pub features: Vector4<f64>,
-    /// Drive voltage over the reference.
+    /// Drive voltage over the reference voltage.
     pub drive: f64,
     /// ln damping and ln frequency of the healthy ring at that time, relative to [`FaultPhysics::ring`].
     pub ring: [f64; 2],
-    /// The signal's weight: 1, or less for signals of a channel that gave many, since these are not
-    /// independent.
+    /// The signal's weight: one over the number of labelled signals of its channel, so that every
+    /// channel counts as one signal. Signals of one channel are not independent.
     pub weight: f64,
 }
 
@@ -75,7 +88,7 @@ pub type Sampling = (f64, usize);
 
 /// Largest number of passes of the coordinate search for the channels' spread; some 50 suffice.
 const MOST_PASSES: usize = 10_000;
-/// Number of Gauss-Newton steps on the rates.
+/// Number of Gauss-Newton steps on the rates; twice as many without labelled faults.
 const ROUNDS: usize = 6;
 /// Degrees of freedom of Student's t, by which a wrong label gets little weight.
 const DEGREES: f64 = 3.0;
@@ -88,9 +101,10 @@ const RING_SD: f64 = 1e-3;
 const SCALE_SD: f64 = 1.0;
 
 impl FaultPhysics {
-    /// Estimates rates and pulse from the prior and the healthy ring alone. `guess`: rates and actuation;
-    /// `guess_sd`: prior standard deviation of each ln rate beside the common factors; `noise`: of one
-    /// sample, counts. `None`: no such channel rings.
+    /// Estimates rates and pulse from the prior and the healthy ring alone. `guess`: rates and
+    /// actuation; `guess_sd`: prior standard deviation of each ln rate beside the common factors;
+    /// `ring`: as measured; `noise`: standard deviation of one sample, counts. The channels' spread
+    /// is 0 at first. `None`: no such channel rings.
     pub fn new(guess: Healthy, guess_sd: f64, ring: Ring, noise: f64) -> Option<FaultPhysics> {
         let mut physics = FaultPhysics {
             channel: guess.channel,
@@ -120,9 +134,10 @@ impl FaultPhysics {
         FaultSimulator::new(fitter, healthy, self.noise)
     }
 
-    /// Learns how healthy channels differ. `features`: one row per signal; `noise`: mean covariance of their
-    /// noise; `channels`: how many channels they came from. `None`: too few signals, or numbers that are not
-    /// finite.
+    /// Learns how healthy channels differ, into `spread`. `features`: the four features of each
+    /// healthy signal, fitted with the phase free; `noise`: mean covariance of their noise, 4 x 4;
+    /// `channels`: how many channels the signals came from. `None`: fewer than 16 signals, or
+    /// numbers that are not finite; nothing is changed.
     pub fn learn_spread(
         &mut self,
         features: &[DVector<f64>],
@@ -136,8 +151,10 @@ impl FaultPhysics {
         Some(())
     }
 
-    /// Corrects rates and pulse by signals of known severity. Left out are classes that the physics does not
-    /// know, and severities at which a channel would not ring. `None`: the corrected channel would not ring.
+    /// Corrects rates and pulse by labelled signals of known severity. `guess`, `guess_sd`: the
+    /// prior, as in [`FaultPhysics::new`]. Left out are signals without severity or of unknown
+    /// laws, and severities at which a channel would not ring. `None`: the corrected channel would
+    /// not ring; some steps may have been taken by then, so the caller keeps a copy.
     pub fn learn_rates(
         &mut self,
         guess: Healthy,
@@ -148,7 +165,8 @@ impl FaultPhysics {
         let prior = Prior::new(guess, guess_sd)?;
         let fitter = self.fitter(sampling);
         for _ in 0..ROUNDS {
-            // linearise about the present estimate
+            // linearise about the present estimate: `information` and `gradient` are those of all
+            // signals' ln likelihood by the five parameters
             let change = self.change()?;
             let mut simulator = self.simulator(&fitter)?;
             let (mut information, mut gradient) = (Square::zeros(), SVector::zeros());
@@ -159,14 +177,19 @@ impl FaultPhysics {
                 else {
                     continue;
                 };
-                // what makes a signal's features scatter about the prediction: channels differ, and noise
+
+                // covariance of a signal's features about the prediction: channels differ, and
+                // noise
                 let scatter = point.slope * self.channels() * point.slope.transpose()
                     + point.noise / (signal.drive * signal.drive);
                 let Some(inverse) = scatter.try_inverse() else { continue };
-                // the healthy ring had changed by then (ink temperature), and the faulty one with it
+
+                // The healthy ring had changed by the time of the signal (ink temperature), and the
+                // faulty one with it; `rest` is what the prediction leaves.
                 let changed = change * Vector2::from(signal.ring);
                 let moved = of_change(&(point.slope - simulator.healthy_slope())) * changed;
                 let rest = turned(signal.features - point.mean - moved);
+
                 // Student's t in four dimensions: a signal far from its prediction gets less weight, as its
                 // label may be wrong
                 let square = rest.dot(&(inverse * rest));
@@ -180,9 +203,10 @@ impl FaultPhysics {
         Some(())
     }
 
-    /// Derivative of (ln stiffness, ln viscosity) by (ln damping, ln frequency) of the healthy ring.
-    /// Stiffness is what the rates a and b of all channels have in common, viscosity what g and d have.
-    /// `None`: the channel does not ring.
+    /// Derivative of (ln stiffness, ln viscosity) by (ln damping, ln frequency) of the healthy
+    /// ring, 2 x 2: the inverse of the derivative the other way round. Stiffness is a common factor
+    /// of the rates a and b of all channels, viscosity one of g and d. `None`: the channel does not
+    /// ring.
     fn change(&self) -> Option<Matrix2<f64>> {
         let stiffer = |by: f64| ln_ring(&self.channel.times([by.exp(), by.exp(), 1.0, 1.0]));
         let thicker = |by: f64| ln_ring(&self.channel.times([1.0, 1.0, by.exp(), by.exp()]));
@@ -190,22 +214,28 @@ impl FaultPhysics {
             .try_inverse()
     }
 
-    /// One Gauss-Newton step on ln rates and ln pulse; the posterior covariance becomes the `belief`.
-    /// `information`, `gradient`: those of the labelled signals; the prior's and the healthy ring's are added
-    /// here. `None`: after the step the channel would not ring.
+    /// One Gauss-Newton step on ln rates and ln pulse; the posterior covariance, linearised before
+    /// the step, becomes the `belief`. `information`, `gradient`: those of the labelled signals;
+    /// the prior's and the healthy ring's are added here. `None`: after the step the channel would
+    /// not ring; nothing is changed.
     fn step(
         &mut self,
         prior: &Prior,
         information: Square,
         gradient: SVector<f64, CHANGES>,
     ) -> Option<()> {
+        /// Largest change of a ln rate or ln pulse in one step.
         const MOST: f64 = 0.3;
         let theta = logs(&self.channel, &self.actuation);
         let measured = Vector2::new(self.ring.damping_per_s.ln(), self.ring.frequency_hz.ln());
         let off = measured - ln_ring(&self.channel)?;
+
+        // the prior adds its information, and its pull towards the guess
         let (mut total, mut slope) = (information + prior.information, gradient);
         slope += prior.information * (prior.mean - theta);
-        // gradients of ln damping and ln frequency of the healthy ring; the pulse does not change these
+
+        // gradients of ln damping and ln frequency of the healthy ring by ln rates; the pulse (row
+        // 4) changes neither
         let mut gradients = SMatrix::<f64, CHANGES, 2>::zeros();
         for j in 0..4 {
             let moved = |by: f64| {
@@ -215,13 +245,14 @@ impl FaultPhysics {
             };
             gradients.set_row(j, &derivative(moved, 1e-4)?.transpose());
         }
-        // the measured ring is an observation of both
+        // the measured ring is an observation of ln damping and of ln frequency, each to `RING_SD`
         for (column, off) in gradients.column_iter().zip(off.iter()) {
             total += column * column.transpose() / (RING_SD * RING_SD);
             slope += column * (off / (RING_SD * RING_SD));
         }
+
+        // the step; long steps are cut, since the model is linear only near by
         let covariance = total.try_inverse()?;
-        // long steps are cut, since the model is linear only near by
         let step = (covariance * slope).map(|v| v.clamp(-MOST, MOST));
         let theta = theta + step;
         if !theta.iter().all(|v| v.is_finite()) {
@@ -234,7 +265,7 @@ impl FaultPhysics {
         Some(())
     }
 
-    /// Refuses what could not have been learned.
+    /// Refuses stored physics that could not have been learned, and says which field is wrong.
     pub fn check(&self) -> Result<(), String> {
         let Ring { amplitude, damping_per_s, frequency_hz, lambda_per_s, .. } = self.ring;
         let positive = [amplitude, damping_per_s, frequency_hz, lambda_per_s, self.noise]
@@ -263,13 +294,16 @@ impl FaultPhysics {
         Err(format!("`physics` could not have been learned: {wrong}; train again"))
     }
 
-    /// Covariance of a channel's own changes: they are independent of each other.
+    /// Covariance of a channel's own changes, diagonal: the changes are taken for independent of
+    /// each other.
     fn channels(&self) -> Square {
         Square::from_diagonal(&SVector::from(self.spread).map(|sd| sd * sd))
     }
 
-    /// The fault curves of `classes`, with the catalogue's contrasts and the broad alternatives behind them.
-    /// Without any curve where the healthy channel does not ring.
+    /// The fault curves of `classes`, and behind them those of what is no class: the catalogue's
+    /// contrasts, and the broad alternatives. `dt_s`, `samples`: of the signals that will be
+    /// compared. Without any curve where the healthy channel does not ring. This takes long
+    /// (thousands of fits), so a design keeps the result.
     pub fn curves(&self, classes: &[Class], dt_s: f64, samples: usize) -> FaultCurves {
         let fitter = self.fitter((dt_s, samples));
         let simulator = self.simulator(&fitter);
@@ -283,13 +317,16 @@ impl FaultPhysics {
         };
         let mut curves = FaultCurves::new(classes.len(), healthy.clone());
         let Some(simulator) = simulator else { return curves };
+        // the curves of several laws, computed side by side on all cores
         let curves_of = |laws: Vec<&Law>| {
             side_by_side(cores(), laws, |law| {
                 let most = self.laws.largest(law);
                 fault_curve(&mut simulator.clone(), law, most, &healthy)
             })
         };
-        // Classes of one kind of fault share a curve, so one curve is computed per kind.
+
+        // Classes of one kind of fault share a curve, so one curve is computed per kind. `numbers`:
+        // of each kind the number of its curve, or none if the kind does not ring.
         let laws = |class: &'_ Class| -> Vec<&Law> {
             class.of.iter().filter_map(|name| self.laws.law(name)).collect()
         };
@@ -301,6 +338,7 @@ impl FaultPhysics {
         }
         let of_kinds = curves_of(kinds.clone()).into_iter();
         let numbers: Vec<Option<usize>> = of_kinds.map(|curve| Some(curves.add(curve?))).collect();
+        // a class's members: the laws that it stands for, each with its curve
         let member = |law| {
             let kind = kinds.iter().position(|known: &&Law| known.is_kind_of(law))?;
             Some(Member { law, curve: numbers[kind]? })
@@ -309,7 +347,9 @@ impl FaultPhysics {
             let members: Vec<Member> = laws(class).into_iter().filter_map(member).collect();
             curves.set(k, &members, self.seen.get(&class.name));
         }
-        // what happens to channels and is no class: its severities are uniform in the range of its name
+
+        // what happens to channels and is no class (contrasts): severities are uniform in the range
+        // of the name
         let contrasts: Vec<(&str, &Law)> = self.laws.contrasts().collect();
         let of_contrasts = curves_of(contrasts.iter().map(|(_, law)| *law).collect());
         for ((name, law), curve) in contrasts.into_iter().zip(of_contrasts) {
@@ -320,6 +360,8 @@ impl FaultPhysics {
                 curves.add_alternative(what, law.weight, curve, &share);
             }
         }
+
+        // gains, clocks, delays and rates: all nodes of one are equally likely
         for (what, nodes) in broad(&fitter, self.noise, &healthy).into_iter().flatten() {
             let share = vec![1.0; nodes.len()];
             curves.add_alternative(what, tuned::no_class(), nodes, &share);
@@ -327,8 +369,9 @@ impl FaultPhysics {
         curves
     }
 
-    /// What a fault of this severity adds to the healthy signal, N, counts. `None`: there is no such class,
-    /// or one of both channels does not ring.
+    /// What a fault of this severity adds to the healthy signal, N, counts: the difference of two
+    /// simulated decays at the reference drive. `class`: the name of a law. `None`: there is no
+    /// such law, or one of the two channels does not ring.
     pub fn deviation(&self, class: &str, severity: f64, sampling: Sampling) -> Option<Vec<f64>> {
         let fitter = self.fitter(sampling);
         let simulator = self.simulator(&fitter)?;
@@ -340,13 +383,15 @@ impl FaultPhysics {
     }
 }
 
-/// The Gaussian prior of ln rates and ln pulse.
+/// The Gaussian prior of ln rates and ln pulse: its mean, and the inverse of its covariance.
 struct Prior {
     mean: SVector<f64, CHANGES>,
     information: Square,
 }
 
 impl Prior {
+    /// The prior about a guess. `guess_sd`: of each ln rate by itself. `None`: the covariance is
+    /// singular.
     fn new(guess: Healthy, guess_sd: f64) -> Option<Prior> {
         // Each ln rate by itself is known to within `guess_sd`. A factor that a and b have in common, and one
         // of g and d, are hardly known: they add a block of equal entries for each of both pairs.
@@ -366,7 +411,7 @@ fn logs(channel: &InkChannel, actuation: &Actuation) -> SVector<f64, CHANGES> {
     SVector::from([a, b, g, d, actuation.pulse_s]).map(f64::ln)
 }
 
-/// The channel with the estimated parameters, see [`logs`].
+/// The channel with the estimated parameters, in the order of `logs`.
 fn channel(theta: &SVector<f64, CHANGES>) -> InkChannel {
     InkChannel::of(std::array::from_fn(|j| theta[j].exp()))
 }
@@ -377,18 +422,23 @@ fn ln_ring(channel: &InkChannel) -> Option<Vector2<f64>> {
     Some(Vector2::new(poles.damping_per_s.ln(), poles.frequency_hz.ln()))
 }
 
-/// The derivative at 0, by central differences.
+/// The derivative of a function at 0, by central differences. `None`: the function has no value
+/// there.
 fn derivative(of: impl Fn(f64) -> Option<Vector2<f64>>, step: f64) -> Option<Vector2<f64>> {
     Some((of(step)? - of(-step)?) / (2.0 * step))
 }
 
-/// Standard deviations of ln a, ln b, ln g, ln d, ln gain over healthy channels, from the covariance of their
-/// features beyond the noise. `slope`: Jacobian of the features; `features`: of fits with the phase free;
-/// `noise`: their mean noise covariance. `None`: there are fewer than 16 signals, or numbers that are not
-/// finite.
+/// Standard deviations of ln a, ln b, ln g, ln d, ln gain over healthy channels, from the
+/// covariance of their features. `slope`: Jacobian of the features by these; `features`: of fits
+/// with the phase free, one vector per signal; `noise`: their mean noise covariance, 4 x 4;
+/// `channels`: how many channels the signals came from. `None`: there are fewer than 16 signals, or
+/// numbers that are not finite.
 ///
-/// Four features do not determine five variances and one of the phase: a and b are given the same, and so are
-/// g and d. The estimate is maximum a posteriori, by a coordinate search.
+/// The model is: covariance of the features = slope diag(variances) slope' + noise + a variance of
+/// the phase by other causes. Four features do not determine six variances, so a and b are given
+/// the same, and so are g and d; four unknowns are left. Their ln standard deviations are estimated
+/// by maximum a posteriori: Gaussian likelihood of the sample covariance, counted as often as there
+/// are channels, and a weak prior; by a coordinate search.
 fn spread_of_channels(
     slope: &Slope,
     features: &[DVector<f64>],
@@ -403,8 +453,9 @@ fn spread_of_channels(
     let (_, scatter) = scattered(features, DMatrix::zeros(4, 4));
     let sample = scatter.fixed_view::<4, 4>(0, 0) / (n - 1.0);
     let noise = noise.fixed_view::<4, 4>(0, 0);
-    // Minus the log posterior. `ln_sd`: of a and b, of g and d, of gain, and of the phase by other causes
-    // (such as the trigger).
+
+    // Minus the log posterior. `ln_sd`: ln standard deviations of a and b, of g and d, of gain, and
+    // of the phase by other causes (such as the trigger).
     let cost = |ln_sd: &[f64; 4]| -> f64 {
         let v = ln_sd.map(|l| (2.0 * l).exp());
         let rates = SMatrix::<f64, CHANGES, 1>::from([v[0], v[0], v[1], v[1], v[2]]);

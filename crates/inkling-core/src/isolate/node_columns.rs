@@ -1,10 +1,19 @@
-//! The nodes of a fault curve as a structure of arrays with bounding boxes, so that a signal is compared with
-//! several nodes at once, and only with those near it.
+//! The nodes of a fault curve as a structure of arrays with bounding boxes, so that a signal is
+//! compared with several nodes at once, and only with those near it. It computes fast what
+//! `Node::ln_density` (in the tests) says node by node; an isolation compares a signal with
+//! thousands of nodes.
 //!
-//! In: a curve's nodes. Out: for a signal's features the squared distance and the peak density of every node
-//! that is not negligible. Nodes are stored in blocks of [`NODES`] consecutive ones, each block with its
-//! bounding box in the features. Where the features lie far outside the box in one coordinate, all nodes of
-//! the block are negligible.
+//! In, from [`super::physics_density`]: once the nodes of a curve; then a signal's features and
+//! conditions. Out: the densities of the features at all nodes that are not negligible, up to a
+//! factor of the curve. The steps:
+//!
+//! 1. Nodes are stored in blocks of [`NODES`] consecutive ones, each block with its bounding box in
+//!    the features, and sixteen boxes side by side. A block is left out where the features lie far
+//!    outside of its box in one coordinate (`near`): there all its nodes are negligible.
+//! 2. For the nodes of the other blocks: the squared Mahalanobis distance and the height of the
+//!    peak (`Block::compare`). In a node's axes the covariance is diagonal at any drive, so no
+//!    matrix is inverted.
+//! 3. Exponentials relative to the nearest node (`densities`), so that nothing underflows.
 //!
 //! Differences of features are taken in f64, and all that follows is computed in f32, of which a register
 //! holds twice as many. With u the distance along an axis, in standard deviations, the rounding changes a
@@ -23,8 +32,9 @@ pub type OfNodes<T = f32> = [T; NODES];
 const BOXES: usize = 16;
 /// One value for each of these boxes.
 type OfBoxes = [f32; BOXES];
-/// Squared distance in one coordinate, in variances, beyond which a node is negligible: there it has e^-30 of
-/// its peak.
+/// Squared distance in one coordinate, in variances, beyond which a node is negligible: there its
+/// density is e^-30 of its peak. Of a signal that is so far from all nodes of a curve the curve's
+/// density counts as 0.
 const FAR: f32 = 60.0;
 /// Number of coordinates of the boxes: all features but the phase, which is periodic.
 const COORDINATES: usize = 3;
@@ -34,11 +44,12 @@ const COORDINATES: usize = 3;
 pub struct NodeColumns {
     boxes: Vec<Boxes>,
     blocks: Vec<Block>,
-    /// The largest ln determinant of any node's `to_axes`.
+    /// The largest `ln_determinant` of any node.
     ln_determinant: f64,
 }
 
-/// Bounding boxes of [`BOXES`] blocks; beyond the curve's last block they are empty.
+/// Bounding boxes of [`BOXES`] blocks, coordinate by coordinate; beyond the curve's last block they
+/// are empty.
 type Boxes = [Bounds; COORDINATES];
 
 /// For [`BOXES`] blocks in one coordinate: the smallest and the largest mean of each block's nodes.
@@ -46,11 +57,12 @@ type Boxes = [Bounds; COORDINATES];
 struct Bounds {
     low: OfBoxes,
     high: OfBoxes,
-    /// Largest variances of the block's nodes: of all scatter but the noise, and of the noise at the
-    /// reference drive.
+    /// Largest variances of this coordinate over the block's nodes: of all scatter but the noise,
+    /// and of the noise at the reference drive.
     beyond: OfBoxes,
     noise: OfBoxes,
-    /// Derivatives of the mean of the block's first node, which stand for those of all its nodes.
+    /// Derivatives of the mean of the block's first node by the conditions, which stand for those
+    /// of all its nodes. (They differ little from node to node, and the boxes' reach is wide.)
     by_change: [OfBoxes; 2],
     by_baseline: [OfBoxes; 4],
 }
@@ -60,14 +72,19 @@ struct Bounds {
 #[derive(Clone, Debug)]
 struct Block {
     severity: OfNodes<f64>,
+    /// By feature.
     mean: [OfNodes<f64>; 4],
+    /// By feature and change, or feature and feature of the baseline.
     by_change: [[OfNodes; 2]; 4],
     by_baseline: [[OfNodes; 4]; 4],
+    /// By axis and feature.
     to_axes: [[OfNodes; 4]; 4],
+    /// By axis.
     spread: [OfNodes; 4],
-    /// -2 ln of the determinant of `to_axes` over the curve's largest, which is added to the squared
-    /// distance. Where fits hardly tell a ring, the determinants of a curve differ by more than single
-    /// precision holds, so they are kept as logarithms.
+    /// -2 ln of (the determinant of the node's `to_axes` over the curve's largest), at least 0,
+    /// which is added to the squared distance; infinity for copies that fill the block. Where fits
+    /// hardly tell a ring, the determinants of a curve differ by more than single precision holds,
+    /// so they are kept as logarithms.
     lower: OfNodes,
 }
 
@@ -77,11 +94,11 @@ struct Block {
 #[derive(Clone, Copy, Debug)]
 pub struct Compared {
     pub block: usize,
-    /// Squared Mahalanobis distance plus [`Block::lower`].
+    /// Squared Mahalanobis distance plus `Block::lower`.
     pub square: OfNodes,
     /// 1 over the root of the product of the variances along the node's axes.
     pub height: OfNodes,
-    /// The smallest of `square`.
+    /// The smallest value of `square`.
     least: f32,
 }
 
@@ -143,7 +160,8 @@ fn boxes(blocks: &[&[Node]]) -> Boxes {
     })
 }
 
-/// Tells which boxes may hold a node that is not negligible, as one bit each.
+/// Tells which boxes may hold a node that is not negligible, as one bit each. `OWN`: whether the
+/// curve moves with a channel's baseline.
 #[inline(always)] // compiled once per instruction set
 fn near<const OWN: bool>(boxes: &Boxes, query: Query) -> u32 {
     let Query { changed, own, noise, .. } = query;
@@ -152,7 +170,7 @@ fn near<const OWN: bool>(boxes: &Boxes, query: Query) -> u32 {
     for (bounds, x) in boxes.iter().zip(query.x) {
         let (x, [first, second]) = (x as f32, &bounds.by_change);
         for b in 0..BOXES {
-            // instead of the nodes, the signal is moved, the other way
+            // the conditions move the nodes; instead of these, the signal is moved the other way
             let mut at = x - first[b] * changed[0] - second[b] * changed[1];
             if OWN {
                 for (by_baseline, own) in bounds.by_baseline.iter().zip(own) {
@@ -163,7 +181,8 @@ fn near<const OWN: bool>(boxes: &Boxes, query: Query) -> u32 {
             let (below, above) = (bounds.low[b] - at, at - bounds.high[b]);
             let most = if below > above { below } else { above };
             let outside = if most > 0.0 { most } else { 0.0 };
-            // a little wider, for rounding
+            // the box counts where that distance is within sqrt(FAR) standard deviations, a little
+            // more for rounding
             let reach = 1.001 * FAR * (bounds.beyond[b] + noise * bounds.noise[b]);
             inside[b] = if outside * outside <= reach { inside[b] } else { 0 };
         }
@@ -210,10 +229,12 @@ impl Block {
     }
 }
 
-/// A signal's features and conditions. It is passed by value, so that it stays in registers.
+/// A signal's features and conditions as the loops need them. Passed by value, so that it stays in
+/// registers.
 #[derive(Clone, Copy)]
 struct Query {
     x: [f64; 4],
+    /// `Conditions::changed`: ln stiffness and ln viscosity.
     changed: [f32; 2],
     /// The features of the channel's own level; 0 where no level is known.
     own: [f32; 4],
@@ -221,7 +242,7 @@ struct Query {
     noise: f32,
 }
 
-/// Compares features with the nodes that are not negligible, and writes these blocks to `out`.
+/// Compares features with the nodes that are not negligible, and writes their blocks to `out`.
 #[inline(always)] // compiled once per instruction set
 pub(super) fn compare(
     of: &NodeColumns,
@@ -239,8 +260,8 @@ pub(super) fn compare(
     }
 }
 
-/// The same, compiled for curves that move with the channel's own baseline (`OWN`) and for curves that do
-/// not.
+/// `compare`, compiled once for curves that move with the channel's own baseline (`OWN`) and once
+/// for curves that do not.
 #[inline(always)] // compiled once per instruction set
 fn compare_at<const OWN: bool>(of: &NodeColumns, query: Query, out: &mut Vec<Compared>) {
     out.clear();
@@ -249,7 +270,8 @@ fn compare_at<const OWN: bool>(of: &NodeColumns, query: Query, out: &mut Vec<Com
         for b in each_of(near::<OWN>(boxes, query)) {
             let (square, height) = blocks[b].compare::<OWN>(query);
             let least = least(&square);
-            // blocks that are negligible beside the nearest node so far are left out
+            // Blocks that are negligible beside the nearest node so far are left out. A NaN is,
+            // too.
             if least <= nearest + 2.0 * NEGLIGIBLE {
                 nearest = if least < nearest { least } else { nearest };
                 out.push(Compared { block: part * BOXES + b, square, height, least });
@@ -275,11 +297,15 @@ impl Block {
                 }
                 (x[k] - self.mean[k][i]) as f32 - moved
             };
+
+            // the difference in all features, the phase brought to -pi .. pi
             let mut d = [away(0), away(1), away(2), away(3)];
             // phases of fits lie within -pi .. pi, so one turn suffices
             let turn = if d[3] > PI { TAU } else { 0.0 } - if d[3] < -PI { TAU } else { 0.0 };
             d[3] -= turn;
-            // square of the coordinate along the node's axis k, and its variance
+
+            // square of the coordinate along the node's axis k, and its variance: the spread there
+            // plus the noise, which is 1 at the reference drive
             let along = |k: usize| {
                 let to_axes = &self.to_axes[k];
                 let along = to_axes[0][i] * d[0]
@@ -291,7 +317,9 @@ impl Block {
             let u = [along(0), along(1), along(2), along(3)];
             let spread = |k: usize| self.spread[k][i] + noise;
             let v = [spread(0), spread(1), spread(2), spread(3)];
-            // the sum of u_k / v_k, with two divisions instead of four
+
+            // squared distance: the sum of u_k / v_k, with two divisions instead of four; height:
+            // one over the root of the product of the variances
             let (one, other) = (1.0 / (v[0] * v[1]), 1.0 / (v[2] * v[3]));
             let distance = (u[0] * v[1] + u[1] * v[0]) * one + (u[2] * v[3] + u[3] * v[2]) * other;
             square[i] = distance + self.lower[i];
@@ -321,8 +349,9 @@ pub(super) fn sum<T: Copy + std::ops::Add<Output = T>>(of: &OfNodes<T>) -> T {
 /// A node whose ln density is lower than the largest by more than this is negligible.
 const NEGLIGIBLE: f32 = 30.0;
 
-/// Computes the densities at the nodes that are not negligible. Returns ln of the factor that they leave out:
-/// the curve's largest determinant and the distance of the nearest node.
+/// Computes the densities at the nodes that are not negligible, relative to the nearest node, and
+/// writes them to `out`. Returns ln of the factor that they leave out, without 1 / (2 pi)²: that of
+/// the curve's largest determinant and of the distance of the nearest node.
 #[inline(always)] // compiled once per instruction set
 pub(super) fn densities(
     columns: &NodeColumns,

@@ -1,8 +1,23 @@
-//! The physics' density of a ring's features in each fault class.
+//! The physics' density of a ring's features in each fault class, and in each alternative that is
+//! no class. thesis §2-2.
 //!
-//! In: the fault curves, and the distribution of severities in each class. Out: ln density of features in
-//! every class: the scatter of healthy channels and the noise about the curve, integrated over the class's
-//! severities (a sum over the curve's nodes). thesis §2-2.
+//! In: once the fault curves ([`super::fault_physics`]) and the distribution of severities in each
+//! class; then, from `design/named_ring.rs` and training, the four features x of a signal and the
+//! [`Conditions`] under which it was acquired. Out: a [`Comparison`]: ln density of x in every
+//! class and every alternative, and the densities at the single nodes, by which [`super::severity`]
+//! estimates how severe the fault is.
+//!
+//! The density in a class is an integral over severities s, which is a sum over the nodes of its
+//! curve:
+//!
+//! ```text
+//! p(x | class) = sum over nodes i of share_i p(x | node i),    sum of share_i = 1
+//! ```
+//!
+//! p(x | node i) is a Gaussian: the scatter of channels, the noise, and what is uncertain of the
+//! physics, about the curve. share_i mixes three distributions of the severity, weighted in numbers
+//! of signals: uniform over the range that the class's name means (weight `name_counts`), as the
+//! labelled signals have it (weight n), and uniform over the whole curve (weight 1).
 
 use super::alternatives::Alternative;
 use super::calibration::{Calibration, SizeError};
@@ -18,16 +33,17 @@ use nalgebra::{Matrix4, Vector2, Vector4};
 /// The fault curves of a design, and where on them each class lies.
 #[derive(Clone, Debug)]
 pub struct FaultCurves {
-    /// Per class its kinds of fault, and behind the classes the alternatives, each as if it were a class.
-    /// Empty: a class of the user's own, or kinds of fault that do not ring.
+    /// Per class its kinds of fault, and behind the classes the alternatives, each as if it were a
+    /// class. An empty entry: a class of the user's own that stands for no law, or kinds of fault
+    /// that do not ring.
     classes: Vec<Vec<Sizes>>,
-    /// Per class how estimated severities lie off true ones.
+    /// Per class how its estimated severities are corrected; `None`: they are not.
     calibrations: Vec<Option<Calibration>>,
     /// What each alternative is, in the order in which they stand behind the classes.
     alternatives: Vec<Weighted>,
     /// The nodes of each curve.
     curves: Vec<Vec<Node>>,
-    /// The same, stored for the comparison with a signal.
+    /// The same nodes, arranged for the fast comparison with a signal.
     columns: Vec<NodeColumns>,
     /// How healthy channels differ.
     healthy: HealthySpread,
@@ -46,7 +62,8 @@ struct Weighted {
 pub struct Sizes {
     /// Number of the curve in [`FaultCurves`].
     pub curve: usize,
-    /// Probability of each node among the class's signals, in blocks.
+    /// Probability of each node among the class's signals, in blocks. Over all kinds of the class
+    /// it sums to about 1.
     pub share: Vec<OfNodes>,
 }
 
@@ -60,11 +77,12 @@ pub struct Member<'a> {
 /// Severities of the labelled signals of a class: their quantiles, and the number of independent signals.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct LabelledSeverities {
-    /// Number of signals, where all signals of one channel count together as one.
+    /// Number of signals: the sum of their weights, where all signals of one channel count together
+    /// as one.
     pub n: f64,
     /// Quantiles of the severities, ascending; at most 64.
     pub severities: Vec<f64>,
-    /// How estimates lie off what was labelled; `None`: too few labels tell.
+    /// How estimated severities lie off labelled ones; `None`: too few labels tell.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<SizeError>,
 }
@@ -73,8 +91,8 @@ pub struct LabelledSeverities {
 const MOST_SEEN: usize = 64;
 
 impl LabelledSeverities {
-    /// The quantiles of severities, each of which comes with its weight. Severities that are not finite are
-    /// left out.
+    /// The quantiles of severities. `severities`: pairs of severity and weight. Severities that are
+    /// not finite are left out.
     pub fn new(mut severities: Vec<(f64, f64)>) -> LabelledSeverities {
         severities.retain(|(s, _)| s.is_finite());
         severities.sort_unstable_by(|p, q| p.0.total_cmp(&q.0));
@@ -95,7 +113,7 @@ impl LabelledSeverities {
 }
 
 impl FaultCurves {
-    /// No curves yet, for this number of classes.
+    /// No curves yet, for this number of classes. `healthy`: how healthy channels differ.
     pub fn new(classes: usize, healthy: HealthySpread) -> FaultCurves {
         FaultCurves {
             classes: vec![Vec::new(); classes],
@@ -107,18 +125,24 @@ impl FaultCurves {
         }
     }
 
-    /// The same curves for one channel whose baseline is the mean of `signals` healthy signals: their mean
-    /// depends on the baseline, and their covariance is what the baseline leaves undetermined. `shot`:
-    /// covariance of one channel's signals beyond the noise. This is a Kalman update: the prior of the
-    /// channel's changes is the spread of all channels, and the baseline is the observation. `None`: a
-    /// covariance is singular.
+    /// The curves for one channel whose own healthy level, its baseline, is the mean of the
+    /// features of `signals` healthy signals. The means of the nodes then depend on the baseline
+    /// ([`Conditions::baseline`]), and their covariance is what the baseline leaves undetermined.
+    /// The baseline itself need not be known here. `shot`: covariance of one channel's signals
+    /// beyond the noise.
+    ///
+    /// This is a Kalman update: the prior of the channel's own changes is the covariance S over all
+    /// channels, and the baseline = slope changes + error is the observation. With the gain K = S
+    /// slope' (slope S slope' + error)^-1 the changes are K baseline, with the covariance S - K
+    /// slope S. `None`: a covariance is singular.
     pub fn of_one_channel(&self, shot: &Matrix4<f64>, signals: f64) -> Option<FaultCurves> {
         let HealthySpread { slope, channels, noise, .. } = &self.healthy;
+        // covariance of the baseline's error, then of the baseline in all
         let of_baseline = (noise + shot) / signals;
         let all = slope * channels * slope.transpose() + of_baseline;
         let gain = channels * slope.transpose() * all.try_inverse()?;
         let left = channels - gain * slope * channels;
-        // rounding leaves it not quite symmetric
+        // rounding leaves the covariance not quite symmetric
         let left = (left + left.transpose()) * 0.5;
         let mut own = self.clone();
         for node in own.curves.iter_mut().flatten() {
@@ -135,21 +159,26 @@ impl FaultCurves {
         self.curves.len() - 1
     }
 
-    /// Gives class number `k` the curves of its members. Their severities are distributed as a mixture:
-    /// uniform in the ranges that the names mean, as in the class's labelled signals (`seen`), and uniform
-    /// over the whole curve. Members of several kinds are equally likely; their severities have no common
-    /// unit, so `seen` is ignored then.
+    /// Gives class number `k` the curves of its members, the laws that it stands for. The
+    /// severities are distributed as the mixture at the head of this file: uniform in the ranges
+    /// that the laws' names mean, as in the class's labelled signals (`seen`), and uniform over the
+    /// whole curve. Members are equally likely. If they are of several kinds, their severities have
+    /// no common unit, so `seen` is ignored then. Members of one kind have to follow each other, as
+    /// only neighbours are recognised to share a curve.
     pub fn set(&mut self, k: usize, members: &[Member], seen: Option<&LabelledSeverities>) {
         let mut curves: Vec<usize> = members.iter().map(|member| member.curve).collect();
         curves.dedup();
         let seen = seen.filter(|_| curves.len() == 1);
         let n = seen.map_or(0.0, |seen| seen.n);
         let of_curve = |&curve: &usize| {
+            // the members on this curve, and their part of the class
             let nodes = &self.curves[curve];
             let own: Vec<&Law> =
                 members.iter().filter(|m| m.curve == curve).map(|m| m.law).collect();
             let part = own.len() as f64 / members.len() as f64;
-            // the mixture's weights are counts of signals, over their sum
+            // Each distribution of the mixture is scaled to the sum 1 and counts as so many
+            // signals, over the number of all. A distribution without mass on the curve adds
+            // nothing.
             let mut share = vec![0.0; nodes.len()];
             let mut add = |counted: f64, shares: Vec<f64>| {
                 let sum: f64 = shares.iter().sum();
@@ -171,15 +200,17 @@ impl FaultCurves {
             Sizes { curve, share: NodeColumns::in_blocks(&share) }
         };
         self.classes[k] = curves.iter().map(of_curve).collect();
-        // labels tell how far estimates are off; without them, what a fault changes is uncertain as the rates
-        // are
+
+        // Labels tell how far estimated severities are off. Without labels, what a fault changes is
+        // as uncertain as guessed rates are.
         let learned = seen.and_then(|seen| seen.error).map(Calibration::Learned);
         let guessed = |member: &Member| Calibration::Guessed { none: member.law.none() };
         self.calibrations[k] = learned.or_else(|| members.first().map(guessed));
     }
 
-    /// Adds an alternative, which is no class. `share`: how likely each of its nodes is within the
-    /// alternative; their sum may be any.
+    /// Adds an alternative, which is no class, behind the classes. `weight`: its share a priori of
+    /// what is flagged; `curve`: its nodes; `share`: how likely each node is within the
+    /// alternative, up to a factor.
     pub(super) fn add_alternative(
         &mut self,
         what: Alternative,
@@ -194,23 +225,24 @@ impl FaultCurves {
         self.alternatives.push(Weighted { what, weight });
     }
 
-    /// [`Conditions::changed`] where the healthy ring has changed by `ring` (ln damping, ln frequency).
+    /// [`Conditions::changed`] (ln stiffness, ln viscosity) where the healthy ring has changed by
+    /// `ring` (ln damping, ln frequency).
     pub fn changed(&self, ring: [f64; 2]) -> Vector2<f64> {
         self.healthy.change * Vector2::from(ring)
     }
 
-    /// The same curves, whose severities are not corrected by labels: they are as the physics has them.
+    /// The same curves without any correction of severities: estimates are as the physics has them.
     pub fn uncalibrated(mut self) -> FaultCurves {
         self.calibrations.fill(None);
         self
     }
 
-    /// How estimated severities of class number `k` lie off true ones.
+    /// How estimated severities of class number `k` are corrected; `None`: they are not.
     pub(super) fn calibration(&self, k: usize) -> Option<Calibration> {
         *self.calibrations.get(k)?
     }
 
-    /// The kinds of fault that class number `k` stands for.
+    /// The kinds of fault that class number `k` stands for; empty: none that the physics knows.
     pub fn class(&self, k: usize) -> &[Sizes] {
         self.classes.get(k).map_or(&[], Vec::as_slice)
     }
@@ -220,15 +252,17 @@ impl FaultCurves {
         tuned::no_class() + self.alternatives.iter().map(|of| of.weight).sum::<f64>()
     }
 
-    /// What an alternative is, by its number.
+    /// What an alternative is, by its number in [`Comparison::ln_alternatives`].
     pub fn alternative(&self, number: usize) -> &Alternative {
         &self.alternatives[number].what
     }
 
-    /// The contrast of the catalogue that explains the features best, regardless of its weight, if by the
-    /// physics it is about as likely as a class: a twin, which one decay does not tell from the class.
-    /// `ln_class`: ln density of the features in the class. It must be by the physics, too, since labelled
-    /// signals make a class's density narrower, and say nothing of its twin.
+    /// The number of that contrast of the catalogue which explains the features best, regardless of
+    /// its weight, if by the physics it is about as likely as a class: a twin, which one decay does
+    /// not tell from the class. `None`: no contrast comes near. `ln_alternatives`: of
+    /// [`Comparison`]; `ln_class`: ln density of the features in the class. It must be by the
+    /// physics, too, since labelled signals make a class's density narrower and say nothing of its
+    /// twin.
     pub fn twin(&self, ln_alternatives: &[f64], ln_class: f64) -> Option<usize> {
         let contrasts = self.alternatives.iter().zip(ln_alternatives).enumerate();
         let contrasts =
@@ -238,7 +272,7 @@ impl FaultCurves {
         (ln_class.is_finite() && ln >= ln_class + Appearance::AS_WELL.ln()).then_some(number)
     }
 
-    /// Compares the four features of a signal with every curve.
+    /// Compares the four features of a signal with every curve, and writes the result to `out`.
     pub fn compare(&self, features: &[f64], conditions: Conditions, out: &mut Comparison) {
         let x = Vector4::from_column_slice(features);
         compare(self, &x, conditions, out);
@@ -254,6 +288,7 @@ impl FaultCurves {
 const CLASSES: usize = 16;
 
 for_processor! {
+    /// What `FaultCurves::compare` does.
     fn compare(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mut Comparison) { portable }
 }
 
@@ -263,14 +298,17 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mu
     ln_densities.clear();
     ln_densities.resize(of.classes.len(), 0.0);
     of_curves.resize(of.curves.len(), OfCurve::default());
-    // the densities at the nodes of every curve, up to a factor of the curve
+
+    // the densities at the nodes of every curve, up to a factor of the curve, of which the ln is
+    // `ln_scale`
     for (columns, of) in of.columns.iter().zip(&mut *of_curves) {
         node_columns::compare(columns, x, conditions, compared);
         of.ln_scale =
             node_columns::densities(columns, compared, &mut of.densities) - LN_TAU_SQUARED;
     }
-    // Per class the mean of the densities over its severities. A factor per class, `scales`, is kept as its
-    // ln.
+
+    // Per class the mean of the densities over its severities, as `expectations` times e^`scales`.
+    // Classes are taken sixteen at a time, so that their logarithms are computed together.
     for (classes, lns) in of.classes.chunks(CLASSES).zip(ln_densities.chunks_mut(CLASSES)) {
         let (mut expectations, mut scales) = ([1.0; CLASSES], [f64::NEG_INFINITY; CLASSES]);
         for (l, kinds) in classes.iter().enumerate() {
@@ -281,6 +319,7 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mu
                 if expectation <= f32::MIN_POSITIVE.into() {
                     continue;
                 }
+                // of the first kind (or the only one) both factors are taken as they are
                 match scales[l] == f64::NEG_INFINITY {
                     true => (expectations[l], scales[l]) = (expectation, of.ln_scale),
                     // several kinds: add the densities, with the larger factor taken out
@@ -298,7 +337,8 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mu
         }
         lns.copy_from_slice(&scales[..classes.len()]);
     }
-    // the alternatives stand behind the classes
+
+    // The alternatives stand behind the classes: they are moved to their own list, weighted.
     let classes = of.classes.len() - of.alternatives.len();
     ln_alternatives.clear();
     ln_alternatives.extend(
@@ -306,10 +346,11 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mu
     );
 }
 
-/// A signal compared with all fault curves. The buffers are reused for the next signal.
+/// A signal compared with all fault curves. Its buffers are reused for the next signal.
 #[derive(Clone, Debug, Default)]
 pub struct Comparison {
-    /// ln density of the features in every class; -infinity for a class without a curve.
+    /// ln density of the features in every class; -infinity for a class without a curve, and where
+    /// the features are so far from all its nodes that these are negligible.
     pub ln_densities: Vec<f64>,
     /// ln of the density in every alternative times the alternative's weight.
     pub ln_alternatives: Vec<f64>,
@@ -323,12 +364,12 @@ pub struct Comparison {
 pub struct OfCurve {
     /// The densities at the nodes of those blocks that are not negligible.
     pub densities: Vec<NodeDensities>,
-    /// ln of the factor that the densities leave out.
+    /// ln of the factor that `densities` leave out, which is the same for the whole curve.
     ln_scale: f64,
 }
 
 impl Sizes {
-    /// Mean of the nodes' densities over the class's severities.
+    /// Mean of the nodes' densities over the class's severities: the sum of share times density.
     #[inline(always)] // compiled once per instruction set
     fn expectation(&self, densities: &[NodeDensities]) -> f64 {
         let mut sums = [0.0; NODES];
@@ -342,8 +383,9 @@ impl Sizes {
     }
 }
 
-/// Per node the length of that part of its interval that lies in the severities which a class's name means,
-/// times the node's weight.
+/// Per node the length of that part of its interval which lies in the range of severities that the
+/// law's name means, times the node's weight. Lengths are in the coordinate of [`Law::scale`]. Not
+/// normalised.
 pub(super) fn of_name(nodes: &[Node], law: &Law) -> Vec<f64> {
     let [one, other] = law.range.map(|severity| law.scale(severity));
     let (low, high) = (one.min(other), one.max(other));
@@ -366,9 +408,10 @@ fn of_seen(nodes: &[Node], law: &Law, seen: &LabelledSeverities) -> Vec<f64> {
     nodes.iter().map(density).collect()
 }
 
-/// Bandwidth of the kernel density, in the coordinate of [`Law::scale`]. `n`: number of signals, which may
-/// exceed the number of quantiles. The bandwidth is narrower than Silverman's rule, which assumes a Gaussian,
-/// because severities fill a range.
+/// Bandwidth of the kernel density, in the coordinate of [`Law::scale`]. `places`: the labelled
+/// severities there; `n`: number of signals, which may exceed the number of quantiles. sd n^-.35 is
+/// narrower than Silverman's rule, which assumes a Gaussian, because severities fill a range; the
+/// exponent, and the .1 for a single severity, are somewhat arbitrary.
 fn bandwidth(places: &[f64], n: f64) -> f64 {
     let m = places.len() as f64;
     if places.len() < 2 {

@@ -1,9 +1,26 @@
-//! A posterior over the fault classes, from the features of a fitted ring.
+//! A posterior over the fault classes, from the features of a fitted ring: the default method of
+//! isolation.
 //!
-//! In: labelled features per class, and the densities that the physics predicts. Out: class densities; and
-//! for a signal's features the probability of each class, given that the signal is of one of them. Each
-//! class's density is a mixture of the one learned from its examples ([`ClassDensity`]) and the one by the
-//! physics; all are divided by one temperature (as logarithms), weighted by the priors and normalised.
+//! In, for training (`design/train.rs`): labelled features per class, and the ln densities that the
+//! physics predicts for them. Out: a [`Posterior`], which a design stores. In, for a signal
+//! (`design/named_ring.rs`): its features x and the physics' ln densities of x. Out: the
+//! probability of each class, given that the signal is of one of them:
+//!
+//! ```text
+//! P(class | x)  proportional to  prior(class) p(x | class)^(1 / temperature)
+//! p(x | class)  =  share by_physics(x | class)  +  (1 - share) learned(x | class)
+//! ```
+//!
+//! `learned` is a [`ClassDensity`] from the class's examples, `by_physics` of
+//! [`super::physics_density`]. How training finds the rest:
+//!
+//! 1. Cross-validation gives, for each example, the learned densities that have not seen it
+//!    (`unseen`).
+//! 2. `share`, the weight of the physics, is that which predicts the held-out examples best, by
+//!    expectation maximisation (`share`): first one for all classes, then one per class with the
+//!    first as its prior.
+//! 3. The temperature is that which makes the held-out posteriors likeliest (`temperature`). It is
+//!    1 or more, so it only takes certainty away.
 
 use super::class_density::{ClassDensity, scattered};
 use super::tuned;
@@ -14,11 +31,13 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use std::sync::OnceLock;
 
-/// Labelled features of one class: (ln amplitude, ln damping, ln frequency, phase) of each signal. `noise`:
-/// covariance of a fit's noise at the class's mean.
+/// Labelled examples of one class.
 #[derive(Clone, Debug)]
 pub struct Examples {
+    /// (ln amplitude, ln damping, ln frequency, phase) of each signal, relative to the healthy
+    /// ring.
     pub features: Vec<DVector<f64>>,
+    /// Covariance of a fit's noise at the class's mean.
     pub noise: DMatrix<f64>,
     /// Whether the examples suffice to estimate the ends of a range, so that the class's density may be
     /// uniform along an axis ([`ClassDensity`]). A subset for cross-validation inherits this, so that it is
@@ -27,7 +46,8 @@ pub struct Examples {
 }
 
 impl Examples {
-    /// The examples of a class, and whether they are enough for the ends of a range.
+    /// The examples of a class; whether they are enough for the ends of a range follows from their
+    /// number.
     pub fn new(features: Vec<DVector<f64>>, noise: DMatrix<f64>) -> Examples {
         let tell_ends = features.len() >= tuned::TELL_ENDS;
         Examples { features, noise, tell_ends }
@@ -37,9 +57,9 @@ impl Examples {
 /// The class densities of the features, and what turns them into a posterior.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Posterior {
-    /// Temperature scaling: log densities are divided by this before they are compared; 1 where the
-    /// densities are calibrated, more where they are overconfident. Chosen in training on held-out signals;
-    /// 1 too where a labelled class has fewer than `few` of them.
+    /// Temperature scaling: ln densities are divided by this before they are compared; 1 where the
+    /// densities are calibrated, more where they are overconfident. Training chooses it on held-out
+    /// signals. It is 1, too, where some labelled class has fewer than `few` examples.
     pub temperature: f64,
     /// The densities learned from labelled signals; `None`: no signal of the class was labelled, and the
     /// physics' density is used alone.
@@ -47,8 +67,8 @@ pub struct Posterior {
     /// Weight of the physics' density in each class's mixture; empty: 0 in all classes.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub physics_share: Vec<f64>,
-    /// A posterior over features relative to their own channels' healthy levels, for channels whose level is
-    /// known.
+    /// A posterior over features relative to their own channels' healthy levels, for signals of
+    /// channels whose level is known; `None`: none was learned.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     of_own: Option<Box<Posterior>>,
     /// Per class ln of the weight of the physics' density, and ln of that of the learned one; computed once.
@@ -62,14 +82,15 @@ const FEATURES: usize = 4;
 /// The temperatures among which one is chosen.
 const TEMPERATURES: [f64; 10] = [1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.5, 5.0];
 
-/// A temperature is plausible if its ln likelihood is lower than the largest by this at most: 95 % confidence
-/// on one side, 1.645² / 2.
+/// A temperature is plausible if its ln likelihood is lower than the largest by this at most:
+/// 1.645² / 2, that is 95 % confidence on one side.
 const PLAUSIBLE: f64 = 1.35;
 
 impl Posterior {
     /// Learns the densities from labelled signals of every class, without the physics. `None`: a class has
     /// too few examples.
     pub fn learn(examples: &[Examples]) -> Option<Posterior> {
+        // the physics knows no class: a density of 0 everywhere, with weight 0
         let far = vec![f64::NEG_INFINITY; examples.len()];
         let none: Vec<Vec<Vec<f64>>> =
             examples.iter().map(|e| vec![far.clone(); e.features.len()]).collect();
@@ -77,23 +98,25 @@ impl Posterior {
         Posterior::stack(&examples, &none, &vec![false; examples.len()])
     }
 
-    /// Learns the densities where the physics has a density for some classes (`known`), and where some
-    /// classes have no examples (`None`). `physics`: per class and example, the physics' ln density of that
-    /// example in every class.
+    /// Learns the densities where the physics has a density for some classes, and where some
+    /// classes have no examples. `examples`: per class, `None` without any; `physics`: per class
+    /// and example, the physics' ln density of that example in every class (n_f numbers); `known`:
+    /// per class, whether the physics has a density for it. `None`: a class has neither density.
     ///
-    /// A class's density is a mixture of the learned and the physics' one, with weights by expectation
-    /// maximisation on held-out examples (stacking, Wolpert 1992). First one weight is found from the
-    /// examples of all classes; its prior counts for `few` examples that the physics alone explains. Then
-    /// each class gets its own, with the weight of all as the prior, which counts for `few` examples again.
-    /// So the physics stands nearly alone at first, and keeps its weight as far as it predicts the
-    /// examples. `None`: a class has neither density.
+    /// A class's density is a mixture of the learned and the physics' one, with weights by
+    /// expectation maximisation on held-out examples (stacking, Wolpert 1992). First one weight is
+    /// found from the examples of all classes; its prior counts as `few` examples that the physics
+    /// alone explains. Then each class gets its own weight, with the weight of all as the prior,
+    /// which counts as `few` examples again. So the physics stands nearly alone at first, and keeps
+    /// its weight as far as it predicts the examples.
     pub fn stack(
         examples: &[Option<Examples>],
         physics: &[Vec<Vec<f64>>],
         known: &[bool],
     ) -> Option<Posterior> {
-        // learn from all examples, and once more without each fold, for densities that have not seen the
-        // example
+        // Learn from all examples, and once more without each fold, for densities that have not
+        // seen the example. Few examples are divided into more folds, so that each fold leaves out
+        // few.
         let learned = some_densities(examples);
         let fewest = examples.iter().flatten().map(|e| e.features.len()).min().unwrap_or(0);
         let parts = if fewest < FEWEST_HALVED { fewest.clamp(2, 10) } else { 2 };
@@ -101,7 +124,10 @@ impl Posterior {
         if (0..examples.len()).any(|k| learned[k].is_none() && !known[k]) {
             return None;
         }
-        // an example's ln density in its own class: as learned without it, and by the physics
+
+        // The physics' weights. Pairs: an example's ln density in its own class as learned without
+        // it, and by the physics. Only classes with both densities (`told`) say anything of the
+        // weight of all.
         let pairs = |k: usize| unseen[k].iter().zip(&physics[k]).map(move |(l, p)| (l[k], p[k]));
         let told = |k: &usize| learned[*k].is_some() && known[*k];
         // the weight over all classes is the prior of each, which matters where examples are few
@@ -113,6 +139,8 @@ impl Posterior {
                 (Some(_), true) => share(of_all, pairs(k)),
             })
             .collect();
+
+        // the temperature, of the mixtures with these weights
         let held_out = temperature(fewest < tuned::TELL_ENDS, &unseen, physics, &physics_share);
         let temperature = if fewest >= few() { held_out } else { 1.0 };
         let ln_shares = OnceLock::new();
@@ -124,7 +152,8 @@ impl Posterior {
         Posterior { of_own: of_own.map(Box::new), ..self }
     }
 
-    /// Refuses what could not have been learned.
+    /// Refuses a stored posterior that could not have been learned. `classes`: how many the design
+    /// has.
     pub fn check(&self, classes: usize) -> Result<(), String> {
         if self.classes.len() != classes {
             return Err(format!("`posterior` has {} classes of {classes}", self.classes.len()));
@@ -152,11 +181,14 @@ impl Posterior {
         self.of_own.as_deref()
     }
 
-    /// Writes the posterior of each class into `weights`; they sum to 1, or are NaN if the features have no
-    /// density in any class. `physics`: the physics' ln densities, empty where there is no physics;
-    /// `priors`: of each class. `ln_densities` receives the ln density of the features in every class,
-    /// before temperature and priors. A learned density that is negligible is left out of it, and -infinity
-    /// stands where nothing is left.
+    /// Writes the posterior of each class into `weights` (one number per class). They sum to 1, or
+    /// are NaN if the features have no density in any class. `features`: of the signal, four;
+    /// `physics`: the physics' ln densities of these in every class, empty where there is no
+    /// physics; `priors`: of each class.
+    ///
+    /// `ln_densities` receives the ln density of the features in every class, before temperature
+    /// and priors. A learned density that is negligible is left out, and -infinity stands where
+    /// nothing is left.
     pub fn weigh(
         &self,
         features: &[f64],
@@ -170,13 +202,16 @@ impl Posterior {
             let of = |k: usize| [share(k).ln(), (1.0 - share(k)).ln()];
             (0..self.classes.len()).map(of).collect()
         });
-        // the physics' part of each class's density; the largest class density is no less than the largest of
-        // these
+
+        // ln of the physics' part of each class's density. The largest class density is no less
+        // than the largest of these parts.
         let of_physics = |k: usize| physics.get(k).map(|physics| physics + ln_shares[k][0]);
         let largest_part =
             (0..physics.len()).filter_map(of_physics).fold(f64::NEG_INFINITY, f64::max);
-        // Most classes are so far away that their learned densities need not be computed. To see which,
-        // `weights` holds squared distances from the classes first.
+
+        // Most classes are so far away that their learned densities need not be computed. To see
+        // which, `weights` holds the squared distances from the classes at first. Classes that are
+        // nearly all physics are left out of `nearest`, as their learned density says little.
         let mut nearest = f64::INFINITY;
         for (k, (square, class)) in weights.iter_mut().zip(&self.classes).enumerate() {
             *square = class.as_ref().map_or(f64::INFINITY, |class| class.square(features));
@@ -184,6 +219,8 @@ impl Posterior {
                 nearest = nearest.min(*square);
             }
         }
+
+        // then the ln density of each class
         for (k, (w, class)) in weights.iter_mut().zip(&self.classes).enumerate() {
             let near = *w < nearest + self.temperature * FAR || nearest == f64::INFINITY;
             let physics = of_physics(k);
@@ -196,6 +233,7 @@ impl Posterior {
                     highest > ln - NOTHING && highest > largest_part - self.temperature * NOTHING
                 })
             };
+            // where the class has no part by the physics, the learned density stands alone
             let learned = ln_or_none(class.as_ref().filter(|_| near).filter(counts), features);
             *w = physics.map_or(learned, |physics| sum_of(learned + ln_learned, physics));
         }
@@ -205,8 +243,9 @@ impl Posterior {
     }
 }
 
-/// A class whose squared distance exceeds the nearest one's by this is negligible: its density is smaller by
-/// a factor of e^-60, which is far more than peak densities differ by.
+/// A class whose squared distance exceeds the nearest class's by this, times the temperature, is
+/// negligible: its density is smaller by a factor of e^-60, which is far more than peak densities
+/// differ by.
 const FAR: f64 = 120.0;
 /// ln of the ratio of two densities beyond which the smaller is negligible: e^-17 is below the last digit of
 /// a certainty.
@@ -214,16 +253,17 @@ const NOTHING: f64 = 17.0;
 /// Difference of two ln densities from which on the smaller does not change the sum: e^-40 added to 1 leaves
 /// 1.
 pub(super) const ROUNDED_AWAY: f64 = 40.0;
-/// From this weight of the physics on, a class's learned density does not exclude other classes as too far
-/// away.
+/// A class with at least this weight of the physics does not make other classes count as too far
+/// away, however near the features are to its learned density.
 const MOSTLY_PHYSICS: f64 = 0.999;
 
 /// With at least so many examples of every class, cross-validation with two folds suffices.
 const FEWEST_HALVED: usize = 100;
 
-/// The physics' mixture weight that maximises the likelihood of held-out examples, by expectation
-/// maximisation. `examples`: pairs of ln densities (learned, physics); `before`: the prior mean of the
-/// weight. An example that has no density by either counts, and counts against the physics.
+/// The physics' mixture weight that maximises the likelihood of held-out examples times a prior, by
+/// 50 rounds of expectation maximisation. `examples`: pairs of ln densities (learned, physics);
+/// `before`: the prior mean of the weight, which counts as `few` examples. An example that has no
+/// density by either counts, and counts against the physics.
 fn share(before: f64, examples: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
     let mut share = 0.5 * before;
     for _ in 0..50 {
@@ -236,7 +276,8 @@ fn share(before: f64, examples: impl Iterator<Item = (f64, f64)> + Clone) -> f64
             }
             n += 1.0;
         }
-        // maximisation; the prior counts as `few` examples
+        // maximisation: the mean of these probabilities, those of the prior's `few` examples
+        // included
         share = (sum / n).clamp(1e-6, 1.0);
     }
     share
@@ -261,8 +302,8 @@ fn ln_or_none(class: Option<&ClassDensity>, x: &[f64]) -> f64 {
     class.map_or(f64::NEG_INFINITY, |class| class.ln_density(x))
 }
 
-/// All examples of a class but those of fold number `part` of `parts`; `None`: none is left. Every `parts`-th
-/// example is of one fold.
+/// All examples of a class but those of fold number `part` of `parts`; `None`: none is left.
+/// Examples belong to the folds in turn.
 fn without(class: &Examples, part: usize, parts: usize) -> Option<Examples> {
     let kept = class.features.iter().enumerate().filter(|(i, _)| i % parts != part);
     let features: Vec<DVector<f64>> = kept.map(|(_, x)| x.clone()).collect();
@@ -270,9 +311,10 @@ fn without(class: &Examples, part: usize, parts: usize) -> Option<Examples> {
     (!features.is_empty()).then(|| of(features))
 }
 
-/// Cross-validation: per class and example the ln learned density of that example in every class, learned
-/// without the example's fold; -infinity in classes that no density could be learned of. `physics`: tells how
-/// many examples each class has; a class without examples has none in either.
+/// Cross-validation with `parts` folds: per class and example the ln learned density of that
+/// example in every class, learned without the example's fold; -infinity in classes of which no
+/// density could be learned. `physics`: only its shape is used (classes x examples x classes),
+/// which the result has, too.
 fn unseen(
     examples: &[Option<Examples>],
     physics: &[Vec<Vec<f64>>],
@@ -293,10 +335,12 @@ fn unseen(
     unseen
 }
 
-/// The temperature, chosen by the likelihood of held-out examples in their own class, with all classes
-/// weighted equally: the likeliest one, or if examples are `scarce` the highest that is plausible. The
-/// likeliest is too low as often as it is too high; where examples are many, it is off by little. Too low a
-/// temperature makes verdicts certain and wrong.
+/// The temperature, chosen from `TEMPERATURES` by the mean ln posterior of held-out examples in
+/// their own class, with all classes weighted equally and equal priors: the likeliest one, or if
+/// examples are `scarce` the highest that is plausible. The likeliest is too low as often as it is
+/// too high; where examples are many, it is off by little. Too low a temperature makes verdicts
+/// certain and wrong. `unseen`, `physics`: ln densities, classes x examples x classes;
+/// `physics_share`: per class.
 fn temperature(
     scarce: bool,
     unseen: &[Vec<Vec<f64>>],
@@ -321,8 +365,9 @@ fn temperature(
         };
         (0..unseen.len()).map(of_class).sum()
     };
-    // The scores are means over a class's examples: times the mean number of examples of the labelled classes
-    // they are log likelihoods, which [`PLAUSIBLE`] refers to.
+
+    // The scores are sums of the classes' means. Times the mean number of examples of the labelled
+    // classes they are about ln likelihoods, which `PLAUSIBLE` refers to.
     let labelled = unseen.iter().filter(|rows| !rows.is_empty()).count();
     let examples = unseen.iter().map(Vec::len).sum::<usize>() as f64 / labelled.max(1) as f64;
     let scores = TEMPERATURES.map(score).map(|score| score * examples);
@@ -332,7 +377,7 @@ fn temperature(
     highest.map_or(1.0, |i| TEMPERATURES[i])
 }
 
-/// The densities of the classes; `None` for a class that has too few examples.
+/// The learned densities of the classes; `None` for a class that has too few examples.
 fn some_densities(examples: &[Option<Examples>]) -> Vec<Option<ClassDensity>> {
     let some: Vec<Examples> = examples.iter().flatten().cloned().collect();
     let pooled = pooled_covariance(&some);
@@ -362,6 +407,7 @@ fn to_posterior(temperature: f64, priors: &[f64], weights: &mut [f64]) {
 const CLASSES: usize = 16;
 
 for_processor! {
+    /// Exponentials of some numbers at once; 0 for numbers below -700.
     fn exp_lanes(of: [f64; CLASSES]) -> [f64; CLASSES] { portable }
 }
 
@@ -373,7 +419,8 @@ fn portable(of: [f64; CLASSES]) -> [f64; CLASSES] {
     of.map(|x| if x < LEAST { 0.0 } else { exp(x) })
 }
 
-/// Covariance of all examples about the mean of their own class. `None`: no class has two examples.
+/// Covariance of all examples about the mean of their own class, the classes pooled. `None`: no
+/// class has two examples.
 fn pooled_covariance(examples: &[Examples]) -> Option<DMatrix<f64>> {
     let size = examples.first()?.noise.nrows();
     let (mut scatter, mut degrees) = (DMatrix::zeros(size, size), 0.0);

@@ -1,40 +1,54 @@
-//! Residual matching: the mixture of known signatures that is nearest to a residual.
+//! Residual matching: the mixture of known signatures that is nearest to a residual. thesis §3-3-2.
 //!
-//! In: signatures R (N x n_f) once, then c = R^T r per signal. Out: phi, which minimises |R phi - r| subject
-//! to sum phi = 1, phi >= 0. thesis §3-3-2.
+//! In, from `design/isolator.rs`: the signatures R (N x n_f, [`SignatureMatrix`]) once, then c =
+//! R^T r per signal, n_f numbers, counts². Out: phi, n_f weights, which minimises |R phi - r|
+//! subject to sum phi = 1, phi >= 0. phi is a mixture weight, not a probability.
 //!
-//! The method is an exact primal active-set method (Lawson and Hanson 1974 with an equality; on the Gram
-//! matrix it is Wolfe's nearest point, 1976). The support is a set of affinely independent signatures, over
-//! whose affine hull the distance is minimised exactly; it grows by the signature that the gradient favours
-//! most, and loses those whose weight would become negative. It allocates nothing and always ends. phi is a
-//! mixture weight, not a probability.
+//! Up to a constant, half the squared distance is q(phi) = 1/2 phi' G phi - c' phi with the Gram
+//! matrix G = R^T R. So the residual itself is not needed. q is minimised by an exact primal
+//! active-set method (Lawson and Hanson 1974 with an equality; on the Gram matrix it is Wolfe's
+//! nearest point, 1976). The *support* is the set of classes with a weight; their signatures are
+//! affinely independent. The steps:
+//!
+//! 1. Start at the nearest single signature: the support is that class, its weight 1.
+//! 2. Gradient G phi - c. On the support all its entries are equal at a minimum. Of the other
+//!    classes the one with the lowest entry enters the support; if none is lower than on the
+//!    support, phi is the solution.
+//! 3. Minimise q over the affine hull of the support (`Search::settle`): solve for the minimum by a
+//!    Cholesky factor, and go towards it until a weight becomes 0. Drop that class, and repeat
+//!    until the minimum itself is reached. Then go on with step 2.
+//!
+//! Every step lowers q, so no support comes back and the search ends; it allocates nothing.
 
 use super::{IsolateError, MAX_CLASSES, SignatureMatrix};
 
 /// A pivot of the support's Cholesky factor below this, relative to its diagonal, counts as zero: the
 /// signature is an affine combination of the others.
 const DEPENDENT: f64 = 1e-11;
-/// A reduced gradient above minus this, relative to the problem's size, is not worth following.
+/// A class enters only if its gradient lies below that of the support by more than this, relative
+/// to the problem's size; less is rounding.
 const STATIONARY: f64 = 1e-14;
 
 /// One value per class.
 type Row = [f64; MAX_CLASSES];
 
-/// The part of the problem that all signals share. Since sum phi = 1, every signature and the residual can be
-/// moved by the same vector: the signatures are centred, so that what they have in common costs no digits.
+/// The part of the problem that all signals share. Since sum phi = 1, every signature and the
+/// residual can be moved by the same vector without changing phi. So the signatures are centred
+/// (their mean is subtracted), and what they have in common costs no digits.
 #[derive(Clone, Debug)]
 pub struct Simplex {
+    /// n_f, the number of classes.
     n: usize,
     /// Gram matrix of the centred signatures over `scale`, row by row, n x n.
     gram: Vec<f64>,
-    /// (rho_i - mean) . mean: what centring requires to be subtracted from c, counts².
+    /// Per class (rho_i - mean) . mean, which centring requires to be subtracted from c, counts².
     shift: Vec<f64>,
     /// Largest squared norm of a centred signature, counts²; 1 if all signatures are equal.
     scale: f64,
 }
 
 impl Simplex {
-    /// Prepares the problem for these signatures.
+    /// Prepares the problem for these signatures: they must be R itself, not F^T R.
     pub fn new(signatures: &SignatureMatrix) -> Simplex {
         let r = &signatures.r;
         let mean = r.column_mean();
@@ -49,8 +63,8 @@ impl Simplex {
         Simplex { n: r.ncols(), gram: gram.iter().map(|g| g / scale).collect(), shift, scale }
     }
 
-    /// Writes phi of thesis §3-3-2 for c = R^T r. `c`, `phi`: n_f. A c that is not finite gives NaN. Where
-    /// signatures coincide, the first of them takes the weight.
+    /// Writes phi of thesis §3-3-2 for c = R^T r. `c`: n_f, counts²; `phi`: n_f, out. A c that is
+    /// not finite gives NaN. Where signatures coincide, the first of them takes the weight.
     pub fn solve(&self, c: &[f64], phi: &mut [f64]) -> Result<(), IsolateError> {
         for (what, found) in [("c", c.len()), ("phi", phi.len())] {
             if found != self.n {
@@ -71,26 +85,30 @@ impl Simplex {
         Ok(())
     }
 
+    /// Inner product of two centred signatures, over `scale`.
     fn gram(&self, i: usize, j: usize) -> f64 {
         self.gram[i * self.n + j]
     }
 
-    /// Inner product of the differences of two signatures from that of class `o`.
+    /// Inner product (rho_i - rho_o) . (rho_j - rho_o), over `scale`.
     fn product(&self, o: usize, i: usize, j: usize) -> f64 {
         (self.gram(i, j) - self.gram(i, o)) - (self.gram(o, j) - self.gram(o, o))
     }
 }
 
-/// The state of one search: the weights phi, and their support in order.
+/// The state of one search: the weights phi, and the support in the order in which classes entered.
 struct Search<'a> {
     problem: &'a Simplex,
-    /// The linear term of the centred problem.
+    /// The linear term of the centred problem, c for the centred signatures over `scale`.
     b: Row,
+    /// The weights so far, by class: at least 0, and with the sum 1.
     phi: Row,
     /// The support: class numbers, of which the first is the origin of its affine hull.
     support: [usize; MAX_CLASSES],
+    /// Number of classes in the support.
     size: usize,
-    /// Lower Cholesky factor of the Gram matrix of the support's differences from its origin, packed by rows.
+    /// Lower Cholesky factor of the Gram matrix of the support's differences from its origin,
+    /// packed by rows: row p - 1 belongs to place p of the support.
     factor: [f64; MAX_CLASSES * (MAX_CLASSES + 1) / 2],
 }
 
@@ -116,9 +134,11 @@ impl<'a> Search<'a> {
     fn run(mut self, out: &mut [f64]) {
         let n = self.problem.n;
         let size = 1.0 + self.b[..n].iter().fold(0.0, |m: f64, b| m.max(b.abs()));
-        // Classes that entered and left again without a step: rounding, not descent.
+        // Classes that entered and left again without a step, which is rounding and no descent:
+        // they do not enter again until some step was made.
         let mut barred = [false; MAX_CLASSES];
-        // Every step descends, so no support returns, and few are visited; the bound is for rounding.
+        // Every step descends, so no support returns, and few are visited; the bound on the number
+        // of rounds is for rounding alone.
         for _ in 0..20 * n {
             // gradient of half the squared distance, and its mean over the support
             let mut gradient: Row = [0.0; MAX_CLASSES];
@@ -131,6 +151,7 @@ impl<'a> Search<'a> {
             }
             let level: f64 =
                 self.support[..self.size].iter().map(|&i| self.phi[i] * gradient[i]).sum();
+
             // the class whose weight reduces the distance fastest
             let mut entering = None;
             let mut lowest = level - STATIONARY * size;
@@ -150,26 +171,34 @@ impl<'a> Search<'a> {
                 barred[j] = true;
             }
         }
-        // Rounding off the simplex, if any, is shared out.
+
+        // the sum of phi is 1 but for rounding, which is shared out
         let sum: f64 = self.phi[..n].iter().sum();
         for (out, phi) in out.iter_mut().zip(&self.phi) {
             *out = phi / sum;
         }
     }
 
-    /// Minimises over the affine hull of the support, dropping classes whose weight would become negative,
-    /// until the minimum is inside. Tells whether phi has moved.
+    /// Minimises over the affine hull of the support, dropping classes whose weight would become
+    /// negative, until the minimum is inside. `gradient`: at the phi from which it starts. Returns
+    /// whether phi has moved.
     fn settle(&mut self, gradient: &Row) -> bool {
         let mut moved = false;
         // Every round but the last drops a class.
         while self.size > 1 {
+            // The direction: to the minimum over the hull; or, if the signatures turn out to be
+            // dependent, along a change of weights that leaves R phi as it is, until a class drops
+            // out.
             let mut step: Row = [0.0; MAX_CLASSES];
             let flat = self.factorise();
             match flat {
                 None => self.to_minimum(&mut step),
                 Some(dependent) => self.along_dependence(dependent, gradient, &mut step),
             }
-            // The longest part of the step that keeps phi >= 0.
+
+            // The longest part of the step that keeps phi >= 0, and the place of the class that
+            // limits it. The step to the minimum is taken whole at most; along a dependence there
+            // is no such bound.
             let mut reach = if flat.is_some() { f64::INFINITY } else { 1.0 };
             let mut blocking = None;
             for (p, &step) in step[..self.size].iter().enumerate() {
@@ -180,10 +209,13 @@ impl<'a> Search<'a> {
                 }
             }
             if !reach.is_finite() {
-                // No class falls along the dependence: only rounding can have made it so.
+                // No class falls along the dependence, which only rounding can cause: the class
+                // that entered last leaves again.
                 blocking = Some(self.size - 1);
                 reach = 0.0;
             }
+
+            // take the step, and drop the class that limited it
             for (&i, step) in self.support[..self.size].iter().zip(&step) {
                 let phi = &mut self.phi[i];
                 let before = *phi;
@@ -200,8 +232,9 @@ impl<'a> Search<'a> {
         moved
     }
 
-    /// Computes the Cholesky factor of (rho_p - rho_0).(rho_q - rho_0) over the support. Returns the place of
-    /// the first class that depends on those before it, if one does.
+    /// Computes the Cholesky factor of the matrix of (rho_p - rho_0) . (rho_q - rho_0) over the
+    /// support's places p, q = 1, 2, .. Returns the place of the first class whose signature
+    /// depends on those before it, if one does; the factor is then valid for the places before.
     fn factorise(&mut self) -> Option<usize> {
         let g = |i, j| self.problem.gram(i, j);
         let s = &self.support;
@@ -217,7 +250,8 @@ impl<'a> Search<'a> {
                 if q < p {
                     self.factor[row + q - 1] = rest / self.factor[other + q - 1];
                 } else {
-                    // Relative to what the differences were made of, too: their rounding is no pivot.
+                    // The pivot is compared with the size of the difference, and with that of the
+                    // two signatures whose difference it is, too, since their rounding is no pivot.
                     let size = whole.max(1e-4 * (g(s[p], s[p]) + g(o, o)));
                     if rest.is_nan() || rest <= DEPENDENT * size {
                         return Some(p);
@@ -229,8 +263,9 @@ impl<'a> Search<'a> {
         None
     }
 
-    /// Solves L L^T x = `of` for the differences of the first classes of the support. `of`: the right-hand
-    /// side at each of these classes. Returns x, one class later, and its sum.
+    /// Solves L L^T x = `of` for the differences of the first `classes` places of the support from
+    /// its origin. `of`: the right-hand side for a class number. Returns x by place (so from index
+    /// 1 on, as the origin at 0 has no difference), and the sum of x.
     fn solve(&self, classes: usize, of: impl Fn(usize) -> f64) -> (Row, f64) {
         let mut weights: Row = [0.0; MAX_CLASSES];
         let n = classes - 1;
@@ -249,7 +284,8 @@ impl<'a> Search<'a> {
         (weights, sum)
     }
 
-    /// Writes the step from phi to the minimum over the support's affine hull.
+    /// Writes the step from phi, by place of the support, to the minimum over the support's affine
+    /// hull.
     fn to_minimum(&self, step: &mut Row) {
         let (b, o) = (&self.b, self.support[0]);
         let g = |i, j| self.problem.gram(i, j);
@@ -262,8 +298,9 @@ impl<'a> Search<'a> {
         step[0] = (1.0 - sum) - self.phi[o];
     }
 
-    /// Writes a direction along which R phi stands still: the class at `dependent` comes in, and its
-    /// combination of those before it goes out, or the other way round if that descends.
+    /// Writes a direction, by place of the support, along which R phi stands still: the class at
+    /// place `dependent` comes in, and the combination of the classes before it that equals its
+    /// signature goes out, or the other way round if that descends by the gradient.
     fn along_dependence(&self, dependent: usize, gradient: &Row, step: &mut Row) {
         let s = &self.support;
         // the combination of the differences before it that equals its own difference
@@ -293,6 +330,7 @@ mod tests {
 
     const N: usize = 40;
 
+    /// N numbers from -1 to 1: a signature or a residual.
     fn random_column(rng: &mut ChaCha8Rng) -> Vec<f64> {
         (0..N).map(|_| rng.random_range(-1.0..1.0)).collect()
     }
@@ -302,10 +340,12 @@ mod tests {
         SignatureMatrix::new(&slices).unwrap()
     }
 
+    /// The mixture of these columns with these weights.
     fn mix(columns: &[Vec<f64>], weights: &[f64]) -> Vec<f64> {
         (0..N).map(|k| columns.iter().zip(weights).map(|(c, w)| w * c[k]).sum()).collect()
     }
 
+    /// phi of a residual by this file's solver.
     fn ours(m: &SignatureMatrix, r: &[f64]) -> Vec<f64> {
         let (mut c, mut phi) = (vec![0.0; m.classes()], vec![0.0; m.classes()]);
         m.project(r, &mut c);

@@ -1,13 +1,19 @@
-//! Fault estimation: how severe a named fault is.
+//! Fault estimation: how severe a named fault is. thesis §2-2, chapter 5 (fault estimation).
 //!
-//! In: a signal compared with the fault curves, and the posterior of the classes. Out: mean and standard
-//! deviation of the severity's posterior, summed over the nodes of the kind's curve
-//! ([`super::fault_curve`]). The likelihood of a node is the density of the signal's features there. Its
-//! prior is the node's share in the class, a mixture of three: uniform over the severities that the class's
-//! name means, as the severities of its labelled signals are distributed, and uniform over the whole curve
-//! ([`FaultCurves::set`]). The result is then calibrated (`calibration`): where enough severities were
-//! labelled, the mean error of the physics that the labels show is taken off; elsewhere the standard
-//! deviation is raised by what is uncertain of the physics. thesis §2-2, chapter 5 (fault estimation).
+//! In, from `design/named_ring.rs`: a signal compared with the fault curves
+//! ([`super::physics_density::Comparison`]), the class that was named, and the posterior of all
+//! classes. Out: mean and standard deviation of the severity's posterior. The steps:
+//!
+//! 1. Within one class: the posterior of the severity is a sum over the nodes of the kind's curve
+//!    ([`super::fault_curve`]). The likelihood of a node is the density of the signal's features
+//!    there. Its prior is the node's share in the class, a mixture of three: uniform over the
+//!    severities that the class's name means, as the severities of its labelled signals are
+//!    distributed, and uniform over the whole curve ([`FaultCurves::set`]).
+//! 2. The result is calibrated ([`super::calibration`]): where enough severities were labelled, the
+//!    mean error of the physics that the labels show is taken off; elsewhere the standard deviation
+//!    is raised by what is uncertain of the physics.
+//! 3. Classes of the same kind that differ only in degree (slightly, medium, deeply dried) are
+//!    mixed by their posterior weights, since none of them may be certain.
 
 use super::calibration::Severity;
 use super::node_columns::{self, NODES, NodeDensities};
@@ -15,23 +21,27 @@ use super::physics_density::{Comparison, FaultCurves, Sizes};
 use crate::processor::for_processor;
 
 impl FaultCurves {
-    /// The severity of a signal, given that its fault is of the kind of `class`. `weights`: the posterior
-    /// of all classes; here only the ratios within that kind matter. `of`: the signal as compared with
-    /// these curves. `None`: the physics knows no such class; the class is of several kinds, whose
-    /// severities have no common unit; no class of the kind has a weight that counts; or the signal is so
-    /// far from the curve that all its nodes are negligible.
+    /// The severity of a signal, given that its fault is of the kind of `class` (an index), in the
+    /// unit of that kind. `weights`: the posterior of all classes; here only the ratios within the
+    /// kind matter. `of`: the signal as compared with these curves. `None`: the physics knows no
+    /// such class; the class is of several kinds, whose severities have no common unit; no class of
+    /// the kind has a weight above .001; or the signal is so far from the curve that all its nodes
+    /// are negligible.
     pub fn severity(&self, class: usize, weights: &[f64], of: &Comparison) -> Option<Severity> {
         let [Sizes { curve, .. }] = *self.class(class) else { return None };
         let densities = &of.of_curves.get(curve)?.densities;
-        // Moments of the mixture over all classes of the same kind (of dried nozzles: slightly, medium,
-        // deeply). They share a curve, and differ in their prior of the severity and in their calibration.
-        // Classes with negligible weight are left out.
+        // Weighted moments of the mixture over all classes of the same kind (of dried nozzles:
+        // slightly, medium, deeply): sums of weight, weight times mean, weight times mean square.
+        // The classes share a curve, and differ in their prior of the severity and in their
+        // calibration. Classes with negligible weight are left out.
         let (mut value, mut square, mut total) = (0.0, 0.0, 0.0);
         for (k, weight) in weights.iter().enumerate().filter(|(_, weight)| **weight > 1e-3) {
             let [sizes] = self.class(k) else { continue };
             if sizes.curve != curve {
                 continue;
             }
+
+            // mean and standard deviation within this class, calibrated
             let [sum, of_value, of_square] = moments(self, sizes, densities);
             let mean = of_value / sum;
             let of_class =
@@ -41,18 +51,20 @@ impl FaultCurves {
             square += weight * (of_class.value.powi(2) + of_class.sd.powi(2));
             total += weight;
         }
-        // 0 / 0 where no class counts or no node does: not finite, hence `None`
+
+        // Where no class counts or no node does, this is 0 / 0 and not finite, hence `None`. The
+        // variance of the mixture is that within the classes plus that between them.
         let value = value / total;
-        // the variance of the mixture: within the classes and between them
         let variance = (square / total - value * value).max(0.0);
         value.is_finite().then_some(Severity { value, sd: variance.sqrt() })
     }
 }
 
 for_processor! {
-    /// Moments of order 0, 1 and 2 of the severity, under share times density of each node. They are not
-    /// normalised: a factor that all densities of the curve have in common cancels when the first is divided
-    /// out. `sizes`: the class's share of each node.
+    /// Moments of order 0, 1 and 2 of the severity, with share times density as the weight of each
+    /// node. The moments are not normalised: a factor that all densities of the curve have in
+    /// common cancels when the moment of order 0 is divided out. `sizes`: the class's share of each
+    /// node.
     fn moments(of: &FaultCurves, sizes: &Sizes, densities: &[NodeDensities]) -> [f64; 3] { portable }
 }
 

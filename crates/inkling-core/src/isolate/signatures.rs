@@ -1,8 +1,10 @@
 //! The estimation matrix R of thesis §3-3-2, and the inner products of signals with it.
 //!
-//! In: for each fault class its signature rho, which is what the class's mean deviation per unit drive looks
-//! like in what residual matching compares: its residual, or the deviation itself. Out: the matrix R. By it
-//! `residual_matching` learns how the signatures lie to each other; of a signal it needs c = R^T r alone.
+//! In, from `design/isolator.rs`: for each fault class its *signature* rho, N counts. It is the
+//! residual, by the FD filter, of the class's mean deviation per unit drive; or that deviation
+//! itself, where residual matching compares deviations (`isolate.signal`). Out: the matrix R, from
+//! which [`super::residual_matching`] learns once how the signatures lie to each other; then, per
+//! signal, c = R^T r, which is all that residual matching needs of it.
 
 use super::{IsolateError, MAX_CLASSES};
 use crate::model::inner_product::dot;
@@ -23,8 +25,8 @@ pub struct SignatureMatrix {
 }
 
 impl SignatureMatrix {
-    /// R from its columns, one for each class. Refused are no classes or more than [`MAX_CLASSES`], columns
-    /// of different lengths, and numbers that are not finite or whose products are not.
+    /// R from its columns, one for each class. Errors: no classes or more than [`MAX_CLASSES`],
+    /// columns of different lengths, and numbers that are not finite or whose products are not.
     pub fn new(columns: &[&[f64]]) -> Result<SignatureMatrix, IsolateError> {
         if columns.is_empty() || columns.len() > MAX_CLASSES {
             return Err(IsolateError::ClassCount { found: columns.len() });
@@ -47,13 +49,15 @@ impl SignatureMatrix {
         Ok(SignatureMatrix { r, gram })
     }
 
+    /// n_f, the number of classes.
     pub fn classes(&self) -> usize {
         self.r.ncols()
     }
 
-    /// Writes the inner products of a signal's samples x with all columns, c = R^T x, into `c` (n_f,
-    /// counts²). `x`: N, counts; the residual, or the deviation if the columns are those of F^T R. If it is
-    /// shorter or longer than the columns, only the first samples, which both have, count.
+    /// Writes the inner products of a signal's samples x with all columns, c = R^T x, into `c`
+    /// (n_f, counts²). `x`: N, counts; the residual, or the deviation if the columns are those of
+    /// F^T R. If `x` is shorter or longer than the columns, only the first samples, which both
+    /// have, count.
     pub fn project(&self, x: &[f64], c: &mut [f64]) {
         let n = self.r.nrows().min(x.len());
         for (c, column) in c.iter_mut().zip(self.r.column_iter()) {

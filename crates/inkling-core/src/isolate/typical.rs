@@ -1,8 +1,17 @@
-//! Whether what a signal leaves beside its ring is usual in a class: a check before the signal is given the
-//! class's name.
+//! Whether the misfit that a signal leaves beside its ring is usual in a class: a check before the
+//! signal is given the class's name. A signal with a larger misfit is no ring of the class.
 //!
-//! In: the misfit of labelled signals of every class beside their rings. Out: prediction bounds, which a
-//! further signal of the class exceeds rarely.
+//! In, from `design/typical.rs`: the misfits of labelled signals of every class beside their rings
+//! (the signal less the fitted ring, N, in standard deviations of the noise). Out: [`Typical`],
+//! which a design stores: a few principal directions of these misfits, how much each class scatters
+//! along each of them, and per class a bound. `design/named_ring.rs` compares a signal with the
+//! bound of its best class.
+//!
+//! The idea: faults leave misfits of particular shapes, which grow with the ring. Along the
+//! principal directions the variance of a class's misfit is 1 + spread in units of the noise's,
+//! elsewhere 1. With that covariance the squared Mahalanobis distance per sample is about 1 for a
+//! signal of the class, whatever its size ([`Typical::misfit_of`]). The bound is a prediction bound
+//! for the next signal ([`misfit_bound`]).
 
 use crate::model::inner_product::dot;
 use crate::model::student::next_exceeds;
@@ -12,13 +21,13 @@ use serde::{Deserialize, Serialize};
 /// What signals of every class usually leave beside their rings, and the bounds.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Typical {
-    /// Principal directions of the misfit of known classes beside their rings, as far as it exceeds noise;
+    /// Principal directions of the misfits of all classes together, as far as these exceed noise;
     /// rows of N, orthonormal.
     pub directions: Vec<Vec<f64>>,
-    /// Per class the variance of the misfit along each direction, over the noise's, for a ring of the healthy
-    /// amplitude.
+    /// Per class the variance of the misfit along each direction beyond the noise's, in units of
+    /// the noise's, for a ring of the healthy amplitude: classes x directions.
     pub spread: Vec<Vec<f64>>,
-    /// Per class an upper bound of [`Typical::misfit_of`].
+    /// Per class the bound: the largest usual value of [`Typical::misfit_of`].
     pub misfit: Vec<f64>,
 }
 
@@ -27,27 +36,28 @@ pub struct Typical {
 pub struct RingMisfit<'a> {
     /// The misfit, N, in standard deviations of a sample's noise.
     pub values: &'a [f64],
-    /// Amplitude of the ring over that of the healthy ring at the reference drive, each in units of its
-    /// noise.
+    /// Amplitude of the ring over that of the healthy ring at the reference drive, each in units of
+    /// its own noise. The usual misfit of a class is proportional to it.
     pub size: f64,
 }
 
 impl Typical {
-    /// Mean square of the misfit over the noise's, from which the part that is usual in class `k` is
-    /// discounted: the squared Mahalanobis distance per sample, about 1 for a signal of the class.
+    /// Mean square of the misfit over the noise's, in which the part that is usual in class `k`
+    /// counts less: the squared Mahalanobis distance per sample, about 1 for a signal of the class.
     pub fn misfit_of(&self, beside: RingMisfit, k: usize) -> f64 {
         let RingMisfit { values, size } = beside;
         let mut square = dot(values, values);
         for (direction, spread) in self.directions.iter().zip(&self.spread[k]) {
-            // along a direction the variance is 1 + spread instead of 1 (a rank-one update of the inverse
-            // covariance)
+            // Along a direction the variance is 1 + spread instead of 1, so along² / (1 + spread)
+            // takes the place of along² (a rank-one update of the inverse covariance).
             let (along, spread) = (dot(direction, values), spread * size * size);
             square -= along * along * spread / (1.0 + spread);
         }
         square / values.len() as f64
     }
 
-    /// Refuses what could not have been learned.
+    /// Refuses stored bounds that could not have been learned, or that are not of so many classes
+    /// and samples.
     pub fn check(&self, classes: usize, samples: usize) -> Result<(), String> {
         let finite = |v: &[f64]| v.iter().all(|x| x.abs() <= 1e30);
         let whole = self.misfit.len() == classes
@@ -60,16 +70,19 @@ impl Typical {
     }
 }
 
-/// Upper prediction bound of [`Typical::misfit_of`] for a further signal of a class, from the `misfits` of
-/// some signals; computed in logarithms.
+/// Upper prediction bound of [`Typical::misfit_of`] for a further signal of a class, which it
+/// exceeds with the probability `least_rate`. `misfits`: the values of some signals of the class. The
+/// values' logarithms are taken for Gaussian. Infinity for fewer than two values.
 pub fn misfit_bound(misfits: &[f64]) -> f64 {
     let ln: Vec<f64> = misfits.iter().map(|v| v.max(f64::MIN_POSITIVE).ln()).collect();
     next_exceeds(&ln, least_rate()).exp()
 }
 
-/// Principal directions of `rows` that exceed unit noise, largest variance first, orthonormal; at most
-/// `most`. They are found by subspace iteration. Kept are eigenvalues above the largest that noise alone
-/// would have, (sqrt n + sqrt N)² for n rows of N (Marchenko and Pastur 1967), by a margin of a fifth.
+/// Principal directions of `rows` that exceed unit noise, largest variance first, orthonormal; at
+/// most `most`. `rows`: misfits of N samples each, whose noise has the variance 1. The directions
+/// are eigenvectors of rows' rows, found by subspace iteration (30 rounds). Kept are those whose
+/// eigenvalue exceeds by a fifth the largest that noise alone would have, (sqrt n + sqrt N)² for n
+/// rows of N (Marchenko and Pastur 1967).
 pub fn directions(rows: &[Vec<f64>], most: usize) -> Vec<Vec<f64>> {
     const ROUNDS: usize = 30;
     let Some(samples) = rows.first().map(Vec::len) else { return Vec::new() };
@@ -81,7 +94,8 @@ pub fn directions(rows: &[Vec<f64>], most: usize) -> Vec<Vec<f64>> {
     orthonormalise(&mut basis);
     let mut sizes = Vec::new();
     for _ in 0..ROUNDS {
-        // multiply by rows^T rows; the lengths converge to its eigenvalues
+        // multiply by rows^T rows, and make orthonormal again; the lengths after the product
+        // converge to the eigenvalues
         let mut next = vec![vec![0.0; samples]; basis.len()];
         for row in rows {
             for (next, direction) in next.iter_mut().zip(&basis) {
@@ -97,7 +111,8 @@ pub fn directions(rows: &[Vec<f64>], most: usize) -> Vec<Vec<f64>> {
     basis.into_iter().zip(sizes).filter(|(_, size)| *size > edge).map(|(d, _)| d).collect()
 }
 
-/// Orthonormalises by Gram-Schmidt, twice for accuracy; vectors that depend on the ones before are dropped.
+/// Makes vectors orthonormal by Gram-Schmidt, twice for accuracy; vectors that depend on those
+/// before are dropped.
 fn orthonormalise(basis: &mut Vec<Vec<f64>>) {
     let mut done: Vec<Vec<f64>> = Vec::with_capacity(basis.len());
     for mut v in basis.drain(..) {

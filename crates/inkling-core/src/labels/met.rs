@@ -1,24 +1,32 @@
-//! What of labels covers nothing of the recordings that were read, and what of that is a mistake: a printhead's name that
-//! is misspelt, a time that is in seconds. In: where and when signals were. Out: sentences.
+//! Finds labels that cover nothing of the recordings that were read, and tells which of these are
+//! mistakes: a printhead's name that is misspelt, a time in seconds where nanoseconds are due.
+//!
+//! In, from whoever reads recordings with labels (`train`, `score`, `critique`): printhead, time
+//! and channels of every burst ([`Met::see`]); then the labels. Out: sentences: an error
+//! ([`Met::mistake`], where a row was surely meant otherwise), or a warning ([`Met::unused`]).
+//!
+//! Of each printhead only the span of all its times and channels is kept. So a row that lies in a
+//! gap between two recordings counts as covering some signals.
 
 use super::{Channels, EVERY_PRINTHEAD, Label, Labels, nearest};
 use chrono::{DateTime, SecondsFormat};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-/// Printheads that are remembered, and those that are named.
+/// Largest number of printheads that are remembered, and of those that a sentence names.
 const MOST_HEADS: usize = 1 << 16;
 const MOST_NAMED: usize = 6;
-/// Nobody has recorded before 1990 or after 2100; as ns since 1970.
+/// Times at which recordings are made: 1990 to 2100, as ns since 1970.
 const OF_THIS_AGE: std::ops::Range<i64> = 631_152_000_000_000_000..4_102_444_800_000_000_000;
 
-/// Printheads that were met.
+/// The printheads that were met in recordings, with the span of their signals.
 #[derive(Clone, Debug, Default)]
 pub struct Met {
     heads: BTreeMap<Arc<str>, Span>,
 }
 
-/// From the first to the last, of all its signals.
+/// Where and when the signals of one printhead, or of one burst, were: the first and the last time
+/// t_a, ns since the epoch, and channel, all included.
 #[derive(Clone, Copy, Debug)]
 pub struct Span {
     pub from_ns: i64,
@@ -27,15 +35,21 @@ pub struct Span {
     pub last_channel: u32,
 }
 
-/// A number that is no ns, but would be a time of this age in another unit.
+/// A time of a label that is implausible in ns, but would be a time of `OF_THIS_AGE` in another
+/// unit.
 struct OtherUnit {
+    /// The number as it was read, taken for ns.
     said: i64,
+    /// The unit that was probably meant.
     unit: &'static str,
+    /// Number of zeros to append to get ns.
     zeros: usize,
+    /// The time that was probably meant, ns since the epoch.
     meant_ns: i64,
 }
 
 impl Met {
+    /// Takes in a burst of a printhead: the printhead's span grows by that of the burst.
     pub fn see(&mut self, printhead: &str, span: Span) {
         if let Some(known) = self.heads.get_mut(printhead) {
             known.from_ns = known.from_ns.min(span.from_ns);
@@ -47,12 +61,14 @@ impl Met {
         }
     }
 
-    /// What somebody mistyped; `None`: nothing that it shows in.
+    /// What somebody mistyped in the labels, in words; `None`: nothing shows a mistake. A misspelt
+    /// printhead is told first, else a time in another unit.
     pub fn mistake(&self, labels: &Labels) -> Option<String> {
         self.misspelt(labels).or_else(|| self.of_other_unit(labels))
     }
 
-    /// How many rows cover none of the signals, and whose they are; `None`: each covers some.
+    /// How many rows cover none of the signals, and which of the printheads in these rows were not
+    /// met, in words; `None`: each row covers some.
     pub fn unused(&self, labels: &Labels) -> Option<String> {
         let rows = labels.rows();
         let unused: Vec<&Label> = rows.iter().filter(|row| !self.covers_any(row)).collect();
@@ -75,21 +91,25 @@ impl Met {
         })
     }
 
+    /// Whether a row's printhead is one that was met, or stands for all.
     fn knows(&self, printhead: &str) -> bool {
         printhead == EVERY_PRINTHEAD || self.heads.contains_key(printhead)
     }
 
+    /// Whether a row meets the span of any printhead that it is for.
     fn covers_any(&self, row: &Label) -> bool {
         let mut of = self.heads.iter();
         of.any(|(name, span)| [name, EVERY_PRINTHEAD].contains(&&*row.printhead) && span.meets(row))
     }
 
-    /// A name that no printhead has, nearly that of one that no row names.
+    /// A sentence about the first name in the labels that no printhead has, and that is like the
+    /// name of a printhead that no row names. A printhead that has its own row was not meant: so
+    /// labels for several sets of recordings are no mistake.
     fn misspelt(&self, labels: &Labels) -> Option<String> {
         let named: BTreeSet<&str> = labels.rows().iter().map(|row| &*row.printhead).collect();
         let unnamed = || self.heads.keys().map(|name| &**name).filter(|name| !named.contains(name));
         let strange = named.iter().filter(|name| !self.knows(name));
-        // black-1 and black-2 are two printheads
+        // Names that differ in digits alone, such as black-1 and black-2, are two printheads.
         let letters = |name: &str| name.replace(|c: char| c.is_ascii_digit(), "");
         let meant = |name: &&str| {
             let near = nearest(name, unnamed()).into_iter();
@@ -104,6 +124,9 @@ impl Met {
         ))
     }
 
+    /// A sentence about the first time in the labels that was probably written in another unit than
+    /// ns. `None` too where a recording's clock counts from its own start, so that small times are
+    /// right.
     fn of_other_unit(&self, labels: &Labels) -> Option<String> {
         let is_of_this_age = |span: &Span| OF_THIS_AGE.contains(&span.from_ns);
         if self.heads.is_empty() || !self.heads.values().all(is_of_this_age) {
@@ -122,6 +145,7 @@ impl Met {
 }
 
 impl Span {
+    /// Whether a row covers some time and channel of the span. Its printhead is not looked at.
     fn meets(&self, row: &Label) -> bool {
         let (first, last) = match row.channel {
             Channels::All => (0, u32::MAX),
@@ -135,7 +159,10 @@ impl Span {
     }
 }
 
+/// The unit in which a number would be a time of `OF_THIS_AGE`; `None`: there is none, for example
+/// because the number is such a time in ns (multiplied, it overflows or lies beyond 2100).
 fn other_unit(said: i64) -> Option<OtherUnit> {
+    // with the power of ten that turns each unit into ns
     let units = [("seconds", 9), ("milliseconds", 6), ("microseconds", 3)];
     units.into_iter().find_map(|(unit, zeros)| {
         let meant_ns = said.checked_mul(10_i64.pow(zeros as u32))?;

@@ -1,6 +1,11 @@
-//! The state from which a channel rings. In: rates, and the actuation's waveform. Out: x_a.
+//! The acquisition state x_a from which a channel rings, computed from the voltage that ejected the
+//! drop.
 //!
-//! thesis (2-2) with its input; from t_a on the channel is autonomous, thesis §2-2.
+//! In: a channel's rates, the waveform of the actuation and the wait until the acquisition begins.
+//! Out: x_a of thesis (2-2), for the simulation of print runs and for the fault curves of
+//! isolation. A channel at rest is driven by thesis (2-2) with its input u. The voltage is constant
+//! within each step of the waveform, so each step is solved exactly by one matrix exponential. From
+//! t_a on u is 0, thesis §2-2.
 
 use super::InkChannel;
 use nalgebra::Vector4;
@@ -13,9 +18,10 @@ pub const MOST_STEPS: usize = 32;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(into = "Vec<[f64; 2]>", try_from = "Vec<[f64; 2]>")]
 pub struct Waveform {
-    /// Each step's share of the whole duration, and its voltage relative to the drive's; steps beyond `n` are
-    /// 0.
+    /// Each step's share of the whole duration, and its voltage relative to the drive's; steps
+    /// beyond `n` are 0.
     steps: [[f64; 2]; MOST_STEPS],
+    /// Number of steps that the waveform has.
     n: usize,
 }
 
@@ -33,8 +39,9 @@ impl Waveform {
         Waveform { steps, n: 1 }
     };
 
-    /// A waveform from its steps, and its whole duration. `steps`: duration in any unit and relative voltage
-    /// of each step, in order.
+    /// Makes a waveform of steps, and returns it with the sum of their durations. `steps`: duration
+    /// in any unit and relative voltage of each step, in order. The error says in words what a step
+    /// may be.
     pub fn new(steps: &[[f64; 2]]) -> Result<(Waveform, f64), String> {
         let whole: f64 = steps.iter().map(|[duration, _]| duration).sum();
         let is_step = |[duration, level]: &[f64; 2]| {
@@ -54,7 +61,7 @@ impl Waveform {
         Ok((waveform, whole))
     }
 
-    /// Whether it is one rectangular pulse at the drive voltage.
+    /// Whether the waveform is one rectangular pulse at the drive voltage.
     pub fn is_pulse(&self) -> bool {
         *self == Waveform::PULSE
     }
@@ -97,18 +104,24 @@ impl Actuation {
         Actuation { pulse_s, delay_s, waveform: Waveform::PULSE }
     }
 
-    /// The acquisition state x_a = (V_r, V_n, V_r', V_n') of a channel that was at rest before the actuation,
-    /// thesis (2-2) with B_u = b (0, 0, 1/(I_r B_t), 1/(I_n B_t))^T. `displaced_m3` is b u, the actuator
-    /// constant times the drive voltage; x_a is linear in it and in its unit.
+    /// The acquisition state x_a = (V_r, V_n, V_r', V_n') of a channel that was at rest before the
+    /// actuation, thesis (2-2) with B_u = b (0, 0, 1/(I_r B_t), 1/(I_n B_t))^T. `displaced_m3` is b
+    /// u, the actuator constant times the drive voltage. x_a is proportional to `displaced_m3` and
+    /// has its unit (and that unit per second), so a caller who passes counts·s gets a state whose
+    /// output is in counts.
     ///
-    /// While a voltage u lasts, x_e = (b u, 0, 0, 0) is an equilibrium: A x_e + B_u u = 0. So x - x_e decays
-    /// freely, which is exact and needs no inverse of A (A is singular).
+    /// While a voltage u lasts, x_e = (b u, 0, 0, 0) is an equilibrium: A x_e + B_u u = 0. So x -
+    /// x_e decays freely, which is exact and needs no inverse of A (A is singular).
     pub fn acquisition_state(&self, channel: &InkChannel, displaced_m3: f64) -> Vector4<f64> {
         let mut x = Vector4::zeros();
+
+        // each step in turn: the state's distance from the equilibrium of the step's voltage decays
         for [share, level] in self.waveform.steps() {
             let x_e = Vector4::new(displaced_m3 * level, 0.0, 0.0, 0.0);
             x = x_e + channel.transition(self.pulse_s * share) * (x - x_e);
         }
+
+        // the wait from the end of the actuation to t_a, at voltage 0
         channel.transition(self.delay_s) * x
     }
 }
@@ -143,7 +156,7 @@ mod tests {
         x
     }
 
-    /// Of a displaced volume of 30e-12.
+    /// Asserts that `x` is the expected state of a channel whose displaced volume was 30e-12 m³.
     fn is_state(x: &Vector4<f64>, expected: &DVector<f64>) {
         for i in 0..4 {
             // volumes against the displaced volume, flows against it times 1e6/s
@@ -178,7 +191,8 @@ mod tests {
         assert_eq!(none.acquisition_state(&NOMINAL, 1.0), Vector4::zeros());
     }
 
-    /// Tests a waveform of several pulses of several heights, such as drop-on-demand heads are driven with.
+    /// Tests a waveform of several pulses of several heights, such as drop-on-demand heads are
+    /// driven with.
     #[test]
     fn any_waveform_is_what_integrating_it_step_by_step_gives() {
         let steps = [[5e-6, 1.0], [2e-6, 0.0], [4e-6, -0.4], [1e-6, 0.3]];

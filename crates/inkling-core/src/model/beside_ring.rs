@@ -1,10 +1,13 @@
 //! What a signal contains beside its ring: the part of its misfit that is orthogonal to the ring's
-//! sensitivities.
+//! sensitivities. The second test of detection judges this part (`design/rings.rs`,
+//! `design/leftover.rs`).
 //!
-//! In: a signal and the ring fitted to it. Out: the signal minus the ring, projected on the orthogonal
-//! complement of the ring's tangent space (small changes of amplitude, damping, frequency, phase and of the
-//! real pole's amplitude). The real pole's rate is held: if it were free, the tangent space would take up any
-//! slow drift of the sensor, too.
+//! In: a signal (N samples, counts) and the ring fitted to it. Out: N samples, counts: the signal
+//! minus the ring, projected on the orthogonal complement of the ring's tangent space. The tangent
+//! space has five columns J: the derivatives by ln amplitude, ln damping, ln frequency and phase,
+//! and the real pole's decay e^(-lambda t). The projection is d - J (J'J)^-1 J'd, where d is the
+//! deviation of the signal from the ring. The real pole's rate lambda is held: if it were free, the
+//! tangent space would take up any slow drift of the sensor, too.
 
 use super::inner_product::dot;
 use super::ring::Ring;
@@ -30,8 +33,8 @@ impl BesideRing {
         BesideRing { real: column.into_iter().map(|v| v / norm).collect() }
     }
 
-    /// The signal's misfit beside its ring, N, counts. `y`: N, counts; `at`: the features of its fitted ring,
-    /// the phase free.
+    /// The signal's misfit beside its ring, N, counts. `y`: N, counts; `at`: the features of its
+    /// fitted ring, the phase free.
     pub fn misfit(&self, fitter: &RingFitter, y: &[f64], at: &Features) -> Vec<f64> {
         let tangent = fitter.tangent(at);
         // the first column is the ring itself
@@ -40,8 +43,9 @@ impl BesideRing {
         self.along(tangent).taken_off(left)
     }
 
-    /// The same without `shape`, which every signal of the machine has beside its ring in proportion to the
-    /// ring's amplitude. `shape`: N, counts, for a ring of the healthy amplitude.
+    /// The signal's misfit beside its ring as by `misfit`, less `shape`, which healthy signals have
+    /// beside their rings in proportion to the ring's amplitude (the model's leftover). `shape`: N,
+    /// counts, for a ring of the healthy amplitude.
     pub fn misfit_without(
         &self,
         fitter: &RingFitter,
@@ -55,25 +59,30 @@ impl BesideRing {
         left
     }
 
-    /// The tangent space of a ring, prepared to take its part off many deviations.
+    /// The tangent space of the ring with the features `at`, prepared to take its part off many
+    /// deviations.
     pub fn explained(&self, fitter: &RingFitter, at: &Features) -> Explained<'_> {
         self.along(fitter.tangent(at))
     }
 
-    /// The tangent space from the damped pair's columns and the real pole's. `tangent`: N x 4, of the damped
-    /// pair.
+    /// The tangent space from the damped pair's columns and the real pole's. `tangent`: N x 4, of
+    /// the damped pair.
     fn along(&self, tangent: DMatrix<f64>) -> Explained<'_> {
         let mut of =
             Explained { pair: tangent, real: &self.real, scale: [0.0; COLUMNS], gram: None };
         let columns = of.columns();
-        // the lower triangle, which is all that the factorisation reads
+
+        // the columns' inner products: the lower triangle, which is all that the factorisation
+        // reads
         let products = SMatrix::<f64, COLUMNS, COLUMNS>::from_fn(|i, j| {
             if j <= i { dot(columns[i], columns[j]) } else { 0.0 }
         });
         let scale: [f64; COLUMNS] =
             std::array::from_fn(|i| 1.0 / products[(i, i)].sqrt().max(f64::MIN_POSITIVE));
-        // The Gram matrix of columns of unit norm, plus a ridge for columns that are nearly parallel: their
-        // difference then explains nothing.
+
+        // The Gram matrix of columns of unit norm, plus a ridge of 1e-9 on its diagonal. Where two
+        // columns are nearly parallel, the ridge makes their difference explain nothing, instead of
+        // noise.
         let regularised = SMatrix::<f64, COLUMNS, COLUMNS>::from_fn(|i, j| {
             products[(i, j)] * (scale[i] * scale[j]) + if i == j { 1e-9 } else { 0.0 }
         });
@@ -102,13 +111,16 @@ impl Explained<'_> {
         [ring, damping, frequency, phase, self.real]
     }
 
-    /// The part of a deviation that lies beside the tangent space, N, counts: the deviation minus its
-    /// least-squares fit.
+    /// The part of a deviation that lies beside the tangent space, N, counts: the deviation minus
+    /// its least-squares fit by the columns. Without a factorised Gram matrix nothing is taken off.
     pub fn taken_off(&self, mut deviation: Vec<f64>) -> Vec<f64> {
+        // the normal equations, for columns of unit norm
         let columns = self.columns();
         let product =
             SVector::<f64, COLUMNS>::from_fn(|i, _| self.scale[i] * dot(columns[i], &deviation));
         if let Some(of) = self.gram.as_ref().map(|gram| gram.solve(&product)) {
+            // the coefficients of the columns as they are, and what these explain taken off, in one
+            // pass
             let [a, b, c, d, e]: [f64; COLUMNS] = std::array::from_fn(|i| self.scale[i] * of[i]);
             let [p, q, r, s, t] = columns;
             let n = deviation.len();

@@ -1,25 +1,40 @@
-//! The descent of Levenberg and Marquardt: steps that are damped the more, the less they succeed.
+//! The descent of Levenberg and Marquardt, for any problem: steps that are damped the more, the
+//! less they succeed. The fits of model critique and the mixture of `detect` use it; (3-1) has a
+//! search of its own (`identify/rate_search.rs`), because of its bounds.
 //!
-//! In: a start; what a point costs, the slope there (gradient and curvature), and the step that a slope and a
-//! damping ask for. Out: the best point that was met, which is never worse than the start.
+//! In: a start, and four functions of the caller: what a point costs, the slope there (whatever the
+//! caller needs for a step, usually gradient and curvature), the step that a slope and a damping
+//! ask for, and when to stop. Out: the last point that was accepted, with its cost, which is never
+//! above the start's.
+//!
+//! A step whose cost is not higher is accepted, and the next one is damped less; any other step is
+//! discarded, and the same slope is tried again with more damping.
 
-/// How the damping of steps changes.
+/// How the damping of steps changes. What a damping of 1 means is up to the caller's `step`.
 pub struct Damping {
     /// Damping of the first step.
     pub first: f64,
-    /// Factor after a step that went down, and the least damping.
+    /// Factor on the damping after an accepted step, below 1, and the least damping.
     pub down: f64,
     pub least: f64,
-    /// Factor after a step that did not go down, and the largest damping: beyond it, none will.
+    /// Factor on the damping after a discarded step, above 1, and the largest damping: the descent
+    /// ends where the damping would exceed `most`, for then no step is expected to go down any
+    /// more.
     pub up: f64,
     pub most: f64,
 }
 
-/// Descends from `start`, and returns the end with its cost.
+/// Descends from `start`, and returns the last accepted point with its cost.
 ///
-/// `cost` also returns what it has seen at a point, which `slope` is computed from where the point is kept;
-/// `None` ends the descent. `step` returns the point that is tried next; `None`: there is none at this damping.
-/// `rests` is asked after each step that was taken, by how much it lowered the cost and to what, whether this was the last.
+/// * `trials`: the largest number of steps that are tried, discarded ones included.
+/// * `cost`: the cost of a point, and `Seen`, whatever the caller has computed on the way and needs
+///   for the slope, so that nothing is computed twice. A cost that is not finite discards the step.
+/// * `slope`: called once for each accepted point, with what `cost` has seen there. `None` ends the
+///   descent.
+/// * `step`: the point that is tried next, from a point, its slope and the damping. `None` counts
+///   as a discarded step: there is no step at this damping.
+/// * `rests`: called after each accepted step, with the decrease of the cost and the cost now;
+///   `true` ends the descent.
 pub fn descend<Point, Seen, Slope>(
     start: Point,
     Damping { first, down, least, up, most }: Damping,
@@ -33,6 +48,7 @@ pub fn descend<Point, Seen, Slope>(
     let (mut here, mut damping) = (start, first);
     let Some(mut now) = slope(&here, seen) else { return (here, best) };
     for _ in 0..trials {
+        // a trial that is not lower, or that does not exist, is discarded: more damping
         let tried = step(&here, &now, damping).map(|trial| (cost(&trial), trial));
         let lower = tried.filter(|((value, _), _)| value.is_finite() && *value <= best);
         let Some(((value, seen), trial)) = lower else {
@@ -42,6 +58,8 @@ pub fn descend<Point, Seen, Slope>(
             }
             continue;
         };
+
+        // the trial is accepted: less damping, and the slope at the new point
         let gained = best - value;
         (best, here) = (value, trial);
         damping = (damping * down).max(least);
@@ -60,7 +78,8 @@ mod tests {
 
     const PLAIN: Damping = Damping { first: 1e-3, down: 0.1, least: 1e-12, up: 10.0, most: 1e12 };
 
-    /// ln (1 + x²) bends down far from its minimum: a plain Newton step from there would go the wrong way.
+    /// ln (1 + x²) bends down far from its minimum: a plain Newton step from there would go the
+    /// wrong way.
     #[test]
     fn it_comes_to_the_minimum_and_never_up() {
         let cost = |x: &f64| ((1.0 + x * x).ln(), ());

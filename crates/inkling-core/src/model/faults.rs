@@ -1,9 +1,15 @@
-//! What faults do to a channel's own rates. In: class, severity, healthy rates. Out: faulty rates.
+//! What faults do to a channel's rates: the laws of `faults.toml`, and those that a user adds.
 //!
-//! thesis (2-1): a fault adds B_f f = A_f - A to A. Here A_f itself is computed, from the four rates on which
-//! it depends, thesis (2-2)..(2-5) and §2-2 1)-4). Severities have the units of the contract's `severity`
-//! column. The faults themselves are data in `faults.toml`, which also says where they depart from the
-//! thesis.
+//! In: the name of a class (or of what else happens to channels), a severity, the healthy rates.
+//! Out: the faulty rates, for the fault curves of isolation, the simulation, and the promise of a
+//! design.
+//!
+//! thesis (2-1): a fault adds B_f f = A_f - A to A. Here A_f itself is computed, by its four rates,
+//! thesis (2-2)..(2-5) and §2-2 1)-4). A law gives each of the channel's five elements (I_r, R_r,
+//! I_n, R_n, B_t) a power p. A fault of severity s multiplies the element by u^p, where u is 1 - s,
+//! 1 + s or s, depending on how the law counts severities (`Size`). The rates a = 1/(I_r B_t), b =
+//! 1/(I_n B_t), g = R_r/I_r, d = R_n/I_n are multiplied accordingly. Severities have the units of
+//! the contract's `severity` column. Where the laws depart from the thesis stands in `faults.toml`.
 
 use super::InkChannel;
 use crate::fault::{Categories, HEALTHY, IGNORE};
@@ -11,16 +17,19 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
-/// What a kind of fault does to the elements of a channel, as `faults.toml` and `[isolate.physics]` write it.
+/// What a fault does to the elements of a channel, as a table of `faults.toml` or
+/// `[isolate.physics]` writes it. Here u is the factor of a severity (`Size::base`), and all
+/// powers are powers of u.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Law {
     /// The change in words, as scenario files state it; only laws of `faults.toml` have it.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub change: String,
-    /// How the severity is counted, which gives the factor that grows or shrinks with it ([`Size::base`]).
+    /// How a severity is counted, which says what u is.
     size: Size,
-    /// The power of that factor by which this element of the channel is multiplied; likewise the four below.
+    /// The power of u by which the restrictor's inertance is multiplied; likewise the four elements
+    /// below. 0: the fault leaves the element as it is.
     #[serde(default)]
     restrictor_inertance: f64,
     #[serde(default)]
@@ -31,7 +40,7 @@ pub struct Law {
     nozzle_resistance: f64,
     #[serde(default)]
     compliance: f64,
-    /// The power of the factor by which the signal itself is multiplied.
+    /// The power of u by which the signal itself is multiplied.
     #[serde(default)]
     amplitude: f64,
     /// A factor on both resistances, whatever the severity.
@@ -39,7 +48,9 @@ pub struct Law {
     resistances: f64,
     /// The severities that the name means, the one nearer to no fault first.
     pub range: [f64; 2],
-    /// The probability a priori of what is no class; 0 for classes.
+    /// 0: the law is a class of faults, which signals may be named by. Above 0: the law is no class
+    /// but a contrast, something else that happens to channels; the weight is its probability a
+    /// priori, of all that is flagged.
     #[serde(default)]
     pub weight: f64,
     /// The category to which the class belongs; absent: the class is a category of its own.
@@ -50,15 +61,15 @@ pub struct Law {
     pub unit: Option<String>,
 }
 
-/// How a severity is counted.
+/// How a severity s is counted, and the factor u that follows from s.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Size {
-    /// As the share that is missing.
+    /// As the share that is missing: u = 1 - s.
     Share,
-    /// As what is added, over what was there.
+    /// As what is added, over what was there: u = 1 + s.
     Added,
-    /// As the factor itself.
+    /// As the factor itself: u = s, and 1 is no fault.
     Factor,
 }
 
@@ -76,7 +87,8 @@ fn laws() -> &'static BTreeMap<String, Law> {
 }
 
 /// All that is known to happen to a channel: the laws of `faults.toml`, and a user's own
-/// (`[isolate.physics]`), by name.
+/// (`[isolate.physics]`), by name. Only the user's own are stored; the default catalogue has none
+/// of these.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Catalogue {
@@ -89,7 +101,7 @@ impl Catalogue {
         self.own.is_empty()
     }
 
-    /// A law by its name.
+    /// A law by its name; `None`: there is no law of that name.
     pub fn law(&self, name: &str) -> Option<&Law> {
         self.own.get(name).or_else(|| laws().get(name))
     }
@@ -99,14 +111,15 @@ impl Catalogue {
         self.own.iter().filter(|(_, law)| law.weight == 0.0).map(|(name, _)| name.as_str())
     }
 
-    /// What happens to channels and is no class of faults, by name.
+    /// What happens to channels and is no class of faults (laws with a weight), with its name.
     pub fn contrasts(&self) -> impl Iterator<Item = (&str, &Law)> {
         let all = laws().iter().chain(&self.own).filter(|(_, law)| law.weight > 0.0);
         all.map(|(name, law)| (name.as_str(), law))
     }
 
-    /// The class in whose severity unit faults of all `classes` are measured: the first one, if all of them
-    /// are one physical fault in different degrees. `None`: they are different faults, or one is unknown.
+    /// The class in whose severity unit faults of all `classes` are measured: the first one, if all
+    /// of them are one physical fault in different degrees. `None`: they are different faults, or
+    /// one is unknown.
     pub fn one_kind<'a>(&self, classes: &'a [String]) -> Option<&'a str> {
         let first = classes.first()?;
         let kind = self.law(first)?;
@@ -114,20 +127,22 @@ impl Catalogue {
         classes.iter().all(|class| alike(class)).then_some(first)
     }
 
-    /// The severity farthest from no fault among all faults of this kind.
+    /// The severity farthest from no fault among the ranges of all laws of the kind of `of`: up to
+    /// there a fault curve has to reach, since a fault may grow from one class into the next.
     pub fn largest(&self, of: &Law) -> f64 {
         let alike = laws().values().chain(self.own.values()).filter(|law| law.is_kind_of(of));
         let farther = |a: f64, b: f64| if of.size.far(a) > of.size.far(b) { a } else { b };
         alike.map(|law| law.range[1]).fold(of.range[1], farther)
     }
 
-    /// The categories that a user's own classes declare.
+    /// The categories that a user's own classes declare, by the name of the class.
     pub fn categories(&self) -> Categories {
         let declared = |(name, law): (&String, &Law)| Some((name.clone(), law.category.clone()?));
         Categories(self.own.iter().filter_map(declared).collect())
     }
 
-    /// Refuses a law of the user's that is not possible, and says which and why.
+    /// Refuses a law of the user's that is not possible, and laws without a class that together
+    /// weigh too much; the error says in words which law and why.
     pub fn check(&self) -> Result<(), String> {
         for (name, law) in &self.own {
             let taken = laws().contains_key(name) || ["", HEALTHY, IGNORE].contains(&name.as_str());
@@ -147,15 +162,18 @@ impl Catalogue {
     }
 }
 
-/// Largest total weight of what a user adds and is no class: with what is there already it is less than two
+/// Largest total weight of the laws that a user adds and that are no classes. Together with what is
+/// there already (.09 in `faults.toml`, .09 in `isolate/alternatives.rs`) that is less than two
 /// fifths of what is flagged.
 const MOST_WEIGHT: f64 = 0.2;
-/// Largest power: no element of a channel goes with a larger one, as R goes with 1 / A².
+/// Largest power that is accepted. Those of thesis (2-3), (2-4) are at most 2 (R goes with 1 / A²),
+/// or 4 in a diameter, so that a larger one is probably a slip of the pen.
 const MOST_POWER: f64 = 4.0;
 
 impl Law {
     /// Refuses a law that changes nothing or is out of range, and says why.
     fn check(&self) -> Result<(), String> {
+        // the powers: numbers, not too large, and at least one of them not 0
         let powers = self.powers();
         if let Some(power) = powers.iter().find(|p| p.is_nan() || p.abs() > MOST_POWER) {
             return Err(format!("power {power}: give -{MOST_POWER} to {MOST_POWER}"));
@@ -170,6 +188,9 @@ impl Law {
         if !(0.01..=100.0).contains(&self.resistances) {
             return Err(format!("resistances = {}: give 0.01 to 100", self.resistances));
         }
+
+        // The range: both ends on one side of no fault, the nearer one first, and u positive at
+        // both.
         let [near, far] = self.range;
         let none = self.size.none();
         let is_one_side = (near - none) * (far - none) >= 0.0;
@@ -186,6 +207,8 @@ impl Law {
                 }
             ));
         }
+
+        // the weight and the words: what has a weight is no class and so belongs to no category
         if !(0.0..=MOST_WEIGHT).contains(&self.weight) {
             return Err(format!("weight = {}: give 0 to {MOST_WEIGHT}", self.weight));
         }
@@ -214,7 +237,8 @@ impl Law {
         ]
     }
 
-    /// Whether both are one physical fault in different degrees.
+    /// Whether both laws are one physical fault in different degrees: they count severities alike,
+    /// have the same powers, and their ranges lie on the same side of no fault.
     pub fn is_kind_of(&self, other: &Law) -> bool {
         let grows = |law: &Law| law.range[1] > law.size.none();
         let same = self.size == other.size && self.resistances == other.resistances;
@@ -226,8 +250,8 @@ impl Law {
         self.size.none()
     }
 
-    /// The coordinate of severity in which the prior is uniform: the logarithm of a factor (viscosity,
-    /// compliance), or a share itself.
+    /// The coordinate of a severity in which the prior of isolation is uniform: a share itself,
+    /// else ln u (of viscosity, of compliance).
     pub fn scale(&self, severity: f64) -> f64 {
         match self.size {
             Size::Share => severity,
@@ -251,7 +275,7 @@ impl Law {
         self.severity_at(0.5 * (one + other))
     }
 
-    /// The factor at a severity, to a power.
+    /// The factor u at a severity, to a power.
     fn to(&self, severity: f64, power: f64) -> f64 {
         let base = self.size.base(severity);
         // whole powers are the same to the last bit, whatever the machine's pow is
@@ -266,15 +290,17 @@ impl Law {
         self.to(severity, self.amplitude)
     }
 
-    /// The rates of `channel` with a fault of this severity, thesis (2-1). `None`: the severity leaves no
-    /// positive inertance, compliance or resistance.
+    /// The rates of `channel` with a fault of this severity, thesis (2-1). `None`: the severity
+    /// leaves no positive inertance, compliance or resistance, or the rates would not be finite.
     pub fn apply(&self, severity: f64, channel: &InkChannel) -> Option<InkChannel> {
         let base = self.size.base(severity);
         if base.is_nan() || base <= 0.0 {
             return None;
         }
-        let to = |power: f64| self.to(severity, power);
+
+        // The powers of u that the rates are multiplied by, from the elements that they consist of:
         // a = 1 / (I_r B), b = 1 / (I_n B), g = R_r / I_r, d = R_n / I_n
+        let to = |power: f64| self.to(severity, power);
         let by = [
             to(-self.restrictor_inertance - self.compliance),
             to(-self.nozzle_inertance - self.compliance),
@@ -291,7 +317,8 @@ impl Size {
         if self == Size::Factor { 1.0 } else { 0.0 }
     }
 
-    /// How far a severity is from no fault.
+    /// How far a severity is from no fault, as a number that grows with the distance to either
+    /// side.
     fn far(self, severity: f64) -> f64 {
         match self {
             Size::Factor => severity.ln().abs(),
@@ -299,7 +326,7 @@ impl Size {
         }
     }
 
-    /// The factor that grows or shrinks with the severity.
+    /// The factor u that grows or shrinks with the severity.
     fn base(self, severity: f64) -> f64 {
         match self {
             Size::Share => 1.0 - severity,

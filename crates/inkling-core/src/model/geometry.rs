@@ -1,6 +1,10 @@
-//! From dimensions and ink to rates. In: lengths, areas, ink properties. Out: [`InkChannel`].
+//! From dimensions and ink to the rates of a channel, thesis (2-3), (2-4), (2-5).
 //!
-//! thesis (2-3), (2-4), (2-5). Only ratios reach the decay: I, R and B apart are not observable.
+//! In: lengths, areas and ink properties, as the table `[identify.geometry]` of the settings or a
+//! scenario of `simulate` has them. Out: the rates ([`InkChannel`]), from which a fit of (3-1) or a
+//! simulation starts. Each duct has an inertance I = rho L / A and a resistance R = 8 pi mu L / A²;
+//! with the compliance B_t the rates are a = 1/(I_r B_t), b = 1/(I_n B_t), g = R_r/I_r, d =
+//! R_n/I_n. Only these ratios reach the decay: I, R and B apart are not observable.
 
 use super::InkChannel;
 use std::f64::consts::PI;

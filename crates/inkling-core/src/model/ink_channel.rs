@@ -1,9 +1,14 @@
-//! The ink channel, thesis (2-2), in its four rates.
+//! The ink channel of thesis (2-2), described by the four rates that its matrix A depends on.
+//!
+//! In: the rates a = 1/(I_r B_t), b = 1/(I_n B_t), g = R_r/I_r, d = R_n/I_n. Out: the matrices A
+//! and C, the polynomial of the observable poles, and e^{A t}. Identification, filter design, fault
+//! laws and simulation all describe a channel by this type; the poles themselves are computed in
+//! `poles.rs`.
 
 use nalgebra::{DMatrix, Matrix4, dmatrix};
 
-/// Thesis (2-2) in the four rates on which its A depends: x' = A x, y = C x. It rings from an acquisition
-/// state x_a that is not zero.
+/// Thesis (2-2) in the four rates on which its A depends: x' = A x, y = C x. It rings from an
+/// acquisition state x_a that is not zero.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct InkChannel {
@@ -29,7 +34,7 @@ impl InkChannel {
         InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s }
     }
 
-    /// The channel whose rates are these multiples of its own.
+    /// The channel whose rates a, b, g, d are these multiples of this channel's.
     pub fn times(&self, by: [f64; 4]) -> InkChannel {
         let rates = self.rates();
         InkChannel::of(std::array::from_fn(|j| rates[j] * by[j]))
@@ -45,26 +50,31 @@ impl InkChannel {
             -b, -b, 0.0, -d]
     }
 
-    /// The matrix C = [0 0 1 1], thesis §3-1; the counts per flow are in the unit of the state.
+    /// The matrix C = [0 0 1 1], thesis §3-1. The factor from flow to counts is put into the unit
+    /// of the state: flows are in counts, volumes in counts·s.
     pub fn c(&self) -> DMatrix<f64> {
         dmatrix![0.0, 0.0, 1.0, 1.0]
     }
 
     /// (p2, p1, p0) of the observable polynomial s^3 + p2 s^2 + p1 s + p0, in 1/s, 1/s², 1/s³.
-    /// Departs: thesis §3-2-1 II has N(s)L(s) = det(A - sI); the pole at 0 is unobservable, so the
-    /// numerator is this cubic (physics of (1, -1, 0, 0): C maps the eigenvector of 0 to 0).
+    /// Departs: thesis §3-2-1 II has N(s)L(s) = det(A - sI) = s times this cubic. The pole at 0 is
+    /// unobservable (its eigenvector is (1, -1, 0, 0), ink that moves from restrictor to nozzle,
+    /// and C maps that to 0), so the numerator is this cubic alone.
     pub fn cubic(&self) -> [f64; 3] {
         let [a, b, g, d] = self.rates();
         [g + d, g * d + a + b, a * d + b * g]
     }
 
-    /// A_d = e^{A t}, as `ring_down::discretise` gives it, 4 x 4 without allocation: simulating a print run
-    /// needs three per signal.
+    /// The matrix A_d = e^{A t}, which takes the state x to the state after the time t: x(t) = A_d
+    /// x(0). 4 x 4, in the coordinates of A. The same as `ring_down::discretise` gives, without
+    /// allocation: simulating a print run needs three per signal.
     ///
-    /// A is scaled to the resonance, so that the norm of A t is about |omega t|. The exponential of its 2^-j
-    /// th part is a Taylor series to order 12 (the part's norm is at most 1/4: remainder below 1e-16), and is
-    /// squared j times.
+    /// By scaling and squaring: the volumes are counted in units of flow / omega, where omega^2 =
+    /// a + b is about the resonance, so that the norm of A t is about omega t. A t / 2^j, whose
+    /// norm is at most 1/4, has its exponential by a Taylor series to order 12 (remainder below
+    /// 1e-16), which is squared j times.
     pub fn transition(&self, t_s: f64) -> Matrix4<f64> {
+        // A t in the scaled coordinates
         let [a, b, g, d] = self.rates();
         let omega = (a + b).sqrt();
         let tau = omega * t_s;
@@ -76,9 +86,13 @@ impl InkChannel {
             -a, -a, -g, 0.0, //
             -b, -b, 0.0, -d,
         );
+
+        // halved until its norm (the largest sum of a row) is at most 1/4
         let norm = at.abs().column_sum().max();
         let halvings = (4.0 * norm).log2().ceil().clamp(0.0, 60.0) as i32;
         let at = at * 0.5_f64.powi(halvings);
+
+        // the Taylor series by Horner's rule, and the squarings that undo the halvings
         let mut e = Matrix4::identity();
         for k in (1..=12).rev() {
             e = Matrix4::identity() + at * e / f64::from(k);
@@ -86,6 +100,7 @@ impl InkChannel {
         for _ in 0..halvings {
             e *= e;
         }
+
         // back from volumes in flow/omega to the coordinates of A
         for i in 0..2 {
             for j in 0..2 {
@@ -98,7 +113,8 @@ impl InkChannel {
 }
 
 impl InkChannel {
-    /// The thesis's nominal channel.
+    /// The nominal channel of tests and simulations, and the default guess of (3-1). The thesis
+    /// states no rates; these give a plausible ring of 64.7 kHz with a damping of 2.9e4 1/s.
     pub const NOMINAL: InkChannel =
         InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8e4 };
 }

@@ -1,8 +1,10 @@
 //! Inner products whose bits do not depend on the processor.
 //!
-//! In: two vectors. Out: their inner product. Eight partial sums are kept side by side, one per SIMD lane,
-//! and added up in a fixed order; no product is fused with a sum. So the result is the same whatever vector
-//! instructions the processor has.
+//! In: two vectors. Out: their inner product. Eight partial sums are kept side by side, one per
+//! SIMD lane: sum l adds up the products at the places l, l + 8, l + 16, .. These are added up in a
+//! fixed order, then the products at the end that fill no whole group of eight, one by one. No
+//! product is fused with a sum. So the result has the same bits whatever vector instructions the
+//! processor has, and so have verdicts.
 
 use crate::processor::for_processor;
 
@@ -18,7 +20,7 @@ fn sum(lanes: Lanes) -> f64 {
 }
 
 for_processor! {
-    /// Inner product of two vectors of equal length.
+    /// Inner product of two vectors of equal length. That the lengths are equal is not checked.
     pub fn dot(a: &[f64], b: &[f64]) -> f64 { portable }
 }
 

@@ -1,15 +1,23 @@
-//! How ring-downs of several channels are laid out in a row of numbers, inferred from the numbers themselves:
-//! neighbouring samples of a channel are alike, and channels ring alike.
+//! How the ring-downs of several channels are laid out in a row of numbers (their *lie*), inferred
+//! from the numbers themselves. `dialect/guess.rs` reads foreign recordings by it; `train` and the
+//! pipeline's `ring_look.rs` warn by it of a layout that is probably wrong.
+//!
+//! In: the numbers of one message, in counts or any other unit. Out: the number of channels,
+//! whether samples or channels are contiguous, and the evidence. In the right layout three things
+//! hold: neighbouring samples of a channel are alike (their correlation), channels ring alike (the
+//! share of the energy that their mean has), and the numbers jump from one row of the memory to the
+//! next (`edge`). All layouts whose two first numbers are plausible are tried, and the one with the
+//! clearest jumps wins. The bounds are heuristic.
 
 /// Smallest number of samples per channel; fewer show no ring.
 const FEWEST_SAMPLES: usize = 16;
-/// Smallest correlation of neighbouring samples of ring-downs; below it they have little in common, and the
-/// layout is wrong.
+/// Smallest correlation of neighbouring samples of ring-downs; below it neighbours have little in
+/// common, and the layout is wrong.
 pub const LEAST_NEIGHBOURS: f64 = 0.3;
 /// Smallest [`Lie::alike`] of ring-downs; below it channels have little in common.
 const LEAST_ALIKE: f64 = 0.5;
-/// Smallest ratio of the mean square step from one row of the memory to the next over that within rows. Rows
-/// of a wrong length have no such edges.
+/// Smallest `edge`: the mean square step from the last number of one row of the memory to the first
+/// of the next, over that within rows. Rows of a wrong length have no such edges.
 const LEAST_EDGE: f64 = 1.5;
 
 /// A layout of channels x samples, and the evidence for it.
@@ -20,13 +28,18 @@ pub struct Lie {
     pub sample_major: bool,
     /// Correlation of neighbouring samples of a channel.
     pub neighbours: f64,
-    /// Share of the channels' energy that their mean has, beyond the share that it has by chance.
+    /// Share of the channels' energy that their mean has, less the share 1 / channels that the mean
+    /// of unrelated channels has, and scaled such that equal channels have 1. Of a single channel
+    /// it is 1.
     pub alike: f64,
 }
 
 impl Lie {
-    /// The evidence for a layout. `None`: the numbers cannot be laid out so, or all of them are equal.
+    /// The evidence for one layout of the numbers `x`. `None`: the numbers cannot be laid out so
+    /// (they are no multiple of `channels`, or a channel has fewer than `FEWEST_SAMPLES`), or all
+    /// of them are equal.
     pub fn of(x: &[f64], channels: usize, sample_major: bool) -> Option<Lie> {
+        // the numbers as channel and sample, without their common mean
         let samples = x.len().checked_div(channels)?;
         if samples < FEWEST_SAMPLES || samples * channels != x.len() {
             return None;
@@ -36,6 +49,7 @@ impl Lie {
             true => x[k * channels + channel] - mean,
             false => x[channel * samples + k] - mean,
         };
+
         // energy, product of neighbouring samples, and the sum over channels at every moment
         let (mut square, mut beside) = (0.0, 0.0);
         let mut sums = vec![0.0; samples];
@@ -47,8 +61,10 @@ impl Lie {
                 beside += if k + 1 < samples { here * at(channel, k + 1) } else { 0.0 };
             }
         }
+
+        // The energy of the channels' mean, counted once for each channel, over the whole energy.
+        // Unrelated channels would leave a share of 1 / rows in their mean, which is taken off.
         let rows = channels as f64;
-        // unrelated channels would leave a share of 1 / rows in their mean
         let of_mean = sums.iter().map(|sum| sum * sum).sum::<f64>() / rows;
         let chance = 1.0 / rows;
         let alike = (of_mean / square - chance) / (1.0 - chance);
@@ -66,28 +82,33 @@ impl Lie {
         self.neighbours >= LEAST_NEIGHBOURS && self.alike >= LEAST_ALIKE
     }
 
-    /// The likeliest layout of several channels: of the plausible ones the one with the clearest edges
-    /// between rows. `may_be`: tells whether a number of channels is possible. `None`: channels ring alike in
-    /// none of the layouts.
+    /// The likeliest layout of several channels: of the plausible layouts the one with the clearest
+    /// edges between rows. `may_be`: tells whether a number of channels is possible. `None`: no
+    /// layout is plausible, or none has edges of at least `LEAST_EDGE`.
     pub fn likeliest(x: &[f64], may_be: impl Fn(usize) -> bool) -> Option<Lie> {
+        // every number of channels that divides the numbers, in both orders
         let most = x.len() / FEWEST_SAMPLES;
         let possible = (2..=most).filter(|n| x.len().is_multiple_of(*n) && may_be(*n));
         let both = possible.flat_map(|n| [(n, false), (n, true)]);
         let plausible =
             both.filter_map(|(n, major)| Lie::of(x, n, major)).filter(Lie::is_plausible);
+
+        // Correlation and likeness hold in some wrong layouts, too, as with half the number of
+        // channels; only the right rows end where the numbers jump.
         let edges = plausible.map(|lie| (edge(x, lie.row_length(x.len())), lie));
         let best = edges.max_by(|a, b| a.0.total_cmp(&b.0));
         best.filter(|(edge, _)| *edge >= LEAST_EDGE).map(|(_, lie)| lie)
     }
 
-    /// How many numbers lie side by side: a channel's samples, or the channels of one moment. `all`: how many
-    /// there are.
+    /// How many numbers lie side by side: a channel's samples, or the channels of one moment.
+    /// `all`: how many there are.
     fn row_length(&self, all: usize) -> usize {
         if self.sample_major { self.channels } else { all / self.channels }
     }
 }
 
 /// How many times larger the mean square step from one row to the next is than the one within rows.
+/// `row`: how many numbers a row of the memory has.
 fn edge(x: &[f64], row: usize) -> f64 {
     let (mut across, mut within) = ((0.0, 0), (0.0, 0));
     for (i, pair) in x.windows(2).enumerate() {
@@ -98,8 +119,8 @@ fn edge(x: &[f64], row: usize) -> f64 {
     mean(across) / mean(within).max(f64::MIN_POSITIVE)
 }
 
-/// How many periods of its strongest oscillation a signal has, its mean aside. `None`: there is nothing but
-/// the mean.
+/// How many periods of its strongest oscillation a signal has, its mean aside: the place of the
+/// largest peak of its spectrum. `None`: there is nothing but the mean, or a number is not finite.
 pub fn periods(signal: &[f64]) -> Option<f64> {
     /// Only the first of so many samples are used; more would add nothing.
     const MOST: usize = 2048;
@@ -107,7 +128,8 @@ pub fn periods(signal: &[f64]) -> Option<f64> {
     let signal = &signal[..all.min(MOST)];
     let n = signal.len();
     let mean = signal.iter().sum::<f64>() / n.max(1) as f64;
-    // power at a whole number of periods
+
+    // the power at each whole number of periods, and where it is largest
     let power = |bin: usize| {
         let turn = 2.0 * std::f64::consts::PI * bin as f64 / n as f64;
         let (mut re, mut im) = (0.0, 0.0);
@@ -122,9 +144,11 @@ pub fn periods(signal: &[f64]) -> Option<f64> {
     if !(most > 0.0 && most.is_finite()) {
         return None;
     }
+
     let shown = match bin {
-        // the spectrum resolves no period or one: the number of periods follows from how little neighbours
-        // differ
+        // The spectrum cannot tell less than one period from one. Neighbours of a sinusoid differ
+        // by its phase advance per sample (in root mean square, over the signal's), which gives the
+        // periods.
         0..=1 => {
             let centred = || signal.iter().map(|y| y - mean);
             let square: f64 = centred().map(|y| y * y).sum();
@@ -133,6 +157,8 @@ pub fn periods(signal: &[f64]) -> Option<f64> {
         }
         _ => bin as f64,
     };
+
+    // from the samples that were used to the whole signal
     Some(shown * all as f64 / n as f64)
 }
 

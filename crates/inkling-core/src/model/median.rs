@@ -1,6 +1,10 @@
-//! The median, for the whole program.
+//! The median and the standard deviation that is derived from it, for the whole program.
+//!
+//! Both are robust: what fewer than half of the values are does not matter much. So they are used
+//! where a minority of the signals or channels may be faulty.
 
-/// The median: for an even number of values the upper of the middle two, for none NaN. Reorders `values`.
+/// The median: for an even number of values the upper of the middle two, for none NaN. Reorders
+/// `values`. NaNs count as the largest values.
 pub fn median(values: &mut [f64]) -> f64 {
     if values.is_empty() {
         return f64::NAN;
@@ -9,13 +13,14 @@ pub fn median(values: &mut [f64]) -> f64 {
     *values.select_nth_unstable_by(mid, f64::total_cmp).1
 }
 
-/// The same of values one by one.
+/// The median, as by [`median`], of the values of an iterator.
 pub fn median_of(values: impl Iterator<Item = f64>) -> f64 {
     median(&mut values.collect::<Vec<f64>>())
 }
 
-/// A robust standard deviation about a middle: the median absolute deviation, scaled to be that of a
-/// Gaussian.
+/// A robust standard deviation of `values` about `middle`: the median of the absolute deviations
+/// times 1.4826, which makes it the standard deviation if the values are Gaussian. For no values it
+/// is NaN.
 pub fn robust_sd(values: &[f64], middle: f64) -> f64 {
     let mut off: Vec<f64> = values.iter().map(|v| (v - middle).abs()).collect();
     1.4826 * median(&mut off)

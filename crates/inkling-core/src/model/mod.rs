@@ -1,8 +1,21 @@
-//! What the physics says: plants as linear state-space models, their free decays, and their faults.
+//! What the physics says of an ink channel, and the numerical tools that all other rooms share.
 //!
-//! In: rates, geometry, severities. Out: (A, C), decays y = C e^{At} x_a, poles. thesis (2-1)..(2-5).
-//! Measured signals are looked at only by what fits a ring to them, and by [`lie`]. Quantities are in SI
-//! units at every signature; inside, matrices are scaled to microseconds where conditioning asks for it.
+//! * The channel by thesis (2-1)..(2-5): `ink_channel` (the rates and the matrices A, C),
+//!   `geometry` (rates from dimensions), `actuation` (the state x_a from which it rings),
+//!   `ring_down` (the decay y = C e^{At} x_a), `poles`, and `faults` (what each fault does to the
+//!   rates).
+//! * The decay as one damped pair and one real pole, a *ring*: `ring`, its fit to a measured signal
+//!   (`ring_fit` with `ring_grid`, `ring_gauss_newton`, `ring_gram`), and `beside_ring` (what the
+//!   fit leaves).
+//! * For model critique: `free_decay` (the decay with its Jacobian) and `terms` (effects that (2-2)
+//!   lacks).
+//! * `lie`: how ring-downs are laid out in a row of numbers of unknown layout.
+//! * Tools: `bisection`, `descent`, `inner_product`, `median`, `normal`, `student`, `programme`,
+//!   `simd_math`.
+//!
+//! Only the fit of a ring, `beside_ring` and `lie` look at measured signals. Quantities are in SI
+//! units at every signature that says nothing else; inside, time is in microseconds or in signal
+//! lengths where conditioning asks for that.
 
 pub mod actuation;
 pub mod beside_ring;

@@ -1,6 +1,9 @@
-//! The normal distribution: its tail and its quantile, for the whole program.
+//! The normal distribution: its upper tail, the logarithm of that tail, and its quantile, for the
+//! whole program. In: a number of standard deviations, or a probability. Out: the other one. All
+//! three are published approximations; their errors stand at each function.
 
-/// Coefficients of ln(erfc(z) e^{z²} (1 + z/2)) in powers of 1 / (1 + z/2).
+/// Coefficients c_j of ln(erfc(z) e^{z²} / t) = sum c_j t^j with t = 1 / (1 + z/2): the Chebyshev
+/// fit of Numerical Recipes (erfcc).
 const ERFC: [f64; 10] = [
     -1.265_512_23,
     1.000_023_68,
@@ -14,21 +17,22 @@ const ERFC: [f64; 10] = [
     0.170_872_77,
 ];
 
-/// The upper tail 1 - Phi(x), with a relative error of at most 1.2e-7 everywhere: Chebyshev fit of erfc,
-/// Numerical Recipes (erfcc).
+/// The upper tail 1 - Phi(x) = erfc(x / sqrt 2) / 2, with a relative error of at most 1.2e-7
+/// everywhere.
 pub fn upper_tail(x: f64) -> f64 {
     let (t, exponent) = half_erfc(x.abs());
     let erfc = t * exponent.exp();
     if x >= 0.0 { erfc / 2.0 } else { 1.0 - erfc / 2.0 }
 }
 
-/// ln (1 - Phi(x)), also where 1 - Phi(x) is too small for a floating-point number.
+/// ln (1 - Phi(x)), also where 1 - Phi(x) is too small for a floating-point number: there the
+/// exponent is used without being raised to a power.
 pub fn ln_upper_tail(x: f64) -> f64 {
     let (t, exponent) = half_erfc(x.abs());
     if x >= 0.0 { (t / 2.0).ln() + exponent } else { (-upper_tail(-x)).ln_1p() }
 }
 
-/// erfc(x / sqrt 2) of a positive x, as a factor and the exponent of a second factor.
+/// erfc(x / sqrt 2) of an x that is not negative, as (t, exponent): it is t e^exponent.
 #[inline(always)] // compiled once per instruction set
 pub(crate) fn half_erfc(x: f64) -> (f64, f64) {
     let z = x / std::f64::consts::SQRT_2;
@@ -37,7 +41,8 @@ pub(crate) fn half_erfc(x: f64) -> (f64, f64) {
     (t, -z * z + exponent)
 }
 
-/// Standard normal quantile for p >= 0.5, to 4.5e-4 (Abramowitz and Stegun 26.2.23).
+/// The standard normal quantile, the x with Phi(x) = p, for 0.5 <= p < 1, to 4.5e-4 (Abramowitz and
+/// Stegun 26.2.23). At p = 1, where the quantile is infinite, it is 0.
 pub fn normal_quantile(p: f64) -> f64 {
     let t = (-2.0 * (1.0 - p).ln()).sqrt();
     let over = 2.515517 + t * (0.802853 + t * 0.010328);
@@ -45,7 +50,7 @@ pub fn normal_quantile(p: f64) -> f64 {
     (t - over / under).max(0.0)
 }
 
-/// Standard normal deviates.
+/// Draws standard normal deviates, one with each call of the function that is returned.
 #[cfg(test)]
 pub fn draws(seed: u64) -> impl FnMut() -> f64 {
     use rand::{RngExt, SeedableRng};

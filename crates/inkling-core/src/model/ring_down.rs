@@ -1,4 +1,10 @@
-//! Free decays y_k = C A_d^k x_a, exactly discretised: A_d = e^{A dt}.
+//! Free decays of a channel from its acquisition state, sample by sample: y_k = C A_d^k x_a.
+//!
+//! In: matrices or rates of a channel, x_a, the sample period. Out: samples of the output in the
+//! unit of x_a (counts). A_d = e^{A dt} is the exact discretisation: it is not an approximation for
+//! small dt. [`ring_down_into`] is for simulation, with millions of signals; [`discretise`] is for
+//! the design of filters, and serves any plant. The type [`Poles`] is how all rooms tell damping,
+//! frequency and real pole.
 
 use super::InkChannel;
 use nalgebra::{DMatrix, DVector, Vector4};
@@ -14,13 +20,15 @@ pub struct Poles {
     pub lambda_per_s: f64,
 }
 
-/// Scales of the states that bring A's entries to a similar size in microseconds: a volume state (which has
-/// no rate of its own) is counted in (flow x 1 µs). In SI units A's entries differ by 12 decades.
+/// Scales of the states that bring A's entries to a similar size in microseconds. A volume state,
+/// which is told by a 0 on A's diagonal, is counted in (flow x 1 µs), so its scale is 1e6; a flow
+/// stays as it is. In SI units A's entries differ by 12 decades. `a`: n x n, 1/s.
 fn microsecond_scales(a: &DMatrix<f64>) -> DVector<f64> {
     DVector::from_fn(a.nrows(), |i, _| if a[(i, i)] == 0.0 { 1e6 } else { 1.0 })
 }
 
-/// (A, C) in microseconds with states of similar size: the same poles, per µs. `a`: n x n, 1/s; `c`: m x n.
+/// The matrices (A, C) in microseconds with states of similar size: the same plant and output, with
+/// its poles per µs. `a`: n x n, 1/s; `c`: m x n.
 pub fn in_microseconds(a: &DMatrix<f64>, c: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
     let s = microsecond_scales(a);
     let a_us = DMatrix::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)] * s[i] / s[j] * 1e-6);
@@ -44,8 +52,8 @@ pub fn eigenvalues(plant: &InkChannel) -> Vec<nalgebra::Complex<f64>> {
     a_us.complex_eigenvalues().iter().map(|z| z * 1e6).collect()
 }
 
-/// The free decay y_k = C A_d^k x_a for k = 0..samples, of one output (m = 1). `x_a`: in the coordinates of
-/// A.
+/// The free decay y_k = C A_d^k x_a for k = 0..samples, of one output (m = 1). `x_a`: in the
+/// coordinates of A.
 #[cfg(test)]
 pub fn ring_down(plant: &InkChannel, x_a: &DVector<f64>, dt_s: f64, samples: usize) -> Vec<f64> {
     let (a_d, c) = (discretise(&plant.a(), dt_s), plant.c());
@@ -58,8 +66,9 @@ pub fn ring_down(plant: &InkChannel, x_a: &DVector<f64>, dt_s: f64, samples: usi
     y
 }
 
-/// The free decay of an ink channel, without allocation, for millions of signals: y_k = V_r' + V_n' at k dt, k
-/// = 0..out.len(). `x_a`: in the coordinates of A, times whatever gain y shall have.
+/// Writes the free decay of an ink channel to `out`, without allocation, for millions of signals:
+/// y_k = V_r' + V_n' at the time k dt_s, for every place k of `out`. `x_a`: V_r, V_n, V_r', V_n',
+/// times whatever gain y shall have.
 pub fn ring_down_into(channel: &InkChannel, x_a: &Vector4<f64>, dt_s: f64, out: &mut [f64]) {
     let a_d = channel.transition(dt_s);
     let mut x = *x_a;

@@ -1,10 +1,19 @@
-//! The maximum-likelihood ring of one signal: its amplitude, damping, frequency, and its phase if that is
-//! free.
+//! The maximum-likelihood ring of one signal: its amplitude, damping, frequency, and its phase if
+//! that is free. Detection's second look, isolation and model critique rest on this fit.
 //!
-//! In: a signal, and the healthy [`Ring`] with which it is compared. Out: [`Features`], log ratios to that
-//! ring. Amplitude (and phase) enter linearly and are eliminated (variable projection, Golub and Pereyra
-//! 1973). A coarse search over damping and frequency (`ring_grid`) is followed by a few damped Gauss-Newton
-//! steps (`ring_gauss_newton`). The noise is taken to be white, so the fit is least squares.
+//! In: a signal (N samples, counts), and the healthy [`Ring`] with which it is compared. Out:
+//! [`Features`], log ratios to that ring, and the square misfit. The noise is taken to be white, so
+//! the fit is least squares of y on a p + b q: p is the in-phase column of the ring (the damped
+//! pair, plus the real pole's part), q its quadrature column (the pair with its phase a quarter
+//! turn ahead, without the real pole). a and b enter linearly and are eliminated (variable
+//! projection, Golub and Pereyra 1973); amplitude and phase are those of a + i b. So the search is
+//! over damping and frequency alone:
+//!
+//! 1. A coarse search over a grid (`ring_grid`), unless the caller knows a start.
+//! 2. A few damped Gauss-Newton steps (`ring_gauss_newton`, whose sums are in `ring_gram`).
+//!
+//! The real pole's rate and its share of the in-phase amplitude are held at the healthy ring's,
+//! since one signal does not determine them.
 
 use super::inner_product::dot;
 use super::ring::Ring;
@@ -15,8 +24,8 @@ use crate::processor::for_processor;
 use nalgebra::{DMatrix, Matrix4, Vector4};
 use std::sync::OnceLock;
 
-/// A ring relative to the healthy one: ln (A/A0), ln (sigma/sigma0), ln (f/f0), and phi - phi0 (0 where the
-/// phase is not free).
+/// A ring relative to the healthy one: ln (A/A0), ln (sigma/sigma0), ln (f/f0), and phi - phi0, rad
+/// (where the phase is not free it is 0, or pi if the signal is upside down).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Features {
     pub ln_amplitude: f64,
@@ -54,8 +63,8 @@ pub struct Fit {
     pub square: f64,
 }
 
-/// Fits rings to signals of one sample period and length. The grid of the coarse search is computed when it
-/// is first needed.
+/// Fits rings to signals of one sample period and length, as compared with one healthy ring. The
+/// grid of the coarse search is computed when it is first needed.
 #[derive(Clone, Debug)]
 pub struct RingFitter {
     /// The healthy ring, to which features are relative.
@@ -65,6 +74,7 @@ pub struct RingFitter {
     pub samples: usize,
     /// The real pole's part of the in-phase column, per unit amplitude, N.
     real: Vec<f64>,
+    /// The healthy ring in the form that the sums of a fit need.
     frame: Frame,
     grid: OnceLock<Grid>,
 }
@@ -80,6 +90,7 @@ pub struct Products {
 }
 
 impl RingFitter {
+    /// A fitter for signals of `samples` samples, `dt_s` apart, that are compared with `ring`.
     pub fn new(ring: Ring, dt_s: f64, samples: usize) -> RingFitter {
         let real: Vec<f64> = (0..samples)
             .map(|k| ring.real_share * (-ring.lambda_per_s * k as f64 * dt_s).exp())
@@ -104,8 +115,8 @@ impl RingFitter {
         self.grid.get_or_init(|| Grid::new(self.frame.omega_dt, self.samples, columns))
     }
 
-    /// In-phase and quadrature columns, N each, per unit amplitude, of a ring whose damping and frequency are
-    /// these multiples of the healthy ring's; by recurrence.
+    /// In-phase and quadrature columns p and q, N each, per unit amplitude, of a ring whose damping
+    /// and frequency are these multiples of the healthy ring's.
     fn columns(&self, damping: f64, frequency: f64) -> [Vec<f64>; 2] {
         let decay = (-self.frame.sigma_dt * damping).exp();
         let (sin, cos) = (self.frame.omega_dt * frequency).sin_cos();
@@ -114,21 +125,23 @@ impl RingFitter {
         columns
     }
 
-    /// Fits one signal. `y`: N, counts. `phase`: whether the phase is free; else it is held at the healthy
-    /// ring's. `None`: the signal is no ring: it is zero or not finite, or on the way there is no
-    /// Gauss-Newton step.
+    /// Fits one signal. `y`: N, counts. `phase`: whether the phase is free; else it is held at the
+    /// healthy ring's. `None`: the signal is no ring. It is zero or not finite, or the search came
+    /// to a place without a Gauss-Newton step (a singular matrix).
     pub fn fit(&self, y: &[f64], phase: bool, work: &mut Products) -> Option<Fit> {
         let [damping, frequency] = self.grid().search(y, &mut work.sums)?;
         self.refine(y, damping, frequency, phase)
     }
 
-    /// Fits one signal from a known start, without the coarse search. `y`: N, counts.
+    /// Fits one signal as [`RingFitter::fit`] does, but from damping and frequency of the ring
+    /// `near`, without the coarse search. `y`: N, counts.
     pub fn fit_from(&self, y: &[f64], near: &Features, phase: bool) -> Option<Fit> {
         let [damping, frequency] = self.near(near);
         self.refine(y, damping, frequency, phase)
     }
 
-    /// ln damping and ln frequency to start from, clamped to the range for which Gauss-Newton is good.
+    /// ln damping and ln frequency to start from, clamped to the range for which Gauss-Newton is
+    /// good.
     fn near(&self, near: &Features) -> [f64; 2] {
         [near.ln_damping.clamp(-3.0, 2.0), near.ln_frequency.clamp(-0.9, 0.5)]
     }
@@ -146,7 +159,8 @@ impl RingFitter {
         }
     }
 
-    /// A start, with what all evaluations of the signal share. `None`: the signal is zero, or not finite.
+    /// A start, with what all evaluations of the signal share. `None`: the signal is zero, or not
+    /// finite.
     fn start_of(&self, y: &[f64], [ln_damping, ln_frequency]: [f64; 2]) -> Option<Start> {
         let [square, along_real] = [dot(y, y), dot(y, &self.real)];
         let there = square > 0.0 && square.is_finite();
@@ -166,9 +180,17 @@ impl RingFitter {
         finite.then_some(Fit { features, misfit, square })
     }
 
-    /// Fits many signals, sixteen at once. `signal` writes the next one, N, counts, and returns a start
-    /// if one is known (`Some(None)`: none is); it returns `None` when there are no more. `found` is called
-    /// with the number of a signal and its fit, in the order in which fits end.
+    /// Fits many signals, sixteen side by side, each with the same bits as [`RingFitter::fit`] or
+    /// [`RingFitter::fit_from`] would give.
+    ///
+    /// `signal` writes the next signal, N, counts, and returns a start if one is known, or
+    /// `Some(None)` for the coarse search; it returns `None` when there are no more. `found` is
+    /// called with the number of a signal (0, 1, .. in the order of `signal`'s calls) and its fit,
+    /// in the order in which fits end.
+    ///
+    /// Each of the sixteen lanes holds one signal that is being fitted. Fits need unlike numbers of
+    /// iterations, so a lane whose fit has ended takes the next signal at once, and no lane idles
+    /// before the last signals.
     pub fn fit_all(
         &self,
         phase: bool,
@@ -176,6 +198,7 @@ impl RingFitter {
         mut signal: impl FnMut(&mut [f64]) -> Option<Option<Features>>,
         mut found: impl FnMut(usize, Option<Fit>),
     ) {
+        // buffers, and which signal each lane is at, with its square norm
         let mut interleaved = std::mem::take(&mut work.interleaved);
         let mut y = std::mem::take(&mut work.signal);
         interleaved.resize(self.samples, [0.0; WIDTH]);
@@ -185,7 +208,8 @@ impl RingFitter {
         let mut of_lane: [Option<usize>; WIDTH] = [None; WIDTH];
         let (mut next, mut more) = (0, true);
         loop {
-            // fill the free lanes with the next signals; one that cannot be fitted is told at once
+            // Fill the free lanes with the next signals. A signal that cannot be fitted is told at
+            // once, and the lane takes the next one.
             for lane in 0..WIDTH {
                 while more && of_lane[lane].is_none() {
                     let Some(near) = signal(&mut y) else {
@@ -211,6 +235,7 @@ impl RingFitter {
             if of_lane.iter().all(Option::is_none) {
                 break;
             }
+
             // one iteration of all lanes; a lane whose fit has ended becomes free
             for (lane, progress) in search.iterate(&interleaved).into_iter().enumerate() {
                 if let (Progress::Break(optimum), Some(number)) = (progress, of_lane[lane]) {
@@ -222,16 +247,20 @@ impl RingFitter {
         (work.interleaved, work.signal) = (interleaved, y);
     }
 
-    /// The sensitivities of the ring with these features, N x 4: dy/d(ln A, ln sigma, ln f, phi), counts. The
-    /// first column is the ring itself.
+    /// The sensitivities of the ring with these features, N x 4: dy/d(ln A, ln sigma, ln f, phi),
+    /// counts. The first column is the ring itself.
     pub fn tangent(&self, at: &Features) -> DMatrix<f64> {
         let (damping, frequency) = (at.ln_damping.exp(), at.ln_frequency.exp());
+
+        // the ring is a p + b q, with the columns p, q of its damping and frequency
         let [in_phase, quadrature] = self.columns(damping, frequency);
         let amplitude = self.ring.amplitude * at.ln_amplitude.exp();
         let (sin, cos) = at.phase_rad.sin_cos();
         let (a, b) = (amplitude * cos, amplitude * sin);
         let sigma_dt = self.ring.damping_per_s * damping * self.dt_s;
         let omega_dt = self.frame.omega_dt * frequency;
+
+        // the four columns, which are stored one after the other
         let n = self.samples;
         let mut tangent = DMatrix::zeros(n, 4);
         let (ring, rest) = tangent.as_mut_slice().split_at_mut(n);
@@ -250,14 +279,15 @@ impl RingFitter {
         tangent
     }
 
-    /// Resonance, Hz, and damping, 1/s, of a ring with these features.
+    /// Resonance, Hz, and damping, 1/s, of a ring with these features, as verdicts state them.
     pub fn told(&self, of: &Features) -> [f64; 2] {
         let Ring { frequency_hz, damping_per_s, .. } = self.ring;
         [frequency_hz * of.ln_frequency.exp(), damping_per_s * of.ln_damping.exp()]
     }
 
-    /// Features of a small deviation from the healthy ring, to first order: its least-squares coordinates on
-    /// the sensitivities. `deviation`: N, counts. `None`: the sensitivities are linearly dependent.
+    /// Features of a signal that deviates little from the healthy ring, to first order: the
+    /// deviation's least-squares coordinates on the sensitivities. `deviation`: the signal less the
+    /// healthy ring, N, counts. `None`: the sensitivities are linearly dependent.
     pub fn features_of(&self, deviation: &[f64]) -> Option<Vector4<f64>> {
         let tangent = self.tangent(&Features::HEALTHY);
         let gram = (tangent.transpose() * &tangent).try_inverse()?;
@@ -265,8 +295,9 @@ impl RingFitter {
         Some(Vector4::from_fn(|k, _| x[k]))
     }
 
-    /// Covariance of a fit's features due to noise (Cramer-Rao), with the phase free. `noise`: standard
-    /// deviation of one sample, counts. `None`: the sensitivities are linearly dependent.
+    /// Covariance of a fit's features due to noise (Cramer-Rao), with the phase free: noise²
+    /// (J'J)^-1 with the sensitivities J at the ring `at`. `noise`: standard deviation of one
+    /// sample, counts. `None`: the sensitivities are linearly dependent.
     pub fn noise_covariance(&self, at: &Features, noise: f64) -> Option<Matrix4<f64>> {
         let tangent = self.tangent(at);
         let covariance = (tangent.transpose() * &tangent).try_inverse()? * (noise * noise);
@@ -278,8 +309,9 @@ impl RingFitter {
 const AT_ONCE: usize = 8;
 
 for_processor! {
-    /// Fills both columns by recurrence. `real`: the real pole's part, N; `first`: cosine and sine of the phase; `step`: the ring's pole, real
-    /// and imaginary part.
+    /// Fills the columns p and q by recurrence: p_k + i (-q_k) is e^{i phi} z^k, plus the real
+    /// pole's part in p. `real`: the real pole's part, N; `first`: cosine and sine of the phase
+    /// phi; `step`: the ring's pole z = e^{(-sigma + i omega) dt}, real and imaginary part.
     fn fill_columns(
         real: &[f64],
         first: (f64, f64),
@@ -290,15 +322,18 @@ for_processor! {
 
 #[inline(always)] // compiled once per instruction set
 fn columns_at_once(real: &[f64], first: (f64, f64), step: (f64, f64), columns: &mut [Vec<f64>; 2]) {
+    // the product of two complex numbers
     let times = |(a, b): (f64, f64), (c, d): (f64, f64)| (a * c - b * d, a * d + b * c);
-    // the first samples one by one; then all of them advance together, by the pole to the power of their
-    // number
+
+    // The first eight samples one by one. Then the eight advance together, by eight samples at a
+    // time, so that they can be computed side by side.
     let (mut re, mut im) = ([first.0; AT_ONCE], [first.1; AT_ONCE]);
     for k in 1..AT_ONCE {
         (re[k], im[k]) = times((re[k - 1], im[k - 1]), step);
     }
-    // the pole to the power of AT_ONCE
+    // the pole to the power of AT_ONCE, by squaring
     let (c, s) = (0..AT_ONCE.ilog2()).fold(step, |step, _| times(step, step));
+
     let [in_phase, quadrature] = columns;
     let parts = in_phase.chunks_mut(AT_ONCE).zip(quadrature.chunks_mut(AT_ONCE));
     for ((p, q), real) in parts.zip(real.chunks(AT_ONCE)) {
@@ -327,8 +362,8 @@ mod tests {
         lambda_per_s: 3.7e4,
     };
 
-    /// A clean signal: amplitude, damping and frequency as multiples of the healthy ring's, the phase turned
-    /// by `turn`.
+    /// A clean signal: amplitude, damping and frequency as multiples of the healthy ring's, the
+    /// phase turned by `turn`.
     fn signal(a: f64, damping: f64, frequency: f64, turn: f64) -> Vec<f64> {
         (0..128)
             .map(|k| {

@@ -1,12 +1,22 @@
 //! Gauss-Newton on the misfit of a ring, for several signals at once: one signal in each SIMD lane.
 //!
-//! In: signals, interleaved sample by sample, each with a start. Out: damping and frequency of the least
-//! misfit. Each iteration evaluates misfit and step for all lanes together. A lane whose fit has converged
-//! takes the next signal, so that no lane idles. Amplitude (and phase) enter linearly and are eliminated
-//! (variable projection). A step that raises the misfit is shortened and tried again.
+//! In: signals, interleaved sample by sample, each with a start. Out: damping, frequency and
+//! amplitudes of the least misfit, for `ring_fit`, which also gives a lane whose fit has ended the
+//! next signal.
 //!
-//! The sums over samples that an evaluation needs are in [`super::ring_gram`]. A lane's arithmetic depends
-//! neither on the other lanes nor on the processor: no multiplication is fused with an addition.
+//! A *trial* is a pair (ln damping, ln frequency), relative to the healthy ring. One iteration, for
+//! all lanes together:
+//!
+//! 1. Evaluate each lane's trial (`portable`): the sums over samples (`ring_gram`), then
+//!    (`evaluate_one`) the best amplitudes a, b of the columns p, q, their misfit, and the
+//!    Gauss-Newton step of the trial. The amplitudes enter linearly and are eliminated (variable
+//!    projection).
+//! 2. Accept or reject each trial (`Lane::take`): a trial whose misfit is not higher is accepted,
+//!    and its own step leads to the next trial. Otherwise the step that led to it is shortened to a
+//!    quarter.
+//!
+//! A lane's arithmetic depends neither on the other lanes nor on the processor: no multiplication
+//! is fused with an addition.
 
 use super::ring_gram::{Complex, Frame, Powers, Sums, goertzel, powers, sums};
 use super::simd_math::{exp, sin_cos};
@@ -15,26 +25,29 @@ use std::ops::ControlFlow;
 
 /// Number of signals that are fitted at once.
 pub const WIDTH: usize = 16;
-/// Largest number of accepted steps.
+/// Number of accepted steps after which a fit ends where it is, converged or not.
 const STEPS: u8 = 12;
-/// A misfit that rises by no more than this share of ||y||² counts as not risen, since that is rounding.
+/// A misfit that rises by no more than this share of ||y||² counts as not risen, since that is
+/// rounding.
 const ROUNDING: f64 = 1e-13;
-/// A fit has converged if the step would lower the misfit by less than this share of the noise variance per
-/// sample (misfit / N). Such a step is shorter than a hundredth of the fit's own standard deviation.
+/// A fit has converged if the step would lower the misfit by less than this share of the noise
+/// variance per sample (misfit / N). Such a step is shorter than a hundredth of the fit's own
+/// standard deviation.
 const NO_GAIN: f64 = 1e-4;
-/// The last step is applied without another evaluation (to first order) if it changes both the phase at the
-/// signal's end, rad, and ln damping by less than this.
+/// The last step is applied without another evaluation (to first order) if it changes both the
+/// phase at the signal's end, rad, and ln damping by less than this.
 const SMALL: f64 = 0.05;
 /// Bounds on one step of ln damping and of ln frequency.
 const MOST_DAMPING: f64 = 0.7;
 const MOST_FREQUENCY: f64 = 0.06;
 /// Bound on |ln damping| and |ln frequency|.
 const FARTHEST: f64 = 30.0;
-/// Number of steps rejected one after the other, each a quarter as long as the one before, after which a fit
-/// ends.
+/// Number of steps rejected one after the other, each a quarter as long as the one before, after
+/// which a fit ends.
 const REJECTIONS: u8 = 4;
 
-/// Where a signal's fit starts, and what all of its evaluations share.
+/// Where a signal's fit starts, relative to the healthy ring, and the sums over the signal that all
+/// of its evaluations share.
 #[derive(Clone, Copy, Debug)]
 pub struct Start {
     pub ln_damping: f64,
@@ -50,15 +63,16 @@ pub struct Start {
 pub struct Optimum {
     pub ln_damping: f64,
     pub ln_frequency: f64,
-    /// In-phase and quadrature amplitudes, counts.
+    /// Amplitudes of the columns p (in phase) and q (quadrature), counts; b is 0 where the phase is
+    /// held.
     pub a: f64,
     pub b: f64,
     /// ||y - fit||², counts².
     pub misfit: f64,
 }
 
-/// The evaluation of a trial (damping, frequency): the best amplitudes, counts, their misfit, counts², and
-/// the next step.
+/// The evaluation of a trial (damping, frequency): the best amplitudes, counts, their misfit,
+/// counts², and the next step.
 #[derive(Clone, Copy, Debug, Default)]
 struct Evaluation {
     a: f64,
@@ -75,7 +89,8 @@ struct Step {
     /// Change of the in-phase and quadrature amplitudes that goes with the step, counts.
     a: f64,
     b: f64,
-    /// By how much the misfit would fall to first order, counts²; NaN: there is no step.
+    /// By how much the whole step would lower the misfit if the ring were linear in the trial,
+    /// counts²; NaN: there is no step.
     gain: f64,
     /// Change of the ring's phase advance per sample, rad.
     phase_per_sample: f64,
@@ -90,16 +105,17 @@ struct Lane {
     ln_damping: f64,
     ln_frequency: f64,
     accepted: Evaluation,
-    /// Share of the full step that is tried next.
+    /// Share of the accepted evaluation's step that is tried next: 1, or less after rejections.
     trust: f64,
-    /// Accepted steps so far, and rejections since the last of them.
+    /// Accepted steps so far, and rejections since the last accepted step.
     steps: u8,
     rejections: u8,
     /// Whether the start was evaluated.
     begun: bool,
 }
 
-/// What became of a lane's fit in one iteration: it goes on, or it has ended; `None`: the signal is no ring.
+/// What became of a lane's fit in one iteration: it goes on (also said of a lane without a signal),
+/// or it has ended, with an optimum or, if the signal is no ring, with `None`.
 pub type Progress = ControlFlow<Option<Optimum>>;
 
 /// The fits of W lanes, and what all of them share.
@@ -108,9 +124,10 @@ pub struct Search<const W: usize> {
     frame: Frame,
     /// Whether the phase is free.
     phase: bool,
+    /// The fits; `None`: the lane has no signal.
     lanes: [Option<Lane>; W],
-    /// Per lane the trial (ln damping, ln frequency), ||y||², and the inner product with the real pole's
-    /// part.
+    /// Per lane the trial (ln damping, ln frequency), ||y||², and the inner product with the real
+    /// pole's part.
     trial: [[f64; W]; 2],
     square: [f64; W],
     along_real: [f64; W],
@@ -122,7 +139,8 @@ impl<const W: usize> Search<W> {
         Search { frame, phase, lanes: [None; W], trial: [zero; 2], square: zero, along_real: zero }
     }
 
-    /// Begins a fit in a lane; from now on `iterate` finds the signal's samples there.
+    /// Begins a fit in a lane; from now on the caller gives the signal's samples in that lane to
+    /// `iterate`.
     pub fn begin(&mut self, lane: usize, start: Start) {
         let Start { ln_damping, ln_frequency, square, along_real } = start;
         self.lanes[lane] = Some(Lane { square, trust: 1.0, ..Lane::default() });
@@ -130,7 +148,8 @@ impl<const W: usize> Search<W> {
         (self.square[lane], self.along_real[lane]) = (square, along_real);
     }
 
-    /// One iteration of every lane. `y`: N samples, each of all lanes, counts.
+    /// One iteration of every lane: evaluates its trial, and accepts or rejects it. `y`: N samples,
+    /// each of all lanes, counts. A lane whose fit has ended is free afterwards.
     pub fn iterate(&mut self, y: &[[f64; W]]) -> [Progress; W] {
         // a single signal gains nothing from vector instructions
         let evaluations = if W == 1 { portable(self, y) } else { evaluate_lanes(self, y) };
@@ -156,8 +175,8 @@ for_processor! {
 }
 
 impl Lane {
-    /// Accepts or rejects a trial. Returns (ln damping, ln frequency) to try next, or as an error where the
-    /// fit ended.
+    /// Accepts or rejects a trial by its evaluation. `Ok`: (ln damping, ln frequency) to try next.
+    /// `Err`: the fit has ended, with an optimum or with `None` if the signal is no ring.
     fn take(
         &mut self,
         trial: [f64; 2],
@@ -167,6 +186,8 @@ impl Lane {
         let rounding = ROUNDING * self.square;
         let Evaluation { a, b, misfit, step } = *evaluation;
         let finite = misfit.is_finite() && a.is_finite() && b.is_finite();
+
+        // accepted: the start whatever its misfit is, then what does not raise the misfit
         if finite && (!self.begun || misfit <= self.accepted.misfit + rounding) {
             self.steps += u8::from(self.begun);
             [self.ln_damping, self.ln_frequency] = trial;
@@ -175,6 +196,7 @@ impl Lane {
             if self.steps == STEPS {
                 return Err(self.optimum(&Step::default()));
             }
+            // a place without a step: what is there is no ring
             if !step.gain.is_finite() {
                 return Err(None);
             }
@@ -186,8 +208,8 @@ impl Lane {
                 return Err(self.optimum(&if small { step } else { Step::default() }));
             }
         } else {
-            // rejected: try a shorter step from the last accepted trial, unless there is none or too many
-            // were rejected
+            // rejected: try a shorter step from the last accepted trial, unless there is none or
+            // too many were rejected
             self.trust /= 4.0;
             self.rejections += 1;
             if !self.begun {
@@ -197,6 +219,8 @@ impl Lane {
                 return Err(self.optimum(&Step::default()));
             }
         }
+
+        // the next trial: the accepted one moved by its step, or by a share of it, within bounds
         let (step, trust) = (&self.accepted.step, self.trust);
         let next = [
             self.ln_damping + (trust * step.damping).clamp(-MOST_DAMPING, MOST_DAMPING),
@@ -205,7 +229,8 @@ impl Lane {
         Ok(next.map(|x| x.clamp(-FARTHEST, FARTHEST)))
     }
 
-    /// The trial that was accepted last, moved by `last` to first order.
+    /// The end of the fit: the trial that was accepted last, moved by `last` to first order. It is
+    /// never `None`; the option is that of [`Progress`].
     fn optimum(&self, last: &Step) -> Option<Optimum> {
         Some(Optimum {
             ln_damping: self.ln_damping + last.damping,
@@ -217,10 +242,12 @@ impl Lane {
     }
 }
 
+/// Evaluates the trials of all lanes. `y`: N samples, each of all lanes, counts.
 #[inline(always)] // compiled once per instruction set
 fn portable<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Evaluation; W] {
     let frame = &of.frame;
-    // the trials' pole z = e^{(-sigma + i omega) dt}, and the coefficients 2 Re z, |z|² of its recurrence
+    // the trials' pole z = e^{(-sigma + i omega) dt}, and the coefficients 2 Re z, |z|² of its
+    // recurrence
     let (mut sigma, mut omega) = ([0.0; W], [0.0; W]);
     let (mut re, mut im) = ([0.0; W], [0.0; W]);
     let (mut twice, mut square) = ([0.0; W], [0.0; W]);
@@ -232,8 +259,14 @@ fn portable<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Evaluation; W] {
         (re[l], im[l]) = (decay * cos, decay * sin);
         (twice[l], square[l]) = (2.0 * re[l], decay * decay);
     }
+
+    // the sums over samples, of all lanes side by side
     let recurrence = goertzel(y, &twice, &square);
     let (over_all, squares) = powers(frame.samples, [&re, &im], &square);
+
+    // Lane by lane the normal equations and the step. The nine numbers are stored number by number,
+    // so that the compiler turns this loop, too, into vector code; last they are put together
+    // again.
     let mut out = [[0.0; W]; 9];
     for l in 0..W {
         let z = Complex { re: re[l], im: im[l] };
@@ -257,30 +290,37 @@ fn portable<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Evaluation; W] {
     })
 }
 
-/// The best amplitude (and phase) at a trial, and the Gauss-Newton step of (ln damping, ln frequency) with
-/// these eliminated. `phase`: whether it is free; `sigma_dt`, `omega_dt`: those of the trial, per sample;
-/// `yy`: ||y||².
+/// The best amplitudes at a trial, and the Gauss-Newton step of (ln damping, ln frequency) with the
+/// amplitudes eliminated. `phase`: whether the phase is free; `sigma_dt`, `omega_dt`: those of the
+/// trial, per sample; `sums`: the inner products of the columns p, q, x, z and of the signal (see
+/// the header of `ring_gram`); `yy`: ||y||².
 #[inline(always)] // compiled once per instruction set
 fn evaluate_one(phase: bool, sigma_dt: f64, omega_dt: f64, sums: &Sums, yy: f64) -> Evaluation {
     let [pp, qp, qq, xp, xq, xx, zp, zq, zx, zz] = sums.gram;
     let [up, uq, ux, uz] = sums.slope;
-    // inverse of the columns' Gram matrix; with the phase held there is no second column
+
+    // Amplitudes by least squares: the inverse of the Gram matrix of p and q, with the elements ip,
+    // iq on the diagonal and ic beside it. With the phase held there is no column q.
     let [of_p, of_q, cross] = if phase { [qq, pp, -qp] } else { [1.0, 0.0, 0.0] };
     let inverse = 1.0 / (of_p * pp + cross * qp);
     let [ip, iq, ic] = [of_p * inverse, of_q * inverse, cross * inverse];
     let (a, b) = (ip * up + ic * uq, iq * uq + ic * up);
     let misfit = yy - a * up - b * uq;
     let misfit = if misfit < 0.0 { 0.0 } else { misfit }; // NaN stays
-    // inner products of the misfit with x and z
+
+    // inner products of x and z with what the amplitudes leave of the signal
     let (rx, rz) = (ux - a * xp - b * xq, uz - a * zp - b * zq);
-    // The sensitivities are combinations of x and z: dy/d(ln sigma) = -sigma t (a p' + b q), dy/d(ln omega) =
-    // omega t (a q - b p'), where p' is p without the real pole's part.
+    // The sensitivities are combinations of x and z: dy/d(ln sigma) = -sigma t (a p' + b q),
+    // dy/d(ln omega) = omega t (a q - b p'), where p' is p without the real pole's part.
     let of = |x: f64, z: f64| [-sigma_dt * (a * x + b * z), omega_dt * (a * z - b * x)];
     let (along_p, along_q, slopes) = (of(xp, zp), of(xq, zq), of(rx, rz));
+    // their inner products with each other, in two steps: with x and z first
     let (by_x, by_z) = (of(xx, zx), of(zx, zz));
     let (damping_row, frequency_row) = (of(by_x[0], by_z[0]), of(by_x[1], by_z[1]));
-    // The part of the sensitivities that p (and q) span is taken out, since amplitude (and phase) are
-    // refitted: the Schur complement of their Gram matrix.
+
+    // The part of the sensitivities that p (and q) span is taken out, since the amplitudes are
+    // refitted after the step: h is the Schur complement, [0,0], [0,1] and [1,1] of the 2 x 2
+    // matrix.
     let shared = |i: usize, j: usize| {
         ip * along_p[i] * along_p[j]
             + iq * along_q[i] * along_q[j]
@@ -291,13 +331,15 @@ fn evaluate_one(phase: bool, sigma_dt: f64, omega_dt: f64, sums: &Sums, yy: f64)
         frequency_row[0] - shared(0, 1),
         frequency_row[1] - shared(1, 1),
     ];
+
     // the Gauss-Newton step of the two, by Cramer's rule
     let det = h[0] * h[2] - h[1] * h[1];
     let by = 1.0 / det;
     let damping = (h[2] * slopes[0] - h[1] * slopes[1]) * by;
     let frequency = (h[0] * slopes[1] - h[1] * slopes[0]) * by;
-    // how the step moves the eliminated amplitudes, and the gain; no step where the matrix is not positive
-    // definite
+
+    // how the step moves the eliminated amplitudes, and the gain; no step where the matrix is not
+    // positive definite
     let of_p = along_p[0] * damping + along_p[1] * frequency;
     let of_q = along_q[0] * damping + along_q[1] * frequency;
     let gain = damping * slopes[0] + frequency * slopes[1];

@@ -1,16 +1,25 @@
-//! The normal equations of a ring fit: sums over a signal's samples, for one signal or for one in each SIMD
-//! lane.
+//! The normal equations of a ring fit: sums over a signal's samples, for one signal or for one in
+//! each SIMD lane. `ring_gauss_newton` makes a step of the fit from them.
 //!
-//! In: what all signals of a fitter share, and per lane a trial of damping and frequency. Out: the Gram
-//! matrix of the trial's columns, and their inner products with the signal.
+//! In: what all signals of a fitter share ([`Frame`]), and per lane a trial of damping and
+//! frequency. Out: the Gram matrix of the trial's four columns, and the inner products of the
+//! columns with the signal ([`Sums`]).
 //!
-//! With u_k = e^{i phi} z^k, z = e^{(-sigma + i omega) dt}, the columns of a ring are p = Re u + real (the
-//! real pole's part) and q = -Im u. Their inner products with the signal y are the polynomial sum y_k z^k and
-//! its derivative, by Goertzel's recurrence. Their Gram matrix, and that of x = t Re u and z = t q (t in
-//! samples), consists of sums of k^m z^{2k}, k^m |z|^{2k} and k^m (z l)^k, where l is the real pole's ratio
-//! from sample to sample. These sums have closed forms.
+//! The trial has the pole Z = e^{(-sigma + i omega) dt}, and u_k = e^{i phi} Z^k. Its columns are
+//!
+//! ```text
+//! p = Re u + real (the real pole's part),   x = t Re u,
+//! q = -Im u,                                z = t q,       t in samples.
+//! ```
+//!
+//! The sensitivities by ln sigma and ln omega are combinations of x and z. (In the code the pole is
+//! `z`, too; `zp`, `zq`, `zx`, `zz` belong to the column z.) The columns are never made. The
+//! signal's products are the polynomial sum y_k Z^k and its derivative by Z, by Goertzel's
+//! recurrence. The Gram matrix consists of sums of k^m Z^{2k}, k^m |Z|^{2k} and k^m (Z l)^k, where
+//! l is the real pole's ratio from sample to sample: these have closed forms, or are doubled up
+//! (`powers`). So one pass over the signal suffices for each trial.
 
-/// What all signals of a fitter share.
+/// What all signals of a fitter share: the healthy ring that trials are relative to.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame {
     /// Number of samples of a signal.
@@ -18,27 +27,37 @@ pub struct Frame {
     /// sigma dt and omega dt (rad) of the healthy ring, to which ratios refer.
     pub sigma_dt: f64,
     pub omega_dt: f64,
-    /// Cosine and sine of its phase at the first sample.
+    /// Cosine and sine of the healthy ring's phase phi at the first sample.
     pub first: (f64, f64),
-    /// The real pole's part per unit amplitude: its value at the first sample, its ratio from sample to
-    /// sample and over all samples, and its square norm.
+    /// The real pole's part per unit amplitude of the ring: its value at the first sample, its
+    /// ratio l from sample to sample, that ratio to the power of the number of samples, and the
+    /// part's square norm.
     pub real_share: f64,
     pub real_ratio: f64,
     pub real_over_all: f64,
     pub real_square: f64,
 }
 
-/// The normal equations of a trial: the Gram matrix of p, q, x = t Re u, z = t q (lower triangle, row by
-/// row), and the inner products of these with the signal.
+/// The normal equations of a trial: the Gram matrix of p, q, x = t Re u, z = t q (lower triangle,
+/// row by row: pp, qp, qq, xp, xq, xx, zp, zq, zx, zz), and the inner products of p, q, x, z with
+/// the signal.
 #[derive(Clone, Copy, Debug)]
 pub struct Sums {
     pub gram: [f64; 10],
     pub slope: [f64; 4],
 }
 
-/// Goertzel's recurrence b_k = y_k + 2 Re z b_{k+1} - |z|² b_{k+2}, and the same once more, c_k = b_k + ...
-/// Returns b_1, y_0 - |z|² b_2, c_3, b_2 - |z|² c_4. With these, sum y_k z^k = b_1 z + (y_0 - |z|² b_2), and
-/// its derivative by z is b_1 + 2 i Im z (c_3 z + (b_2 - |z|² c_4)). `twice`: 2 Re z; `square`: |z|².
+/// The polynomial sum y_k Z^k of each lane's signal at its pole Z, and its derivative, by real
+/// arithmetic.
+///
+/// Goertzel's recurrence b_k = y_k + 2 Re Z b_{k+1} - |Z|² b_{k+2}, from the last sample to the
+/// first, divides the polynomial by the quadratic whose roots are Z and its conjugate: the b_k are
+/// the quotient's coefficients. The same recurrence on the b_k, c_k = b_k + 2 Re Z c_{k+1} - |Z|²
+/// c_{k+2}, divides the quotient. Returns b_1, y_0 - |Z|² b_2, c_3, b_2 - |Z|² c_4. With these, sum
+/// y_k Z^k = b_1 Z + (y_0 - |Z|² b_2), and its derivative by Z is b_1 + 2 i Im Z (c_3 Z +
+/// (b_2 - |Z|² c_4)).
+///
+/// `y`: N samples, each of all lanes; `twice`: 2 Re Z; `square`: |Z|².
 #[inline(always)] // compiled once per instruction set
 pub fn goertzel<const W: usize>(
     y: &[[f64; W]],
@@ -48,6 +67,8 @@ pub fn goertzel<const W: usize>(
     let zero = [0.0; W];
     let (mut b, mut b_above, mut c, mut c_above) = (zero, zero, zero, zero);
     let at = |k: usize| y.get(k).copied().unwrap_or(zero);
+
+    // both recurrences side by side, down to b_3 and c_3
     for y in y.iter().skip(3).rev() {
         for l in 0..W {
             let next = (y[l] - square[l] * b_above[l]) + twice[l] * b[l];
@@ -56,6 +77,7 @@ pub fn goertzel<const W: usize>(
             (c_above[l], c[l]) = (c[l], next);
         }
     }
+
     // the first three samples by themselves, because the second recurrence ends at c_3
     let (y_2, y_1, y_0) = (at(2), at(1), at(0));
     let mut out = [zero; 4];
@@ -72,15 +94,19 @@ pub fn goertzel<const W: usize>(
 
 pub type Complex = nalgebra::Complex<f64>;
 
-/// z^n, and the sums of |z|^2k, k |z|^2k and k² |z|^2k over k < n, for one lane.
+/// Z^n, and the sums of |Z|^2k, k |Z|^2k and k² |Z|^2k over k < n, for one lane; n is the number of
+/// samples.
 #[derive(Clone, Copy)]
 pub struct Powers {
     pub over_all: Complex,
     pub squares: [f64; 3],
 }
 
-/// The same for all lanes: z^n by squaring, and the sums by doubling the number of terms along with it, since
-/// their closed forms cancel where nothing decays. `square`: |z|².
+/// The numbers of [`Powers`] for all lanes, Z^n as real and imaginary part: Z^n by squaring along
+/// the bits of n, and the sums by doubling the number of their terms along with it. The closed
+/// forms of the sums would lose their digits where |Z| is near 1, that is, where hardly anything
+/// decays. `re`, `im`: of Z; `square`:
+/// |Z|².
 #[inline(always)] // compiled once per instruction set
 pub fn powers<const W: usize>(
     n: usize,
@@ -89,12 +115,12 @@ pub fn powers<const W: usize>(
 ) -> ([[f64; W]; 2], [[f64; W]; 3]) {
     let ([mut all_re, mut all_im], mut decay) = ([*re, *im], *square);
     let [mut s0, mut s1, mut s2] = [[1.0; W], [0.0; W], [0.0; W]];
-    // number of terms summed so far, and |z|^2 to that power (`decay`)
+    // number of terms summed so far; Z and |Z|^2 to that power are `all_re`, `all_im` and `decay`
     let mut done = 1.0;
     let bits = usize::BITS - n.leading_zeros();
     for bit in (0..bits.saturating_sub(1)).rev() {
-        // double the number of terms: those of the second half are the first half's with k + done instead of
-        // k
+        // double the number of terms: those of the second half are the first half's with k + done
+        // instead of k
         let odd = n >> bit & 1 == 1;
         for l in 0..W {
             let d = decay[l];
@@ -125,7 +151,7 @@ pub fn powers<const W: usize>(
 
 const ONE: Complex = Complex { re: 1.0, im: 0.0 };
 
-/// The sums of w^k and of k w^k over k < n, and 1 / (1 - w). `over_all`: w^n.
+/// The sums of w^k and of k w^k over k < n in closed form, and 1 / (1 - w). `over_all`: w^n.
 #[inline(always)] // compiled once per instruction set
 fn geometric(w: Complex, over_all: Complex, n: f64) -> (Complex, Complex, Complex) {
     // 1 / (1 - w)
@@ -138,8 +164,9 @@ fn geometric(w: Complex, over_all: Complex, n: f64) -> (Complex, Complex, Comple
     (zeroth, first, inverse)
 }
 
-/// The normal equations of one lane's trial. `of_signal`: the result of [`goertzel`]; `along_real`: inner
-/// product of the signal with the real pole's part.
+/// The normal equations of one lane's trial. `z`: the trial's pole Z; `powers`: as [`powers`]
+/// computes them; `of_signal`: the result of [`goertzel`]; `along_real`: inner product of the
+/// signal with the real pole's part.
 #[inline(always)] // compiled once per instruction set
 pub fn sums(
     frame: &Frame,
@@ -151,6 +178,8 @@ pub fn sums(
     let n = frame.samples as f64;
     let first = Complex { re: frame.first.0, im: frame.first.1 };
     let Powers { over_all, squares: [s0, s1, s2] } = powers;
+
+    // the sums of k^m u_k² for m = 0, 1, 2, from those of k^m w^k with w = Z²
     let (w, w_all) = (z * z, over_all * over_all);
     let (a0, a1, inverse) = geometric(w, w_all, n);
     // (1 - w) sum k² w^k = sum_{0 < k < n} (2 k - 1) w^k - (n - 1)² w^n
@@ -158,11 +187,14 @@ pub fn sums(
     // the phase at the first sample turns all of them
     let turned = first * first;
     let (a0, a1, a2) = (a0 * turned, a1 * turned, a2 * inverse * turned);
-    // products of the pair with the real pole's part
+
+    // the sums of u_k and k u_k times the real pole's part, which falls by l from sample to sample
     let (c0, c1, _) = geometric(z * frame.real_ratio, over_all * frame.real_over_all, n);
     let share = first * frame.real_share;
     let (c0, c1) = (c0 * share, c1 * share);
-    // from (Re u)² = (|u|² + Re u²) / 2, (Im u)² = (|u|² - Re u²) / 2 and Re u Im u = Im u² / 2
+
+    // The Gram matrix, from (Re u)² = (|u|² + Re u²) / 2, (Im u)² = (|u|² - Re u²) / 2 and Re u Im
+    // u = Im u² / 2
     let gram = [
         0.5 * (s0 + a0.re) + 2.0 * c0.re + frame.real_square,
         -0.5 * a0.im - c0.im,
@@ -175,7 +207,8 @@ pub fn sums(
         -0.5 * a2.im,
         0.5 * (s2 - a2.re),
     ];
-    // the signal's products: the polynomial at z, and z times its derivative for the columns with t
+
+    // the signal's products: the polynomial at Z, and Z times its derivative for the columns with t
     let [b_1, constant, c_3, of_slope] = of_signal;
     let value = Complex { re: b_1 * z.re + constant, im: b_1 * z.im } * first;
     let quotient = Complex { re: c_3 * z.re + of_slope, im: c_3 * z.im };

@@ -1,31 +1,41 @@
 //! Exponential, logarithm, sine and cosine without branches, which compilers turn into SIMD code.
+//! The ring fit and the densities of isolation call them in their inner loops.
 //!
-//! In and out: one number. The functions consist of sums, products, divisions and integer arithmetic only, so
-//! that a loop over them is vectorised. No multiplication is fused with an addition, so the bits depend
-//! neither on the processor nor on the C library. Errors are a few units in the last place (`tests`).
+//! In and out: one number. Each function reduces its argument to a small interval, sums a series
+//! there, and undoes the reduction by writing bits: the exponent of a floating-point number, or its
+//! sign. It consists of sums, products, divisions and integer arithmetic only, so that a loop over
+//! it is vectorised. No multiplication is fused with an addition, so the bits depend neither on the
+//! processor nor on the C library. Errors are a few units in the last place (`tests`). Arguments
+//! beyond the stated ranges give wrong numbers without a warning.
 
-/// 1.5 2^52: a number below 2^51 plus this is rounded to the nearest integer, which stands in the low bits.
+/// 1.5 x 2^52: the sum of this and a number below 2^51 is rounded to a whole number, which then
+/// stands in the low bits of the sum.
 const TO_INTEGER: f64 = 6_755_399_441_055_744.0;
 /// ln 2 in two parts, of which the first has few enough digits that its product with k is exact.
 const LN_2: [f64; 2] = [0.693_147_180_369_123_8, 1.908_214_929_270_587_7e-10];
 
-/// e^x for x in -700 .. 700: 2^k e^r with |r| <= ln 2 / 2. e^r is its Taylor series, summed in pairs (Estrin)
-/// so that additions need not wait for one another.
+/// e^x for x in -700 .. 700: e^x = 2^k e^r with a whole k and |r| <= ln 2 / 2. e^r is its Taylor
+/// series to order 13, summed in pairs (Estrin) so that additions need not wait for one another.
 #[inline(always)] // compiled once per instruction set
 pub fn exp(x: f64) -> f64 {
+    // k, and r = x - k ln 2 with ln 2 in two parts, so that hardly a digit is lost
     let shifted = x * std::f64::consts::LOG2_E + TO_INTEGER;
     let k = shifted - TO_INTEGER;
     let r = (x - k * LN_2[0]) - k * LN_2[1];
+
+    // the series from the fourth order on
     let (r2, r4) = (r * r, (r * r) * (r * r));
     let pair = |n: usize| INVERSE_FACTORIALS[n] + INVERSE_FACTORIALS[n + 1] * r;
     let four = |n: usize| pair(n) + pair(n + 2) * r2;
     let above = four(4) + (four(8) + pair(12) * r4) * r4;
+
     // the largest terms are added last; 2^k is made by writing k into the exponent's bits
     let rest = r2 * (INVERSE_FACTORIALS[2] + INVERSE_FACTORIALS[3] * r) + above * r4;
     (1.0 + (r + rest)) * f64::from_bits(shifted.to_bits().wrapping_add(1023) << 52)
 }
 
-/// e^x in single precision, for x in -80 .. 80, in the same way.
+/// e^x in single precision, for x in -80 .. 80, in the same way as `exp`; the series ends at
+/// order 6.
 #[inline(always)] // compiled once per instruction set
 pub fn exp_single(x: f32) -> f32 {
     /// 1.5 2^23, as [`TO_INTEGER`].
@@ -51,19 +61,23 @@ const INVERSE_FACTORIALS: [f64; 17] = {
     of
 };
 
-/// ln x for positive normal x: x = 2^k m with m in sqrt(1/2) .. sqrt(2), and ln m = 2 artanh s with s = (m -
-/// 1) / (m + 1), |s| <= .1716; the series ends at s^21.
+/// ln x for positive normal x: x = 2^k m with m in sqrt(1/2) .. sqrt(2), and ln m = 2 artanh s with
+/// s = (m - 1) / (m + 1), |s| <= .1716; the series ends at s^21.
 #[inline(always)] // compiled once per instruction set
 pub fn ln(x: f64) -> f64 {
     /// The bits of sqrt(1/2) as a floating-point number.
     const ROOT_HALF: u64 = 0x3fe6_a09e_667f_3bcd;
     const MANTISSA: u64 = (1 << 52) - 1;
-    // counted from sqrt(1/2) on, the exponent's bits hold k, and the rest the mantissa of m
+    // The bits of x, less those of sqrt(1/2): the exponent's bits are now k, and the bits below are
+    // those of m, less those of sqrt(1/2).
     let above = x.to_bits().wrapping_sub(ROOT_HALF);
-    // the biased exponent to a floating-point number: written into the mantissa of 2^52, and 2^52 subtracted
+    // k as a floating-point number, without a conversion: k + 1024 is written into the mantissa of
+    // 2^52, and 2^52 + 1024 is subtracted
     let biased = (above.wrapping_add(1024 << 52)) >> 52;
     let k = f64::from_bits(biased | 0x4330_0000_0000_0000) - (4_503_599_627_370_496.0 + 1024.0);
     let m = f64::from_bits((above & MANTISSA).wrapping_add(ROOT_HALF));
+
+    // the series of artanh s by Horner's rule: 1/3 + s²/5 + s^4/7 + .. + s^18/21
     let s = (m - 1.0) / (m + 1.0);
     let square = s * s;
     let mut sum = 1.0 / 21.0;
@@ -75,14 +89,18 @@ pub fn ln(x: f64) -> f64 {
     k * LN_2[0] + (2.0 * s + (rest + k * LN_2[1]))
 }
 
-/// Sine and cosine for |x| < 10^5: x = k pi/2 + r with |r| <= pi/4, and the Taylor series of r.
+/// Sine and cosine of an angle in rad, for |x| < 10^5: x = k pi/2 + r with a whole k and |r| <=
+/// pi/4, and the Taylor series of sine and cosine at r.
 #[inline(always)] // compiled once per instruction set
 pub fn sin_cos(x: f64) -> (f64, f64) {
+    /// pi/2 in two parts, of which the first has few enough digits that its product with k is
+    /// exact.
     const QUARTER: [f64; 2] = [1.570_796_326_734_125_6, 6.077_100_506_506_192e-11];
     let shifted = x * std::f64::consts::FRAC_2_PI + TO_INTEGER;
     let (k, quarters) = (shifted - TO_INTEGER, shifted.to_bits());
     let r = (x - k * QUARTER[0]) - k * QUARTER[1];
-    // the signs of both series alternate
+
+    // both series by Horner's rule, to r^15 and r^16; their signs alternate
     let by = -(r * r);
     let (mut sin, mut cos) = (INVERSE_FACTORIALS[15], INVERSE_FACTORIALS[16]);
     for n in (0..7).rev() {
@@ -92,10 +110,12 @@ pub fn sin_cos(x: f64) -> (f64, f64) {
         cos = cos * by + INVERSE_FACTORIALS[2 * n];
     }
     sin *= r;
+
+    // k more quarter turns
     let odd = quarters & 1 == 1;
     let (s, c) = (if odd { cos } else { sin }, if odd { sin } else { cos });
-    // In odd quarters sine and cosine have changed places. The signs follow from the quarter's bits: 0 ++, 1
-    // +-, 2 --, 3 -+.
+    // In odd quarters sine and cosine have changed places. The signs follow from the quarter's
+    // bits: 0 ++, 1 +-, 2 --, 3 -+.
     let sign = |bit: u64| (bit & 2) << 62;
     let signed = |v: f64, bit: u64| f64::from_bits(v.to_bits() ^ sign(bit));
     (signed(s, quarters), signed(c, quarters.wrapping_add(1)))

@@ -1,45 +1,65 @@
-//! Unmodelled dynamics: what the thesis's linear model leaves out, each effect as one more term in the
-//! equation of motion.
+//! Unmodelled dynamics: what the thesis's linear model leaves out, each effect as one more term in
+//! the equation of motion.
 //!
-//! In: a ring-down as it shows in the output (poles, amplitudes), a term and its strength. Out: the decay
-//! with that term, integrated by Runge-Kutta. Time is in signal lengths, output in counts. A strength is the
-//! relative change of frequency or damping that the term causes at unit drive, so that it has a meaning
-//! without knowing the channel's inner state.
+//! In: a ring-down as it shows in the output (poles, amplitudes), a term and its strength. Out: the
+//! decay with that term, N samples in counts. Model critique (`inkling-lab/src/critique`) asks by
+//! it which term would explain what signals have beside their model. Time is in signal lengths.
+//! Strengths have no units: each is relative to the ring itself at unit drive ([`Term`] says to
+//! what), so that a strength has a meaning without knowing the channel's inner state.
 //!
-//! The state that is integrated is that of thesis (2-2) as V = V_r + V_n, q_r, q_n. Poles and output
-//! determine the rates but for the ratio of R_r/I_r to R_n/I_n, which is given (thesis (2-3), (2-4)).
+//! 1. The inner state at t_a (V = V_r + V_n, q_r = V_r', q_n = V_n' of thesis (2-2)) and the rates
+//!    are found from poles and output ([`Interior::ink`]). These determine the rates but for the
+//!    ratio of R_r/I_r to R_n/I_n, which is given (thesis (2-3), (2-4)).
+//! 2. The strength becomes a coefficient of the equation of motion (`Interior::strengths`): by
+//!    harmonic balance, with the amplitude that displacement or flow have at t_a.
+//! 3. The equation of motion (`Interior::slope`) is integrated by Runge-Kutta:
+//!
+//! ```text
+//! V'   = q_r + q_n
+//! q_r' = -a s(V) - g q_r
+//! q_n' = -b s(V) - d q_n - drag |q_n| q_n - dry tanh(q_n / small) - b meniscus V_n + memory(t)
+//! V_n' = q_n,     s(V) the spring's force (V itself without a term); output q_r + q_n
+//! ```
 
 use super::InkChannel;
 use std::f64::consts::PI;
 
-/// Smallest number of Runge-Kutta steps per sample, and largest phase advance of the ring per step, rad.
+/// Smallest number of Runge-Kutta steps per sample, and about the largest phase advance of the ring
+/// per step, rad.
 const STEPS: usize = 2;
 const RADIANS: f64 = 0.12;
 
 /// A term of the equation of motion; for an oscillator V is the displacement and q_n the velocity.
+/// The amplitudes that strengths refer to are those at t_a and unit drive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Term {
     /// -k3 V^3 added to the compliance's restoring -V (Duffing; a pendulum's sine to third order).
+    /// Strength: the relative change of the frequency.
     CubicStiffness,
-    /// -k |q_n| q_n: turbulent loss at the nozzle's orifice.
+    /// -k |q_n| q_n: turbulent loss at the nozzle's orifice. Strength: the relative change of the
+    /// damping.
     QuadraticDrag,
-    /// -mu sign(q_n): Coulomb friction.
+    /// -mu sign(q_n): Coulomb friction. Strength: the relative change of the damping.
     DryFriction,
-    /// -V_n/(I_n B_m): surface tension of the meniscus, compliance B_m; strength is B_t/B_m.
+    /// -V_n/(I_n B_m): surface tension of the meniscus, compliance B_m. Strength: B_t/B_m.
     Meniscus,
-    /// A half-order derivative of the flow in place of a share of the nozzle's viscous loss (oscillating
-    /// boundary layer).
+    /// A half-order derivative of the flow in place of a share of the nozzle's viscous loss
+    /// (oscillating boundary layer). Strength: that share.
     FractionalDamping,
-    /// k V^2 added to V in the spring's force: a spring that is not symmetric.
+    /// k V^2 added to V in the spring's force: a spring that is not symmetric. Strength: the term
+    /// over the linear force at the amplitude.
     EvenStiffness,
-    /// k (V - d) added to V beyond d, on d's side of V = 0; d in amplitudes at unit drive.
+    /// k (V - at) added to V beyond `at`, on that side of V = 0 on which `at` lies; `at` in
+    /// amplitudes. Strength: k, the stop's stiffness over the spring's.
     Stop { at: f64 },
-    /// No force of the spring within a share of the amplitude about V = 0.
+    /// No force of the spring within a gap about V = 0. Strength: half of the gap's width over the
+    /// amplitude; below 0 the force within is twice as large instead.
     Gap,
 }
 
-/// A free decay as it shows in the output ([`super::free_decay`]): y = e^{-sigma t} (a cos omega t + b sin
-/// omega t) + c e^{-lambda t}; rates per signal length, amplitudes in counts at unit drive.
+/// A free decay as it shows in the output ([`super::free_decay`]): y = e^{-sigma t} (a cos omega
+/// t + b sin omega t) + c e^{-lambda t}; rates per signal length, amplitudes a, b, c in counts at
+/// unit drive.
 #[derive(Clone, Copy, Debug)]
 pub struct ObservedDecay {
     pub sigma: f64,
@@ -50,34 +70,45 @@ pub struct ObservedDecay {
     pub c: f64,
 }
 
-/// Coefficients of the terms in the equation of motion; 0 where there is no such term.
+/// Coefficients of the terms in the equation of motion of the module's header, in signal lengths
+/// and counts; 0 where there is no such term.
 #[derive(Default)]
 struct Strengths {
+    /// Factors of V³ and V² in the spring's force.
     cubic: f64,
     even: f64,
+    /// Factor of what V is beyond `at` in the spring's force.
     stop: f64,
     /// The displacement at which the stop begins.
     at: f64,
+    /// Half of the gap's width, as a displacement.
     gap: f64,
+    /// Factor of |q_n| q_n.
     drag: f64,
+    /// The force of dry friction.
     dry: f64,
-    /// The flow above which dry friction has nearly its full force; below, it is smoothed.
+    /// The flow above which dry friction has nearly its full force; below, the force is smoothed,
+    /// because a jump would spoil the integration.
     small: f64,
+    /// B_t/B_m.
     meniscus: f64,
     /// Force of the half-order loss, one value per sample.
     memory: Option<Vec<f64>>,
 }
 
 impl Strengths {
-    /// The displacement at which a linear spring would have the same force.
+    /// The spring's force at the displacement `v`, in the unit of the displacement: where there is
+    /// no term it is `v`.
     fn spring(&self, v: f64) -> f64 {
         let Strengths { cubic, even, stop, at, gap, .. } = *self;
-        // unlike `clamp`, this does not panic where the gap is not a number
+        // The part of v within the gap is taken off. Unlike `clamp`, this does not panic where the
+        // gap is not a number.
         let within = v.max(-gap.abs()).min(gap.abs()) * gap.signum();
         v + cubic * v * v * v + even * v * v + stop * past(v, at) - within
     }
 
-    /// Force of the half-order loss at a time, interpolated between samples.
+    /// Force of the half-order loss at the time `t`, in signal lengths, interpolated between
+    /// samples; 0 without that loss.
     fn force(&self, t: f64) -> f64 {
         let Some(f) = &self.memory else { return 0.0 };
         let at = t * f.len() as f64;
@@ -86,8 +117,10 @@ impl Strengths {
     }
 }
 
-/// What follows amplitudes with a lag of so many samples (exponentially). With a negative lag it starts as if
-/// the first amplitude had lasted for ever before, else as if nothing had moved.
+/// A level that follows a course of amplitudes (one per signal, in the order of time) with a lag:
+/// after each amplitude the level's distance from it shrinks by e^(-1 / |lag|). `lag`: in signals.
+/// With a negative lag the level starts as if the first amplitude had lasted for ever before, else
+/// at 0, as if nothing had moved.
 pub fn lagging(amplitudes: impl Iterator<Item = f64>, lag: f64) -> Vec<f64> {
     let kept = (-1.0 / lag.abs()).exp();
     let mut level = None;
@@ -100,29 +133,34 @@ pub fn lagging(amplitudes: impl Iterator<Item = f64>, lag: f64) -> Vec<f64> {
     amplitudes.map(follow).collect()
 }
 
-/// How far a displacement is beyond the place `at`, on that side of 0 on which it lies; 0 if it is not
-/// beyond.
+/// How far a displacement is beyond the place `at`, on that side of 0 on which it lies; 0 if it is
+/// not beyond.
 pub fn past(v: f64, at: f64) -> f64 {
     if at >= 0.0 { (v - at).max(0.0) } else { (v - at).min(0.0) }
 }
 
-/// A plant's equation of motion with its initial state at t_a, ready to be integrated. An oscillator x'' = -b x
+/// A plant's equation of motion with its initial state at t_a, ready to be integrated. An
+/// oscillator x'' = -b x
 /// - d x' is a channel without a restrictor (a = g = 0): x is V, and x' is q_n.
 #[derive(Clone, Copy, Debug)]
 pub struct Interior {
     pub channel: InkChannel,
     /// (V, q_r, q_n) at t_a.
     pub state: [f64; 3],
-    /// Whether it is an ink channel, whose output is the flow; that of an oscillator is the displacement.
+    /// Whether it is an ink channel, whose output is the flow; that of an oscillator is the
+    /// displacement.
     pub is_ink: bool,
 }
 
 impl Interior {
-    /// The ink channel whose output is `decay`. `ratio`: R_r/I_r over R_n/I_n. `None`: no channel with
-    /// positive rates has that output.
+    /// The ink channel whose output is `decay`. `ratio`: g/d, that is, R_r/I_r over R_n/I_n; not 1.
+    /// `None`: no channel with positive a and b has that output.
     pub fn ink(decay: &ObservedDecay, ratio: f64) -> Option<Interior> {
         let ObservedDecay { sigma, omega, lambda, a, b, c } = *decay;
-        // the coefficients of the observable cubic give d and g, then the sum of a and b, and each of them
+
+        // The rates. The observable cubic (s + lambda)(s² + 2 sigma s + sigma² + omega²) has the
+        // coefficients p2 = g + d, p1 = g d + a + b and p0 = a d + b g. So p2 gives d and g, then
+        // p1 gives the sum of a and b, and p0 gives each of the two.
         let d = (2.0 * sigma + lambda) / (1.0 + ratio);
         let g = ratio * d;
         let square = sigma * sigma + omega * omega;
@@ -130,12 +168,15 @@ impl Interior {
         let p0 = lambda * square;
         let b_rate = (sum - p0 / d) / (1.0 - ratio);
         let a_rate = sum - b_rate;
-        // output and derivatives at t_a, from which the state follows
+
+        // output and derivatives at t_a
         let y = a + c;
         let dy = -sigma * a + omega * b - lambda * c;
         let ddy =
             (sigma * sigma - omega * omega) * a - 2.0 * sigma * omega * b + lambda * lambda * c;
-        // y = q_r + q_n, y' = -(a+b) V - g q_r - d q_n, and y'' = -(a+b) y - g q_r' - d q_n'
+
+        // The state (V, q_r, q_n) from three linear equations: y = q_r + q_n, y' = -(a+b) V - g
+        // q_r - d q_n, and y'' + (a+b) y = -g q_r' - d q_n' = (g a + d b) V + g² q_r + d² q_n.
         let m = nalgebra::Matrix3::new(
             0.0,
             1.0,
@@ -166,9 +207,10 @@ impl Interior {
         }
     }
 
-    /// What turns a strength into a coefficient of the equation of motion, at t_a: the amplitude of the
-    /// displacement, which stiffness acts on, that of the flow, which losses act on, and the derivative of the
-    /// ring's damping sigma by the loss coefficient.
+    /// What turns a strength into a coefficient of the equation of motion, three numbers: the
+    /// amplitude of the displacement V at t_a, which stiffness acts on; the amplitude of the flow
+    /// q_n at t_a, which losses act on; and the derivative of the ring's damping sigma by the loss
+    /// d.
     fn amplitudes(&self, decay: &ObservedDecay) -> [f64; 3] {
         let ObservedDecay { sigma, omega, .. } = *decay;
         // amplitude of a damped oscillation from its value and its derivative
@@ -176,7 +218,10 @@ impl Interior {
         let Interior { channel, state: [v, q_r, q_n], is_ink } = *self;
         let stiff = envelope(v, q_r + q_n);
         let damped = envelope(q_n, -channel.b_per_s2 * v - channel.d_per_s * q_n);
-        // the derivative of the damping by the nozzle's loss d, numerically
+
+        // The derivative of the damping by the nozzle's loss d, numerically. Of an oscillator it is
+        // 1/2 exactly (it has no poles here, for two of its rates are 0); of a channel whose poles
+        // fail, .3 is a rough guess.
         let at = |d: f64| InkChannel { d_per_s: d, ..channel }.poles().map(|p| p.damping_per_s);
         let h = 1e-3 * channel.d_per_s;
         let slope = match (at(channel.d_per_s + h), at(channel.d_per_s - h)) {
@@ -187,9 +232,9 @@ impl Interior {
         [stiff, damped, slope]
     }
 
-    /// The decay at a relative drive with `term` of `strength` (relative change of frequency or damping at
-    /// unit drive; for `FractionalDamping` the share, for `Meniscus` B_t/B_m): `samples` samples over one
-    /// signal length, counts.
+    /// The decay at the relative drive `drive`, with a term of a strength ([`Term`]) or without
+    /// one: `samples` samples over one signal length, counts. `decay` has to be the one that this
+    /// interior was made of.
     pub fn decay(
         &self,
         decay: &ObservedDecay,
@@ -198,8 +243,13 @@ impl Interior {
         samples: usize,
     ) -> Vec<f64> {
         let strengths = self.strengths(decay, term, drive, samples);
+
+        // steps that are short enough for the ring's frequency
         let steps = STEPS.max((decay.omega / samples as f64 / RADIANS).ceil() as usize);
         let h = 1.0 / (samples * steps) as f64;
+
+        // The state is proportional to the drive. V_n, which only the meniscus acts on, is counted
+        // from t_a.
         let [v, q_r, q_n] = self.state.map(|x| x * drive);
         let mut x = [v, q_r, q_n, 0.0];
         let mut out = Vec::with_capacity(samples);
@@ -213,8 +263,7 @@ impl Interior {
         out
     }
 
-    /// Coefficients of a term in the equation of motion, from the relative change of frequency or damping
-    /// that it causes.
+    /// Coefficients of a term in the equation of motion, from its strength e.
     fn strengths(
         &self,
         decay: &ObservedDecay,
@@ -231,8 +280,9 @@ impl Interior {
             Some((Term::QuadraticDrag, e)) => {
                 of.drag = e * decay.sigma / (slope * 8.0 / (3.0 * PI) * damped);
             }
-            // and mu sign(q) as 4 mu/(pi A) q
+            // mu sign(q) acts over a period as 4 mu/(pi A) q
             Some((Term::DryFriction, e)) => of.dry = e * decay.sigma * PI * damped / (4.0 * slope),
+            // the rest are relative to the spring or to the amplitude
             Some((Term::Meniscus, e)) => of.meniscus = e,
             Some((Term::EvenStiffness, e)) => of.even = e / stiff,
             Some((Term::Stop { at }, e)) => (of.stop, of.at) = (e, at * stiff),
@@ -255,11 +305,17 @@ impl Interior {
         [q_r + q_n, -a * pressure - g * q_r, -b * pressure - d * q_n + extra, q_n]
     }
 
-    /// Force of a half-order loss that replaces a share `e` of the viscous one: -e loss (omega^-1/2 D^1/2 q -
-    /// q). D^1/2 is Caputo's derivative from t_a on (the flow before is not known), by the L1 scheme. q is
-    /// the flow without the term, so the force is right to first order in e. One value per sample.
+    /// Force of a half-order loss that replaces a share `e` of the viscous one: -e d (omega^-1/2
+    /// D^1/2 q - q), one value per sample. At the ring's frequency the factor omega^-1/2 makes
+    /// D^1/2 q as large as q.
+    ///
+    /// D^1/2 is Caputo's derivative from t_a on (the flow before t_a is not known). The L1 scheme
+    /// takes the flow to be linear between samples: D^1/2 q at sample k is 2 / sqrt(pi h) times the
+    /// sum over j of (sqrt(j + 1) - sqrt(j)) (q_{k-j} - q_{k-j-1}). q is the flow without the term,
+    /// so the force is right to first order in e, and no integral equation has to be solved.
     fn memory_force(&self, decay: &ObservedDecay, e: f64, drive: f64, samples: usize) -> Vec<f64> {
-        // the flow without the term: of a channel that through the nozzle, of an oscillator its velocity
+        // the flow without the term: of a channel that through the nozzle; of an oscillator its
+        // velocity, by differences of the displacement
         let flow: Vec<f64> = match self.is_ink {
             true => self.nozzle_flow(drive, samples),
             false => {
@@ -270,9 +326,10 @@ impl Interior {
                 (0..samples).map(slope).collect()
             }
         };
+
+        // weights of the L1 scheme of order 1/2, and the sum
         let loss = self.channel.d_per_s;
         let h = 1.0 / samples as f64;
-        // weights of the L1 scheme of order 1/2
         let scale = 2.0 / PI.sqrt() / h.sqrt();
         let weight: Vec<f64> =
             (0..samples).map(|j| ((j + 1) as f64).sqrt() - (j as f64).sqrt()).collect();
@@ -290,7 +347,7 @@ impl Interior {
     fn nozzle_flow(&self, drive: f64, samples: usize) -> Vec<f64> {
         let [v, q_r, q_n] = self.state;
         let step = self.channel.transition(1.0 / samples as f64);
-        // only the sum of V_r and V_n matters
+        // how V is divided between V_r and V_n does not matter to the flows
         let mut x = nalgebra::Vector4::new(v, 0.0, q_r, q_n) * drive;
         (0..samples)
             .map(|_| {

@@ -1,25 +1,35 @@
-//! A batch's verdicts on their way to the table: healthy signals as runs, all others as rows.
+//! A batch's verdicts on their way from the isolate stage to the verdict table: neighbouring
+//! healthy signals of a burst as one run, all other signals as rows.
 //!
-//! Of a healthy signal only the statistic, the misfit and which test they are of differ from its neighbour's.
+//! In, from `pipeline/isolator.rs`: runs, rows, and the tests' outcomes of all signals. Out, to the
+//! table's writer and to whatever counts verdicts: [`Verdicts`], whose `parts` say in the
+//! recording's order what comes next: a run, or a range of rows.
+//!
+//! Nearly all signals of a stream are healthy. Neighbouring healthy signals of a burst differ in
+//! their channel number, which counts up by one, and in statistic, misfit and deciding test. These
+//! stand in [`Tests`]; all else is the same and stands once in the [`HealthyRun`].
 
 use super::{Test, VerdictColumns};
 use std::ops::Range;
 
-/// What the tests found, signal by signal.
+/// What the tests found, one entry per signal of the batch, in the batch's order; also of signals
+/// that are rows, or that were rejected.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Tests {
-    /// Of the test that is nearer to its threshold, or further beyond it; NaN: not judged.
+    /// Statistic of the test that decided: the test that is nearer to its threshold, or further
+    /// beyond it. NaN: the signal was not judged.
     pub statistic: Vec<f32>,
-    /// Unexplained mean square over the healthy one's; NaN: not known.
+    /// Misfit beside the ring over the mean misfit of healthy signals; NaN: not known.
     pub misfit: Vec<f32>,
-    /// Whether the statistic is of the second test.
+    /// Whether the second test decided (the misfit beside the ring), so that the statistic is of
+    /// that test.
     pub beside: Vec<bool>,
-    /// Judged, and not flagged.
+    /// Whether the signal was judged and not flagged.
     pub healthy: Vec<bool>,
 }
 
 impl Tests {
-    /// No signals, the room kept.
+    /// Removes all signals, and keeps the memory for the next batch.
     pub fn clear(&mut self) {
         let Tests { statistic, misfit, beside, healthy } = self;
         statistic.clear();
@@ -28,6 +38,7 @@ impl Tests {
         healthy.clear();
     }
 
+    /// Adds so many signals that were not judged.
     pub fn push_not_judged(&mut self, signals: usize) {
         let Tests { statistic, misfit, beside, healthy } = self;
         let all = healthy.len() + signals;
@@ -37,6 +48,7 @@ impl Tests {
         healthy.resize(all, false);
     }
 
+    /// Makes room for so many more signals.
     pub fn reserve(&mut self, signals: usize) {
         let Tests { statistic, misfit, beside, healthy } = self;
         statistic.reserve(signals);
@@ -46,35 +58,37 @@ impl Tests {
     }
 }
 
-/// Neighbouring healthy signals of one burst.
+/// Neighbouring healthy signals of one burst: each stands for one row of the table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HealthyRun {
-    /// t_a
+    /// Time t_a of the burst, ns since the epoch.
     pub t_ns: i64,
-    /// Index into the batch's printheads.
+    /// Index into the batch's printheads, `VerdictColumns::printheads`.
     pub printhead: u32,
+    /// Channel of the first signal; the next ones have the next channel numbers.
     pub first_channel: u32,
-    /// Their places among the batch's [`Tests`].
+    /// Indices of the signals in the batch's [`Tests`].
     pub signals: Range<usize>,
+    /// Index of the model in the metadata's `models`.
     pub model: u16,
-    /// The first test, its threshold and that of the second.
+    /// The first test, its threshold, and the threshold of the second test (NaN: there is none).
     pub along: Test,
     pub threshold: f32,
     pub beside: f32,
 }
 
-/// Rows that follow each other.
+/// Consecutive rows of the table, in one of two forms.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Part {
     Healthy(HealthyRun),
-    /// Of [`Verdicts::rows`].
+    /// Indices in the columns of [`Verdicts::rows`].
     Rows(Range<usize>),
 }
 
-/// Neighbouring rows of one printhead and time: a burst's, or some of them.
+/// Consecutive rows of one printhead and time: those of a burst, or some of these.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OfBurst {
-    /// t_a
+    /// Time t_a of the burst, ns since the epoch.
     pub t_ns: i64,
     /// Index into the batch's printheads.
     pub printhead: u32,
@@ -84,14 +98,15 @@ pub struct OfBurst {
 /// The verdicts of one batch, in the recording's order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Verdicts {
+    /// All signals of the batch, in order.
     pub parts: Vec<Part>,
     pub tests: Tests,
-    /// What is not in a run, and the batch's printheads.
+    /// The rows of all signals that are in no run, and the batch's printheads.
     pub rows: VerdictColumns,
 }
 
 impl Verdicts {
-    /// How many signals.
+    /// Number of signals, that is, of rows of the table.
     pub fn len(&self) -> usize {
         let of = |part: &Part| match part {
             Part::Healthy(run) => run.signals.len(),
@@ -104,7 +119,8 @@ impl Verdicts {
         self.parts.is_empty()
     }
 
-    /// The parts again, none of more than one burst.
+    /// The same parts in the same order, divided so that none is of more than one burst. A run is
+    /// of one burst already; rows are divided where time or printhead changes.
     pub fn by_burst(&self) -> Vec<OfBurst> {
         let c = &self.rows;
         let burst = |row: &usize| (c.acquired_at_ns[*row], c.printhead[*row]);
@@ -128,11 +144,14 @@ impl Verdicts {
         all
     }
 
-    /// Takes in the rows that were pushed last.
+    /// Adds the rows that were pushed to `rows` since the last call to the parts. To be called
+    /// after rows were pushed and before the next run; without new rows nothing happens.
     pub fn close_rows(&mut self) {
         let to = self.rows.len();
         match self.parts.last_mut() {
+            // the last part is of rows: it goes on
             Some(Part::Rows(rows)) => rows.end = to,
+            // the last part is a run, or there is none: a new part begins where the last rows ended
             _ => {
                 let of = |part: &Part| match part {
                     Part::Rows(rows) => Some(rows.end),
@@ -147,7 +166,7 @@ impl Verdicts {
     }
 }
 
-/// Rows alone.
+/// Verdicts of rows alone, without runs; `tests` stays empty.
 impl From<VerdictColumns> for Verdicts {
     fn from(rows: VerdictColumns) -> Verdicts {
         let mut verdicts = Verdicts { rows, ..Verdicts::default() };

@@ -1,10 +1,14 @@
-//! Parquet's hybrid code of run lengths and packed bits (its encoding `RLE`): for definition levels (whether
-//! a row has a value), and for keys into a dictionary.
+//! Parquet's hybrid code of run lengths and packed bits (its encoding `RLE`), for definition levels
+//! (whether a row has a value) and for keys into a dictionary. `numbers.rs` and `runs.rs` feed it.
 //!
-//! A run of equal values is its length and the value once. Values that change often are packed in groups of
-//! eight. Only the very last group may be filled up, because readers know how many values there are. What the
-//! format puts before the code is added elsewhere: the code's length before levels (`pages.rs`), the width
-//! before keys (`runs.rs`).
+//! The code is a sequence of two kinds of pieces. A run of n equal values is the number 2n, then
+//! the value once, in whole bytes. Values that change often are packed: g groups of eight values
+//! are the number 2g + 1, then the values in `width` bits each. (These numbers are ULEB128, see
+//! `bits.rs`.) Only the very last group may be filled up with values that nobody pushed, because
+//! readers know how many values there are.
+//!
+//! What the format puts before the code is added elsewhere: the code's length before levels
+//! (`pages.rs`), the width before keys (`runs.rs`).
 
 use super::bits;
 
@@ -13,11 +17,12 @@ use super::bits;
 pub struct Hybrid {
     /// Bits of a value, 32 at most.
     width: u8,
-    /// What is encoded already.
+    /// The pieces that are complete.
     out: Vec<u8>,
-    /// The values after those, which wait to be packed.
+    /// The values after those of `out`, which wait to be packed.
     literals: Vec<u32>,
-    /// The run under way, which comes last: its value and its length so far.
+    /// The run under way, after the literals: its value and its length so far. A length of 0: there
+    /// is none.
     run: (u32, u32),
 }
 
@@ -57,12 +62,12 @@ impl Hybrid {
         }
     }
 
-    /// Ends the run under way. A long one is written as a run, after the values that wait; a short one joins
-    /// them.
+    /// Ends the run under way. A long one is written as a run, after the values that wait; the
+    /// values of a short one join those that wait. Either way the order of values stays.
     fn end_run(&mut self) {
         let (value, mut times) = std::mem::take(&mut self.run);
-        // Groups must be whole before a run: a long run lends the values that the last group lacks. It is
-        // long if it has a group's worth of values beside these.
+        // Groups must be whole before a run is written. So a long run lends the values that the
+        // last group lacks. A run is long if at least eight of its values are left after that.
         let missing = ((8 - self.literals.len() % 8) % 8) as u32;
         let literal = if times >= missing + 8 { missing } else { times };
         for _ in 0..literal {
@@ -71,6 +76,8 @@ impl Hybrid {
                 self.pack();
             }
         }
+
+        // the rest of a long run, now that all groups before it are whole
         times -= literal;
         if times > 0 {
             self.pack();

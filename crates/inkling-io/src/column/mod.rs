@@ -1,21 +1,22 @@
-//! Column chunks of a Parquet file, written run by run instead of row by row.
+//! Encodes column chunks of a Parquet file run by run instead of row by row.
 //!
-//! Nearly all signals are healthy, so most columns of a verdict table are long runs of the same value or of
-//! equal steps. The parquet crate's own writer asks after every row anew; here a run costs as much as one
-//! value. In: runs of rows. Out: the encoded chunk of a row group, which is spliced into the file by the
-//! parquet crate.
+//! Nearly all signals are healthy, so most columns of a verdict table are long runs of the same
+//! value or of equal steps. The parquet crate's own writer looks at every row; here a run of any
+//! length costs about as much as one value.
+//!
+//! In: runs of rows, from `verdict_chunk.rs`, which chooses the kind of each column. Out:
+//! `pages::ColumnPages`, the encoded chunk of one column in one row group, which the parquet
+//! crate splices into the file. Pages are data pages of version 1 of the Parquet format, compressed
+//! by zstd.
 //!
 //! ```text
 //! runs     texts and numbers that are the same over many rows: keys into a dictionary
 //! steps    whole numbers that go on by equal steps: times, channels
-//! numbers  numbers of every row, or null
-//! hybrid   run lengths and packed bits: Parquet's code of keys, and of which rows are null
-//! bits     whole numbers of any length, and packed in few bits
+//! numbers  f32 that differ from row to row, or are null
+//! hybrid   Parquet's code of run lengths and packed bits: for keys, and for which rows are null
+//! bits     the two lowest codes: whole numbers of any length, and numbers packed in few bits
 //! pages    compressed pages, and what the file's footer says of them
 //! ```
-//!
-//! Format: data pages of version 1 of the Parquet format. `verdict_chunk.rs` chooses the kind for each
-//! column.
 
 mod bits;
 mod hybrid;
@@ -26,15 +27,15 @@ mod steps;
 
 use parquet::errors::Result;
 
-/// Takes whole numbers that mostly go on by equal steps. A column of a file is one such, a plain vector
-/// another.
+/// Takes whole numbers that mostly go on by equal steps. A column of a file ([`StepColumn`]) is one
+/// implementation; a plain vector in `verdict_arrays.rs`, for tables in memory, is the other.
 pub trait Steps {
     /// The next `rows` rows: `start`, `start` + `step`, and so on.
     fn push(&mut self, start: i64, step: i64, rows: usize);
 }
 
-/// Takes numbers that differ from row to row, or are mostly null. A column of a file is one such, an Arrow
-/// builder another.
+/// Takes numbers that differ from row to row, or are mostly null. A column of a file
+/// ([`NumberColumn`]) is one implementation, an Arrow builder the other.
 pub trait Numbers {
     /// The next rows; NaN is null.
     fn push(&mut self, of: &[f32]) -> Result<()>;

@@ -1,8 +1,12 @@
-//! A column of f32 that differ from row to row, or are mostly null: statistics, misfits and the numbers of
-//! flagged signals.
+//! Encodes a nullable column of f32 that differ from row to row, or are mostly null: statistics,
+//! misfits and the numbers of flagged signals.
 //!
-//! Format: BYTE_STREAM_SPLIT (the first bytes of all values, then the second ones, and so on: bytes of one
-//! significance resemble each other, so they compress), or PLAIN.
+//! In: slices of f32, where NaN is null, and counts of nulls. Out: pages of some 65,536 rows. A
+//! page has first the definition levels (one bit for each row: whether it has a value; coded by
+//! `hybrid.rs`), then the values of the rows that have one. The encoding of values is
+//! BYTE_STREAM_SPLIT (the first bytes of all values, then all second bytes, and so on: bytes of one
+//! significance resemble each other, so they compress well), or PLAIN for readers that do not know
+//! it.
 
 use super::Numbers;
 use super::hybrid::Hybrid;
@@ -20,11 +24,13 @@ const PAGE_ROWS: u32 = 1 << 16;
 pub struct NumberColumn {
     column: ColumnDescPtr,
     encoding: Encoding,
-    /// Of the page under way: the values that are not null, and for each row whether it has one.
+    /// The values of the page under way that are not null.
     values: Vec<f32>,
+    /// For each row of the page under way: 1 if it has a value, 0 if it is null.
     levels: Hybrid,
+    /// Rows of the page under way, nulls included.
     rows: u32,
-    /// Nulls of the whole chunk.
+    /// Number of nulls in the whole chunk.
     nulls: u64,
     /// The least and the largest value of the closed pages.
     span: Option<(f32, f32)>,
@@ -32,6 +38,7 @@ pub struct NumberColumn {
 }
 
 impl Numbers for NumberColumn {
+    /// Only the levels learn of nulls: values hold no place for them.
     fn push_nulls(&mut self, rows: usize) -> Result<()> {
         self.levels.push(0, rows as u32); // rows of a row group at most
         self.nulls += rows as u64;
@@ -39,6 +46,7 @@ impl Numbers for NumberColumn {
     }
 
     fn push(&mut self, of: &[f32]) -> Result<()> {
+        // stretches of numbers and stretches of NaN in turns
         for run in of.chunk_by(|p, q| p.is_nan() == q.is_nan()) {
             match run[0].is_nan() {
                 true => self.push_nulls(run.len())?,
@@ -68,13 +76,14 @@ impl NumberColumn {
         }
     }
 
-    /// Bytes held, about.
+    /// Bytes held, about: values and pages; the levels are small beside them and are not counted.
     pub fn memory(&self) -> usize {
         self.values.len() * size_of::<f32>()
             + self.pages.iter().map(ClosedPage::memory).sum::<usize>()
     }
 
-    /// Counts rows that were added, and closes the page if it is full.
+    /// Counts rows that were added, and closes the page if it is full. A page is never split, so
+    /// one call with many rows may make a larger one.
     fn go_on(&mut self, rows: usize) -> Result<()> {
         self.rows += rows as u32;
         if self.rows >= PAGE_ROWS { self.end_page() } else { Ok(()) }
@@ -89,7 +98,9 @@ impl NumberColumn {
             (Some((p, q)), Some((r, s))) => Some((p.min(r), q.max(s))),
             (known, new) => known.or(new),
         };
+
         let levels = std::mem::replace(&mut self.levels, Hybrid::new(1)).finish();
+
         let encode = |out: &mut Vec<u8>| match self.encoding {
             Encoding::BYTE_STREAM_SPLIT => split(&self.values, out),
             _ => out.extend(self.values.iter().flat_map(|value| value.to_le_bytes())),
@@ -100,7 +111,7 @@ impl NumberColumn {
         Ok(())
     }
 
-    /// Encodes what is left; the chunk is complete then.
+    /// Encodes what is left, and gives the complete chunk with its statistics.
     pub fn close(mut self) -> Result<ColumnPages> {
         if self.rows > 0 {
             self.end_page()?;
@@ -119,7 +130,8 @@ impl NumberColumn {
     }
 }
 
-/// Appends the first bytes of all values, then the second ones, and so on.
+/// Appends the values in BYTE_STREAM_SPLIT: the first (lowest) bytes of all values, then all second
+/// bytes, and so on.
 fn split(values: &[f32], out: &mut Vec<u8>) {
     let from = out.len();
     out.resize(from + size_of_val(values), 0);

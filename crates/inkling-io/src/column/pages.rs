@@ -1,8 +1,11 @@
-//! Pages of a column chunk, compressed, and what the file's footer says of them.
+//! Compresses the pages of a column chunk, and writes them with what the file's footer says of
+//! them.
 //!
-//! In: encoded bytes, from the columns of this directory (`numbers`, `runs`, `steps`). A page is compressed
-//! as soon as it is complete ([`ClosedPage`]). Out: a column of a row group ([`ColumnPages`]), appended as a
-//! whole, so that the columns of a row group can be encoded side by side and appended in order.
+//! In: encoded bytes, from the columns of this directory (`numbers`, `runs`, `steps`). A page is
+//! compressed as soon as it is complete ([`ClosedPage`]). Out: one column of a row group
+//! ([`ColumnPages`]), which [`ColumnPages::append_to`] appends to the row group as a whole. So the
+//! columns of a row group can be encoded side by side by several threads and still be appended in
+//! order.
 
 use bytes::Bytes;
 use parquet::basic::{Compression, Encoding, PageType, ZstdLevel};
@@ -33,8 +36,8 @@ pub struct ClosedPage {
     values: u32,
 }
 
-/// Memory in which a thread makes its pages, one after the other. The tables of a compressor alone are larger
-/// than most pages, so it is not made anew for each.
+/// Memory in which a thread makes its pages, one page after the other. The tables of a zstd
+/// compressor alone are larger than most pages, so the compressor is kept from page to page.
 struct Scratch {
     raw: Vec<u8>,
     compressed: Vec<u8>,
@@ -98,7 +101,8 @@ pub struct ColumnPages {
 }
 
 impl ColumnPages {
-    /// Writes the pages, each behind its header, and appends them to the row group as its next column.
+    /// Writes the pages, each behind its header, and appends them to the row group as its next
+    /// column.
     pub fn append_to<W: Write + Send>(
         self,
         group: &mut SerializedRowGroupWriter<'_, W>,
@@ -110,6 +114,7 @@ impl ColumnPages {
         let mut sink = TrackedWrite::new(Vec::with_capacity(bytes));
         let mut out = SerializedPageWriter::new(&mut sink);
 
+        // the parquet crate's descriptions of the pages, each with its size before compression
         let dictionary = dictionary.map(|ClosedPage { compressed: buf, raw_bytes, values }| {
             let (num_values, encoding, is_sorted) = (values, Encoding::PLAIN, false);
             (Page::DictionaryPage { buf, num_values, encoding, is_sorted }, raw_bytes)
@@ -145,6 +150,8 @@ impl ColumnPages {
             compressed += at.compressed_size;
             raw += at.uncompressed_size;
         }
+
+        // what the footer says of the chunk: sizes, places, encodings, statistics
         out.close()?;
         chunk = chunk
             .set_encodings(encodings)

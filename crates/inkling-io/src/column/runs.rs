@@ -1,7 +1,11 @@
-//! A column of long runs: texts, and numbers that are the same over many rows, as keys into a dictionary.
+//! Encodes a column of long runs: texts, and numbers that are the same over many rows. Each
+//! distinct value stands once in a dictionary; rows are keys (indices) into it.
 //!
-//! A run of rows is a key and a length until the row group ends. Where two values take turns row by row, such
-//! as the test that decided, a run of either of two keys is kept, with one flag for each row.
+//! In: keys with a number of rows each, from `verdict_chunk.rs`. Out: a dictionary page and one
+//! data page (RLE_DICTIONARY), or the keys as an Arrow array. Until the row group ends, a run of
+//! rows is one [`Run`]. Where two values take turns row by row, such as the test that decided, runs
+//! of single rows would be many, so a run of "either of two keys" is kept, with one flag for each
+//! row.
 
 use super::hybrid::Hybrid;
 use super::pages::{ClosedPage, ColumnPages};
@@ -24,16 +28,18 @@ pub struct RunColumn {
     dictionary: Vec<Vec<u8>>,
     /// The key of each value.
     keys: HashMap<Vec<u8>, u32>,
-    /// The last two keys that were asked for. Values often take turns, so these are compared before the map
-    /// is asked.
+    /// The last two keys that were asked for, the latest first; `NULL` before. Values often take
+    /// turns, so these two are compared before the map is asked.
     recent: [u32; 2],
     runs: Vec<Run>,
-    /// For all rows of the runs of two keys, one after the other: whether it is the second key.
+    /// One flag for each row of the runs of two keys, all these runs one after the other: whether
+    /// the row has the second key.
     which: Vec<bool>,
     rows: u32,
 }
 
-/// Rows of one key, or rows of either of two keys.
+/// Rows that follow one another: all of one key (`NULL`: null), or each of either of two keys, by
+/// the flags in `which`.
 #[derive(Clone, Copy, Debug)]
 enum Run {
     Same { key: u32, rows: u32 },
@@ -46,7 +52,7 @@ pub fn text(value: &str) -> Vec<u8> {
     [&length.to_le_bytes(), value.as_bytes()].concat()
 }
 
-/// The text that [`text`] encoded; empty if it is none.
+/// The text that [`text`] encoded; empty if `value` is no such encoding.
 pub fn text_of(value: &[u8]) -> &str {
     value.get(size_of::<u32>()..).and_then(|of| str::from_utf8(of).ok()).unwrap_or_default()
 }
@@ -69,7 +75,7 @@ impl RunColumn {
         new
     }
 
-    /// The key of a value, which may be new.
+    /// The key of a value (encoded PLAIN). A value that is not in the dictionary yet is added.
     pub fn key(&mut self, value: &[u8]) -> u32 {
         // comparing with the last two keys is cheaper than hashing
         let is_it = |key: &&u32| self.dictionary.get(**key as usize).is_some_and(|v| v == value);
@@ -86,8 +92,8 @@ impl RunColumn {
         key
     }
 
-    /// The next `rows` rows have the value of this key; `None` is null. A key that no value has is an error,
-    /// and so is null in a required column.
+    /// The next `rows` rows have the value of this key; `None` is null. It is an error if no value
+    /// has the key, or if a required column gets a null.
     pub fn push(&mut self, key: Option<u32>, rows: usize) -> Result<()> {
         match key {
             Some(key) => self.check(key)?,
@@ -96,6 +102,8 @@ impl RunColumn {
             }
             None => {}
         }
+
+        // rows of the same key lengthen the last run
         let (next, more) = (key.unwrap_or(NULL), rows as u32); // rows of a row group at most
         match self.runs.last_mut() {
             Some(Run::Same { key, rows }) if *key == next => *rows += more,
@@ -106,7 +114,8 @@ impl RunColumn {
         Ok(())
     }
 
-    /// The next rows, of which each has one of two keys: the second where `which` is true.
+    /// The next rows, one for each flag: the row has the second key where its flag is true, else
+    /// the first.
     pub fn push_either(&mut self, keys: [u32; 2], which: &[bool]) -> Result<()> {
         let Some(&first) = which.first() else { return Ok(()) };
         if which.iter().all(|&second| second == first) {
@@ -136,7 +145,8 @@ impl RunColumn {
         self.runs.len() * size_of::<Run>() + self.which.len() + self.dictionary.len() * 64
     }
 
-    /// Instead of a chunk, the key of each row and the values: what an Arrow dictionary array consists of.
+    /// Ends the column as Arrow data instead of a chunk: the key of each row, null where the row
+    /// is, and the dictionary's values. An Arrow dictionary array consists of these two.
     pub fn keys(self) -> (Int32Array, Vec<Vec<u8>>) {
         let mut out = Int32Builder::with_capacity(self.rows as usize);
         let mut which = self.which.iter();
@@ -153,14 +163,16 @@ impl RunColumn {
         (out.finish(), self.dictionary)
     }
 
-    /// Encodes the chunk. `statistics`: write the least and the largest value, of a column of texts only.
+    /// Encodes the chunk. `statistics`: whether the least and the largest value are written, which
+    /// a column of texts may ask for, and no other.
     pub fn close(self, statistics: bool) -> Result<ColumnPages> {
-        // a key takes as many bits as the largest key
+        // every key takes as many bits as the largest one, at least one bit
         let values = self.dictionary.len().max(1) as u32;
         let width = (u32::BITS - (values - 1).leading_zeros()).max(1) as u8;
         let page = self.page(width)?;
         let mut dictionary = self.dictionary.concat();
-        // a dictionary must have a value, even if no row refers to it
+        // A dictionary must have a value, even if no row refers to it: four zero bytes, which are
+        // the empty text (a length of 0), or the number 0 of four bytes.
         if dictionary.is_empty() {
             dictionary = text("");
         }
@@ -174,7 +186,8 @@ impl RunColumn {
         })
     }
 
-    /// Encodes the page: which rows have a value, then the keys of those rows in `width` bits each.
+    /// Encodes the data page: the definition levels (which rows have a value), then the keys of the
+    /// rows that have one, in `width` bits each.
     fn page(&self, width: u8) -> Result<ClosedPage> {
         let (mut levels, mut indices) = (Hybrid::new(1), Hybrid::new(width));
         let mut which = &self.which[..];
@@ -203,7 +216,9 @@ impl RunColumn {
         ClosedPage::new(nullable.then(|| levels.finish()), encode, self.rows)
     }
 
-    /// The least and the largest text, and how many rows are null.
+    /// The least and the largest text in the dictionary, and how many rows are null. Values that no
+    /// row refers to count, so the bounds may be wider than the rows; readers may rely on bounds,
+    /// not on their being met.
     fn text_statistics(&self) -> Statistics {
         let nulls = self.runs.iter().map(|run| match *run {
             Run::Same { key: NULL, rows } => u64::from(rows),

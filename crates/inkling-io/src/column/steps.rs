@@ -1,8 +1,10 @@
-//! A column of whole numbers that mostly go on by equal steps: times and channels.
+//! Encodes a required column of whole numbers that mostly go on by equal steps: times and channels.
 //!
-//! Format: DELTA_BINARY_PACKED. The first number, then the differences in blocks of 128. A block has its
-//! least difference, and how far each other one lies above it, in four parts with a width of bits each. Equal
-//! steps lie 0 above the least, so that a block of them takes a few bytes.
+//! In: `start`, `step`, `rows`, by [`Steps::push`]. Out: one page in DELTA_BINARY_PACKED: the first
+//! number, then the differences from each number to the next, in blocks of 128. A block is its
+//! least difference, then four widths in bits, then four parts of 32 numbers: how far each
+//! difference lies above the least one, packed in its part's width. In a block of equal steps all
+//! lie 0 above, which takes no bits, so the block takes a few bytes.
 
 use super::pages::{ClosedPage, ColumnPages};
 use super::{Steps, bits};
@@ -16,14 +18,16 @@ const BLOCK: usize = 128;
 /// Parts of a block; each has its own width of bits.
 const PARTS: usize = 4;
 
-/// One column of a row group, under way. It may have no null, and is INT64, or INT32 of numbers without sign.
+/// One column of a row group, under way. It has no nulls. Its type in the file is INT64 (times), or
+/// INT32 that holds numbers without sign (channels).
 #[derive(Debug)]
 pub struct StepColumn {
     column: ColumnDescPtr,
-    /// The first number of the column and the last one so far.
+    /// The first number of the column.
     first: i64,
+    /// The last number so far.
     last: i64,
-    /// The least and the largest number so far.
+    /// The least and the largest number so far, for the statistics.
     span: (i64, i64),
     /// Differences that wait until they are a block.
     block: Vec<i64>,
@@ -35,8 +39,10 @@ pub struct StepColumn {
 impl Steps for StepColumn {
     fn push(&mut self, start: i64, step: i64, rows: usize) {
         let Some(more) = rows.checked_sub(1) else { return };
+        // numbers between the ends of a run lie between them, so the ends suffice for the span
         let last = start.wrapping_add(step.wrapping_mul(more as i64));
         self.span = (self.span.0.min(start).min(last), self.span.1.max(start).max(last));
+        // one difference leads from the number before to this run, the others are `step`
         match self.rows {
             0 => self.first = start,
             _ => self.push_difference(start.wrapping_sub(self.last)),
@@ -61,6 +67,7 @@ impl Steps for StepColumn {
 }
 
 impl StepColumn {
+    /// A column without rows.
     pub fn new(column: ColumnDescPtr) -> StepColumn {
         let (block, blocks) = (Vec::with_capacity(BLOCK), Vec::new());
         StepColumn { column, first: 0, last: 0, span: (i64::MAX, i64::MIN), block, blocks, rows: 0 }
@@ -71,7 +78,8 @@ impl StepColumn {
         self.blocks.len()
     }
 
-    /// Encodes the chunk: the numbers that describe the blocks, the first value, then the blocks.
+    /// Encodes the chunk: a header (differences in a block, parts of a block, number of rows, first
+    /// number), then the blocks.
     pub fn close(mut self) -> Result<ColumnPages> {
         if !self.block.is_empty() {
             let block = std::mem::take(&mut self.block);
@@ -104,8 +112,8 @@ impl StepColumn {
         self.column.physical_type() == Type::INT64
     }
 
-    /// A number as the column's type has it: unsigned numbers of 32 bits, and their differences, wrap around
-    /// there.
+    /// A number as the column's type stores it: in an INT32 column numbers above `i32::MAX` wrap
+    /// around to negative ones (the type's annotation says "without sign").
     fn stored(&self, value: i64) -> i64 {
         if self.is_wide() { value } else { i64::from(value as i32) }
     }
@@ -126,7 +134,7 @@ impl StepColumn {
         }
     }
 
-    /// Encodes a block. `differences` may be fewer than a block in the last one only.
+    /// Encodes a block. Only the last block of a column may have fewer than `BLOCK` differences.
     fn end_block_of(&mut self, differences: &[i64]) {
         let wide = self.is_wide();
         let stored = |d: i64| if wide { d } else { i64::from(d as i32) };
@@ -135,17 +143,21 @@ impl StepColumn {
             let above = stored(*d).wrapping_sub(least) as u64;
             if wide { above } else { u64::from(above as u32) }
         };
+
         bits::put_number(zigzag(least), &mut self.blocks);
         let parts = || differences.chunks(BLOCK / PARTS);
         let width = |part: &[i64]| {
             let most = part.iter().map(above).fold(0, |all, above| all | above);
             (u64::BITS - most.leading_zeros()) as u8
         };
+        // a part without differences keeps the width 0
         let mut widths = [0; PARTS];
         widths.iter_mut().zip(parts()).for_each(|(w, part)| *w = width(part));
         self.blocks.extend(widths);
+
         for (part, width) in parts().zip(widths) {
-            // the last part of a column is filled up with zeros
+            // a part that is not full is filled up with zeros; parts without differences are left
+            // out
             let end = self.blocks.len() + BLOCK / PARTS * usize::from(width) / 8;
             bits::pack(part.iter().map(above), width, &mut self.blocks);
             self.blocks.resize(end, 0);
@@ -153,7 +165,8 @@ impl StepColumn {
     }
 }
 
-/// Signed numbers in the order 0, −1, 1, −2, so that small ones stay short.
+/// Maps signed numbers to numbers without sign, 0, −1, 1, −2 to 0, 1, 2, 3, so that those of small
+/// magnitude stay short.
 fn zigzag(number: i64) -> u64 {
     ((number << 1) ^ (number >> 63)) as u64
 }

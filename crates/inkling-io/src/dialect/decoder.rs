@@ -1,9 +1,13 @@
-//! Messages of other loggers become bursts.
+//! Decodes one message of another logger into a burst, by the [`Plan`] of its channel.
 //!
-//! In: a message's bytes, its times, and the [`Plan`] of its channel. Out: an [`Acquisition`] whose samples
-//! share the message's bytes wherever they lie in it as a burst has them. A burst is checked by the same
-//! function, and what is wrong with it is said in the same words, as for messages of `inkling.Burst`
-//! ([`burst_codec`]).
+//! In, from `block_reader.rs`: a message's bytes, its times (ns since 1970), and the plan. Out: an
+//! [`Acquisition`]: a burst whose samples share the message's bytes wherever they lie in it as a
+//! burst has them, or an unusable burst with the reason. A burst is checked by the same function,
+//! and has the same reasons, as messages of `inkling.Burst` ([`burst_codec`]).
+//!
+//! Steps: the plan finds all wanted values in one walk; the printhead's name is put together; then
+//! first channel, time, channels, period, samples are taken, in this order, each by its slot; the
+//! burst is checked; last come idle times and neighbours.
 
 use super::plan::Plan;
 use super::settings::{Part, TimeSource};
@@ -16,7 +20,7 @@ use inkling_core::burst::{Acquisition, Burst, Format, UnusableBurst};
 use inkling_core::verdict::Reason;
 use std::sync::Arc;
 
-/// When a message was recorded and published, ns.
+/// When a message was recorded (log time) and published, ns since 1970.
 #[derive(Clone, Copy, Debug)]
 pub struct Times {
     pub log_ns: i64,
@@ -31,15 +35,16 @@ pub struct DialectDecoder {
     names: PrintheadNames,
 }
 
-/// A time in ns. Whole numbers are nanoseconds and floats are seconds. Loggers write milliseconds and
-/// microseconds, too, so if the usual unit gives a time over a year from when the message was recorded and
-/// another unit does not, the other one is taken.
+/// The time that a number means, in ns since 1970. Usually whole numbers are nanoseconds and floats
+/// are seconds. Loggers also write milliseconds and microseconds, so if the usual unit gives a time
+/// over a year from the log time, the first other unit that gives a nearer one is taken; if none
+/// does, the usual unit holds. `None`: an i64 cannot hold it.
 fn ns_of(number: Number, log_ns: i64) -> Option<i64> {
     let (usual, others) = match number {
         Number::Integer(_) => (1, [1_000, 1_000_000, 1_000_000_000]),
         Number::Float(_) => (1_000_000_000, [1_000_000, 1_000, 1]),
     };
-    // the number as ns, if its unit has so many ns
+    // the number as ns, if its unit is `unit` ns long
     let of = |unit: i64| match number {
         Number::Integer(i) => i64::try_from(i.checked_mul(unit.into())?).ok(),
         Number::Float(x) => {
@@ -56,6 +61,7 @@ fn ns_of(number: Number, log_ns: i64) -> Option<i64> {
 const YEAR_NS: u64 = 366 * 86_400 * 1_000_000_000;
 
 impl DialectDecoder {
+    /// A decoder that refuses bursts beyond `limits` as `too_large`.
     pub fn new(limits: Limits) -> DialectDecoder {
         DialectDecoder { limits, names: PrintheadNames::default() }
     }
@@ -90,8 +96,8 @@ impl DialectDecoder {
         }
     }
 
-    /// The burst that the values of a message are. What is known before an error stays in `head`, so that the
-    /// rejected row has it.
+    /// The burst that the values of a message make, or why they make none. What is known before an
+    /// error (name, first channel, time) stays in `head`, so that the rejected row shows it.
     fn burst(
         &self,
         found: &mut ReadMessage,
@@ -150,7 +156,8 @@ impl DialectDecoder {
         Ok(Burst { idle_time_s, neighbours_fired, ..burst })
     }
 
-    /// Puts the printhead's name together from text, parts of the topic and values of the message.
+    /// Puts the printhead's name together from literal text, parts of the topic and values of the
+    /// message, and writes it into `head`.
     fn name(&mut self, found: &mut ReadMessage, head: &mut UnusableBurst) -> Result<(), Reason> {
         if let [Part::Literal(name)] = found.plan.name.as_slice() {
             return take_name(head, name, &mut self.names); // the usual case: one text for all
@@ -188,8 +195,10 @@ struct ReadMessage<'a> {
 }
 
 impl ReadMessage<'_> {
-    /// What a missing value means: zero in protobuf, which leaves zeros out; an error in JSON, which leaves
-    /// nothing out, and in a message that could not be decoded.
+    /// What a missing value means: zero in protobuf, which leaves out fields that are zero; an
+    /// error in JSON, which leaves nothing out, and in a message that could not be decoded. (ROS
+    /// messages leave nothing out either; there only an element beyond the end of an array is
+    /// missing, and counts as zero.)
     fn left_out<T>(&self, zero: T) -> Result<T, Reason> {
         match self.is_decoded && !self.plan.names_every_field() {
             true => Ok(zero),
@@ -205,17 +214,19 @@ impl ReadMessage<'_> {
         }
     }
 
-    /// Takes a number that a burst may have; not-a-number counts as not recorded.
+    /// Takes a number that a burst may have; NaN or an infinite number counts as not recorded.
     fn measured(&mut self, slot: Slot) -> Option<f64> {
         self.values.number(slot).map(Number::float).filter(|value| value.is_finite())
     }
 
-    /// Takes one number or several.
+    /// Takes one number or several; none if the message has none. `channels` bounds how many are
+    /// converted.
     fn floats(&mut self, slot: Slot, channels: usize) -> Vec<f32> {
         self.values.take(slot).map_or(Vec::new(), |value| value.floats(channels))
     }
 
-    /// Takes the samples. A message without any has none in protobuf, and is undecodable in JSON.
+    /// Takes the samples. A message without the field has no samples in protobuf, and is
+    /// undecodable in JSON.
     fn samples(&mut self, most_bytes: u64) -> Result<Samples, Reason> {
         let format = self.plan.dialect.format;
         match self.values.take(Slot::Samples) {
@@ -228,7 +239,8 @@ impl ReadMessage<'_> {
     }
 }
 
-/// A number of channels or samples.
+/// A number of channels or samples, or the number of a channel. A negative number or one with a
+/// fraction is undecodable, one beyond u32 too large.
 fn count(number: Number) -> Result<u32, Reason> {
     match number.integer() {
         Some(i) if i >= 0 => u32::try_from(i).map_err(|_| Reason::TooLarge),
@@ -236,8 +248,9 @@ fn count(number: Number) -> Result<u32, Reason> {
     }
 }
 
-/// The neighbours as bytes, one for each channel; none if there are not as many as channels. One number holds
-/// for all.
+/// The numbers of actuated neighbours as bytes, one for each channel. One number holds for all
+/// channels; any other number of numbers than that of the channels belongs to none, and gives no
+/// bytes.
 fn fired(neighbours: &[f32], channels: usize) -> Bytes {
     let fired: Vec<u8> = match neighbours {
         [one] => vec![*one as u8; channels],
@@ -257,7 +270,8 @@ fn columns(samples: &Samples, channels: u32) -> Result<u32, Reason> {
     }
 }
 
-/// The burst's time in ns since 1970, however it is written. `log_ns`: when the message was recorded.
+/// The burst's time in ns since 1970: a number, a text (a number or RFC 3339), or seconds and
+/// nanoseconds. `log_ns`: when the message was recorded, which decides on the unit of numbers.
 fn time_ns(values: &mut SlotValues, log_ns: i64) -> Option<i64> {
     if let Some(value) = values.take(Slot::Time) {
         return match value {

@@ -1,5 +1,9 @@
-//! What the fields of a schema are, in words for lists and errors; and which field can be which part of a
-//! burst.
+//! Describes the fields of a schema in words, for lists and errors, and says which field can be
+//! which part of a burst.
+//!
+//! `shape.rs` and `json.rs` make a [`FieldInfo`] of each field; `plan.rs` asks
+//! [`FieldInfo::can_be`] for every path of a dialect, and `guess.rs` asks it to find candidates.
+
 use super::wanted::Slot;
 
 /// At most so many fields are named in an error.
@@ -9,9 +13,9 @@ pub const MOST_FIELDS: usize = 400;
 /// Fields are listed down to this depth of messages within messages, since types may contain themselves.
 pub const MOST_DEPTH: usize = 5;
 
-/// Names that the field of seconds has in protobuf, ROS 1 and ROS 2.
+/// Names of the field of seconds in time messages of protobuf, ROS 2 and ROS 1.
 pub const SECONDS: [&str; 3] = ["seconds", "sec", "secs"];
-/// Names that the field of nanoseconds has there.
+/// Names of the field of nanoseconds in these time messages.
 pub const NANOSECONDS: [&str; 4] = ["nanos", "nanosec", "nsecs", "nsec"];
 
 /// What a field is, as far as that matters to a burst.
@@ -77,7 +81,7 @@ impl FieldInfo {
     }
 }
 
-/// What a slot asks for, in words.
+/// The kinds of field that a slot takes, in words for errors.
 pub fn due(slot: Slot) -> &'static str {
     match slot {
         Slot::Samples => "bytes or an array of numbers",
@@ -94,7 +98,9 @@ pub fn due(slot: Slot) -> &'static str {
     }
 }
 
-/// Fields in one line, such as `header.stamp (time), wave.data (bytes)`.
+/// Fields in one line, such as `header.stamp (time), wave.data (bytes)`, at most `MOST_LISTED` of
+/// them; "none" if there are none. Messages are left out, since only fields inside them can be
+/// named.
 pub fn listed(fields: &[FieldInfo]) -> String {
     let named: Vec<String> = fields
         .iter()

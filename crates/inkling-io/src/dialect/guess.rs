@@ -1,9 +1,14 @@
-//! Proposes a dialect where a channel's messages look like bursts; `inkling inspect` prints it to be pasted
-//! into the settings.
+//! Proposes a dialect for a channel of another logger whose messages look like bursts; `inkling
+//! inspect` prints it to be pasted into the settings.
 //!
-//! In: a channel, the fields that its schema has, and its first message. Out: TOML that `inkling replay`
-//! takes, with a question mark behind what only a person can know. It is a guess: the names and sizes of the
-//! fields decide, and how the samples correlate ([`Lie`]), and the comments in the block say so.
+//! In: a channel with its schema, its first message, and the topics of the same kind. Out: a
+//! [`Proposal`]: TOML that `inkling replay` takes, with a question mark behind what only a person
+//! can know. It is a guess, a heuristic, and the comments in the block say so.
+//!
+//! Steps: the field with the most numbers is taken for the samples; other keys go to the fields
+//! with likely names whose kind fits (`CHANNELS`, `PERIOD` and so on); layout and number of
+//! channels come from fields whose number divides that of the samples, checked or replaced by how
+//! the samples correlate ([`Lie`]).
 
 use super::fields::{FieldInfo, Kind};
 use super::plan::{Reading, Schema, Written, is_time};
@@ -24,20 +29,23 @@ const MOST_CANDIDATES: usize = 32;
 const MOST_SHOWN: usize = 64;
 /// A first message that is larger is not looked at.
 pub const MOST_MESSAGE_BYTES: usize = 1 << 20;
-/// Bound on the bytes of samples that are made of the first message: bytes that become float32 take four
-/// times the room.
+/// Bound on the bytes of samples that are made of the first message. It is four times the message,
+/// because a number of one byte (in an array of int8) may become a float32 of four.
 const MOST_LOOKED_AT: u64 = MOST_MESSAGE_BYTES as u64 * 4;
-/// Parts of the names of well-known schemas that have large arrays which are no ring-downs.
+/// Parts of the names of well-known schemas whose large arrays are no ring-downs; messages of
+/// schemas with such a name are not looked at.
 const OTHERS: [&str; 8] = ["Image", "Video", "PointCloud", "Grid", "Scan", "Mesh", "Model", "Map"];
 
-/// What a field is called, in texts with a blank between names. First whole names, the likelier one first; then
-/// words, one of which in a name tells the same where no field has one of the whole names.
+/// What a field may be called: two texts with blanks between names. The first has whole names, the
+/// likeliest first. The second has words: if no field has one of the whole names, a field with one
+/// of these words in its name is taken.
 struct Names<'a>(&'a str, &'a str);
 
 /// Names of the number of channels.
 const CHANNELS: Names =
     Names("channels n_channels num_channels channel_count nozzles rows nchannels", "");
-/// Names of the samples per channel. `n` is ambiguous, and is judged by the samples.
+/// Names of the samples per channel. `n` may also be the number of channels; `say_shape` decides by
+/// the samples.
 const COLUMNS: Names = Names(
     "samples_per_channel samples_per_signal n_samples num_samples sample_count columns cols n",
     "",
@@ -72,8 +80,9 @@ const TEMPERATURE: Names =
 const VOLTAGE: Names =
     Names("drive_voltage_v drive_voltage voltage_v voltage amplitude_v", "voltage volt volts");
 
-/// Proposes a dialect for a channel by its first message. `topics` are all topics that carry messages of the
-/// same kind; they have as many parts as this one. `None`: nothing looks like bursts.
+/// Proposes a dialect for a channel by its first message. `topics` are all topics that carry
+/// messages of the same kind; each must have as many parts as this one. `None`: nothing looks like
+/// bursts.
 pub fn guess(written: &Written, message: &Bytes, topics: &[&str]) -> Option<Proposal> {
     let name = written.schema.map_or("", |schema| &schema.name);
     let own_name = name.rsplit(['.', '/']).next().unwrap_or_default();
@@ -92,10 +101,12 @@ pub fn guess(written: &Written, message: &Bytes, topics: &[&str]) -> Option<Prop
     if size.numbers < FEWEST_SAMPLES {
         return None;
     }
+
     let toml = String::from("[[input.dialect]]\n");
     let mut guess = Guess { topic: written.topic, first: &first, size: &size, toml };
     guess.say_all(written.schema, samples, topics);
     let toml = guess.toml;
+
     let there = fields.iter().filter(|field| field.kind != Kind::Message).take(MOST_SHOWN);
     let fields = there.map(|field| first.shown(field)).collect();
     // keys with a question mark as their value are open
@@ -135,8 +146,8 @@ struct Guess<'a> {
     toml: String,
 }
 
-/// A field with a whole number that divides the number of samples, so that it may be channels or samples per
-/// channel.
+/// A field whose whole number `n` divides the number of samples, so that `n` may be the channels or
+/// the samples per channel.
 struct Divisor {
     path: String,
     n: usize,
@@ -230,26 +241,30 @@ impl Guess<'_> {
         path.is_some()
     }
 
-    /// Writes layout, channels and samples per channel: what the message says, else what its samples look
-    /// like.
+    /// Writes layout, channels and samples per channel, with n numbers in the message: what fields
+    /// say if their numbers divide n, else what the samples look like.
     fn say_shape(&mut self) {
         let numbers = self.size.numbers;
         let rows = self.divisor(&CHANNELS, Slot::Channels);
         let columns = self.divisor(&COLUMNS, Slot::SamplesPerChannel);
+
         let (rows, columns) = match (rows, columns) {
             // `n` may be either
             (None, Some(n)) if self.counts_channels(&n) => (Some(n), None),
             known => known,
         };
 
+        // 1. the number of channels by the fields, if any says it
         let named = match (&rows, &columns) {
             (Some(rows), _) => Some(rows.n),
             (None, Some(columns)) => Some(numbers / columns.n),
             (None, None) => None,
         };
-        // in lists of lists, the number of outer lists is either the channels or the samples per channel
+        // in a list of lists, the number of inner lists is either the channels or the samples per
+        // channel
         let outer = self.size.outer;
         let nested = |n: usize| outer.is_none_or(|outer| n == outer || n * outer == numbers);
+        // 2. the likeliest layout among those that agree with the fields, or with the lists
         let lie = match named {
             Some(n) => Lie::likeliest(&self.size.samples, |m| m == n),
             None => Lie::likeliest(&self.size.samples, nested),
@@ -257,6 +272,7 @@ impl Guess<'_> {
         let major =
             |sample_major| if sample_major { "\"sample-major\"" } else { "\"channel-major\"" };
 
+        // 3. the layout, with the correlation of the layout that was not taken for comparison
         match lie {
             Some(lie) => {
                 let other = Lie::of(&self.size.samples, lie.channels, !lie.sample_major);
@@ -271,6 +287,8 @@ impl Guess<'_> {
             None => self.say("layout", major(false), "or \"sample-major\""),
         }
 
+        // 4. the channels: a field, else what the samples per channel leave, else the samples, else
+        //    the lists, else a question
         let agrees = |n: usize| rows.as_ref().is_none_or(|rows| rows.n * n == numbers);
         match (&rows, &columns, lie) {
             (Some(rows), columns, _) => {
@@ -294,21 +312,22 @@ impl Guess<'_> {
                     .ask("channels", &format!("not in the message, which has {numbers} samples")),
             },
         }
-        // a field that contradicts the channels is left out; then as many samples are taken as there are
+        // 5. the samples per channel; a field that contradicts the channels is left out, and then
+        //    the decoder divides the samples by the channels
         if let Some(columns) = columns.filter(|columns| agrees(columns.n)) {
             self.say("samples_per_channel", &quoted(&columns.path), "");
         }
     }
 
-    /// Whether a number is the number of channels rather than of samples per channel, judged by how the
-    /// samples correlate.
+    /// Whether a field's number is that of the channels rather than of the samples per channel: the
+    /// likelier layout of these two by how the samples correlate.
     fn counts_channels(&self, of: &Divisor) -> bool {
         let either = [of.n, self.size.numbers / of.n];
         let lie = Lie::likeliest(&self.size.samples, |n| either.contains(&n));
         lie.is_some_and(|lie| lie.channels == of.n)
     }
 
-    /// The field of such a name, if its number divides that of the samples.
+    /// The field with one of these names, if its number divides the number of samples.
     fn divisor(&self, names: &Names, slot: Slot) -> Option<Divisor> {
         let path = find(self.first.fields, names, slot)?;
         let n = self.first.count(&path)?;
@@ -333,7 +352,8 @@ fn quoted(text: &str) -> String {
     toml::Value::String(text.to_owned()).to_string()
 }
 
-/// A pattern that fits all topics, with `*` for each part in which they differ; and the first such part.
+/// A pattern that fits all topics, with `*` for each part in which they differ; and the number of
+/// the first such part, from 0.
 fn glob(first: &str, topics: &[&str]) -> (String, Option<usize>) {
     let slash = if first.starts_with('/') { "/" } else { "" };
     let parts = |topic: &str| -> Vec<String> {
@@ -353,7 +373,7 @@ fn glob(first: &str, topics: &[&str]) -> (String, Option<usize>) {
 }
 
 impl Names<'_> {
-    /// The likeliest field, by the last names of the paths.
+    /// The field with the likeliest name, by the last names of the paths.
     fn find<'f>(&self, fields: &[&'f FieldInfo]) -> Option<&'f FieldInfo> {
         let first =
             |is: &dyn Fn(&str) -> bool| fields.iter().find(|of| is(last(&of.path))).copied();
@@ -370,15 +390,16 @@ fn find(fields: &[FieldInfo], names: &Names, slot: Slot) -> Option<String> {
     names.find(&fields).map(|field| field.path.clone())
 }
 
-/// The samples of the first message, as one field would give them.
+/// The samples that one field of the first message would give, and how many they are.
 struct Size {
     numbers: usize,
-    /// Bytes, or numbers where the field is an array of numbers.
+    /// Length of the field as the user sees it: bytes of a field of bytes, else numbers.
     length: usize,
-    /// If the field is a list of lists, how many lists.
+    /// If the field is a list of lists, how many inner lists it has.
     outer: Option<usize>,
+    /// The numbers themselves, in the message's order.
     samples: Vec<f64>,
-    /// The format, where the field is bytes: a guess.
+    /// The guessed format of a field of bytes; `None` for arrays of numbers, whose type is known.
     format: Option<Format>,
 }
 
@@ -395,7 +416,8 @@ impl First<'_> {
         self.fields.iter().filter(|field| field.can_be(Slot::Samples).is_ok())
     }
 
-    /// A field for the list: its size, or its value.
+    /// A field as the user is shown it: with its length if it has several elements, else with its
+    /// value.
     fn shown(&self, field: &FieldInfo) -> Shown {
         let several = field.list || field.kind == Kind::Bytes;
         let size = several.then(|| self.size(field)).flatten();
@@ -404,11 +426,11 @@ impl First<'_> {
         Shown { path: field.path.clone(), type_name: field.typed(), length, value }
     }
 
-    /// The samples, if this field is them. `None`: it cannot be read as samples.
+    /// The samples that this field would give. `None`: it cannot be read as samples.
     fn size(&self, field: &FieldInfo) -> Option<Size> {
         let is_bytes = field.kind == Kind::Bytes;
         let value = self.values_at(&field.path, Slot::Samples)?.take(Slot::Samples)?;
-        // bytes are looked at as int16 first; if they make likelier float32, as those
+        // bytes are read as int16 first; if they look more like float32, they are read as float32
         let written = is_bytes.then_some(Format::S16Le);
         let samples = value.samples(written, MOST_LOOKED_AT)?;
         let bytes = &samples.bytes;
@@ -479,8 +501,9 @@ fn has_word(name: &str, words: &str) -> bool {
     parts.any(|part| !part.is_empty() && words.split(' ').any(|word| word == part))
 }
 
-/// Whether bytes are rather float32 than int16: as floats, nearly all of them (19 of 20) are zero or of a
-/// magnitude that samples have. Pairs of int16 are not.
+/// Whether bytes look like float32 rather than int16: more than 19 of 20 are, as floats, zero or of
+/// a magnitude that samples have (1e-6 to 1e7). Pairs of int16, read as floats, mostly are not.
+/// Heuristic.
 fn look_like_floats(bytes: &[u8]) -> bool {
     let all = bytes.as_chunks::<4>().0;
     let usual = all.iter().filter(|b| {

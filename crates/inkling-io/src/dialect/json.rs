@@ -1,9 +1,11 @@
-//! Walks JSON messages as text: what is not wanted is passed over, and numbers of arrays are gathered without
-//! a tree of values, so that memory stays near the message's own size.
+//! Reads JSON messages: walks one as text, takes the wanted values, and passes over the rest.
+//! Numbers of arrays are gathered without a tree of values, so that memory stays near the message's
+//! own size. Also lists the fields of a message for errors and proposals.
 //!
-//! `serde_json` finds where each value ends and checks that it is JSON; this file looks only into values that
-//! are wanted. JSON has no schema, so what a field is shows only here: a field that is not what the dialect
-//! says is [`Unread::Unfit`].
+//! In, from `plan.rs`: a message and the tree of wanted fields. Out: [`SlotValues`]. `serde_json`
+//! finds where each value ends and checks that it is JSON; this file looks only into values that
+//! are wanted. JSON has no schema, so what kind a field is shows only here: a field that is not
+//! what the dialect says is [`Unread::Unfit`].
 
 use super::fields::{FieldInfo, Kind, MOST_DEPTH, MOST_FIELDS, NANOSECONDS, SECONDS};
 use super::value::{Gathered, Number, SlotValues, Unread, Value};
@@ -14,7 +16,8 @@ use serde_json::Value as Json;
 /// A larger message is not parsed to list its fields.
 const MOST_SAMPLE_BYTES: usize = 8 << 20;
 
-/// Walks one message and puts what is wanted of it into `values`.
+/// Walks one message and puts the values of wanted fields into `values`. The message must be one
+/// object with nothing behind it.
 pub fn walk(message: &[u8], wanted: &Wanted, values: &mut SlotValues) -> Result<(), Unread> {
     let message = message.trim_ascii();
     match message.first() {
@@ -30,7 +33,8 @@ pub fn walk(message: &[u8], wanted: &Wanted, values: &mut SlotValues) -> Result<
     }
 }
 
-/// Walks an object, of which `text` begins with the first bracket. Gives the text behind it.
+/// Walks an object; `text` begins with its opening bracket. Gives the text behind its closing
+/// bracket.
 fn object<'m>(
     text: &'m [u8],
     wanted: &Wanted,
@@ -50,17 +54,18 @@ fn unfit(what: &str) -> Unread {
     Unread::Unfit(what.to_owned())
 }
 
-/// A member of an object, or an element of an array, whose key is empty. The value is still text.
+/// A member of an object, or an element of an array (then `key` is empty). The value is still text.
 struct Member<'m> {
     key: String,
     value: &'m [u8],
 }
 
-/// The members of an object or an array, one after the other. Each value is checked to be JSON before it is
-/// looked into, so that the functions below may trust its first byte to say what it is.
+/// The members of an object, or the elements of an array, one after the other. Each value is
+/// checked to be JSON before it is given out, so that the functions below may trust its first byte
+/// to say what kind of value it is.
 struct Members<'m> {
     rest: &'m [u8],
-    /// The closing bracket.
+    /// The closing bracket: `}` or `]`.
     end: u8,
     is_first: bool,
 }
@@ -101,7 +106,7 @@ impl<'m> Members<'m> {
     /// The next value, as text.
     fn value(&mut self) -> Result<&'m [u8], Unread> {
         let text = self.rest.trim_ascii_start();
-        // it stops behind the first value, and says where
+        // the deserializer stops behind the first value, and says where
         let mut values = serde_json::Deserializer::from_slice(text).into_iter::<IgnoredAny>();
         let Some(Ok(_)) = values.next() else { return Err(Unread::Malformed) };
         let (value, rest) = text.split_at(values.byte_offset());
@@ -118,13 +123,14 @@ impl<'m> Iterator for Members<'m> {
     }
 }
 
-/// A text without its quotes and escapes.
+/// The text that a JSON string is, without its quotes and escapes.
 fn text(quoted: &[u8]) -> Result<String, Unread> {
     serde_json::from_slice(quoted).map_err(|_| Unread::Malformed)
 }
 
-/// Takes a wanted field, or walks into it. If a dialect wants one element of an array and the array has
-/// fewer, nothing is there; if a dialect wants one value and there are several, it does not fit.
+/// Takes the value of a wanted field, or walks into it. If a dialect wants one element of an array
+/// and the array has fewer, nothing is taken; if a dialect wants one value and there are several,
+/// the message does not fit.
 fn take(field: &WantedField, value: &[u8], values: &mut SlotValues) -> Result<(), Unread> {
     let name = &field.at.name;
     // an index picks one element first
@@ -140,6 +146,8 @@ fn take(field: &WantedField, value: &[u8], values: &mut SlotValues) -> Result<()
         }
         (Some(_), _) => return Ok(()),
     };
+
+    // the first byte says what the value is: null, an object, an array, or a single value
     match (&field.then, value[0]) {
         (_, b'n') => Ok(()), // null: not recorded
         (Then::Into(inside), b'{') => object(value, inside, values).map(drop),
@@ -179,7 +187,8 @@ fn scalar(name: &str, value: &[u8]) -> Result<Value, Unread> {
     Err(Unread::Unfit(format!("\"{name}\" is {what}")))
 }
 
-/// An object of seconds and nanoseconds, such as `{"sec": 1, "nanosec": 2}`.
+/// Takes a time that is an object of seconds and nanoseconds, such as `{"sec": 1, "nanosec": 2}`;
+/// it fills two slots.
 fn time(value: &[u8], values: &mut SlotValues) -> Result<(), Unread> {
     for member in Members::of(value) {
         let Member { key, value } = member?;
@@ -197,13 +206,14 @@ fn time(value: &[u8], values: &mut SlotValues) -> Result<(), Unread> {
 
 /// Gathers an array of numbers. Samples may also be an array of rows of numbers, all equally long.
 fn numbers(array: &[u8], may_have_rows: bool, all: &mut Gathered) -> Result<(), Unread> {
+    // the array is known to be JSON, so its text can be split at commas and brackets
     let inside = array.strip_prefix(b"[").and_then(|inside| inside.strip_suffix(b"]"));
     let inside = inside.and_then(|inside| str::from_utf8(inside).ok()).ok_or(Unread::Malformed)?;
     let inside = inside.trim();
     if !may_have_rows || !inside.starts_with('[') {
         return row(inside, all).map(drop);
     }
-    // rows are separated by brackets, which cannot stand within a number
+    // each row ends with a bracket, and brackets cannot stand within a number
     let is_between = |c: char| c == ',' || c.is_ascii_whitespace();
     let mut length = None;
     for text in inside.split(']').map(|text| text.trim_start_matches(is_between)) {
@@ -227,7 +237,7 @@ fn row(text: &str, all: &mut Gathered) -> Result<usize, Unread> {
     }
     let mut n = 0;
     for one in text.split([',']).map(str::trim_ascii) {
-        // most samples are small whole numbers, which parse faster as such
+        // most samples are small whole numbers, which parse faster as i32
         let x = match (one, one.parse::<i32>()) {
             (_, Ok(whole)) => Ok(f64::from(whole)),
             ("null", _) => Ok(f64::NAN),
@@ -240,7 +250,7 @@ fn row(text: &str, all: &mut Gathered) -> Result<usize, Unread> {
     Ok(n)
 }
 
-/// The fields that a message has; none if it is too large to be looked at.
+/// The fields that a message has; none if it is too large to be parsed, or no JSON.
 pub fn fields(message: &[u8]) -> Vec<FieldInfo> {
     let mut found = Vec::new();
     if message.len() > MOST_SAMPLE_BYTES {
@@ -252,7 +262,8 @@ pub fn fields(message: &[u8]) -> Vec<FieldInfo> {
     found
 }
 
-/// Lists a value at a path and what is in it. An array of objects is described by its first element.
+/// Adds a value at a path to `found`, and all that is in it. An array of objects is described by
+/// its first element.
 fn list(value: &Json, path: &str, depth: usize, found: &mut Vec<FieldInfo>) {
     if found.len() >= MOST_FIELDS || depth > MOST_DEPTH {
         return;
@@ -263,7 +274,8 @@ fn list(value: &Json, path: &str, depth: usize, found: &mut Vec<FieldInfo>) {
     match value {
         Json::Object(map) => {
             let has = |names: &[&str]| names.iter().any(|name| map.contains_key(*name));
-            // an object with both counts as a time, as a message does in other encodings
+            // an object with seconds and nanoseconds counts as a time, as such a message does in
+            // other encodings
             if has(&SECONDS) && has(&NANOSECONDS) {
                 return add(Kind::Time, false, "time");
             }

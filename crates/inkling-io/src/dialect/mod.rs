@@ -1,4 +1,4 @@
-//! Recordings of other loggers: messages of any schema, read as bursts by the settings' blocks
+//! Reads recordings of other loggers: messages of any schema become bursts by the settings' blocks
 //! `[[input.dialect]]`. Such a block is called a *dialect* ([`settings::Dialect`]);
 //! `docs/recordings_of_others.md` explains its keys.
 //!
@@ -21,11 +21,12 @@
 //! guess           the other way round: messages that look like bursts become a block to paste
 //! ```
 //!
-//! A schema becomes a shape, in which paths are resolved whatever the encoding. All encodings find the same
-//! [`value::Value`]s.
+//! All encodings share the middle: a schema of any encoding becomes a shape, in which paths are
+//! resolved, and all encodings find the same [`value::Value`]s in a message. So an encoding adds
+//! only two functions, one for its schemas and one that walks a message.
 //!
-//! It must never take a size from a message without a bound. It must never judge by a path that leads
-//! nowhere: that is an error when the recording is opened.
+//! No size is taken from a message without a bound. A path that leads nowhere is an error when the
+//! recording is opened (in JSON, when its first message is read), so that nothing is judged by it.
 
 pub mod decoder;
 pub mod fields;
@@ -47,7 +48,8 @@ use plan::{Plan, Schema, Written};
 use settings::{Dialect, MOST_DIALECTS};
 use std::sync::Arc;
 
-/// All dialects of the settings, ready to be asked which of them reads a topic. Cheap to copy.
+/// All dialects of the settings, ready to be asked which of them reads a topic. Dialects are known
+/// by their number, from 0 in the order of the settings. Cheap to clone.
 #[derive(Clone, Debug, Default)]
 pub struct Dialects {
     all: Arc<[Fitting]>,
@@ -142,8 +144,8 @@ impl Dialects {
             .map_err(|what| format!("input.dialect[{number}], topic {}: {what}", shown(written)))
     }
 
-    /// Whether at least one dialect could read these messages, whatever topic and schema name it asks for. A
-    /// dialect that could, but asks for other names, is probably mistyped, and the user is told so.
+    /// Whether at least one dialect could read these messages if the topic and schema name that it
+    /// asks for are ignored. Such a dialect is probably mistyped, and the user is told so.
     pub fn could_read(&self, written: &Written, message: &Bytes, most_bytes: u64) -> bool {
         (0..self.len()).filter_map(|number| self.plan(number, written).ok()).any(|plan| {
             plan.check_message(message, most_bytes).is_ok()
@@ -166,8 +168,8 @@ impl Dialects {
     }
 }
 
-/// Topics that the user knows and does not want to be warned of (`input.ignore`): patterns like those of
-/// dialects.
+/// Patterns of topics that the user knows and does not want to be warned of (setting
+/// `input.ignore`), of the same form as those of dialects.
 #[derive(Clone, Debug, Default)]
 pub struct Ignored(Vec<GlobMatcher>);
 

@@ -1,5 +1,9 @@
-//! A field path such as `wave.data` or `heads[0].id`: parsed from text and checked, without looking at a
-//! schema.
+//! A field path such as `wave.data` or `heads[0].id`, as settings have it: parsed from text and
+//! checked by itself, without looking at a schema.
+//!
+//! Form: steps with dots between them; a step is a name, then perhaps an index in brackets, from 0.
+//! `shape.rs` finds out where a path leads in a schema, `json.rs` follows it by names.
+
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -11,10 +15,12 @@ const MOST_BYTES: usize = 512;
 /// One step of a path: a field's name, and which of its elements is meant where it has several.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Step {
+    /// The field's name.
     pub name: String,
+    /// Which element, from 0; `None`: the path has no index.
     pub index: Option<u32>,
-    /// Where a schema has resolved the path: the field's place among those of its message type. JSON has no
-    /// schema; there a field is known by its name alone, and this is 0.
+    /// The field's place among the fields of its message type, from 0, once a schema has resolved
+    /// the path. JSON has no schema; there a field is known by its name alone, and this is 0.
     pub place: usize,
 }
 
@@ -33,6 +39,7 @@ impl FieldPath {
 impl TryFrom<String> for FieldPath {
     type Error = String;
 
+    /// Parses a path. An error quotes it and says what is wrong.
     fn try_from(text: String) -> Result<FieldPath, String> {
         let wrong = |what: &str| {
             let text = crate::printable::cell(&text);
@@ -57,12 +64,13 @@ impl TryFrom<String> for FieldPath {
 }
 
 impl Step {
-    /// The same step with its place.
+    /// The same step with the place that a schema gave it.
     pub fn at(&self, place: usize) -> Step {
         Step { place, ..self.clone() }
     }
 
-    /// Refuses an index at a field that has only one element.
+    /// Refuses an index at a field that has only one element. `several`: the field has or may have
+    /// several.
     pub fn check_index(&self, several: bool) -> Result<(), String> {
         match self.index {
             Some(_) if !several => Err(format!("\"{}\" is only one: no [..]", self.name)),
@@ -70,8 +78,8 @@ impl Step {
         }
     }
 
-    /// Refuses a step that a path cannot go on from: a field with several elements, and no index that says
-    /// which.
+    /// Refuses a step in the middle of a path that the path cannot go on from: a field with several
+    /// elements, and no index that says which.
     pub fn check_on_the_way(&self, several: bool) -> Result<(), String> {
         match self.index {
             None if several => Err(format!("\"{self}\" is several: say which, {self}[0]")),
@@ -79,8 +87,8 @@ impl Step {
         }
     }
 
-    /// A name, and perhaps a number in brackets. Names in other loggers' JSON may have blanks and dashes in
-    /// them.
+    /// Parses a name, and perhaps a number in brackets. Names in other loggers' JSON may have
+    /// blanks and dashes in them.
     fn parse(text: &str) -> Option<Step> {
         let (name, index) = match text.split_once('[') {
             None => (text, None),

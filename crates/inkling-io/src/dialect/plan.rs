@@ -1,9 +1,14 @@
-//! A dialect meets a recording's own schema: paths are resolved once, or an error says that they lead
-//! nowhere.
+//! Resolves a dialect's paths in a recording's own schema, once for each channel, or says that they
+//! lead nowhere.
 //!
-//! A [`Plan`] is made for each channel that a dialect reads, and finds in each message the values that a
-//! burst is made of. Schemas of protobuf and ROS are known beforehand, so wrong paths are found at once; JSON
-//! has no schema, so its first message is checked instead ([`Plan::check_message`]).
+//! In, from `channels.rs`: a [`Dialect`], and how the recording describes the channel
+//! ([`Written`]). Out: a [`Plan`], which finds in each message the values that a burst is made of
+//! ([`Plan::find`], called by `decoder.rs`). Schemas of protobuf and ROS are known beforehand, so
+//! wrong paths are found when the plan is made; JSON has no schema, so its first message is checked
+//! instead ([`Plan::check_message`]).
+//!
+//! Layers: `Encoding` knows the schema; `Reading` adds which fields are wanted; `Plan` adds the
+//! dialect's constants and the printhead's name.
 
 use super::fields::{FieldInfo, Kind, due, listed};
 use super::path::FieldPath;
@@ -18,7 +23,8 @@ use bytes::Bytes;
 use inkling_core::burst::Format;
 use std::sync::Arc;
 
-/// A schema record of a recording.
+/// A schema record of a recording: its name, its encoding (such as `protobuf`), and the schema
+/// itself.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Schema {
     pub name: String,
@@ -108,7 +114,8 @@ impl Reading {
         }
     }
 
-    /// Adds the field at a path to what is wanted; gives what that field is, if the schema says it.
+    /// Adds the field at a path to the wanted fields; gives a description of the field if there is
+    /// a schema, `None` in JSON.
     fn want(&mut self, path: &FieldPath, slot: Slot) -> Result<Option<FieldInfo>, String> {
         match self.encoding.shape() {
             Some(shape) => shape.want(&mut self.wanted, path, slot).map(Some),
@@ -119,7 +126,8 @@ impl Reading {
         }
     }
 
-    /// What a message has for the slots that are wanted. `most_bytes` bounds the samples that are gathered.
+    /// Finds the values of all wanted fields in one message. `most_bytes` bounds the samples that
+    /// are gathered.
     fn find(&self, message: &Bytes, most_bytes: u64) -> Result<SlotValues, Unread> {
         let mut values = SlotValues::new(most_bytes);
         match &self.encoding {
@@ -132,7 +140,8 @@ impl Reading {
         Ok(values)
     }
 
-    /// What a message has at this one path, as what the slot asks for. `guess.rs` tries fields by it.
+    /// The value that a message has at one path, as the slot takes it. `guess.rs` tries fields this
+    /// way.
     pub fn look(
         &self,
         message: &Bytes,
@@ -146,7 +155,7 @@ impl Reading {
     }
 }
 
-/// A dialect, resolved for one channel.
+/// A dialect resolved for one channel: everything that is needed to decode its messages.
 #[derive(Debug)]
 pub struct Plan {
     pub dialect: Arc<Dialect>,
@@ -184,14 +193,15 @@ impl Plan {
         Ok(values)
     }
 
-    /// Whether a field that is missing in a message is an error. In JSON it is; protobuf leaves fields out
-    /// that are zero.
+    /// Whether a field that is missing in a message is an error. It is in JSON; protobuf leaves
+    /// fields out that are zero.
     pub fn names_every_field(&self) -> bool {
         matches!(self.reading.encoding, Encoding::Json)
     }
 
-    /// Checks a JSON message, whose paths no schema can check: what is wrong with them. Other encodings are
-    /// checked when the plan is made.
+    /// Checks the paths of a JSON dialect against a message, since no schema can check them; the
+    /// error says which key is wrong. Other encodings are checked when the plan is made, and always
+    /// pass here.
     pub fn check_message(&self, message: &Bytes, most_bytes: u64) -> Result<(), String> {
         if !self.names_every_field() {
             return Ok(());
@@ -229,7 +239,8 @@ impl Place<'_> {
     }
 }
 
-/// Bytes need a format; numbers have a type of their own, and a format beside it would have no effect.
+/// Checks the key `format` against the field of the samples: bytes need a format; numbers have a
+/// type of their own, and a format beside it would have no effect.
 fn check_format(format: Option<Format>, info: &FieldInfo) -> Result<(), String> {
     match (info.kind == Kind::Bytes, format) {
         (true, None) => Err("is bytes: say format = \"s16le\" or \"f32le\"".into()),
@@ -241,7 +252,8 @@ fn check_format(format: Option<Format>, info: &FieldInfo) -> Result<(), String> 
     }
 }
 
-/// Whether the value that a JSON message has at a path can be what the slot asks for; if not, what is wrong.
+/// Checks that the value which a JSON message has at a path can be what the slot takes; the error
+/// says what is wrong. It is the counterpart of `FieldInfo::can_be` for messages without a schema.
 fn check_value(slot: Slot, value: &Value, format: Option<Format>) -> Result<(), String> {
     let number = value.number();
     let fits = match (slot, value) {

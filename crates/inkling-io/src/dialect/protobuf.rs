@@ -1,7 +1,10 @@
-//! Walks protobuf messages by the recording's own descriptors.
+//! Reads protobuf: a recording's FileDescriptorSet becomes a [`Shape`], and messages are walked by
+//! that shape.
 //!
-//! A message is walked on the wire, so that what is not wanted is passed over by its length and samples are
-//! not copied. Only the schema is decoded by a library, once.
+//! In, from `plan.rs`: the schema, once ([`shape`]); then each message with the tree of wanted
+//! fields ([`walk`]). Out: [`SlotValues`]. A message is walked on the wire (key, value, key, value,
+//! as protobuf's encoding has them), so that fields that are not wanted are passed over by their
+//! length and samples are not copied. Only the schema is decoded by a library.
 
 use super::shape::{Base, Count, Field, MessageType, Shape, Sign};
 use super::value::{Array, Element, Number, SlotValues, Unread, Value};
@@ -13,8 +16,8 @@ use prost::encoding::{DecodeContext, WireType, decode_key, decode_varint, skip_f
 use prost_reflect::{DescriptorPool, FieldDescriptor, Kind, MessageDescriptor};
 use std::collections::HashMap;
 
-/// The shape of the message type `name` of a FileDescriptorSet, with all types that it uses. The library
-/// panics on some sets that contradict themselves; that is an error here.
+/// The shape of the message type `name` of a FileDescriptorSet, with all types that it uses. The
+/// library panics on some sets that contradict themselves; such a set is an error here.
 pub fn shape(descriptors: &[u8], name: &str) -> Result<Shape, String> {
     let pool = unpanicked(|| DescriptorPool::decode(descriptors))
         .ok_or_else(|| format!("its schema {name} is a FileDescriptorSet that contradicts itself"))?
@@ -43,7 +46,7 @@ struct NumberedTypes {
 }
 
 impl NumberedTypes {
-    /// The number of a type, which may be new.
+    /// The number of a type. A type that was not met before gets the next number.
     fn number(&mut self, message: MessageDescriptor) -> usize {
         let next = self.messages.len();
         let number = *self.numbers.entry(message.full_name().to_owned()).or_insert(next);
@@ -84,7 +87,7 @@ impl NumberedTypes {
     }
 }
 
-/// Walks one message and puts what is wanted of it into `values`.
+/// Walks one message and puts the values of wanted fields into `values`.
 pub fn walk(
     message: &Bytes,
     shape: &Shape,
@@ -94,14 +97,14 @@ pub fn walk(
     Walk { message, shape, values }.inside(0, message, wanted)
 }
 
-/// A message under way. The wanted bytes are slices of `message`, which shares its memory.
+/// A message that is being walked. Wanted bytes become slices of `message` that share its memory.
 struct Walk<'m> {
     message: &'m Bytes,
     shape: &'m Shape,
     values: &'m mut SlotValues,
 }
 
-/// The bytes of one occurrence of a field on the wire.
+/// One occurrence of a field on the wire.
 struct Piece<'m> {
     wire: WireType,
     /// The value's bytes, without the length that stands before them.
@@ -115,13 +118,16 @@ impl From<DecodeError> for Unread {
 }
 
 impl Walk<'_> {
-    /// Walks a message, or one within it. `number` is that of its type, `bytes` its bytes.
+    /// Walks the whole message, or a message within it. `number` is that of its type in the shape,
+    /// `bytes` are its bytes.
     fn inside(&mut self, number: usize, bytes: &[u8], wanted: &Wanted) -> Result<(), Unread> {
         let fields = &self.shape.types[number].fields;
-        // for each wanted field how many elements of it came before: protobuf writes lists as repeated fields
+        // for each wanted field, how many elements of it came before: protobuf writes a list as a
+        // field that repeats
         let mut seen = vec![0u32; wanted.fields.len()];
         let mut rest = bytes;
         while !rest.is_empty() {
+            // the key tells the field's number and how long its value is; the value is cut out
             let (number, wire) = decode_key(&mut rest)?;
             let start = rest;
             skip_field(wire, number, &mut rest, DecodeContext::default())?;
@@ -130,6 +136,7 @@ impl Walk<'_> {
                 decode_varint(&mut bytes)?;
             }
 
+            // several paths may want the same field (two elements of one list)
             for (wanted, seen) in wanted.fields.iter().zip(&mut seen) {
                 let field = &fields[wanted.at.place];
                 if field.number == number {
@@ -149,7 +156,7 @@ impl Walk<'_> {
         piece: &Piece,
         seen: &mut u32,
     ) -> Result<(), Unread> {
-        // numbers of a list may stand side by side in one piece of bytes
+        // numbers of a list may stand side by side in one piece of bytes ("packed")
         let is_packed = field.is_several() && piece.wire == WireType::LengthDelimited;
         if let Base::Number(_) | Base::Varint(_) = field.base {
             return match is_packed || piece.wire == wire_type(field.base) {
@@ -160,6 +167,8 @@ impl Walk<'_> {
         if piece.wire != wire_type(field.base) {
             return Err(Unread::Malformed);
         }
+
+        // texts, bytes and messages: an index counts the occurrences
         let is_this = wanted.at.index.is_none_or(|index| index == *seen);
         *seen = seen.saturating_add(1);
         match (&wanted.then, field.base) {
@@ -171,7 +180,7 @@ impl Walk<'_> {
                 let text = str::from_utf8(piece.bytes).map_err(|_| Unread::Malformed)?;
                 self.values.set(*slot, Value::Text(text.to_owned()));
             }
-            // bytes: samples, or neighbours
+            // bytes are samples or neighbours
             (Then::Take(slot), _) => {
                 let array = self.array(Element::U8, piece.bytes);
                 self.values.set(*slot, Value::Array(array));
@@ -207,7 +216,8 @@ impl Walk<'_> {
                 }
                 self.values.set(slot, Value::Gathered(all));
             }
-            // one number: the last one that is met, or the one that the index asks for
+            // one number: the last one that is met, as protobuf has it, or the one that the index
+            // asks for
             (index, base) => {
                 while !bytes.is_empty() {
                     let number = next(base, &mut bytes)?;
@@ -239,7 +249,7 @@ fn wire_type(base: Base) -> WireType {
     }
 }
 
-/// The next number of several in a row.
+/// Takes the next number off the front of `rest`.
 fn next(base: Base, rest: &mut &[u8]) -> Result<Number, Unread> {
     if let Base::Number(element) = base {
         let (one, after) = rest.split_at_checked(element.bytes()).ok_or(Unread::Malformed)?;

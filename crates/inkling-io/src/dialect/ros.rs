@@ -1,8 +1,11 @@
-//! Walks ROS messages by the definitions in the recording: ROS 1's own encoding and CDR, which ROS 2 writes.
+//! Walks ROS messages by the definitions in the recording: ROS 1's own encoding, and CDR, which ROS
+//! 2 writes.
 //!
-//! Neither encoding says what is where, so a message is walked from its first field to its last, even if only
-//! one field is wanted. Arrays of numbers are passed over at once. CDR aligns each number to its own width,
-//! ROS 1 aligns nothing.
+//! In, from `plan.rs`: a message, its shape (`ros_definition.rs`), and the tree of wanted fields.
+//! Out: [`SlotValues`]. Neither encoding says where a field lies, so a message is walked from its
+//! first field to its last, even if only one field is wanted; arrays of numbers are passed over at
+//! once. Texts and arrays of variable length have their length before them, in 4 bytes. CDR aligns
+//! each number to its own width, ROS 1 aligns nothing.
 
 use super::ros_definition::Flavour;
 use super::shape::{Base, Count, Field, Shape};
@@ -13,12 +16,12 @@ use std::ops::Range;
 
 /// Bytes at the beginning of a CDR message that say how it is written: order of bytes and version.
 const ENCAPSULATION: usize = 4;
-/// A writer may fill a CDR message up with so many bytes behind its last field; more mean that the definition
-/// is not that of the message.
+/// Most bytes behind a CDR message's last field that count as padding; more mean that the
+/// definition is not that of the message.
 const MOST_PADDING: usize = 8;
 
-/// Walks one message and puts what is wanted of it into `values`. A message that is shorter or longer than
-/// its definition says is malformed.
+/// Walks one message and puts the values of wanted fields into `values`. A message that is shorter
+/// or longer than its definition says is malformed.
 pub fn walk(
     message: &Bytes,
     flavour: Flavour,
@@ -26,7 +29,8 @@ pub fn walk(
     wanted: &Wanted,
     values: &mut SlotValues,
 ) -> Result<(), Unread> {
-    // the second version of CDR aligns numbers of 8 bytes to 4 bytes only
+    // The first two bytes of CDR say the order of bytes and the version. The second version (6, 7)
+    // aligns numbers of 8 bytes to 4 bytes only.
     let (at, (big_endian, widest)) = match flavour {
         Flavour::Ros1 => (0, (false, 1)),
         Flavour::Ros2 => (
@@ -48,7 +52,7 @@ pub fn walk(
     if left > most { Err(Unread::Malformed) } else { Ok(()) }
 }
 
-/// A message, and how far it was walked.
+/// A message that is being walked.
 struct Walk<'m> {
     shape: &'m Shape,
     flavour: Flavour,
@@ -64,7 +68,8 @@ struct Walk<'m> {
 }
 
 impl Walk<'_> {
-    /// Walks a message of the type of this number, within the whole message or as the whole.
+    /// Walks a message whose type has this number: the whole message, or one inside it. `wanted`
+    /// are the wanted fields of this message; there may be none.
     fn message_of(&mut self, number: usize, wanted: &[WantedField]) -> Result<(), Unread> {
         let of = &self.shape.types[number];
         if of.empty {
@@ -81,7 +86,8 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// Walks one field with all of its elements.
+    /// Walks one field with all of its elements. `wanted`: the wanted fields that are this field or
+    /// elements of it.
     fn field(&mut self, field: &Field, wanted: &[&WantedField]) -> Result<(), Unread> {
         let count = match field.count {
             Count::One => 1,
@@ -89,6 +95,7 @@ impl Walk<'_> {
             Count::Counted => self.u32()?,
         };
 
+        // numbers, and messages that take no bytes, are passed over at once whatever the count
         match field.base {
             Base::Bool => return self.numbers(field, Element::U8, count, wanted),
             Base::Number(element) => return self.numbers(field, element, count, wanted),
@@ -117,7 +124,7 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// One number, or an array of them, which is passed over at once.
+    /// Walks one number, or an array of `count` numbers, which is passed over at once.
     fn numbers(
         &mut self,
         field: &Field,
@@ -165,7 +172,8 @@ impl Walk<'_> {
         Ok(if self.big_endian { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) })
     }
 
-    /// The place of a text. CDR ends it with a zero byte, which its length counts; the zero is cut off.
+    /// Passes over a text and gives its place. CDR ends a text with a zero byte, which its length
+    /// counts; the zero is cut off.
     fn text(&mut self) -> Result<Range<usize>, Unread> {
         let n = self.u32()? as usize;
         let at = self.take(n, 1)?;
@@ -173,9 +181,11 @@ impl Walk<'_> {
         Ok(at.start..at.end - usize::from(zero))
     }
 
-    /// Passes over `bytes` bytes, aligned to `align` where the encoding aligns; gives their place.
+    /// Passes over `bytes` bytes, which begin at the next multiple of `align` from `origin` where
+    /// the encoding aligns; gives their place. An error if the message ends before.
     fn take(&mut self, bytes: usize, align: usize) -> Result<Range<usize>, Unread> {
         let align = align.min(self.widest);
+        // up to the next multiple of `align`
         let from = self.at + (self.at - self.origin).wrapping_neg() % align;
         let to = from.checked_add(bytes).filter(|to| *to <= self.message.len());
         self.at = to.ok_or(Unread::Malformed)?;

@@ -1,8 +1,15 @@
-//! ROS message definitions, as recordings carry them, become shapes.
+//! Parses ROS message definitions, as recordings carry them in their schemas, into shapes.
 //!
-//! A definition is the message's own text, then the texts of the messages that it uses, each after a line of
-//! `=` and a line `MSG: package/Name`. In: text that anybody may have written. Out: message types by number,
-//! none of which contains itself. Counts are not trusted here, but bounded where a message is walked.
+//! A definition is the text of the message itself, then the texts of the messages that it uses,
+//! each after a line of `=` and a line `MSG: package/Name`. A text has one field a line: type, then
+//! name.
+//!
+//! In, from `plan.rs`: such a text, which anybody may have written. Out: a [`Shape`]: message types
+//! by number, the message itself first, none of which contains itself (that is an error). Counts of
+//! array elements are not checked here; `ros.rs` bounds them by the message's length.
+//!
+//! Steps: the text is cut into the lines of each type; from the message itself on, each type is
+//! parsed when a field first uses it (depth first).
 
 use super::shape::{Base, Count, Field, MessageType, Shape};
 use super::value::Element;
@@ -13,7 +20,8 @@ const MOST_BYTES: usize = 1 << 20;
 /// At most so many messages within messages, so that hostile text cannot overflow the stack.
 const MOST_DEPTH: usize = 64;
 
-/// Which of the two ROS: they differ in builtin types, in alignment and in what takes no bytes.
+/// Which of the two ROS the definition is of. They differ in builtin types, in alignment and in
+/// which messages take no bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Flavour {
     Ros1,
@@ -66,18 +74,20 @@ pub fn shape(text: &[u8], name: &str, flavour: Flavour) -> Result<Shape, String>
     Ok(Shape { types: parser.types })
 }
 
-/// Types that are being numbered. A type gets its number before its fields are parsed.
+/// The types so far. A type gets its number before its fields are parsed, so the message itself has
+/// number 0.
 struct Parser<'t> {
     types: Vec<MessageType>,
     flavour: Flavour,
     written: Written<'t>,
-    /// Numbers of the types; `None` while a type is being defined, so that one that contains itself is
-    /// noticed.
+    /// Numbers of the types by name; `None` while a type is being defined, so that a type that
+    /// contains itself is noticed.
     known: HashMap<String, Option<usize>>,
 }
 
 impl Parser<'_> {
-    /// The number of a type; defines it, and all that it uses, if it has none yet.
+    /// The number of a type. If the type has none yet, it is defined first, and with it all types
+    /// that it uses. `depth`: how many types are being defined around it.
     fn define(&mut self, name: &str, depth: usize) -> Result<usize, String> {
         match self.known.get(name) {
             Some(Some(number)) => return Ok(*number),
@@ -87,7 +97,7 @@ impl Parser<'_> {
         if depth > MOST_DEPTH {
             return Err(format!("its definition: more than {MOST_DEPTH} messages in each other"));
         }
-        // under definition: whoever meets it now is inside of it
+        // under definition: a field that meets this type now lies inside it
         self.known.insert(name.to_owned(), None);
         let number = self.types.len();
         self.types.push(MessageType { name: name.to_owned(), ..MessageType::default() });
@@ -99,13 +109,14 @@ impl Parser<'_> {
                 .to_vec(),
         };
 
+        // does a message of this type take no bytes, whatever it holds?
         let fields = self.fields(name, &lines, depth)?;
         let nothing = |field: &Field| match (field.count, field.base) {
             (Count::Fixed(0), _) => true,
             (Count::One | Count::Fixed(_), Base::Message(of)) => self.types[of].empty,
             _ => false,
         };
-        // ROS 2 writes one byte for a message without fields, ROS 1 writes nothing
+        // ROS 2 writes one byte for a message without fields, ROS 1 writes nothing at all
         let empty = self.flavour == Flavour::Ros1 && fields.iter().all(nothing);
         self.types[number].fields = fields;
         self.types[number].empty = empty;
@@ -150,8 +161,9 @@ fn short(name: &str) -> String {
     }
 }
 
-/// The full name of the message that a type's name means within the message `within`: one of the same package
-/// first, then one without a package, then one of another package.
+/// The full name of the message type that a field's type name `base` means within the message
+/// `within`. The order of the search: a type of the same package, one without a package, one of any
+/// other package.
 fn resolve(base: &str, within: &str, written: &Written, flavour: Flavour) -> String {
     if base.contains('/') {
         return short(base);
@@ -187,7 +199,7 @@ fn builtin(name: &str, flavour: Flavour) -> Option<&'static [&'static str]> {
     })
 }
 
-/// One line of a definition.
+/// A field as one line of a definition writes it.
 struct WrittenField<'t> {
     base: &'t str,
     count: Count,
@@ -195,7 +207,7 @@ struct WrittenField<'t> {
 }
 
 impl<'t> WrittenField<'t> {
-    /// `None`: the line is no field, but a comment, a constant or nothing.
+    /// Parses a line. `None`: the line is no field, but a comment, a constant or empty.
     fn parse(line: &'t str) -> Option<Result<WrittenField<'t>, &'static str>> {
         let line = line.trim();
         let code = line.split('#').next().unwrap_or_default().trim();

@@ -1,8 +1,9 @@
-//! `[[input.dialect]]`: how messages of other loggers become bursts, as a user writes it.
+//! The settings' block `[[input.dialect]]`, as a user writes it: how messages of another logger
+//! become bursts.
 //!
-//! In: TOML. Out: [`Dialect`]s whose constants and paths are sound by themselves. Whether the paths lead
-//! anywhere is decided where a recording's own schema is known (`plan.rs`). `docs/recordings_of_others.md`
-//! has a table of the keys.
+//! In: TOML. Out: [`Dialect`]s, of which [`Dialect::check`] says whether constants and paths are
+//! sound by themselves. Whether the paths lead anywhere is decided where a recording's own schema
+//! is known (`plan.rs`). `docs/recordings_of_others.md` has a table of the keys.
 
 use super::path::FieldPath;
 use super::wanted::Slot;
@@ -56,8 +57,8 @@ pub struct Dialect {
     /// Drive voltage in V; `None`: not recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub voltage: Option<Source>,
-    /// Seconds from a channel's actuation before the last one to the burst, one number for all channels or
-    /// one for each; NaN: there was none. `None`: not recorded.
+    /// Idle time in s: from a channel's last actuation but one to the burst. One number for all
+    /// channels or one for each; NaN: there was no actuation before. `None`: not recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub idle: Option<Source>,
     /// How many neighbours were actuated together with a channel, one number for all channels or one for
@@ -125,6 +126,7 @@ pub enum TimeSource {
 impl TryFrom<String> for TimeSource {
     type Error = String;
 
+    /// `log_time`, `publish_time`, or else a path.
     fn try_from(text: String) -> Result<TimeSource, String> {
         match text.as_str() {
             "log_time" => Ok(TimeSource::LogTime),
@@ -153,11 +155,11 @@ pub struct Template {
     pub parts: Vec<Part>,
 }
 
-/// A piece of such a pattern.
+/// A piece of a printhead's pattern.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Part {
     Literal(String),
-    /// A part of the topic, counted from 0.
+    /// The part of the topic with this number, from 0 (parts are separated by `/`).
     Topic(usize),
     Path(FieldPath),
 }
@@ -175,6 +177,8 @@ impl Template {
 impl TryFrom<String> for Template {
     type Error = String;
 
+    /// Parses a pattern: text in which each pair of braces holds `topic.N` or a path. There is no
+    /// way to write an opening brace itself.
     fn try_from(text: String) -> Result<Template, String> {
         let (mut parts, mut rest) = (Vec::new(), text.as_str());
         while let Some((before, after)) = rest.split_once('{') {
@@ -206,14 +210,14 @@ impl From<Template> for String {
     }
 }
 
-/// A key of a dialect that takes a number or a path, with the part of a burst that it becomes.
+/// A key of a dialect that takes a number or a path, with its value and the slot that it fills.
 pub struct Numbered<'a> {
     pub key: &'static str,
     pub slot: Slot,
     pub source: &'a Source,
 }
 
-/// A key that has a path, and the part of a burst that is found there.
+/// A key whose value is a path, with the slot that is filled from there.
 pub struct Place<'a> {
     pub key: &'static str,
     pub slot: Slot,
@@ -221,7 +225,7 @@ pub struct Place<'a> {
 }
 
 impl Dialect {
-    /// Of the keys that take a number or a path, those that are given.
+    /// The keys that take a number or a path, as far as the block gives them.
     pub fn numbers(&self) -> impl Iterator<Item = Numbered<'_>> {
         let all = [
             ("channels", Slot::Channels, Some(&self.channels)),
@@ -288,7 +292,9 @@ impl Dialect {
         }
     }
 
-    /// Whatever fits `other` fits this one before.
+    /// Whether every topic and schema that fits `other` also fits this dialect, so that `other`,
+    /// coming later, could never take effect. Only plain cases are noticed: equal patterns, and
+    /// patterns that fit every topic.
     pub fn hides(&self, other: &Dialect) -> bool {
         let all = ["**", "/**"].contains(&self.topic.as_str());
         (all || self.topic == other.topic) && (self.schema.is_none() || self.schema == other.schema)

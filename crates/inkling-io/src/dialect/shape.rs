@@ -1,15 +1,18 @@
-//! What messages of a schema hold, whatever their encoding: message types by number, which refer to each
-//! other by it.
+//! A schema, whatever its encoding, as a list of message types that refer to each other by number;
+//! and paths resolved in it.
 //!
-//! A path is resolved here, once. An encoding adds only how its schema becomes a [`Shape`], and how the bytes
-//! of a message are walked. JSON has no schema, so only its messages can tell whether a path leads anywhere.
+//! In: shapes that `protobuf.rs` and `ros_definition.rs` make of a recording's schemas, and the
+//! paths of a dialect (from `plan.rs`). Out: the tree of wanted fields ([`Wanted`]) with each
+//! field's place in its type, so that messages are walked without comparing names; and lists of
+//! fields for errors. JSON has no schema and no shape: only its messages can tell whether a path
+//! leads anywhere.
 
 use super::fields::{FieldInfo, Kind, MOST_DEPTH, MOST_FIELDS, NANOSECONDS, SECONDS};
 use super::path::{FieldPath, Step};
 use super::value::Element;
 use super::wanted::{Slot, Wanted};
 
-/// The message types of a schema. The first is the type of the message itself.
+/// The message types of a schema. Number 0 is the type of the message itself.
 #[derive(Clone, Debug)]
 pub struct Shape {
     pub types: Vec<MessageType>,
@@ -20,8 +23,8 @@ pub struct Shape {
 pub struct MessageType {
     pub name: String,
     pub fields: Vec<Field>,
-    /// A message of this type takes no bytes, whatever its fields are. Only ROS 1 has such; a count of a
-    /// billion of them must not be walked one by one.
+    /// Whether a message of this type takes no bytes, whatever its fields are. Only ROS 1 has such
+    /// types; a count of a billion elements of such a type must not be walked one by one.
     pub empty: bool,
 }
 
@@ -33,7 +36,7 @@ pub struct Field {
     pub type_name: String,
     pub base: Base,
     pub count: Count,
-    /// The field's number in protobuf; ROS goes by the order of the fields.
+    /// The field's number in protobuf; 0 in ROS, which goes by the order of the fields.
     pub number: u32,
 }
 
@@ -62,7 +65,7 @@ pub enum Sign {
     ZigZag,
 }
 
-/// How many elements a field has.
+/// Who says how many elements a field has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Count {
     One,
@@ -80,7 +83,8 @@ impl Field {
 }
 
 impl Shape {
-    /// The fields that there are, those within messages too, up to a bound of number and depth.
+    /// All fields with their paths, those within messages too, up to `MOST_FIELDS` fields and
+    /// `MOST_DEPTH` levels.
     pub fn fields(&self) -> Vec<FieldInfo> {
         let mut found = Vec::new();
         self.list(0, "", 0, &mut found);
@@ -104,7 +108,8 @@ impl Shape {
         }
     }
 
-    /// What a field is. `list`: all elements of a field that has several, not one of them.
+    /// Describes a field. `list`: the path means all elements of a field that has several, not one
+    /// of them.
     fn info(&self, field: &Field, path: String, list: bool) -> FieldInfo {
         let kind = match field.base {
             Base::Number(Element::U8) if list => {
@@ -121,8 +126,8 @@ impl Shape {
         FieldInfo::new(path, kind, list, &field.type_name)
     }
 
-    /// Places of the fields for seconds and nanoseconds, if a message type has both. Such a message counts as
-    /// a time, whatever it is called.
+    /// The places of the fields for seconds and nanoseconds, if a message type has both. A message
+    /// of such a type counts as a time, whatever the type is called.
     fn time_places(&self, message: usize) -> Option<[usize; 2]> {
         let fields = &self.types[message].fields;
         let is_whole = |field: &Field| match field.base {
@@ -143,8 +148,9 @@ impl Shape {
         place.ok_or_else(|| format!("{} has no field \"{name}\"", of.name))
     }
 
-    /// Resolves a path and adds the field to what is wanted; gives what that field is. An error says at which
-    /// step the path ends, or why the field cannot be what the slot asks for.
+    /// Resolves a path and adds its field to the wanted fields; gives a description of the field.
+    /// An error says at which step the path ends, or why the field cannot be what the slot asks
+    /// for. A time that is a message adds its two fields instead.
     pub fn want(
         &self,
         wanted: &mut Wanted,
@@ -152,6 +158,7 @@ impl Shape {
         slot: Slot,
     ) -> Result<FieldInfo, String> {
         let (last, before) = path.steps().split_last().ok_or("an empty path")?;
+        // every step but the last must lead into a message
         let (mut message, mut way) = (0, Vec::new());
         for step in before {
             let place = self.place(message, &step.name)?;
@@ -164,6 +171,7 @@ impl Shape {
             message = inside;
         }
 
+        // the last step is the field itself: all of its elements, or the one that the index picks
         let place = self.place(message, &last.name)?;
         let field = &self.types[message].fields[place];
         last.check_index(field.is_several())?;
@@ -178,7 +186,8 @@ impl Shape {
         Ok(info)
     }
 
-    /// Wants the two fields of a message of seconds and nanoseconds, to which `way` leads.
+    /// Adds the two fields of a message of seconds and nanoseconds, to which `way` leads, to the
+    /// wanted fields.
     fn want_time(&self, wanted: &mut Wanted, way: &[Step], time: usize) -> Result<(), String> {
         let places = self.time_places(time).ok_or("is no time")?;
         for (place, slot) in places.into_iter().zip([Slot::Seconds, Slot::Nanoseconds]) {

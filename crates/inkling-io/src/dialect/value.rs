@@ -1,8 +1,10 @@
-//! What was found in a message, before it is a burst: numbers, texts, arrays and samples, the same for all
-//! encodings.
+//! The values that were found in a message, before they are a burst: numbers, texts, arrays and
+//! samples, the same for all encodings.
 //!
-//! Samples stay where they lie in the message if their bytes are what a burst needs; otherwise they are
-//! gathered number by number, up to a bound.
+//! The walks of `protobuf.rs`, `ros.rs` and `json.rs` fill [`SlotValues`]; `decoder.rs` takes the
+//! values out, slot by slot. Samples stay where they lie in the message if their bytes are what a
+//! burst needs (int16 or float32, little-endian, or bytes whose format the dialect says); otherwise
+//! they are gathered number by number ([`Gathered`]), up to a bound.
 
 use super::wanted::Slot;
 use base64::Engine as _;
@@ -51,8 +53,8 @@ impl Element {
         }
     }
 
-    /// The format of samples whose bytes can be taken as they are, if they are little-endian. `None`: they
-    /// must be converted.
+    /// The format of a burst whose bytes little-endian numbers of this type are already. `None`:
+    /// they must be converted.
     pub fn format(self) -> Option<Format> {
         match self {
             Element::I16 => Some(Format::S16Le),
@@ -66,6 +68,7 @@ impl Element {
         let mut eight = [0; 8];
         let of = bytes.get(..self.bytes())?;
         for (i, byte) in of.iter().enumerate() {
+            // to eight bytes, the lowest first
             eight[if big_endian { of.len() - 1 - i } else { i }] = *byte;
         }
         let bits = u64::from_le_bytes(eight);
@@ -90,7 +93,7 @@ impl Element {
     }
 }
 
-/// A number of a message. i128 holds all whole numbers of 64 bits, with and without sign.
+/// A number in a message. i128 holds all whole numbers of 64 bits, with and without sign.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Number {
     /// Written without a fraction.
@@ -99,13 +102,13 @@ pub enum Number {
 }
 
 impl Number {
-    /// The number that a text is; a whole one if it can be.
+    /// Parses a text, as a whole number if possible. `None`: it is no number.
     pub fn parse(text: &str) -> Option<Number> {
         let whole = text.parse().map(Number::Integer);
         whole.or_else(|_| text.parse().map(Number::Float)).ok()
     }
 
-    /// As f64, rounded where it is a whole number of more than 53 bits.
+    /// The number as f64; whole numbers of more than 53 bits are rounded.
     pub fn float(self) -> f64 {
         match self {
             Number::Integer(i) => i as f64,
@@ -113,8 +116,8 @@ impl Number {
         }
     }
 
-    /// As a whole number; `None` where it has a fraction, or a magnitude of 1e18 or more, where an f64 is far
-    /// from exact.
+    /// The number as a whole number; `None` where it has a fraction, or is a float of magnitude
+    /// 1e18 or more, where f64 is far from exact.
     pub fn integer(self) -> Option<i128> {
         match self {
             Number::Integer(i) => Some(i),
@@ -136,7 +139,7 @@ pub struct Gathered {
 }
 
 impl Gathered {
-    /// Nothing yet; at most so many bytes will be gathered.
+    /// Begins with nothing; at most `most_bytes` bytes will be gathered.
     pub fn new(most_bytes: u64) -> Gathered {
         let most_bytes = usize::try_from(most_bytes).unwrap_or(usize::MAX);
         Gathered { bytes: Vec::new(), format: Format::S16Le, most_bytes, too_many: false }
@@ -153,7 +156,8 @@ impl Gathered {
             if f64::from(whole) == x {
                 return self.bytes.extend(whole.to_le_bytes());
             }
-            // as float32 all that was gathered takes twice the bytes
+            // the first number that is no int16: all that was gathered becomes float32, in twice
+            // the bytes
             if self.bytes.len() * 2 + 4 > self.most_bytes {
                 self.too_many = true;
                 return;
@@ -170,7 +174,7 @@ impl Gathered {
     }
 }
 
-/// The samples in these bytes, as numbers.
+/// The samples in these bytes (little-endian) as numbers.
 pub fn samples(of: &[u8], format: Format) -> impl Iterator<Item = f64> {
     let element = match format {
         Format::S16Le => Element::I16,
@@ -182,7 +186,7 @@ pub fn samples(of: &[u8], format: Format) -> impl Iterator<Item = f64> {
 /// Why nothing could be read from a message.
 #[derive(Debug)]
 pub enum Unread {
-    /// It is not what its schema says, or it is no JSON. The message becomes a rejected row.
+    /// The message is not what its schema says, or it is no JSON. It becomes a rejected row.
     Malformed,
     /// A field of a JSON message is not what the dialect says. This is found only when a message is read,
     /// because JSON has no schema.
@@ -231,7 +235,7 @@ pub struct SlotValues {
 }
 
 impl SlotValues {
-    /// Nothing yet. `most_bytes` bounds the samples.
+    /// Begins with no values. `most_bytes` bounds the samples that are gathered.
     pub fn new(most_bytes: u64) -> SlotValues {
         SlotValues { values: BTreeMap::new(), most_bytes }
     }
@@ -251,7 +255,8 @@ impl SlotValues {
         self.take(slot)?.number()
     }
 
-    /// Takes the numbers that a slot has so far, to be gathered further and set again.
+    /// Takes the numbers that a slot has so far, so that the caller can add further ones and set
+    /// the slot again.
     pub fn gathered(&mut self, slot: Slot) -> Gathered {
         match self.take(slot) {
             Some(Value::Gathered(all)) => all,
@@ -279,7 +284,8 @@ pub fn is_base64(text: &str) -> bool {
     BASE64.decode(text).is_ok()
 }
 
-/// Samples of a burst, their format, and whether there were more than a burst may have.
+/// The samples of a burst in their format. `too_many`: there were more than the bound allows, and
+/// `bytes` cannot be used.
 pub struct Samples {
     pub bytes: Bytes,
     pub format: Format,
@@ -297,9 +303,9 @@ impl Value {
         }
     }
 
-    /// The value as samples: without a copy where they lie in the message as a burst has them. `format`: how
-    /// samples lie in bytes or in base64; `None`: bytes are numbers of their own. Of more than
-    /// `most_bytes` the result says so. `None`: the value cannot be samples.
+    /// The value as samples, without a copy where they lie in the message as a burst has them.
+    /// `format`: the format of samples that are bytes or base64 text; `None`: bytes are numbers of
+    /// one byte each. `None` as the result: the value cannot be samples.
     pub fn samples(self, format: Option<Format>, most_bytes: u64) -> Option<Samples> {
         let whole = |bytes: Bytes, format| {
             let too_many = bytes.len() as u64 > most_bytes;
@@ -307,6 +313,7 @@ impl Value {
         };
         let all = match self {
             Value::Array(array) => {
+                // in which format the bytes can be taken as they are, if in any
                 let lie = match array.element {
                     Element::U8 => format,
                     _ if array.big_endian => None,
@@ -324,8 +331,9 @@ impl Value {
         Some(Samples { bytes: all.bytes.into(), format: all.format, too_many: all.too_many })
     }
 
-    /// The value as one number or several; none of a text. Of an array that has more than `most` numbers it
-    /// gives one more than these, so that the caller can tell.
+    /// The value as one number or several; a text gives none. Of an array that has more than `most`
+    /// numbers not all are converted, but more than `most`, so that the caller can tell. Numbers
+    /// that were gathered come all.
     pub fn floats(self, most: usize) -> Vec<f32> {
         match self {
             Value::Number(number) => vec![number.float() as f32],

@@ -1,11 +1,14 @@
-//! Which fields of a message are wanted, as a tree, so that one walk over the message finds them all.
+//! Which fields of a message are wanted, as a tree, so that one walk over the message finds them
+//! all.
 //!
-//! A path is a way from the root to a leaf. A leaf has a [`Slot`]: the part of a burst that the field
-//! becomes.
+//! `shape.rs` (and `plan.rs` for JSON) adds the paths of a dialect; the walks of `protobuf.rs`,
+//! `ros.rs` and `json.rs` read the tree. A path is a way from the root to a leaf. A leaf has a
+//! [`Slot`]: the part of a burst that the field becomes.
 
 use super::path::Step;
 
-/// The part of a burst that a field becomes; the keys of a dialect, but for the two halves of a time.
+/// The part of a burst that a field becomes. There is one slot for each key of a dialect that may
+/// be a path, except that a time may take two slots and a name several.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Slot {
     Samples,
@@ -14,21 +17,22 @@ pub enum Slot {
     FirstChannel,
     Period,
     Rate,
-    /// A time as one number: ns if it is whole, s if it is a float.
+    /// A time as one number or text.
     Time,
-    /// Seconds and nanoseconds are the two fields of a message that is a time.
+    /// Whole seconds of a time that is a message of seconds and nanoseconds; the next slot has the
+    /// nanoseconds beyond them.
     Seconds,
     Nanoseconds,
     Temperature,
     Voltage,
     Idle,
     Neighbours,
-    /// A piece of the printhead's name: the n-th path in its pattern.
+    /// A piece of the printhead's name: the n-th path in its pattern, from 0.
     Text(u8),
 }
 
 impl Slot {
-    /// Whether a burst may be without it.
+    /// Whether a burst may be without this part.
     pub fn is_optional(self) -> bool {
         matches!(self, Slot::Temperature | Slot::Voltage | Slot::Idle | Slot::Neighbours)
     }
@@ -40,7 +44,7 @@ pub struct Wanted {
     pub fields: Vec<WantedField>,
 }
 
-/// A field, and what is done where it is met.
+/// One step of a wanted path, and what is done where the walk meets it.
 #[derive(Clone, Debug)]
 pub struct WantedField {
     pub at: Step,
@@ -57,8 +61,8 @@ pub enum Then {
 }
 
 impl Wanted {
-    /// Adds a path and what its field becomes. Paths with the same beginning share it, so that a message
-    /// within is walked once. `path` has at least one step.
+    /// Adds a path, and the slot that its field fills. Paths with the same beginning share it, so
+    /// that a message inside the message is walked once. `path` has at least one step.
     pub fn want(&mut self, path: &[Step], slot: Slot) {
         let [at, rest @ ..] = path else { return };
         if rest.is_empty() {

@@ -1,6 +1,6 @@
-//! Stand-ins for the object stores in a build without the feature `object-store`. They have the same names
-//! and types as the real functions, so that callers need no `cfg`. Every one of them fails with an error that
-//! names the feature and a way without it.
+//! Stand-ins for the functions of object stores in a build without the feature `object-store`. They
+//! have the same names and types as the real functions, so that callers need no `cfg`. Every
+//! function fails with an error that names the feature and a way to do without it.
 
 use crate::stamp::Stamp;
 use std::fs::File;
@@ -20,6 +20,7 @@ fn absent<T>() -> io::Result<T> {
 pub enum Object {}
 
 impl Object {
+    /// Always an error. So the methods below, which need an object, can never run.
     pub fn open(_: &Path) -> io::Result<Object> {
         absent()
     }

@@ -1,4 +1,4 @@
-//! Object stores: whatever the program reads or writes may have a name such as `s3://bucket/key`,
+//! Reads and writes object stores: whatever the program reads or writes may have a name such as
 //! `gs://bucket/key` or `az://container/key` instead of a path of the file system.
 //!
 //! ```text
@@ -9,11 +9,11 @@
 //! absent    the same functions in a build without object stores: each of them fails
 //! ```
 //!
-//! A recording is read where it lies ([`Object`]), because it may be larger than the disk. Whatever else is
-//! read is fetched into a temporary file first ([`fetch`]). A result is written to a temporary file and sent
-//! when it is complete ([`send`]), so that an object appears by the last request or not at all. No credential
-//! ever stands in a message. Without the feature `object-store` every function fails with an error that names
-//! the feature.
+//! A recording is read where it lies ([`Object`]), because it may be larger than the disk.
+//! Everything else that is read is fetched into a temporary file first ([`fetch`]). A result is
+//! written to a temporary file and sent when it is complete ([`send`]), so that an object appears
+//! by the last request or not at all. No credential ever stands in a message. Without the feature
+//! `object-store` every function fails with an error that names the feature.
 
 use std::path::Path;
 
@@ -37,8 +37,9 @@ pub use store::check;
 #[cfg(feature = "object-store")]
 pub use transfer::{fetch, list, remove, rename, send, stamp, temporary};
 
-/// Whether a name means something in an object store, such as `s3://bucket/key`. `abfs` and `abfss` belong to
-/// Azure: they are recognised here so that opening them can say how to write the name instead.
+/// Whether a path is a name in an object store, such as `s3://bucket/key`. `abfs` and `abfss`
+/// belong to Azure: they count as such names so that opening them can say how to write the name
+/// instead.
 pub fn in_object_store(path: &Path) -> bool {
     let text = path.to_string_lossy();
     ["s3://", "s3a://", "gs://", "az://", "abfs://", "abfss://"]

@@ -1,13 +1,16 @@
-//! An object of a store, read by offset, ahead of whoever reads. Recordings are read through it.
+//! Reads one object of a store by offset, and ahead of the reader. Recordings in a store are read
+//! through it (`source.rs`).
 //!
-//! In: a name. Out: bytes at offsets, by requests for parts of one size. Where parts are read one after the
-//! other, those that follow are asked for before they are needed. How many follow doubles from part to part
-//! up to a bound, so that the network's rate and not its delay limits the reading.
+//! In: a name. Out: bytes at offsets, by requests for parts of 4 MiB. Where parts are read one
+//! after the other, the following parts are asked for before they are needed. How many doubles from
+//! part to part, 1, 2, 4, up to 6, so that the network's rate and not its delay limits the reading;
+//! a jump begins again with none. (These sizes are heuristic.) A few parts that were read lately
+//! are kept for other readers of the same recording.
 //!
-//! All parts are of one state of the object: if it is changed meanwhile, reading fails, because verdicts of
-//! two states must not be mixed. The states are told apart by the tag (ETag) that the server gives each of
-//! them. Where an S3 server gives none, a change is found once all is read, by size and time of change
-//! (`Recording::changed`).
+//! All parts are of one state of the object: if the object is changed meanwhile, reading fails,
+//! because verdicts of two states must not be mixed. States are told apart by the tag (ETag) that
+//! the server gives each of them. Where an S3 server gives no tag, a change is found once all is
+//! read, by size and time of change (`Recording::changed`).
 
 use super::store::{CHANGED, Place, failed, runtime};
 use super::transfer::stamp_of;
@@ -25,10 +28,10 @@ use tokio::task::{self, AbortHandle};
 
 /// Bytes of one part, which is what one request asks for. Only the last part of an object is smaller.
 const PART_BYTES: u64 = 4 << 20;
-/// At most so many parts after the one that is read are asked for before they are needed.
+/// Most parts after the one that is read that are asked for before they are needed.
 const MOST_AHEAD: u64 = 6;
-/// When a reader asks for a part, at most so many are kept, here or on their way: those ahead, those that
-/// several readers are at, and the end of the recording with its summary, which is read again and again.
+/// Most parts that are kept, here or on their way: those ahead, those that several readers are at,
+/// and the end of the recording with its summary, which is read again and again.
 const MOST_KEPT: usize = MOST_AHEAD as usize + 6;
 
 /// An object that was opened. Several threads may read it at once.
@@ -42,49 +45,51 @@ pub struct Object {
     parts: Arc<Parts>,
 }
 
-/// The parts, and how readers wait for one of them.
+/// The parts, and how readers wait for a part that is on its way.
 #[derive(Debug, Default)]
 struct Parts {
     cache: Mutex<PartCache>,
-    /// Wakes the readers after a part arrived, failed or was let go of.
+    /// Wakes all waiting readers after a part arrived, failed or was let go of.
     arrived: Condvar,
 }
 
-/// The parts of an object that were read lately or are asked for, by their numbers in the object, from 0. It
-/// decides what to ask for and what to let go of; it makes no request itself, so it can be tested without a
-/// server.
+/// The parts of an object that were read lately or are asked for, by their numbers in the object,
+/// from 0. This type decides which parts to ask for and which to let go of; it makes no request
+/// itself, so it can be tested without a server.
 #[derive(Debug, Default)]
 struct PartCache {
     parts: BTreeMap<u64, Fetch>,
     /// The highest number that was read since the last jump. A jump is a read that lies more than
     /// [`MOST_AHEAD`] parts off, in either direction.
     furthest: u64,
-    /// How many parts after the one that is read are asked for, too: 0 after a jump; 1, then doubled up to
-    /// [`MOST_AHEAD`], with each read of the part after `furthest`. Other reads leave it as it is.
+    /// How many parts after the one that is read are asked for, too. A read of the part after
+    /// `furthest` doubles the number, from 1 up to [`MOST_AHEAD`]; a jump sets it to 0; other reads
+    /// leave it as it is.
     ahead: u64,
 }
 
 /// What has become of the request for a part.
 #[derive(Debug)]
 enum Fetch {
-    /// It is under way; the handle ends it.
+    /// The request is under way; the handle can end it.
     Coming(AbortHandle),
-    /// It gave the whole part.
+    /// The request gave the whole part.
     Here(Bytes),
-    /// Its last try failed. This is the error, in kind and words, for the reader that finds it; the next
-    /// reader asks for the part anew.
+    /// The request's last try failed. The reader that finds this gets the error, in kind and words;
+    /// the next reader asks for the part anew.
     Failed(ErrorKind, String),
 }
 
 impl Parts {
-    /// Locks the cache. A thread that panicked while it held the lock left whole entries in it, so its panic
-    /// is ignored.
+    /// Locks the cache. A thread that panicked while it held the lock has left whole entries, so
+    /// its panic is ignored.
     fn lock(&self) -> MutexGuard<'_, PartCache> {
         self.cache.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Begins a request in a task of its own, which puts what it gives where readers wait for part `number`,
-    /// unless the part was let go of meanwhile. The caller holds the lock until the handle is in the cache.
+    /// Begins a request in a task of its own. The task puts the answer into the cache as part
+    /// `number`, unless that part was let go of meanwhile, and wakes the readers. The caller holds
+    /// the lock of the cache until it has put the handle there.
     fn begin(
         self: &Arc<Self>,
         number: u64,
@@ -92,12 +97,14 @@ impl Parts {
     ) -> io::Result<AbortHandle> {
         let parts = self.clone();
         let task = runtime()?.spawn(async move {
-            // without an answer, readers would wait for ever
+            // a panic becomes an answer, too: without one, readers would wait for ever
             let part = match AssertUnwindSafe(request).catch_unwind().await {
                 Ok(Ok(bytes)) => Fetch::Here(bytes),
                 Ok(Err(e)) => Fetch::Failed(e.kind(), e.to_string()),
                 Err(_) => Fetch::Failed(ErrorKind::Other, "the request panicked".into()),
             };
+            // only the task whose handle is in the cache may answer; a later request may have
+            // replaced it
             if let Some(kept) = parts.lock().parts.get_mut(&number)
                 && matches!(kept, Fetch::Coming(of) if of.id() == task::id())
             {
@@ -123,9 +130,9 @@ impl Object {
         stamp_of(&self.meta)
     }
 
-    /// The object's size and time of change now; asks the server. If the tag is another one, so is the
-    /// content: then the stamp has no time, so that it differs from that of before even if size and time are
-    /// the same.
+    /// The object's size and time of change now; asks the server. If the tag is another one than
+    /// when the object was opened, so is the content: then the stamp has no time, so that it
+    /// differs from the first stamp even if size and time are the same.
     pub fn stamp(&self) -> io::Result<Stamp> {
         let head = async { self.place.store.head(&self.place.key).await };
         let now = runtime()?.block_on(head).map_err(failed)?;
@@ -156,9 +163,10 @@ impl Object {
         Ok(())
     }
 
-    /// The bytes of one part, after asking for it and for those ahead. It blocks until the part is here or
-    /// its last try has failed; how long tries go on is set in [`super::store`]. If the part is let go of
-    /// meanwhile, because other readers want other parts, it is asked for anew, with all of its tries.
+    /// The bytes of one part; also asks for the parts ahead of it. It blocks until the part is here
+    /// or its last try has failed; how long tries go on is set in [`super::store`]. If the part is
+    /// let go of meanwhile, because other readers want other parts, it is asked for anew, with all
+    /// of its tries.
     fn part(&self, number: u64) -> io::Result<Bytes> {
         let mut kept = self.parts.lock();
         for wanted in kept.wanted(number, self.meta.size.div_ceil(PART_BYTES)) {
@@ -168,6 +176,8 @@ impl Object {
         }
         kept.forget(number);
         self.parts.arrived.notify_all(); // somebody may wait for what was let go of
+
+        // wait until the answer is there; waiting releases the lock
         loop {
             match kept.parts.get(&number) {
                 Some(Fetch::Here(bytes)) => return Ok(bytes.clone()),
@@ -181,7 +191,7 @@ impl Object {
                     return Err(e);
                 }
                 None => {
-                    // it was let go of for another reader's parts
+                    // the part was let go of for another reader's parts
                     let coming = self.ask(number)?;
                     kept.parts.insert(number, Fetch::Coming(coming));
                 }
@@ -189,7 +199,8 @@ impl Object {
         }
     }
 
-    /// Begins the request for a part.
+    /// Begins the request for a part, on the condition that the object still has the tag that it
+    /// had when it was opened.
     fn ask(&self, number: u64) -> io::Result<AbortHandle> {
         let from = number * PART_BYTES;
         let to = (from + PART_BYTES).min(self.meta.size);
@@ -213,8 +224,8 @@ impl Object {
 }
 
 impl PartCache {
-    /// Notes that part `number` is read, of so many `parts`. Gives the numbers of those to ask for: it and
-    /// those ahead of it.
+    /// Notes that part `number` is read, of an object of `parts` parts. Gives the numbers of the
+    /// parts to ask for: this part and those ahead of it.
     fn wanted(&mut self, number: u64, parts: u64) -> std::ops::Range<u64> {
         if number == self.furthest + 1 {
             self.ahead = (self.ahead * 2).clamp(1, MOST_AHEAD);
@@ -226,9 +237,9 @@ impl PartCache {
         number..(number + 1 + self.ahead).min(parts).max(number + 1)
     }
 
-    /// Lets go of parts until [`MOST_KEPT`] are left: of those before part `number`, which is read, the
-    /// furthest one first, then of those after it, again the furthest first. Requests that are under way are
-    /// ended.
+    /// Lets go of parts until [`MOST_KEPT`] are left. First go those before part `number`, which is
+    /// being read, the furthest first (readers go forwards); then those after it, again the
+    /// furthest first. Requests that are under way are ended.
     fn forget(&mut self, number: u64) {
         while self.parts.len() > MOST_KEPT {
             let before = |n: u64| number.saturating_sub(n); // 0 for those after it

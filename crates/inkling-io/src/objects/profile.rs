@@ -1,11 +1,12 @@
-//! Credentials of S3 from `~/.aws/credentials` and `~/.aws/config`: key, secret, token and region of the
-//! profile that `AWS_PROFILE` names, else of `default`. The crate `object_store` reads only environment
-//! variables, so this file reads what the AWS tools read. `store.rs` uses it where no variable gives a key.
+//! Reads credentials of S3 from `~/.aws/credentials` and `~/.aws/config`: key, secret, token and
+//! region of the profile that `AWS_PROFILE` names, else of `default`. The crate `object_store`
+//! reads only environment variables, so this file reads what the AWS tools read. `store.rs` uses it
+//! where no variable gives a key. Where both files say a value, that of `credentials` holds.
 
 use crate::regular_file;
 use std::path::PathBuf;
 
-/// More of a file is not read. Real ones have some kB.
+/// A larger file counts as unreadable. Real ones have some kB.
 const MOST_BYTES: u64 = 1 << 20;
 
 /// What a profile says; `None` where it says nothing. It has no `Debug`, so that a secret cannot get into a

@@ -1,9 +1,10 @@
-//! Which server and bucket a name means, and which credentials open it; and what went wrong, in words without
-//! any.
+//! Finds the server and bucket that a name means, and the credentials that open it; and puts errors
+//! into words without credentials.
 //!
-//! The rest of this directory asks here for a [`Place`]. Without credentials it fails at once, because the
-//! libraries would ask the network for a role of the machine first. Errors of the libraries hold addresses,
-//! and those may hold signatures, so every error is put into words of our own ([`failed`]).
+//! In: a name such as `s3://bucket/key`. Out: a [`Place`], which the rest of this directory sends
+//! requests to. Without credentials `Place::of` fails at once, because the libraries would first
+//! ask the network for a role of the machine. Errors of the libraries hold addresses, and those may
+//! hold signatures, so every error is put into words of our own ([`failed`]).
 
 use super::profile::Profile;
 use object_store::aws::AmazonS3Builder;
@@ -22,16 +23,16 @@ use tokio::runtime::{Builder, Runtime};
 const REQUEST: Duration = Duration::from_secs(60);
 /// The time for a connection to the server.
 const CONNECT: Duration = Duration::from_secs(5);
-/// Once so much time has passed since a request's first try, a try that fails is not followed by another. One
-/// that began before may still take [`REQUEST`].
+/// Once so much time has passed since a request's first try, a try that fails is not followed by
+/// another. A try that began before may still take [`REQUEST`].
 const ALL_TRIES: Duration = Duration::from_secs(90);
 /// How often a request is tried again after its first try failed.
 const MOST_RETRIES: usize = 4;
 /// Characters of a library's error that are shown; a server may answer with a whole page.
 const MOST_WORDS: usize = 300;
 
-/// Where an object lies: a bucket's store and a key in it. The key may also be the beginning of many objects'
-/// keys.
+/// Where an object lies: a bucket's store and a key in it. The key may also be the common beginning
+/// (a prefix, up to a `/`) of many objects' keys.
 #[derive(Clone, Debug)]
 pub struct Place {
     pub store: Arc<dyn ObjectStore>,
@@ -227,11 +228,11 @@ pub fn runtime() -> io::Result<&'static Runtime> {
     RUNTIME.as_ref().map_err(|e| io::Error::new(e.kind(), e.to_string()))
 }
 
-/// What is said if an object was changed between two of its requests.
+/// The message if an object was changed between two requests for it.
 pub const CHANGED: &str = "it was changed while it was read; replay it again";
 
-/// An error of the crate in words of our own: those of a library hold addresses, and signatures in them. The
-/// crate gives no status code of most errors, so it is read from their words.
+/// An error of the crate `object_store` in words of our own: its own words may hold addresses with
+/// signatures. Of most errors the crate gives no status code, so the code is read from its words.
 pub fn failed(e: Error) -> io::Error {
     let text = e.to_string();
     let status = text.split("status code: ").nth(1).and_then(|s| s.split([':', ' ']).next());
@@ -251,6 +252,7 @@ pub fn failed(e: Error) -> io::Error {
         (_, Some(status)) => (ErrorKind::Other, format!("the server answers {status}")),
         (other, None) => (ErrorKind::Other, format!("the request failed: {}", root(other))),
     };
+    // the server's own code, such as `SlowDown`, says more than the status
     let code = code(&text);
     let what = if code.is_empty() { what } else { format!("{what}, {code}") };
     // the crate says that it tried again; how often is set above
@@ -273,8 +275,8 @@ fn root(e: &Error) -> String {
     words.join(" ").chars().take(MOST_WORDS).collect()
 }
 
-/// The code in a server's XML answer, such as `SlowDown`: the one word of it that helps and gives nothing
-/// away. Empty if there is none.
+/// The code in a server's XML answer, such as `SlowDown`: the one word of the answer that helps and
+/// gives nothing away. Empty if there is none.
 fn code(answer: &str) -> String {
     let code = answer.split("<Code>").nth(1).and_then(|rest| rest.split("</Code>").next());
     let word = |c: char| c.is_ascii_alphanumeric();

@@ -1,5 +1,8 @@
-//! Whole objects: stamped, listed, fetched, sent, removed and renamed. Everything but recordings comes and
-//! goes this way.
+//! Handles whole objects of a store: stamps, lists, fetches, sends, removes and renames them.
+//! Everything but recordings comes and goes this way; `stored.rs`, `part_file.rs`,
+//! `regular_file.rs`, `inputs.rs` and `journal.rs` call it. All functions block until the store has
+//! answered.
+
 use super::store::{Place, failed, runtime};
 use crate::stamp::Stamp;
 use bytes::Bytes;
@@ -41,7 +44,7 @@ pub fn list(path: &Path) -> io::Result<Vec<PathBuf>> {
     Ok(names)
 }
 
-/// A file without a name, on disk; it is gone with its last handle, even if the process is killed.
+/// A file without a name, on disk. It is gone with its last handle, even if the process is killed.
 pub fn temporary() -> io::Result<File> {
     tempfile::tempfile()
 }
@@ -124,7 +127,8 @@ pub fn remove(path: &Path) -> io::Result<()> {
     runtime()?.block_on(async { store.delete(&key).await }).map_err(failed)
 }
 
-/// Renames an object within its bucket, which stores do by a copy. The bucket of `to` is not looked at.
+/// Renames an object within its bucket, which stores do by a copy. `to` must lie in the same
+/// bucket; its bucket is not looked at.
 pub fn rename(from: &Path, to: &Path) -> io::Result<()> {
     let Place { store, key, .. } = Place::of(from)?;
     let to = Place::of(to)?.key;

@@ -1,7 +1,16 @@
-//! Whether the selected model is enough: tests of what it leaves, made without the catalogue.
+//! Whether the selected model is enough: tests of what it leaves, most of them made without the
+//! catalogue.
 //!
-//! In: the selected model. Out: [`Adequacy`]: what is still significant, in words, and what share of the
-//! misfit that is.
+//! In, from `engine.rs`: the selected model with its causes, and what was found in codes and noise.
+//! Out: [`Adequacy`]: what is still significant, in words, what share of the misfit that is, and
+//! how large a share is allowed; `verdict.rs` makes `unknown` of a larger one. The share is L / (L
+//! + E), where L is the largest statistic of what is still significant, and E the sum of the
+//! statistics of all that was found. Allowed is .07 for one cause, .07² for two, and so on
+//! (heuristic: tuned, `tuned.rs`).
+//!
+//! Every test must be so surprising that all tests of its kind together pass by chance once in 1000
+//! (`without_a_name`). Where statistics of tests do not compare, twice the surprise stands for the
+//! statistic.
 
 use super::candidates::{Applied, ScoreTests, Scored, Setting};
 use super::catalogue::{CATALOGUE, CauseId, RIVALS};
@@ -14,28 +23,35 @@ use super::space::Direction;
 use super::tuned::left_by_all;
 use super::verdict::Unexplained;
 
-/// The parameters of a signal in words, in the order of the model.
+/// The parameters of a signal in words, in the order of the model: ln sigma, ln omega, a, b, c. The
+/// words for a and b, the pair's cosine and sine, suit a ring that begins near its maximum;
+/// otherwise both are mixtures of amplitude and phase.
 const PARAMETERS: [&str; 5] = ["damping", "frequency", "amplitude", "phase", "slow decay"];
 
-/// What the model leaves, and the candidates that are told of in it.
+/// What the model leaves, and the candidates that it tells of as "something like ...", so that no
+/// other remark has to.
 pub struct Adequacy {
     pub unexplained: Unexplained,
     pub told: Vec<CauseId>,
 }
 
-/// Tests what is left: odd signals, missing codes, rivals and free shapes of the mean, parameters that follow
-/// covariates, and the candidates that passed but were not named.
+/// Tests what is left: odd signals, missing codes, rivals and free shapes of the mean, parameters
+/// that follow covariates, and the candidates that passed but were not named. `setting`: the
+/// signals that the causes were selected for, and the random tone's frequency.
 pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Adequacy {
     let mut applied: Vec<Applied> =
         selected.causes.iter().map(|c| c.candidate.form.clone()).collect();
     let samples = setting.data.samples;
-    // a random tone's mean over few bursts is allowed for like a cause
+    // all causes are in the nuisance; and a random tone's mean over few bursts is allowed for like
+    // a cause
     applied.extend(setting.avoid.iter().map(|omega| chance_mean(*omega, samples)));
     let nuisances = selected.fitted.spaces.nuisances(&applied);
     let tests = ScoreTests::new(&selected.fitted.model, setting, &nuisances);
-    // noise that grows with the signal makes what is largest look surer than it is: divide surprises by the
-    // growth
+    // Noise that grows with the signal makes what is largest look surer than it is, since the tests
+    // assume noise of one variance: divide surprises by the growth of the variance.
     let growth = accepted(&aside.noise, CauseId::HeteroscedasticNoise).map_or(1.0, |h| 1.0 + h);
+
+    // odd signals, and codes that are missing otherwise than a coarse step would have it
     let mut look = Look::default();
     if aside.odd_signals > without_a_name(CATALOGUE.len() as f64) {
         let what =
@@ -48,7 +64,9 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Adequacy {
             look.tell(what.into(), found.statistic);
         }
     }
-    // the mean misfit: a free shape, or a rival if one is likelier than that
+
+    // the mean misfit: a free shape (a bump or a step), or a rival if one is more surprising than
+    // that
     let local = tests.own_shape(CauseId::OwnShape, None).map_or(0.0, |s| s.surprise / growth);
     let like = tests.likest_rival().filter(|s| {
         let surprise = s.surprise / growth;
@@ -66,6 +84,7 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Adequacy {
         }
         None => {}
     }
+
     // parameters that follow a covariate which no cause owns
     let owned = owned_covariates(selected);
     let looks = tests.covariate_scan();
@@ -76,7 +95,9 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Adequacy {
             look.tell(format!("{parameter} follows {covariate}"), 2.0 * found.surprise);
         }
     }
-    // candidates that passed but could not be named, unless they resemble a cause that was
+
+    // candidates of the selection's last step that passed but could not be named, unless they
+    // resemble a cause that was named
     let mut told = Vec::new();
     for s in &selected.unnamed {
         let s = judged_again(s, &tests);
@@ -88,8 +109,9 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Adequacy {
             told.push(s.id);
         }
     }
-    // the share of all misfit; codes count, since the model of clipped or coarse codes is not exact either,
-    // and bends the mean
+
+    // the share of all misfit; codes count as explained, too, since the model of clipped or coarse
+    // codes is not exact either, and bends the mean
     let by_others = aside.accepted().map(|f| f.statistic);
     let explained: f64 =
         selected.causes.iter().map(|c| c.candidate.statistic).chain(by_others).sum();
@@ -101,7 +123,7 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Adequacy {
     Adequacy { unexplained, told }
 }
 
-/// What is significant, and the largest statistic among it.
+/// What is significant, in words, and the largest statistic among it.
 #[derive(Default)]
 struct Look {
     significant: Vec<String>,
@@ -115,7 +137,8 @@ impl Look {
     }
 }
 
-/// Covariates that need no further test, because a cause that acts through them explains whatever they do.
+/// Indices of the covariates that need no further test, because a cause that acts through them
+/// explains whatever they do.
 fn owned_covariates(selected: &Selected) -> Vec<usize> {
     let named = || selected.causes.iter().map(|c| c.candidate.id);
     let mut owned: Vec<usize> = named().filter_map(CauseId::follows).collect();
@@ -130,8 +153,8 @@ fn owned_covariates(selected: &Selected) -> Vec<usize> {
     owned
 }
 
-/// A candidate that was passed over, tested again beside what a random tone leaves in the mean; the smaller
-/// surprise counts.
+/// A candidate that was passed over, tested again beside what a random tone leaves in the mean; the
+/// smaller surprise counts. Without a random tone the candidate stays as it is.
 fn judged_again(s: &Scored, tests: &ScoreTests) -> Scored {
     match tests.avoid.is_empty() {
         true => s.clone(),
@@ -142,8 +165,9 @@ fn judged_again(s: &Scored, tests: &ScoreTests) -> Scored {
     }
 }
 
-/// Whether a candidate is what the model of a named cause leaves: a relative of the cause, or, if the cause
-/// bends the ring itself, a line at the ring's own frequency.
+/// Whether a candidate is what the model of a named cause leaves: a cause of the same class; or, if
+/// the named cause acts through the amplitude and so bends the ring itself, another such cause or a
+/// line at the ring's own frequency.
 fn is_relative(s: &Scored, selected: &Selected) -> bool {
     let other = s.id;
     selected.causes.iter().map(|c| c.candidate.id).any(|named| {
@@ -153,16 +177,18 @@ fn is_relative(s: &Scored, selected: &Selected) -> bool {
     })
 }
 
-/// Largest share of the misfit that may be left. A cause may leave a share of what it explains; a second
-/// cause must explain this but for the same share of it, and so on, since of several causes nearly any curve
-/// can be made.
+/// Largest share of the misfit that may be left. One cause may leave a share s of what it explains;
+/// a second cause must explain that but for s of it, so two may leave s², and so on. Without this,
+/// nearly any curve could be made of several causes. Causes in codes, noise and trigger count as
+/// well.
 fn share_allowed(selected: &Selected, aside: &Aside) -> f64 {
     let causes = selected.causes.len() + aside.accepted().count();
     left_by_all().powi(causes.max(1) as i32)
 }
 
-/// The mean of a random tone over few bursts, as a cause of size 0: it is not nothing, and allowed for both
-/// steady and scaling with the drive.
+/// The mean of a random tone over all bursts, as a cause of size 0, so that it stands in the
+/// nuisance. Over few bursts that mean does not vanish; whether it scales with the drive is not
+/// known, so both are allowed for. `omega`: rad per signal length.
 fn chance_mean(omega: f64, samples: usize) -> Applied {
     let wave = |k: usize| (1.0, omega * k as f64 / samples as f64);
     let directions = [0, 1].map(|power| Direction::waves(power, samples, wave)).concat();

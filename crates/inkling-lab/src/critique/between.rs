@@ -1,12 +1,22 @@
 //! The variance of what all signals of one burst have in common, along one direction of their parameters.
 //! `jitter.rs` asks for it along a shift in time and along the amplitude.
 //!
-//! In: signals' parameters, with their channel, burst and covariates. Out: [`Contrasts`]: independent
-//! differences between bursts, free of channels' own means and of covariates, with the likelihood of that
-//! variance. A covariate that is constant over a burst costs one contrast, so it is taken out only where
-//! bursts follow it by more than chance. If time, temperature, drive and their squares were always taken out,
-//! 9 of the 15 contrasts of 16 bursts would be left, and the 95 % interval of a variance that 9 tell spans a
-//! factor of seven.
+//! In: [`Scatter`], signals' parameters with their channel, burst and covariates. Out:
+//! [`Contrasts`]: independent differences between bursts, free of channels' own means and of
+//! covariates, with the likelihood of that variance.
+//!
+//! The method is a random-effects analysis of variance by Gram matrices. Each signal is a row of a
+//! matrix with an indicator for each burst, the covariates, and its parameter x along the
+//! direction; rows are weighed, and channels' means taken out (`Sums`). Covariates that matter are
+//! projected out of the Gram matrix of the columns. The eigenvectors of the block of the indicators
+//! are independent contrasts between bursts. The score of a contrast, its eigenvector times the
+//! products of indicators and x, has the variance w own + w² common, with its eigenvalue w. Divided
+//! by sqrt(w) this is own + w common, from which the likelihood of `common` follows.
+//!
+//! A covariate that is constant over a burst costs one contrast, so it is taken out only where
+//! bursts follow it by more than chance. If time, temperature, drive and their squares were always
+//! taken out, 9 of the 15 contrasts of 16 bursts would be left, and the 95 % interval of a variance
+//! that 9 tell spans a factor of seven.
 
 use super::chance::{ONCE_IN_100, maximum};
 use super::covariates::COVARIATES;
@@ -46,8 +56,9 @@ struct Contrast {
 }
 
 impl Contrasts {
-    /// Contrasts along a direction, an index of [`Scatter::x`]. `scatter`: variance of single signals along
-    /// it beyond that of the noise. `None`: too few are left.
+    /// Contrasts along a direction, an index of [`Scatter::x`]. `scatter`: variance of single
+    /// signals along it beyond that of the noise, in squares of the unit of x. `None`: too few
+    /// contrasts are left.
     pub fn of(each: &[Scatter], direction: usize, scatter: f64) -> Option<Contrasts> {
         let sums = (!each.is_empty()).then(|| Sums::of(each, direction, scatter))?;
         sums.contrasts(&sums.followed())
@@ -99,8 +110,9 @@ impl Sums {
         Sums { gram: m.tr_mul(&m), bursts, channels, signals }
     }
 
-    /// Covariates to be taken out: those that vary within bursts, and those that bursts follow by more than
-    /// chance.
+    /// Indices of the covariates to be taken out: those that vary within bursts (they cost no
+    /// contrast), and those that bursts follow by more than chance (forward selection by Student's
+    /// t).
     fn followed(&self) -> Vec<usize> {
         let Basis { axes, weights } = Basis::of(&self.gram, self.bursts);
         // projections of the covariates and of the signals' parameter, one column each, on the differences
@@ -108,13 +120,16 @@ impl Sums {
         let mut between =
             axes.tr_mul(&self.gram.view((0, self.bursts), (self.bursts, COVARIATES + 1)));
         between.row_iter_mut().zip(&weights).for_each(|(mut row, w)| row /= w.sqrt());
-        // a covariate whose square lies nearly all between bursts is constant over a burst, any other varies
-        // within bursts
+
+        // a covariate whose square lies nearly all between bursts is constant over a burst, any
+        // other varies within bursts; one whose square vanishes is neither
         let square = |c: usize| self.gram[(self.bursts + c, self.bursts + c)];
         let within = |c: &usize| between.column(*c).norm_squared() < (1.0 - little()) * square(*c);
         let (mut out, mut constant): (Vec<usize>, Vec<usize>) =
             (0..COVARIATES).filter(|c| square(*c) > 1e-9 * self.signals as f64).partition(within);
-        // of the constant ones, take out the one that bursts follow most, as long as one is significant
+
+        // of the constant ones, take out the one that bursts follow most, as long as one is
+        // significant
         for taken in 1.. {
             let whole = between.column(COVARIATES).norm_squared();
             // the part of that square that a covariate explains
@@ -156,15 +171,16 @@ impl Sums {
             .map(|(score, weight)| Contrast { value: score / weight.sqrt(), weight: *weight })
             .collect();
         let between: f64 = each.iter().map(|c| c.value * c.value).sum();
-        // degrees of freedom that are left to single signals beside channels, covariates and contrasts; and
-        // their variance, by what contrasts leave of the square
+
+        // degrees of freedom that are left to single signals beside channels, covariates and
+        // contrasts; and the variance of single signals, by what contrasts leave of the square of x
         let free = self.signals as f64 - (self.channels + taken + each.len()) as f64;
         let own = (left[(last, last)] - between).max(1e-300) / free;
         (each.len().min(free as usize) >= FEWEST).then_some(Contrasts { each, own })
     }
 
-    /// The products with some covariates projected out, one after the other, and the number of those that
-    /// those before them had left anything of.
+    /// The Gram matrix with some covariates projected out, one after the other; and how many of
+    /// these were not yet contained in those before them.
     fn without(&self, out: &[usize]) -> (DMatrix<f64>, usize) {
         let (mut left, mut taken) = (self.gram.clone(), 0);
         for c in out.iter().map(|c| self.bursts + c) {

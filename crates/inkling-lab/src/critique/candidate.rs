@@ -1,18 +1,25 @@
-//! A candidate for a cause after its test, whatever it acts on: the mean signal, codes, noise, or a decay.
+//! A candidate for a cause after its test, whatever it acts on: the mean signal, codes, noise, or a
+//! decay.
 //!
-//! In: a test's statistic. Out: whether the candidate can be the cause, its row of the evidence, and the
-//! cause that it becomes.
+//! In: a test's statistic, from `candidates`, `codes`, `ensemble`, `jitter` or `decay/selection`.
+//! Out, to `search` and `engine`: whether the candidate can be the cause, its row of the evidence,
+//! and the cause that it becomes. Two things decide: its `surprise` must exceed `THRESHOLD`, and
+//! nothing may speak against it (`objection`). The size in detection limits is sqrt(statistic /
+//! 20.9).
 
 use super::catalogue::CauseId;
 use super::chance::{DETECTION_LIMIT, THRESHOLD, statistic_of, surprise};
 use super::finding::{Cause, Evidence};
 use super::objection::{Objection, WhyNot};
 
-/// A tested candidate. `Form`: its representation in the model.
+/// A tested candidate. `Form`: its representation in the model; () for codes, noise and trigger,
+/// `Applied` for signals (`candidates`), `Added` for decays.
 #[derive(Clone, Debug)]
 pub struct Candidate<Form = ()> {
     pub id: CauseId,
-    /// Likelihood-ratio statistic.
+    /// Likelihood-ratio statistic: by how much -2 ln likelihood falls if the candidate is in the
+    /// model; after corrections it may be less. Chi-squared with `degrees` where there is no
+    /// effect.
     pub statistic: f64,
     /// Degrees of freedom of the statistic.
     pub degrees: usize,
@@ -31,8 +38,9 @@ pub struct Candidate<Form = ()> {
 }
 
 impl Candidate {
-    /// A finding in codes, noise or trigger. `surprise`: -ln of the probability of the statistic by chance;
-    /// `value` and its standard error are in the catalogue's unit.
+    /// A finding in codes, noise or trigger, whose surprise is not that of the statistic's
+    /// chi-squared distribution. `surprise`: -ln of the probability by chance; `value` and its
+    /// standard error are in the catalogue's unit.
     pub fn by_chance(id: CauseId, surprise: f64, statistic: f64, value: f64, sd: f64) -> Candidate {
         Candidate { surprise, value, sd, ..Candidate::plain(id, statistic, ()) }
     }
@@ -93,7 +101,9 @@ impl<Form> Candidate<Form> {
         (self.statistic.max(0.0) / DETECTION_LIMIT).sqrt()
     }
 
-    /// BIC of the model without it minus BIC with it. `ln_samples`: logarithm of the number of samples.
+    /// BIC of the model without it minus BIC with it (Bayesian information criterion: each
+    /// parameter costs the logarithm of the number of samples, `ln_samples`). Positive speaks for
+    /// the candidate.
     pub fn delta_bic(&self, ln_samples: f64) -> f64 {
         self.statistic - self.degrees as f64 * ln_samples
     }
@@ -103,7 +113,8 @@ impl<Form> Candidate<Form> {
         Cause::new(self.id, self.value, self.sd, self.strength_dl(), delta_bic)
     }
 
-    /// Its row of the evidence, before anything is accepted.
+    /// Its row of the evidence, before anything is accepted: as long as it is not chosen, the row
+    /// says why not. `step`: number of causes that had entered the model before.
     pub fn evidence(&self, step: u32, ln_samples: f64) -> Evidence {
         let plain = |x: f64| surprise(x, self.degrees, self.tried, f64::INFINITY);
         Evidence {
@@ -126,6 +137,7 @@ impl<Form> Candidate<Form> {
 pub struct Chosen<Form> {
     /// The candidate; its statistic compares the model with it and the model without it.
     pub candidate: Candidate<Form>,
+    /// [`Candidate::delta_bic`] when it entered.
     pub delta_bic: f64,
     /// Named candidates that cannot be told apart from it.
     pub tied_with: Vec<CauseId>,

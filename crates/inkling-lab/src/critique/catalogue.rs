@@ -1,7 +1,12 @@
-//! The catalogue of causes: one row for each, with all that this room knows of a cause by its name; and the
-//! rivals without a name that compete with them.
+//! The catalogue of causes: one row for each, with all that this room knows of a cause by its name;
+//! and the rivals without a name that compete with them. There is no algorithm here, only data and
+//! look-ups.
 //!
-//! Names, parameters and units are the contract's. Texts refer to causes by name, code refers to them by
+//! The other files read a row by [`CauseId::row`]: `candidates` and `decay` decide by `acts` and
+//! `in_decays` how a cause is tested, `search` and `selection` by `free` and `nests` what it costs
+//! and ties with, and `words`, the reports and `critique.json` take the texts. Names, parameters
+//! and units are the contract's (`schemas/critique.md`): they appear in files, so a change of them
+//! breaks the readers of these files. Texts refer to causes by name, code refers to them by
 //! [`CauseId`].
 
 use super::covariates::{Covariates, IDLE, NEIGHBOURS, POSITION, TEMPERATURE, TIME};
@@ -57,7 +62,9 @@ pub enum CauseId {
 #[derive(Clone, Copy, Debug)]
 pub struct Entry {
     pub id: CauseId,
+    /// Name in files and texts; empty for a rival, like the next two.
     pub name: &'static str,
+    /// Name of the parameter that tells the cause's size, and its unit (`1`: none).
     pub parameter: &'static str,
     pub unit: &'static str,
     /// What the data must hold for a test.
@@ -69,10 +76,13 @@ pub struct Entry {
     /// What it acts through; this also decides how it is tested.
     pub acts: Acts,
     /// Number of free parameters beside the coefficients of its shapes: rates, frequency, damping.
+    /// Each costs 2 where refitted models are compared.
     pub free: f64,
-    /// The cause that it contains as a special case. It is no tie of that one, since it is always as likely.
+    /// The cause that it contains as a special case. It is no tie of that one, since it is always
+    /// as likely.
     pub nests: Option<CauseId>,
-    /// Second numbers from which its search begins; a single 0 if it has none.
+    /// Values of its second number (place of a stop, lag, rate of settling) that are tried, in
+    /// signals, or from which its search begins, in decays; a single 0 if it has none.
     pub seconds: &'static [f64],
     /// Class of causes that cannot always be told apart: two of one class may honestly end as a tie.
     pub class: Option<Class>,
@@ -82,7 +92,7 @@ pub struct Entry {
     pub in_decays: InDecays,
 }
 
-/// What the data must hold for a test.
+/// What the data must hold for a test; [`Needs::lacking`] says in words what is missing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Needs {
     Nothing,
@@ -140,7 +150,10 @@ pub enum Shape {
     Own,
 }
 
-/// How the ring is bent; the strength is relative to the ring without it.
+/// How the ring is bent, with a strength that is relative to the unbent ring: by a loss or a
+/// frequency that changes with time; by a sensor's curve of even or odd order; by a gain that
+/// follows the amplitude; by a sensor that shows nothing about its zero. `candidates/rivals.rs` has
+/// the equations.
 #[derive(Clone, Copy, Debug)]
 pub enum Bend {
     LossByTime,
@@ -156,9 +169,10 @@ pub enum Bend {
 pub struct Motion {
     /// The term that is added.
     pub term: Term,
-    /// Power of the drive that the added signal scales with.
+    /// Power of the drive that the added signal scales with; used where there is no drive scan. 1:
+    /// the term is linear, so it does not act through the amplitude.
     pub power: i32,
-    /// Strength at which its search begins, and the largest one.
+    /// Strength at which its search begins, and the largest one; in the units of [`Term`].
     pub strengths: [f64; 2],
 }
 
@@ -167,6 +181,7 @@ pub struct Motion {
 pub enum Rates {
     /// All losses by one share.
     Damping,
+    /// Both stiffnesses by one share, and so the frequency.
     Stiffness,
     /// All rates by one share.
     All,
@@ -175,6 +190,7 @@ pub enum Rates {
 /// What a change is told per.
 #[derive(Clone, Copy, Debug)]
 pub enum Per {
+    /// Per unit of the covariate.
     Unit,
     /// From the smallest value of the recording to the largest, as a relative change.
     Span,
@@ -183,7 +199,9 @@ pub enum Per {
 /// Classes of causes that may end as a tie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Class {
+    /// Offset, droop, meniscus: slow in comparison with the ring.
     Slow,
+    /// Low-pass, fractional damping: both show in the first samples.
     Early,
 }
 
@@ -224,10 +242,12 @@ const MOST: Entry = Entry {
     in_decays: InDecays::Fitted(None),
 };
 
+/// A cause that is a term in the equation of motion, with the fields of [`Motion`].
 const fn motion(term: Term, power: i32, strengths: [f64; 2]) -> Acts {
     Acts::Mean(Shape::Motion(Motion { term, power, strengths }))
 }
 
+/// A cause by which a covariate, given by its index, moves rates of the ring.
 const fn rates(covariate: usize, which: Rates, per: Per) -> Acts {
     Acts::Rates { covariate, which, per }
 }
@@ -237,14 +257,15 @@ const MANY_BURSTS: InDecays = InDecays::Needs("many bursts");
 const SEVERAL_TIMES: InDecays = InDecays::Needs("many bursts at several times");
 const WHOLE_COUNTS: InDecays = InDecays::Needs("many bursts of whole counts");
 
-/// All causes.
+/// All causes that have a name.
 ///
-/// To add a cause, add: its identifier and its row, here; its test, in the file of what it acts through
-/// (`candidates/shapes.rs`, `lines.rs` or `follows.rs`, `ensemble`, `jitter`, `codes`); if it acts in a way
-/// that no other cause does, the arm of that way in `candidates/mod.rs`, or for a new term of motion the term
-/// in `model/terms.rs` instead; and a signal that has it in `generator.rs`, for the tests. These are four
-/// files at most, and a line of `docs/critique_assumptions.md`. Long decays need none of it where the row
-/// says what they lack.
+/// To add a cause, add: its identifier and its row, here; its test, in the file of what it acts
+/// through (`candidates/shapes.rs`, `lines.rs` or `follows.rs`, `ensemble`, `jitter`, `codes`); if
+/// it acts in a way that no other cause does, the arm of that way in `candidates/mod.rs`, or for a
+/// new term of motion the term in `model/terms.rs` instead; and a signal that has it in
+/// `generator.rs`, for the tests. These are four files at most, and a line of
+/// `docs/critique_assumptions.md`. Nothing has to be added for long decays (`decay/`) if the row's
+/// `in_decays` says what these lack.
 #[rustfmt::skip]
 pub static CATALOGUE: [Entry; 22] = [
     Entry { id: CauseId::Offset, name: "offset", parameter: "offset", unit: "counts",
@@ -341,9 +362,10 @@ const fn rival(id: CauseId, words: &'static str, shape: Shape) -> Entry {
     Entry { id, words, acts: Acts::Mean(shape), ..MOST }
 }
 
-/// What signals may hold that the catalogue does not, but would wrongly give a name to. Each competes with
-/// the names on the same scale; where one is likelier, the misfit keeps no name, and the reader is told what
-/// it is like.
+/// What signals may hold that is not in the catalogue, and that some cause of the catalogue
+/// resembles, so that it would wrongly get that cause's name. Each rival competes with the names on
+/// the same scale; where a rival is clearly likelier, the misfit gets no name, and the reader is
+/// told what the misfit is like.
 ///
 /// Decays of an oscillator are tested for the first [`IN_DECAYS`] of them.
 #[rustfmt::skip]
@@ -386,12 +408,13 @@ impl CauseId {
         self.row().name
     }
 
-    /// Whether both causes may honestly end as a tie.
+    /// Whether both causes are of one class, so that they may honestly end as a tie. A cause of no
+    /// class has none in common, not even with itself.
     pub fn same_class(self, other: CauseId) -> bool {
         self.row().class.is_some() && self.row().class == other.row().class
     }
 
-    /// The covariate that it acts through, if any.
+    /// The index of the covariate that it acts through; `None` if it acts through none.
     pub fn follows(self) -> Option<usize> {
         match self.row().acts {
             Acts::Rates { covariate, .. } | Acts::Gain { covariate } => Some(covariate),
@@ -405,7 +428,8 @@ impl CauseId {
         matches!(self.row().acts, Acts::Mean(_))
     }
 
-    /// Whether it acts through the amplitude, as a nonlinear term of the motion does.
+    /// Whether it acts through the amplitude, as a nonlinear term of the motion does: a term whose
+    /// addition does not scale with the drive as the ring itself does.
     pub fn by_amplitude(self) -> bool {
         matches!(self.row().acts, Acts::Mean(Shape::Motion(Motion { power, .. })) if power != 1)
     }
@@ -441,7 +465,7 @@ impl Needs {
     }
 }
 
-/// The experiment that would split a tie of two causes.
+/// The experiment that would split a tie of two causes, in words for the reader.
 pub fn experiment(p: CauseId, q: CauseId) -> &'static str {
     match p.row().split_by.min(q.row().split_by) {
         Experiment::HeatTheInk => {

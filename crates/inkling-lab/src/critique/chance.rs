@@ -1,13 +1,17 @@
-//! Probabilities of statistics: how surprising they are and must be; intervals by resampling; and where a
-//! likelihood is largest, and how wide it is there.
+//! Small statistical tools of this room: how surprising a statistic is and must be; intervals by
+//! resampling; and where a likelihood is largest, and how wide it is there.
+//!
+//! A *surprise* is -ln of the probability by chance, corrected for the number of tries, and at
+//! least 0. It is used in place of the probability, which may be too small for a floating-point
+//! number. Nearly all other files call these functions; none of them knows anything of signals.
 
 use inkling_core::model::bisection::bisected;
 use inkling_core::model::normal::ln_upper_tail;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// -ln of the probability that one candidate passes on data of the model itself. With it, 22 candidates
-/// together pass in well below 1 % of such data.
+/// -ln of the probability that one candidate passes on data of the model itself: once in 4000. With
+/// this threshold, one of 22 independent candidates passes in about half a per cent of such data.
 pub const THRESHOLD: f64 = 8.3;
 /// A candidate that is less surprising than this is not examined further, does not compete, and leaves a
 /// model that it is in: half of [`THRESHOLD`].
@@ -17,11 +21,14 @@ pub const HINT: f64 = THRESHOLD / 2.0;
 const WITHOUT_A_NAME: f64 = 6.9;
 /// The normal deviate whose magnitude is exceeded once in 100.
 pub const ONCE_IN_100: f64 = 2.576;
-/// Noncentrality of a chi-squared statistic at one detection limit.
+/// Noncentrality of a chi-squared statistic at one detection limit: an effect of this size is found
+/// with a probability of 90 % by a test of one degree of freedom and size 0.001.
 pub const DETECTION_LIMIT: f64 = 20.9;
 
-/// -ln p of a chi-squared statistic, with p multiplied by the number of independent tries. `dof`: degrees of
-/// freedom of the scale, if it was estimated; the statistic is then a squared Student's t.
+/// -ln p of a chi-squared statistic with so many `degrees` of freedom, where p is multiplied by the
+/// number of independent tries, `tried`. `dof`: degrees of freedom with which the statistic's scale
+/// was estimated, so that it is a squared Student's t (with one degree); infinite where the scale
+/// is known.
 pub fn surprise(statistic: f64, degrees: usize, tried: f64, dof: f64) -> f64 {
     let x = statistic.max(0.0);
     let x = if dof.is_finite() {
@@ -43,19 +50,22 @@ pub fn surprise(statistic: f64, degrees: usize, tried: f64, dof: f64) -> f64 {
     (-ln_p - tried.ln()).max(0.0)
 }
 
-/// -ln of the probability of `found` or more cases where fewer are expected: Poisson, whose largest term
-/// dominates the sum.
+/// -ln of the probability of `found` or more cases where fewer are expected; 0 where as many or
+/// more are expected. Poisson's distribution, of which only the largest term of the sum,
+/// e^-expected expected^found / found!, is taken.
 pub fn surprise_of_count(found: f64, expected: f64) -> f64 {
     let ln_factorial: f64 = (1..=found as u32).map(|k| f64::from(k).ln()).sum();
     if found > expected { expected - found * expected.ln() + ln_factorial } else { 0.0 }
 }
 
-/// How surprising one of `looks` tests without the catalogue must be.
+/// How surprising one of `looks` tests without the catalogue must be, so that all of them together
+/// pass once in 1000.
 pub fn without_a_name(looks: f64) -> f64 {
     WITHOUT_A_NAME + looks.max(1.0).ln()
 }
 
-/// The statistic at which `surprise`, which grows with it, reaches `asked`; by bisection.
+/// The statistic at which `surprise`, which must grow with the statistic, reaches `asked`; by
+/// bisection between 0 and a statistic that is larger than any that is asked for.
 pub fn statistic_of(asked: f64, surprise: impl Fn(f64) -> f64) -> f64 {
     let reaches = |statistic: f64| surprise(statistic) > asked;
     let [_, high] = bisected(0.0, 4.0 * asked + 2000.0, 60, |statistic| !reaches(statistic));
@@ -80,12 +90,14 @@ pub fn resampled<T>(groups: usize, seed: u64, of: impl Fn(&[usize]) -> T) -> Vec
     (0..RESAMPLINGS).map(|_| of(&draw())).collect()
 }
 
-/// Interval of one of several figures that were computed from the same drawings.
+/// The 95 % interval of the figure `which` of several that were computed from the same drawings (of
+/// [`resampled`]).
 pub fn interval_of<const N: usize>(drawn: &[[f64; N]], which: usize) -> Option<[f64; 2]> {
     interval(&mut drawn.iter().map(|of| of[which]).collect::<Vec<f64>>())
 }
 
-/// Where a function that is unimodal within `reach` of `near` is largest; by golden section.
+/// Where a function that is unimodal within `reach` of `near` is largest; by 18 steps of golden
+/// section, which leave 2e-4 of the interval. The ends of the interval cannot be left.
 pub fn maximum(f: impl Fn(f64) -> f64, near: f64, reach: f64) -> f64 {
     let golden = 0.618_034;
     let (mut low, mut high) = (near - reach, near + reach);
@@ -105,8 +117,10 @@ pub fn maximum(f: impl Fn(f64) -> f64, near: f64, reach: f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// Standard deviation of a parameter, from the curvature of twice the log-likelihood at its maximum `at`. The
-/// step of the second difference is adapted until the drop lies between .5 and 4.
+/// Standard deviation of a parameter, from the curvature of twice the log-likelihood `f` at its
+/// maximum `at`. A normal likelihood falls in `f` by (h/sd)² at the distance h, so sd = h /
+/// sqrt(drop). `step`: the first h that is tried; it is adapted until the drop lies between .5 and
+/// 4. If 12 trials do not suffice, as where `f` is flat, the last h is returned.
 pub fn width(f: impl Fn(f64) -> f64, at: f64, step: f64) -> f64 {
     let mut h = step;
     let top = f(at);

@@ -1,9 +1,19 @@
 //! What each signal, and each channel, adds to the information and score of every linear extension.
 //!
-//! In: signals about a model. Out: [`Part`], the sums over some channels, which `space.rs` adds up and
-//! completes. Each channel adds X^T V^-1 X and X^T V^-1 r: X is what the extensions look like in its signals,
-//! r their residual, and V their covariance, which holds the noise and both scatters. V^-1 is applied by
-//! Woodbury's identity, first for the scatter within channels, then for that between them.
+//! In, from `space.rs`: signals about a model. Out: [`Part`], the sums over some channels, which
+//! `space.rs` adds up and completes. Each channel adds X^T V^-1 X to the information K and
+//! X^T V^-1 r to the score g: X is what the extensions look like in its signals (samples x
+//! `dimension`), r their residual about the mean channel, and V their covariance, which holds the
+//! noise and both scatters:
+//!
+//! V = v 1 + J within J^T (in each signal) + J between J^T (over all signals of the channel), where
+//! v is the variance of the noise and J the tangent, i.e. the derivatives of a signal by its FREE
+//! own parameters.
+//!
+//! V^-1 is applied by Woodbury's identity, which replaces inverses of N x N by inverses of FREE x
+//! FREE matrices: per signal for the scatter within channels (`Weighed`), then per channel for that
+//! between them (`Sums::close_channel`). All of X^T V^-1 X is the product for the noise alone less
+//! low-rank products, which are collected and subtracted many at a time, because that is faster.
 
 use super::covariates::COVARIATES;
 use super::curvature::beyond_the_likeliest;
@@ -16,16 +26,19 @@ use std::ops::Range;
 
 type Matrix6 = SMatrix<f64, ALL, ALL>;
 
-/// What so many signals, or channels, take off K is collected before it is subtracted as one product.
+/// What so many signals, or channels, take off K is collected before it is subtracted as one
+/// product. This and the next number only decide the speed.
 const AT_A_TIME: usize = 64;
 /// Number of columns of K that a product is subtracted from at once.
 const STRIP: usize = 64;
-/// Of larger sets, about so many signals (whole channels, evenly chosen) tell what the scatter hides of
-/// shapes.
+/// To compute what the scatter hides of shapes costs most of the time. So of larger sets only about
+/// so many signals (whole channels, evenly chosen) are used for it, and stand for the others: an
+/// approximation.
 const MOST_FOR_SCATTER: usize = 1024;
 
-/// Dimension of the space of extensions, for signals of so many samples: a shape's samples for each power of
-/// the drive, each covariate on each parameter, and the tail of the previous ring.
+/// Dimension of the space of extensions, for signals of so many samples. In this order: a shape's N
+/// samples for each of the PATTERNS powers of the drive, ALL parameters for each of the COVARIATES,
+/// and one place for the tail of the previous ring.
 pub fn dimension(samples: usize) -> usize {
     PATTERNS * samples + COVARIATES * ALL + 1
 }
@@ -40,26 +53,33 @@ fn freed(between: &Matrix5) -> Matrix5 {
     Matrix5::from_fn(|i, j| between[(i, j)] * FREEDOM[i] * FREEDOM[j])
 }
 
-/// Sums over the signals of some channels.
+/// Sums over the signals of some channels; sizes are those of `dimension` d.
 pub struct Part {
-    /// Information K without `diagonal`; its lower triangle.
+    /// Information K without `diagonal`, d x d; only its lower triangle is filled.
     pub k: DMatrix<f64>,
-    /// Score g.
+    /// Score g, of length d.
     pub g: DVector<f64>,
     /// -2 ln likelihood up to a constant, without the priors of the real pole.
     pub deviance: f64,
-    /// What K holds of a sample of a shape (column) with itself, by the noise alone, for each pair of powers
-    /// of the drive (row).
+    /// What the noise alone gives K: it connects a sample of a shape with the same sample alone.
+    /// One row for each pair (p, q) of powers of the drive, at p PATTERNS + q; one column for each
+    /// sample.
     pub diagonal: DMatrix<f64>,
 }
 
 impl Part {
-    /// Sums over `rows`, which must hold whole channels, whose own parameters are treated in two ways.
+    /// Sums over `rows`, which must hold whole channels. The own parameters of channels are treated
+    /// in two ways, and each way gives one `Part`.
     ///
-    /// First as good as free, for shapes in time: what a shape does to a channel's parameters it does to the
-    /// mean of all, too, which is free anyway. And to first order, knowledge of a channel's parameters would be
-    /// biased, by as much as the tangent turns from channel to channel. Then drawn from the population, for
-    /// covariates; shapes are left out there.
+    /// The first takes channels to be as good as free, for tests of shapes in time. This loses
+    /// little: what a shape does to a channel's parameters it does to the mean of all channels,
+    /// too, which is free anyway. And it avoids a bias: to know a channel's parameters from the
+    /// population would be wrong, to first order, by as much as the tangent turns from channel to
+    /// channel.
+    ///
+    /// The second takes channels to be drawn from the population, for tests of covariates, which
+    /// must be told from differences between channels. Shapes are left out there: K and g are 0 for
+    /// them.
     pub fn of(model: &Model, data: &Observations, rows: Range<usize>) -> [Part; 2] {
         let mut all = [
             Sums::new(model, data, PATTERNS, freed(&model.between)),
@@ -73,6 +93,7 @@ impl Part {
             let mut sums_of_channel = [0, 1].map(|_| OfChannel::new(dimension(data.samples)));
             for row in first..first + channel.len() {
                 model.linearise(row, data, &mut linear);
+                // how far the signal's own parameters lie from those of the mean channel
                 let off = model.units[unit] + model.each[row] - model.mean;
                 let s = data.beside.drive[row];
                 let signal = Weighed::of(&linear, &model.theta(row, data), &off, s, model);
@@ -100,8 +121,9 @@ impl Part {
         self
     }
 
-    /// Subtracts M M^T from K, where M has the collected `columns` of so many rows, if there are `fewest` of
-    /// them: all at once, a strip of the lower triangle after the other.
+    /// Subtracts M M^T from K, where M has the collected `columns` of so many `rows` each, and
+    /// empties the collection. Does nothing as long as there are less than `fewest` columns. The
+    /// product is made a strip of columns after the other, since the upper triangle is not needed.
     fn take_off(&mut self, columns: &mut Vec<f64>, rows: usize, fewest: usize) {
         if columns.len() >= fewest * rows {
             let m = DMatrix::from_vec(rows, columns.len() / rows, std::mem::take(columns));
@@ -115,7 +137,9 @@ impl Part {
     }
 }
 
-/// One signal in the metric of its noise and of the scatter from burst to burst, V^-1 = 1/v - L L^T.
+/// One signal in the metric of its noise and of the scatter from burst to burst: V^-1
+/// = 1/v - L L^T, where V is the signal's covariance about its channel. J: the signal's tangent, N
+/// x ALL.
 struct Weighed {
     /// L, N x FREE.
     l: OMatrix<f64, Dyn, Const<FREE>>,
@@ -141,20 +165,26 @@ struct Weighed {
 }
 
 impl Weighed {
-    /// `theta`: the signal's parameters; `off`: what they have of the channel's and the signal's own
-    /// deviation from the mean of all channels, and not of covariates.
+    /// `linear`: the model linearised about the signal's own parameters `theta`. `off`: the
+    /// deviation of these from the mean of all channels, as far as it is the channel's and the
+    /// signal's own, and not due to covariates. `drive`: relative to the mean drive.
     fn of(linear: &Linear, theta: &Theta, off: &Theta, drive: f64, model: &Model) -> Weighed {
         let (n, v) = (linear.residual.len(), model.noise_var);
-        // the working residual is about the mean, not about the channel's own parameters
+
+        // The residual about the mean channel, to first order: `linear.residual` is about the
+        // signal's own parameters, so J times their deviation is added back. V accounts for that
+        // deviation.
         let t = &linear.tangent.columns;
         let r = DVector::from_fn(n, |k, _| {
             linear.residual[k] + (0..FREE).map(|j| t[j][k] * off[j]).sum::<f64>()
         });
+
+        // Woodbury: (v + J within J^T)^-1 = 1/v - J M J^T / v² with M = within (1 + G within)^-1
+        // and G = J^T J/v, where J has the FREE columns only; so L = J M^1/2 / v
         let j6 = DMatrix::from_fn(n, ALL, |k, j| t[j][k]);
         let gram = j6.tr_mul(&j6) / v;
         let gram5: Matrix5 = gram.fixed_view::<FREE, FREE>(0, 0).into_owned();
         let inner = Matrix5::identity() + gram5 * model.within;
-        // M = within (1 + G within)^-1: V^-1 = 1/v - J M J^T / v²
         let inverse = inverse_or_zero(inner);
         let m = model.within * inverse;
         let m = (m + m.transpose()) * 0.5;
@@ -163,13 +193,16 @@ impl Weighed {
         let solve = |x: &DVector<f64>| x / v - &l * (l.tr_mul(x));
         let w = &j6 / v - &l * (l.tr_mul(&j6));
         let of_residual = solve(&r);
+
+        // the curvature of the decay: M is the posterior covariance of the signal's own parameters
         let beyond = beyond_the_likeliest(theta, linear, drive, &m, v);
         let of_mean = inverse * beyond.slope;
         let tail = DVector::from_column_slice(&linear.tail);
         Weighed {
             h: Matrix6::from_fn(|a, b| j6.column(a).dot(&w.column(b))),
-            // The score of the mean is within^-1 times the posterior mean of the signal's deviation.
-            // Curvature moves that mean by M slope, and within^-1 M = (1 + G within)^-1.
+            // Without curvature, the score of the mean's parameters is J^T V^-1 r. It equals
+            // within^-1 times the posterior mean of the signal's deviation. Curvature moves that
+            // mean by M slope, so the score by within^-1 M slope = (1 + G within)^-1 slope.
             along_residual: SMatrix::from_fn(|a, _| {
                 w.column(a).dot(&r) + of_mean.get(a).copied().unwrap_or(0.0)
             }),
@@ -192,6 +225,8 @@ impl Weighed {
 struct Sums<'a> {
     model: &'a Model,
     data: &'a Observations,
+    /// Covariance between channels: that of the model, or one so wide that channels are as good as
+    /// free.
     between: Matrix5,
     /// Number of powers of the drive that shapes may scale with; 0: covariates alone.
     patterns: usize,
@@ -206,12 +241,12 @@ struct Sums<'a> {
     of_channels: Vec<f64>,
 }
 
-/// Sums over one channel's signals.
+/// Sums over one channel's signals, with V the covariance of a signal about its channel.
 struct OfChannel {
-    /// Information J^T V^-1 J of the channel's own parameters, and their score.
+    /// Information J^T V^-1 J of the channel's own parameters, and their score J^T V^-1 r.
     info: Matrix5,
     score: Vector5,
-    /// X^T V^-1 J over all extensions X, and their score.
+    /// X^T V^-1 J over all extensions X, d x FREE; and the score X^T V^-1 r of the extensions.
     cross: DMatrix<f64>,
     g: DVector<f64>,
 }
@@ -269,9 +304,14 @@ impl<'a> Sums<'a> {
         unit.is_multiple_of(self.stride) && self.patterns > 0
     }
 
-    /// Adds one signal. `powers`: of its drive; `z`: its covariates. What an extension looks like in the
-    /// signal is a Kronecker product: of the powers with a shape, or of the covariates with a change of the
-    /// parameters.
+    /// Adds one signal to K, to g and to its channel's sums, with V the covariance of a signal
+    /// about its channel. `powers`: of its drive; `z`: its covariates.
+    ///
+    /// What an extension looks like in the signal is a Kronecker product: the powers of the drive
+    /// times a shape, or the covariates times J. So all products of extensions are Kronecker
+    /// products, too, of powers and covariates with the few products that `Weighed` holds. The
+    /// products of shapes with each other are left to `diagonal` (the noise) and to
+    /// `hide_behind_signal` (the scatter).
     fn add_signal(
         &mut self,
         signal: &Weighed,
@@ -323,7 +363,8 @@ impl<'a> Sums<'a> {
         *info += h.fixed_view::<FREE, FREE>(0, 0);
     }
 
-    /// Collects what the scatter from burst to burst hides of shapes.
+    /// Collects what the scatter from burst to burst hides of shapes: the columns of L for each
+    /// power of the drive, whose product with itself is the L L^T of V^-1 = 1/v - L L^T.
     fn hide_behind_signal(&mut self, signal: &Weighed, powers: [f64; PATTERNS]) {
         let (shapes, scale) = (PATTERNS * self.data.samples, self.inflate);
         for column in signal.l.column_iter() {
@@ -334,8 +375,10 @@ impl<'a> Sums<'a> {
         self.part.take_off(&mut self.of_signals, shapes, AT_A_TIME * FREE);
     }
 
-    /// Accounts for the scatter between channels once all of a channel's signals are in: K -= B S B^T, where
-    /// B is `cross`, and S = between (1 + H between)^-1 with H = `info`.
+    /// Accounts for the scatter between channels once all of a channel's signals are in, by
+    /// Woodbury's identity: K -= B S B^T and g -= B S `score`, where B is `cross`, and S = between
+    /// (1 + H between)^-1 with H = `info`. `tells_scatter`: whether this channel is one of those
+    /// whose share of K is computed for shapes.
     fn close_channel(&mut self, channel: OfChannel, tells_scatter: bool) {
         let OfChannel { info, score, cross, g: mut g_unit } = channel;
         let d = g_unit.len();
@@ -343,11 +386,17 @@ impl<'a> Sums<'a> {
         let inner = Matrix5::identity() + info * self.between;
         let s = self.between * inverse_or_zero(inner);
         let s = (s + s.transpose()) * 0.5;
+
+        // ln of the determinant of the covariance, and what S takes off the square
         self.part.deviance += inner.determinant().max(f64::MIN_POSITIVE).ln();
         self.part.deviance -= score.dot(&(s * score));
+
+        // F = B S^1/2, so that B S B^T = F F^T
         let root = square_root(&s);
         let f = &cross * DMatrix::from_fn(FREE, FREE, |a, b| root[(a, b)]);
         g_unit -= &cross * DVector::from_column_slice((s * score).as_slice());
+
+        // the rows of shapes are many: their columns are collected
         if tells_scatter {
             let scale = self.inflate;
             for column in f.column_iter() {
@@ -355,7 +404,8 @@ impl<'a> Sums<'a> {
             }
             self.part.take_off(&mut self.of_channels, shapes, AT_A_TIME * FREE);
         }
-        // of all but the shapes, K has few rows: these are subtracted at once, for every channel
+
+        // all other rows of K are few: their product is subtracted at once, for every channel
         let low = f.rows(shapes, d - shapes).into_owned();
         let mut block = self.part.k.view_mut((shapes, 0), (d - shapes, d));
         block.gemm(-1.0, &low, &f.transpose(), 1.0);

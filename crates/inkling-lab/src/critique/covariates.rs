@@ -1,14 +1,18 @@
 //! The covariates of signals, standardised: what was recorded beside them.
 //!
-//! In: what was recorded. Out: per signal its drive relative to the mean, and its covariates with mean 0 and
-//! standard deviation 1 over all signals. Beside these stand the constant 1, and squares of two of them, less
-//! their mean. A covariate that was not recorded, or does not vary, is absent and counts 0.
+//! In, from `observations.rs`: what was recorded beside each signal ([`Beside`]). Out:
+//! [`Covariates`], which all tests read: per signal its drive relative to the mean drive, and a row
+//! z of COVARIATES numbers: z = (x - mean) / sd over all signals. Beside these stand the constant
+//! 1, and the squares of two of them less their mean, z² - 1. A covariate that does not vary, or
+//! was not recorded of at least nine tenths of the signals, is absent, and z is 0 for all signals;
+//! a single signal of which it is unknown has z = 0 as well.
 
 use super::tuned::drive_scan;
 use inkling_core::burst::Beside;
 use inkling_core::numbers::tuned::little;
 
-/// Indices of the covariates. `ONE` is the constant, which moves all channels alike.
+/// Indices of the covariates. `ONE` is the constant, which moves all channels alike; `POSITION` is
+/// the channel's number; `IDLE` is the logarithm of the time since the previous actuation.
 pub const ONE: usize = 0;
 pub const TIME: usize = 1;
 pub const TEMPERATURE: usize = 2;
@@ -33,6 +37,8 @@ pub const NAMES: [&str; COVARIATES] = [
     "time squared",
     "temperature squared",
 ];
+/// Units for readers. That of `IDLE` is the unit of the time, although its logarithm is
+/// standardised.
 pub const UNITS: [&str; COVARIATES] = ["1", "s", "°C", "1", "1", "s", "V", "s²", "°C²"];
 const SQUARES: [(usize, usize); 2] = [(TIME, TIME_SQUARED), (TEMPERATURE, TEMPERATURE_SQUARED)];
 
@@ -44,14 +50,17 @@ pub fn square_of(which: usize) -> Option<usize> {
 /// Covariates of all signals.
 #[derive(Clone, Debug)]
 pub struct Covariates {
-    /// Drive relative to the mean drive; 1 where it was not recorded.
+    /// Drive relative to the mean drive, one value per signal; 1 where it was not recorded.
     pub drive: Vec<f64>,
+    /// Mean drive, V; `None` where less than nine tenths of the signals have one.
     pub drive_mean_v: Option<f64>,
     /// Standardised values, one row per signal.
     pub z: Vec<[f64; COVARIATES]>,
-    /// Whether a covariate was recorded and varies.
+    /// Whether a covariate was recorded and varies; false for the squares, which are none of their
+    /// own.
     pub present: [bool; COVARIATES],
-    /// Mean and standard deviation that were used to standardise, in the covariate's unit.
+    /// Mean and standard deviation that were used to standardise, in the covariate's unit (idle
+    /// time: of the logarithm of seconds).
     pub mean: [f64; COVARIATES],
     pub sd: [f64; COVARIATES],
     /// Largest value minus smallest, in the covariate's unit.
@@ -64,7 +73,8 @@ pub struct Covariates {
     pub shared_bursts: bool,
 }
 
-/// The value of a covariate that was recorded beside a signal. `first_ns`: where time begins.
+/// The value of a covariate that was recorded beside a signal, in its unit; NaN if it was not
+/// recorded. `first_ns`: the time of the first signal, from which time counts.
 fn value(which: usize, beside: &Beside, first_ns: i64) -> f64 {
     match which {
         ONE => 1.0,
@@ -78,7 +88,7 @@ fn value(which: usize, beside: &Beside, first_ns: i64) -> f64 {
 }
 
 impl Covariates {
-    /// Some rows, in the same units and about the same means.
+    /// Some rows, in the same units and about the same means: they are not standardised anew.
     pub fn select(&self, keep: impl Fn(usize) -> bool) -> Covariates {
         let rows: Vec<usize> = (0..self.z.len()).filter(|&i| keep(i)).collect();
         Covariates {

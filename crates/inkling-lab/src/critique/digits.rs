@@ -1,4 +1,9 @@
-//! Numbers for readers, with as many digits as say something. In: a value, its interval, its unit. Out: text.
+//! Numbers for readers, with as many digits as say something.
+//!
+//! In, from all files that write sentences, tables or reports: a value, perhaps with its 95 %
+//! interval and its unit. Out: text. Without an interval a number has four significant digits; with
+//! one, the last digit is the second digit of the interval's half-width (`alike`). A value that is
+//! not finite becomes "–".
 
 /// Probabilities below this are not told apart.
 const LEAST_P: f64 = 1e-16;
@@ -8,7 +13,8 @@ pub fn short(x: f64) -> String {
     significant(x, 4)
 }
 
-/// The number with so many significant digits, without trailing zeros.
+/// The number with so many significant digits, without trailing zeros; in exponential form below
+/// 1e-4 and from 1e6 on.
 pub fn significant(x: f64, digits: i32) -> String {
     if !x.is_finite() {
         return "–".to_owned();
@@ -55,20 +61,25 @@ pub fn measured(value: f64, [low, high]: [f64; 2], unit: &str) -> String {
     format!("{value}{unit} ({low} to {high})")
 }
 
-/// Value and interval with the same number of decimal places.
+/// Value and interval as texts with the same number of decimal places.
 fn alike(value: f64, [low, high]: [f64; 2]) -> [String; 3] {
     let all = [value, low, high];
     let half = 0.5 * (high - low).abs();
     let largest = all.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+    // no interval tells how many digits are known
     if !all.iter().all(|x| x.is_finite()) || half <= 1e-9 * largest {
         return all.map(short);
     }
-    // power of ten of the half-width's second digit
+
+    // power of ten of the half-width's second digit; where it is far from 1, exponential form may
+    // be needed, and significant digits are counted instead of decimal places
     let last = half.log10().floor() as i32 - 1;
     if !(-6..=5).contains(&last) || !(1e-4..1e7).contains(&largest) {
         let digits = (largest.log10().floor() as i32 - last + 1).clamp(2, 6);
         return all.map(|x| significant(x, digits));
     }
+
+    // round to that power where it is above 1, and give a zero no sign and no decimal places
     let to_grain = |x: f64| match last {
         1.. => (x / 10f64.powi(last)).round() * 10f64.powi(last),
         _ => x,
@@ -77,7 +88,8 @@ fn alike(value: f64, [low, high]: [f64; 2]) -> [String; 3] {
         .map(|x| if x.trim_matches(['-', '0', '.']).is_empty() { "0".into() } else { x })
 }
 
-/// Factor and name of the unit with the prefix that suits the value.
+/// The factor that the value is multiplied by, and the name of the unit with the prefix that suits
+/// the value. Only s and Hz have prefixes; the unit 1 has an empty name.
 fn prefixed(value: f64, unit: &str) -> (f64, String) {
     // the least value of each prefix, and its factor; the last one is taken for whatever is smaller
     let steps: &[(f64, f64, &str)] = match unit {

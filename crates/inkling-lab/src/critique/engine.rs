@@ -2,14 +2,23 @@
 //! it and the critique of an oscillator's decays (`decay`). Ink channels always come here, an oscillator
 //! only where the critique of decays cannot use its recording.
 //!
-//! In: [`Observations`] of healthy signals, counts. Out: an [`Outcome`]: what the model gets wrong, which
-//! signals were left out, and the model that a design's extension is made from.
+//! In, from `src/cli/critique.rs`: [`Observations`] of healthy signals, counts. Out, to the same
+//! caller: an [`Outcome`]: the findings (`Critique`), which signals were left out, and the model
+//! that a design's extension is made from.
 //!
-//! The steps, in this order: outliers are left out, unless labels say that all signals are healthy; the
-//! converter's codes and the noise are tested, and correlated noise is made white; causes that move the
-//! expected signal are selected; clipping and noise are tested again beside these causes, and the trigger
-//! for the first time; the remaining misfit is judged; the gain is measured; and all of it is put into
-//! words.
+//! This file only puts the steps in order; each step is the work of another file:
+//!
+//! 1. outliers are left out, unless labels say that all signals are healthy (`outliers`);
+//! 2. the baseline is fitted (`start`, `scatter`), and the converter's codes and the noise are
+//!    tested (`codes`, `ensemble`);
+//! 3. if the noise is correlated, the signals are made white, and their baseline and noise tested
+//!    anew;
+//! 4. causes that move the expected signal are selected (`selection`);
+//! 5. clipping and noise are tested again beside these causes, and the trigger for the first time
+//!    (`jitter`);
+//! 6. what is left is judged without the catalogue (`adequacy`);
+//! 7. the gain is measured on held-out signals (`gain`, `worth`);
+//! 8. verdict, remarks and sentences are written.
 //!
 //! Codes and noise come before the causes, because the tests of causes assume white noise. They come again
 //! after them, because what a cause does to single signals may look like noise. What is found in codes,
@@ -56,8 +65,10 @@ pub enum Rings {
     Oscillator,
 }
 
-/// Criticises the model of signals. `labelled`: labels said that all of them are healthy, so none is left
-/// out as an outlier. `stages` is called with the name of each step as it begins.
+/// Criticises the model of signals; the entry point of the whole room. `labelled`: labels said that
+/// all of them are healthy, so none is left out as an outlier. `stages` is called with the name of
+/// each step as it begins. The row order of `Outcome::outlier` is that of `all`. Errors: too few or
+/// too short signals, or none that rings.
 ///
 /// An oscillator's recording goes to the critique of decays if that can use it: if it has few bursts of one
 /// printhead, and not too many samples. Otherwise its signals, cut to [`MOST_SAMPLES`], are criticised one
@@ -79,8 +90,8 @@ pub fn critique(
     of_signals(all, rings == Rings::InkChannel, labelled, stages)
 }
 
-/// Criticises signals each of which is one ring. `real`: the ring has a real pole, as an ink channel's has;
-/// if not, the plant is an oscillator.
+/// Criticises signals each of which is one ring: all steps of the header. `real`: the ring has a
+/// real pole, as an ink channel's has; if not, the plant is an oscillator.
 fn of_signals(
     all: &Observations,
     real: bool,
@@ -92,8 +103,9 @@ fn of_signals(
         return Err(CritiqueError::TooShort { samples: all.samples });
     }
     stages("fitting the baseline");
-    // Outliers are looked for among ink channels' signals, not among an oscillator's. What labels call
-    // healthy stays in, but it is told (by `shaped`) if a few of these signals have a misfit with a shape.
+    // Outliers are looked for among ink channels' signals, not among an oscillator's. Signals that
+    // labels call healthy stay in, but `shaped` (-ln of a probability by chance) still says whether
+    // a few of them have a misfit with a shape; `adequacy` tells the reader.
     let Outliers { out: mut outlier, shaped } = match real {
         true => outliers(all, &Model::start(all, true).ok_or(CritiqueError::NoRing)?),
         false => Outliers { out: vec![false; all.len()], shaped: 0.0 },
@@ -104,7 +116,9 @@ fn of_signals(
     let data = all.select(|i| !outlier[i]).standardised();
     check_enough(data.len(), real)?;
 
-    // test codes and noise, select causes, then test codes and noise again beside the causes
+    // Test codes and noise, select causes, then test codes and noise again beside the causes. From
+    // here on `data` holds the white signals; `as_it_came` holds the original ones if their noise
+    // was correlated.
     let mut prepared = Prepared::of(data, real, stages)?;
     let Picked { selected, avoid } = prepared.pick(stages);
     let Prepared { data, as_it_came, baseline, mut aside, .. } = prepared;
@@ -112,9 +126,13 @@ fn of_signals(
     look_again(&mut aside, &selected, as_it_came.is_some(), setting);
     aside.odd_signals = shaped;
 
-    // judge what is left, and measure what the causes are worth on signals that nothing was fitted to
+    // judge what is left
     stages("checking what is left");
     let left = adequacy::check(&selected, &aside, setting);
+
+    // measure what the causes are worth on signals that nothing was fitted to: detection and misfit
+    // for the causes of the selection, the likelihood for these and for those of codes, noise and
+    // trigger
     stages("measuring the gain");
     let applied: Vec<_> = selected.causes.iter().map(|c| c.candidate.form.clone()).collect();
     let mut measured = gain::measure(&baseline, &applied, setting);
@@ -125,8 +143,8 @@ fn of_signals(
     let detection = measured.gain.detection();
     let figures = figures::draw(&baseline, &selected.fitted.model, &data, &measured.energies);
 
-    // Decide the verdict, and whether a design may be extended. It may not where the verdict is `Unknown`:
-    // then the causes are only like what is wrong, and explain it in part.
+    // Decide the verdict, and whether a design may be extended. It may not be where the verdict is
+    // `Unknown`: then the causes only resemble what is wrong, and explain a part of it.
     let ln_samples = data.ln_samples();
     let mut causes = causes(&aside, &selected, detection == Detection::Better, ln_samples);
     let of_outliers = LeftOut { signals: outlier.iter().filter(|o| **o).count(), all: all.len() };
@@ -163,9 +181,10 @@ fn of_signals(
         evidence: all_evidence(&aside, &selected, ln_samples),
         figures,
     };
-    // An extended design has to expect signals as they come. So where the noise was made white for the
-    // critique, the causes are fitted once more to the original signals, but for those that add a shape to
-    // the mean: whitening has changed their shapes.
+
+    // An extended design has to expect signals as they come. So where the noise was made white for
+    // the critique, the causes are fitted once more to the original signals. Causes that add a
+    // shape to the mean are dropped there, because whitening has changed their shapes.
     let extended = allowed.and_then(|()| match as_it_came {
         None => Ok(Extended::new(selected.fitted.model, &applied, &data.beside)),
         Some(coloured) => {
@@ -184,8 +203,10 @@ fn check_enough(found: usize, real: bool) -> Result<(), CritiqueError> {
     }
 }
 
-/// Signals with white noise, the baseline fitted to them, and what was found in codes and noise.
+/// Signals with white noise, the baseline fitted to them, and what was found in codes and noise:
+/// what steps 2 and 3 give to the selection.
 struct Prepared {
+    /// The signals with white noise; one sample shorter than they came if they had to be whitened.
     data: Observations,
     /// The signals before correlated noise was made white; `None` if it was white.
     as_it_came: Option<Observations>,
@@ -213,17 +234,22 @@ impl Prepared {
     ) -> Result<Prepared, CritiqueError> {
         let mut baseline = Model::start(&data, real).ok_or(CritiqueError::NoRing)?;
         baseline.fit(&data, 2);
+
+        // codes first: what is accepted of them is written to the baseline (rails, lattice), which
+        // is fitted again, and changes what is left for the noise
         stages("looking at codes and noise");
         let codes = codes::test(&data, &mut baseline);
         if !codes.is_empty() {
             baseline.fit(&data, 2);
         }
-        // the codes that were found are in the baseline now, and change what is left for the noise
         let noise = ensemble::test(&data, &baseline);
         let mut aside = Aside { codes, noise, odd_signals: 0.0 };
+
         // no cause is selected yet: noise is weighed against codes and other noise alone
         leave_out(&mut aside, Vec::new());
         let deferred = at_the_ring(&mut aside.noise, &baseline, data.length_s());
+
+        // whiten the signals if their noise is correlated
         let rho = accepted(&aside.noise, CauseId::CorrelatedNoise);
         let prepared = Prepared { data, as_it_came: None, baseline, aside, deferred };
         match rho {
@@ -232,14 +258,21 @@ impl Prepared {
         }
     }
 
-    /// Takes the correlation of the noise out of the signals, and tests the noise anew. `rho`: first
-    /// estimate of the correlation at lag 1.
+    /// Takes the correlation of the noise out of the signals, and tests the noise anew. `rho`:
+    /// first estimate of the correlation at lag 1.
+    ///
+    /// The noise is taken for an AR(1) process, so the signals y_k - rho y_{k-1} have white noise.
+    /// The estimate is improved until the whitened signals have no more correlation than
+    /// `NEARLY_WHITE`: whiten the original signals by the estimate so far, fit a baseline, measure
+    /// the correlation that is left, and add it to the estimate, enlarged by extrapolation.
     fn whitened(self, rho: f64) -> Result<Prepared, CritiqueError> {
         let Prepared { data, aside, baseline, .. } = self;
-        // whitened samples have neither codes nor rails: those that may be clipped are left out before
+        // Whitened samples are no codes of the converter any more, and the model knows no rails of
+        // them. So samples that may be clipped are marked as lost before.
         let (as_it_came, real) = (codes::unclipped(data, &baseline), baseline.real);
         let Aside { codes, mut noise, .. } = aside;
-        // the estimate so far; and, as `last`, the correlation that the round before still found
+        // `total`: the estimate so far; `last`: the correlation that the round before had still
+        // found
         let mut total = rho;
         let mut round = 0;
         let mut last = f64::INFINITY;
@@ -257,15 +290,18 @@ impl Prepared {
             if round >= MOST_WHITENINGS || more.is_nan() || more.abs() <= NEARLY_WHITE {
                 break (data, baseline, again);
             }
-            // A fit to a signal swallows slow noise, so each estimate falls short by about the same share:
-            // extrapolate the geometric series of the steps to its limit.
+            // A fit to a signal swallows slow noise, so each estimate falls short by about the same
+            // share (more/last), and the steps are a geometric series: extrapolate it to its limit.
+            // In the first round `last` is infinite, so nothing is extrapolated.
             let share = (more / last).clamp(0.0, 0.8);
             total += more / (1.0 - share);
             last = more;
         };
-        // The correlation's row is that of the first test, since whitened signals have hardly any left; all
-        // other rows are those of the last. Its value becomes the correlation that the noise had before the
-        // converter's rounding, which adds white noise of variance step²/12.
+
+        // The finding of correlated noise stays that of the first test, since whitened signals have
+        // hardly any correlation left; all other findings are those of the last test. The value of
+        // the former becomes the correlation that the noise had before the converter's rounding,
+        // which adds white noise of variance step²/12.
         noise.retain(|f| f.id == CauseId::CorrelatedNoise);
         let step = accepted(&codes, CauseId::CoarseLsb).unwrap_or(1.0);
         let rounding = if as_it_came.integer { step * step / 12.0 } else { 0.0 };
@@ -291,6 +327,7 @@ impl Prepared {
         if !self.deferred {
             return picked;
         }
+        // a tone that was the ring, bent by a cause, is gone with that cause in the model
         let again = ensemble::test(&self.data, &picked.selected.fitted.model);
         let noise = &mut self.aside.noise;
         noise.retain(|f| f.id != CauseId::RandomTone);
@@ -312,9 +349,10 @@ impl Prepared {
     }
 }
 
-/// Tests clipping and noise again, now that the causes are in the model, and the trigger for the first time.
-/// Withdraws noise that is not found any more, and noise or trigger that is no more than what a stronger
-/// finding leaves. `whitened`: the signals are, and have no codes.
+/// Tests clipping and noise again, now that the causes are in the model, and the trigger for the
+/// first time. Withdraws noise that is not found any more, and noise or trigger that is no more
+/// than what a stronger finding leaves. `whitened`: the signals were whitened, so they have no
+/// codes to be tested.
 fn look_again(aside: &mut Aside, selected: &Selected, whitened: bool, setting: Setting) {
     let Setting { data, .. } = setting;
     if !whitened && accepted(&aside.codes, CauseId::Clipping).is_none() {

@@ -1,12 +1,15 @@
-//! What is done with signals whose noise is made white.
+//! Tests of `engine.rs` on synthetic signals with correlated noise, which the engine makes white
+//! before it looks for causes: clipped samples must not spoil this, and a random tone at the ring's
+//! own frequency must be deferred until causes are selected.
 
 use super::super::generator::{Run, draw};
 use super::super::observations::Sampler;
 use super::CauseId::{CorrelatedNoise, RandomTone};
 use super::*;
 
-/// Whole counts with correlated noise, after `converted` was applied to each sample: by the number of its
-/// signal, its time in signal lengths, and its value.
+/// 16 channels in 12 bursts, as whole counts, with AR(1) noise of rho = .35. `converted` changes
+/// each sample before it is rounded; its arguments are the number of the signal, the time in signal
+/// lengths, and the value in counts.
 fn coloured(seed: u64, converted: impl Fn(usize, f64, f64) -> f64) -> Observations {
     let effect = Some(CorrelatedNoise);
     let run = Run { channels: 16, bursts: 12, effect, size: 0.35, ..Run::default() };
@@ -29,6 +32,8 @@ fn named(data: &Observations) -> Option<Vec<&'static str>> {
     (of.verdict == Verdict::Named).then_some(names)
 }
 
+/// Both causes must be named, and nothing else: a clipped sample, if it were whitened, would look
+/// like a pulse.
 #[test]
 fn clipped_samples_are_left_out_where_noise_is_made_white() {
     for seed in [1, 2, 3] {

@@ -1,9 +1,18 @@
-//! Tests causes that show in the noise of single signals, not in their mean: random tone, correlated and
-//! heteroscedastic noise.
+//! Tests causes that show in the noise of single signals, not in their mean: random tone,
+//! correlated and heteroscedastic noise (which grows with the signal).
 //!
-//! In: the baseline's residuals, each freed of what its own ring explains and of what all signals have in
-//! common. Out: a [`Candidate`] for each cause. Heavy tails widen the standard errors of correlation and
-//! growth, which come from the scatter over signals, and lower the deviate of a tone.
+//! In, from `engine.rs`: signals, and a fitted model. Out: one [`Candidate`] for each of the three
+//! causes. First each signal's residual r is freed of what its own ring explains and of what all
+//! signals have in common: u = (1 - Q Q^T) r (`residuals`, which also serves the figures). Then:
+//!
+//! - random tone: the frequency at which the mean of all periodograms of u is largest
+//!   (`pooled_line`);
+//! - correlation: the mean of u_k u_{k-1}, less what the projection itself causes (`lag_one`);
+//! - growth: the slope of u_k² against the squared expected sample (`heteroscedastic`).
+//!
+//! The projection takes more of some frequencies, lags and samples than of others, so each test
+//! allows for what Q takes. Standard errors come from the scatter over signals, so heavy tails
+//! widen those of correlation and growth, and lower the deviate of a tone.
 
 use super::candidate::Candidate;
 use super::candidates::LEAST_PERIODS;
@@ -26,7 +35,8 @@ const FEWEST: usize = 16;
 /// common.
 const TAKEN: usize = FREE + 1;
 
-/// One signal's residual u = (1 - Q Q^T) r and the basis Q of what was projected out, N x TAKEN.
+/// One signal's residual u = (1 - Q Q^T) r, counts, and the orthonormal basis Q of what was
+/// projected out, N x TAKEN. Samples that may be clipped have r = 0.
 pub struct Residual {
     pub u: Vec<f64>,
     pub q: DMatrix<f64>,
@@ -34,7 +44,9 @@ pub struct Residual {
     pub expected: Vec<f64>,
 }
 
-/// Residuals of all signals, each freed of its tangent and of the mean over signals.
+/// Residuals of all signals, each freed of its tangent and of the mean misfit over all signals.
+/// At each sample that mean is a cubic in the drive if there is a drive scan, and a constant
+/// otherwise.
 pub fn residuals(model: &Model, data: &Observations) -> Vec<Residual> {
     let n = data.samples;
     let scale = model.scale();
@@ -43,7 +55,9 @@ pub fn residuals(model: &Model, data: &Observations) -> Vec<Residual> {
         q: linear.by_free(&scale).qr().q(),
         expected: linear.expected(data.signal(i)),
     });
-    // regress the residuals on the powers of the drive, sample by sample: what signals have in common
+
+    // what signals have in common: regress the residuals on the powers of the drive, sample by
+    // sample
     let powers = |i: usize| powers(data.beside.drive[i]);
     let used = if data.beside.drive_scan { PATTERNS } else { 1 };
     let mut gram = DMatrix::<f64>::identity(used, used) * 1e-9;
@@ -60,11 +74,13 @@ pub fn residuals(model: &Model, data: &Observations) -> Vec<Residual> {
         }
     }
     let mean = gram.cholesky().map_or(DMatrix::zeros(used, n), |c| c.solve(&sums));
+
+    // Project the tangent and the common part out of each signal. The common part is one more
+    // column of Q, and is not subtracted as it is, because each signal has an amount of its own of
+    // it, as it has an amplitude of its own.
     for (i, left) in all.iter_mut().enumerate() {
         let p = powers(i);
         let common = |k: usize, _| (0..used).map(|a| p[a] * mean[(a, k)]).sum::<f64>();
-        // project the tangent and the common part out; each signal has its own amount of the latter, as its
-        // amplitude is
         let mut j = left.q.clone().resize_horizontally(TAKEN, 0.0);
         j.set_column(FREE, &DMatrix::from_fn(n, 1, common).column(0));
         left.q = j.qr().q();
@@ -73,7 +89,8 @@ pub fn residuals(model: &Model, data: &Observations) -> Vec<Residual> {
     all
 }
 
-/// Projects an orthonormal basis out of u.
+/// Projects an orthonormal basis `q` (N x any number of columns) out of u, in place. `figures.rs`
+/// and `whiteness.rs` use this as well.
 pub fn project(q: &DMatrix<f64>, u: &mut [f64]) {
     for column in q.column_iter() {
         let share: f64 = column.iter().zip(u.iter()).map(|(q, u)| q * u).sum();
@@ -81,7 +98,9 @@ pub fn project(q: &DMatrix<f64>, u: &mut [f64]) {
     }
 }
 
-/// The symmetric shift by a lag, (S^lag + its transpose)/2, of each column.
+/// The symmetric shift by a lag of each column: the mean of the column shifted down and shifted up
+/// by so many samples, with zeros from outside. Then y^T shifted(y) is the sum of products y_k
+/// y_{k-lag}.
 pub fn shifted(q: &DMatrix<f64>, lag: usize) -> DMatrix<f64> {
     DMatrix::from_fn(q.nrows(), q.ncols(), |k, a| {
         let back = if k >= lag { q[(k - lag, a)] } else { 0.0 };
@@ -103,7 +122,9 @@ fn two_sided(z: f64) -> f64 {
     -(ln_upper_tail(z.abs()) + 2f64.ln()).min(0.0)
 }
 
-/// Tests the three causes. The value of a tone is its frequency in Hz.
+/// Tests the three causes, in the order random tone, correlated noise, heteroscedastic noise.
+/// Values: the tone's frequency in Hz; rho at lag one; the growth h, relative to the variance where
+/// the signal is 0. With less than `FEWEST` signals all three are untested.
 pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
     if data.len() < FEWEST {
         return [CauseId::RandomTone, CauseId::CorrelatedNoise, CauseId::HeteroscedasticNoise]
@@ -112,12 +133,17 @@ pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
     }
     let mut left = residuals(model, data);
     let n = data.samples;
+    // variance of the noise, by what the projection leaves
     let v = left.iter().map(|l| dot(&l.u, &l.u)).sum::<f64>()
         / (left.len() * (n - TAKEN).max(1)) as f64;
     let line = pooled_line(&left, n, v);
     let mut rho = lag_one(&left, n, v);
-    // A line correlates the noise, and correlated noise is a broad hump in the spectrum: the line is taken if
-    // it stands out of its neighbourhood, and the correlation is then measured without it.
+
+    // A line correlates the noise, and correlated noise is a broad hump in the spectrum. So the
+    // line counts only if it is significant and stands out of its neighbourhood in the spectrum;
+    // the correlation is then measured again without the line. Otherwise a hump is the cause, and
+    // the line is none. (The condition on rho fails only for a correlation of exactly 0, so in
+    // white noise, too, the line must stand out.)
     let mut line_surprise = line.surprise;
     if line_surprise > 0.0 && two_sided(rho.z) > 0.0 {
         left.iter_mut().for_each(|left| notch(left, line.omega, n));
@@ -127,6 +153,7 @@ pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
             line_surprise = 0.0;
         }
     }
+
     let hz = |omega: f64| omega / TAU / data.length_s();
     let tone = Property { value: hz(line.omega), sd: hz(line.sd), z: line.z };
     let h = heteroscedastic(&left, n, v);
@@ -178,8 +205,9 @@ fn notch(left: &mut Residual, omega: f64, n: usize) {
     project(&q, &mut left.u);
 }
 
-/// Mean over signals of the periodogram at one frequency, relative to what white noise has after the
-/// projection; and its standard error.
+/// Mean over signals of the periodogram at one frequency (rad per signal length), relative to what
+/// white noise of variance `v` has there after the projection: 1 if there is noise alone. And its
+/// standard error.
 fn mean_power(left: &[Residual], v: f64, omega: f64) -> (f64, f64) {
     let n = left[0].u.len();
     let [c, s] = waves(0.0, omega / n as f64, n);
@@ -187,6 +215,7 @@ fn mean_power(left: &[Residual], v: f64, omega: f64) -> (f64, f64) {
     let values: Vec<f64> = left
         .iter()
         .map(|l| {
+            // white noise has v N in cosine and sine together, less what lies in the columns of Q
             let lost: f64 = l.q.column_iter().map(|q| power(q.as_slice())).sum();
             power(&l.u) / (v * (n as f64 - lost).max(1.0))
         })
@@ -194,12 +223,20 @@ fn mean_power(left: &[Residual], v: f64, omega: f64) -> (f64, f64) {
     mean_of(&values)
 }
 
-/// The frequency with the largest mean power, and how significant that is. `v`: variance of the noise.
+/// The frequency with the largest mean power, and how significant that is. `v`: variance of the
+/// noise.
+///
+/// In white noise a periodogram relative to its mean is exponentially distributed, so the mean over
+/// m signals is nearly normal after its cube root is taken. The largest of n independent
+/// frequencies is looked at, which adds ln n to the logarithm of its probability.
 fn pooled_line(left: &[Residual], n: usize, v: f64) -> Line {
     let ratio = |omega: f64| mean_power(left, v, omega);
     let m = left.len() as f64;
-    // the mean of m exponentials as a normal deviate, Wilson and Hilferty
+    // the mean of m exponentials as a normal deviate, by the approximation of Wilson and Hilferty
     let z_of = |r: f64| 3.0 * m.sqrt() * (r.max(1e-9).cbrt() - (1.0 - 1.0 / (9.0 * m)));
+
+    // scan up to half the sampling rate, in steps of a quarter of a period per signal length;
+    // `all[j]` is at (j + 1) steps
     let count = 2 * n;
     let step = PI * n as f64 / count as f64;
     let all: Vec<f64> = (1..count - 1).map(|j| ratio(j as f64 * step).0).collect();
@@ -211,18 +248,24 @@ fn pooled_line(left: &[Residual], n: usize, v: f64) -> Line {
             best = j;
         }
     }
+
+    // refine the frequency, and turn the power there into a normal deviate; the latter is bounded
+    // by the spread over signals, since with heavy tails the exponential distribution is too
+    // optimistic
     let omega = maximum(|omega| ratio(omega).0, (best + 1) as f64 * step, step);
     let (r, se) = ratio(omega);
-    // the deviate is bounded by the spread over signals, since heavy tails make exponentials too optimistic
     let z = z_of(r).min((r - 1.0) / se.max(1e-9) * line_bound());
-    // amplitude² / 4 * N per signal over v is r - 1, which gives the error of the frequency
+
+    // r - 1 is amplitude² N / (4 v), the signal-to-noise ratio s of one signal. By the Cramér-Rao
+    // bound the variance of the frequency is 6 / (s m) in (rad per signal length)²; the factor 1 +
+    // 1/s widens it where the line is weak.
     let snr = (r - 1.0).max(1e-6);
     let var = 6.0 / (n as f64 * n as f64) / (snr * m) * (1.0 + 1.0 / snr) * (n * n) as f64;
     Line {
         omega,
         sd: var.sqrt(),
         z,
-        // if the search ended below, the power is that of slow noise, and no line
+        // if the refined frequency lies below the slowest line, the power is that of slow noise
         surprise: match omega < LEAST_PERIODS * TAU {
             true => 0.0,
             false => (-(ln_upper_tail(z)) - (n as f64).ln()).max(0.0),
@@ -243,10 +286,12 @@ fn around(all: &[f64], peak: usize) -> f64 {
     near.get(near.len() / 2).copied().unwrap_or(1.0)
 }
 
-/// Estimates the correlation rho at lag one, corrected for the correlation that the projection makes.
+/// Estimates the correlation rho at lag one, corrected for the correlation that the projection
+/// makes: solves for rho, signal by signal, and takes the mean.
 ///
-/// With S = (shift + its transpose)/2 and P = Q Q^T: E[u^T S u] = v (-tr S P + 2 rho (tr S² - 2 tr S² P + tr
-/// S P S P)) to first order in rho.
+/// With S = (shift + its transpose)/2 and P = Q Q^T: E[u^T S u] = v (-tr(S P) + 2 rho (tr(S²) - 2
+/// tr(S² P) + tr(S P S P))) to first order in rho. In the code `products` is u^T S u, `lost` is
+/// tr(S P), and `slope` is 2 (...), where 2 tr(S²) = n - 1.
 fn lag_one(left: &[Residual], n: usize, v: f64) -> Property {
     let values: Vec<f64> = left
         .iter()
@@ -264,10 +309,15 @@ fn lag_one(left: &[Residual], n: usize, v: f64) -> Property {
     Property { value: mean, sd: se, z: mean / se.max(1e-12) }
 }
 
-/// rho of AR(1) noise to which digitising adds white noise of variance `white`. `t` is the number for which
-/// n_k - t n_{k-1} has no correlation at lag one, and `left` the variance of that. With S the variance of the
-/// AR(1) noise, S (rho - t)(1 - rho t) = t white, and left = (1 + t²)(S + white) - 2 t rho S. Solved by
-/// fixed-point iteration.
+/// rho of AR(1) noise to which digitising adds white noise of variance `white`, counts². `t` is the
+/// number for which the sum n of both noises makes n_k - t n_{k-1} free of correlation at lag one,
+/// and `left` the variance of this difference. With S (`own`) the variance of the AR(1) noise
+/// alone,
+///
+/// S (rho - t)(1 - rho t) = t white and left = (1 + t²)(S + white) - 2 t rho S.
+///
+/// Both are solved for rho and S by fixed-point iteration, with half steps. Without rounding noise
+/// t is rho.
 pub fn beneath_rounding(t: f64, left: f64, white: f64) -> f64 {
     let mut rho = t;
     for _ in 0..50 {
@@ -282,14 +332,17 @@ pub fn beneath_rounding(t: f64, left: f64, white: f64) -> f64 {
     rho
 }
 
-/// Estimates the growth h of the noise's variance, relative to that at zero, up to the largest expected
-/// sample.
+/// Estimates the growth h of the noise's variance, relative to that at zero, up to the largest
+/// expected sample: variance = v0 (1 + h x), where x is the squared expected sample over the
+/// largest one. For each signal the squared residuals are regressed on x; the slopes' mean and
+/// scatter over signals give h.
 fn heteroscedastic(left: &[Residual], n: usize, v: f64) -> Property {
     let largest = left
         .iter()
         .flat_map(|l| l.expected.iter())
         .fold(0.0_f64, |m, y| m.max(y.abs()))
         .max(1e-300);
+    // mean and variance of x over all samples
     let (mut sum, mut square, mut count) = (0.0, 0.0, 0.0);
     for l in left {
         for y in &l.expected {
@@ -301,7 +354,9 @@ fn heteroscedastic(left: &[Residual], n: usize, v: f64) -> Property {
     }
     let centre = sum / count;
     let spread = square / count - centre * centre;
-    // slope and level of u² / (1 - leverage), over v, against the squared expected sample x
+
+    // Slope and level of w = u² / (v (1 - leverage)) against x less its mean. The leverage is the
+    // share of a sample's variance that the projection takes.
     let values: Vec<(f64, f64)> = left
         .iter()
         .map(|l| {
@@ -316,6 +371,8 @@ fn heteroscedastic(left: &[Residual], n: usize, v: f64) -> Property {
             (slope / (spread * n as f64).max(1e-300), level / n as f64)
         })
         .collect();
+
+    // h is the slope over the variance at x = 0
     let slopes: Vec<f64> = values.iter().map(|(s, _)| *s).collect();
     let (slope, se) = mean_of(&slopes);
     let level = values.iter().map(|(_, l)| l).sum::<f64>() / values.len() as f64;

@@ -1,8 +1,12 @@
 //! The model with its causes, where it may become a design.
 //!
-//! In: what was selected, and what it buys on signals that nothing was fitted to. Out: [`Extended`], or why
-//! there is none ([`NotExtended`]): a design must not learn from a mixture of healthy and faulty signals, nor
-//! detect worse than the one without it.
+//! In, from `engine.rs`: the selected causes, how many signals were left out as outliers, and what
+//! the causes buy on signals that nothing was fitted to. Out: [`Extended`], from which
+//! `src/cli/extended_design.rs` makes the extension of a design; or why there is none
+//! ([`NotExtended`], whose texts the reader gets). A design must not learn from a mixture of
+//! healthy and faulty signals, nor detect worse than the one without its extension. `check` asks in
+//! this order: are there causes, are few signals left out, is one cause worth it, does detection
+//! not suffer?
 
 use super::candidates::{Applied, Setting};
 use super::catalogue::CauseId;
@@ -13,15 +17,18 @@ use super::refit::{apply, refit};
 use inkling_core::numbers::tuned::little;
 use thiserror::Error;
 
-/// The model with its causes, and the covariates that it follows, of the rows that were kept.
+/// The model with its causes, and what its covariates are standardised by.
 pub struct Extended {
     /// The causes in the model.
     pub causes: Vec<CauseId>,
+    /// The fitted model, with what the causes add.
     pub model: Model,
+    /// Covariates of the signals that were kept, in the order of these.
     pub beside: Covariates,
 }
 
 impl Extended {
+    /// `model` must hold the `causes` already.
     pub fn new(model: Model, causes: &[Applied], beside: &Covariates) -> Extended {
         let causes = causes.iter().map(|cause| cause.id).collect();
         Extended { causes, model, beside: beside.clone() }
@@ -65,7 +72,8 @@ pub struct LeftOut {
 }
 
 impl LeftOut {
-    /// Whether so many were left out that the rest cannot be trusted to be healthy.
+    /// Whether so many were left out, more than a tenth, that the rest cannot be trusted to be
+    /// healthy.
     pub fn is_mixture(self) -> bool {
         self.signals as f64 > little() * self.all as f64
     }
@@ -91,7 +99,8 @@ impl LeftOut {
     }
 }
 
-/// Whether anything speaks against a design of this model with these causes.
+/// Whether anything speaks against a design of a model with these causes. `gain`: what the causes
+/// buy on held-out signals. The texts of [`NotExtended`] say what each answer means.
 pub fn check(causes: &[Applied], left_out: LeftOut, gain: &Gain) -> Result<(), NotExtended> {
     if causes.is_empty() {
         return Err(NotExtended::NothingExpected);
@@ -99,12 +108,13 @@ pub fn check(causes: &[Applied], left_out: LeftOut, gain: &Gain) -> Result<(), N
     if left_out.is_mixture() {
         return Err(NotExtended::Mixture { left_out: left_out.signals, all: left_out.all });
     }
+    // one cause must surely predict held-out signals better, or detection must be better
     let measured: Vec<_> = causes.iter().filter_map(|cause| gain.worth(cause.id)).collect();
     let worth_it = measured.is_empty() || measured.iter().any(|worth| worth.is_sure());
     if !worth_it && gain.detection() != Detection::Better {
         return Err(NotExtended::NotWorth);
     }
-    // even if it detects only a little worse
+    // it must not detect surely worse, even if only by a little
     if gain.detection_gain_interval.is_some_and(|[_, high]| high < 0.0) {
         return Err(NotExtended::DetectsWorse {
             before: gain.before.detection_auc,
@@ -114,8 +124,11 @@ pub fn check(causes: &[Applied], left_out: LeftOut, gain: &Gain) -> Result<(), N
     Ok(())
 }
 
-/// The model of signals whose noise was not whitened, with those causes that are the same there: those that
-/// move the free decay, or add a later part of it.
+/// The model of signals whose noise is correlated and was not whitened, with those causes that are
+/// the same in these and in whitened signals: those that move the free decay, or add a later part
+/// of it. Shapes of the mean are dropped, since whitening has changed them. `setting`: the signals
+/// as they came. A baseline is fitted anew, the causes are added with the sizes that they had in
+/// whitened signals, and all is refitted.
 pub fn in_colour(mut causes: Vec<Applied>, setting: Setting) -> Result<Extended, NotExtended> {
     causes.retain(|cause| !cause.id.is_shape());
     if causes.is_empty() {

@@ -1,8 +1,10 @@
-//! The findings of a critique. The engine fills them; the JSON writer, the tables and the report only read
-//! them.
+//! The findings of a critique: plain data that is written to files. There is no algorithm here.
 //!
-//! `critique.json` is [`Critique`] serialised (contract, `critique.json`); the evidence and the figures go to
-//! tables of their own and to the report.
+//! `engine.rs` fills them for ink channels, `decay/mod.rs` for an oscillator's decays; the JSON
+//! writer and the tables (`src/cli/critique.rs`) and the report (`report.rs`) only read them.
+//! `critique.json` is [`Critique`] serialised, without the fields marked `skip`
+//! (`schemas/critique.md`); the evidence and the figures go to tables of their own
+//! (`evidence.parquet`, `residuals.parquet`) and to the report.
 
 use super::catalogue::CauseId;
 use super::objection::{Objection, WhyNot};
@@ -40,6 +42,7 @@ impl Verdict {
 /// All findings of a critique.
 #[derive(Clone, Debug, Serialize)]
 pub struct Critique {
+    /// [`VERSION`].
     pub version: u32,
     pub verdict: Verdict,
     pub causes: Vec<Cause>,
@@ -53,19 +56,22 @@ pub struct Critique {
     pub sentence: String,
     /// Remarks: what remains unexplained, which outliers were left out, which experiment would settle a tie.
     pub remarks: Vec<String>,
-    /// The extended equation, plain text.
+    /// The equation of the model with its causes, plain text.
     pub equation: String,
     pub signals: Signals,
+    /// One row for each candidate and step of the selection.
     #[serde(skip)]
     pub evidence: Vec<Evidence>,
     #[serde(skip)]
     pub figures: Figures,
 }
 
-/// A cause that was found.
+/// A cause that was found; with verdict `unknown`, one that the misfit resembles.
 #[derive(Clone, Debug, Serialize)]
 pub struct Cause {
     pub id: CauseId,
+    /// Name and unit of the catalogue's parameter; its value in that unit, and the ends of its 95 %
+    /// interval.
     pub parameter: String,
     pub unit: String,
     pub value: f64,
@@ -74,20 +80,24 @@ pub struct Cause {
     pub strength_dl: f64,
     /// BIC without this cause minus BIC with it: positive speaks for it.
     pub delta_bic: f64,
+    /// Causes of the catalogue that explain the signals as well.
     pub tied_with: Vec<CauseId>,
     /// Rivals without a name that explain the signals as well.
     #[serde(skip)]
     pub tied_unnamed: Vec<CauseId>,
+    /// Whether faults are detected better with the cause in the model, as far as this was measured.
     pub matters_for_detection: bool,
-    /// With verdict `unknown`: the share of the misfit that the nearest cause explains.
+    /// With verdict `unknown`: the share of the misfit that all causes together explain, the same number in
+    /// each of them; or, where no cause entered a decay's model, the share that the nearest one explains.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub explains: Option<f64>,
+    /// What is wrong and how large it is, in words.
     pub sentence: String,
 }
 
 impl Cause {
-    /// A cause of the catalogue with its 95 % interval, tied with none, whose sentence is still to be
-    /// written.
+    /// A cause of the catalogue with its 95 % interval (normal, from the standard error `sd`), tied
+    /// with none, whose sentence is still to be written.
     pub fn new(id: CauseId, value: f64, sd: f64, strength_dl: f64, delta_bic: f64) -> Cause {
         let entry = id.row();
         Cause {
@@ -126,11 +136,15 @@ pub struct NotTestable {
     pub needs: String,
 }
 
-/// Misfit of the baseline model on all signals that were judged.
+/// Misfit of the baseline model on all signals that the critique rests on (`gain.rs`).
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Misfit {
+    /// Square of the misfit in its expected covariance, per degree of freedom: 1 if the model is
+    /// right.
     pub chi2_per_dof: f64,
+    /// Root mean square of the misfit in per cent of the signals' own.
     pub nrmse_percent: f64,
+    /// p-value of the misfit being white noise.
     pub whiteness_p: f64,
 }
 
@@ -143,6 +157,7 @@ pub struct Gain {
     /// None where nothing was extended or detection was not measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub detection_gain_interval: Option<[f64; 2]>,
+    /// The difference of which this is the interval; 0 where there is none.
     #[serde(skip)]
     pub detection_gain: f64,
     /// Gain in ln likelihood; absent where nothing was found.
@@ -151,7 +166,8 @@ pub struct Gain {
     pub held_out: HeldOut,
 }
 
-/// Gain of a model's ln likelihood per held-out signal, by all causes and by each one.
+/// Gain of a model's ln likelihood per held-out signal, by all causes together and by each one,
+/// whose name is the key.
 #[derive(Clone, Debug, Serialize)]
 pub struct LogLikelihood {
     #[serde(flatten)]
@@ -159,8 +175,8 @@ pub struct LogLikelihood {
     pub by_cause: BTreeMap<&'static str, Worth>,
 }
 
-/// Mean over the signals, nats, and its 95 % interval: by resampling channels; of decays by the scatter of
-/// samples.
+/// A gain in ln likelihood: the mean over the signals, in nats (natural logarithm), and its 95 %
+/// interval. The interval comes from resampling channels, or of decays from the scatter of samples.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Worth {
     pub gain: f64,
@@ -174,10 +190,12 @@ impl Worth {
     }
 }
 
-/// Size of the small nozzle fault that detection is measured with: a change of ln damping, in standard
-/// deviations of the extended model's healthy signals.
+/// Size of the small nozzle fault that detection is measured with: a change of ln damping, in
+/// standard deviations of the extended model's healthy signals. This and the next number are
+/// conventions.
 pub const FAULT: f64 = 2.5;
-/// Share of the healthy signals of channels never heard before that may exceed the threshold.
+/// Share of the healthy signals of channels never heard before that is meant to exceed the detection
+/// threshold.
 pub const ALARMS: f64 = 0.01;
 
 /// Smallest difference in detection AUC that matters: the goal is to be within it of a model that knows the
@@ -200,6 +218,8 @@ impl Gain {
         self.log_likelihood_per_signal.as_ref()?.by_cause.get(id.name()).copied()
     }
 
+    /// What the extension does to detection: better or worse only if the interval excludes 0 and
+    /// the difference is large enough to matter.
     pub fn detection(&self) -> Detection {
         match self.detection_gain_interval {
             None => Detection::NotMeasured,
@@ -210,8 +230,9 @@ impl Gain {
     }
 }
 
-/// Figures of one model on held-out signals. Intervals are 95 %, by resampling channels; absent where there
-/// is nothing to resample.
+/// Figures of one model on held-out signals; the first ones are those of [`Misfit`]. Intervals are
+/// 95 %, by resampling channels (of decays: stretches of time); absent where there is nothing to
+/// resample. What concerns detection is NaN where it was not measured.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct GainFigures {
     pub chi2_per_dof: f64,
@@ -250,16 +271,19 @@ pub struct Signals {
     /// Those of them that the critique rests on: drawn at random where there were too many for the memory,
     /// outliers left out.
     pub used: usize,
-    /// Signals that were left out: unlike the others (or not healthy by the labels).
+    /// Signals that were left out because they ring unlike the others.
     pub outliers: usize,
+    /// Channels of the used signals; of decays, outputs.
     pub channels: usize,
+    /// Signals that could not be used, or had another sample period; the engine says 0,
+    /// `src/cli/critique.rs` fills it in.
     pub rejected: u64,
 }
 
-/// One candidate in one step of the selection.
+/// The test of one candidate in one step of the selection: a row of the evidence.
 #[derive(Clone, Debug)]
 pub struct Evidence {
-    /// Number of causes that were in the model when it was tested; 0: the baseline.
+    /// Number of causes that had entered the model before it was tested; 0: the baseline.
     pub step: u32,
     pub id: CauseId,
     /// Likelihood-ratio statistic: the squared distance of the strength from none, in its own standard
@@ -268,10 +292,14 @@ pub struct Evidence {
     /// Threshold that the statistic must exceed, by the statistic's distribution without effect; NaN where
     /// not testable.
     pub threshold: f64,
+    /// Probability of so large a statistic by chance, with all corrections (tries, heavy tails).
     pub p: f64,
+    /// BIC without the candidate minus BIC with it.
     pub delta_bic: f64,
+    /// Size in detection limits: sqrt(statistic / 20.9).
     pub strength_dl: f64,
-    /// Size as the parameter in the critique's units; NaN where it was not estimated.
+    /// Size as the catalogue's parameter, in its unit, with its standard error; NaN where it was
+    /// not estimated.
     pub value: f64,
     pub sd: f64,
     /// Why it was not accepted; `None`: it was.
@@ -308,7 +336,8 @@ pub struct Figures {
     pub energies: Energies,
 }
 
-/// A curve with a band: about itself, or one that it is to be compared with.
+/// A curve with a band, `low` to `high`: an interval of the curve itself, or the range in which the
+/// curve lies if the model is right.
 #[derive(Clone, Debug, Default)]
 pub struct Curve {
     pub y: Vec<f64>,
@@ -336,14 +365,15 @@ pub struct Compared {
 /// Misfit of a model parameter against a recorded covariate, in bins.
 #[derive(Clone, Debug, Default)]
 pub struct CovariateFigure {
-    /// `temperature`, `time`, `channel`, `idle`, `neighbours`, `drive`.
+    /// Name of the covariate, as in `covariates::NAMES`: `temperature`, `time`, `channel`, ...
     pub covariate: String,
-    /// Whether its values may spread over decades.
+    /// Whether its values may spread over decades, so that a logarithmic axis suits them.
     pub decades: bool,
     pub unit: String,
     /// `amplitude`, `damping` or `frequency`, relative.
     pub parameter: String,
-    /// Mean of each bin, with its 95 % bar.
+    /// Mean misfit of the parameter in each bin (relative, not per cent), with its 95 % bar; x is the bin's
+    /// centre in `unit`.
     pub means: Compared,
 }
 

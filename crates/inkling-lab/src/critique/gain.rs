@@ -1,13 +1,22 @@
-//! What the extension buys, on signals that nothing was fitted to.
+//! What the extension buys on signals that nothing was fitted to: misfit, whiteness, false alarms, and the
+//! detection of a small fault, before and after.
 //!
-//! In: the baseline, and the causes that extend it. Out: [`Measured`]. Both models, the baseline and the
-//! extended one, are fitted to every other channel in three of five blocks of time, and judged on the other
-//! channels in the two blocks between. With too few channels, the split is by time alone; where every channel
-//! was heard once, by channel alone. A held-out channel's own parameters are unknown: what is judged is the
-//! deviation from the population, in its covariance.
+//! In: the baseline, and the causes that extend it (from `engine.rs`). Out: [`Measured`], the numbers of the
+//! report's table of gains. The steps:
 //!
-//! Nothing is estimated from held-out signals, but what was chosen before was chosen by all signals: which
-//! causes there are, clipping, the coarse step, and how noise was made white.
+//! 1. split the signals: both models, the baseline and the extended one, are fitted to every other channel in
+//!    three of five blocks of time, and judged on the other channels in the two blocks between (with too few
+//!    channels, the split is by time alone; where every channel was heard once, by channel alone);
+//! 2. judge each held-out signal by its deviation from the population (`population.rs`), since the parameters
+//!    of a channel that was never heard are unknown: chi-squared of its samples, and the squared Mahalanobis
+//!    distance of its fitted parameters, which is the detection statistic;
+//! 3. learn the threshold of that statistic from the training signals;
+//! 4. plant a small fault, a change of ln damping, in each held-out signal, and compute the area under the
+//!    ROC curve (AUC) between faulty and healthy ones;
+//! 5. resample channels for all intervals.
+//!
+//! Nothing is estimated from held-out signals. But which causes there are, clipping, the coarse step, and how
+//! noise was made white had been chosen with all signals before.
 
 use super::candidates::{Applied, Setting};
 use super::chance::{interval, interval_of, resampled};
@@ -22,12 +31,12 @@ use inkling_core::model::free_decay::FREE;
 use inkling_core::model::inner_product::dot;
 use std::iter::Sum;
 
-/// Largest number of signals whose misfit is tested for whiteness; of more, every second one is, or every
-/// third, and so on.
+/// Largest number of signals whose misfit is tested for whiteness. Of more signals, every second one is
+/// tested, or every third, and so on.
 const MOST_WHITENED: usize = 2048;
 
-/// What the measurement gives: the gain, the baseline's misfit on all signals, and histograms of the
-/// statistic.
+/// The result: the gain on held-out signals, the baseline's misfit on all signals, and histograms of the
+/// detection statistic. Where too few signals can be held out, gain and histograms are empty.
 #[derive(Default)]
 pub struct Measured {
     pub gain: Gain,
@@ -38,20 +47,21 @@ pub struct Measured {
 /// Sums over the samples of signals, or of parts of an oscillator's decays (`decay/gain.rs`).
 #[derive(Clone, Copy, Default)]
 pub struct Squares {
-    /// Chi-squared: squares of the misfit in the covariance that the model expects of it. The noise is
-    /// allowed for and, of a signal, the scatter of its parameters; since none of these is free, there are as
-    /// many degrees of freedom as samples.
+    /// Chi-squared: the square of the misfit in the metric of the covariance that the model expects, which
+    /// holds the noise and, for a signal, the scatter of its parameters. No parameter is free, so there are
+    /// as many degrees of freedom as samples.
     pub chi2: f64,
-    /// Squares of the misfit; of a signal, about the model's mean.
+    /// Sum of squares of the misfit, counts²; for a signal, the misfit about the model's mean.
     pub misfit: f64,
-    /// Squares of the signal about its mean; of a decay, about 0.
+    /// Sum of squares of the signal about its mean, counts²; of a decay, about 0.
     pub signal: f64,
     /// Number of samples.
     pub samples: f64,
 }
 
 impl Squares {
-    /// Chi-squared per sample, and the root mean square of the misfit in per cent of the signal's.
+    /// Chi-squared per sample, and NRMSE: the root mean square of the misfit in per cent of that of the
+    /// signal.
     pub fn chi2_and_nrmse(self) -> [f64; 2] {
         let share = self.misfit / self.signal.max(1e-300);
         [self.chi2 / self.samples.max(1.0), 100.0 * share.sqrt()]
@@ -77,11 +87,11 @@ struct Judged {
     /// The signal's own free parameters by least squares, relative to the population's mean, in units of
     /// [`Model::scale`]: ln damping comes first.
     off: Vector5,
-    /// Inverse of the covariance of `off`, which is the scatter of the population and the error of the
+    /// Inverse of the covariance of `off`, which is the sum of the population's scatter and the error of the
     /// estimate: the detection statistic is off^T metric off.
     metric: Matrix5,
-    /// Autocorrelations of the misfit beside what the signal's own parameters explain; `None` where not
-    /// looked at.
+    /// Autocorrelations of that part of the misfit which the signal's own parameters do not explain; `None`
+    /// where they were not asked for.
     white: Option<Lags>,
 }
 
@@ -95,9 +105,9 @@ impl Judged {
     }
 }
 
-/// Judges all signals about the population. `known`: the model was fitted to these very signals, so each
-/// one's channel is left out of its population, as if it had not been heard. `lags`: whether misfits are to be
-/// tested for whiteness.
+/// Judges all signals about the population. `known`: whether the model was fitted to these very signals; if
+/// so, a signal's channel is left out of the population that the signal is compared with, as if the channel
+/// had not been heard. `lags`: whether misfits are to be tested for whiteness.
 fn judge(model: &Model, data: &Observations, known: bool, lags: bool) -> Vec<Judged> {
     let of_unit: Vec<Population> = match known {
         true => (0..model.units.len()).map(|unit| population(model, Some(unit))).collect(),
@@ -114,13 +124,14 @@ fn judge(model: &Model, data: &Observations, known: bool, lags: bool) -> Vec<Jud
             let precision = inverse_or_zero(spread);
             let r = &linear.residual;
             // Chi-squared is r0^T (v + J S J^T)^-1 r0, with the residual r0 about the population's mean, its
-            // tangent J, the noise variance v and the population's covariance S. To first order this equals
-            // the least of |r|^2/v + about^T S^-1 about, which is reached at the most probable parameters,
-            // where `linear` is.
+            // Jacobian J, the noise variance v and the population's covariance S. To first order this equals
+            // the minimum of |r|²/v + about^T S^-1 about over the parameters, which is reached where `linear`
+            // was computed, at the most probable ones.
             let chi2 = dot(r, r) / v + about.dot(&(precision * about));
             let ridge = Matrix5::identity() * (1e-9 * gram.trace());
             let inverse = inverse_or_zero(gram + ridge);
-            // the least-squares estimate of the parameters, one Gauss-Newton step from the most probable ones
+            // the least-squares estimate of the parameters: one Gauss-Newton step, without the prior, from
+            // the most probable ones
             let off = about + inverse * product;
             let metric = inverse_or_zero(inverse * v + spread);
             let white = (lags && i.is_multiple_of(every))
@@ -134,7 +145,8 @@ fn judge(model: &Model, data: &Observations, known: bool, lags: bool) -> Vec<Jud
         .collect()
 }
 
-/// Area under the ROC curve: the chance that a faulty signal's statistic is larger than a healthy one's.
+/// Area under the ROC curve: the share of pairs of a healthy and a faulty signal in which the faulty one has
+/// the larger statistic.
 fn auc(healthy: &[f64], faulty: &[f64]) -> f64 {
     let mut all: Vec<(f64, bool)> = healthy.iter().map(|v| (*v, false)).collect();
     all.extend(faulty.iter().map(|v| (*v, true)));
@@ -151,10 +163,11 @@ fn auc(healthy: &[f64], faulty: &[f64]) -> f64 {
     sum / (healthy.len() as f64 * faulty.len() as f64).max(1.0)
 }
 
-/// Level that one of 100 healthy signals of channels never heard before is expected to exceed. Because the
-/// scatter is known from few channels, the statistic of signals whose channel was left out is a multiple of
-/// F, not a chi-squared. F gives the shape of its distribution; the size comes from the mean of the statistic
-/// of such signals, `of_left_out`. `units`: number of channels that the scatter is known from.
+/// The detection threshold: the level that a share `ALARMS` (1 %) of healthy signals of channels never heard
+/// before is expected to exceed. Because the scatter is known from few channels, the statistic of such
+/// signals is distributed as a multiple of F with (5, `known`) degrees of freedom, and not as a chi-squared.
+/// F gives the shape of the distribution; its size comes from `of_left_out`, the statistics of training
+/// signals whose channel was left out. `units`: number of channels that the scatter is known from.
 fn threshold(of_left_out: &[f64], units: usize) -> f64 {
     let q = FREE as f64;
     // degrees of freedom of the predictive t, under the inverse Wishart prior whose mean weighs SHRINKAGE
@@ -165,8 +178,9 @@ fn threshold(of_left_out: &[f64], units: usize) -> f64 {
     mean * (known - 2.0) / known * quantile_of_f(q, known)
 }
 
-/// The value that F with (p, q) degrees exceeds in a share [`super::finding::ALARMS`] of all cases, by
-/// Paulson 1942.
+/// The value that F with (p, q) degrees of freedom exceeds in a share [`super::finding::ALARMS`] of all
+/// cases, by the approximation of Paulson 1942: ((1 - b) x - (1 - a)) / sqrt(b x² + a) is nearly standard
+/// normal, with x the cube root of F, a = 2/(9 p) and b = 2/(9 q).
 fn quantile_of_f(p: f64, q: f64) -> f64 {
     const NORMAL: f64 = 2.3263; // of 1 - ALARMS
     let (a, b) = (2.0 / (9.0 * p), 2.0 / (9.0 * q));
@@ -177,7 +191,8 @@ fn quantile_of_f(p: f64, q: f64) -> f64 {
     ((half + (half * half - s * t).max(0.0).sqrt()) / s).powi(3)
 }
 
-/// p-value of the misfits being white, beside what each signal's own parameters explain.
+/// p-value of white noise for what the signals' own parameters leave of the misfits; NaN if no signal was
+/// looked at.
 fn whiteness(judged: &[Judged]) -> f64 {
     whiteness_p(judged.iter().filter_map(|j| j.white.as_ref()))
 }
@@ -191,15 +206,16 @@ struct HeldOutFigures {
     aucs: Vec<f64>,
 }
 
-/// Figures of a model on held-out signals, with intervals. `known`: the signals that it was fitted to; `fault`:
-/// size of the planted fault in ln damping.
+/// Figures of a model on held-out signals, with intervals. `known`: the signals that the model was fitted to,
+/// judged with their channels left out; `test`: the held-out signals; `fault`: size of the planted fault, a
+/// change of ln damping.
 fn figures(model: &Model, known: &[Judged], test: &Observations, fault: f64) -> HeldOutFigures {
     let of = |judged: &[Judged]| judged.iter().map(|j| j.statistic(0.0)).collect::<Vec<f64>>();
     let threshold = threshold(&of(known), model.units.len());
     let judged = judge(model, test, false, true);
     let healthy = of(&judged);
-    // with the planted fault in either direction: what shifts all signals one way must not count as a fault
-    // found
+    // Each signal is counted twice, with the planted fault in either direction: a model whose error shifts
+    // all signals one way must not gain by it.
     let faulty: Vec<[f64; 2]> =
         judged.iter().map(|j| [fault, -fault].map(|fault| j.statistic(fault))).collect();
     // chi-squared per sample, misfit in per cent, share of false alarms and area under the ROC curve of some
@@ -214,14 +230,15 @@ fn figures(model: &Model, known: &[Judged], test: &Observations, fault: f64) -> 
         );
         [chi2, nrmse, alarms / chosen.len().max(1) as f64, auc]
     };
+    // the same figures in each resampling of the channels, and of all signals
     let groups = by_channel(judged.iter().map(|j| j.unit));
     let drawn = resampled(groups.len(), 1, |drawn| {
         of_some(&drawn.iter().flat_map(|k| groups[*k].iter().copied()).collect::<Vec<usize>>())
     });
     let [chi2_per_dof, nrmse_percent, false_alarms, detection_auc] =
         of_some(&(0..judged.len()).collect::<Vec<usize>>());
-    // no alarm among so few signals does not mean none among all: 95 % upper bound of the rate where none was
-    // seen among as many independent signals
+    // Resampling gives no alarm at all an interval of length zero. So the upper end is at least the 95 %
+    // upper bound of the rate where none was seen among so many independent signals.
     let none = 1.0 - 0.05_f64.powf(1.0 / healthy.len() as f64);
     let figures = GainFigures {
         chi2_per_dof,
@@ -240,15 +257,18 @@ fn figures(model: &Model, known: &[Judged], test: &Observations, fault: f64) -> 
 }
 
 /// Measures what the causes buy. `before`: the baseline, fitted to all signals. `causes`: as they were found
-/// in all signals; their sizes and shapes are fitted again. With too few signals only the misfit is measured.
+/// in all signals; their sizes and shapes are fitted again to the training part. With too few signals only
+/// the misfit of `before` is measured.
 pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured {
     let data = setting.data;
+    // the baseline's misfit on all signals
     let all = judge(before, data, true, true);
     let squares: Squares = all.iter().map(|judged| judged.squares).sum();
     let [chi2_per_dof, nrmse_percent] = squares.chi2_and_nrmse();
     let misfit = Misfit { chi2_per_dof, nrmse_percent, whiteness_p: whiteness(&all) };
     let mut measured = Measured { misfit, ..Measured::default() };
 
+    // fit both models to the training part
     let by_channel = data.units >= FEWEST_UNITS;
     // where every channel was heard once, a split by time would add nothing to the split by channel
     let by_time = data.len() > data.units;
@@ -257,6 +277,8 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
     let part = Setting { data: &train, avoid: setting.avoid };
     let Some(plain) = baseline(before.real, Some(before), part) else { return measured };
     let extended = with(&plain, causes, part);
+
+    // judge both by the same fault, so that their AUCs can be compared
     let [known, known_extended] =
         [&plain, &extended].map(|model| judge(model, &train, true, false));
     let fault = FAULT * damping_sd(&known_extended);
@@ -287,15 +309,16 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
     measured
 }
 
-/// Standard deviation of ln damping, as estimated from one healthy signal, about the population, noise
-/// included. A signal from the middle of the rows stands for all.
+/// Standard deviation of a healthy signal's estimated ln damping about the population's mean, from scatter
+/// and noise. The signal in the middle of the rows stands for all; 0.1 if its covariance has no inverse.
 fn damping_sd(judged: &[Judged]) -> f64 {
     let typical = &judged[judged.len() / 2];
     typical.metric.try_inverse().map_or(0.1, |c| c[(0, 0)].max(0.0).sqrt())
 }
 
-/// Histograms of both models' detection statistic on held-out healthy signals, in the same bins. The last bin
-/// holds what lies beyond it, too.
+/// Histograms of both models' detection statistic on held-out healthy signals, in the same 40 bins from 0 to
+/// the largest value, but at most to four times the larger threshold. The last bin also holds what lies
+/// beyond.
 fn energies(before: &HeldOutFigures, after: &HeldOutFigures) -> Energies {
     const BINS: usize = 40;
     let thresholds = [before, after].map(|of| of.figures.threshold);

@@ -1,6 +1,11 @@
-//! Signals with a known effect, for the tests and the tuning of this room (the hidden plants of `tests/` are
-//! other code). Decays are in closed form per channel; those with a physical term come from the term's
-//! integrator.
+//! Simulates small recordings with one known effect, for the unit tests of this room. (The generators of
+//! `tests/hidden` and `tests/foreign`, by which the critique is judged, are other code.)
+//!
+//! In: [`Run`], the sizes and the planted effect; a seed. Out: [`Observations`] of whole counts. A signal is
+//! built in this order: the channel's ring, in closed form, or by the integrator of `terms.rs` for an effect
+//! in the equation of motion; then droop or the previous ring's tail; then offset, lines and a transient;
+//! then noise; then clipping, a coarse step, and rounding. The end of the file holds tests of the whole
+//! critique on such runs.
 
 use super::catalogue::CauseId;
 use super::observations::{Observations, Sampler};
@@ -19,13 +24,16 @@ pub struct Run {
     pub samples: usize,
     /// Standard deviation of the white noise, counts.
     pub noise: f64,
-    /// Relative scatter between channels (half-widths of uniform distributions): stiffness, damping, gain.
+    /// Relative scatter between channels (half-widths of uniform distributions) of stiffness, damping, gain.
     pub spread: [f64; 3],
-    /// Relative scatter from burst to burst, of the gain and of the state.
+    /// Relative standard deviation, from signal to signal, of the gain and of each of the amplitudes a, b, c.
     pub shot: f64,
-    /// The effect that is planted, and its size in the catalogue's unit (some rates per signal length or
-    /// sample).
+    /// The effect that is planted; `None`: nothing is.
     pub effect: Option<CauseId>,
+    /// Its size, in most cases the catalogue's parameter in its unit. Tone, random tone and second mode have
+    /// an amplitude in counts instead, a jitter a standard deviation in signal lengths, droop a rate per
+    /// signal length, a low-pass a share of the first sample, and quadratic drag, dry friction, cubic
+    /// stiffness and half-order loss the strength of their term in `terms.rs` at unit drive.
     pub size: f64,
     /// Whether 3 % of the noise samples are five times as large.
     pub heavy: bool,
@@ -50,7 +58,8 @@ impl Default for Run {
     }
 }
 
-/// Draws the signals of a run, one channel after another.
+/// Draws the signals of a run: one signal each 10 ms, the channels in turn, so that each signal is a burst of
+/// its own with its own drive (15 to 30 V), temperature, idle time and number of neighbours.
 pub fn draw(run: &Run, seed: u64) -> Observations {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let normal = |rng: &mut ChaCha8Rng| -> f64 { StandardNormal.sample(rng) };
@@ -58,12 +67,14 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
     let mut sampler = Sampler::new(100e-6 / 128.0, usize::MAX);
     // size of an effect: 0 unless it is the planted one
     let e = |id: CauseId| if run.effect == Some(id) { run.size } else { 0.0 };
+    // factors of each channel's stiffness, damping and gain
     let channels: Vec<[f64; 3]> = (0..run.channels)
         .map(|_| run.spread.map(|w| 1.0 + w * rng.random_range(-1.0..1.0)))
         .collect();
     let tone_phase = rng.random_range(0.0..TAU);
     let tone_omega = TAU * rng.random_range(9.0..40.0);
     for burst in 0..run.bursts * run.channels {
+        // what is recorded beside the signal; time and position go from -0.5 to 0.5
         let channel = burst % run.channels;
         let time = burst as f64 / (run.bursts * run.channels - 1) as f64 - 0.5;
         let [k, d, g] = channels[channel];
@@ -79,6 +90,8 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
             * (1.0 + e(CauseId::Ageing) * time);
         let clock = 1.0 + e(CauseId::ClockDrift) * time;
         let stiff = k.sqrt() * (1.0 + e(CauseId::PositionGradient) * position);
+        // The ring; rates per signal length, for signals of 128 samples those of the design (64.7 kHz, 100
+        // µs).
         let scale = n as f64 / 128.0;
         let seen = ObservedDecay {
             sigma: 2.917 * loss * clock * scale,
@@ -95,12 +108,14 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
         let mut shot = || 1.0 + run.shot * normal(&mut rng);
         let (a, b, c) = (seen.a * shot(), seen.b * shot(), seen.c * shot());
         let shift = e(CauseId::TriggerJitter) * normal(&mut rng); // in signal lengths
+        // the ring at time t in signal lengths, without the gain
         let at = |t: f64| {
             (-seen.sigma * t).exp() * (a * (seen.omega * t).cos() + b * (seen.omega * t).sin())
                 + c * (-seen.lambda * t).exp()
         };
         let phase = rng.random_range(0.0..TAU);
         let faulty = channel < run.faulty;
+        // an effect in the equation of motion is integrated, any other ring is in closed form
         let term = match run.effect {
             Some(CauseId::QuadraticDrag) => Some(Term::QuadraticDrag),
             Some(CauseId::DryFriction) => Some(Term::DryFriction),
@@ -136,6 +151,7 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
                 })
                 .collect();
         }
+        // droop: subtract w times the integral of the signal (trapezoidal rule) with a leak of rate w
         if run.effect == Some(CauseId::Droop) {
             let w = run.size / n as f64;
             let mut x = 0.0;
@@ -147,6 +163,7 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
                 y[k] = clean[k] - w * x;
             }
         }
+        // add the same ring as it is after the idle time
         if run.effect == Some(CauseId::PreviousTail) {
             let shift = idle / 100e-6;
             y.iter_mut().enumerate().for_each(|(k, y)| {
@@ -198,7 +215,7 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
     sampler.finish()
 }
 
-/// Verdict and causes of the critique of a run.
+/// Verdict and causes that the critique gives to a run.
 fn names(run: &Run, seed: u64) -> (super::finding::Verdict, Vec<super::finding::Cause>) {
     let data = draw(run, seed);
     let rings = super::engine::Rings::InkChannel;

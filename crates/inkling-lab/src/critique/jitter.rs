@@ -1,14 +1,24 @@
 //! Tests `trigger_jitter`: a shift in time that is common to all channels of a burst, which share the
 //! trigger.
 //!
-//! In: signals about a fitted model. Out: [`Candidate`]. How healthy acquisition states scatter is not known,
-//! and no share, direction or correlation of it is assumed: a shift of one signal alone is healthy scatter. A
-//! trigger shows in what the channels of one burst have in common. A burst may have something in common
-//! without a jitter (a drive that varies), and all directions may be alike in it. So two things are asked:
-//! whether bursts have a variance along the shift at all, beside that of single signals, of which there are
-//! many; and whether it exceeds the variance that they have across the shift, in amplitude, so clearly that a
-//! state that varies by burst in all directions is no rival. Variances are compared in radians of the ring
-//! and in multiples of the single signals' own scatter, whichever asks for more.
+//! In: signals about a fitted model that holds the causes found so far (`engine.rs` calls [`jitter`] after it
+//! has selected them). Out: one [`Candidate`].
+//!
+//! How the acquisition states of healthy signals scatter is not known, so the test assumes no size, direction
+//! or correlation of this scatter: a shift of one signal alone is healthy scatter. A jitter shows in what the
+//! channels of one burst have in common. But bursts may have something in common without a jitter (for
+//! example a drive that varies), in any direction of the state. So two questions are asked:
+//!
+//! 1. Do bursts vary along the shift at all, beyond the scatter of single signals? (likelihood ratio
+//!    `Excess::there`, which must pass the threshold of all causes)
+//! 2. Is their variance along the shift clearly larger than that across the shift, in amplitude? If not, a
+//!    state that varies by burst in all directions explains it as well. (likelihood ratio `Excess::ratio`,
+//!    which must be a hint). Variances are compared in radians of the ring, or in multiples of the single
+//!    signals' own scatter, whichever asks for more (`healthy_ratio`).
+//!
+//! The steps: (a) fit shift, gain, damping and frequency of each signal by least squares (`scattered`); (b)
+//! take out what follows the frequency; (c) form contrasts between bursts, free of channels' means and of
+//! covariates (`between.rs`); (d) compare likelihoods.
 
 use super::between::{Contrasts, Scatter, least};
 use super::candidate::Candidate;
@@ -23,12 +33,13 @@ use inkling_core::numbers::tuned::little;
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, Vector2, Vector4};
 use std::collections::BTreeMap;
 
-/// Largest number of signals (about) and of bursts that are looked at. Of more, every second burst is looked
-/// at, or every third, and so on, with all of its signals.
+/// Approximate largest number of signals, and largest number of bursts, that are looked at. Of larger
+/// recordings every second burst is looked at, or every third, and so on, with all of its signals.
 const MOST: usize = 4096;
 const MOST_BURSTS: usize = 400;
 
-/// Tests for jitter; the value is the standard deviation of the shift, s.
+/// Tests for jitter. The candidate's value is the standard deviation of the shift in s. It is `untested`
+/// where bursts hold one channel, signals do not ring, or fewer contrasts are left than `between.rs` needs.
 pub fn jitter(model: &Model, data: &Observations) -> Candidate {
     let lack = |why| Candidate::untested(CauseId::TriggerJitter, why);
     if !data.beside.shared_bursts {
@@ -38,6 +49,7 @@ pub fn jitter(model: &Model, data: &Observations) -> Candidate {
     freed_of_frequency(&mut each);
     let Some([along, across]) = contrasts(&each) else { return lack("more bursts") };
     let excess = Excess::of(&along, &across, healthy_ratio(&each));
+    // from radians of the ring to s; the error of a root is that of the variance over twice the root
     let to_s = data.length_s() / model.mean[1].exp();
     let sd = excess.along.max(1e-16).sqrt();
     let error_s = excess.along_sd / (2.0 * sd) * to_s;
@@ -50,15 +62,17 @@ pub fn jitter(model: &Model, data: &Observations) -> Candidate {
     found
 }
 
-/// How (a, b) changes: in the first column by a shift of one radian, in the second by a relative growth of
-/// the amplitude.
+/// Derivatives of the amplitudes (a, b) of a damped pair: in the first column by a shift of the time of
+/// acquisition, per radian of the ring; in the second by a relative growth of the amplitude. Later by t, the
+/// pair is e^{-sigma t} times (a, b) turned by omega t.
 fn polar(a: f64, b: f64, sigma: f64, omega: f64) -> Matrix2<f64> {
     let r = sigma / omega;
     Matrix2::new(b - r * a, a, -(a + r * b), b)
 }
 
-/// Each signal's own parameters by least squares, relative to its channel's in the model. `None`: the signals
-/// do not ring.
+/// Each signal's own shift (rad), gain, ln damping and ln frequency by least squares, relative to its
+/// channel's parameters in the model, with the covariance of their errors. `None`: a signal does not ring, so
+/// that these cannot be told apart.
 fn scattered(model: &Model, data: &Observations) -> Option<Vec<Scatter>> {
     let of_signals = data.len().div_ceil(MOST);
     let stride = of_signals.max(data.bursts.div_ceil(MOST_BURSTS));
@@ -80,10 +94,12 @@ fn scattered(model: &Model, data: &Observations) -> Option<Vec<Scatter>> {
         });
         let inverse = columns.tr_mul(&columns).try_inverse()?;
         let x = &inverse * columns.tr_mul(&DVector::from_column_slice(&linear.residual));
-        // what the linearisation has taken over already is added back
+        // The residual is about channel plus own deviation, so the fit finds only what that deviation has
+        // missed: add the deviation, turned to (shift, gain).
         let own = model.each[i];
         let taken = turn.try_inverse()? * Vector2::new(own[2], own[3]);
-        // the place of the constant takes the square of the drive
+        // between.rs takes out whatever stands in this list. The constant would be of no use there, so its
+        // place takes the square of the drive.
         let mut of_beside = data.beside.z[i];
         of_beside[0] = data.beside.z[i][DRIVE].powi(2);
         each.push(Scatter {
@@ -97,17 +113,22 @@ fn scattered(model: &Model, data: &Observations) -> Option<Vec<Scatter>> {
     Some(each)
 }
 
-/// Takes out of all signals what follows the frequency within channels: a signal that rings faster arrives at
-/// t_a with another phase, which is no shift of the trigger.
+/// Takes that part out of all signals' shifts and gains which follows their frequency within channels, by
+/// linear regression: a signal that rings faster arrives at t_a with another phase, and this is no shift of
+/// the trigger.
 fn freed_of_frequency(each: &mut [Scatter]) {
     let centred = centred(each);
-    // regression on the frequency; the noise's covariance is subtracted from the products
+    // Sums of products with the frequency. `real` has the covariance of the errors subtracted: errors of
+    // shift and frequency are correlated, and would otherwise look like a regression.
     let (mut seen, mut real) = (0.0, Vector4::zeros());
     for (x, one) in centred.iter().zip(each.iter()) {
         seen += x[3] * x[3];
         real += x * x[3] - one.noise.column(3);
     }
+    // at least a tenth of the square that is seen, so that a frequency that hardly scatters gives no wild
+    // slope
     let var = real[3].max(little() * seen).max(1e-300);
+    // shift and gain less slope times frequency, as a linear map of all four parameters and of their errors
     let mut turn = Matrix4::identity();
     turn[(0, 3)] = -real[0] / var;
     turn[(1, 3)] = -real[1] / var;
@@ -122,7 +143,7 @@ fn centred(each: &[Scatter]) -> Vec<Vector4<f64>> {
     about_their_means(each.iter().map(|one| one.x).collect(), |i| each[i].unit)
 }
 
-/// Each vector relative to the mean of its group.
+/// Each vector relative to the mean of its group; `group` returns the group's number of a vector's index.
 fn about_their_means(
     mut of: Vec<Vector4<f64>>,
     group: impl Fn(usize) -> usize,
@@ -135,7 +156,8 @@ fn about_their_means(
 }
 
 /// Variance that single signals have beyond the noise in a direction (0: along the shift, 1: in amplitude):
-/// mean of squares less the noise's variance, but at least the standard error of this mean.
+/// the mean of squares of `of` (parameters relative to some mean) less the noise's variance, but at least the
+/// standard error of this mean.
 fn beyond_noise(each: &[Scatter], of: &[Vector4<f64>], direction: usize) -> f64 {
     let n = each.len() as f64;
     let beyond: Vec<f64> = of
@@ -148,39 +170,42 @@ fn beyond_noise(each: &[Scatter], of: &[Vector4<f64>], direction: usize) -> f64 
     mean.max((square / n).sqrt()) // a smaller variance cannot be told from none
 }
 
-/// How much more single signals scatter along the shift than across it, without what their bursts have in
-/// common; at least 1.
+/// Ratio of single signals' variances along the shift and across it, each relative to the means of its
+/// channel and of its burst; at least 1. Healthy bursts are granted the same ratio.
 fn healthy_ratio(each: &[Scatter]) -> f64 {
     let of = about_their_means(centred(each), |i| each[i].burst);
     (beyond_noise(each, &of, 0) / beyond_noise(each, &of, 1)).max(1.0)
 }
 
-/// Contrasts between bursts along the shift and across it, free of channels' own means and of what follows a
-/// covariate. `None`: too few are left.
+/// Contrasts between bursts, along the shift and across it, free of channels' own means and of what follows a
+/// covariate. `None`: too few contrasts are left.
 fn contrasts(each: &[Scatter]) -> Option<[Contrasts; 2]> {
     let centred = centred(each);
     let of = |direction| Contrasts::of(each, direction, beyond_noise(each, &centred, direction));
     Some([of(0)?, of(1)?])
 }
 
-/// Bursts' variance along the shift, compared with none and with what they have across it.
+/// The variance of bursts along the shift, compared with no variance and with the variance across the shift.
 struct Excess {
-    /// Likelihood ratio of a variance along the shift against none.
+    /// Likelihood-ratio statistic of a variance along the shift against none.
     there: f64,
-    /// Likelihood ratio of free variances against one along the shift that is no larger than healthy bursts
-    /// may have.
+    /// Likelihood-ratio statistic of two free variances against two whose ratio (along over across) is at
+    /// most that of healthy bursts; 0 if the free ones have such a ratio.
     ratio: f64,
-    /// Variance along the shift, and its standard error, rad².
+    /// Most likely variance along the shift, and its standard error, rad².
     along: f64,
     along_sd: f64,
 }
 
 impl Excess {
-    /// `most`: how many times the variance across the shift healthy bursts may have along it.
+    /// `most`: the largest ratio of the variance along the shift to that across it that healthy bursts may
+    /// have.
     fn of(along: &Contrasts, across: &Contrasts, most: f64) -> Excess {
+        // both variances free
         let best = least(|v| along.deviance(v));
         let best_across = least(|v| across.deviance(v));
         let free = along.deviance(best) + across.deviance(best_across);
+        // the ratio at its healthy bound, with one free variance
         let ratio = match best <= most * best_across {
             true => 0.0,
             false => {
@@ -196,7 +221,8 @@ impl Excess {
         }
     }
 
-    /// Whether the variance along the shift exceeds that across it by more than a hint.
+    /// Whether the variance along the shift exceeds what healthy bursts may have, by more than a hint
+    /// (question 2 of the module's doc).
     fn beyond_any_direction(&self) -> bool {
         surprise(self.ratio, 1, 1.0, f64::INFINITY) > HINT
     }

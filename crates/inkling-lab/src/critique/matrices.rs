@@ -1,4 +1,7 @@
-//! Operations on covariances of a signal's own parameters, shared by the files of this room.
+//! Operations on vectors and covariances of the five free parameters of a decay (ln damping, ln frequency,
+//! and the amplitudes a, b, c), shared by the files of this room. "In units of `scale`" means that the
+//! amplitudes are divided by the ring's amplitude (`Model::scale`), so that all five numbers are of similar
+//! size.
 
 use inkling_core::model::free_decay::{FREE, Theta};
 use nalgebra::{SMatrix, SVector};
@@ -6,18 +9,18 @@ use nalgebra::{SMatrix, SVector};
 pub type Matrix5 = SMatrix<f64, FREE, FREE>;
 pub type Vector5 = SVector<f64, FREE>;
 
-/// Least eigenvalue of a covariance, relative and squared: smaller scatter counts as none. It keeps
-/// covariances invertible.
+/// Least eigenvalue of a covariance that is in units of `scale`: a relative scatter of 1e-5, squared. Smaller
+/// scatter counts as none; the floor keeps covariances invertible.
 const LEAST_SCATTER: f64 = 1e-10;
 
-/// A symmetric matrix with its eigenvalues raised to [`LEAST_SCATTER`] at least.
+/// A matrix made symmetric, with its eigenvalues raised to [`LEAST_SCATTER`] at least; in units of `scale`.
 pub fn floored(m: &Matrix5) -> Matrix5 {
     let eigen = ((m + m.transpose()) * 0.5).symmetric_eigen();
     let values = eigen.eigenvalues.map(|v| v.max(LEAST_SCATTER));
     eigen.eigenvectors * Matrix5::from_diagonal(&values) * eigen.eigenvectors.transpose()
 }
 
-/// Inverse of a covariance, floored before.
+/// Inverse of a covariance in units of `scale`, floored before: the precision of a prior.
 pub fn inverse(m: &Matrix5) -> Matrix5 {
     inverse_or_zero(floored(m))
 }
@@ -27,7 +30,8 @@ pub fn inverse_or_zero(m: Matrix5) -> Matrix5 {
     m.try_inverse().unwrap_or_else(Matrix5::zeros)
 }
 
-/// Mean of each group's vectors; 0 of an empty group.
+/// Mean of each group's vectors; 0 for an empty group. `members`: the number of its group (below `groups`)
+/// and the vector of each member.
 pub fn means_of_groups<const N: usize>(
     groups: usize,
     members: impl Iterator<Item = (usize, SVector<f64, N>)>,
@@ -40,17 +44,17 @@ pub fn means_of_groups<const N: usize>(
     sums.into_iter().map(|(sum, count)| sum / count.max(1.0)).collect()
 }
 
-/// Parameters, but for the real pole's rate, in units of `scale`.
+/// The five free parameters (all but the real pole's rate) in units of `scale`.
 pub fn free_part(theta: &Theta, scale: &Vector5) -> Vector5 {
     theta.fixed_rows::<FREE>(0).component_div(scale)
 }
 
-/// A covariance in units of `scale`.
+/// Converts a covariance from the parameters' own units to units of `scale`.
 pub fn scaled(m: &Matrix5, scale: &Vector5) -> Matrix5 {
     Matrix5::from_fn(|i, j| m[(i, j)] / (scale[i] * scale[j]))
 }
 
-/// A covariance that is in units of `scale`, in the parameters' own.
+/// Converts a covariance from units of `scale` to the parameters' own units.
 pub fn unscaled(m: &Matrix5, scale: &Vector5) -> Matrix5 {
     Matrix5::from_fn(|i, j| m[(i, j)] * scale[i] * scale[j])
 }

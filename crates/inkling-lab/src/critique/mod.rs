@@ -1,10 +1,25 @@
 //! Shows what the model's simulation gets wrong, names the cause, extends the model, and measures the gain.
 //!
 //! In: healthy signals with what was recorded beside them ([`observations`]). Out: a [`finding::Critique`]
-//! and the extended model. A mixed-effects baseline ([`model`]) is fitted to single signals, never to an
-//! average alone. All extensions of it are tested at once (`space`, `candidates`); those that compete are
-//! refitted (`refit`, `selection`), and one `search`, the same for all plants, decides which of them enters.
-//! What the causes found leave to each other is no cause (`leftovers`).
+//! and the extended model. `docs/critique.md` describes the method for users. The way through this room:
+//!
+//! 1. `engine` runs everything for ink channels; [`decay`] does so for few long decays of an oscillator.
+//! 2. `outliers` leaves odd signals out. The baseline, a mixed-effects model ([`model`], `start`, `scatter`,
+//!    `matrices`), is fitted to single signals, never to an average alone.
+//! 3. `codes`, `ensemble` and, later, `jitter` (with `between`) test converter, noise and trigger; `found`
+//!    holds what they find.
+//! 4. All causes that move the expected signal ([`catalogue`]) are tested at once, as directions in one space
+//!    of linear extensions (`space`, `contributions`, `curvature`, `nuisance`, `candidates`, `clusters`).
+//!    Those that compete are refitted (`refit`, `selection`), and one `search`, the same for all plants,
+//!    decides which of them enters.
+//! 5. What is no more than what a stronger cause leaves is no cause (`leftovers`); what all causes leave is
+//!    tested without the catalogue (`adequacy`).
+//! 6. On signals that nothing was fitted to (`held_out`), `gain` measures misfit and detection, `worth` the
+//!    gain in likelihood (`population`, `predictive`, `whiteness`).
+//! 7. `verdict`, `words`, `evidence`, `figures`, `pictures` and [`report`] tell it; `extended` decides
+//!    whether the model may become a design.
+//!
+//! [`tuned`] holds every tuned number, `chance` turns statistics into probabilities.
 
 mod adequacy;
 mod between;

@@ -1,8 +1,12 @@
-//! Likelihood-ratio tests of directions in the space of linear extensions, beside a nuisance that is allowed
-//! for.
+//! Likelihood-ratio tests of directions in the space of linear extensions, while other directions, the
+//! nuisance, are allowed to have any size.
 //!
-//! In: a [`Space`] and the causes that are in the model. Out: tests of further directions, which are linear
-//! algebra on K and g.
+//! In: a [`Space`] (K and g) and the causes that are in the model. Out: [`Nuisance`], which tests further
+//! directions (`candidates`), takes joint steps (`refit.rs`), and takes causes out again to first order.
+//!
+//! With nuisance directions U and tested directions T, the information of T after the nuisance is the Schur
+//! complement S = T^T K T - T^T K U (U^T K U)^-1 U^T K T, and its score h = T^T g - T^T K U (U^T K U)^-1 U^T
+//! g. The best sizes are S^-1 h, and the statistic h^T S^-1 h is twice the gain in ln likelihood.
 
 use super::catalogue::CauseId;
 use super::covariates::ONE;
@@ -11,29 +15,32 @@ use super::tuned::ln_lambda_sd;
 use inkling_core::model::free_decay::ALL;
 use nalgebra::{DMatrix, DVector};
 
-/// Directions that are allowed for before anything is tested: the parameters of the mean channel (rate and
-/// amplitude of the real pole within their priors), and the causes that are in the model already, with what
-/// their imperfect models leave.
+/// Directions that may have any size while something else is tested: the six parameters of the mean channel
+/// (of which rate and amplitude of the real pole have priors), the causes that are in the model already, and
+/// the errors that the models of these causes may have.
 #[derive(Clone, Debug)]
 pub struct Nuisance<'a> {
     space: &'a Space,
-    /// The mean's parameters first, then the causes, then what these leave.
+    /// The directions U: the `ALL` parameters of the mean channel, then the causes, then the errors of their
+    /// models.
     directions: Vec<Direction>,
     /// Where these directions have coefficients.
     places: Places,
-    /// Pseudo-inverse of the information over the directions, and the score along them.
+    /// Pseudo-inverse of U^T K U, with the priors of the real pole.
     inverse: DMatrix<f64>,
+    /// U^T g, with these priors.
     score: DVector<f64>,
-    /// What is added to the space's score, where causes are taken out of the model again.
+    /// What was added to the space's score g because causes were taken out of the model (`move_score`);
+    /// `None`: nothing.
     moved: Option<DVector<f64>>,
 }
 
-/// One thing for each of the two spaces in which causes are tested.
+/// One value (a space, a nuisance) for each of the two spaces in which causes are tested.
 #[derive(Clone)]
 pub struct Both<Of> {
-    /// Of the space where channels are free; shapes are tested in it.
+    /// That of the space where channels are free; shapes are tested in it.
     pub shapes: Of,
-    /// Of the space where channels are scattered; what follows a covariate is tested in it.
+    /// That of the space where channels are scattered; what follows a covariate is tested in it.
     pub covariates: Of,
 }
 
@@ -47,16 +54,18 @@ impl<Of> Both<Of> {
 /// Result of the test of a direction, or of several together.
 #[derive(Clone, Debug)]
 pub struct Tested {
-    /// g^T K^-1 g after the nuisance: chi-squared with as many degrees of freedom as directions.
+    /// h^T S^-1 h (module's doc): without effect chi-squared with as many degrees of freedom as directions.
     pub statistic: f64,
-    /// Sizes along the directions, and their covariance.
+    /// Best size along each direction, and the covariance of these sizes, S^-1.
     pub coefficients: Vec<f64>,
     pub covariance: DMatrix<f64>,
 }
 
 impl<'a> Nuisance<'a> {
-    /// `causes`: all directions beside the mean's parameters.
+    /// `causes`: all directions of the nuisance beside the mean channel's parameters, which always belong to
+    /// it.
     pub fn new(space: &'a Space, causes: &[Direction]) -> Nuisance<'a> {
+        // a mean parameter is that parameter by the covariate "one"
         let unit = |j| Direction::parameter(space.samples, ONE, j);
         let mut directions: Vec<Direction> = (0..ALL).map(unit).collect();
         directions.extend(causes.iter().cloned());
@@ -65,7 +74,8 @@ impl<'a> Nuisance<'a> {
             directions.iter().map(|x| space.times(x, &places)).collect();
         let q = directions.len();
         let mut gram = DMatrix::from_fn(q, q, |i, j| directions[i].dot(&k_times[j]));
-        // the priors of the real pole's rate and of its amplitude, as information and score
+        // The Gaussian priors of the real pole's rate (the last parameter) and of its amplitude (number 4)
+        // add 1/sd² to the information, and -(value - prior mean)/sd² to the score.
         gram[(ALL - 1, ALL - 1)] += 1.0 / (ln_lambda_sd() * ln_lambda_sd());
         let mut score = DVector::from_fn(q, |i, _| directions[i].dot(&space.g));
         score[ALL - 1] -= space.lambda_off / (ln_lambda_sd() * ln_lambda_sd());
@@ -75,8 +85,8 @@ impl<'a> Nuisance<'a> {
         Nuisance { space, inverse: pseudo_inverse(&gram), directions, places, score, moved: None }
     }
 
-    /// Changes the score as if `coefficient` times a direction, which is in the model, were not in it: by K
-    /// times as much, to first order.
+    /// Changes the score as if `coefficient` times a direction, which is in the model, were not in it: to
+    /// first order, the residual grows by X times the direction times the coefficient, and g by K times that.
     pub fn move_score(&mut self, direction: &Direction, coefficient: f64) {
         let step = self.space.times(direction, &self.space.everywhere()) * coefficient;
         for (score, own) in self.score.iter_mut().zip(&self.directions) {
@@ -88,8 +98,8 @@ impl<'a> Nuisance<'a> {
         }
     }
 
-    /// Step that the data ask for of all directions beside the mean's parameters, jointly, with its
-    /// covariance; the causes come first.
+    /// Joint step that the data ask for of all directions beside the mean's parameters, in their order
+    /// (causes first), with its covariance.
     pub fn causes(&self) -> (DVector<f64>, DMatrix<f64>) {
         let q = self.directions.len();
         let all = &self.inverse * &self.score;
@@ -99,13 +109,14 @@ impl<'a> Nuisance<'a> {
         )
     }
 
-    /// Step that the data ask for of the mean's parameters.
+    /// Joint step that the data ask for of the mean's parameters, with the causes of the nuisance free beside
+    /// them.
     pub fn mean_shift(&self) -> [f64; ALL] {
         let all = &self.inverse * &self.score;
         std::array::from_fn(|j| all[j])
     }
 
-    /// What a step along the nuisance itself gains in -2 ln likelihood.
+    /// By how much the best step along the nuisance itself lowers -2 ln likelihood.
     pub fn gain(&self) -> f64 {
         self.score.dot(&(&self.inverse * &self.score))
     }
@@ -115,11 +126,11 @@ impl<'a> Nuisance<'a> {
         self.test(directions).map_or(0.0, |tested| tested.statistic)
     }
 
-    /// Tests some directions together. `None`: the nuisance holds one of them already, or one follows from
-    /// the others.
+    /// Tests some directions together (formulas in the module's doc). `None`: the nuisance holds one of them
+    /// already, or one of them is a combination of the others.
     pub fn test(&self, directions: &[Direction]) -> Option<Tested> {
         let q = directions.len();
-        // information of the directions after the nuisance: the Schur complement
+        // S, the information of the directions after the nuisance
         let places = self.places.and(Places::of(directions));
         let k_times: Vec<DVector<f64>> =
             directions.iter().map(|x| self.space.times(x, &places)).collect();
@@ -127,11 +138,13 @@ impl<'a> Nuisance<'a> {
             DMatrix::from_fn(self.directions.len(), q, |i, j| self.directions[i].dot(&k_times[j]));
         let raw = DMatrix::from_fn(q, q, |i, j| directions[i].dot(&k_times[j]));
         let gram = &raw - cross.tr_mul(&(&self.inverse * &cross));
-        // a direction that the nuisance holds already says nothing
+
+        // a direction of which the nuisance leaves nothing but rounding cannot be tested
         if (0..q).any(|i| gram[(i, i)] <= 1e-7 * raw[(i, i)] || gram[(i, i)] <= 0.0) {
             return None;
         }
-        // score of the directions after the nuisance
+
+        // h, the score of the directions after the nuisance; x·g takes what `move_score` added
         let own =
             |x: &Direction| x.dot(&self.space.g) + self.moved.as_ref().map_or(0.0, |m| x.dot(m));
         let score = DVector::from_fn(q, |i, _| own(&directions[i]))
@@ -145,9 +158,11 @@ impl<'a> Nuisance<'a> {
         })
     }
 
-    /// The sum of directions, each by its coefficient, less its projection on the nuisance (in the metric of
-    /// K and of the priors): what of it the nuisance cannot stand in for.
+    /// The part of an effect that the nuisance cannot stand in for: the sum x of the directions, each times
+    /// its coefficient, less its projection U (U^T K U)^-1 U^T K x on the nuisance. The score along this part
+    /// is the efficient score of x. `clusters.rs` asks which bursts and signals this part is seen in.
     pub fn efficient(&self, directions: &[Direction], coefficients: &[f64]) -> Direction {
+        // a block of the result may begin at the same index as another one: blocks add up
         let mut blocks = Vec::new();
         let mut add = |direction: &Direction, by: f64| {
             let scaled = direction.0.iter();
@@ -165,8 +180,9 @@ impl<'a> Nuisance<'a> {
     }
 }
 
-/// Inverse of an information matrix. It is scaled to a unit diagonal first; eigenvectors whose eigenvalue
-/// vanishes then, of which nothing is known, get 0.
+/// Pseudo-inverse of a symmetric information matrix. The matrix is scaled to a unit diagonal first.
+/// Eigenvectors whose eigenvalue vanishes then are combinations of which the data say nothing: the inverse is
+/// 0 along them, so that no step is taken there.
 fn pseudo_inverse(m: &DMatrix<f64>) -> DMatrix<f64> {
     let n = m.nrows();
     let scale = DVector::from_fn(n, |i, _| m[(i, i)].max(1e-300).sqrt());

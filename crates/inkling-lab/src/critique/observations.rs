@@ -1,45 +1,56 @@
 //! The data of a critique: healthy signals, and what was recorded beside each.
 //!
-//! In: signals one by one, in any order. Out: [`Observations`], a bounded sample of them, sorted by channel
-//! and time. The sample does not depend on the order: the signals with the lowest hashes of printhead,
-//! channel and time stay.
+//! In: signals one by one, in any order, offered to a [`Sampler`] by the pipeline that reads recordings. Out:
+//! [`Observations`], on which all of this room works: signals of one length, sorted by printhead, channel and
+//! time, as a matrix of rows x samples.
+//!
+//! The sampler keeps at most `capacity` signals. Which ones does not depend on the order: those with the
+//! lowest hashes of printhead, channel and time stay. So memory is bounded, the sample is random, and reruns
+//! agree.
 
 use super::covariates::Covariates;
 use inkling_core::burst::Beside;
 use std::collections::{BTreeMap, BinaryHeap};
 use xxhash_rust::xxh3::xxh3_64;
 
-/// Where a signal belongs among the others, and what was recorded beside it.
+/// Where one signal belongs among the others, and what was recorded beside it.
 #[derive(Clone, Copy, Debug)]
 pub struct Row {
     pub beside: Beside,
     /// Index of the signal's printhead in `printheads`.
     pub printhead: usize,
-    /// Index of the signal's channel (of one printhead) among all channels that were seen.
+    /// Index of the signal's channel among all channels of all printheads, without gaps; rows are sorted by
+    /// it.
     pub unit: usize,
-    /// Index of the acquisition: all signals of one printhead and time share it.
+    /// Index of the acquisition, without gaps: all signals of one printhead and time share it.
     pub burst: usize,
 }
 
-/// Signals of one length and one sampling period.
+/// Signals of one length and one sampling period, with what was recorded beside them.
 #[derive(Clone, Debug)]
 pub struct Observations {
+    /// Sampling period.
     pub dt_s: f64,
+    /// Number of samples of each signal, N.
     pub samples: usize,
     /// Whether all samples are whole counts, as an analogue-digital converter gives them.
     pub integer: bool,
+    /// One row per signal, sorted by printhead, channel and time.
     pub rows: Vec<Row>,
-    /// What was recorded beside the rows, standardised. Where rows change, [`Observations::standardised`]
-    /// renews it.
+    /// What was recorded beside the rows, standardised. Whoever changes what rows have recorded must call
+    /// [`Observations::standardised`].
     pub beside: Covariates,
+    /// The samples, signal after signal; counts.
     y: Vec<f32>,
-    /// For each sample whether it counts for nothing, because it may be clipped; empty if all count.
+    /// For each element of `y` whether that sample counts for nothing, because it may be clipped; empty if
+    /// all count.
     pub lost: Vec<bool>,
     /// Number of channels, and of acquisitions.
     pub units: usize,
     pub bursts: usize,
-    /// Number of signals that were offered, of which these are a sample.
+    /// Number of signals that were offered to the sampler.
     pub found: u64,
+    /// Names of the printheads, sorted.
     pub printheads: Vec<String>,
 }
 
@@ -63,18 +74,21 @@ impl Observations {
         (self.len() as f64 * self.samples as f64).ln()
     }
 
+    /// The N samples of signal i, counts.
     pub fn signal(&self, i: usize) -> &[f32] {
         &self.y[i * self.samples..(i + 1) * self.samples]
     }
 
-    /// The same signals, with what was recorded beside them standardised over these rows alone.
+    /// The same signals, with what was recorded beside them standardised anew, over these rows alone.
     pub fn standardised(mut self) -> Observations {
         let recorded: Vec<Beside> = self.rows.iter().map(|row| row.beside).collect();
         self.beside = Covariates::of(&recorded, self.bursts);
         self
     }
 
-    /// Some of the rows. Units and bursts are numbered anew; what was recorded keeps its units and its means.
+    /// Some of the rows: those whose index `keep` accepts. Channels and bursts are numbered anew. The
+    /// standardised covariates keep their values, so a model that was fitted to all rows can be used with
+    /// these.
     pub fn select(&self, keep: impl Fn(usize) -> bool) -> Observations {
         let (mut rows, mut y, mut lost) = (Vec::new(), Vec::new(), Vec::new());
         let (mut units, mut bursts) = (BTreeMap::new(), BTreeMap::new());
@@ -97,7 +111,8 @@ impl Observations {
         }
     }
 
-    /// The signals with AR(1) noise made white, y_k - rho y_{k-1}. A ring stays a ring under this filter; the
+    /// The signals with AR(1) noise made white: sample k becomes y_k - rho y_{k-1}. A sum of exponentials
+    /// stays one with the same rates under this filter, so a ring stays a ring with other amplitudes. The
     /// first sample is lost.
     pub fn whitened(&self, rho: f64) -> Observations {
         let white = |i| self.signal(i).windows(2).map(|w| w[1] - rho as f32 * w[0]);
@@ -121,7 +136,7 @@ impl Observations {
     }
 }
 
-/// The number of a key, in the order in which keys first come.
+/// The number of a key; keys are numbered from 0 in the order in which they first come.
 pub fn numbered<Key: Ord>(known: &mut BTreeMap<Key, usize>, key: Key) -> usize {
     let next = known.len();
     *known.entry(key).or_insert(next)
@@ -135,15 +150,18 @@ struct Held {
     y: Vec<f32>,
 }
 
-/// Draws a bounded sample of signals from any number of them.
+/// Draws a bounded sample of signals from any number of them: the `capacity` lowest hashes stay.
 #[derive(Debug)]
 pub struct Sampler {
     dt_s: f64,
+    /// Largest number of signals that are held.
     capacity: usize,
+    /// Whether all samples of all signals offered so far are whole counts.
     integer: bool,
+    /// Number of each printhead, in the order in which they first came.
     printheads: BTreeMap<String, usize>,
-    /// Hash and place in `held` of each signal of the sample; the largest hash, which is replaced next, is on
-    /// top.
+    /// Hash and index in `held` of each signal of the sample. The largest hash, whose signal is replaced
+    /// next, is on top.
     heap: BinaryHeap<(u64, usize)>,
     held: Vec<Held>,
     found: u64,
@@ -171,8 +189,8 @@ impl Sampler {
         self.held.is_empty()
     }
 
-    /// The length at which most samples are kept, when longer signals are cut to it and shorter ones are left
-    /// out.
+    /// The length N at which most samples are kept in all, if longer signals are cut to N and shorter ones
+    /// are left out.
     fn common_length(&self) -> usize {
         let mut lengths: Vec<usize> = self.held.iter().map(|h| h.y.len()).collect();
         lengths.sort_unstable_by(|p, q| q.cmp(p));
@@ -180,8 +198,8 @@ impl Sampler {
         kept.max().map_or(0, |(_, n)| n)
     }
 
-    /// Offers a healthy signal of finite samples, counts. It enters the sample if its hash is among the
-    /// lowest.
+    /// Offers a healthy signal of finite samples, counts. The signal enters the sample if the sample is not
+    /// full yet or its hash is below the largest one, whose signal it then replaces.
     pub fn offer(&mut self, printhead: &str, beside: Beside, signal: &[f64]) {
         self.found += 1;
         self.integer &= signal.iter().all(|y| y.fract() == 0.0);
@@ -208,9 +226,11 @@ impl Sampler {
         self.heap.push((hash, slot));
     }
 
-    /// Sorts the sample by printhead, channel and time, and numbers channels and bursts.
+    /// Makes the observations of the sample: brings all signals to one length, sorts them by printhead,
+    /// channel and time, numbers channels and bursts, and standardises the covariates.
     pub fn finish(self) -> Observations {
-        // printheads are numbered by name, and not by which came first
+        // from numbers in the order of coming to numbers in the order of names, which does not depend on the
+        // order of the signals
         let by_name: BTreeMap<usize, usize> =
             self.printheads.values().enumerate().map(|(k, &number)| (number, k)).collect();
         let samples = self.common_length();

@@ -1,10 +1,12 @@
-//! The outcome of a critique, or why there is none.
+//! What a critique returns: an [`Outcome`], or a [`CritiqueError`] that says why there is none. `engine.rs`
+//! and `decay` make them; the command line reports them and writes the files.
 
 use super::extended::{Extended, NotExtended};
 use super::finding::Critique;
 use thiserror::Error;
 
-/// Fewest signals that a critique of ink channels needs, and fewest samples of each.
+/// Fewest signals that a critique of ink channels needs, and fewest samples that any critique needs of each
+/// signal.
 pub const FEWEST_SIGNALS: usize = 8;
 pub const FEWEST_SAMPLES: usize = 16;
 
@@ -25,7 +27,7 @@ pub enum CritiqueError {
 /// A critique, with the model that it ended with.
 pub struct Outcome {
     pub critique: Critique,
-    /// For each row whether it was left out as unlike the others.
+    /// For each row of the observations that were given whether the signal was left out as unlike the others.
     pub outlier: Vec<bool>,
     /// The model that a design's extension is made from (ink channels only), or why there is none.
     pub extended: Result<Extended, NotExtended>,

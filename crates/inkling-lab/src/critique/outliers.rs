@@ -1,9 +1,17 @@
-//! Finds signals that ring unlike the others: faulty channels in a recording that nobody labelled.
+//! Finds signals that ring unlike the others, such as those of faulty channels in a recording that nobody
+//! labelled, so that the critique can leave them out.
 //!
-//! In: observations. Out: [`Outliers`]. Each signal is fitted alone. One that lies beyond [`outlying`] robust
-//! deviations of the median in amplitude, damping or frequency, or whose misfit is far larger than the
-//! others', is left out. What spreads over all signals widens the deviation and stays in. The misfit of a
-//! signal that rings like the others and leaves more may be noise with heavy tails, or may have a shape.
+//! In: signals, and the first model (`Model::start`). Out: [`Outliers`], for `engine.rs`. The steps:
+//!
+//! 1. fit every signal alone, and take a trend of its features along the head away, which is no fault;
+//! 2. a signal is odd if its ln amplitude, ln damping or ln frequency lies beyond [`outlying`] (7) robust
+//!    standard deviations of the median, or if the square of its misfit is more than three times the median
+//!    one;
+//! 3. a channel with several odd signals is left out altogether;
+//! 4. of the signals that ring like the others but leave more, ask whether the misfit has a shape: odd
+//!    samples of one sign in a row come from heavy-tailed noise only as seldom as chance puts them there.
+//!
+//! An effect that all signals share in widens the robust deviation, and so leaves nobody out.
 
 use super::chance::surprise_of_count;
 use super::covariates::POSITION;
@@ -13,16 +21,17 @@ use super::tuned::{least_scatter, odd_in_a_row, outlying, stands_out};
 use inkling_core::model::median::median;
 use inkling_core::numbers::tuned::little;
 
-/// Number of channels that a trend along the head is estimated from, and number of their pairs that this
-/// takes.
+/// Largest number of channels that a trend along the head is estimated from, and fewest pairs of channels
+/// that this takes.
 const MOST_CHANNELS: usize = 256;
 const FEWEST_SLOPES: usize = 15;
-/// Scatter that healthy channels may have of ln damping, ln frequency and ln amplitude, relative to that of
-/// ln damping.
+/// Least scatter that healthy channels are granted in ln damping, ln frequency and ln amplitude, as a
+/// multiple of `least_scatter`. (Nobody wrote down what these were tuned on.)
 const OF_DAMPING: [f64; 3] = [1.0, 0.16, 0.6];
 
-/// Slope of a feature along the head, which is no fault of any channel: the median slope between channels
-/// (Theil and Sen) of their medians.
+/// Slope of feature j along the head, per unit of the standardised position: the median, over pairs of
+/// channels, of the slope between the two channels' medians (Theil and Sen), which a few faulty channels do
+/// not move. 0 if there are too few pairs.
 fn trend(data: &Observations, features: &[[f64; 3]], j: usize) -> f64 {
     let mut of_unit = vec![Vec::new(); data.units];
     let mut place = vec![0.0; data.units];
@@ -45,8 +54,9 @@ fn trend(data: &Observations, features: &[[f64; 3]], j: usize) -> f64 {
     if slopes.len() < FEWEST_SLOPES { 0.0 } else { median(&mut slopes) }
 }
 
-/// For each channel whether it rings unlike the others at times, that is, more than once and in more than
-/// a little of its signals: what is left of it may be a fault that begins or ends.
+/// For each channel whether more than one of its signals, and more than a tenth of them, are `odd`: the channel
+/// then counts as faulty at times. Its other signals may belong to a fault that begins or ends, and are not
+/// trusted either.
 fn faulty_channels(data: &Observations, odd: &[bool]) -> Vec<bool> {
     let mut counts = vec![(0_usize, 0_usize); data.units];
     for (row, odd) in data.rows.iter().zip(odd) {
@@ -67,10 +77,12 @@ pub struct Outliers {
     pub shaped: f64,
 }
 
-/// Counts the signals (of those that `some` selects) whose misfit has a run of odd samples of one sign, and
-/// returns -ln of the probability of so many, given how often single samples are odd. `sd`: of the typical
-/// misfit.
+/// Counts the signals, of those that `some` selects, whose misfit has a run of odd samples of one sign, and
+/// returns -ln of the probability of so many if odd samples are independent, given how often single samples
+/// are odd in all signals. `misfits`: of all signals, counts; `sd`: root mean square of the typical misfit,
+/// counts.
 fn shaped(misfits: &[Vec<f64>], sd: f64, some: impl Fn(usize) -> bool) -> f64 {
+    // sign of each odd sample, 0 for any other
     let sign = |x: &f64| if x.abs() > outlying() * sd { x.signum() as i32 } else { 0 };
     let signs: Vec<Vec<i32>> = misfits.iter().map(|r| r.iter().map(sign).collect()).collect();
     let samples: usize = signs.iter().map(Vec::len).sum();
@@ -79,29 +91,34 @@ fn shaped(misfits: &[Vec<f64>], sd: f64, some: impl Fn(usize) -> bool) -> f64 {
     let run = |w: &[i32]| w[0] != 0 && w.iter().all(|s| *s == w[0]);
     let runs = |signs: &Vec<i32>| signs.windows(odd_in_a_row() as usize).any(run);
     let found = signs.iter().enumerate().filter(|(i, s)| some(*i) && runs(s)).count() as f64;
-    // all samples of a run have one sign; the first may have either
+    // Expected number of runs: at each of `samples` places the first sample of a run is odd with probability
+    // `share`, with either sign; each of the others must be odd with the same sign, `share`/2.
     let expected = samples as f64 * share * (share / 2.0).powi(odd_in_a_row() as i32 - 1);
     surprise_of_count(found, expected)
 }
 
-/// Every signal fitted alone: its ln damping, ln frequency and ln amplitude, without the trend along the
-/// head, and its misfit.
+/// All signals, each fitted alone.
 struct Alone {
+    /// ln damping, ln frequency and ln amplitude of each signal, without the trend along the head.
     features: Vec<[f64; 3]>,
+    /// What the fit leaves of each signal, N samples, counts.
     misfits: Vec<Vec<f64>>,
 }
 
 impl Alone {
     /// Fits every signal as if it were a channel of its own.
     fn of(data: &Observations, model: &Model) -> Alone {
+        // pretend that every signal comes from a channel of its own
         let mut alone = data.clone();
         alone.rows.iter_mut().enumerate().for_each(|(i, row)| row.unit = i);
         alone.units = alone.len();
+        // start each fit where the model has the signal: its channel plus its own deviation
         let mut each = model.clone();
         each.each = vec![Default::default(); data.len()];
         each.units =
             data.rows.iter().zip(&model.each).map(|(r, own)| model.units[r.unit] + own).collect();
         each.fit_units(&alone, 6);
+        // features without their trend along the head
         let mut features: Vec<[f64; 3]> =
             each.units.iter().map(|u| [u[0], u[1], u[2].hypot(u[3]).max(1e-300).ln()]).collect();
         for j in 0..3 {
@@ -110,11 +127,12 @@ impl Alone {
                 feature[j] -= slope * z[POSITION];
             }
         }
-        // the misfit of each fit
         Alone { misfits: each.of_each(&alone, |_, linear| linear.residual.clone()), features }
     }
 
-    /// For each signal whether a feature lies beyond [`outlying`] robust deviations of the median.
+    /// For each signal whether a feature lies beyond [`outlying`] robust standard deviations of the median.
+    /// The robust standard deviation is 1.4826 times the median distance from the median, which for Gaussian
+    /// scatter is the standard deviation. A feature that is not a number counts as far.
     fn far(&self) -> Vec<bool> {
         let mut far = vec![false; self.features.len()];
         for (j, part) in OF_DAMPING.iter().enumerate() {
@@ -131,16 +149,19 @@ impl Alone {
     }
 }
 
-/// Finds the outliers. `model`: where the fits start.
+/// Finds the outliers (steps in the module's doc). `model`: the first model of these signals, where the fits
+/// start.
 pub fn outliers(data: &Observations, model: &Model) -> Outliers {
     let alone = Alone::of(data, model);
     let far = alone.far();
+    // odd signals, by their features or by the square of their misfit
     let left: Vec<f64> = alone.misfits.iter().map(|r| r.iter().map(|r| r * r).sum()).collect();
     let typical = median(&mut left.clone());
     let noisier = |i: usize| left[i] > stands_out() * typical;
     let odd: Vec<bool> = (0..data.len()).map(|i| far[i] || noisier(i)).collect();
     let faulty = faulty_channels(data, &odd);
     let of_faulty = |i: usize| faulty[data.rows[i].unit];
+    // does the misfit of those that ring like the others have a shape?
     let sd = (typical / data.samples as f64).sqrt();
     let shaped = shaped(&alone.misfits, sd, |i| noisier(i) && !far[i] && !of_faulty(i));
     Outliers { out: (0..data.len()).map(|i| odd[i] || of_faulty(i)).collect(), shaped }

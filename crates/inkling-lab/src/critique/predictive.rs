@@ -1,12 +1,16 @@
-//! Log predictive densities of signals. `worth.rs` computes them of signals that were held out of the fit,
-//! with and without a cause (of what the model gets wrong): the difference is what the cause is worth, of
-//! whatever kind it is. It also fits the sizes of noise and jitter to those of the training signals.
+//! Log predictive densities: how probable a model makes each signal, its parameters being unknown.
 //!
-//! In: a fitted model, the population that each channel's parameters are drawn from, and what is known of the
-//! noise. Out: the logarithm of each signal's density, y ~ N(f, D + J S J^T). f: the model's output at the
-//! population's mean; D: variances of the noise; J: the Jacobian of the output by the decay's parameters; S:
-//! covariance of these in the population. J is taken at the signal's most probable parameters, and f is
-//! extrapolated from there along J.
+//! In: a fitted model, the population that each channel's parameters are drawn from, and the [`Noise`]. Out:
+//! the logarithm of each signal's density (nats), y ~ N(f, D + J S J^T). f: the model's output at the
+//! population's mean; D: variances of the noise, one per sample; J: the Jacobian of the output by the decay's
+//! parameters; S: their covariance in the population. J is taken at the signal's most probable parameters,
+//! and f is extrapolated from there along J, since the output is not linear over per cents of frequency.
+//!
+//! `worth.rs` compares the densities of held-out signals with and without a cause: the difference is what the
+//! cause is worth, of whatever kind it is. A line of random phase becomes two more columns beside J, noise
+//! that grows with the signal changes D, and a jitter of the trigger couples the signals of a burst
+//! ([`ln_densities_with_jitter`]). `worth.rs` also fits the sizes of these three by the densities of training
+//! signals.
 
 use super::matrices::{Matrix5, Vector5, floored};
 use super::model::Model;
@@ -20,54 +24,59 @@ use std::f64::consts::TAU;
 /// How the noise differs from white noise.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Noise {
-    /// `[h, top]`: the variance grows with the expected sample f as 1 + h f² / top. top: the square of the
-    /// largest expected sample of all training signals, counts².
+    /// `[h, top]`: the variance grows with the expected sample f as 1 + h f² / top, where top is the square
+    /// of the largest expected sample of all training signals, counts². `None`: one variance for all samples.
     pub growth: Option<[f64; 2]>,
-    /// A spectral line of random phase: its frequency, rad per signal length, and the variance of the
-    /// amplitude of its cosine, which is that of its sine, too, counts².
+    /// `[omega, var]`: a spectral line of random phase at omega rad per signal length; var is the variance of
+    /// the amplitude of its cosine, and also that of its sine, counts². `None`: no line.
     pub tone: Option<[f64; 2]>,
 }
 
-/// One signal, and what a model expects of it. Parameters are in units of [`Model::scale`].
+/// One signal, and what a model expects of it. Samples are in counts, parameters in units of
+/// [`Model::scale`].
 pub struct Signal {
     /// Indices of its burst and of its channel among those of its set of signals.
     pub burst: usize,
     pub unit: usize,
+    /// The measured samples.
     pub y: Vec<f64>,
     /// The model's output at the signal's most probable parameters.
     pub expected: Vec<f64>,
     /// 1 for every sample that counts, 0 where it may be clipped.
     pub counts: Vec<f64>,
-    /// y less the model's output at the population's mean, as it is extrapolated from `expected`.
+    /// y - f: the measured samples less the model's output at the population's mean, which is extrapolated
+    /// from `expected` along the Jacobian.
     off: DVector<f64>,
     /// Jacobian of the output by the parameters, at the most probable ones; N x FREE.
     tangent: DMatrix<f64>,
     /// Covariance of the parameters in the population.
     spread: Matrix5,
-    /// Derivative of the parameters by a shift in time, per signal length; that of the model's mean decay.
+    /// Derivative of the parameters by a shift in time, per signal length. It is that of the model's mean
+    /// decay, for all signals.
     shift: Vector5,
     /// Variance of the noise, counts².
     noise_var: f64,
 }
 
-/// A Gaussian density of covariance V = D + A A^T, D diagonal.
+/// A Gaussian density of mean 0 and covariance V = D + A A^T, D diagonal, A of few columns.
 struct Density {
-    /// Diagonal of 1 / D; 0 for a sample that does not count.
+    /// Diagonal of D^-1; 0 for a sample that does not count.
     weights: DVector<f64>,
+    /// A, N x (FREE or FREE + 2).
     a: DMatrix<f64>,
     /// Cholesky factor of 1 + A^T D^-1 A.
     inner: Cholesky<f64, Dyn>,
 }
 
 impl Density {
-    /// V^-1 x, by Woodbury's identity.
+    /// V^-1 x = D^-1 x - D^-1 A (1 + A^T D^-1 A)^-1 A^T D^-1 x, by Woodbury's identity.
     fn solve(&self, x: &DVector<f64>) -> DVector<f64> {
         let weighed = x.component_mul(&self.weights);
         let along = self.inner.solve(&self.a.tr_mul(&weighed));
         &weighed - (&self.a * along).component_mul(&self.weights)
     }
 
-    /// ln density at x, over the samples that count.
+    /// ln density at x, over the samples that count. ln |V| = ln |D| + ln |1 + A^T D^-1 A|.
     fn ln(&self, x: &DVector<f64>) -> f64 {
         let counted = self.weights.iter().filter(|w| **w > 0.0);
         let ln_diagonal: f64 = counted.map(|w| (TAU / w).ln()).sum();
@@ -77,12 +86,13 @@ impl Density {
     }
 }
 
-/// All signals of a set, and what the model expects of them. `of_unit`: the population of each channel of the
-/// set.
+/// All signals of a set, with what the model expects of them. `of_unit`: the population of each channel of
+/// the set.
 pub fn signals(model: &Model, data: &Observations, of_unit: Vec<Population>) -> Vec<Signal> {
     let mut predictor = Predictor::of(model, data, of_unit);
     let scale = model.scale();
-    // the derivative of a decay by time is a decay of the same rates with other amplitudes
+    // The derivative of a decay by time is a decay of the same rates with other amplitudes (a, b, c), so a
+    // small shift in time moves only these.
     let [sigma, omega, lambda] = [0, 1, 5].map(|j| model.decay()[j].exp());
     let (a, b, c) = (model.mean[2], model.mean[3], model.mean[4]);
     let moved = [0.0, 0.0, omega * b - sigma * a, -omega * a - sigma * b, -lambda * c];
@@ -108,8 +118,8 @@ pub fn signals(model: &Model, data: &Observations, of_unit: Vec<Population>) -> 
 }
 
 impl Signal {
-    /// Density of the samples before number `first` that count. `spread`: covariance of the parameters.
-    /// `None`: a covariance is not positive definite.
+    /// Density of `off`, over those of the first `first` samples that count. `spread`: covariance of the
+    /// parameters. `None`: a covariance is not positive definite.
     fn density(&self, noise: &Noise, spread: &Matrix5, first: usize) -> Option<Density> {
         let n = self.off.len();
         // a growing variance is scaled such that its mean over the signal is still `noise_var`
@@ -122,10 +132,12 @@ impl Signal {
             counts * mean / (self.noise_var * grown(k))
         };
         let weights = DVector::from_fn(n, of);
+        // A A^T = J S J^T with A = J times the Cholesky factor of S
         let root = floored(spread).cholesky()?.l();
         let root = DMatrix::from_fn(FREE, FREE, |i, j| root[(i, j)]);
         let mut a = &self.tangent * root;
-        // a line of random phase: independent cosine and sine
+        // a line of random phase has independent random amplitudes of its cosine and its sine: two more
+        // columns
         if let Some([omega, var]) = noise.tone {
             a = a.resize_horizontally(FREE + 2, 0.0);
             for k in 0..n {
@@ -143,8 +155,9 @@ impl Signal {
         self.density(noise, &self.spread, usize::MAX).map_or(f64::NAN, |d| d.ln(&self.off))
     }
 
-    /// ln p of all samples but the first, given that one; in white noise. It can be compared with the density
-    /// of the same signal after whitening, which loses the first sample.
+    /// ln p of all samples but the first, given the first one, in white noise: ln p of all less ln p of the
+    /// first. This can be compared with the density of the same signal after whitening, which loses the first
+    /// sample.
     pub fn ln_density_after_first(&self) -> f64 {
         let plain = Noise::default();
         let first = self.density(&plain, &self.spread, 1).map_or(f64::NAN, |d| d.ln(&self.off));
@@ -152,9 +165,14 @@ impl Signal {
     }
 }
 
-/// ln p of each signal where the trigger shifts all signals of a burst by the same random time. `variance`:
-/// of that time, in squared signal lengths. The signals of a burst then have one joint density; each of them
-/// gets an equal share of its logarithm.
+/// ln p of each signal where the trigger shifts all signals of a burst by the same random time of the given
+/// `variance`, in squared signal lengths. The signals of a burst then have one joint density, the product of
+/// their densities integrated over the shift; each signal gets an equal share of its logarithm. `all`:
+/// signals with their bursts; `noise`: as found before the jitter.
+///
+/// To second order in the shift d, ln of the product is `sum` + d score - d² information / 2. The integral
+/// over d ~ N(0, variance) adds (variance score² / grown - ln grown) / 2 with grown = 1 + variance
+/// information.
 pub fn ln_densities_with_jitter(all: &[Signal], noise: &Noise, variance: f64) -> Vec<f64> {
     let mut bursts: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     all.iter().enumerate().for_each(|(i, s)| bursts.entry(s.burst).or_default().push(i));
@@ -164,8 +182,8 @@ pub fn ln_densities_with_jitter(all: &[Signal], noise: &Noise, variance: f64) ->
         // Fisher information of the shift
         let (mut sum, mut score, mut information) = (0.0, 0.0, 0.0);
         for signal in members.iter().map(|i| &all[*i]) {
-            // the fitted covariance holds what the common shift does to single signals, too: that part is
-            // taken off, as the shift is accounted for below
+            // The fitted covariance also holds what the common shift does to single signals. Subtract that
+            // part here, since the shift is accounted for below.
             let own = signal.spread - signal.shift * signal.shift.transpose() * variance;
             let Some(density) = signal.density(noise, &own, usize::MAX) else { continue };
             let along = &signal.tangent * DVector::from_column_slice(signal.shift.as_slice());

@@ -1,8 +1,12 @@
-//! The critique as one page for a reader. In: a [`Critique`]. Out: `report.html`, self-contained: its figures
-//! are SVG inside it, it loads nothing and runs nothing.
+//! The critique as one page for a reader.
 //!
-//! The sentence comes first, then what can be done, then the numbers that it rests on. Every text is escaped,
-//! since names in a recording may be anything. The page must never compute a finding of its own.
+//! In: a [`Critique`]. Out: the text of `report.html` ([`html`], which the command line writes). The page is
+//! self-contained: its figures are SVG inside the page, and the page loads nothing and runs nothing.
+//!
+//! The sentence comes first, then the causes and what would settle open questions, then the gain, the
+//! pictures and all evidence that these rest on. Each part below is a function that returns markup, or an
+//! empty text if there is nothing to tell. Every text that may come from outside is escaped, since names in a
+//! recording may be anything. The page must never compute a finding of its own.
 
 use super::catalogue::{CauseId, joined};
 use super::digits::{chance, measured, short, significant};
@@ -13,7 +17,8 @@ use super::finding::{
 use super::pictures;
 use crate::plot::page::{escaped, page, table};
 
-/// Explains the columns of the causes' table.
+/// Explains the columns of the causes' table. The counts of recordings in it come from another run than the
+/// table in `docs/hidden_effects.md`, which has 33 of 64 and 157 of 157.
 const OF_CAUSES: &str = "Strength in DL, detection limits: 1 DL is the size at which a test of this one \
     effect alone would find it in 90 of 100 recordings. Among all candidates it was found in 54 of 103 \
     simulated recordings at 1 DL, in 252 of 253 from 2 DL on. Delta BIC, Bayesian information criterion \
@@ -30,7 +35,7 @@ const OF_GAIN: &str = "Misfit: measured minus simulated. Chi² per degree of fre
     standard deviations of healthy channels, put into held-out signals) looks more faulty than a healthy \
     one; 0.5 is guessing, 1 never wrong.";
 
-/// Explains the columns of the evidence.
+/// Explains the columns of the table of evidence.
 const OF_EVIDENCE: &str = "Step 0 asks every candidate alone, against the model as it \
     is; each further step asks again beside what was chosen before. Statistic: twice the gain in \
     log-likelihood. Threshold: what chance exceeds once in many recordings, all candidates together. p: \
@@ -60,15 +65,17 @@ pub fn html(c: &Critique) -> String {
     page("Model critique", &parts.concat())
 }
 
+/// A paragraph in small print; escapes the text.
 fn note(text: &str) -> String {
     format!("<p class=\"note\">{}</p>\n", escaped(text))
 }
 
+/// An interval in brackets, with a space before them.
 fn in_brackets([low, high]: [f64; 2]) -> String {
     format!(" [{}, {}]", short(low), short(high))
 }
 
-/// Explains a verdict; the text stands beside it.
+/// The sentence that explains a verdict to the reader.
 fn in_words(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::None => {
@@ -87,7 +94,7 @@ fn in_words(verdict: Verdict) -> &'static str {
     }
 }
 
-/// The table of causes and their sentences.
+/// The table of causes, and their sentences.
 fn causes(c: &Critique) -> String {
     if c.causes.is_empty() {
         return String::new();
@@ -142,12 +149,14 @@ fn causes(c: &Critique) -> String {
     .concat()
 }
 
-/// The share that several causes explain together; `None` if each has a share of its own.
+/// The share of the misfit that several causes explain together, if all of them have the same `explains`;
+/// `None` if there is one cause, or no such share.
 fn explained_together(causes: &[Cause]) -> Option<f64> {
     let first = causes.first()?.explains?;
     (causes.len() > 1 && causes.iter().all(|c| c.explains == Some(first))).then_some(first)
 }
 
+/// A list of the lines that are not empty, under a heading if `title` is not empty; escapes the lines.
 fn list(title: &str, lines: &[String]) -> String {
     let items: Vec<String> = (lines.iter().filter(|line| !line.is_empty()))
         .map(|line| format!("<li>{}</li>\n", escaped(line)))
@@ -178,7 +187,8 @@ fn equation(c: &Critique) -> String {
     )
 }
 
-/// A row of the gain's table: its name, its value, and the value's interval.
+/// A row of the gain's table: its name, and how its value and the value's interval are read from the figures
+/// of a model.
 type GainRow = (&'static str, fn(&GainFigures) -> f64, fn(&GainFigures) -> Option<[f64; 2]>);
 
 const GAIN_ROWS: [GainRow; 6] = [
@@ -190,7 +200,8 @@ const GAIN_ROWS: [GainRow; 6] = [
     ("detection of a small fault, AUC", |g| g.detection_auc, |g| g.detection_auc_interval),
 ];
 
-/// The table of gains; a single column where nothing was extended.
+/// The table of gains before and after the extension; a single column where nothing was extended. A row that
+/// was not measured (NaN) is left out. Empty where no signals were held out.
 fn gain(gain: &Gain) -> String {
     let (held, before, after) = (&gain.held_out, &gain.before, &gain.after);
     if held.signals == 0 {
@@ -198,7 +209,7 @@ fn gain(gain: &Gain) -> String {
     }
     let is_measured = |row: &&GainRow| !(row.1(before).is_nan() && row.1(after).is_nan());
     let rows = || GAIN_ROWS.iter().filter(is_measured);
-    // what is NaN after the extension was not measured here
+    // one column if the extension changes none of the numbers that were measured
     let one = rows().all(|row| row.1(after).is_nan() || row.1(after) == row.1(before));
     let cell = |(name, value, interval): &GainRow, g: &GainFigures| {
         let text = if *name == WHITENESS { chance(value(g)) } else { short(value(g)) };
@@ -222,7 +233,8 @@ fn gain(gain: &Gain) -> String {
     .concat()
 }
 
-/// Remarks on what the detection's numbers are worth. `one`: there is no extension to compare with.
+/// Remarks below the table: whether detection is better with the extension, and how well the threshold is
+/// known. `one`: there is no extension to compare with.
 fn of_detection(gain: &Gain, one: bool) -> String {
     let mut notes = String::new();
     if let (Some([low, high]), false) = (gain.detection_gain_interval, one) {
@@ -249,8 +261,11 @@ fn of_detection(gain: &Gain, one: bool) -> String {
     notes
 }
 
+/// Name of the row whose value is a probability and is written as one.
 const WHITENESS: &str = "chance that white noise looks like the misfit, p";
 
+/// How the signals were held out that the gain is measured on. Decays (`by` begins with `time:`) have a
+/// sentence of their own.
 fn held_out(held: &HeldOut) -> String {
     if held.by.starts_with("time:") {
         return format!(
@@ -265,7 +280,8 @@ fn held_out(held: &HeldOut) -> String {
     )
 }
 
-/// One line per reason, with the causes that it keeps from being tested.
+/// One line per reason why causes could not be tested, which names all causes with this reason, in the order
+/// in which reasons first come.
 pub fn grouped(not_testable: &[NotTestable]) -> Vec<String> {
     let mut groups: Vec<(&str, Vec<CauseId>)> = Vec::new();
     for n in not_testable {
@@ -281,6 +297,7 @@ pub fn grouped(not_testable: &[NotTestable]) -> Vec<String> {
     groups.into_iter().map(line).collect()
 }
 
+/// The table of all evidence, folded away under a heading that opens it.
 fn evidence(evidence: &[Evidence]) -> String {
     if evidence.is_empty() {
         return String::new();

@@ -1,3 +1,6 @@
+//! Tests of the page that `report.rs` makes of a critique: hostile names cannot inject markup, every part is
+//! there, the page loads nothing, and a critique without figures or without extension still is a page.
+
 use super::CauseId::*;
 use super::*;
 use crate::critique::finding::{
@@ -6,6 +9,7 @@ use crate::critique::finding::{
 use crate::critique::objection::WhyNot;
 use crate::critique::pictures::covariate;
 
+/// A curve with a band of one half-width all along.
 fn with_a_band(y: Vec<f64>, half_width: f64) -> Curve {
     let count = y.len();
     Curve::about(y, vec![half_width; count])

@@ -1,8 +1,17 @@
-//! Estimates how channels differ, how a channel's signals differ from burst to burst, and the noise.
+//! `Model::fit`: estimates how channels differ, how a channel's signals differ from burst to burst, the mean
+//! channel, the noise, and the rate of the real pole.
 //!
-//! In: a model about which signals are linearised. Out: its covariances `between` and `within` and its mean,
-//! by EM; its noise, by what single signals leave once their own parameters are free; and the rate of its
-//! real pole, by one step of Gauss and Newton.
+//! In: a model and signals. Out: the same model with new `mean`, `between`, `within`, `noise_var` and
+//! channels. Each round first moves all channels and signals to their most probable parameters
+//! (`Model::settle`), and then, at this linearisation, does three things:
+//!
+//! 1. the noise variance is the mean square that single signals leave once their own parameters are free;
+//! 2. ln lambda/sigma takes one Gauss-Newton step, with a Gaussian prior;
+//! 3. EM (expectation and maximisation) estimates the mean b0 and the covariances B and W of the linear model
+//!    r_i = J_i (b_channel + w_i) + noise, b ~ N(b0, B), w ~ N(0, W).
+//!
+//! After these three, only J^T J and J^T r of each signal matter. All vectors and matrices here are over the
+//! five free parameters in units of `Model::scale`.
 
 use super::matrices::{
     Matrix5, Vector5, floored, free_part, inverse, inverse_or_zero, means_of_groups, scaled,
@@ -16,19 +25,24 @@ use inkling_core::model::inner_product::dot;
 
 /// Information and score of one signal about its channel's parameters, in units of [`Model::scale`].
 struct OneSignal {
+    /// The signal's channel.
     unit: usize,
+    /// J^T J / noise variance.
     gram: Matrix5,
+    /// J^T r / noise variance, with the residual r about the parameters of the channel (at which the channel
+    /// was linearised), not about the signal's own.
     product: Vector5,
 }
 
-/// Information and score of all signals about the real pole's rate, after each one's own parameters.
+/// Information and score of all signals about ln lambda/sigma, which all channels share, once each signal's
+/// own five parameters are free. Both are still to be divided by the noise variance.
 #[derive(Default)]
 struct OfPole {
     information: f64,
     score: f64,
 }
 
-/// The estimate on its way: mean relative to the model's, and covariances.
+/// The state of EM: the mean b0 relative to the model's mean, and the covariances B and W.
 struct Estimate {
     mean: Vector5,
     between: Matrix5,
@@ -36,15 +50,17 @@ struct Estimate {
 }
 
 impl OfPole {
-    /// Adds a signal. `along`: inner products of the pole's column with the signal's own; `solved`: the
-    /// coefficients with which these explain it.
+    /// Adds a signal by the Schur complement. `product`: J^T r over the signal's own parameters; `along`:
+    /// inner products of the pole's column p with the own columns, J^T p; `solved`: (J^T J)^-1 J^T p, the
+    /// coefficients with which the own columns explain p. What they explain tells nothing about the rate.
     fn add(&mut self, linear: &Linear, product: &Vector5, along: &Vector5, solved: &Vector5) {
         let column = &linear.tangent.columns[ALL - 1];
         self.information += (dot(column, column) - along.dot(solved)).max(0.0);
         self.score += dot(column, &linear.residual) - product.dot(solved);
     }
 
-    /// Step to the most probable rate. `off`: ln lambda/sigma of the model less the mean of its prior.
+    /// Newton step of ln lambda/sigma to its most probable value. `off`: ln lambda/sigma of the model less
+    /// the mean of its prior.
     fn step(&self, off: f64, noise_var: f64) -> f64 {
         let prior = 1.0 / (ln_lambda_sd() * ln_lambda_sd());
         (self.score / noise_var - off * prior) / (self.information / noise_var + prior)
@@ -52,7 +68,7 @@ impl OfPole {
 }
 
 impl Model {
-    /// Alternates linearisation and estimation, `rounds` times.
+    /// Alternates linearisation (`settle`) and 30 steps of EM, `rounds` times. Callers do one or two rounds.
     pub fn fit(&mut self, data: &Observations, rounds: usize) {
         for _ in 0..rounds {
             self.settle(data);
@@ -60,11 +76,14 @@ impl Model {
         }
     }
 
-    /// Estimates noise, scatter and mean at the present linearisation; `steps`: of EM.
+    /// Estimates noise, real pole, scatter and mean at the present linearisation; `steps`: number of EM
+    /// steps.
     fn estimate_scatter(&mut self, data: &Observations, steps: usize) {
         let scale = self.scale();
         let signals = self.signals_and_noise(data, &scale);
+        // if every channel was heard once, `within` cannot be told from `between`, and is 0
         let repeated = data.len() > data.units;
+        // the point at which each channel is linearised, relative to the model's mean
         let offset: Vec<Vector5> =
             self.units.iter().map(|u| free_part(&(u - self.mean), &scale)).collect();
         // EM starts from the last estimate, or at first from moments
@@ -77,6 +96,8 @@ impl Model {
         for _ in 0..steps {
             now.step(&signals, &offset, repeated);
         }
+
+        // back to the parameters' own units
         let back = |m| unscaled(&floored(m), &scale);
         self.between = back(&now.between);
         self.within = if repeated { back(&now.within) } else { Matrix5::zeros() };
@@ -85,7 +106,8 @@ impl Model {
         }
     }
 
-    /// Estimates the noise, moves the real pole's rate, and returns every signal in the metric of the noise.
+    /// Steps 1 and 2: sets `noise_var`, moves ln lambda/sigma if the model has a real pole, and returns every
+    /// signal's information and score.
     fn signals_and_noise(&mut self, data: &Observations, scale: &Vector5) -> Vec<OneSignal> {
         let mut linear = Linear::default();
         let mut signals = Vec::with_capacity(data.len());
@@ -95,22 +117,26 @@ impl Model {
             self.linearise(i, data, &mut linear);
             let (gram, product) = free_products(&linear, scale);
             let square = dot(&linear.residual, &linear.residual);
+            // the tiny ridge keeps the matrix invertible where a parameter moves nothing
             let ridge = gram + Matrix5::identity() * (1e-9 * gram.trace());
             // inner products of the real pole's column with those of the signal's own parameters
             let columns = &linear.tangent.columns;
             let along = Vector5::from_fn(|j, _| dot(&columns[j], &columns[ALL - 1]) * scale[j]);
             let solved = ridge.cholesky().map(|c| [c.solve(&product), c.solve(&along)]);
-            // what is left once the signal's own parameters are free estimates the noise
+            // the square that is left once the signal's own parameters are free, per degree of freedom,
+            // estimates the noise variance
             let [of_residual, of_along] = solved.unwrap_or_default();
             let explained = product.dot(&of_residual).min(square);
             of_pole.add(&linear, &product, &along, &of_along);
             left.push((square - explained) / (linear.counted() - FREE as f64).max(1.0));
+            // The residual is about channel plus own deviation. Adding J times the own deviation to it gives
+            // the residual about the channel alone, to first order.
             let own = free_part(&self.each[i], scale);
-            // the score is taken about the channel, not about the signal's own parameters
             let product = product + gram * own;
             signals.push(OneSignal { unit: data.rows[i].unit, gram, product });
         }
-        // the mean over all but the noisiest signals, whose noise may be something else
+
+        // the mean over all but the noisiest hundredth of the signals, which may have more than noise
         left.sort_by(f64::total_cmp);
         let kept = &left[..(left.len() as f64 * (1.0 - untold_noise())).ceil() as usize];
         self.noise_var = (kept.iter().sum::<f64>() / kept.len() as f64).max(1e-300);
@@ -125,10 +151,12 @@ impl Model {
     }
 }
 
-/// Estimates the scatter by moments, as a start for EM: the scatter of each signal's own estimates, less
-/// what their errors contribute.
+/// Estimates `between` and `within` by moments, as a start for EM: the scatter of single signals'
+/// least-squares estimates, less what the errors of these estimates contribute. `offset`: the point at which
+/// each channel is linearised, relative to the model's mean; `units`: number of channels.
 fn moments(signals: &[OneSignal], offset: &[Vector5], units: usize) -> (Matrix5, Matrix5) {
-    // estimates of single signals, with a ridge for what a signal does not determine
+    // Estimates of single signals, relative to the model's mean, with their error covariance. The ridge is a
+    // prior of standard deviation 0.1 about the channel, for what a signal does not determine.
     let estimates: Vec<(usize, Vector5, Matrix5)> = signals
         .iter()
         .map(|OneSignal { unit, gram, product }| {
@@ -140,8 +168,8 @@ fn moments(signals: &[OneSignal], offset: &[Vector5], units: usize) -> (Matrix5,
 
     let means = means_of_groups(units, estimates.iter().map(|(unit, x, _)| (*unit, *x)));
 
-    // variance about these means is that of bursts plus the errors'; variance of the means is that of
-    // channels plus a share of both
+    // The variance about the channels' means is `within` plus that of the errors; the variance of the
+    // channels' means is `between` plus a share (channels over signals) of both.
     let mut within = Matrix5::zeros();
     let mut noise = Matrix5::zeros();
     for (unit, x, covariance) in &estimates {
@@ -163,13 +191,18 @@ fn moments(signals: &[OneSignal], offset: &[Vector5], units: usize) -> (Matrix5,
 }
 
 impl Estimate {
-    /// One step of EM. `offset`: each channel's parameters less the model's mean; `repeated`: channels were
-    /// heard more than once.
+    /// One step of EM. `offset`: the point at which each channel is linearised, relative to the model's mean;
+    /// `repeated`: channels were heard more than once.
+    ///
+    /// The score of a signal about b0 is q = product + G (offset - b0) with G = `gram`. Let D = (W^-1 +
+    /// G)^-1. If the signal's own deviation w is integrated out, G - G D G is left as its information about
+    /// the channel, and q - G D q as its score; both are summed over the channel's signals.
     fn step(&mut self, signals: &[OneSignal], offset: &[Vector5], repeated: bool) {
         if !repeated {
             self.within = Matrix5::zeros();
         }
-        // information and score of each channel, its signals' own deviations integrated out
+        // information and score of each channel about its deviation from b0, its signals' own deviations
+        // integrated out
         let (precision_b, precision_w) = (inverse(&self.between), inverse(&self.within));
         let mut info = vec![Matrix5::zeros(); offset.len()];
         let mut score = vec![Vector5::zeros(); offset.len()];
@@ -181,7 +214,9 @@ impl Estimate {
             score[*unit] += q - gram * (d * q);
             each.push((q, d));
         }
-        // E step: posterior mean and covariance of each channel, then of each signal's deviation
+
+        // E step, channels: the posterior of channel u is N(b, C) with C = (B^-1 + information)^-1 and b = C
+        // score. Collect the expected outer products b b^T + C.
         let mut sum_b = Matrix5::zeros();
         let mut sum_w = Matrix5::zeros();
         let mut centre = Vector5::zeros();
@@ -193,14 +228,18 @@ impl Estimate {
             centre += b;
             posterior.push((b, c));
         }
+        // E step, signals: given b, a signal's deviation is N(D (q - G b), D). The channel's own uncertainty
+        // C adds D G C (D G)^T.
         for (OneSignal { unit, gram, .. }, (q, d)) in signals.iter().zip(&each) {
             let (b, c) = posterior[*unit];
             let w = d * (q - gram * b);
             let dg = d * gram;
             sum_w += w * w.transpose() + d + dg * c * dg.transpose();
         }
-        // M step: the mean moves to the average of the channels, and `between` is their covariance about it,
-        // over one channel less, since the average comes from the same channels
+
+        // M step: b0 moves to the average of the channels' posterior means; B is the channels' expected
+        // covariance about this average, times n / (n - 1), since the average comes from the same n channels;
+        // W is the average of the signals' expected outer products
         let units = offset.len() as f64;
         centre /= units;
         self.between = (sum_b / units - centre * centre.transpose())

@@ -1,8 +1,15 @@
-//! Selects the causes that the signals of ink channels ask for: full refits of the candidates that compete,
-//! and backward elimination.
+//! Selects the causes that the signals of ink channels ask for: how candidates are tested and refitted in the
+//! forward selection of `search.rs`, and the backward elimination after each step and at the end.
 //!
-//! In: signals and a fitted baseline. Out: the causes, with what was tried on the way. Among those that
-//! compete, the one whose refitted model is most likely wins (`search`).
+//! In: signals (a `Setting`) and a fitted baseline, from `engine.rs`. Out: [`Selected`], the refitted model
+//! with its causes, and what was tried on the way.
+//!
+//! The steps: the linear tests of all candidates (`candidates`) nominate; the most surprising accepted name
+//! is the benchmark, and at most five names and three rivals without a name of its kind (shape, or covariate)
+//! are refitted beside it at fixed noise and scatter; the refitted -2 ln likelihood plus prices decides; the
+//! winner enters, everything is refitted with scatter, and causes that are no longer significant leave. At
+//! the end all causes are measured once more, and those leave that are no more than what stronger findings
+//! leave (`leftovers.rs`).
 
 use super::candidate::Chosen;
 use super::candidates::{Applied, ScoreTests, Scored, Setting};
@@ -15,7 +22,7 @@ use super::tuned::tie;
 use nalgebra::DVector;
 use std::ops::ControlFlow;
 
-/// Largest number of candidates with a name, and without one, that are refitted in a step.
+/// Largest numbers of candidates that are refitted in a step: of those with a name, and of those without.
 const MOST_NAMED: usize = 5;
 const MOST_UNNAMED: usize = 3;
 
@@ -23,7 +30,8 @@ const MOST_UNNAMED: usize = 3;
 pub type Selected = ExplainedModel<Refit, Applied>;
 
 impl Selected {
-    /// The causes with their weights, for the comparison with what they may leave to others.
+    /// The causes with their statistics, for the comparison with what they may leave to other findings
+    /// (`leftovers.rs`).
     pub fn weighed(&self) -> Vec<Weighed> {
         weighed(&self.causes)
     }
@@ -33,23 +41,30 @@ fn weighed(chosen: &[Chosen<Applied>]) -> Vec<Weighed> {
     chosen.iter().map(|c| Weighed::of(&c.candidate, &c.tied_with)).collect()
 }
 
-/// Selects the causes. `found`: what was found in codes and noise, which leave something to the mean, too.
+/// Selects the causes. `baseline`: the model without causes, fitted to the signals of `setting`. `found`:
+/// what was found in codes and noise; such findings may also leave something that looks like a cause of the
+/// mean.
 pub fn select(
     baseline: Model,
     setting: Setting,
     found: Vec<Weighed>,
     stages: &mut dyn FnMut(&str),
 ) -> Selected {
+    // forward selection from the refitted baseline
     let baseline = refit(baseline, Vec::new(), setting, 3, true);
     let ExplainedModel { fitted: now, mut causes, evidence, unnamed } =
         search(&setting, baseline, setting.data.ln_samples(), stages);
+
+    // refit all causes together, and measure each one beside all others
     stages("measuring the causes");
     let mut last = refit(now.model, now.causes, setting, 3, true);
     measure(&mut causes, &last, setting);
     let mut all = weighed(&causes);
     all.extend(found);
-    // A cause entered because of a test about a model that lacked later ones: it stays only if it is still
-    // significant beside all others, and more than what these leave.
+
+    // A cause entered because of a test about a model that lacked the causes that entered later. It stays
+    // only if it is still significant beside all others, and is more than what the others and the findings in
+    // codes and noise may leave.
     let stands = |(cause, own): (&Chosen<Applied>, &Weighed)| {
         cause.candidate.is_significant() && own.is_beyond(&all)
     };
@@ -68,7 +83,8 @@ impl System for Setting<'_> {
     const TIED_MAY_ENTER: bool = false;
     const TRYING: &'static str = "testing the catalogue";
 
-    /// Tests the catalogue, without the causes that are in the model; the most surprising first.
+    /// Tests the catalogue and the rivals without a name, except the causes that are in the model; the most
+    /// surprising comes first.
     fn tried(&self, now: &Refit) -> Vec<Scored> {
         let nuisances = now.spaces.nuisances(&now.causes);
         let mut scored = ScoreTests::new(&now.model, *self, &nuisances).score_all();
@@ -77,9 +93,11 @@ impl System for Setting<'_> {
         scored
     }
 
-    /// Refits the candidates that compete. One without a name never enters: what it explains better is left
-    /// for `adequacy` to tell. Where it is clearly likelier than all names, it and the likeliest name are
-    /// compared once more, each with what comes next beside it.
+    /// Refits the candidates that compete. A candidate without a name never enters the model; if it wins, the
+    /// search ends, and `adequacy` tells what the misfit is like. If the likeliest rival without a name is
+    /// clearly better than the likeliest name (by more than `tie`), these two are compared once more, each
+    /// together with the named candidate that comes next beside it: where there are two causes, a rival
+    /// without a name may take a part of both.
     fn round(
         &self,
         now: &Refit,
@@ -87,16 +105,18 @@ impl System for Setting<'_> {
         _: &[Chosen<Applied>],
         stages: &mut dyn FnMut(&str),
     ) -> Round<Refit, Applied> {
+        // without an accepted name there is nothing to compete with
         let best = tried.iter().find(|s| s.has_name() && s.accepted());
         let Some(best) = best else { return Round { rivals: Vec::new(), least: f64::INFINITY } };
         stages("refitting what competes");
         let mut rivals = refitted(now, tried, best, *self);
+        // rivals are sorted, so the first of either sort is its likeliest
         let place = |named: bool| rivals.iter().position(|r| r.candidate.has_name() == named);
         if let (Some(named), Some(unnamed)) = (place(true), place(false))
             && rivals[named].penalised > rivals[unnamed].penalised + tie()
         {
-            // replace the difference of the two by that of the pairs; rivals other than the strongest are
-            // dropped
+            // Replace the difference of the two by the difference of the pairs. Of the rivals without a name,
+            // keep this one only, since the others were not compared in pairs.
             let behind =
                 with_the_next(&rivals[unnamed], *self) - with_the_next(&rivals[named], *self);
             rivals[unnamed].penalised = rivals[named].penalised + behind;
@@ -108,6 +128,8 @@ impl System for Setting<'_> {
         Round { rivals, least }
     }
 
+    /// Refits the model with noise and scatter free, and takes out causes that are no longer significant. The
+    /// search always goes on.
     fn settled(&self, now: Refit, chosen: &mut Vec<Chosen<Applied>>) -> ControlFlow<Refit, Refit> {
         let now = refit(now.model, now.causes, *self, 2, true);
         let kept = necessary(&now);
@@ -118,7 +140,9 @@ impl System for Setting<'_> {
     }
 }
 
-/// Refits the candidates that compete; the likeliest first. `best`: the most surprising one that has a name.
+/// Refits the candidates that compete, beside the causes of `now`, and returns those that explain something
+/// after the refit, the likeliest first. `tried`: sorted by surprise; `best`: the most surprising accepted
+/// one that has a name.
 fn refitted(
     now: &Refit,
     tried: &[Scored],
@@ -134,8 +158,9 @@ fn refitted(
     let refitted = |scored: &Scored| {
         let rival = with(now, &scored.form, setting);
         let deviance = rival.deviance(best.id);
-        // a candidate that explains less once it is refitted leads nowhere: it is no cause, and the misfit
-        // stays
+        // A candidate that has an objection, or does not raise the likelihood, once it is refitted leads
+        // nowhere: it is dropped. The price is that of Akaike, 2 for each free parameter, plus 2 ln of the
+        // number of independent shapes among which it was the best.
         (rival.last_is_able(setting) && deviance < before).then(|| Rival {
             model: rival,
             penalised: deviance + 2.0 * (parameters(scored) + scored.tried.ln()),
@@ -148,19 +173,21 @@ fn refitted(
     rivals
 }
 
-/// Penalised -2 ln likelihood of a rival together with the named candidate that comes next beside it. Where
-/// there are two causes, one that has no name may take a part of both and explain more than either alone.
+/// Penalised -2 ln likelihood of a rival together with the named candidate that explains most beside it; that
+/// of the rival alone if no candidate is accepted beside it, or none improves it.
 fn with_the_next(rival: &Rival<Refit, Applied>, setting: Setting) -> f64 {
     let mut tried = setting.tried(&rival.model);
     tried.retain(Scored::has_name);
     let next = tried.iter().find(|s| s.accepted() && competes(s, &rival.candidate)).cloned();
+    // the price of the rival's own parameters
     let paid = rival.penalised - rival.model.deviance(rival.candidate.id);
     let beside = next.map(|next| refitted(&rival.model, &tried, &next, setting));
     let least = beside.and_then(|all| Some(all.first()?.penalised + paid));
     least.map_or(rival.penalised, |both| both.min(rival.penalised))
 }
 
-/// The model with one more cause, refitted with scatter and noise held.
+/// Returns the model with one more cause, refitted with scatter and noise held. The mean is shifted first by
+/// what the cause takes away from it (`follow`).
 fn with(now: &Refit, cause: &Applied, setting: Setting) -> Refit {
     let mut model = now.model.clone();
     let mut causes = now.causes.clone();
@@ -170,13 +197,14 @@ fn with(now: &Refit, cause: &Applied, setting: Setting) -> Refit {
     refit(model, causes, setting, 3, false)
 }
 
-/// Whether a candidate is refitted beside the most surprising one: it must be possible, of the same kind, and
-/// surprising enough for a hint.
+/// Whether a candidate is refitted beside the most surprising one: it must have no objection, be of the same
+/// kind (both shapes, or neither), and be surprising enough for a hint.
 fn competes(s: &Scored, best: &Scored) -> bool {
     s.able() && s.id.is_shape() == best.id.is_shape() && s.surprise > HINT
 }
 
-/// The model without the causes that are not kept, refitted.
+/// Takes the causes that are not `kept` out of the model and of `chosen`, and refits the model with its
+/// scatter. `kept`: for each cause, in the order of both lists; `rounds`: fewest rounds of the refit.
 fn without(
     now: Refit,
     chosen: &mut Vec<Chosen<Applied>>,
@@ -195,7 +223,8 @@ fn without(
     refit(model, causes, setting, rounds, true)
 }
 
-/// Measures the final size of each cause beside all others.
+/// Replaces each cause's candidate by its final test beside all others in the model `last`: size, error and
+/// statistic. A cause that cannot be tested again keeps its old ones.
 fn measure(chosen: &mut [Chosen<Applied>], last: &Refit, setting: Setting) {
     for (index, cause) in chosen.iter_mut().enumerate() {
         if let Some(scored) = last.rescored(index, setting) {
@@ -204,7 +233,8 @@ fn measure(chosen: &mut [Chosen<Applied>], last: &Refit, setting: Setting) {
     }
 }
 
-/// Which causes stay significant beside the others.
+/// For each cause of the model whether it is still at least a hint beside the others, by Wald's statistic x^T
+/// Cov^-1 x of its size x after one more linear step.
 fn necessary(now: &Refit) -> Vec<bool> {
     let nuisances = now.spaces.nuisances(&now.causes);
     let mut at = 0;
@@ -225,7 +255,8 @@ fn necessary(now: &Refit) -> Vec<bool> {
         .collect()
 }
 
-/// Number of free parameters of a cause: its coefficients, and its rate, frequency and damping.
+/// Number of free parameters of a candidate: its coefficients, and those of its shape (rate, frequency,
+/// damping), as the catalogue's `free` says.
 fn parameters(s: &Scored) -> f64 {
     s.degrees as f64 + s.id.row().free
 }

@@ -1,11 +1,21 @@
-//! Information and score of every linear extension of the model at once.
+//! Information matrix and score vector of every linear extension of the model at once, so that the signals
+//! are read once for all candidates.
 //!
-//! In: a fitted model and its signals. Out: [`Space`], K = sum X^T V^-1 X and g = sum X^T V^-1 r over X =
-//! [any shape in time, times the drive to the power 0, 1, 2 or 3 | every covariate on every parameter | the
-//! tail of the previous ring] (`contributions`, which also corrects g for the curvature of the decay). A
-//! candidate is a direction in this space. Its likelihood-ratio statistic, with whatever nuisance, is linear
-//! algebra on K and g (`nuisance`), so the signals are read once for all candidates, in each of the two ways
-//! to treat channels ([`Channels`]). Where channels are scattered, K and g are 0 for all shapes.
+//! In: a fitted model and its signals. Out: two [`Space`]s, used by `nuisance.rs` for tests and by `refit.rs`
+//! for steps. A space holds K = sum X^T V^-1 X and g = sum X^T V^-1 r over all signals: r is the residual, V
+//! its covariance (noise and scatter), and the columns of X are all extensions, in this order:
+//!
+//! * `PATTERNS` x N columns: a unit impulse at each sample, times the drive to the power 0, 1, 2 or 3;
+//! * `COVARIATES` x `ALL` columns: each covariate times the derivative by each parameter;
+//! * one column: the tail of the previous ring.
+//!
+//! A candidate is a [`Direction`], a vector x over these columns. Its likelihood-ratio statistic without
+//! nuisance is (x·g)² / (x·K x). `contributions.rs` computes the sums; it also corrects g for the curvature
+//! of the decay.
+//!
+//! The two spaces treat the channels' own parameters in two ways. In the first, channels are as good as free;
+//! shapes are tested in it. In the second, channels are drawn from the population with covariance `between`;
+//! what follows a covariate is tested in it, and K and g are 0 for all shapes.
 
 use super::contributions::Part;
 use super::covariates::COVARIATES;
@@ -19,7 +29,8 @@ use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::ops::Range;
 
-/// The quadratic approximation of the log-likelihood about a model.
+/// The quadratic approximation of the log-likelihood about a model: ln L(x) = -deviance/2 + x·g - x·K x/2,
+/// with the size x of each extension.
 #[derive(Clone, Debug)]
 pub struct Space {
     pub samples: usize,
@@ -27,27 +38,29 @@ pub struct Space {
     pub lambda_off: f64,
     /// Amplitude of the real pole in the model, and the standard deviation of its prior; counts.
     pub slow: [f64; 2],
-    /// Information matrix K.
+    /// Information matrix K; `contributions::dimension` rows and columns. The priors of the real pole are not
+    /// in it, `nuisance.rs` adds these.
     pub k: DMatrix<f64>,
-    /// Score g.
+    /// Score g, without those priors.
     pub g: DVector<f64>,
-    /// -2 ln likelihood of the model without extension, up to a constant.
+    /// -2 ln likelihood of the model without extension, up to a constant, with the priors of the real pole.
     pub deviance: f64,
 }
 
-/// A direction in the space, sparse: blocks of coefficients, each with the place at which it begins.
+/// A direction in the space, as a sparse vector: blocks of coefficients, each with the index at which it
+/// begins.
 #[derive(Clone, Debug)]
 pub struct Direction(pub Vec<(usize, Vec<f64>)>);
 
 impl Direction {
-    /// Adds a shape that scales as the drive to the power `pattern`. `shape`: N samples, counts at the mean
-    /// drive.
+    /// The direction that adds a shape which scales as the drive to the power `pattern`. `shape`: N samples,
+    /// counts at the mean drive.
     pub fn shape(pattern: usize, shape: Vec<f64>) -> Direction {
         Direction(vec![(pattern * shape.len(), shape)])
     }
 
-    /// A cosine and a sine that scale as the drive to the power `pattern`. `at`: amplitude and phase at each
-    /// of `samples` samples.
+    /// Two directions, a cosine and a sine, that scale as the drive to the power `pattern`: together they
+    /// hold a wave of any phase. `at`: amplitude and phase (rad) at each of `samples` samples.
     pub fn waves(
         pattern: usize,
         samples: usize,
@@ -61,24 +74,27 @@ impl Direction {
         vec![wave(0.0), wave(-PI / 2.0)]
     }
 
-    /// Moves the parameters by `v` per unit of a covariate, which is standardised.
+    /// The direction that moves the parameters by `v` per unit of the covariate with index `which`, which is
+    /// standardised.
     pub fn covariate(samples: usize, which: usize, v: [f64; ALL]) -> Direction {
         Direction(vec![(PATTERNS * samples + which * ALL, v.to_vec())])
     }
 
-    /// Moves parameter j alone with a covariate, by 1 per unit of it.
+    /// The direction that moves parameter j alone, by 1 per unit of the covariate.
     pub fn parameter(samples: usize, which: usize, j: usize) -> Direction {
         let mut v = [0.0; ALL];
         v[j] = 1.0;
         Direction::covariate(samples, which, v)
     }
 
-    /// Adds the previous ring as it goes on in the signal; the coefficient is the share that is left of it.
+    /// The direction that adds the previous ring as it goes on in the signal; its coefficient is the share of
+    /// that ring that is left.
     pub fn tail(samples: usize) -> Direction {
         Direction(vec![(PATTERNS * samples + COVARIATES * ALL, vec![1.0])])
     }
 
-    /// Adds this direction to what a model adds, times `by`.
+    /// Adds `by` times this direction to what a model adds. The index of each coefficient tells whether it
+    /// belongs to a shape, a covariate or the tail (the order in the module's doc).
     pub fn add_to(&self, added: &mut Additions, by: f64) {
         let n = added.shapes[0].len();
         for (at, v) in self.0.iter().flat_map(|(at, v)| (*at..).zip(v)) {
@@ -99,8 +115,8 @@ impl Direction {
     }
 }
 
-/// Where directions have coefficients: the lengths of their blocks, by the place at which each begins. Blocks
-/// of two directions are one or apart.
+/// Where directions have coefficients: the length of each block, by the index at which it begins. Blocks of
+/// two directions either are the same or do not overlap.
 #[derive(Clone, Debug, Default)]
 pub struct Places(BTreeMap<usize, usize>);
 
@@ -110,18 +126,18 @@ impl Places {
         Places(blocks.map(|(at, v)| (*at, v.len())).collect())
     }
 
-    /// These places and others.
+    /// The union of these places and others.
     pub fn and(&self, others: Places) -> Places {
         Places(self.0.iter().map(|(at, length)| (*at, *length)).chain(others.0).collect())
     }
 }
 
 impl Space {
-    /// The spaces of channels that are free and of channels that are scattered. All signals are summed on two
-    /// threads that take half of the channels each. The split does not depend on the number of processors, so
-    /// neither do the sums.
+    /// The two spaces about a model: first that of free channels, then that of scattered channels. Two
+    /// threads sum half of the channels each. The split does not depend on the number of processors, so the
+    /// sums do not either, to the last bit.
     pub fn of(model: &Model, data: &Observations) -> [Space; 2] {
-        // move the middle to the first signal of its channel: channels must not be split
+        // move the middle to the first signal of its channel: a channel must not be split
         let mut middle = data.len() / 2;
         while middle > 0 && data.rows[middle].unit == data.rows[middle - 1].unit {
             middle -= 1;
@@ -135,11 +151,11 @@ impl Space {
         both.map(|part| Space::about(model, data.samples, part))
     }
 
-    /// The space of a model, from the sums over all signals.
+    /// Completes the sums over all signals to the space of a model. `n`: samples of a signal.
     fn about(model: &Model, n: usize, part: Part) -> Space {
         let Part { mut k, g, mut deviance, diagonal } = part;
-        // what each sample of a shape adds to its own place only was summed apart, for all pairs of powers of
-        // the drive
+        // White noise links a sample of a shape to the same sample of other powers of the drive only. These
+        // terms were summed apart, for all pairs (p, q) of powers; add them where they belong.
         for (a, of_sample) in diagonal.column_iter().enumerate() {
             for (pair, sum) in of_sample.iter().enumerate() {
                 let (p, q) = (pair / PATTERNS, pair % PATTERNS);
@@ -148,7 +164,7 @@ impl Space {
         }
         // only the lower triangle was filled
         k.fill_upper_triangle_with_lower_triangle();
-        // the priors of the real pole's rate and amplitude
+        // the deviance takes the priors of the real pole's rate and amplitude
         let off = model.lambda_off();
         deviance += (off / ln_lambda_sd()).powi(2);
         let slow = [model.mean[4], model.slow_sd()];
@@ -156,7 +172,8 @@ impl Space {
         Space { samples: n, lambda_off: off, slow, k, g, deviance }
     }
 
-    /// K x of a direction x, at the places `at` alone; 0 elsewhere.
+    /// K x of a direction x, computed at the places `at` alone; 0 elsewhere. Products with sparse directions
+    /// need no more, which saves most of the work.
     pub fn times(&self, x: &Direction, at: &Places) -> DVector<f64> {
         let mut out = DVector::zeros(self.k.nrows());
         for (column, v) in &x.0 {
@@ -170,7 +187,7 @@ impl Space {
         out
     }
 
-    /// All places of the space.
+    /// All indices of the space, as one block.
     pub fn everywhere(&self) -> Places {
         Places(BTreeMap::from([(0, self.k.nrows())]))
     }

@@ -1,9 +1,15 @@
-//! Tuned numbers: every number of the critique that follows from no definition, calculation or physics.
+//! Tuned numbers: every number of the critique that decides something and follows from no definition,
+//! calculation or physics, in one place. Other files call each as a function of its name, for example
+//! `tie()`, so that a test can change it.
 //!
-//! In brackets stands the set of recordings that a number was tuned on: `7.1`: seeds 7 100 000 on
-//! (`tuning_recordings` in `tests/hidden`) and `--hide 1` to `259`; `400`: seeds 400 000 to 400 067 of
-//! `tests/foreign`; `7.8`: seeds 7 800 000 to 7 830 031 and 810 000 to 840 039 of both; `-`: nobody wrote it
-//! down. What is measured on other seeds stands in `docs/hidden_effects.md`.
+//! The brackets at the end of a number's comment say which recordings it was tuned on:
+//!
+//! * `7.1`: seeds 7 100 000 on (`tuning_recordings` in `tests/hidden`) and `--hide 1` to `259`;
+//! * `400`: seeds 400 000 to 400 067 of `tests/foreign`;
+//! * `7.8`: seeds 7 800 000 to 7 830 031 and 810 000 to 840 039 of both;
+//! * `-`: nobody wrote down what it was tuned on.
+//!
+//! What is measured on other seeds stands in `docs/hidden_effects.md`.
 //!
 //! `tests/foreign/prices.rs` prints what half and twice of each number do to how often names are right. It
 //! takes a day of one core, and has not been run for all of them.
@@ -11,35 +17,38 @@
 inkling_core::numbers! {
     // when a cause is there, and which
 
-    /// Models whose -2 ln likelihood, parameters paid for, differs by less than this cannot be told apart:
-    /// odds of seven. (7.8)
+    /// Two models whose -2 ln likelihood plus price of their parameters differs by less than this are tied:
+    /// the likelier one has odds of less than e² = 7. (7.8)
     tie = 4.0;
 
     // what is far more than usual
 
-    /// Far more than usual: a random tone over its neighbourhood where noise is correlated, too; a signal's
-    /// misfit over the median one. (-)
+    /// The ratio that counts as far more than usual: of a random tone's power to its neighbourhood's (so that
+    /// correlated noise is no tone), and of a signal's squared misfit to the median one. (-)
     stands_out = 3.0;
 
     // what models leave of an effect to other candidates, as shares of their statistics: squares of their
     // relative errors
 
-    /// What shapes of the mean, and causes that follow covariates, leave to others of their kind; and
-    /// coloured misfits of decays. (7.1)
+    /// Share that shapes of the mean may leave to other shapes, and causes that follow covariates to others
+    /// of that kind; also that of a decay's misfit where the misfit is coloured (`decay`). (7.1)
     left_to_shapes = 0.03;
-    /// What codes leave to causes that move the mean, and these to the noise. (7.1, 7.8)
+    /// Share that findings in codes may leave to causes that move the mean, and that these may leave to
+    /// findings in noise. (7.1, 7.8)
     left_to_unlike = 0.006;
-    /// What a cause leaves to what has no name. Strong ones left up to .06, effects outside the catalogue .13
-    /// at least. (7.1) Of decays, what the strongest cause leaves to rivals without a name: looked at on the
-    /// measured ones (`tests/measured.rs`).
+    /// Share of all misfit that one named cause may leave without a name: strong causes left up to .06, and
+    /// effects outside the catalogue left .13 at least of the cause that resembles them most. (7.1) In
+    /// decays, the share that the strongest cause may leave to rivals without a name: chosen by a look at the
+    /// measured decays (`tests/measured.rs`).
     left_by_all = 0.07;
-    /// Relative error that the held ratio of the resistive rates gives to amplitudes inside. (7.1)
+    /// Relative error of the flows and volumes inside the channel, because the ratio of the resistive rates
+    /// g/d is held at .2. (7.1)
     interior = 0.05;
-    /// Relative error that it gives to the split of a meniscus's stiffness. (7.1)
+    /// Relative error of a meniscus's compliance ratio, because g/d is held. (7.1)
     split = 0.15;
-    /// Half-order loss that the scatter of the acquisition state alone may look like: -.1 to -.25 in null
-    /// recordings of `hidden_large.toml` (1152 signals), +.05 with 8 K in print runs of `physics.toml` (8192
-    /// signals).
+    /// Share eta of half-order loss below which nothing is said, since the scatter of the acquisition state
+    /// alone may look like it: eta came out as -.1 to -.25 in null recordings of `hidden_large.toml` (1152
+    /// signals), and +.05 with 8 K in print runs of `physics.toml` (8192 signals).
     eta_floor = 0.3;
 
     // the real pole
@@ -55,9 +64,11 @@ inkling_core::numbers! {
 
     /// A line below this share of the ring's frequency is no second mode. (-)
     least_mode = 0.3;
-    /// Statistic of the slow mode from which on its damping is free. (7.1)
+    /// Statistic of a meniscus's slow mode from which on the damping of this mode is fitted instead of held
+    /// at the predicted one. (7.1)
     shows_its_loss = 400.0;
-    /// Largest factor, either way, by which this damping may differ from the predicted one. (7.1)
+    /// Largest factor, either way, by which the fitted damping of the slow mode may differ from the predicted
+    /// one. (7.1)
     other_loss = 2.5;
     /// Lines of a decay that are so near to a multiple of the ring are its harmonics, relative. (-; at .1 two
     /// of six decays lose their mode)
@@ -65,39 +76,46 @@ inkling_core::numbers! {
 
     // signals that ring unlike the others
 
-    /// Robust deviations beyond which a signal, or a sample, is an outlier. (-, of samples 7.8)
+    /// Number of robust standard deviations beyond which a signal, or a sample, is an outlier. (signals -,
+    /// samples 7.8)
     outlying = 7.0;
-    /// Least robust deviation of ln damping; those of frequency and amplitude in proportion. (-)
+    /// Least robust standard deviation of ln damping that is assumed; those of ln frequency and ln amplitude
+    /// are in proportion (`outliers.rs`). (-)
     least_scatter = 0.025;
-    /// Number of far samples in a row that make a shape. (7.8)
+    /// Number of outlying samples of one sign in a row that make a shape. (7.8)
     odd_in_a_row = 3.0;
 
     // noise, codes, what was recorded
 
-    /// Share of the signals, the noisiest ones, that does not count when the noise is estimated. (-)
+    /// Share of the signals, namely the noisiest ones, that do not count when the noise is estimated. (-)
     untold_noise = 0.01;
-    /// Factor on a line's excess over white noise in its own standard errors, which bounds its deviate in
-    /// addition to the distribution of exponentials. (-)
+    /// The normal deviate z of a random tone is at most this factor times the tone's excess over white noise
+    /// in standard errors that come from the spread over signals (`ensemble.rs`). (-)
     line_bound = 1.5;
-    /// Share of clipping's surprise that counts: scatter of the largest signals is not modelled. (-)
+    /// Share of clipping's surprise that counts, because the scatter of the largest signals is not modelled.
+    /// (-)
     clipped_share = 0.44;
-    /// Relative spread of the drive that makes a drive scan. (-)
+    /// Relative spread of the drive from which on the recording counts as a drive scan. (-)
     drive_scan = 0.03;
 }
 
-/// More than half of a decay's misfit is most of it: an autoregression stands in for what is missing, or the misfit is
-/// unexplained.
+/// Half. Where more than this share of a decay's misfit can be predicted from the samples before, the misfit
+/// counts as coloured: an autoregression stands in for something that the model lacks. In such a recording
+/// the share of the misfit that is left may be so large while the causes keep their names.
 pub const MOSTLY: f64 = 0.5;
 
 // grids that searches go through
 
-/// Values of the second numbers of rivals that are tried. `PLACES`: place of a stop, in amplitudes, on either
-/// side of zero and not at it, where the sides are undecided. `LAGS`: lag of a gain, in signal lengths;
-/// negative where the gain has settled before the signal begins. `SETTLES`: how many times over a frequency
-/// has settled at the signal's end (0: it changes along a straight line).
+/// Places of a stop that are tried, in amplitudes. The sign is the side of zero; zero itself would have no
+/// side, so 0.001 stands for it.
 pub const PLACES: [f64; 5] = [1e-3, 0.3, -0.3, 0.6, -0.6];
+/// Lags of a gain that are tried, in signal lengths; a negative lag means that the gain has settled before
+/// the signal begins.
 pub const LAGS: [f64; 5] = [0.0, 1.0 / 30.0, 0.25, -1.0 / 30.0, -0.25];
+/// How many time constants of a frequency's settling the signal lasts: values that are tried. 0: the
+/// frequency changes along a straight line.
 pub const SETTLES: [f64; 3] = [0.0, 4.0, 16.0];
 /// Range of the compliance ratio B_t/B_m that is searched. With a lower end of .03, five of five menisci of
-/// .012 to .033 by another generator had no name; with .001, droops of one detection limit were called so.
+/// .012 to .033 by another generator had no name; with .001, droops of one detection limit were called
+/// menisci.
 pub const MENISCUS: (f64, f64) = (0.005, 1.0);

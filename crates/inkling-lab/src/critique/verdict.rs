@@ -1,5 +1,9 @@
-//! The verdict and its sentence, from what was named and what is left unexplained; the same for channels and
-//! decays.
+//! The verdict of a critique and its sentence, the same for ink channels and for decays of an oscillator.
+//!
+//! In: the causes that were found, and what is left unexplained ([`Unexplained`], from `adequacy.rs` or
+//! `decay`). Out: a [`Verdict`]: `None` without causes and significant misfit; `Unknown` if significant
+//! misfit is left and there is no cause, or a larger share is left than allowed; `Tie` if every cause is tied
+//! with another; else `Named`.
 
 use super::catalogue::experiment;
 use super::finding::{Cause, Detection, Verdict};
@@ -8,24 +12,25 @@ use super::words::capital;
 /// What the model with all causes does not explain.
 #[derive(Clone, Debug, Default)]
 pub struct Unexplained {
-    /// What is significant in it, in words; the sentence tells the first.
+    /// Descriptions of what is significant in the misfit that is left; the verdict's sentence tells the
+    /// first. Empty: nothing is.
     pub significant: Vec<String>,
-    /// The share that is left of all misfit, explained or not.
+    /// The misfit that is left, as a share of all misfit (explained and not explained).
     pub share: f64,
-    /// Largest share that may be left while what was found keeps its name.
+    /// Largest `share` with which the causes that were found keep their names.
     pub share_allowed: f64,
 }
 
 impl Unexplained {
-    /// Remarks on what is significant.
+    /// A remark on each description in `significant`.
     pub fn remarks(&self) -> Vec<String> {
         self.significant.iter().map(|what| format!("still unexplained: {what}")).collect()
     }
 }
 
 impl Verdict {
-    /// Decides the verdict. Where too much is left, every cause is told the share of the misfit that all of
-    /// them explain.
+    /// Decides the verdict (rules in the module's doc). Where too much is left beside causes, `explains` of
+    /// every cause is set to the share of the misfit that all of them together explain.
     pub fn of(causes: &mut [Cause], left: &Unexplained) -> Verdict {
         let unexplained = !left.significant.is_empty();
         match &causes[..] {
@@ -41,7 +46,8 @@ impl Verdict {
         }
     }
 
-    /// The sentence that the report begins with.
+    /// The sentence or sentences that the report begins with. `detection`: whether the extension finds faults
+    /// better; it is told with verdict `Named`.
     pub fn sentence(self, causes: &[Cause], left: &Unexplained, detection: Detection) -> String {
         match self {
             Verdict::None => {
@@ -86,7 +92,8 @@ impl Verdict {
 }
 
 impl Detection {
-    /// A sentence on whether detection is better with the extension.
+    /// A sentence, with a space before it, on whether detection is better with the extension; empty if that
+    /// was not measured.
     fn words(self) -> &'static str {
         match self {
             Detection::Better => {

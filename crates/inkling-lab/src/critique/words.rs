@@ -1,12 +1,13 @@
-//! A critique in words: a sentence for each cause, remarks, and the extended equation.
-//!
-//! In: causes. Out: text.
+//! A critique in words: a sentence for each cause, remarks, and the extended equation. In: [`Cause`]s with
+//! the catalogue's words for each. Out: plain text for `critique.json` and the report (`engine.rs` and
+//! `decay` collect it); `verdict.rs` writes the sentence of the whole critique.
 
 use super::catalogue::experiment;
 use super::digits;
 use super::finding::{Cause, Gain};
 
-/// One sentence that says what a cause is and how large. `words`: the catalogue's description.
+/// One sentence, without capital letter and full stop, that says what a cause is and how large: description,
+/// parameter, value with interval. `words`: the catalogue's description.
 pub fn cause_sentence(cause: &Cause, words: &str) -> String {
     let number = digits::measured(cause.value, cause.ci95, &cause.unit);
     format!("{words}: {} = {number}", cause.parameter)
@@ -30,7 +31,8 @@ pub fn ties(causes: &[Cause]) -> Vec<String> {
     pairs.map(line).chain(unnamed).collect()
 }
 
-/// Remarks on causes that are there, but that do not make the model predict better.
+/// Remarks on causes that were found but do not surely make the model predict held-out signals better (the
+/// interval of the gain reaches to 0 or below).
 pub fn not_worth(causes: &[Cause], gain: &Gain) -> Vec<String> {
     let line = |cause: &Cause| {
         let worth = gain.worth(cause.id).filter(|worth| !worth.is_sure())?;
@@ -44,7 +46,7 @@ pub fn not_worth(causes: &[Cause], gain: &Gain) -> Vec<String> {
     causes.iter().filter_map(line).collect()
 }
 
-/// The model's equation with the terms of all causes.
+/// The model's equation followed by the catalogue's term for each cause.
 pub fn equation(causes: &[Cause]) -> String {
     let mut text = String::from("y = s C e^{A t} x_a + e");
     for cause in causes {

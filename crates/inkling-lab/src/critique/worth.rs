@@ -1,10 +1,20 @@
-//! What each cause that was found is worth: the gain in ln likelihood per held-out signal.
+//! What each cause that was found is worth, in one currency for all kinds of causes: the gain in ln
+//! likelihood (nats) per held-out signal.
 //!
-//! In: an [`Extension`] of the baseline. Out: [`LogLikelihood`]. Models are fitted to three of five blocks of
-//! time and judged on the two blocks between, each channel known from the former; where channels were heard
-//! once each, models are fitted to every other channel instead. A cause that moves what is expected is taken
-//! out of the model that holds all of these causes; codes, correlation, growth of the noise, line and trigger
-//! are added one after the other, each with its size fitted to the training part.
+//! In: an [`Extension`], the baseline with all that was found. Out: [`LogLikelihood`], for `engine.rs` to
+//! report. Models are fitted to three of five blocks of time and judged on the two blocks between, where each
+//! channel is known from the fitted blocks. Where every channel was heard once, models are fitted to every
+//! other channel and judged on the others instead. The densities of signals come from `predictive.rs`.
+//!
+//! How the gain of a cause is measured depends on its kind:
+//!
+//! * a cause that moves what is expected of signals: the model with all such causes, against a refit without
+//!   this one;
+//! * clipping, a coarse step: what a baseline that knows the codes gains over one that knows neither, and the
+//!   probabilities of clipped samples and of codes;
+//! * correlation: whitened signals against the signals as they came;
+//! * growing noise, a line of random phase, the trigger's jitter: added to the extended model one after the
+//!   other, each with its size fitted to the training part.
 
 use super::candidates::{Applied, Setting};
 use super::catalogue::CauseId;
@@ -19,12 +29,12 @@ use super::predictive::{Noise, Signal, ln_densities_with_jitter, signals};
 use inkling_core::model::normal::ln_upper_tail;
 use std::f64::consts::TAU;
 
-/// How far from a first guess a variance is searched for, in its logarithm.
+/// How far from its first guess a size (variance or growth) is searched for, in its logarithm.
 const REACH: f64 = 3.0;
 
-/// The causes that extend the baseline.
+/// The baseline and all causes that were found.
 pub struct Extension<'a> {
-    /// The baseline, fitted to all signals; it knows the clipping and the step of the codes.
+    /// The baseline, fitted to all signals. It knows the clipping and the step of the codes.
     pub before: &'a Model,
     /// Causes that move what is expected of a signal.
     pub causes: &'a [Applied],
@@ -35,7 +45,8 @@ pub struct Extension<'a> {
 }
 
 impl Halves {
-    /// Where a model fitted to `train` expects a channel. `place`: the channel's place there.
+    /// The population from which a model fitted to `train` expects the signals of a channel. `place`: the
+    /// channel's index in `train`; `None`: the model was not fitted to the channel.
     fn expected(&self, model: &Model, place: Option<usize>) -> Population {
         match place {
             Some(unit) => Population::heard(model, unit, self.counts[unit]),
@@ -60,7 +71,8 @@ impl Halves {
     }
 }
 
-/// Models fitted to the training part, and what the causes are measured with.
+/// What all gains are measured with: the two parts of the signals, and the models that were fitted to the
+/// training part.
 struct Measuring<'a> {
     extension: Extension<'a>,
     /// Training and test part, whitened if the noise was correlated.
@@ -74,19 +86,21 @@ struct Measuring<'a> {
     avoid: &'a [f64],
 }
 
-/// A cause, and for each held-out signal ln p with the cause less ln p without it.
+/// A cause, and for each held-out signal its gain: ln p with the cause less ln p without it.
 struct Step {
     id: CauseId,
     gains: Vec<f64>,
 }
 
-/// Measures all causes. `None`: nothing was found, or there are too few signals.
+/// Measures what all causes are worth, together and each. `setting`: the signals that the causes were found
+/// in, whitened if their noise was correlated. `None`: nothing was found, there are too few signals, or
+/// nothing rings in the training part.
 pub fn measure(extension: Extension, setting: Setting) -> Option<LogLikelihood> {
     let Setting { data, avoid } = setting;
     if extension.causes.is_empty() && extension.aside.accepted().next().is_none() {
         return None;
     }
-    // by time, so that each channel is known, unless every channel was heard once
+    // split by time, so that each channel is known, unless every channel was heard once
     let halves_of = |data: &Observations| {
         let by_time = data.len() > data.units;
         Halves::of(data, !by_time, by_time)
@@ -106,13 +120,15 @@ impl Measuring<'_> {
         let extended = self.halves.test(&self.extended);
         let (ln_plain, ln_extended) =
             (ln(&plain, &Noise::default()), ln(&extended, &Noise::default()));
+        // the causes that move what is expected: together, and each by leaving it out
         let mut all = less(&ln_extended, &ln_plain);
         let mut steps = self.left_out(&ln_extended);
+        // codes, noise and trigger
         let mut beside = self.codes(&plain, &ln_plain);
         beside.extend(self.correlation(&ln_plain));
         beside.extend(self.noise(&extended, &ln_extended));
-        // these are measured one after the other, so their gains add up; the causes of `left_out` are in
-        // `all` already
+        // The gains in `beside` add up, since each is measured on top of those before it. The gains of
+        // `left_out` are not added: `all` holds these causes already.
         for step in &beside {
             all.iter_mut().zip(&step.gains).for_each(|(sum, gain)| *sum += gain);
         }
@@ -122,8 +138,8 @@ impl Measuring<'_> {
         LogLikelihood { all: worth(&all), by_cause }
     }
 
-    /// Gain of each cause that moves what is expected: the model with all of them against a refit without
-    /// this one.
+    /// Gain of each cause that moves what is expected: the model with all such causes, against a refit with
+    /// all of them but this one. `ln_extended`: ln p of each held-out signal by the former.
     fn left_out(&self, ln_extended: &[f64]) -> Vec<Step> {
         let one = |index: usize| {
             let mut others = self.extension.causes.to_vec();
@@ -135,7 +151,11 @@ impl Measuring<'_> {
         (0..self.extension.causes.len()).map(one).collect()
     }
 
-    /// Gain of knowing that codes are clipped or coarse, against a model that knows neither.
+    /// Gains of clipping and of a coarse step, against a baseline that knows of neither. A gain has two
+    /// parts: what the fit gains, since the naive baseline is bent by clipped or rounded samples; and what
+    /// the knowledge adds to the probability of the samples themselves. `plain`, `ln_plain`: the held-out
+    /// signals, and ln p of each, by the baseline that knows the codes. Empty if codes were found in no way,
+    /// or if the signals were whitened, which have no codes.
     fn codes(&self, plain: &[Signal], ln_plain: &[f64]) -> Vec<Step> {
         let Model { rails, lattice, noise_var, .. } = self.extension.before;
         let is = |id| accepted(&self.extension.aside.codes, id);
@@ -149,6 +169,7 @@ impl Measuring<'_> {
             return Vec::new();
         };
         let naive = ln(&self.halves.test(&naive), &Noise::default());
+        // what the knowledge adds to ln p of each signal: of its clipped samples, and of all its codes
         let sd = noise_var.sqrt();
         let clipped: Vec<f64> = plain.iter().map(|signal| signal.ln_clipped(rails, sd)).collect();
         let stepped: Vec<f64> = match lattice {
@@ -163,21 +184,22 @@ impl Measuring<'_> {
             steps.push(Step { id: CauseId::Clipping, gains: sum(&clipped) });
         }
         if coarse.is_some() && lattice.is_some() {
-            // this gain is common to both causes: it is told with the clipping, if there is any, and not
-            // again
+            // The gain of the fit is common to both causes. If there is clipping, the gain of the fit is told
+            // there, and not again here.
             let gains = if clipping.is_some() { stepped } else { sum(&stepped) };
             steps.push(Step { id: CauseId::CoarseLsb, gains });
         }
         steps
     }
 
-    /// What knowing the step adds to ln p of each held-out signal: a code on the lattice is `step` times as
-    /// probable as a code anywhere, but for the share of codes that lay elsewhere in the training signals.
+    /// What knowing the coarse step adds to ln p of each held-out signal. If a share e of codes lies off the
+    /// lattice `first` + multiples of `step`, a code on it is step (1 - e) times as probable as without that
+    /// knowledge, and one off it step e / (step - 1) times. e is estimated from the training signals.
     fn ln_codes(&self, [step, first]: [f64; 2]) -> Vec<f64> {
         let on = |y: &f32| (f64::from(*y) - first).rem_euclid(step) == 0.0;
         let Halves { train, test, .. } = &self.halves;
         let all = (0..train.len()).flat_map(|i| train.signal(i));
-        // the counts start at 1 of 2, so that neither logarithm is infinite
+        // the counts start at 1 off the lattice of 2, so that neither logarithm is infinite
         let (off, count) = all
             .fold((1.0, 2.0), |(off, count), y| (off + if on(y) { 0.0 } else { 1.0 }, count + 1.0));
         let elsewhere = off / count;
@@ -186,8 +208,9 @@ impl Measuring<'_> {
         (0..test.len()).map(|i| test.signal(i).iter().map(of).sum()).collect()
     }
 
-    /// Gain of whitening: the whitened signals against the same signals as they came, without their first
-    /// sample, which whitening loses.
+    /// Gain of knowing the correlation of the noise: ln p of the whitened held-out signals (`ln_plain`), less
+    /// ln p of the same signals as they came in white noise, given their first sample, which whitening loses.
+    /// `None`: no correlation was found.
     fn correlation(&self, ln_plain: &[f64]) -> Option<Step> {
         accepted(&self.extension.aside.noise, CauseId::CorrelatedNoise)?;
         let halves = self.as_it_came.as_ref()?;
@@ -197,8 +220,9 @@ impl Measuring<'_> {
         Some(Step { id: CauseId::CorrelatedNoise, gains: less(ln_plain, &naive) })
     }
 
-    /// Gains of growing noise, of a line of random phase and of the trigger's jitter, each added to those
-    /// before it.
+    /// Gains of growing noise, of a line of random phase and of the trigger's jitter, in this order, each on
+    /// top of those before it. `test`, `ln_extended`: the held-out signals, and ln p of each, by the extended
+    /// model in white noise.
     fn noise(&self, test: &[Signal], ln_extended: &[f64]) -> Vec<Step> {
         let is = |id| accepted(&self.extension.aside.noise, id);
         let (growth, tone) = (is(CauseId::HeteroscedasticNoise), is(CauseId::RandomTone));
@@ -212,11 +236,13 @@ impl Measuring<'_> {
         let top = squares.fold(f64::MIN_POSITIVE, f64::max);
         let (mut noise, mut before, mut steps) =
             (Noise::default(), ln_extended.to_vec(), Vec::new());
-        // a size is fitted by maximising the likelihood of the training signals over its logarithm
+        // A size is fitted by maximising the likelihood of the training signals over its logarithm, within
+        // `REACH` of a first guess.
         let sum = |ln: Vec<f64>| ln.into_iter().filter(|v| v.is_finite()).sum::<f64>();
         let fitted = |near: f64, of: &dyn Fn(f64) -> Vec<f64>| {
             maximum(|x| sum(of(x.exp())), near.max(1e-12).ln(), REACH).exp()
         };
+        // notes the gain over the step before, and makes `ln` the new reference
         let mut add = |id, ln: Vec<f64>| {
             steps.push(Step { id, gains: less(&ln, &before) });
             before = ln;
@@ -241,20 +267,21 @@ impl Measuring<'_> {
     }
 }
 
-/// ln density of each signal, given the noise.
+/// ln density (nats) of each signal, given the noise; NaN where there is none.
 fn ln(all: &[Signal], noise: &Noise) -> Vec<f64> {
     all.iter().map(|signal| signal.ln_density(noise)).collect()
 }
 
-/// Differences, signal by signal.
+/// Differences with - without, signal by signal.
 fn less(with: &[f64], without: &[f64]) -> Vec<f64> {
     with.iter().zip(without).map(|(with, without)| with - without).collect()
 }
 
 impl Signal {
-    /// ln p of the samples that the model does not count because they may be clipped, about what it expects
-    /// of the signal: a sample on the rail has the probability of all values beyond, any other the normal
-    /// density.
+    /// ln p of the samples that the model does not count because they may be clipped, which the density of
+    /// the signal leaves out. `sd`: standard deviation of the noise, counts. About the expected value f, a
+    /// sample at the rail has the probability of all values from half a count before the rail on; any other
+    /// has the normal density.
     fn ln_clipped(&self, rails: &[Rail], sd: f64) -> f64 {
         let each = self.counts.iter().zip(self.y.iter().zip(&self.expected));
         each.filter(|(counts, _)| **counts == 0.0)
@@ -266,8 +293,9 @@ impl Signal {
     }
 }
 
-/// Mean gain per signal, and its interval by drawing channels anew (single signals where there are few
-/// channels).
+/// Mean gain per signal, and its 95 % interval by drawing channels anew (single signals where there are few
+/// channels, see `by_channel`). `of`: the signals of the gains, whose channels are asked for. Gains that are
+/// not finite are left out.
 fn worth(gains: &[f64], of: &[Signal]) -> Worth {
     let known = gains.iter().zip(of).filter(|(gain, _)| gain.is_finite());
     let (gains, units): (Vec<f64>, Vec<usize>) =

@@ -1,4 +1,9 @@
-//! An axis of a figure: its range, and where its ticks are.
+//! An axis of a figure: its range, where its ticks are, and their text.
+//!
+//! In: an `Axis` as a figure asks for it, and the values of the data on it. Out to `plot`: a
+//! `Scale`, which `plotters` draws by. Figures have values, a `Scale` has coordinates: on a
+//! logarithmic axis the coordinate is the decimal logarithm of the value, on others the value
+//! itself; on an axis of categories it is the number of the category.
 
 use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint};
 use plotters::coord::types::RangedCoordf64;
@@ -16,25 +21,28 @@ pub struct Axis {
     pub log: bool,
     /// Names of the positions 0, 1, 2 ...; empty for an axis of numbers.
     pub categories: Vec<String>,
-    /// Smallest and largest value; `None`: the range of the data.
+    /// Smallest and largest value; `None`: the range of the data. On an axis of categories it is
+    /// mostly `None`.
     pub range: Option<(f64, f64)>,
 }
 
 impl Axis {
+    /// An axis of numbers that is linear, with the range of the data.
     pub fn new(label: &str) -> Axis {
         Axis { label: label.into(), ..Axis::default() }
     }
 
+    /// The same, logarithmic.
     pub fn log(label: &str) -> Axis {
         Axis { log: true, ..Axis::new(label) }
     }
 
-    /// An axis with a fixed range.
+    /// A linear axis with a fixed range.
     pub fn within(low: f64, high: f64, label: &str) -> Axis {
         Axis { range: Some((low, high)), ..Axis::new(label) }
     }
 
-    /// Coordinate of a value on the axis: its logarithm on a logarithmic one.
+    /// Coordinate of a value. Values that have no logarithm lie far below any axis.
     pub(super) fn at(&self, v: f64) -> f64 {
         if self.log { v.max(f64::MIN_POSITIVE).log10() } else { v }
     }
@@ -45,7 +53,8 @@ impl Axis {
         Scale { low, high, ticks: self.ticks(low, high) }
     }
 
-    /// Smallest and largest coordinate.
+    /// Smallest and largest coordinate: the fixed range, or all categories with some room, or the
+    /// data with 4 % of room at each end; 0 to 1 without data.
     fn span(&self, values: impl Iterator<Item = f64>) -> (f64, f64) {
         if let Some((low, high)) = self.range {
             return (self.at(low), self.at(high));
@@ -64,7 +73,7 @@ impl Axis {
         (low - room, high + room)
     }
 
-    /// The text of a tick at a coordinate.
+    /// The text of a tick at a coordinate; empty on an axis of categories if it is no category's.
     pub(super) fn tick(&self, v: f64) -> String {
         if !self.categories.is_empty() {
             let near = v.round();
@@ -90,7 +99,8 @@ impl Axis {
         if !(span > 0.0 && span.is_finite()) {
             return vec![low];
         }
-        // the fewer decades, the more ticks in each
+        // Logarithmic: the fewer decades are shown, the more ticks there are in each; if there are
+        // very many, only every second, third ... decade has one.
         if self.log {
             let mantissas: &[f64] = match span {
                 s if s < 0.9 => &[1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0],
@@ -105,7 +115,9 @@ impl Axis {
                 .flat_map(|d| mantissas.iter().map(move |m| f64::from(d) + m.log10()));
             return all.filter(|at| (low..=high).contains(at)).collect();
         }
-        // a step of 1, 2, 2.5 or 5 times a power of ten that gives few enough ticks
+
+        // Linear: the smallest step of 1, 2, 2.5 or 5 times a power of ten that gives few enough
+        // ticks.
         let rough = span / MOST_TICKS;
         let power = 10f64.powf(rough.log10().floor());
         let step = power
@@ -118,7 +130,7 @@ impl Axis {
     }
 }
 
-/// A range with ticks at given coordinates, as `plotters` wants it.
+/// A range with ticks, both in coordinates, as `plotters` wants it.
 pub(super) struct Scale {
     pub low: f64,
     pub high: f64,
@@ -134,6 +146,7 @@ impl Ranged for Scale {
     }
 
     fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        // the grid of light lines between the ticks is left out
         if hint.weight().allow_light_points() { Vec::new() } else { self.ticks.clone() }
     }
 
@@ -142,7 +155,7 @@ impl Ranged for Scale {
     }
 }
 
-/// A number for a tick, without the digits that rounding errors add.
+/// The text of a number for a tick, without the digits that rounding errors add.
 fn plain(v: f64) -> String {
     if v != 0.0 && !(1e-4..1e7).contains(&v.abs()) {
         return format!("{v:.2e}");

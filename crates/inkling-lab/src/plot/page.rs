@@ -1,14 +1,17 @@
-//! The page that figures stand on, which loads nothing and runs nothing. In: a title and a body of markup.
-//! Out: HTML. Names in a recording may be anything, so every text that does not come from this program goes
-//! through [`escaped`].
+//! The page that figures and tables stand on: HTML that loads nothing and runs nothing. The report,
+//! the evaluation and the critique's report are made with it.
+//!
+//! In: a title and a body of markup. Out: the text of an HTML file. Names in a recording may be
+//! anything, so whoever makes the body must put every text that does not come from this program
+//! through [`escaped`] or [`name`].
 
-/// The style sheet; its line ends are not written.
+/// The style sheet, which is written into the page without its line ends.
 const STYLE: &str = include_str!("page.css");
 
-/// Security policy: nothing may run or be loaded. Pictures are inside the page.
+/// The page's security policy: nothing may run or be loaded. Pictures are inside the page.
 const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:";
 
-/// A whole page.
+/// The whole page. `title` is escaped here; `body` is markup and must be safe.
 pub fn page(title: &str, body: &str) -> String {
     format!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"generator\" content=\"inkling\">\
@@ -20,7 +23,8 @@ pub fn page(title: &str, body: &str) -> String {
     )
 }
 
-/// A table. `heads`: of the columns, with `>` before that of a column of numbers; `rows`: cells of markup.
+/// A table as HTML. `heads`: one for each column, with `>` before that of a column of numbers;
+/// `rows`: cells of markup, which must be safe.
 pub fn table<const N: usize>(
     heads: [&str; N],
     rows: impl IntoIterator<Item = [String; N]>,
@@ -37,7 +41,7 @@ pub fn table<const N: usize>(
     format!("<table>{head}{rows}</table>")
 }
 
-/// The first of many names: `a, b, and 3 more`.
+/// The first `most` of many names, with `between` between two of them: `a, b, and 3 more`.
 pub fn first_of(all: &[String], most: usize, between: &str) -> String {
     let named = all[..all.len().min(most)].join(between);
     match all.len().saturating_sub(most) {
@@ -46,7 +50,9 @@ pub fn first_of(all: &[String], most: usize, between: &str) -> String {
     }
 }
 
-/// Text from which no markup can be made, and which does not change the direction of reading.
+/// Text from which no markup can be made, and which does not change the direction of reading:
+/// characters of HTML become entities, control characters (but not line ends) and those that turn
+/// the direction become the replacement character.
 pub fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
@@ -66,12 +72,12 @@ pub fn escaped(text: &str) -> String {
     out
 }
 
-/// A name, escaped, cut to at most 64 characters.
+/// A name for the page: cut to 64 characters, then escaped.
 pub fn name(text: &str) -> String {
     escaped(&shortened(text, 64))
 }
 
-/// The first `most` characters of a text, with a sign that there are more.
+/// The first `most` characters of a text, with an ellipsis if there are more. It is not escaped.
 pub fn shortened(text: &str, most: usize) -> String {
     let more = if text.chars().nth(most).is_some() { "…" } else { "" };
     text.chars().take(most).chain(more.chars()).collect()

@@ -1,5 +1,8 @@
-//! Pictures made of cells in few colours. In: cells, row by row, and their colours. Out: an indexed PNG as a
-//! `data:` address, so that a page needs no file beside it.
+//! Pictures made of cells in few colours, for the maps of the report.
+//!
+//! In: cells, row by row, each an index into a palette. Out: an indexed PNG as bytes, or as a
+//! `data:` address that stands in a page, so that the page needs no file beside it. `encode` is
+//! also what writes the PNG of a figure.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -12,12 +15,14 @@ pub type Colour = [u8; 3];
 pub struct Raster<'a> {
     pub width: u32,
     pub height: u32,
+    /// At most 16 colours, since a cell has four bits in the file.
     pub palette: &'a [Colour],
     pub cells: &'a [u8],
 }
 
 impl Raster<'_> {
-    /// The picture as a PNG file, with four bits per cell. Fails where sizes do not fit each other.
+    /// The picture as the bytes of a PNG file, with four bits per cell. Fails if there are no
+    /// cells, if their number is not width x height, or if a cell is beyond the palette.
     pub fn png(&self) -> Result<Vec<u8>, String> {
         let inside = |cell: &u8| usize::from(*cell) < self.palette.len();
         if self.palette.len() > 16 || !self.cells.iter().all(inside) {
@@ -46,7 +51,7 @@ impl Raster<'_> {
         encode(self.width, self.height, indexed, &packed)
     }
 
-    /// The picture as an address, `data:image/png;base64,...`
+    /// The picture as an address for the `src` or `href` of an image, `data:image/png;base64,...`
     pub fn address(&self) -> Result<String, String> {
         Ok(format!("data:image/png;base64,{}", STANDARD.encode(self.png()?)))
     }
@@ -54,7 +59,8 @@ impl Raster<'_> {
 
 type Encoder<'a> = png::Encoder<'a, &'a mut Vec<u8>>;
 
-/// A PNG file of pixels; `set` tells the encoder how they are arranged.
+/// The bytes of a PNG file. `set` tells the encoder how `pixels` are arranged (colour type, depth,
+/// palette).
 pub(super) fn encode(
     width: u32,
     height: u32,
@@ -71,7 +77,8 @@ pub(super) fn encode(
     Ok(bytes)
 }
 
-/// Packs two cells into a byte; the last of an odd row stands alone.
+/// Packs two cells into a byte, the first in the upper half; the last cell of an odd row stands
+/// alone.
 fn pair(cells: &[u8]) -> u8 {
     cells[0] << 4 | cells.get(1).copied().unwrap_or(0)
 }

@@ -1,14 +1,25 @@
-//! Scores critiques against what was hidden. In: `critique.json` and `truth.json`, one pair per recording.
-//! Out: how often a cause was found, rightly named, tied, withheld or wrongly named, by strength.
+//! Scores critiques against what a simulation hid in the recordings that were criticised.
 //!
-//! A name is right if it is the truth's. A tie is honest if every name in it is one that, as the truth says,
-//! nobody could tell from it. Where the truth can only be tied (a covariate that follows another), naming one
-//! of the causes alone is wrong.
+//! In: for each recording a `CritiqueAnswer` (from its `critique.json`) and a `Truth` (from its
+//! `truth.json`), from `inkling score --truth` and the tests of hidden effects. Out: a `Blind`,
+//! which counts how often an effect was detected, rightly named, tied, withheld, missed or wrongly
+//! named, by kind of truth, by effect and by strength.
+//!
+//! Words: a critique names *causes*; a simulation hides *effects*. A *tie* is a group of causes
+//! that the critique could not tell apart. The strength of an effect is in detection limits (DL):
+//! at 1 DL a test that knows the effect just finds it.
+//!
+//! The rules (`outcome`): a name is right if it is the id of a hidden effect. A tie is honest if
+//! every name in it is one that, as the truth's `ties` say, nobody could tell from that effect.
+//! Where the truth can only be tied (a covariate that follows another one), naming one of the
+//! causes alone is wrong.
 
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The answer that a critique gives in its `critique.json`: a verdict, and the causes that it names.
+/// The answer that a critique gives in its `critique.json`. `verdict`: `none` (nothing found),
+/// `named`, `tie`, or `unknown` (something that no cause in the catalogue explains); `causes`: what
+/// it names.
 #[derive(Clone, Debug, Default, Deserialize)]
 pub struct CritiqueAnswer {
     pub verdict: String,
@@ -16,6 +27,9 @@ pub struct CritiqueAnswer {
     pub causes: Vec<NamedCause>,
 }
 
+/// A cause that a critique names: its id in the catalogue, the size of its effect with a 95 %
+/// interval (in the unit of the effect's parameter), and the ids of causes that could not be told
+/// from it.
 #[derive(Clone, Debug, Default, Deserialize)]
 pub struct NamedCause {
     pub id: String,
@@ -26,6 +40,7 @@ pub struct NamedCause {
 }
 
 /// The effects that a simulation hid in a recording, as its `truth.json` states them.
+/// `circumstances` are words for what is unusual but no effect, such as `heavy_tails`.
 #[derive(Clone, Debug, Default, Deserialize)]
 pub struct Truth {
     pub effects: Vec<TrueEffect>,
@@ -33,19 +48,21 @@ pub struct Truth {
     pub circumstances: Vec<serde_json::Value>,
 }
 
-/// One effect of the truth.
+/// One hidden effect: its id, whether the catalogue of causes has it, its size `value` in `unit`,
+/// and its strength in detection limits.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct TrueEffect {
     pub id: String,
     pub in_catalogue: bool,
-    /// Not asked for where the truth is scored.
+    /// What `value` is the size of; not needed where the truth is scored.
     #[serde(default)]
     pub parameter: String,
     #[serde(default)]
     pub unit: String,
     pub value: f64,
     pub strength_dl: f64,
-    /// Names that an honest critic may leave it tied with, its own among them; empty: none.
+    /// Names that an honest critic may leave this effect tied with, its own among them; empty: the
+    /// effect can be told from all others.
     #[serde(default)]
     pub ties: Vec<String>,
 }
@@ -97,13 +114,14 @@ impl Truth {
         Ok(())
     }
 
-    /// Whether the recording has a circumstance.
+    /// Whether the recording has this circumstance.
     fn has(&self, circumstance: &str) -> bool {
         self.circumstances.iter().any(|c| c.as_str() == Some(circumstance))
     }
 }
 
-/// The outcome for one recording.
+/// The outcome for one recording. If several rules apply, `Wrong` comes first, then `Partly`,
+/// `WideTie`, `HonestTie`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
@@ -114,13 +132,14 @@ pub enum Outcome {
     HonestTie,
     /// A tie that holds the truth, and others that could have been told apart from it.
     WideTie,
-    /// One of two effects is named.
+    /// Some effects are named, but not all.
     Partly,
     /// The verdict is `unknown` though the effects have names, or though there is nothing but unusual noise.
     Withheld,
-    /// The verdict is `none` though there is something.
+    /// The verdict is `none` though there is an effect.
     Missed,
-    /// A name is not the truth's.
+    /// A name is not the truth's; or something was found where nothing is hidden; or one cause
+    /// alone was named where the truth can only be tied.
     Wrong,
 }
 
@@ -143,18 +162,22 @@ fn names(cause: &NamedCause) -> BTreeSet<&str> {
     cause.tied_with.iter().chain([&cause.id]).map(String::as_str).collect()
 }
 
-/// Compares a critique's answer with what was hidden in its recording. Causes beside the verdict `unknown`
-/// are only the nearest ones, and claim nothing.
+/// Compares a critique's answer with what was hidden in its recording. Causes beside the verdict
+/// `unknown` are only the nearest ones, and claim nothing.
 pub fn outcome(answer: &CritiqueAnswer, truth: &Truth) -> Outcome {
     let claims = matches!(answer.verdict.as_str(), "named" | "tie");
+
+    // Nothing is hidden: only the verdict `none` is right.
     if truth.effects.is_empty() {
         return match answer.verdict.as_str() {
             "none" => Outcome::Right,
-            // the verdict points at the noise; a name would be false
+            // the verdict points at the noise, which is unusual; a name would be false
             "unknown" if truth.has("heavy_tails") => Outcome::Withheld,
             _ => Outcome::Wrong,
         };
     }
+
+    // Something is hidden, and nothing is named.
     if !claims {
         let outside = truth.effects.iter().all(|e| !e.in_catalogue);
         return match (answer.verdict.as_str(), outside) {
@@ -163,15 +186,20 @@ pub fn outcome(answer: &CritiqueAnswer, truth: &Truth) -> Outcome {
             _ => Outcome::Missed,
         };
     }
+
+    // Something is named. Each group of causes is one claim: a cause with those tied with it.
     let follows = truth.has("temperature_follows_time");
     let (mut found, mut tied, mut wide) = (0, false, false);
     let mut wrong = false;
-    // a verdict `tie` is about one discrepancy, however its names are written down
+    // a verdict `tie` is about one discrepancy, so all its names are one group, however they are
+    // written down
     let groups: Vec<BTreeSet<&str>> = match answer.verdict.as_str() {
         "tie" => vec![answer.causes.iter().flat_map(names).collect()],
         _ => answer.causes.iter().map(names).collect(),
     };
-    // each group of tied names must hold one effect that no other group holds
+
+    // Each group must hold the id of an effect that no group before it was counted for. A group of
+    // one name is a plain name; a larger group is an honest or a wide tie.
     let mut hit = BTreeSet::new();
     for group in &groups {
         let of = truth.effects.iter().find(|e| group.contains(e.id.as_str()));
@@ -188,6 +216,8 @@ pub fn outcome(answer: &CritiqueAnswer, truth: &Truth) -> Outcome {
             _ => wide = true,
         }
     }
+
+    // The worst that was found decides.
     match () {
         () if wrong => Outcome::Wrong,
         () if found < truth.effects.len() => Outcome::Partly,
@@ -197,36 +227,40 @@ pub fn outcome(answer: &CritiqueAnswer, truth: &Truth) -> Outcome {
     }
 }
 
-/// Whether the interval of the cause that is named as `effect` holds its true value; `None` without an
-/// interval.
+/// Whether the 95 % interval of the cause that is named as `effect` holds the effect's true value;
+/// `None` if that cause has no interval.
 fn covered(answer: &CritiqueAnswer, effect: &TrueEffect) -> Option<bool> {
     let cause = answer.causes.iter().find(|c| c.id == effect.id)?;
     let [Some(low), Some(high)] = cause.ci95? else { return None };
     Some(low <= effect.value && effect.value <= high)
 }
 
-/// Counts of outcomes.
+/// Counts of outcomes over some recordings.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Row {
     pub recordings: u32,
     /// Number of recordings whose verdict is not `none`.
     pub detected: u32,
     pub outcomes: BTreeMap<Outcome, u32>,
-    /// Number of rightly named effects with an interval, and of the intervals that hold the truth.
+    /// Number of effects in recordings with the verdict `named` and the outcome right (or an honest
+    /// tie) whose cause has an interval; and number of those intervals that hold the true value.
     pub intervals: u32,
     pub covered: u32,
 }
 
 impl Row {
+    /// Number of recordings with this outcome.
     pub fn count(&self, outcome: Outcome) -> u32 {
         self.outcomes.get(&outcome).copied().unwrap_or(0)
     }
 
+    /// Share of the recordings that have one of these outcomes; NaN without recordings.
     pub fn share(&self, outcomes: &[Outcome]) -> f64 {
         let n: u32 = outcomes.iter().map(|o| self.count(*o)).sum();
         f64::from(n) / f64::from(self.recordings)
     }
 
+    /// Adds the counts of other recordings.
     fn merge(&mut self, other: &Row) {
         self.recordings += other.recordings;
         self.detected += other.detected;
@@ -238,7 +272,8 @@ impl Row {
     }
 }
 
-/// What was hidden in a recording.
+/// What was hidden in a recording: nothing, one effect of the catalogue, two effects or more, or
+/// one effect that the catalogue lacks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
@@ -251,12 +286,13 @@ pub enum Kind {
 /// Outcomes of critiques against truths.
 #[derive(Clone, Debug, Default)]
 pub struct Blind {
-    /// Counts by kind, effect (`a + b` for two) and strength in detection limits (of two, the weaker).
+    /// Counts by kind, effects (`a + b` for two) and strength in detection limits, rounded; of two
+    /// effects the weaker one's strength, and 0 where nothing is hidden.
     rows: BTreeMap<(Kind, String, u32), Row>,
 }
 
 impl Blind {
-    /// Counts how the answer for one recording compares with its truth.
+    /// Counts how the answer for one recording compares with its truth, and returns the outcome.
     pub fn add(&mut self, answer: &CritiqueAnswer, truth: &Truth) -> Outcome {
         let kind = match truth.effects.as_slice() {
             [] => Kind::Nothing,
@@ -281,7 +317,7 @@ impl Blind {
         outcome
     }
 
-    /// All recordings of a kind whose strength lies in `strengths`.
+    /// The counts of all recordings of a kind whose rounded strength lies in `strengths`.
     pub fn row(&self, kind: Kind, strengths: std::ops::RangeInclusive<u32>) -> Row {
         let mut sum = Row::default();
         let of = self.rows.iter().filter(|((k, _, s), _)| *k == kind && strengths.contains(s));
@@ -289,7 +325,7 @@ impl Blind {
         sum
     }
 
-    /// Counts by effect, of all strengths from `least_dl` on.
+    /// The counts of a kind by effect, of all strengths of at least `least_dl`.
     pub fn by_effect(&self, kind: Kind, least_dl: u32) -> BTreeMap<String, Row> {
         let mut rows: BTreeMap<String, Row> = BTreeMap::new();
         for ((k, id, strength), row) in &self.rows {
@@ -300,7 +336,7 @@ impl Blind {
         rows
     }
 
-    /// The rows for which there are goals, each with its name.
+    /// The rows for which the project has goals, each with its name.
     pub fn goals(&self) -> Vec<(&'static str, Row)> {
         let all = 0..=u32::MAX;
         vec![
@@ -315,7 +351,8 @@ impl Blind {
         ]
     }
 
-    /// The goals as a Markdown table, then the effects that were not always right.
+    /// The goals as a Markdown table, then two tables by effect: of single effects in the catalogue
+    /// and of those outside, from 2 DL on.
     pub fn markdown(&self) -> String {
         use Outcome::{HonestTie, Missed, Partly, Right, WideTie, Withheld, Wrong};
         let columns = [Right, HonestTie, WideTie, Partly, Withheld, Missed, Wrong];
@@ -347,7 +384,7 @@ impl Blind {
         text
     }
 
-    /// Goals and rows as JSON.
+    /// The goals' rows and all rows as JSON.
     pub fn json(&self) -> serde_json::Value {
         let rows: Vec<serde_json::Value> = self
             .rows

@@ -1,42 +1,53 @@
-//! What a detector could do with other thresholds, and what certainty is worth: sums for the evaluation's
-//! curves.
+//! What a detector could do with other thresholds, and what certainty is worth: sums for the curves
+//! on the evaluation's page (`report::evaluation`).
 //!
-//! In: one row after another, with its statistic over its threshold, what was true, how certain the best
-//! class was and whether it was right; the bursts of each labelled fault. Out: ROC and DET points, delays
-//! against false alarms, risk against coverage, severities stated against true. Events count as events: a
-//! fault is found when its first signal is flagged, and its other signals earn nothing more.
+//! In: one labelled signal after another, from `inkling score`: its statistic over its threshold
+//! and whether it is faulty (`add`), how certain its candidate was and whether that was right
+//! (`add_certainty`), its true and stated severity, its true state and what was said. Out: points
+//! of ROC and DET (`operating`), delays against false alarms (`delays`), risk against coverage
+//! (`risk`), pairs of severities, a confusion.
+//!
+//! The idea: the ratio statistic / threshold is all that another threshold needs. With the
+//! threshold multiplied by a factor, those signals are flagged whose ratio exceeds the factor. So
+//! ratios are counted in 1600 bins of their logarithm, one per cent wide, and memory does not grow
+//! with signals. Of a labelled fault only the records of its ratio are kept, which say when it
+//! would first be flagged at any factor. A fault counts as one event: it is found when its first
+//! signal is flagged, and its other signals earn nothing more.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Range of the bins of ln(statistic / threshold): from -LN_RANGE to LN_RANGE.
+/// The bins of ln(statistic / threshold) reach from -LN_RANGE to LN_RANGE, a factor of 3000 either
+/// way; what lies beyond counts in the outermost bins.
 const LN_RANGE: f64 = 8.0;
 const BINS: usize = 1600;
 /// Number of bins of the certainty, from 0 to 1.
 const CERTAINTY_BINS: usize = 1000;
-/// Largest number of severities of a class that are drawn.
+/// Most pairs of severities of a class that are kept and drawn.
 const MOST_POINTS: usize = 1500;
-/// Largest number of labelled faults whose delays are kept.
+/// Most labelled faults whose delays are kept; further faults count signal by signal only.
 const MOST_EVENTS: usize = 1 << 18;
 
-/// A labelled fault: printhead, channel and onset.
+/// A labelled fault: printhead, channel and onset (ns; `None`: the label has no begin).
 pub type Event = (Arc<str>, u32, Option<i64>);
 
-/// The sums. `healthy` and `faulty` count signals by the bin of their statistic.
+/// The sums. `healthy` and `faulty` count signals by the bin of their ratio.
 #[derive(Clone, Debug)]
 pub struct Curves {
     healthy: Vec<u64>,
     faulty: Vec<u64>,
-    /// Number of signals whose best class is right, and of all signals, by certainty.
+    /// By bin of certainty: number of faulty signals whose candidate is right, and of all with a
+    /// candidate.
     certainty: Vec<[u64; 2]>,
     severities: BTreeMap<String, Points>,
     events: BTreeMap<Event, RunningMaximum>,
-    /// Numbers of signals by true and predicted word: healthy, undecided, a category, a class.
+    /// Numbers of signals by true state and by the word that was said: healthy, undecided, a
+    /// category, a class.
     pub confusion: BTreeMap<(String, String), u64>,
 }
 
-/// True and stated severities of one class. One of `every` pairs is kept, so that all classes are drawn
-/// alike.
+/// True and stated severities of one class. Of the pairs met, one in `every` is kept, so that those
+/// kept are spread evenly over all.
 #[derive(Clone, Debug)]
 struct Points {
     every: u64,
@@ -44,15 +55,16 @@ struct Points {
     kept: Vec<(f64, f64)>,
 }
 
-/// The running maximum of the statistic over the bursts of one fault. A record is made whenever the statistic
-/// is higher than ever before: the number of bursts before it, and the statistic.
+/// The running maximum of the ratio over the bursts of one fault. A record is kept whenever the
+/// ratio is higher than ever before: the number of bursts before it, and the ratio. The first
+/// record above a factor is the burst at which that factor flags the fault first.
 #[derive(Clone, Debug, Default)]
 struct RunningMaximum {
     bursts: u32,
     records: Vec<(u32, f32)>,
 }
 
-/// Rates of false alarms and misses at one threshold.
+/// Rates of false alarms and misses if the threshold were multiplied by `factor`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Operating {
     /// The threshold over the one that was used.
@@ -62,17 +74,19 @@ pub struct Operating {
     pub misses: f64,
 }
 
-/// Delays at one threshold, over events.
+/// Delays over all events if the threshold were multiplied by `factor`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EventDelay {
     pub factor: f64,
     pub false_alarms: f64,
     /// Share of the labelled faults that have a flagged signal.
     pub found: f64,
-    /// Number of bursts from a fault's first to its first flagged one, median over all faults; `None`: half
-    /// of them are not found.
+    /// Number of a fault's bursts before its first flagged one, the median over all faults (of an
+    /// even number the upper one); `None`: too few faults are found.
     pub median_bursts: Option<f64>,
-    /// Number of bursts within which nine of ten faults are found; `None`: they are not.
+    /// The same number at the place 9/10 n, rounded down, of the n faults in ascending order,
+    /// beginning with place 0: about nine of ten faults are found within it. `None`: too few are
+    /// found. If n is a multiple of ten, one fault more than nine of ten has to be found.
     pub most_bursts: Option<f64>,
 }
 
@@ -90,7 +104,9 @@ impl Default for Curves {
 }
 
 impl Curves {
-    /// Adds a signal whose truth is known. `event`: the labelled fault of a faulty one.
+    /// Adds a signal whose truth is known. `ratio`: its statistic over its threshold; NaN is passed
+    /// over. `event`: the labelled fault that a faulty signal belongs to; `None`: the signal is
+    /// healthy. The signals of a fault must come in the order of time.
     pub fn add(&mut self, ratio: f64, event: Option<Event>) {
         if ratio.is_nan() {
             return;
@@ -101,6 +117,8 @@ impl Curves {
         if self.events.len() >= MOST_EVENTS && !self.events.contains_key(&event) {
             return;
         }
+
+        // Keep the ratio if it is a record of its fault.
         let maximum = self.events.entry(event).or_default();
         let highest = maximum.records.last().map_or(f32::NEG_INFINITY, |r| r.1);
         if ratio as f32 > highest {
@@ -109,7 +127,7 @@ impl Curves {
         maximum.bursts += 1;
     }
 
-    /// Adds how certain the best class of a faulty signal was, and whether it was right.
+    /// Adds how certain the candidate of a faulty signal was (0 to 1), and whether it was right.
     pub fn add_certainty(&mut self, certainty: f64, right: bool) {
         if certainty.is_finite() {
             let at = (certainty.clamp(0.0, 1.0) * CERTAINTY_BINS as f64) as usize;
@@ -119,8 +137,8 @@ impl Curves {
         }
     }
 
-    /// Adds a true and a stated severity. When too many are kept, every second one is dropped, and only half
-    /// as many are kept from then on.
+    /// Adds a true and a stated severity. When more than `MOST_POINTS` pairs are kept, every second
+    /// one is dropped, and from then on only half as many are kept.
     pub fn add_severity(&mut self, class: &str, truth: f64, stated: f64) {
         if !(truth.is_finite() && stated.is_finite()) {
             return;
@@ -146,20 +164,24 @@ impl Curves {
         *self.confusion.entry((truth.to_owned(), predicted.to_owned())).or_default() += 1;
     }
 
+    /// Number of healthy signals.
     pub fn healthy(&self) -> u64 {
         self.healthy.iter().sum()
     }
 
+    /// Number of faulty signals.
     pub fn faulty(&self) -> u64 {
         self.faulty.iter().sum()
     }
 
+    /// Number of labelled faults whose delays are kept.
     pub fn events(&self) -> usize {
         self.events.len()
     }
 
-    /// Rates of false alarms and misses at every threshold where one of them changes, from the highest
-    /// threshold to the lowest.
+    /// Rates of false alarms and misses at every threshold where one of them changes, from the
+    /// highest threshold to the lowest: the points of ROC and DET. The thresholds are the lower
+    /// edges of bins.
     pub fn operating(&self) -> Vec<Operating> {
         let (healthy, faulty) = (self.healthy().max(1) as f64, self.faulty().max(1) as f64);
         let (mut alarms, mut hits) = (0u64, 0u64);
@@ -179,7 +201,8 @@ impl Curves {
         points
     }
 
-    /// The rates at the threshold that was used.
+    /// The rates at the threshold that was used. Unlike in detection, a ratio of exactly 1 counts
+    /// as flagged.
     pub fn working_point(&self) -> Operating {
         let beyond = |of: &[u64]| of[bin(1.0)..].iter().sum::<u64>() as f64;
         Operating {
@@ -189,7 +212,8 @@ impl Curves {
         }
     }
 
-    /// Area under the ROC curve: the probability that a faulty signal's statistic exceeds a healthy one's.
+    /// Area under the ROC curve: the probability that a faulty signal's ratio exceeds a healthy
+    /// one's. Two signals of one bin count as a tie, which is half.
     pub fn area(&self) -> f64 {
         // signals of one bin count as ties
         let (mut below, mut area) = (0.0, 0.0);
@@ -200,7 +224,8 @@ impl Curves {
         area / (self.healthy().max(1) as f64 * self.faulty().max(1) as f64)
     }
 
-    /// Delays at some thresholds, given as factors as in [`Curves::operating`].
+    /// Delays at some thresholds, each given as a factor on the threshold that was used. Ratios of
+    /// faults are compared exactly, those of healthy signals by bins.
     pub fn delays(&self, factors: &[f64]) -> Vec<EventDelay> {
         let healthy = self.healthy().max(1) as f64;
         let at = |&factor: &f64| {
@@ -222,8 +247,8 @@ impl Curves {
         factors.iter().map(at).collect()
     }
 
-    /// Risk against coverage, the most certain signals first: the share of the isolated signals that is kept,
-    /// and the share of these that is wrong.
+    /// Risk against coverage, the most certain signals first: pairs of the share of the isolated
+    /// signals that is kept, and the share of the kept ones that is wrong.
     pub fn risk(&self) -> Vec<(f64, f64)> {
         let all = self.certainty.iter().map(|b| b[1]).sum::<u64>().max(1) as f64;
         let (mut right, mut n) = (0, 0);
@@ -236,7 +261,7 @@ impl Curves {
         .collect()
     }
 
-    /// True and stated severities, by class.
+    /// Pairs of true and stated severity, by class.
     pub fn severities(&self) -> impl Iterator<Item = (&str, &[(f64, f64)])> {
         self.severities.iter().map(|(class, points)| (class.as_str(), points.kept.as_slice()))
     }
@@ -247,13 +272,15 @@ fn factor(bin: usize) -> f64 {
     (2.0 * LN_RANGE * bin as f64 / BINS as f64 - LN_RANGE).exp()
 }
 
-/// Bin of a ratio of statistic to threshold.
+/// Bin of a ratio.
 fn bin(ratio: f64) -> usize {
     let share = (ratio.max(f64::MIN_POSITIVE).ln() + LN_RANGE) / (2.0 * LN_RANGE);
     ((share * BINS as f64) as usize).min(BINS - 1)
 }
 
-/// 95 % interval of a share, given hits among n (Wilson 1927).
+/// 95 % interval of a share from `hits` among `n` independent signals (Wilson 1927). Both may be
+/// fractions, as for an effective number of signals. It is not empty where no or all signals are
+/// hits.
 pub fn wilson(hits: f64, n: f64) -> [f64; 2] {
     const Z2: f64 = 1.96 * 1.96;
     let share = hits / n.max(1.0);

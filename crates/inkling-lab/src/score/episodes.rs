@@ -1,9 +1,19 @@
-//! Scores episodes against the labels: which faults were found, how soon, and which episodes were raised
-//! without a fault.
+//! Scores episodes against the labels: which labelled faults were found, how soon, and which
+//! episodes were raised without a fault. An episode is a fault of one channel that inkling found
+//! over several bursts (`docs/episodes.md`).
 //!
-//! In: labels, then for each recording its episodes and the times of its judged signals. Out: recall, false
-//! episodes, delay in bursts. Labels of one state that follow each other without a gap are one fault; it has
-//! its full size from its last label on.
+//! In, from `inkling score`: the labels, then for each recording first its episodes (`add_episode`)
+//! and then its judged signals in any order (`add_signal`). Out: an `EpisodesReport` with recall,
+//! false episodes and delays in bursts.
+//!
+//! The steps:
+//! 1. Labels of one state of a channel that follow each other without a gap are merged into one
+//!    fault (`faults_of`). A growing fault is labelled in such pieces, so the fault has its full
+//!    size from the begin of its last label on.
+//! 2. An episode finds each fault of its channel that it overlaps; the one that was raised first
+//!    counts. An episode that finds none and was raised while the channel was labelled healthy is
+//!    false.
+//! 3. The signals of a fault before its first episode was raised are counted: that is the delay.
 
 use super::sums::share;
 use inkling_core::fault::{self, Categories};
@@ -12,6 +22,8 @@ use serde::Serialize;
 use std::collections::{BTreeMap, HashMap};
 
 /// An episode that inkling detected, to be compared with the labelled faults of its channel.
+/// `fault` is the class and `category` the category that the episode names, if any. `raised_at_ns`
+/// is when the evidence sufficed, `began_at_ns` the estimated onset.
 #[derive(Clone, Copy, Debug)]
 pub struct DetectedEpisode<'a> {
     pub printhead: &'a str,
@@ -22,23 +34,25 @@ pub struct DetectedEpisode<'a> {
     pub began_at_ns: i64,
 }
 
-/// One fault of a channel, merged from the labels that follow each other without a gap.
+/// One fault of a channel, merged from the labels that follow each other without a gap. It lasts
+/// from `from_ns` (i64::MIN: no begin is labelled) until just before `to_ns`.
 #[derive(Clone, Debug, Default)]
 struct LabelledFault {
     state: String,
     from_ns: i64,
     to_ns: i64,
-    /// Time from which on it has its full size.
+    /// Time from which on the fault has its full size.
     full_ns: i64,
     /// Number of judged signals of the channel during the fault.
     looks: u64,
-    /// Number of these before the episode was raised; and of these, at full size.
+    /// Number of these signals before the episode was raised; and of those, at full size.
     looks_before: u64,
     full_looks_before: u64,
     first_detection: Option<FirstDetection>,
 }
 
-/// The episode that was raised first for a labelled fault, and whether it is named as the label says.
+/// The episode that was raised first for a labelled fault, and whether it names the category and
+/// the class that the label says.
 #[derive(Clone, Copy, Debug)]
 struct FirstDetection {
     raised_at_ns: i64,
@@ -46,34 +60,37 @@ struct FirstDetection {
     fault_right: bool,
 }
 
-/// Faults of one state.
+/// Figures of the labelled faults of one state.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct StateEpisodes {
     pub faults: u64,
     pub found: u64,
-    /// Number of the found faults whose category is right, and whose fault is.
+    /// Number of the found faults whose category is named rightly, and of those whose class is.
     pub category_right: u64,
     pub fault_right: u64,
-    /// Median of the bursts at full size before the episode was raised; 0 if it was raised before the full
-    /// size.
+    /// Median over the found faults of the judged bursts at full size before the episode was
+    /// raised; 0 if it was raised before the full size. `None`: none was found.
     pub delay_bursts: Option<f64>,
 }
 
-/// Figures of all episodes.
+/// Figures of all episodes. Faults of which no signal was judged do not count.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct EpisodesReport {
     pub faults: u64,
+    /// Share of the faults that was found.
     pub recall: f64,
     /// Episodes raised while the channel was labelled healthy.
     #[serde(rename = "false")]
     pub false_episodes: u64,
     pub healthy_signals: u64,
+    /// False episodes per million healthy signals.
     pub false_per_million: f64,
-    /// Median of the bursts between the fault's full size and `raised_at`; 0 if it was raised before.
+    /// Median over the found faults of the judged bursts between the fault's full size and
+    /// `raised_at`; 0 if the episode was raised before.
     pub delay_bursts: Option<f64>,
     /// The same from the fault's onset on.
     pub delay_from_onset_bursts: Option<f64>,
-    /// Shares of the found faults whose category is right, and whose fault is.
+    /// Shares of the found faults whose category is named rightly, and whose class is.
     pub category_accuracy: f64,
     pub fault_accuracy: f64,
     pub by_state: BTreeMap<String, StateEpisodes>,
@@ -81,11 +98,12 @@ pub struct EpisodesReport {
     pub unlabelled: u64,
 }
 
-/// Sums that grow while recordings come in.
+/// Sums that grow while recordings come in; `report` computes the figures from them.
 #[derive(Clone, Debug)]
 pub struct EpisodeScore<'a> {
     labels: &'a Labels,
-    /// Labelled faults of the channels that were met, by printhead and channel.
+    /// Labelled faults of the channels that were met, by printhead and channel; those of a channel
+    /// are made of its labels when the channel is first met.
     faults: HashMap<String, HashMap<u32, Vec<LabelledFault>>>,
     false_episodes: u64,
     unlabelled: u64,
@@ -93,11 +111,13 @@ pub struct EpisodeScore<'a> {
 }
 
 impl<'a> EpisodeScore<'a> {
+    /// A score of no episodes yet, against these labels.
     pub fn new(labels: &'a Labels) -> EpisodeScore<'a> {
         let faults = HashMap::new();
         EpisodeScore { labels, faults, false_episodes: 0, unlabelled: 0, healthy_signals: 0 }
     }
 
+    /// The labelled faults of a channel.
     fn faults_of(&mut self, printhead: &str, channel: u32) -> &mut [LabelledFault] {
         if !self.faults.contains_key(printhead) {
             self.faults.insert(printhead.to_owned(), HashMap::new());
@@ -107,11 +127,13 @@ impl<'a> EpisodeScore<'a> {
         channels.entry(channel).or_insert_with(|| faults_of(labels, printhead, channel))
     }
 
-    /// Adds a detected episode. All episodes of a recording come before its signals.
+    /// Adds a detected episode. All episodes of a recording must come before its signals, since the
+    /// signals count up to the episode. `categories`: which classes are of which category.
     pub fn add_episode(&mut self, detected: DetectedEpisode, categories: &Categories) {
         let mut explained = false;
         for fault in self.faults_of(detected.printhead, detected.channel) {
-            // the episode may be raised after the fault is over, but not before it has begun
+            // The episode and the fault must overlap: the episode may be raised after the fault is
+            // over, but not before the fault has begun, and must begin before the fault is over.
             if detected.raised_at_ns < fault.from_ns || detected.began_at_ns >= fault.to_ns {
                 continue;
             }
@@ -131,6 +153,9 @@ impl<'a> EpisodeScore<'a> {
         if explained {
             return;
         }
+
+        // It finds no fault of its channel: the label at the time when it was raised says whether
+        // it is false.
         match self.labels.at(detected.printhead, detected.channel, detected.raised_at_ns) {
             Some(label) if label.state == fault::HEALTHY => self.false_episodes += 1,
             Some(_) => {} // of a fault that is labelled for all channels at once
@@ -138,7 +163,8 @@ impl<'a> EpisodeScore<'a> {
         }
     }
 
-    /// Adds a judged signal of a recording that has episodes. `label`: what is true of it.
+    /// Adds a judged signal of a recording that has episodes. `t_ns`: its t_a; `label`: what is
+    /// true of it, `None` if no label says.
     pub fn add_signal(&mut self, printhead: &str, channel: u32, t_ns: i64, label: Option<&Label>) {
         self.healthy_signals += u64::from(label.is_some_and(|label| label.state == fault::HEALTHY));
         for fault in self.faults_of(printhead, channel) {
@@ -155,7 +181,7 @@ impl<'a> EpisodeScore<'a> {
         }
     }
 
-    /// The figures over all faults during which a signal was judged.
+    /// The figures over all faults of which a signal was judged.
     pub fn report(&self) -> EpisodesReport {
         let seen = self.faults.values().flat_map(HashMap::values).flatten();
         let mut seen: Vec<&LabelledFault> = seen.filter(|fault| fault.looks > 0).collect();
@@ -182,6 +208,7 @@ impl<'a> EpisodeScore<'a> {
 }
 
 impl StateEpisodes {
+    /// The figures of these faults.
     fn of(faults: &[&LabelledFault]) -> StateEpisodes {
         let found = || faults.iter().filter_map(|fault| Some((fault, fault.first_detection?)));
         StateEpisodes {
@@ -194,7 +221,8 @@ impl StateEpisodes {
     }
 }
 
-/// The faults of a channel, merged from the labels that concern it.
+/// The faults of a channel, merged from the labels that concern it: a label that has the state of
+/// the fault before it, and begins no later than that fault ends, makes that fault longer.
 fn faults_of(labels: &Labels, printhead: &str, channel: u32) -> Vec<LabelledFault> {
     let mut rows = labels.faults_of(printhead, channel);
     rows.sort_by_key(|row| row.from_ns.unwrap_or(i64::MIN));
@@ -218,6 +246,7 @@ fn faults_of(labels: &Labels, printhead: &str, channel: u32) -> Vec<LabelledFaul
     faults
 }
 
+/// The median; `None` of nothing.
 fn median(mut of: Vec<u64>) -> Option<f64> {
     of.sort_unstable();
     let (low, high) = (of.len().checked_sub(1)? / 2, of.len() / 2);

@@ -1,16 +1,24 @@
-//! How well faults are sized: the stated severity and its standard deviation against the label's severity.
+//! How well faults are sized: the stated severity and its standard deviation against the label's
+//! severity.
+//!
+//! In: one signal after another (`SeverityScore::add`), from `inkling score`, which keeps one score
+//! by class and one by category. Out: a `SeverityReport` for each class or category: root mean
+//! square error, R2 and the coverage of the 95 % intervals. Severities are in the unit of their
+//! class (`schemas/verdicts.md`). Only sums are kept.
 
 use super::sums::named;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Figures of one class, over its signals that were also sized as that class.
+/// Figures of one class, over the signals that were labelled with a size and sized as this class.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct SeverityReport {
     pub signals: u64,
     /// Root mean square error, in the unit of the class's severity.
     pub rmse: f64,
-    /// Share of the labels' variance that the stated severities explain; null where the labels do not vary.
+    /// Share of the labels' variance that the stated severities explain, 1 - (sum of squared
+    /// errors) / (sum of squares of the labels about their mean); below 0 where the mean label
+    /// would do better. Null where the labels do not vary.
     pub r2: Option<f64>,
     /// Share of the labels that lie within 1.96 stated standard deviations; null where none was stated.
     pub coverage95: Option<f64>,
@@ -23,8 +31,8 @@ struct Sums {
     /// Mean of the labels and the sum of their squares about it (Welford).
     mean: f64,
     about_mean: f64,
-    /// Sum of squared errors; number of signals with a standard deviation; and number of these whose label it
-    /// covers.
+    /// Sum of squared errors; number of signals with a stated standard deviation; and number of
+    /// these whose label lies within 1.96 of it.
     squared_error: f64,
     stated: u64,
     covered: u64,
@@ -37,14 +45,17 @@ pub struct SeverityScore {
 }
 
 impl SeverityScore {
-    /// Adds one signal that was sized as the class that it is: the stated size with its standard deviation,
-    /// and the label's size. Sizes that are no numbers are passed over.
+    /// Adds one signal that was sized as the class that it is: the stated size with its standard
+    /// deviation, and the label's size. Sizes that are NaN or infinite are passed over.
     pub fn add(&mut self, class: &str, stated: f64, sd: Option<f64>, truth: f64) {
         if !(stated.is_finite() && truth.is_finite()) {
             return;
         }
         let sums = named(&mut self.by_class, class);
         sums.n += 1;
+
+        // Welford's update of the labels' mean and of their squares about it, which does not lose
+        // digits where the labels vary little.
         let before = truth - sums.mean;
         sums.mean += before / sums.n as f64;
         sums.about_mean += before * (truth - sums.mean);
@@ -56,6 +67,7 @@ impl SeverityScore {
         }
     }
 
+    /// The figures of each class so far.
     pub fn report(&self) -> BTreeMap<String, SeverityReport> {
         let report = |s: &Sums| SeverityReport {
             signals: s.n,

@@ -1,11 +1,13 @@
-//! Puts samples into bursts. In: one acquisition of a printhead, as counts. Out: bursts.
+//! Puts samples into bursts. In: one acquisition of a printhead, as counts. Out: the bursts that a recording
+//! holds, in the number of channels, layout and format that the scenario's `[recording]` asks for. None of
+//! these changes a sample.
 
 use super::scenario::RecordingOptions;
 use bytes::Bytes;
 use inkling_core::burst::{Burst, Format, Layout};
 
-/// One acquisition of a printhead: what its burst says beside the samples; and its samples, rounded and clamped
-/// to int16, channels x samples_per_channel, channel by channel.
+/// One acquisition of a printhead: a burst of all its channels that holds everything but samples, number of
+/// channels, layout and format; and the samples, counts, channels x samples_per_channel, channel by channel.
 pub type Acquired = (Burst, Vec<i16>);
 
 /// A sample as the converter gives it: rounded, and clamped to the range of int16.
@@ -22,7 +24,7 @@ pub fn bursts((whole, counts): Acquired, options: &RecordingOptions) -> Vec<Burs
     let burst = |first: usize| {
         let last = channels.min(first + step);
         let (format, layout) = (options.format, options.layout);
-        // one idle time may hold for all channels
+        // a single idle time holds for all channels, so it is not cut
         let idle = whole.idle_time_s.get(first..last).filter(|_| whole.idle_time_s.len() > 1);
         let neighbours = whole.neighbours_fired.get(first..last).unwrap_or_default();
         Burst {
@@ -39,7 +41,7 @@ pub fn bursts((whole, counts): Acquired, options: &RecordingOptions) -> Vec<Burs
     (0..channels).step_by(step).map(burst).collect()
 }
 
-/// The samples as bytes. `rows`: channels x n, channel by channel.
+/// The samples as bytes, little endian. `rows`: channels x n samples, channel by channel.
 fn pack(rows: &[i16], n: usize, format: Format, layout: Layout) -> Bytes {
     let mut bytes = Vec::with_capacity(rows.len() * format.bytes());
     let mut push = |count: i16| match format {

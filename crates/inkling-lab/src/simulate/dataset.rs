@@ -1,8 +1,11 @@
-//! Simulates sets of signals, each signal from another channel. In: `[dataset]`. Out: `train`, `test`,
-//! `calibration` as bursts of one printhead, and the truth per channel.
+//! Simulates sets of signals, each signal from another channel. In: `[dataset]`. Out: the recordings `train`,
+//! `test`, `calibration` as bursts of one printhead, and a label per faulty channel.
 //!
-//! thesis §4-1: healthy signals and equally many of each fault class, with training and test set drawn
-//! separately. Channel numbers and times go on from set to set, so that one labels file covers all.
+//! After thesis §4-1: a set holds healthy signals and equally many of each fault class, shuffled, and
+//! training and test set are drawn separately. The steps: draw the truth of each signal (class and severity),
+//! number the channels on from set to set (so that one labels file covers all sets), and, when a burst is
+//! asked for, sense one signal for each truth. The first and third are written for any kind of signal, since
+//! [`super::thesis_form`] makes its sets here, too.
 
 use super::burst_shape;
 use super::draws::{Purpose, part, stream};
@@ -24,10 +27,12 @@ pub const CHANNELS_PER_BURST: u32 = 450;
 /// Time from one burst of a set to the next, ns.
 const BURST_INTERVAL_NS: i64 = 1_000_000_000;
 
-/// What is true of one signal. `class`: index into the scenario's classes; `None` means healthy.
+/// What is true of one signal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Truth {
+    /// Index into the scenario's fault classes; `None`: healthy.
     pub class: Option<usize>,
+    /// Severity in the class's unit; 0 of a healthy signal, NaN in a scenario that knows no severities.
     pub severity: f64,
 }
 
@@ -35,15 +40,20 @@ impl Truth {
     const HEALTHY: Truth = Truth { class: None, severity: 0.0 };
 }
 
-/// One set: the truth of its signals, in their order, and its place among the sets.
+/// One set of signals, before they are simulated.
 pub(super) struct Set {
+    /// Stem of the recording's file name.
     pub stem: &'static str,
+    /// The set's random streams ([`part`]).
     pub part: u32,
+    /// Channel of the first signal; each further signal has the next channel.
     pub first_channel: u32,
+    /// The truth of each signal.
     pub truths: Vec<Truth>,
 }
 
-/// Places sets one after another, so that channel numbers never repeat.
+/// Numbers the channels of sets one after another, so that channel numbers never repeat. `sets`: stem, part
+/// and truths of each.
 pub(super) fn placed(sets: Vec<(&'static str, u32, Vec<Truth>)>) -> Vec<Set> {
     let mut next = 0;
     let place = |(stem, part, truths): (_, _, Vec<Truth>)| {
@@ -54,7 +64,9 @@ pub(super) fn placed(sets: Vec<(&'static str, u32, Vec<Truth>)>) -> Vec<Set> {
     sets.into_iter().map(place).collect()
 }
 
-/// A training and a test set, drawn separately. `severity` draws the severity of a signal of a class.
+/// A training and a test set, drawn separately: stem, part and truths of each. The array holds the number of
+/// healthy signals, of signals per fault class, and of fault classes; `severity` draws the severity of a
+/// signal of a class.
 pub(super) fn train_and_test(
     seed: u64,
     [healthy, per_fault, classes]: [usize; 3],
@@ -67,7 +79,7 @@ pub(super) fn train_and_test(
     [("train", part::TRAIN), ("test", part::TEST)].map(set).into()
 }
 
-/// Healthy signals and `per_fault` of each class, shuffled.
+/// The truths of `healthy` healthy signals and of `per_fault` signals of each class, shuffled.
 fn mixed(
     healthy: usize,
     per_fault: usize,
@@ -85,7 +97,7 @@ fn mixed(
     truths
 }
 
-/// The sets that the scenario asks for.
+/// The sets that the scenario asks for; severities are uniform in the ranges of their classes.
 fn sets(physics: &Physics, seed: u64) -> Vec<Set> {
     let Some(dataset) = &physics.dataset else { return Vec::new() };
     let ranges = physics.severity_ranges();
@@ -97,7 +109,7 @@ fn sets(physics: &Physics, seed: u64) -> Vec<Set> {
         train_and_test(seed, [dataset.healthy, dataset.per_fault, ranges.len()], severity);
     if dataset.calibration_test > 0 {
         let mut rng = stream(seed, Purpose::Truth, part::CALIBRATION);
-        // the calibration set has faulty signals alone, of classes drawn at random
+        // the calibration set has faulty signals only, of classes drawn at random
         let draw = |_| {
             let class = rng.random_range(0..ranges.len());
             Truth { class: Some(class), severity: severity(class, &mut rng) }
@@ -108,14 +120,15 @@ fn sets(physics: &Physics, seed: u64) -> Vec<Set> {
     placed(sets)
 }
 
+/// The labels of the scenario's sets.
 pub(super) fn labels(physics: &Physics, seed: u64) -> Vec<Label> {
     let ranges = physics.severity_ranges();
     let class = |truth: &Truth| truth.class.map(|i| (ranges[i].0.clone(), Some(truth.severity)));
     labels_of(&sets(physics, seed), class)
 }
 
-/// The labels of the sets: a `*` row, then a row per faulty channel. `state`: class and severity of a truth;
-/// `None` means healthy.
+/// The labels of sets: a `*` row that says healthy, then a row per faulty channel; none at all without sets.
+/// `state` returns the class and the severity of a truth, `None` for a healthy one.
 pub(super) fn labels_of(
     sets: &[Set],
     state: impl Fn(&Truth) -> Option<(String, Option<f64>)>,
@@ -135,8 +148,9 @@ pub(super) fn labels_of(
     labels
 }
 
-/// The recording of each set. `common`: what all bursts have in common. `sense` is called once for each set, and
-/// returns the function that appends one signal.
+/// The recordings of sets, not yet made. `common`: what all bursts have in common. `sense` is called once for
+/// each set with its part, and returns the function that appends the counts of one signal of a given truth;
+/// this function draws random numbers, so signals must be asked for in order.
 pub(super) fn recordings_of<S>(
     sets: Vec<Set>,
     options: &RecordingOptions,
@@ -150,6 +164,7 @@ where
     let common = Burst { printhead: PRINTHEAD.into(), ..common };
     let mut next_burst = 0;
     let record = |set: Set| {
+        // bursts, and so their times, are counted on from set to set
         let burst_count = (set.truths.len() as u64).div_ceil(u64::from(per_burst));
         let first_burst = next_burst;
         next_burst += burst_count as i64;
@@ -174,7 +189,8 @@ where
     sets.into_iter().map(record).collect()
 }
 
-/// The recordings of the sets, with channels of thesis (2-2).
+/// The recordings of the scenario's sets, with channels of thesis (2-2): for each signal, a channel is drawn,
+/// the fault is applied to its rates, and its signal is sensed at nominal drive and temperature.
 pub(super) fn recordings(
     physics: &Arc<Physics>,
     options: &RecordingOptions,

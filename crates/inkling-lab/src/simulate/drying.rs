@@ -1,9 +1,12 @@
 //! Simulates the experiment of thesis §4-1, in which nozzles are dried on purpose and opened by pre-firing.
 //!
-//! In: a physics scenario. Out: signals by the number of pre-fires before them: none (deeply dried), some
-//! (intermediately dried), enough (healthy).
+//! In: a physics scenario. Out: the signals of the experiment, each with the state that the number of
+//! pre-fires before it makes: none leaves the nozzle deeply dried (DDN), one intermediately dried (IDN),
+//! eight healthy. The replay of the thesis's tables reads them.
 //!
-//! Pre-firing carries dried ink out: each pre-fire leaves the share `LEFT` of the nozzle's excess viscosity.
+//! The model of drying: a nozzle is dried by a factor on its viscosity that is uniform in the range of class
+//! DDN, and pre-firing carries dried ink out, so that each pre-fire leaves the share `LEFT` of the excess:
+//! factor = 1 + (dried - 1) LEFT^pre-fires.
 
 use super::draws::{Purpose, part, stream};
 use super::scenario::Physics;
@@ -15,14 +18,14 @@ use rand::seq::SliceRandom;
 
 /// Drive voltage of the actuation that every signal rings from, V.
 pub const DRIVE_V: f64 = NOMINAL_DRIVE_V;
-/// Share of the excess viscosity that a pre-fire leaves. The thesis does not say; with this share the three
-/// states form three clusters, as in its Fig. 4-2.
+/// Share of the excess viscosity that a pre-fire leaves. The thesis does not say it; with this share the
+/// three states form three clusters, as in its Fig. 4-2.
 const LEFT: f64 = 0.25;
 /// State, number of signals and number of pre-fires of each set; the numbers of signals are the thesis's.
 const SETS: [(&str, usize, i32); 3] = [(HEALTHY, 48, 8), ("IDN", 39, 1), ("DDN", 60, 0)];
 
-/// One experiment: state and counts of each signal, shuffled. Experiments of one seed with different `repeat`
-/// are drawn separately.
+/// Simulates one experiment: state and counts of each of its 147 signals, shuffled. Experiments of one seed
+/// with different `repeat` are drawn separately.
 pub fn experiment(physics: &Physics, seed: u64, repeat: u32) -> Vec<(&'static str, Vec<i16>)> {
     let part = part::DRYING + repeat;
     let mut spread = stream(seed, Purpose::Spread, part);

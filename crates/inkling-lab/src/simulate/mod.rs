@@ -1,17 +1,21 @@
-//! Simulates recordings with known truth. In: a scenario and a seed. Out: bursts, and labels that say which
-//! channels have which fault, from when to when, and how severe it is.
+//! Simulates recordings with known truth. In: a scenario (a checked TOML file, [`scenario`]) and a seed. Out:
+//! bursts, and labels that say which channels have which fault, from when to when, and how severe the fault
+//! is. `inkling simulate` writes both to files.
 //!
 //! A scenario of kind `physics` simulates channels by thesis §2-2: sets of signals for training and test,
 //! each signal from another channel ([`dataset`]), printheads over time ([`print_run`]), or both. A
 //! scenario of kind `classes` simulates the data set of thesis §4-1 without physics: the parameters of
-//! every ring-down are drawn from the box of its class ([`thesis_form`]). Two experiments are beside a
-//! physics scenario's recordings and are asked for by themselves: effects that the model does not know
-//! ([`hidden`]), and nozzles that are dried on purpose ([`drying`]).
+//! every ring-down are drawn from the box of its class ([`thesis_form`]). Two further experiments use a
+//! physics scenario but are not among its recordings; callers ask for them by themselves: effects that the
+//! model does not know ([`hidden`]), and nozzles that are dried on purpose ([`drying`]).
+//!
+//! The files below share: one channel's signal (`sensor`), random streams (`draws`), samples into bursts
+//! (`burst_shape`), and a recording that is not yet made (`simulated`).
 //!
 //! Bursts are made when they are asked for, so memory does not grow with the length of a run. The same
-//! scenario and seed give the same bytes. Truth, spread, noise and whatever else is random are each drawn
-//! from a stream of their own, and anew for each set and printhead: where one of them is changed, the
-//! others draw what they drew before.
+//! scenario and seed give the same bytes. Truth, spread, noise and every other purpose draw from a random
+//! stream of their own, one for each set and printhead: if one of them is changed, the others draw what they
+//! drew before.
 
 mod burst_shape;
 pub mod dataset;
@@ -31,8 +35,8 @@ pub use scenario::Scenario;
 pub use simulated::SimulatedRecording;
 
 impl Scenario {
-    /// The recordings of this scenario: `train`, `test` and `calibration`, then `print_run`, as far as the
-    /// scenario asks for them.
+    /// The recordings of this scenario, not yet made: the sets `train`, `test` and `calibration`, then
+    /// `print_run`, as far as the scenario asks for them.
     pub fn recordings(&self, seed: u64) -> Vec<SimulatedRecording> {
         match &self.kind {
             Kind::Classes(classes) => thesis_form::recordings(classes, &self.recording, seed),
@@ -44,17 +48,17 @@ impl Scenario {
         }
     }
 
-    /// What is true of the scenario's recordings, in one list for all of them: first for each printhead a
-    /// row of all its channels (`*`), which says healthy, then the rows of single channels with a fault. A
-    /// row of a single channel beats the `*` row ([`inkling_core::labels`]).
+    /// What is true of the scenario's recordings, in one list for all of them: first, for each printhead, a
+    /// row for all its channels (`*`) that says healthy, then the rows of single channels with a fault. Where
+    /// both hold, the row of the single channel counts ([`inkling_core::labels`]).
     pub fn labels(&self, seed: u64) -> Vec<Label> {
         match &self.kind {
             Kind::Classes(classes) => thesis_form::labels(classes, seed),
             Kind::Physics(physics) => {
                 let mut labels = dataset::labels(physics, seed);
                 labels.extend(print_run::labels(physics, &self.recording, seed));
-                // The `*` rows go first, those of the print run too, which is of no account for what the
-                // labels say. The sort is stable, so all others keep their order.
+                // Move the `*` rows to the front, those of the print run too. This changes nothing in what
+                // the labels say. The sort is stable, so all other rows keep their order.
                 labels.sort_by_key(|label| label.channel != Channels::All);
                 labels
             }

@@ -1,11 +1,14 @@
 //! Simulates print runs: printheads that print for a while, with channels that become faulty meanwhile. In:
-//! `[print_run]`. Out: bursts in time order, one per printhead and time step, and the truth.
+//! `[print_run]` of a physics scenario. Out: one recording of bursts in time order, one acquisition per
+//! printhead and time step, and labels with the truth.
 //!
-//! thesis (2-1), (2-2) over time. Rates are constant but for temperature and faults; every channel fires in
-//! every burst.
+//! After thesis (2-1), (2-2) over time. A channel's rates are constant but for temperature and faults, and
+//! every channel fires in every burst. The steps: list all faults (drawn, or those of the file); per
+//! printhead, draw the channels; per step, draw temperature error and drive, change each channel's rates by
+//! viscosity and by its faults of that step, and sense its signal ([`super::sensor`]).
 //!
 //! Departs: (2-1) adds B_f f of faults that a channel has at once. Two large ones together would make a rate
-//! negative; here each changes the rates that the others leave.
+//! negative; here each fault changes the rates that the faults before it leave.
 
 use super::burst_shape::Acquired;
 use super::draws::{Purpose, part, stream};
@@ -26,12 +29,12 @@ use std::sync::Arc;
 
 /// Smallest number of bursts that a drawn fault lasts.
 pub const LEAST_FAULT_BURSTS: usize = 20;
-/// Number of bursts over which a fault grows to its severity.
+/// Number of bursts over which a fault grows from none to its severity (its ramp).
 const RAMP_BURSTS: usize = 5;
-/// Standard deviation with which the ink temperature is measured, K.
+/// Standard deviation of the error with which the ink temperature is recorded, K.
 pub const RECORDED_TEMPERATURE_SD_K: f64 = 0.05;
 
-/// The first burst at which a drawn fault may begin: a tenth of the run lies before it.
+/// The first burst at which a drawn fault may begin: a tenth of the run, which is healthy, lies before it.
 pub fn first_random_burst(run: &PrintRun) -> usize {
     run.bursts_per_channel.div_ceil(10)
 }
@@ -41,18 +44,23 @@ pub fn first_random_burst(run: &PrintRun) -> usize {
 struct Fault {
     printhead: usize,
     channel: u32,
+    /// Class at the beginning, such as `SDN`.
     class: String,
+    /// Full severity at `from`, in the class's unit.
     severity: f64,
-    /// Severity at `to`, if it goes on growing.
+    /// Severity at `to`, which is reached linearly; `None`: the severity stays.
     to_severity: Option<f64>,
     from: usize,
     to: usize,
 }
 
 impl Fault {
-    /// The severity at burst `step`. Over the first bursts it grows from none to the full severity.
+    /// The severity at burst `step`, with `from` <= `step` < `to`: a ramp of `RAMP_BURSTS` bursts from the
+    /// severity that changes nothing (`none`) to the full severity, which itself may change linearly with time
+    /// from `severity` to `to_severity`.
     fn severity_at(&self, step: usize) -> f64 {
         let none = faults::law(&self.class).map_or(0.0, Law::none);
+        // how much of the ramp is done, and how much of the fault's time has passed
         let grown = (step - self.from + 1).min(RAMP_BURSTS) as f64 / RAMP_BURSTS as f64;
         let passed = (step - self.from) as f64 / (self.to - self.from) as f64;
         let to = self.to_severity.unwrap_or(self.severity);
@@ -60,7 +68,7 @@ impl Fault {
         if grown < 1.0 { none + (full - none) * grown } else { full }
     }
 
-    /// The burst until which the severity changes from burst to burst.
+    /// The burst (exclusive) until which the severity changes from burst to burst.
     fn grows_until(&self) -> usize {
         match self.to_severity {
             Some(_) => self.to,
@@ -68,9 +76,12 @@ impl Fault {
         }
     }
 
-    /// The fault's class at burst `step`: a fault that grows becomes another class of its kind.
+    /// The fault's class at burst `step`. A fault with `to_severity` whose severity has left the range of its
+    /// class takes the class of the same kind whose range holds that severity (for example from slightly to
+    /// deeply dried). It keeps its class if there is none.
     fn class_at(&self, step: usize) -> &str {
         let severity = self.severity_at(step);
+        // whether the severity lies in the range of a class; a range may be written from high to low
         let is_meant = |law: &Law| {
             let [a, b] = law.range;
             (a.min(b)..=a.max(b)).contains(&severity)
@@ -90,18 +101,21 @@ impl Fault {
     }
 }
 
-/// Time of burst `step`, ns. It was checked that the end of the run fits into i64.
+/// Time of burst `step`, ns since the epoch. The scenario's checks made sure that the end of the run fits
+/// into i64.
 pub fn time_ns(run: &PrintRun, start_ns: i64, step: usize) -> i64 {
     start_ns + (step as f64 * run.interval_s * 1e9).round() as i64
 }
 
-/// The first burst at or after `seconds`.
+/// Number of the first burst at or after `seconds` from the first burst on; at most the number of bursts of
+/// the run.
 pub fn step_at(run: &PrintRun, seconds: f64) -> usize {
     // a rounding error must not turn a whole number of intervals into the next one
     ((seconds / run.interval_s - 1e-9).ceil().max(0.0) as usize).min(run.bursts_per_channel)
 }
 
-/// All faults of the run, sorted by printhead, channel and begin.
+/// All faults of the run, those that the file lists or else drawn ones, sorted by printhead, channel and
+/// begin.
 fn faults_of(physics: &Physics, run: &PrintRun, seed: u64) -> Vec<Fault> {
     let mut faults = if run.fault.is_empty() {
         drawn_faults(physics, run, seed)
@@ -123,8 +137,8 @@ fn faults_of(physics: &Physics, run: &PrintRun, seed: u64) -> Vec<Fault> {
     faults
 }
 
-/// Draws one fault for each of a share (`faulty_channels`) of all channels; class, severity, begin and end
-/// are uniform.
+/// Draws one fault for each of a share (`faulty_channels`) of all channels. Class, severity within the
+/// class's range, begin and end are uniform; a fault lasts at least `LEAST_FAULT_BURSTS` bursts.
 fn drawn_faults(physics: &Physics, run: &PrintRun, seed: u64) -> Vec<Fault> {
     let ranges = physics.severity_ranges();
     let channels = run.printheads * run.channels;
@@ -134,6 +148,7 @@ fn drawn_faults(physics: &Physics, run: &PrintRun, seed: u64) -> Vec<Fault> {
     }
     let mut rng = stream(seed, Purpose::Truth, part::PRINT_RUN);
     let chosen = rand::seq::index::sample(&mut rng, channels, count);
+    // `place`: number of a channel over all printheads
     let draw = |place: usize| {
         let (class, [low, high]) = ranges[rng.random_range(0..ranges.len())].clone();
         let last = run.bursts_per_channel;
@@ -151,10 +166,10 @@ fn drawn_faults(physics: &Physics, run: &PrintRun, seed: u64) -> Vec<Fault> {
     chosen.iter().map(draw).collect()
 }
 
-/// The labels of a run: a healthy row per printhead; then for each channel with faults a row for each burst
-/// in which one of them grows, and a row for each span in which none does. A channel with several faults at
-/// once is labelled with the names of all, `AB2+SDN`, and without a severity. Spans begin and end midway
-/// between bursts, so that rounding does not matter.
+/// The labels of a run: a healthy row per printhead; then, for each channel with faults, a row for each burst
+/// in which one of its faults grows, and a row for each span of bursts in which none does. A channel with
+/// several faults at once is labelled with the names of all in alphabetical order, `AB2+SDN`, and without a
+/// severity. Spans begin and end midway between bursts, so that rounding of times does not matter.
 pub(super) fn labels(physics: &Physics, options: &RecordingOptions, seed: u64) -> Vec<Label> {
     let Some(run) = &physics.print_run else { return Vec::new() };
     let mut labels = healthy_heads(run);
@@ -165,6 +180,7 @@ pub(super) fn labels(physics: &Physics, options: &RecordingOptions, seed: u64) -
         // times at which the label changes: begin and end of each fault, and every burst while it grows
         let edges = |fault: &Fault| (fault.from..=fault.grows_until()).chain([fault.to]);
         let edges: BTreeSet<usize> = of_channel.iter().flat_map(edges).collect();
+        // between two edges, the faults that are on stay the same, and so does the severity
         for (&from, &to) in edges.iter().zip(edges.iter().skip(1)) {
             let on: Vec<&Fault> =
                 of_channel.iter().filter(|fault| (fault.from..fault.to).contains(&from)).collect();
@@ -188,7 +204,7 @@ pub(super) fn labels(physics: &Physics, options: &RecordingOptions, seed: u64) -
 struct Printhead {
     name: Arc<str>,
     channels: Vec<Channel>,
-    /// Faults of its channels, sorted by channel and begin; those that are over are taken out.
+    /// Faults of its channels, sorted by channel and begin; a fault is removed when it is over.
     faults: Vec<Fault>,
     temperature_phase_rad: f64,
     sensor: Sensor,
@@ -220,7 +236,8 @@ impl Printhead {
         }
     }
 
-    /// The acquisition of all channels at burst `step`; the steps of a printhead come in order.
+    /// Simulates the acquisition of all channels at burst `step`. The steps of a printhead must be asked for
+    /// in order, each once, since every step draws random numbers.
     fn acquire(
         &mut self,
         physics: &Physics,
@@ -228,6 +245,7 @@ impl Printhead {
         start_ns: i64,
         step: usize,
     ) -> Acquired {
+        // temperature: the true one changes the viscosity, the recorded one has an error
         let sine = &physics.temperature;
         let phase = TAU * step as f64 * run.interval_s / sine.period_s + self.temperature_phase_rad;
         let above_c = sine.swing_c * phase.sin();
@@ -240,6 +258,8 @@ impl Printhead {
         let on = self.faults.iter().filter(|fault| fault.from <= step);
         let mut faulty: HashMap<u32, Vec<&Fault>> = HashMap::new();
         on.for_each(|fault| faulty.entry(fault.channel).or_default().push(fault));
+
+        // each channel's rates now, and its signal
         let n = self.sensor.samples();
         let mut counts = Vec::with_capacity(self.channels.len() * n);
         for (channel, number) in self.channels.iter().zip(0..) {
@@ -248,6 +268,8 @@ impl Printhead {
             let rates = on.fold(rates, |rates, fault| fault.rates(&rates, step));
             self.sensor.sense(&rates, channel.gain, drive_v, &mut counts);
         }
+
+        // what is recorded beside the signals; the neighbours have no effect in this simulation
         let fired = |_| self.neighbours.random_range(0..=2u8);
         let burst = Burst {
             t_acq_ns: time_ns(run, start_ns, step),
@@ -266,7 +288,7 @@ impl Printhead {
     }
 }
 
-/// Draws a drive level by its share.
+/// Draws one of the drive levels (V), each with the probability of its share.
 pub(super) fn draw_level(drive: &Drive, rng: &mut ChaCha8Rng) -> f64 {
     let mut left: f64 = rng.random();
     for (level, share) in drive.levels_v.iter().zip(&drive.shares) {
@@ -278,7 +300,7 @@ pub(super) fn draw_level(drive: &Drive, rng: &mut ChaCha8Rng) -> f64 {
     drive.levels_v[drive.levels_v.len() - 1] // shares add up to 1 but for rounding; checked: not empty
 }
 
-/// The recording of the scenario's print run; `None` if it has none.
+/// The recording of the scenario's print run, not yet made; `None` if the scenario has no print run.
 pub(super) fn recording(
     physics: &Arc<Physics>,
     options: &RecordingOptions,

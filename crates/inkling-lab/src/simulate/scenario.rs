@@ -1,8 +1,10 @@
-//! Scenario files: the contents of a [`Scenario`]. `read` makes one from TOML; whatever it then holds can be
-//! simulated.
+//! Scenario files: the types that the simulator works on, one struct for each table of the TOML file, with
+//! the file's names and units. `scenario/read.rs` makes a [`Scenario`] from TOML, and `scenario/checks.rs`
+//! makes sure that whatever it then holds can be simulated.
 //!
 //! There are two kinds: `physics` (default; channels of thesis (2-2), faults, print runs) and `classes` (the
-//! data set of thesis §4-1). Unknown keys are refused; `checks` tells what else is.
+//! data set of thesis §4-1). Unknown keys are refused. `_us` in a name means microseconds, `_c` degrees
+//! Celsius, `_v` volts; `sample_logs/scenarios` has examples.
 
 mod checks;
 mod read;
@@ -14,7 +16,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Version of the scenario files that this program reads.
+/// Version (`schema`) of the scenario files that this program reads.
 const SCHEMA: i64 = 1;
 
 /// Why a scenario cannot be simulated.
@@ -37,6 +39,7 @@ pub struct Scenario {
     pub kind: Kind,
 }
 
+/// What a scenario simulates. Shared by pointer, since each recording that is being made keeps a copy.
 #[derive(Clone, Debug)]
 pub enum Kind {
     Physics(Arc<Physics>),
@@ -48,15 +51,17 @@ pub enum Kind {
 #[serde(default, deny_unknown_fields)]
 pub struct RecordingOptions {
     pub compression: Compression,
-    /// Uncompressed size at which a chunk is closed.
+    /// Uncompressed size at which a chunk of the recording is closed, bytes.
     pub chunk_bytes: u64,
     /// Largest number of channels in one burst; by default a burst of a print run holds a whole printhead,
     /// and a burst of a set 450 channels.
     pub channels_per_burst: Option<u32>,
+    /// Whether a burst's samples are stored channel after channel, or sample after sample.
     #[serde(with = "LayoutWords")]
     pub layout: Layout,
+    /// Number format of a sample: int16 or f32.
     pub format: Format,
-    /// Time of the first burst, ns since the epoch; in the file RFC 3339.
+    /// Time of the first burst, ns since the epoch; the file has `start`, a time in RFC 3339.
     #[serde(rename = "start", deserialize_with = "rfc_3339")]
     pub start_ns: i64,
 }
@@ -74,6 +79,7 @@ impl Default for RecordingOptions {
     }
 }
 
+/// The words for [`Layout`] in a scenario file.
 #[derive(Deserialize)]
 #[serde(remote = "Layout", rename_all = "snake_case")]
 enum LayoutWords {
@@ -102,11 +108,11 @@ pub struct Physics {
     seed: Option<u64>,
     #[serde(default)]
     recording: RecordingOptions,
-    /// The channel as the file gives it: either its rates or its geometry.
+    /// The channel as the file gives it: either its rates (`[channel]`) or its geometry.
     #[serde(rename = "channel")]
     rates: Option<InkChannel>,
     geometry: Option<Geometry>,
-    /// Nominal rates at 25 °C, from either of the two.
+    /// Nominal rates at 25 °C, which `read.rs` makes of one of the two.
     #[serde(skip, default = "no_rates")]
     pub channel: InkChannel,
     pub spread: Spread,
@@ -114,28 +120,33 @@ pub struct Physics {
     pub acquisition: Acquisition,
     pub temperature: Temperature,
     pub drive: Drive,
+    /// Severities of each fault class that occurs, by the class's name.
     #[serde(default)]
     pub fault: BTreeMap<String, FaultRange>,
+    /// The sets to simulate; absent: none.
     pub dataset: Option<Dataset>,
+    /// The print run to simulate; absent: none.
     pub print_run: Option<PrintRun>,
+    /// What a print run records with `simulate --hide`; absent: the default, which records no covariates.
     pub hidden: Option<HiddenRun>,
 }
 
-/// Rates that stand for a channel until it is read.
+/// Rates of 0, which stand in `Physics::channel` until `read.rs` has set it.
 fn no_rates() -> InkChannel {
     InkChannel { a_per_s2: 0.0, b_per_s2: 0.0, g_per_s: 0.0, d_per_s: 0.0 }
 }
 
 impl Physics {
-    /// The classes that the scenario has, with their severity ranges, in the order of the thesis's tables.
+    /// The fault classes that the scenario has, with the lowest and the highest severity of each, in the
+    /// order of the thesis's tables. A class's index in this list is the one that `dataset::Truth` holds.
     pub fn severity_ranges(&self) -> Vec<(String, [f64; 2])> {
         let range = |class: &&str| Some(((*class).to_owned(), self.fault.get(*class)?.range));
         CLASSES.iter().filter_map(range).collect()
     }
 }
 
-/// Scatter from healthy channel to healthy channel: half-widths of uniform distributions, relative, constant
-/// over a run.
+/// `[spread]`: how healthy channels differ from the nominal one: relative half-widths of uniform
+/// distributions of the four rates and of the gain. A channel keeps its own values over a run.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Spread {
@@ -146,10 +157,11 @@ pub struct Spread {
     pub gain: f64,
 }
 
-/// Scatter from burst to burst of one channel: relative standard deviations.
+/// `[shot]`: how a channel's signals differ from burst to burst: relative standard deviations.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Shot {
+    /// Standard deviation of the gain.
     pub gain: f64,
     /// Standard deviation of each component of the acquisition state.
     pub state: f64,
@@ -159,15 +171,20 @@ pub struct Shot {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Acquisition {
+    /// Length of the actuation's pulse.
     pub pulse_us: f64,
     /// The steps that the pulse consists of: share of `pulse_us` and relative voltage of each; absent: one
     /// rectangle.
     #[serde(default)]
     pub waveform: Waveform,
+    /// Time from the end of the pulse to the first sample, at t_a.
     pub delay_us: f64,
     pub sample_period_us: f64,
+    /// Number of samples of a signal, N.
     pub samples: usize,
+    /// Peak of the nominal healthy channel's signal at nominal drive, without noise.
     pub largest_healthy_counts: f64,
+    /// Standard deviation of the white noise of a sample.
     pub noise_sd_counts: f64,
 }
 
@@ -182,17 +199,19 @@ impl Acquisition {
     }
 }
 
-/// Ink temperature in print runs: a sine about 25 °C.
+/// `[temperature]`: ink temperature in print runs, a sine about 25 °C.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Temperature {
+    /// Amplitude of the sine, K.
     pub swing_c: f64,
     pub period_s: f64,
-    /// Relative change of g and d per kelvin.
+    /// Relative change of g and d per kelvin above 25 °C.
     pub viscosity_per_k: f64,
 }
 
-/// Drive levels in print runs: one is drawn for each burst, with the probability that `shares` gives.
+/// `[drive]`: drive levels in print runs. One level is drawn for each burst, with the probability in the same
+/// place of `shares`.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Drive {
@@ -200,12 +219,13 @@ pub struct Drive {
     pub shares: Vec<f64>,
 }
 
-/// Severities of a class, uniform over `range`.
+/// `[fault.CLASS]`: severities of a class, uniform over `range`.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FaultRange {
-    /// What a severity means, in words; not read.
+    /// What a severity means, in words; the simulator does not use it.
     pub severity: Option<String>,
+    /// Lowest and highest severity, in the class's unit.
     pub range: [f64; 2],
     /// What the fault changes, in words; if given, it must be what this program simulates.
     pub change: Option<String>,
@@ -215,9 +235,11 @@ pub struct FaultRange {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Dataset {
+    /// Healthy signals in the training set, and as many in the test set.
     pub healthy: usize,
+    /// Signals of each fault class in the training set, and as many in the test set.
     pub per_fault: usize,
-    /// Number of faulty signals of a further test set; 0: there is none.
+    /// Number of signals, all of them faulty, of a third set for calibration; 0: there is none.
     #[serde(default)]
     pub calibration_test: usize,
 }
@@ -231,9 +253,11 @@ pub struct PrintRun {
     pub names: Option<Vec<String>>,
     /// Number of channels of each printhead.
     pub channels: usize,
+    /// Number of acquisitions of each printhead; every channel is in each of them.
     pub bursts_per_channel: usize,
+    /// Time from one acquisition of a printhead to the next.
     pub interval_s: f64,
-    /// Share of all channels that get one drawn fault each.
+    /// Share of all channels that get one drawn fault each, 0 to 1.
     #[serde(default)]
     pub faulty_channels: f64,
     /// Faults that the file lists, instead of drawn ones.
@@ -242,13 +266,14 @@ pub struct PrintRun {
 }
 
 impl PrintRun {
+    /// The name of a printhead, which is given by its number from 0.
     pub fn name(&self, printhead: usize) -> String {
         let own = self.names.as_ref().and_then(|names| names.get(printhead).cloned());
         own.unwrap_or_else(|| format!("printhead-{}", printhead + 1))
     }
 }
 
-/// Covariates that a recording may hold.
+/// Covariates that a recording with something hidden may hold, in the words of `hidden.recorded`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Recorded {
@@ -264,18 +289,20 @@ pub enum Recorded {
 pub struct HiddenRun {
     /// Covariates that the recording holds.
     pub recorded: Vec<Recorded>,
-    /// Times since the previous actuation; one is drawn per signal, or, with the same probability as each of
-    /// them, none.
+    /// Times since the previous actuation. For each signal one of them is drawn, or "no previous actuation",
+    /// all with the same probability.
     #[serde(default)]
     pub idle_times_us: Vec<f64>,
-    /// Healthy scatter from burst to burst in addition to `shot`: relative standard deviations.
+    /// Healthy scatter of frequency and damping from burst to burst, in addition to `shot`: relative standard
+    /// deviations.
     #[serde(default)]
     pub frequency_sd: f64,
     #[serde(default)]
     pub damping_sd: f64,
 }
 
-/// A fault from `from_s` (inclusive) to `to_s` (exclusive) after the first burst.
+/// `[[print_run.fault]]`: a fault from `from_s` (inclusive) to `to_s` (exclusive), counted from the first
+/// burst.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ExplicitFault {
@@ -289,8 +316,9 @@ pub struct ExplicitFault {
     pub to_s: f64,
 }
 
-/// `kind = "classes"`: y = round(A (e^{-sigma t} cos(2 pi f t + phi0) + rho e^{-lambda t}) + noise), t = k
-/// T/N, with A, sigma, f uniform in the box of the class.
+/// `kind = "classes"`: sample k of a signal is round(A (e^{-sigma t} cos(2 pi f t + phi0) + rho e^{-lambda
+/// t}) + noise) with t = k T/N, where A, sigma, f are uniform in the box of the signal's class
+/// (`thesis_form.rs`).
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Classes {
@@ -302,17 +330,20 @@ pub struct Classes {
     #[serde(default)]
     recording: RecordingOptions,
     pub comment: Option<String>,
+    /// Length of a signal T, and its number of samples N.
     #[serde(rename = "T_us")]
     pub t_us: f64,
     #[serde(rename = "N")]
     pub n: usize,
+    /// Phase of the oscillation at t = 0, and amplitude (relative to A) and rate of the slow decay.
     pub phi0_rad: f64,
     pub rho: f64,
     pub lambda_per_s: f64,
     pub noise_sd_counts: f64,
+    /// Healthy signals, and signals of each fault class, in the training set, and as many in the test set.
     pub n_healthy: usize,
     pub n_per_fault: usize,
-    /// Settings with which the thesis's method I is judged on this set; not read by the simulator.
+    /// Settings with which the thesis's method I is judged on this set; the simulator does not use them.
     #[serde(rename = "method_I")]
     _method_i: Option<toml::Table>,
     pub classes: ClassBoxes,
@@ -323,7 +354,8 @@ impl Classes {
         self.t_us * 1e-6 / self.n as f64
     }
 
-    /// Fault classes and their boxes: the thesis's classes in the order of its tables, then others by name.
+    /// Fault classes and their boxes: the thesis's classes in the order of its tables, then others by name. A
+    /// class's index in this list is the one that `dataset::Truth` holds.
     pub fn fault_classes(&self) -> Vec<(String, ClassBox)> {
         let place = |class: &str| CLASSES.iter().position(|c| *c == class).unwrap_or(CLASSES.len());
         let faults = self.classes.faults.iter();
@@ -334,6 +366,7 @@ impl Classes {
     }
 }
 
+/// The boxes of all classes; fault classes by their names.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct ClassBoxes {
     pub healthy: ClassBox,
@@ -341,7 +374,7 @@ pub struct ClassBoxes {
     pub faults: BTreeMap<String, ClassBox>,
 }
 
-/// The box of a class: a uniform range for each parameter.
+/// The box of a class: the lowest and the highest value of each parameter, which is uniform between them.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ClassBox {

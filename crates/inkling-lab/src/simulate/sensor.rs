@@ -1,6 +1,10 @@
-//! Simulates one channel's signal. In: rates, gain, temperature, drive level. Out: counts.
+//! Simulates one channel's signal by thesis (2-2). In: the channel's rates (with temperature and faults
+//! already in them), its gain and the drive level. Out: one signal of int16 counts.
 //!
-//! thesis (2-2): pulse -> x_a -> free decay -> counts, with shot noise and white noise.
+//! The steps ([`Sensor::sense`]): the actuation pulse, acting through the channel's own rates, gives the
+//! acquisition state x_a; scatter from burst to burst ("shot") multiplies the gain and each component of x_a;
+//! the free decay from x_a is sampled and scaled to counts; white noise is added; the sum is rounded. The
+//! print runs, the sets and the drying experiment make their signals here.
 
 use super::burst_shape::digitise;
 use super::draws::{Purpose, about_one, stream};
@@ -13,7 +17,7 @@ use rand_distr::StandardNormal;
 
 /// The temperature at which a channel has the scenario's rates, °C.
 pub const NOMINAL_TEMPERATURE_C: f64 = 25.0;
-/// The drive level at which the nominal channel peaks at `largest_healthy_counts`, V.
+/// The drive level at which the nominal channel peaks at the scenario's `largest_healthy_counts`, V.
 pub const NOMINAL_DRIVE_V: f64 = 30.0;
 
 /// A channel as it was made: its rates at 25 °C without a fault, and its gain.
@@ -45,30 +49,34 @@ impl Channel {
     }
 }
 
-/// The rates when the viscosity is changed by a factor: it acts on both resistances.
+/// The rates of a channel after its viscosity was multiplied by a factor: both resistances grow by it, and
+/// with them g and d.
 pub fn at_viscosity(rates: &InkChannel, factor: f64) -> InkChannel {
     InkChannel { g_per_s: rates.g_per_s * factor, d_per_s: rates.d_per_s * factor, ..*rates }
 }
 
-/// The sensor of one part of a scenario, with its own streams of shot and white noise.
+/// What turns rates into signals in one part of a scenario (a set, or a printhead of a run), with random
+/// streams of its own for shot and white noise.
 pub struct Sensor {
     actuation: Actuation,
     sample_period_s: f64,
     samples: usize,
-    /// Counts per unit of flow, for one unit of displaced volume per volt.
+    /// Factor from the flow that the model gives to counts; such that the nominal channel has the scenario's
+    /// peak.
     counts_per_flow: f64,
     noise_sd_counts: f64,
-    /// Relative scatter from burst to burst, of the gain and of each component of the state; see
+    /// Relative standard deviations, from burst to burst, of the gain and of each component of the state; see
     /// [`super::scenario::Shot`].
     shot_gain: f64,
     shot_state: f64,
     shot: ChaCha8Rng,
     noise: ChaCha8Rng,
-    /// The decay without noise; its memory is reused.
+    /// The decay without noise, N samples; kept so that its memory is used again.
     decay: Vec<f64>,
 }
 
 impl Sensor {
+    /// The sensor of part `part` (see `draws::part`) of a scenario.
     pub fn new(physics: &Physics, seed: u64, part: u32) -> Sensor {
         let acquisition = &physics.acquisition;
         let mut sensor = Sensor {
@@ -83,13 +91,13 @@ impl Sensor {
             noise: stream(seed, Purpose::Noise, part),
             decay: vec![0.0; acquisition.samples],
         };
-        // the scale at which the nominal channel peaks at the scenario's largest counts
+        // find the scale at which the nominal channel at nominal drive peaks at the scenario's largest counts
         let nominal = physics.channel;
         let x_a = sensor.actuation.acquisition_state(&nominal, NOMINAL_DRIVE_V);
         ring_down_into(&nominal, &x_a, sensor.sample_period_s, &mut sensor.decay);
         let largest = sensor.decay.iter().fold(0.0_f64, |m, y| m.max(y.abs()));
-        // the checks ensure that the pulse moves ink; `largest` is 0 only by underflow, and then all signals
-        // are silent
+        // The scenario's checks ensure that the pulse moves ink. So `largest` is 0 only by underflow, and
+        // then all signals are silent.
         if largest > 0.0 {
             sensor.counts_per_flow = acquisition.largest_healthy_counts / largest;
         }
@@ -104,14 +112,15 @@ impl Sensor {
         self.sample_period_s
     }
 
-    /// Appends one signal of a channel with these rates to `counts`. The pulse acts through the channel's own
-    /// rates; the shot noise changes the gain and each component of x_a.
+    /// Appends one signal, N samples, of a channel with these rates to `counts`. `gain`: the channel's,
+    /// relative to the nominal one; `drive_v`: drive level, V. Each call draws new shot and noise.
     pub fn sense(&mut self, rates: &InkChannel, gain: f64, drive_v: f64, counts: &mut Vec<i16>) {
         let mut shot = |sd: f64| 1.0 + sd * self.shot.sample::<f64, _>(StandardNormal);
         let gain = gain * self.counts_per_flow * shot(self.shot_gain);
         let x_a = self.actuation.acquisition_state(rates, drive_v);
         let x_a = x_a.map(|x| x * gain * shot(self.shot_state));
         ring_down_into(rates, &x_a, self.sample_period_s, &mut self.decay);
+        // white noise, then rounding
         let (noise, sd) = (&mut self.noise, self.noise_sd_counts);
         counts.extend(self.decay.iter().map(|y| {
             let white: f64 = noise.sample(StandardNormal);

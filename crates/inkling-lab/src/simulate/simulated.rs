@@ -1,22 +1,27 @@
-//! A simulated recording before it is made, and the labels of what is healthy.
+//! A simulated recording before it is made: a name, and an iterator that simulates its bursts one by one when
+//! they are asked for, so that a recording of any length needs the memory of one acquisition. And labels for
+//! what is healthy. Used by all simulations of this room; whoever writes the recording to a file drives the
+//! iterator.
 
 use super::burst_shape::{Acquired, bursts};
 use super::scenario::{PrintRun, RecordingOptions};
 use inkling_core::burst::Burst;
 use inkling_core::labels::{Channels, Label};
 
-/// One recording of a scenario, not yet made: its bursts are made in the order of their times, when they are
-/// asked for.
+/// One recording of a scenario, not yet made.
 pub struct SimulatedRecording {
     /// Stem of the file name: `train`, `test`, `calibration`, `print_run`.
     pub stem: String,
+    /// Simulates the bursts, in the order of their times.
     pub bursts: Box<dyn Iterator<Item = Burst> + Send>,
+    /// How the bursts are to be written.
     pub options: RecordingOptions,
 }
 
 impl SimulatedRecording {
-    /// The recording of a print run. `acquire` gets the printhead and the step of each acquisition, and makes
-    /// it.
+    /// The recording of a print run. `acquire` is called with the number of the printhead and the step of the
+    /// run, step after step and, within a step, printhead after printhead; it returns the acquisition of all
+    /// channels of that printhead.
     pub fn of_run(
         run: &PrintRun,
         options: RecordingOptions,
@@ -29,7 +34,7 @@ impl SimulatedRecording {
     }
 }
 
-/// Labels that say that all printheads of a run are healthy.
+/// One label per printhead of a run, which says that all its channels are healthy at all times.
 pub fn healthy_heads(run: &PrintRun) -> Vec<Label> {
     (0..run.printheads).map(|head| healthy_everywhere(&run.name(head))).collect()
 }

@@ -1,8 +1,11 @@
-//! Simulates the data set of thesis §4-1 in the thesis's form. In: a `classes` scenario. Out: `train` and
-//! `test` as bursts of one printhead, and the truth per channel.
+//! Simulates the data set of thesis §4-1 in the thesis's form, without the physics of a channel. In: a
+//! `classes` scenario. Out: the recordings `train` and `test` as bursts of one printhead, and a label per
+//! faulty channel.
 //!
-//! Each signal is a damped oscillation and a slow decay, whose parameters are uniform in the box of its
-//! class. The boxes come from the scenario file alone.
+//! Each signal is y(t) = A (e^{-sigma t} cos(2 pi f t + phi0) + rho e^{-lambda t}) plus white noise, rounded
+//! to counts, where A, sigma and f are uniform in the box of the signal's class and phi0, rho and lambda are
+//! the same for all. All numbers come from the scenario file. How sets, channels and bursts are arranged is
+//! shared with `dataset.rs`.
 
 use super::burst_shape::digitise;
 use super::dataset::{Set, Truth, labels_of, placed, recordings_of, train_and_test};
@@ -16,7 +19,7 @@ use rand_distr::StandardNormal;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-/// One draw from a class box: y(t) = A (e^{-sigma t} cos(2 pi f t + phi0) + rho e^{-lambda t}).
+/// The parameters A, sigma and f of one signal, drawn from the box of its class.
 #[derive(Clone, Copy, Debug)]
 struct Decay {
     amplitude_counts: f64,
@@ -25,6 +28,7 @@ struct Decay {
 }
 
 impl Decay {
+    /// Draws each parameter, uniform in its range.
     fn draw(class: &ClassBox, rng: &mut impl rand::Rng) -> Decay {
         let mut within = |[low, high]: [f64; 2]| low + (high - low) * rng.random::<f64>();
         Decay {
@@ -34,7 +38,7 @@ impl Decay {
         }
     }
 
-    /// The signal without noise at a time.
+    /// The signal without noise at time `t_s`, counts. `form`: the scenario, for phi0, rho and lambda.
     fn at(&self, t_s: f64, form: &Classes) -> f64 {
         let ringing =
             (-self.sigma_per_s * t_s).exp() * (TAU * self.freq_hz * t_s + form.phi0_rad).cos();
@@ -42,18 +46,20 @@ impl Decay {
     }
 }
 
-/// Training and test set; severities do not exist here.
+/// Training and test set. Severities do not exist in this scenario: they are NaN.
 fn sets(classes: &Classes, seed: u64) -> Vec<Set> {
     let fault_classes = classes.fault_classes().len();
     let numbers = [classes.n_healthy, classes.n_per_fault, fault_classes];
     placed(train_and_test(seed, numbers, |_, _| f64::NAN))
 }
 
+/// The labels of the scenario's sets, without severities.
 pub(super) fn labels(classes: &Classes, seed: u64) -> Vec<Label> {
     let names = classes.fault_classes();
     labels_of(&sets(classes, seed), |truth| truth.class.map(|i| (names[i].0.clone(), None)))
 }
 
+/// The recordings of the scenario's sets, not yet made.
 pub(super) fn recordings(
     classes: &Arc<Classes>,
     options: &RecordingOptions,

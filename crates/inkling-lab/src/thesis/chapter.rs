@@ -1,17 +1,23 @@
-//! All that `inkling thesis` found. In: data sets over rounds. Out: [`Chapter`], also as JSON.
+//! All that one run of `inkling thesis` found: a `Chapter`, which `tables` writes as `tables.md`
+//! and as `tables.json`.
+//!
+//! In: the figures of each data set over its rounds (`Measured`). `Chapter::new` adds the verdicts
+//! on the claims (`conclusions`); nothing else is computed here.
 
 use super::conclusions::{Conclusion, conclusions};
 use super::outcome::{DataSet, Measured};
 use serde::Serialize;
 use serde_json::{Value, json};
 
-/// The rounds that figures are measured in; a [`Measured`] keeps those of each.
+/// What the rounds are in which figures are measured: of simulated data one for each seed, of
+/// recordings one for each part. A `Measured` keeps the figures of each round.
 #[derive(Clone, Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Rounds {
     Seeds(Vec<u64>),
-    /// The labelled channels in `number` parts, each of which is tested once by what was learned on the others.
-    /// `left_out`: in sentences, the classes and signals that were not used.
+    /// Recordings: the labelled channels in `number` parts, each of which is tested on once by what
+    /// was learned on the others. `left_out`: in sentences, the classes and signals that were not
+    /// used.
     Folds {
         number: usize,
         left_out: Vec<String>,
@@ -27,11 +33,13 @@ pub struct Chapter {
 }
 
 impl Chapter {
+    /// The chapter, with the verdicts on the claims that each data set can decide.
     pub fn new(rounds: Rounds, sets: Vec<Measured>) -> Chapter {
         let conclusions = sets.iter().flat_map(conclusions).collect();
         Chapter { rounds, sets, conclusions }
     }
 
+    /// The figures of one data set; `None` if chapter 4 was not run on it.
     pub fn set(&self, set: DataSet) -> Option<&Measured> {
         self.sets.iter().find(|measured| measured.set == set)
     }

@@ -1,7 +1,13 @@
-//! Chapter 5 of the thesis, conclusion by conclusion: held, not held, cannot tell.
+//! Judges the claims of chapter 5 of the thesis, one by one: held, not held, or cannot tell.
 //!
-//! In: figures over rounds. Out: a verdict on each, from 95 % intervals of differences that are paired by
-//! round.
+//! In: the figures of one data set over its rounds (`Measured`), and the claims of `claims.toml`,
+//! which explains its keys. Out to `chapter` and `tables`: a `Conclusion` for each claim that these
+//! data can decide, with the figures that decided.
+//!
+//! A claim names pairs of figures and says that the first of each pair is larger (or, if `alike`,
+//! that the two hardly differ). Each pair gets a verdict from the 95 % interval of its difference,
+//! paired by round (`Measured::difference`). The claim's verdict is the worst of its pairs'
+//! verdicts. A claim with `least` is judged by `at_least`; one with `undecided` is never decided.
 
 use super::measure::{Size, figure};
 use super::outcome::{Confusion, DataSet, Difference, Measured};
@@ -9,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
-/// A verdict on a claim; the worst is the last.
+/// A verdict on a claim. The order is from the best to the worst, which `of_all` relies on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
@@ -27,7 +33,7 @@ impl Verdict {
         }
     }
 
-    /// The verdict where the figures confirm a claim, refute it, or neither.
+    /// The verdict where the figures confirm a claim, refute it, or do neither.
     fn of(confirmed: bool, refuted: bool) -> Verdict {
         match (confirmed, refuted) {
             (true, _) => Verdict::Held,
@@ -36,7 +42,8 @@ impl Verdict {
         }
     }
 
-    /// The verdict on a claim that consists of several: one that did not hold refutes it.
+    /// The verdict on a claim that consists of several parts: the worst of theirs, so that one part
+    /// that did not hold refutes the whole. A claim without parts held.
     fn of_all(each: impl Iterator<Item = Verdict>) -> Verdict {
         each.max().unwrap_or(Verdict::Held)
     }
@@ -66,17 +73,20 @@ pub struct Conclusion {
     pub because: String,
 }
 
-/// Shares that differ by less are alike: the thesis calls a difference of .002 to .004 negligible, and
-/// reports .01 as one.
+/// Two shares that differ by less than this are alike. The value is a judgement: the thesis calls
+/// differences of .002 to .004 negligible, and reports one of .01 as a difference.
 const ALIKE: f64 = 0.005;
 
 impl Difference {
-    /// Verdict on the claim that the difference is positive.
+    /// Verdict on the claim that the difference is positive: held if the whole interval is above 0,
+    /// not held if the whole interval is below `ALIKE` (being as good is not being better).
     fn is_positive(self) -> Verdict {
         Verdict::of(self.low > 0.0, self.high < ALIKE)
     }
 
-    /// Verdict on the claim that the difference is negligible.
+    /// Verdict on the claim that the difference is negligible: held if the whole interval is within
+    /// 2 `ALIKE` of 0, not held if the whole interval lies on one side of 0 and farther than
+    /// `ALIKE`.
     fn is_negligible(self) -> Verdict {
         let Difference { low, high, .. } = self;
         let is_small = low > -2.0 * ALIKE && high < 2.0 * ALIKE;
@@ -84,31 +94,42 @@ impl Difference {
     }
 }
 
-/// Names of two figures that a claim compares; the first is the one that it says is larger.
+/// Names of two figures that a claim compares; the first is the one that the claim says is larger.
 type Pair = [String; 2];
 
-/// A claim, as `claims.toml` holds it and explains its keys.
+/// A claim as it stands in `claims.toml`, whose head explains each key.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Claim {
+    /// The claim in words, for the page.
     words: String,
     #[serde(default)]
     kind: Kind,
+    /// The claim is that the first figure of each pair is the larger one; with `alike`, that the
+    /// two of each pair hardly differ.
     #[serde(default)]
     pairs: Vec<Pair>,
     #[serde(default)]
     alike: bool,
+    /// The training sizes that each `*` in the names of figures stands for.
     #[serde(default)]
     sizes: Vec<String>,
+    /// Whether the figures are shares of all test signals, and not only of the faulty ones.
     #[serde(default)]
     all_signals: bool,
+    /// Instead of pairs: the claim is that every method is right in this share or more.
     least: Option<f64>,
+    /// Instead of pairs: why no data can tell.
     undecided: Option<String>,
+    /// The data sets that can decide the claim; empty: all.
     #[serde(default)]
     sets: Vec<DataSet>,
+    /// A figure without which the claim is not judged at all.
     needs: Option<String>,
 }
 
+/// The claims of `claims.toml`, which is compiled in: under one key a list in the order of the
+/// page.
 static CLAIMS: LazyLock<BTreeMap<String, Vec<Claim>>> = LazyLock::new(|| {
     toml::from_str(include_str!("claims.toml")).expect("a test has read the same text")
 });
@@ -120,11 +141,14 @@ pub fn conclusions(of: &Measured) -> Vec<Conclusion> {
 }
 
 impl Claim {
+    /// Whether the claim is about this data set, and the figure that it needs was measured there.
     fn is_decided_by(&self, of: &Measured) -> bool {
         (self.sets.is_empty() || self.sets.contains(&of.set))
             && self.needs.as_ref().is_none_or(|key| of.mean(key).is_finite())
     }
 
+    /// The verdict on the claim. Its `pairs` are compared over all faulty test signals, or, with
+    /// `all_signals`, over all test signals.
     fn judged(&'static self, of: &Measured) -> Conclusion {
         let (verdict, mut because) = match (&self.undecided, self.least) {
             (Some(why), _) => (Verdict::CannotTell, why.clone()),
@@ -143,7 +167,8 @@ impl Claim {
         Conclusion { data: of.set, kind: self.kind, claim: &self.words, verdict, because }
     }
 
-    /// The pairs, for one training size after the other.
+    /// The pairs with `*` in their figures' names replaced by each of the claim's training sizes,
+    /// one size after the other; the pairs as they stand if the claim names no sizes.
     fn pairs_by_size(&self) -> Vec<Pair> {
         let of_size = |size: &String| {
             let pair = |pair: &Pair| pair.each_ref().map(|key| key.replace('*', size));
@@ -156,7 +181,9 @@ impl Claim {
     }
 }
 
-/// How well the product's default and the thesis's own method name categories and classes.
+/// The words that every claim of this project gets at its end: how often the product's default and
+/// the thesis's own method name the category rightly, and the class that each of them names rightly
+/// least often.
 fn both_named(of: &Measured) -> String {
     let [ours, theirs] = ["default", "LR on r"].map(|name| {
         let category = of.mean(&figure(name, Size::All, "category"));
@@ -166,7 +193,7 @@ fn both_named(of: &Measured) -> String {
     format!("; default: {ours}; residual matching: {theirs}")
 }
 
-/// The class that is named rightly least often, in words.
+/// The class of which the smallest share is named rightly, in words; `None` if nothing was counted.
 fn worst_class(confusion: &Confusion) -> Option<String> {
     let rows = confusion.counts.iter().enumerate();
     let rows = rows.map(|(i, row)| (i, row[i], row.iter().sum::<f64>())).filter(|row| row.2 > 0.0);
@@ -174,7 +201,9 @@ fn worst_class(confusion: &Confusion) -> Option<String> {
     Some(format!(", least often {}: {right:.0} of {all:.0}", confusion.classes[i]))
 }
 
-/// Compares the figures of each pair. `says`: what one difference says of the claim.
+/// Compares the figures of each pair, and says the verdict on all pairs with the figures that
+/// decide. `signals`: the number of test signals of one round that the figures are shares of;
+/// `says`: the verdict of one difference.
 fn compared(
     of: &Measured,
     pairs: &[Pair],
@@ -199,7 +228,9 @@ fn compared(
         each.push((says(difference), format!("{a} {ours}, {b} {other}, difference {interval}")));
     }
     let all = Verdict::of_all(each.iter().map(|(verdict, _)| *verdict));
-    // tell the comparisons that decide; of many alike the first three are enough
+
+    // Tell only the comparisons whose verdict is that of the whole claim, and of these the first
+    // three.
     let mut deciding: Vec<&String> =
         each.iter().filter(|(verdict, _)| *verdict == all).map(|(_, because)| because).collect();
     let (number, of_all) = (deciding.len(), each.len());
@@ -211,7 +242,8 @@ fn compared(
     (all, because)
 }
 
-/// Judges the claim that every method's accuracy is at least `bound`.
+/// Judges the claim that the accuracy of each method in `COMPARED`, at every training size, is at
+/// least `bound`. In words it tells the least accuracy.
 fn at_least(of: &Measured, bound: f64) -> (Verdict, String) {
     let mut least = (f64::INFINITY, String::new());
     let mut verdicts = Vec::new();
@@ -223,7 +255,8 @@ fn at_least(of: &Measured, bound: f64) -> (Verdict, String) {
                 continue;
             };
             let rounds = of.values(&key).len() as f64;
-            // the half-width of the interval: from round to round, but at least that of sampling
+            // The half-width of an approximate 95 % interval, two standard errors: from the scatter
+            // over rounds, but at least from the sampling of the signals of all rounds.
             let sampling = spread.mean * (1.0 - spread.mean) / (of.mean("tested/faulty") * rounds);
             let half = 2.0 * (spread.sd / rounds.sqrt()).max(sampling.sqrt());
             verdicts.push(Verdict::of(spread.mean - half >= bound, spread.mean + half < bound));
@@ -236,7 +269,8 @@ fn at_least(of: &Measured, bound: f64) -> (Verdict, String) {
     (Verdict::of_all(verdicts.into_iter()), because)
 }
 
-/// A figure's name in words for the reader.
+/// A figure's name in words for the reader: the method, and what was measured unless that is a
+/// plain share.
 fn in_words(key: &str) -> String {
     let (method, figure) = key.split_once('/').unwrap_or((key, ""));
     let method = if method == "I, 1.12 f0" { "the FD filter" } else { method };
@@ -252,6 +286,7 @@ fn share(v: f64) -> String {
     format!("{v:.3}")
 }
 
+/// A difference of shares with its sign and three decimals.
 fn signed(v: f64) -> String {
     format!("{v:+.3}")
 }

@@ -1,7 +1,14 @@
 //! The labelled data that chapter 4 is run on: simulated data by seed, recorded data by fold.
+//! thesis §4-1.
 //!
-//! In: a seed, or labelled signals. Out: [`Part`]: the signals to learn from and those to test on. The two
-//! share no signal and, of recordings, no channel. thesis §4-1.
+//! In: a seed (`part`), or a user's labelled signals (`Recorded::new`). Out to `measure` and
+//! `figures`: a `Part`, the signals to learn from and those to test on. The two share no signal
+//! and, of recordings, no channel.
+//!
+//! Simulated parts come from the product's own simulator (`crate::simulate`): two scenarios of
+//! `sample_logs/scenarios`, each of which has a training and a test recording, and the drying
+//! experiment. Recordings are divided by channel into at most five folds (`assigned`), so that no
+//! method can recognise a channel; each fold is tested on once.
 
 use super::outcome::{DataSet, ThesisError};
 use crate::plot::page::first_of;
@@ -17,23 +24,27 @@ use std::sync::Arc;
 
 const THESIS_FORM: &str = include_str!("../../../../sample_logs/scenarios/thesis.toml");
 const PHYSICS: &str = include_str!("../../../../sample_logs/scenarios/physics.toml");
+/// Name of the one printhead that all simulated signals are given.
 const PRINTHEAD: &str = "dataset";
 /// Number of faulty signals for the calibration error: on 2025 signals even a perfect posterior averages
 /// .013.
 const CALIBRATION_SIGNALS: usize = 20_000;
 /// Added to the seed for calibration signals, which must differ from those that are learned from.
 const CALIBRATION_SEEDS: u64 = 1_000_000;
-/// Largest number of recorded signals that are used: the nearest neighbour compares each signal with each.
+/// Most recorded signals that are used of a printhead, healthy and of each class: the nearest
+/// neighbour compares each signal with each.
 const MOST_HEALTHY: usize = 5_000;
 const MOST_OF_A_CLASS: usize = 1_000;
 /// Largest number of parts that recordings are divided into.
 const MOST_FOLDS: usize = 5;
 
-/// The factor mu of (3-4) that thesis §4-2 takes for its simulated data, and for its experiment.
+/// The factor mu of (3-4) that thesis §4-2 takes for its simulated data, and the one for its
+/// experiment.
 const MU: f64 = 1.0;
 const MU_OF_DRYING: f64 = 2.0;
 
-/// The training and test signals of one seed of simulated data.
+/// The training and test signals of one seed of simulated data. Fails for `DataSet::Recordings`,
+/// which have no seeds.
 pub fn part(set: DataSet, seed: u64) -> Result<Part, ThesisError> {
     match set {
         DataSet::ThesisForm => of_scenario(&scenario(THESIS_FORM)?, seed),
@@ -52,13 +63,15 @@ pub fn part(set: DataSet, seed: u64) -> Result<Part, ThesisError> {
 pub struct Part {
     pub learn: TrainingSet,
     pub test: TrainingSet,
-    /// More faulty test signals, for the calibration error, if there are any.
+    /// More faulty test signals, for the calibration error of the product's default; `None`: the
+    /// test signals have to do.
     pub calibration: Option<TrainingSet>,
-    /// The factor of thesis (3-4).
+    /// The factor mu of thesis (3-4), by which the largest healthy energy is multiplied.
     pub mu: f64,
 }
 
-/// The physics scenario, whose actuation the figures show.
+/// The physics scenario. The drying experiment takes its channels and acquisition, and the figures
+/// show its actuation.
 pub fn physics() -> Result<Physics, ThesisError> {
     match scenario(PHYSICS)?.kind {
         Kind::Physics(physics) => Ok(Physics::clone(&physics)),
@@ -70,7 +83,9 @@ fn scenario(text: &str) -> Result<Scenario, ThesisError> {
     Scenario::from_toml(text).map_err(|e| ThesisError::Data(e.to_string()))
 }
 
-/// Training, test and calibration signals of a scenario.
+/// Training, test and calibration signals of a scenario: its first recording is to learn from, its
+/// second to test on. Of the physics scenario the third is for calibration; for one of classes such
+/// a set is simulated in addition.
 fn of_scenario(scenario: &Scenario, seed: u64) -> Result<Part, ThesisError> {
     let missing = || ThesisError::Data("a training and a test set are needed".into());
     let labels = Labels::new(scenario.labels(seed));
@@ -84,7 +99,9 @@ fn of_scenario(scenario: &Scenario, seed: u64) -> Result<Part, ThesisError> {
     Ok(Part { learn, test, calibration, mu: MU })
 }
 
-/// A set of more faulty signals of the same classes, from another seed.
+/// A set of the same classes from another seed: the scenario's test recording, with at least
+/// `CALIBRATION_SIGNALS` faulty signals in all and a single healthy one. `None`: the scenario has
+/// no second recording.
 fn more_faulty(scenario: &Scenario, classes: &Classes, seed: u64) -> Option<TrainingSet> {
     let mut more = classes.clone();
     more.n_per_fault = CALIBRATION_SIGNALS.div_ceil(classes.fault_classes().len().max(1));
@@ -95,7 +112,8 @@ fn more_faulty(scenario: &Scenario, classes: &Classes, seed: u64) -> Option<Trai
     more.recordings(seed).into_iter().nth(1).map(|recording| of_recording(recording, &labels))
 }
 
-/// Takes all signals of a recording into memory, with their states.
+/// Takes all signals of a recording into memory, each with its labelled state; a signal without a
+/// label counts as healthy.
 fn of_recording(recording: SimulatedRecording, labels: &Labels) -> TrainingSet {
     let mut set = TrainingSet::default();
     for burst in recording.bursts {
@@ -113,7 +131,8 @@ fn of_recording(recording: SimulatedRecording, labels: &Labels) -> TrainingSet {
     set
 }
 
-/// One drying experiment. `repeat`: 0 to learn from, 1 to test on.
+/// One drying experiment; each signal is of a channel of its own. `repeat`: 0 to learn from, 1 to
+/// test on.
 fn dried(physics: &Physics, seed: u64, repeat: u32) -> TrainingSet {
     let mut set = TrainingSet {
         sample_period_s: physics.acquisition.sample_period_s(),
@@ -129,7 +148,8 @@ fn dried(physics: &Physics, seed: u64, repeat: u32) -> TrainingSet {
     set
 }
 
-/// Adds a signal to a set.
+/// Adds a signal (counts) to a set under its state, at the reference drive and without a
+/// temperature.
 fn add(set: &mut TrainingSet, state: &str, signal: &[f32], channel: u32) {
     let samples = set.samples;
     let sets = match state {
@@ -141,7 +161,7 @@ fn add(set: &mut TrainingSet, state: &str, signal: &[f32], channel: u32) {
     *set.signals.entry(state.into()).or_default() += 1;
 }
 
-/// Each signal with its state, in counts per unit drive.
+/// Each signal with its state: N samples in counts, divided by its relative drive.
 pub fn each(set: &TrainingSet) -> impl Iterator<Item = (&str, Vec<f64>)> {
     set.sets().flat_map(|(state, _, signals)| {
         (0..signals.len()).map(move |i| {
@@ -151,7 +171,8 @@ pub fn each(set: &TrainingSet) -> impl Iterator<Item = (&str, Vec<f64>)> {
     })
 }
 
-/// The states that a set has: healthy first, then faults in the thesis's order, then others.
+/// The states that a set has: healthy first (also where the set has no healthy signal), then faults
+/// in the thesis's order, then a user's own classes by name.
 pub fn states(set: &TrainingSet) -> Vec<String> {
     let is_there = |class: &str| class == HEALTHY || set.faulty.contains_key(class);
     let known = std::iter::once(HEALTHY).chain(CLASSES).filter(|class| is_there(class));
@@ -159,18 +180,18 @@ pub fn states(set: &TrainingSet) -> Vec<String> {
     known.chain(own).map(str::to_owned).collect()
 }
 
-/// Number of healthy signals.
+/// Number of healthy signals of a set.
 pub fn healthy(set: &TrainingSet) -> usize {
     set.healthy.values().map(SignalSet::len).sum()
 }
 
-/// Number of faulty signals.
+/// Number of faulty signals of a set.
 pub fn faulty(set: &TrainingSet) -> usize {
     set.faulty.values().flat_map(BTreeMap::values).map(SignalSet::len).sum()
 }
 
-/// All healthy signals and `n` of the faulty ones, of which each class and printhead has its share (the first
-/// ones are kept): the training sizes of thesis Tables 4-6 and 4-7.
+/// All healthy signals and `n` of the faulty ones: the training sizes of thesis Tables 4-6 and 4-7.
+/// Each class and printhead keeps its share of the n, and of its signals the first ones.
 pub fn with_faulty(set: &TrainingSet, n: usize) -> TrainingSet {
     let all = faulty(set).max(1);
     let (mut passed, mut kept) = (0, 0);
@@ -187,27 +208,33 @@ pub fn with_faulty(set: &TrainingSet, n: usize) -> TrainingSet {
     })
 }
 
-/// A user's labelled signals, divided by channel into parts, and in words what was left out.
+/// A user's labelled signals, divided by channel into parts, and in sentences what was left out.
 pub struct Recorded {
     pub(super) parts: Vec<Part>,
     pub(super) left_out: Vec<String>,
 }
 
-/// A channel of a printhead.
+/// A channel, by the name of its printhead and its number.
 type Place = (String, u32);
 
 impl Recorded {
-    /// Divides recorded signals into parts by channel: each channel is tested on once, with what was learned from
-    /// others. `mu`: the factor of (3-4).
+    /// Divides recorded signals into parts by channel, so that each channel is tested on once, by
+    /// what was learned from others. `mu`: the factor of (3-4). Fails unless healthy signals and at
+    /// least two fault classes remain that can be learned and tested on different channels.
     pub fn new(set: &TrainingSet, mu: f64) -> Result<Recorded, ThesisError> {
+        // Step 1: thin out the signals, and collect the channels of each state.
         let (few, mut left_out) = fewer(set);
         let mut channels: BTreeMap<&str, BTreeSet<Place>> = BTreeMap::new();
         for (state, printhead, signals) in few.sets() {
             let own = channels.entry(state).or_default();
             own.extend(signals.channel.iter().map(|&channel| (printhead.to_owned(), channel)));
         }
+
+        // Step 2: give each channel a fold, whatever its states.
         let fold_of = assigned(&channels);
-        // a class whose channels are all in one part cannot be learned from others
+
+        // Step 3: leave out a class whose channels are all in one fold: it could not be learned on
+        // the other channels.
         let mut is_left_out = BTreeSet::new();
         for (state, own) in &channels {
             let within: BTreeSet<usize> = own.iter().map(|place| fold_of[place]).collect();
@@ -220,6 +247,8 @@ impl Recorded {
                 left_out.push(format!("{state} is on {why}; it is left out"));
             }
         }
+
+        // Step 4: chapter 4 compares classes, so it needs healthy signals and two classes.
         let faults =
             channels.keys().filter(|state| **state != HEALTHY && !is_left_out.contains(**state));
         if faults.count() < 2 || !channels.contains_key(HEALTHY) || is_left_out.contains(HEALTHY) {
@@ -231,6 +260,10 @@ impl Recorded {
                  signals and two fault classes, each on two channels at least{told}"
             )));
         }
+
+        // Step 5: for each fold a part, whose test signals are those of the fold's channels, and
+        // whose training signals are those of all others. A fold without faulty signals tests
+        // nothing and is dropped.
         let part_of = |is_in: &dyn Fn(usize) -> bool| {
             few.with(|state, printhead, signals| {
                 let chosen = |&i: &usize| {
@@ -252,12 +285,14 @@ impl Recorded {
         Ok(Recorded { parts, left_out })
     }
 
+    /// Number of parts, which is the number of rounds.
     pub fn folds(&self) -> usize {
         self.parts.len()
     }
 }
 
-/// Reduces the signals to the number that is used, chosen evenly from all.
+/// Thins the signals of each state and printhead out to the number that is used, evenly over all of
+/// them, and says in sentences where that was needed.
 fn fewer(set: &TrainingSet) -> (TrainingSet, Vec<String>) {
     let mut left_out = Vec::new();
     let few = set.with(|state, printhead, signals| {
@@ -271,9 +306,14 @@ fn fewer(set: &TrainingSet) -> (TrainingSet, Vec<String>) {
     (few, left_out)
 }
 
-/// The part of each channel. Classes with few channels come first, and each channel goes to the part that has
-/// the fewest channels of its class, and then of all. So a class of two channels is in two parts, unless
-/// other classes forbid it.
+/// The fold of each channel, from the channels of each state. The number of folds is five, or that
+/// of the channels if there are fewer, but at least two.
+///
+/// A channel may have several states, and all of its signals go to one fold. Greedy: states with
+/// few channels come first, since they have the least choice. Each of their channels that has no
+/// fold yet goes to the fold that holds the fewest channels of this state, and among equal ones the
+/// fewest of all. So a class of two channels lies in two folds, unless states that came before have
+/// put both into one.
 fn assigned(channels: &BTreeMap<&str, BTreeSet<Place>>) -> BTreeMap<Place, usize> {
     let all: BTreeSet<&Place> = channels.values().flatten().collect();
     let folds = all.len().clamp(2, MOST_FOLDS);
@@ -281,6 +321,9 @@ fn assigned(channels: &BTreeMap<&str, BTreeSet<Place>>) -> BTreeMap<Place, usize
     let mut by_number: Vec<_> = channels.values().collect();
     by_number.sort_by_key(|own| own.len());
     let mut of_all = vec![0; folds];
+
+    // `held`: how many channels of this state each fold holds, beginning with those that have their
+    // fold from another state.
     for own in by_number {
         let mut held = vec![0; folds];
         own.iter().filter_map(|place| fold_of.get(place)).for_each(|&fold| held[fold] += 1);

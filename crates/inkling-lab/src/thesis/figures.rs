@@ -1,5 +1,10 @@
-//! The figures of the thesis from one part's signals: 2-2, 3-2, 3-3, 3-5, 4-1 to 4-4. Every title says what
-//! the numbers of its figure are.
+//! The figures of the thesis, drawn from the signals of one part: 2-2, 3-2, 3-3, 3-5, 4-1 to 4-4.
+//!
+//! In: a seed (`simulated`) or a part of a user's recordings (`recorded`), from `thesis::write`.
+//! Out: for each figure an SVG, a PNG and a CSV in a directory (`crate::plot`). The filter, the
+//! model and the weights shown are those of the thesis's own design (`measure::thesis_detect`,
+//! `own_isolation`), learned from the part. Every title is a sentence made of the numbers that its
+//! figure shows. Figs. 4-1 and 4-2 are in `key_figures`.
 
 use super::datasets::{self, Part, each, states};
 use super::key_figures::{self, key_numbers};
@@ -12,7 +17,8 @@ use inkling_core::design::{Design, TrainingSet};
 use inkling_core::fault::HEALTHY;
 use std::path::Path;
 
-/// Writes the figures of one seed of simulated data.
+/// Writes the figures of one seed of simulated data: signals of the thesis's form, and the drying
+/// experiment.
 pub fn simulated(seed: u64, dir: &Path) -> Result<(), ThesisError> {
     let physics = datasets::physics()?;
     let of_form = datasets::part(DataSet::ThesisForm, seed)?;
@@ -27,7 +33,8 @@ pub fn simulated(seed: u64, dir: &Path) -> Result<(), ThesisError> {
     energies(&of_drying, &drying.test, "fig_4-4_energies_drying", dir)
 }
 
-/// Writes the figures of one part of recordings.
+/// Writes the figures of one part of recordings. There is no Fig. 2-2, since the actuation is not
+/// known, and no figure of the drying experiment.
 pub fn recorded(part: &Part, dir: &Path) -> Result<(), ThesisError> {
     let design = learned(part)?;
     chain(part, &design, dir)?;
@@ -36,10 +43,10 @@ pub fn recorded(part: &Part, dir: &Path) -> Result<(), ThesisError> {
     energies(&design, &part.test, "fig_4-3_energies", dir)
 }
 
-/// Largest number of letters of a class's name in a title.
+/// Most letters of a class's name in a title.
 const LONGEST_NAME: usize = 24;
 
-/// Names of all figures but those of key numbers.
+/// Names of all figures but those of key numbers, without extension, for `forget`.
 const NAMES: [&str; 8] = [
     "fig_2-2_actuation_and_signal",
     "fig_3-2_average",
@@ -51,7 +58,7 @@ const NAMES: [&str; 8] = [
     "fig_4-4_energies_drying",
 ];
 
-/// Removes the figures of an earlier run, since other data may have fewer.
+/// Removes the figures of an earlier run from `dir`, since other data may have fewer figures.
 pub fn forget(dir: &Path) {
     let key_numbers = ["fig_4-1", "fig_4-2"].into_iter().flat_map(key_figures::names);
     for name in NAMES.map(str::to_owned).into_iter().chain(key_numbers) {
@@ -63,17 +70,18 @@ pub fn forget(dir: &Path) {
     }
 }
 
-/// The thesis's design, learned from a part.
+/// The thesis's own design, learned from a part.
 fn learned(part: &Part) -> Result<Design, ThesisError> {
     train(&part.learn, &thesis_detect(part.mu), &own_isolation())
 }
 
-/// The first healthy signal of a set.
+/// The first healthy signal of a set, counts; empty if there is none.
 fn healthy_one(set: &TrainingSet) -> Vec<f64> {
     each(set).find(|(state, _)| *state == HEALTHY).map_or(Vec::new(), |(_, y)| y)
 }
 
-/// The drive voltage over the time since t_a, µs, in tenths of a volt.
+/// The drive voltage over the time since t_a, as a series in µs and tenths of a volt: a rectangle
+/// that ends `delay_us` before t_a. It is drawn from 5 µs before the pulse until `until_us`.
 fn pulse(physics: &Physics, until_us: f64) -> Series {
     let (end_us, tenths) = (-physics.acquisition.delay_us, 10.0 * drying::DRIVE_V);
     let begin_us = end_us - physics.acquisition.pulse_us;
@@ -88,7 +96,7 @@ fn pulse(physics: &Physics, until_us: f64) -> Series {
     Series::new("input u, 0.1 V", Mark::Line, corners.to_vec())
 }
 
-/// Fig. 2-2: the drive voltage, and from t_a on what the actuator then senses.
+/// Fig. 2-2: the drive voltage, and from t_a on what the actuator then senses, with a line at t_a.
 fn actuation(physics: &Physics, test: &TrainingSet) -> Figure {
     let output =
         Series::over_time("output y, counts", Mark::Line, &healthy_one(test), test.sample_period_s);
@@ -103,13 +111,15 @@ fn actuation(physics: &Physics, test: &TrainingSet) -> Figure {
     Figure { thresholds: vec![(0.0, "t_a".into())], ..figure }
 }
 
-/// Figs. 3-2 and 3-5: how a set of signals becomes an average, and how a residual becomes a name.
+/// Figs. 3-2 and 3-5: how a set of signals becomes an average, and how a residual becomes the name
+/// of a fault.
 fn chain(part: &Part, design: &Design, dir: &Path) -> Result<(), ThesisError> {
     average(&part.learn).write(dir, "fig_3-2_average")?;
     isolated(design, &part.test, dir)
 }
 
-/// Fig. 3-2: some signals of the data set, and the average of all.
+/// Fig. 3-2: 40 healthy training signals, and the average of all. The title tells the scatter about
+/// the average and its standard error.
 fn average(learn: &TrainingSet) -> Figure {
     const SHOWN: usize = 40;
     let healthy: Vec<Vec<f64>> =
@@ -118,7 +128,8 @@ fn average(learn: &TrainingSet) -> Figure {
     let mean: Vec<f64> =
         (0..learn.samples).map(|k| healthy.iter().map(|y| y[k]).sum::<f64>() / n).collect();
     let dt_s = learn.sample_period_s;
-    // standard deviation of the signals about their mean, over all samples
+    // Standard deviation of the signals about their mean, over all samples; divided by the root of
+    // n it is that of the mean.
     let off = |y: &Vec<f64>| y.iter().zip(&mean).map(|(y, m)| (y - m).powi(2)).sum::<f64>();
     let scatter =
         healthy.iter().map(off).sum::<f64>() / (learn.samples as f64 * (n - 1.0).max(1.0));
@@ -140,7 +151,8 @@ fn average(learn: &TrainingSet) -> Figure {
     )
 }
 
-/// Fig. 3-3: one signal and the identified model, with the input where that is known.
+/// Fig. 3-3: one healthy signal and the identified model, thesis (3-1), with the input where that
+/// is known (`physics`).
 fn identified(
     design: &Design,
     test: &TrainingSet,
@@ -162,7 +174,9 @@ fn identified(
     Ok(figure.write(dir, "fig_3-3_signal_and_model")?)
 }
 
-/// Fig. 3-5: the mean residuals R; one signal's residual with R phi; and its phi.
+/// Fig. 3-5 as three figures: the mean residuals R, a column for each class; one signal's residual
+/// r with the mixture R phi; and the weights phi of that signal. The last two are not drawn if no
+/// signal was named.
 fn isolated(design: &Design, test: &TrainingSet, dir: &Path) -> Result<(), ThesisError> {
     let (model, dt_s) = (&design.pooled, test.sample_period_s);
     let residual = |deviation: &[f64]| {
@@ -170,6 +184,9 @@ fn isolated(design: &Design, test: &TrainingSet, dir: &Path) -> Result<(), Thesi
         model.generator.filter(deviation, &mut r);
         r
     };
+
+    // The columns of R are the residuals of the classes' mean deviations; the filter is linear, so
+    // these are the mean residuals rho of thesis §3-3-2.
     let columns: Vec<Vec<f64>> = design.classes.iter().map(|c| residual(&c.deviation)).collect();
     let names = design.class_names();
     let energy = |rho: &Vec<f64>| rho.iter().map(|r| r * r).sum::<f64>();
@@ -178,6 +195,8 @@ fn isolated(design: &Design, test: &TrainingSet, dir: &Path) -> Result<(), Thesi
     let strongest = all().max_by(|a, b| energy(a.1).total_cmp(&energy(b.1)));
     let weakest = all().rev().min_by(|a, b| energy(a.1).total_cmp(&energy(b.1)));
     let [strongest, weakest] = [strongest, weakest].map(|of| of.map_or("", |(name, _)| name));
+
+    // First figure: all columns of R, with the largest and the smallest in the title.
     Figure::over_time(
         format!(
             "R holds the mean residual of each of {} faults: {strongest} has the largest, {weakest} the smallest",
@@ -187,6 +206,8 @@ fn isolated(design: &Design, test: &TrainingSet, dir: &Path) -> Result<(), Thesi
         all().map(|(name, rho)| Series::over_time(name, Mark::Line, rho, dt_s)).collect(),
     )
     .write(dir, "fig_3-5_mean_residuals")?;
+
+    // Second figure: r and R phi of one signal. Both are at the reference drive.
     let Some(example) = Example::of(design, test)? else { return Ok(()) };
     let r = residual(&example.deviation);
     let mixed: Vec<f64> = (0..test.samples)
@@ -206,6 +227,8 @@ fn isolated(design: &Design, test: &TrainingSet, dir: &Path) -> Result<(), Thesi
         ],
     )
     .write(dir, "fig_3-5_one_signal")?;
+
+    // Third figure: the weights of the same signal.
     let points = example.phi.iter().enumerate().map(|(k, &phi)| (phi, k as f64)).collect();
     let weight = example.phi[example.class];
     Figure::new(
@@ -223,14 +246,18 @@ fn isolated(design: &Design, test: &TrainingSet, dir: &Path) -> Result<(), Thesi
 /// A signal that was isolated, for Fig. 3-5.
 struct Example {
     state: String,
+    /// Deviation at the reference drive, N counts.
     deviation: Vec<f64>,
+    /// Weight of each class.
     phi: Vec<f64>,
+    /// Index of the class that was named.
     class: usize,
 }
 
 impl Example {
-    /// The first signal that is named rightly with the certainty of Table 4-4, as the text's example is; if
-    /// there is none, the first that is named at all.
+    /// The first signal that is named rightly with a weight of at least .8, the bound of Table 4-4,
+    /// and below .99, so that the mixture can be seen; if there is none, the first faulty signal
+    /// that is named at all.
     fn of(design: &Design, test: &TrainingSet) -> Result<Option<Example>, ThesisError> {
         let (settings, names) = (own_isolation(), design.class_names());
         let [mut right, mut any] = [None, None];
@@ -259,7 +286,8 @@ impl Example {
     }
 }
 
-/// Figs. 4-3 and 4-4: the residual energy of every test signal, class by class, relative to the threshold.
+/// Figs. 4-3 and 4-4: the residual energy of every test signal, one band for each class, relative
+/// to the threshold (3-4). The title tells which class lies below the threshold most often.
 fn energies(
     design: &Design,
     test: &TrainingSet,
@@ -275,6 +303,9 @@ fn energies(
             by_state[k].push(found.statistic / found.threshold);
         }
     })?;
+
+    // The faults with their shares below the threshold, the worst first. `names` begins with the
+    // healthy state, which is skipped.
     let below = |energies: &[f64]| {
         energies.iter().filter(|e| **e <= 1.0).count() as f64 / energies.len().max(1) as f64
     };
@@ -295,8 +326,9 @@ fn energies(
         }
         _ => "Energies of the residual beside the threshold".into(),
     };
-    // one band per class; within it, signals are spread by the golden ratio so that they do not cover each
-    // other
+
+    // One band for each class. Within it signals are moved up and down by multiples of the golden
+    // ratio, so that they do not cover each other.
     let band = |row: usize, energies: &[f64]| {
         let spread = |i: usize| 0.6 * ((i as f64 * 0.618_034).fract() - 0.5);
         energies.iter().enumerate().map(|(i, &e)| (e, row as f64 + spread(i))).collect()

@@ -1,7 +1,9 @@
-//! Figs. 4-1 and 4-2: dominant amplitude, damping and frequency of every signal, as three projections of the
-//! thesis's three-dimensional plot, each as a whole and as a close-up.
+//! Figs. 4-1 and 4-2 of the thesis: dominant amplitude, damping and frequency of every signal.
 //!
-//! In: signals. Out: figures, whose titles count the classes that leave the healthy range.
+//! In: a set of labelled signals, from `figures`. Out: files in a directory, six figures for each
+//! stem (`fig_4-1`, `fig_4-2`): the thesis's three-dimensional plot as three projections, each as a
+//! whole and as a close-up of the classes whose frequency is near the healthy one. The titles say
+//! which classes lie apart from the healthy one, by ranges that hold the middle 90 % of each class.
 
 use super::datasets::states;
 use super::outcome::ThesisError;
@@ -14,11 +16,12 @@ use std::path::Path;
 
 /// Share of a class's signals that its range leaves out at each end.
 const BEYOND: f64 = 0.05;
-/// A close-up leaves out the classes whose middle frequency differs by more than this share from the healthy
-/// one.
+/// A close-up leaves out the classes whose middle frequency differs by more than this share from
+/// the healthy middle frequency.
 const NEAR: f64 = 0.15;
 
-/// One of the three numbers, with its name and the label of its axis.
+/// One of the three numbers: its name in titles, the label of its axis, and its value in the
+/// label's unit.
 struct Quantity {
     name: &'static str,
     label: &'static str,
@@ -39,7 +42,8 @@ struct Class {
 }
 
 impl Class {
-    /// The range in which the middle 90 % of its signals lie.
+    /// The range in which the middle 90 % of the class's signals lie, in the quantity's unit; NaN
+    /// without signals.
     fn range(&self, quantity: &Quantity) -> [f64; 2] {
         let mut v: Vec<f64> = self.numbers.iter().map(quantity.of).collect();
         v.sort_unstable_by(f64::total_cmp);
@@ -50,12 +54,13 @@ impl Class {
         }
     }
 
+    /// The middle of that range.
     fn middle(&self, quantity: &Quantity) -> f64 {
         let [low, high] = self.range(quantity);
         0.5 * (low + high)
     }
 
-    /// Whether the ranges of two classes do not overlap.
+    /// Whether the ranges of the two classes do not overlap.
     fn is_apart(&self, other: &Class, quantity: &Quantity) -> bool {
         let ([low, high], [a, b]) = (self.range(quantity), other.range(quantity));
         low > b || high < a
@@ -69,7 +74,7 @@ const PROJECTIONS: [(&str, &Quantity, &Quantity); 3] = [
     ("amplitude_damping", &DAMPING, &AMPLITUDE),
 ];
 
-/// Names of all figures of a stem.
+/// Names of all figures of a stem, without their extensions.
 pub fn names(stem: &str) -> impl Iterator<Item = String> {
     PROJECTIONS
         .iter()
@@ -77,14 +82,18 @@ pub fn names(stem: &str) -> impl Iterator<Item = String> {
 }
 
 /// Writes the figures `<stem>_damping`, `_amplitude`, `_amplitude_damping`, and of each a close-up
-/// `..._zoom`.
+/// `..._zoom`, into `dir`.
 pub fn key_numbers(set: &TrainingSet, stem: &str, dir: &Path) -> Result<(), ThesisError> {
     let numbers = practice::key_numbers(set);
+
+    // The classes with their signals' numbers, the healthy one first.
     let of_state = |name: String| {
         let own = numbers.iter().filter(|(state, _)| *state == name).map(|(_, k)| *k);
         Class { numbers: own.collect(), name }
     };
     let classes: Vec<Class> = states(set).into_iter().map(of_state).collect();
+
+    // The classes near the healthy frequency, for the close-ups.
     let healthy = classes.iter().find(|class| class.name == HEALTHY);
     let f0 = healthy.map_or(f64::NAN, |class| class.middle(&FREQUENCY));
     let is_near = |class: &&Class| (class.middle(&FREQUENCY) / f0 - 1.0).abs() <= NEAR;
@@ -94,13 +103,15 @@ pub fn key_numbers(set: &TrainingSet, stem: &str, dir: &Path) -> Result<(), Thes
         draw(&all, x, y, whole_title(&all, y)).write(dir, &format!("{stem}_{name}"))?;
         let title = close_up_title(&near, y);
         let mut figure = draw(&near, x, y, title);
-        // the close-up has all series, so that each keeps its colour; what lies farther is outside the axes
+        // The close-up has the axes of the near classes, but all series, so that each class has the
+        // same colour in both figures; points that lie farther are outside the axes and not drawn.
         figure.series = draw(&all, x, y, String::new()).series;
         figure.write(dir, &format!("{stem}_{name}_zoom"))?;
     }
     Ok(())
 }
 
+/// A figure of these classes, one series for each, with axes that hold the ranges of all of them.
 fn draw(classes: &[&Class], x: &Quantity, y: &Quantity, title: String) -> Figure {
     // the axes hold the ranges, with some room; if they held outliers, everything else would be a point
     let axis = |quantity: &Quantity| {
@@ -116,8 +127,9 @@ fn draw(classes: &[&Class], x: &Quantity, y: &Quantity, title: String) -> Figure
     Figure::new(title, axis(x), axis(y), series.collect())
 }
 
-/// Title of a whole figure: how many faults lie apart from healthy signals in the quantity drawn upwards;
-/// with few classes, the range of each.
+/// Title of a whole figure. With more than three faults it counts those that lie apart from the
+/// healthy class in the quantity drawn upwards; with fewer it tells the range of each class.
+/// `classes`: the healthy one first.
 fn whole_title(classes: &[&Class], y: &Quantity) -> String {
     let Some((healthy, faults)) = classes.split_first() else { return String::new() };
     if faults.len() > 3 {
@@ -136,7 +148,8 @@ fn whole_title(classes: &[&Class], y: &Quantity) -> String {
     format!("Middle 90 % of {}: {ranges}", y.label.trim_start_matches("dominant "))
 }
 
-/// Title of a close-up: which classes overlap the healthy one.
+/// Title of a close-up: which of the near faults overlap the healthy class in the quantity drawn
+/// upwards. `near`: the healthy class first.
 fn close_up_title(near: &[&Class], y: &Quantity) -> String {
     let Some((healthy, faults)) = near.split_first() else { return "Close up".into() };
     let among: Vec<&str> = faults

@@ -1,7 +1,16 @@
-//! Chapter 4 on one part of one data set. In: signals to learn from and to test on. Out: figures, by method.
+//! Chapter 4 on one part of one data set: every method is trained and tested, and its figures are
+//! taken. thesis §4-2 and §4-3.
 //!
-//! thesis §4-2 and §4-3: detection with every denominator of §3-2-1, isolation with every method and training
-//! size, the current practice; in addition the product's defaults.
+//! In: a `Part`, signals to learn from and to test on. Out to `outcome`: `Figures`, numbers by name
+//! (`figure`), and for each method that failed the reason. `figures` is the entry point, which
+//! `thesis::mod` calls for each round.
+//!
+//! For each method the steps are the same: `train` makes a `Design` of the product from the
+//! training signals; `test` judges each test signal with that design and counts the verdicts in a
+//! `Score`. What is tried: detection with each row of `tables.toml` (the denominators of §3-2-1,
+//! and the product's default); isolation by linear regression and by the nearest neighbour, on r
+//! and on y, learned from all, half and a tenth of the faulty signals; model matching; the current
+//! practice (`practice`); the product's default.
 
 use super::datasets::{Part, faulty, healthy, with_faulty};
 use super::outcome::{Confusion, Figures, ThesisError};
@@ -18,7 +27,8 @@ use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::sync::LazyLock;
 
-/// Share of the faulty signals whose phi reaches .8 in thesis Table 4-4.
+/// Share of the faulty signals whose phi reaches .8 in thesis Table 4-4. As large a share of the
+/// default's most certain signals is compared with it.
 const SHARE_KEPT: f64 = 0.532;
 /// Classes that the manufacturer's own method can name, thesis §4-3.
 const KNOWN_TO_PRACTICE: [&str; 4] = ["EC", "AB3", "BN", "PBN"];
@@ -32,6 +42,7 @@ pub enum Size {
 }
 
 impl Size {
+    /// All sizes, the largest first.
     pub const EACH: [Size; 3] = [Size::All, Size::Half, Size::Tenth];
 
     pub fn name(self) -> &'static str {
@@ -42,7 +53,7 @@ impl Size {
         }
     }
 
-    /// Number of signals to learn from, if there are `faulty` ones.
+    /// Number of faulty signals to learn from, if there are `faulty` ones.
     fn of(self, faulty: usize) -> usize {
         match self {
             Size::All => faulty,
@@ -52,7 +63,8 @@ impl Size {
     }
 }
 
-/// A method of isolation, with the signal that it is applied to.
+/// A method of isolation that the thesis compares, with the signal that it is applied to: the
+/// residual r, or the deviation y - y_hat, which stands for the thesis's y.
 pub struct Compared {
     pub name: &'static str,
     method: IsolateMethod,
@@ -71,19 +83,21 @@ pub const COMPARED: [Compared; 4] = {
     ]
 };
 
-/// Name of a figure of a method of isolation.
+/// Name of a figure of a method of isolation, `method, size/what`, as `tables`, `claims.toml` and
+/// `published.toml` refer to it.
 pub fn figure(method: &str, size: Size, what: &str) -> String {
     format!("{method}, {}/{what}", size.name())
 }
 
-/// What `tables.toml` holds: what the tables show, in their order.
+/// What `tables.toml` holds, in the order in which the tables show it.
 #[derive(Deserialize)]
 pub struct Rows {
     pub detections: Vec<Detection>,
     pub beside: Vec<Beside>,
 }
 
-/// A method of detection: the name of its figures, what it is, and its settings.
+/// A row of the table of detection: the name of its figures, a description of the method for the
+/// reader, and its settings.
 #[derive(Deserialize)]
 pub struct Detection {
     pub name: String,
@@ -96,52 +110,60 @@ pub struct Detection {
 pub struct Beside {
     pub figure: String,
     pub words: String,
-    /// Whether it is a share of the signals whose phi reaches its bound, and not of all faulty ones.
+    /// Whether the figure is a share of the signals whose phi reaches its bound, and not of all
+    /// faulty signals.
     #[serde(default)]
     pub certain: bool,
 }
 
+/// The contents of `tables.toml`, which is compiled in.
 pub static ROWS: LazyLock<Rows> = LazyLock::new(|| {
     toml::from_str(include_str!("tables.toml")).expect("a test has read the same text")
 });
 
-/// The settings of detection that reproduce the thesis's figures: those of the first row.
+/// The settings of detection that reproduce the thesis's figures, which are those of the first row.
+/// `mu`: the factor of (3-4).
 pub fn thesis_detect(mu: f64) -> DetectSettings {
     DetectSettings { mu, ..ROWS.detections[0].settings.clone() }
 }
 
-/// Residual matching as the text has it.
+/// Residual matching on r, as thesis §3-3-2 has it.
 pub fn own_isolation() -> IsolateSettings {
     isolation(IsolateMethod::ResidualMatching, IsolateSignal::Residual)
 }
 
+/// Settings of isolation of every signal, also of those that detection passes (`gate` is false).
 fn isolation(method: IsolateMethod, signal: IsolateSignal) -> IsolateSettings {
     IsolateSettings { method, signal, gate: false, ..IsolateSettings::default() }
 }
 
-/// Trains a design on a set.
+/// Trains a design on a set, with these settings.
 pub fn train(
     set: &TrainingSet,
     detect: &DetectSettings,
     isolate: &IsolateSettings,
 ) -> Result<Design, ThesisError> {
-    // the thesis's chain begins with the plain mean
+    // The thesis identifies its model on the plain mean of healthy signals (Fig. 3-2). The
+    // product's own method (`Sensitivity`) corrects the model for what averaging does where
+    // channels scatter.
     let plain_mean = detect.method != DetectMethod::Sensitivity;
     let grey_box = GreyBoxSettings { plain_mean, ..GreyBoxSettings::default() };
     Ok(Design::train(set, &grey_box, detect, isolate)?.0)
 }
 
-/// One signal as a design meets it.
+/// One signal as the design's judge meets it.
 pub struct Met<'a> {
     pub judge: &'a Judge,
-    /// Deviation from what the design expects of the printhead, N samples, counts.
+    /// The signal minus what the design expects of its printhead at its drive, N samples, counts.
     pub deviation: &'a [f64],
+    /// Drive voltage over the reference voltage.
     pub drive: f64,
     /// The true state, `healthy` or a fault class.
     pub state: &'a str,
 }
 
-/// Calls `look` for every signal of a set, with the model of the signal's printhead.
+/// Calls `look` for every signal of a set, with a judge by the model of the signal's printhead. The
+/// judge takes the signal's temperature from the workspace that `look` is given.
 pub fn each_met(
     design: &Design,
     isolate: &IsolateSettings,
@@ -163,21 +185,23 @@ pub fn each_met(
     Ok(())
 }
 
-/// How a design performs on test signals.
+/// How a design performed on test signals.
 pub struct Tested {
-    /// Isolation of all faulty signals, whether detected or not.
+    /// Isolation of all faulty signals, whether flagged or not: thesis Table 4-3, which is ungated.
+    /// The report's detection is that of the design.
     pub ungated: Report,
-    /// Isolation of those that were flagged.
+    /// Isolation of only those faulty signals that were flagged, as in the product.
     gated: Report,
     /// Isolation, ungated, of only those that reached the certainty bound: thesis Table 4-4.
     certain: Report,
-    /// For every faulty signal, the weight of the class that was named, and whether that is right.
+    /// For every faulty signal the weight of the class that was named (0 if none was), and whether
+    /// that class is right.
     said: Vec<(f64, bool)>,
     /// Number of faulty signals for which no class was named.
     nothing_said: usize,
 }
 
-/// Judges every test signal: detects, and isolates all that are faulty in truth.
+/// Judges every test signal: detects all, and isolates all that are faulty in truth.
 pub fn test(
     design: &Design,
     isolate: &IsolateSettings,
@@ -191,6 +215,9 @@ pub fn test(
         score
     });
     let (mut said, mut nothing_said, mut weights) = (Vec::new(), 0, Vec::<f32>::new());
+
+    // The three scores get the same verdicts, but for the name: `gated` hides it where the signal
+    // was not flagged, `certain` where the class's own weight is below the bound.
     each_met(design, isolate, set, |met, work| {
         let Met { judge, deviation, drive, state } = met;
         let flagged = judge.test(judge.detect(deviation, drive, work)).is_flagged();
@@ -199,7 +226,8 @@ pub fn test(
             _ => judge.isolate(deviation, drive, work).and_then(|decision| decision.candidate),
         };
         let class = class.map(usize::from);
-        // the weight of the class itself, since `certainty` may be that of its category
+        // The weight of the class itself; the `certainty` of a decision may be that of its
+        // category.
         let certainty = class.and_then(|class| work.weights.get(class).copied());
         weights.clear();
         weights.extend(class.iter().flat_map(|_| work.weights.iter().map(|&w| w as f32)));
@@ -224,7 +252,8 @@ pub fn test(
     })
 }
 
-/// All figures of one part. A method that cannot be tried on it leaves the reason instead.
+/// All figures of one part. A method that cannot be tried on it leaves the reason instead; only if
+/// the thesis's own method fails is that an error, since there is nothing to compare with then.
 pub fn figures(part: &Part) -> Result<Figures, ThesisError> {
     let mut out = Figures::default();
     let Part { learn, test, mu, .. } = part;
@@ -233,13 +262,17 @@ pub fn figures(part: &Part) -> Result<Figures, ThesisError> {
         out.put(&format!("{what}/healthy"), healthy(set) as f64);
         out.put(&format!("{what}/faulty"), faulty(set) as f64);
     }
-    // if the thesis's own method fails, there is nothing to compare with, so that is an error
+    // The thesis's own method, which also tells the class that methods II and III are made for.
     let isolate = own_isolation();
     let first = train(learn, &thesis_detect(*mu), &isolate)?;
     out.put("model/fit", first.pooled.identification.fit_percent);
     let fault = hardest(&first, &isolate, learn)?;
+
+    // Detection by every row, and what the search for a denominator promises.
     detection(part, &fault, &mut out);
     search(&first, part, &mut out).unwrap_or_else(|e| out.cannot("search", &e));
+
+    // Isolation by every method, learned from fewer and fewer faulty signals.
     for size in Size::EACH {
         out.put(&format!("learned/{}", size.name()), size.of(faulty(learn)) as f64);
         let few = with_faulty(learn, size.of(faulty(learn)));
@@ -253,8 +286,9 @@ pub fn figures(part: &Part) -> Result<Figures, ThesisError> {
     Ok(out)
 }
 
-/// The class of which the thesis's detection misses most training signals. Methods II and III are made for
-/// it, as they are for the slightly dried nozzle in the text.
+/// The class of which the thesis's detection misses the largest share of training signals. Methods
+/// II and III are made for this class, as they are made for the slightly dried nozzle in the text.
+/// Empty if there is no fault.
 fn hardest(
     design: &Design,
     isolate: &IsolateSettings,
@@ -269,7 +303,8 @@ fn hardest(
     Ok(hardest.map(|(_, state)| state).unwrap_or_default())
 }
 
-/// Detection by every setting. `fault`: the class that methods II and III are made for.
+/// Detection by every row of `tables.toml`. `fault`: the class that methods II and III are made
+/// for.
 fn detection(part: &Part, fault: &str, out: &mut Figures) {
     let isolate = own_isolation();
     for Detection { name, settings, .. } in &ROWS.detections {
@@ -283,7 +318,9 @@ fn detection(part: &Part, fault: &str, out: &mut Figures) {
     }
 }
 
-/// What the search for a denominator promises, measured on training signals. `design`: one by method I.
+/// What the search for a denominator (`denominator_search`) promises, measured on training signals
+/// alone: misses by five-fold cross-validation, and the poles that were chosen. `design`: one by
+/// method I, whose healthy model gives the numerator and the deviations.
 fn search(design: &Design, part: &Part, out: &mut Figures) -> Result<(), ThesisError> {
     const DEGREE: usize = 4;
     let (model, dt_s) = (&design.pooled, part.learn.sample_period_s);
@@ -303,7 +340,9 @@ fn search(design: &Design, part: &Part, out: &mut Figures) -> Result<(), ThesisE
     Ok(())
 }
 
-/// Isolation by linear regression and by the nearest neighbour, learned from `few` signals.
+/// Isolation by linear regression and by the nearest neighbour, on r and on y, learned from `few`.
+/// One design serves all four: training for the nearest neighbour keeps the training signals, and
+/// the settings of the test choose the method.
 fn regression_and_neighbours(
     few: &TrainingSet,
     part: &Part,
@@ -319,7 +358,8 @@ fn regression_and_neighbours(
     Ok(())
 }
 
-/// Isolation by model matching.
+/// Isolation by model matching, thesis §3-3-1, which may fit no class at all. `of all` is the share
+/// of all faulty signals that is named rightly, where no name counts as wrong.
 fn model_matching(part: &Part, out: &mut Figures) -> Result<(), ThesisError> {
     let matching = isolation(IsolateMethod::ModelMatching, IsolateSignal::Residual);
     let design = train(&part.learn, &thesis_detect(part.mu), &matching)?;
@@ -333,8 +373,8 @@ fn model_matching(part: &Part, out: &mut Figures) -> Result<(), ThesisError> {
     Ok(())
 }
 
-/// Isolation by the product's own methods, with figures for which the thesis has no table: calibration of the
-/// stated certainty, and the accuracy of the most certain signals.
+/// Isolation by the product's default settings, with figures for which the thesis has no table:
+/// calibration of the stated certainty, and the accuracy of the most certain signals.
 fn by_default(
     few: &TrainingSet,
     part: &Part,
@@ -350,11 +390,16 @@ fn by_default(
     let right = |said: &[(f64, bool)]| {
         said.iter().filter(|(_, right)| *right).count() as f64 / said.len().max(1) as f64
     };
-    // signals for which nothing was named count as wrong
+    // Here a signal for which nothing was named counts as wrong. This accuracy replaces the one
+    // that `isolation` put, which is of named signals only.
     out.put(&figure(NAME, size, "accuracy"), right(&said));
+
+    // The accuracy of the most certain 53.2 %.
     said.sort_by(|a, b| b.0.total_cmp(&a.0));
     said.truncate((SHARE_KEPT * said.len() as f64) as usize);
     out.put(&figure(NAME, size, "best 53.2 %"), right(&said));
+
+    // Calibration errors, on the larger set where there is one.
     let calibration = match &part.calibration {
         Some(more) => test(&design, &isolate, more)?.ungated.calibration,
         None => tested.ungated.calibration,
@@ -365,7 +410,8 @@ fn by_default(
     Ok(())
 }
 
-/// Detection and isolation by the current practice.
+/// Detection and isolation by the current practice. Shares are of all faulty test signals, but for
+/// `of the four`, which is of those in the classes that the manufacturer's method knows.
 fn practice(part: &Part, out: &mut Figures) {
     let learned = key_numbers(&part.learn);
     let thresholds = Thresholds::learn(&learned);
@@ -398,10 +444,13 @@ fn practice(part: &Part, out: &mut Figures) {
 }
 
 impl Figures {
+    /// Notes that a method could not be tried, and why.
     fn cannot(&mut self, name: &str, why: &ThesisError) {
         self.failed.insert(name.into(), why.to_string());
     }
 
+    /// Puts the figures of a method of detection: misses and false alarms as numbers, `detected`
+    /// (of the faulty) and `right` (of all) as shares, the confusion, and the misses of each class.
     fn detection(&mut self, name: &str, report: &Report) {
         let d = &report.detection;
         self.put(&format!("{name}/misses"), d.fn_ as f64);
@@ -417,6 +466,9 @@ impl Figures {
         }
     }
 
+    /// Puts the figures of a method of isolation at one training size, ungated and gated; for the
+    /// size `All` also its confusions, and two variants of the accuracy in which the text of §4-3
+    /// sets aside or merges dried nozzles.
     fn isolation(&mut self, name: &str, size: Size, tested: &Tested) {
         let modes = [("", &tested.ungated), ("gated ", &tested.gated)];
         for (mode, report) in modes {

@@ -1,9 +1,17 @@
-//! Chapters 4 and 5 of the thesis again: its tables and figures beside this program's, and which of its
-//! conclusions held.
+//! Chapters 4 and 5 of the thesis again: its tables and figures beside this program's, and which of
+//! its conclusions held. The verb `inkling thesis` (`src/cli/thesis.rs`) calls this room.
 //!
-//! In: seeds, or a user's own labelled signals. Out: a directory with `tables.md`, `tables.json` and figures.
-//! All is done in memory, on the data that `datasets` makes; the methods are the product's own
-//! ([`inkling_core::design`]).
+//! In: seeds (`simulated`), or a user's own labelled signals (`Recorded::chapter`). Out: a
+//! `Chapter`, and from it (`write`) a directory with `tables.md`, `tables.json` and figures. All is
+//! done in memory.
+//!
+//! The steps, each a file here:
+//! 1. `datasets` makes a `Part`, signals to learn from and to test on, for each seed or fold.
+//! 2. `measure` trains every method on the part and tests it; the methods are the product's own
+//!    ([`inkling_core::design`]). `practice` is the baseline. The result is `Figures`.
+//! 3. `outcome` gathers the figures of all rounds into a `Measured` for each data set.
+//! 4. `conclusions` judges the claims, `published` compares with the thesis's numbers.
+//! 5. `tables` writes the page; `figures` and `key_figures` draw.
 
 mod chapter;
 mod conclusions;
@@ -25,7 +33,8 @@ pub use conclusions::{Conclusion, Kind, Verdict};
 pub use datasets::Recorded;
 pub use outcome::{Confusion, DataSet, Measured, Spread, ThesisError};
 
-/// Runs every seed on each set of simulated data, several at a time. `done` is called at the end of each.
+/// Runs every seed on each set of simulated data, at most `threads` at a time. `done` is called
+/// whenever one seed of one set succeeded. An error of any seed is the result of the whole.
 pub fn simulated(
     seeds: &[u64],
     threads: usize,
@@ -42,7 +51,9 @@ pub fn simulated(
     Ok(Chapter::new(Rounds::Seeds(seeds.to_vec()), sets))
 }
 
-/// Computes the figures of all jobs, several at a time; the first error ends it.
+/// Computes the figures of all jobs, at most `threads` at a time, in the order of `jobs`. All jobs
+/// run; if some fail, the first error in their order is the result. `done` is called after each
+/// that succeeds.
 fn measured<J: Send>(
     threads: usize,
     jobs: Vec<J>,
@@ -54,7 +65,8 @@ fn measured<J: Send>(
 }
 
 impl Recorded {
-    /// Tests on every part once, with what was learned from the others.
+    /// Tests on every part once, with what was learned from the other parts. `threads`: the most
+    /// parts at a time; `done` is called after each part.
     pub fn chapter(&self, threads: usize, done: impl Fn() + Sync) -> Result<Chapter, ThesisError> {
         let each = measured(threads, self.parts.iter().collect(), done, measure::figures)?;
         let rounds = Rounds::Folds { number: each.len(), left_out: self.left_out.clone() };
@@ -62,8 +74,9 @@ impl Recorded {
     }
 }
 
-/// Writes tables and figures into `dir`. The figures are those of the first seed, or of the first part of
-/// recordings.
+/// Writes tables and figures into `dir`, which is made if need be. `recorded`: the user's signals,
+/// if the chapter is about them. The figures are drawn from the first seed, or from the first part
+/// of recordings.
 pub fn write(
     chapter: &Chapter,
     recorded: Option<&Recorded>,

@@ -1,4 +1,14 @@
-//! The outcome of chapter 4, round by round, and the errors that may prevent it.
+//! The outcome of chapter 4: the figures of each round, their means and differences over rounds,
+//! and the errors that may prevent them.
+//!
+//! A round is one seed of simulated data, or one part (fold) of recordings. `measure` fills the
+//! `Figures` of one round; `Measured::of` gathers the rounds of one data set; `conclusions` and
+//! `tables` read that. A figure is a number with a name such as `LR on r, half/accuracy`; shares
+//! are from 0 to 1.
+//!
+//! The one formula here is that of `Measured::difference`: a mean difference of two shares, paired
+//! by round, with a 95 % interval from Student's t, which is never narrower than the sampling error
+//! of the signals.
 
 use inkling_core::model::student::student_quantile;
 use serde::{Deserialize, Serialize};
@@ -6,6 +16,7 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use thiserror::Error;
 
+/// Why chapter 4 could not be done. `Data`: the signals do not suffice, in words for the user.
 #[derive(Debug, Error)]
 pub enum ThesisError {
     #[error("{0}")]
@@ -20,7 +31,7 @@ pub enum ThesisError {
     Write { path: String, source: std::io::Error },
 }
 
-/// The data that chapter 4 is run on.
+/// The kinds of data that chapter 4 is run on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DataSet {
@@ -35,6 +46,7 @@ pub enum DataSet {
 }
 
 impl DataSet {
+    /// The data sets that need no recordings, in the order of the page.
     pub const SIMULATED: [DataSet; 3] = [DataSet::ThesisForm, DataSet::Drying, DataSet::ByModel];
 
     pub fn title(self) -> &'static str {
@@ -47,7 +59,9 @@ impl DataSet {
     }
 }
 
-/// Number of signals of a class (row) that were given a name (column); a mean over rounds.
+/// How many signals of a class (row: truth) were given a name (column). Rows and columns are both
+/// in the order of `classes`. Of ours the counts are means over rounds, so they are no whole
+/// numbers; of the thesis they are those of its table.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Confusion {
     pub classes: Vec<String>,
@@ -55,13 +69,14 @@ pub struct Confusion {
 }
 
 impl Confusion {
-    /// The confusion of these classes. `count`: number of signals of a class that were given a name.
+    /// Builds the matrix of these classes. `count(truth, name)`: the number of signals of the class
+    /// `truth` that were given the name `name`.
     fn of(classes: Vec<String>, count: impl Fn(&str, &str) -> f64) -> Confusion {
         let row = |truth| classes.iter().map(|name| count(truth, name)).collect();
         Confusion { counts: classes.iter().map(|truth| row(truth)).collect(), classes }
     }
 
-    /// Number of signals of a class that were given a name; 0 of a class that is not there.
+    /// The cell of two classes; 0 if the matrix lacks one of them.
     pub fn count(&self, truth: &str, name: &str) -> f64 {
         let place = |class: &str| self.classes.iter().position(|c| c == class);
         place(truth).zip(place(name)).map_or(0.0, |(i, j)| self.counts[i][j])
@@ -79,7 +94,8 @@ impl Confusion {
         Confusion::of(kept.collect(), |truth, name| self.count(truth, name))
     }
 
-    /// The confusion with `class` counted as `into`.
+    /// The confusion with the two classes as one, which is called `into`: the rows and the columns
+    /// of both are added.
     pub fn merged(&self, into: &str, class: &str) -> Confusion {
         let kept = self.classes.iter().filter(|c| *c != class).cloned();
         Confusion::of(kept.collect(), |truth, name| {
@@ -90,7 +106,8 @@ impl Confusion {
         })
     }
 
-    /// Adds a multiple of another confusion, class by class.
+    /// Adds `share` times another confusion. Classes are matched by name, and those that are new
+    /// here are appended.
     fn add(&mut self, other: &Confusion, share: f64) {
         let new = other.classes.iter().filter(|c| !self.classes.contains(c));
         let all = self.classes.iter().chain(new).cloned().collect();
@@ -100,7 +117,8 @@ impl Confusion {
     }
 }
 
-/// The figures of one round, by name: `method/figure`.
+/// The figures of one round, by name: `method/figure`, or `method, size/figure` for methods of
+/// isolation.
 #[derive(Clone, Debug, Default)]
 pub struct Figures {
     pub values: BTreeMap<String, f64>,
@@ -110,22 +128,24 @@ pub struct Figures {
 }
 
 impl Figures {
+    /// Sets a figure, in place of an earlier one of the same name.
     pub fn put(&mut self, key: &str, value: f64) {
         self.values.insert(key.into(), value);
     }
 }
 
-/// Mean and scatter of a figure over rounds.
+/// Mean and scatter of a figure over the rounds that have it.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Spread {
     pub mean: f64,
-    /// Standard deviation from round to round.
+    /// Standard deviation from round to round, with n - 1; 0 of a single round.
     pub sd: f64,
     pub least: f64,
     pub most: f64,
 }
 
 impl Spread {
+    /// The spread of these values, of which there must be at least one.
     pub fn of(v: &[f64]) -> Spread {
         let n = v.len() as f64;
         let mean = v.iter().sum::<f64>() / n;
@@ -142,7 +162,7 @@ impl Spread {
 /// Number of rounds from which on their scatter tells how well their mean is known.
 const ENOUGH_ROUNDS: usize = 5;
 
-/// A mean difference with its 95 % interval.
+/// A mean difference of two shares with its 95 % interval, within -1 to 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Difference {
     pub mean: f64,
@@ -150,17 +170,20 @@ pub struct Difference {
     pub high: f64,
 }
 
-/// The figures of one data set over rounds.
+/// The figures of one data set over its rounds.
 #[derive(Clone, Debug)]
 pub struct Measured {
     pub set: DataSet,
     /// Values by name, one for each round; NaN where a round has none.
     pub rounds: BTreeMap<String, Vec<f64>>,
     pub confusions: BTreeMap<String, Confusion>,
+    /// Methods that could not be tried in some round, each with the reason of the last such round.
     pub failed: BTreeMap<String, String>,
 }
 
 impl Measured {
+    /// Gathers the figures of all rounds. A confusion becomes the mean over all rounds; a round
+    /// that lacks it (its method failed there) counts as a round of zeros.
     pub fn of(set: DataSet, each: &[Figures]) -> Measured {
         let mut all = Measured {
             set,
@@ -188,6 +211,7 @@ impl Measured {
         all.copied().filter(|v| v.is_finite()).collect()
     }
 
+    /// Mean and scatter over rounds; `None` if no round has the figure.
     pub fn spread(&self, key: &str) -> Option<Spread> {
         let values = self.values(key);
         (!values.is_empty()).then(|| Spread::of(&values))
@@ -198,10 +222,18 @@ impl Measured {
         self.spread(key).map_or(f64::NAN, |spread| spread.mean)
     }
 
-    /// By how much the share `a` exceeds the share `b`, paired by round, with `signals` signals in each
-    /// round. The scatter of a few rounds says little. With fewer than five rounds, the interval is therefore
-    /// no narrower than the sampling error of both shares; with more, no narrower than the sampling error if
-    /// as few signals as possible are right in only one of the two.
+    /// By how much the share `a` exceeds the share `b`, on average over the rounds that have both.
+    /// `a`, `b`: names of figures; `signals`: the number of signals that each share of one round is
+    /// of, the smaller number if the two differ. `None`: no round has both, or there is no signal.
+    ///
+    /// The interval is mean +- max(scatter, sampling):
+    /// * scatter = t sd / sqrt(n), Student's interval of the paired differences of n rounds. The
+    ///   scatter of a few rounds may be small by chance, so it alone would say too much.
+    /// * sampling = 1.96 sqrt(v / (n signals)), where v is the variance of the difference per
+    ///   signal. With fewer than five rounds v is that of two independent shares,
+    ///   a (1 - a) + b (1 - b), which is cautious, since both methods judge the same signals. With
+    ///   five or more v is |mean|, the least possible: as few signals as the mean difference allows
+    ///   are right in only one of the two.
     pub fn difference(&self, a: &str, b: &str, signals: f64) -> Option<Difference> {
         let (a, b) = (self.rounds.get(a)?, self.rounds.get(b)?);
         let pairs: Vec<(f64, f64)> =
@@ -212,14 +244,16 @@ impl Measured {
             return None;
         }
         let Spread { mean, sd, .. } = Spread::of(&each);
-        // variance of the difference per signal: of two independent shares, or the least that the mean
-        // difference allows
+        // v, the variance of the difference per signal. It is at least that of one signal among
+        // all, so that equal shares do not get an interval of width 0.
         let all = signals * n;
         let sampling = match pairs.len() < ENOUGH_ROUNDS {
             true => pairs.iter().map(|(a, b)| a * (1.0 - a) + b * (1.0 - b)).sum::<f64>() / n,
             false => mean.abs(),
         };
         let sampling = 1.96 * (sampling.max(1.0 / all) / all).sqrt();
+
+        // The scatter from round to round; of one round it is not known, and sampling alone counts.
         let scatter = match pairs.len() {
             1 => 0.0,
             _ => student_quantile(0.975, n - 1.0) * sd / n.sqrt(),
@@ -228,6 +262,8 @@ impl Measured {
         Some(Difference { mean, low: (mean - half).max(-1.0), high: (mean + half).min(1.0) })
     }
 
+    /// The part of `tables.json` about this data set: the spread of each figure (null where no
+    /// round has it), the confusions, and the methods that failed.
     pub fn json(&self) -> Value {
         let values: BTreeMap<&String, Option<Spread>> =
             self.rounds.keys().map(|key| (key, self.spread(key))).collect();

@@ -1,8 +1,15 @@
-//! The numbers that the thesis reports, and a test of whether this program's could be the same, with the
-//! sampling errors of both.
+//! The numbers that the thesis reports, and a test of whether this program's number could be the
+//! same.
 //!
-//! In: the name of one of our figures, its values over rounds. Out: the thesis's number, and how probable a
-//! number as far from ours would be if the thesis's data set were one more of our rounds.
+//! In: the name of one of our figures (as `measure::figure` makes it) and the figure's values over
+//! rounds, one share for each round. Out to `tables`: the thesis's number from `published.toml`,
+//! and whether it differs from ours, by a p-value: how probable a number as far from ours would be
+//! if the thesis's data set were one more of our rounds.
+//!
+//! The test is a beta-binomial one. Its mean is the mean of our rounds; its variance has three
+//! parts: the sampling error of the thesis's signals, what our rounds differ by beyond their own
+//! sampling error, and the error of our mean. The distribution is this project's choice; the thesis
+//! tests nothing.
 
 use super::outcome::{Confusion, DataSet, Spread};
 use inkling_core::model::student::student_quantile;
@@ -10,27 +17,43 @@ use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
-/// A share that the thesis reports, of `of` signals.
+/// A share that the thesis reports (0 to 1), and of how many signals it is the share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Published {
     pub share: f64,
     pub of: u32,
 }
 
-/// Two numbers differ if their probability is below this.
+/// A number of the thesis counts as different from ours if its p-value is below this.
 const DIFFERS: f64 = 0.05;
 
 impl Published {
+    /// The share of `n` among `of` signals.
     fn counted(n: u32, of: u32) -> Published {
         Published { share: f64::from(n) / f64::from(of), of }
     }
 
-    /// The probability of a share as far from ours as the thesis's, or farther. The share is taken to follow
-    /// a beta-binomial distribution whose mean is ours. Its variance is that of sampling `of` signals, plus
-    /// what our rounds differ by beyond sampling `signals` each, plus the error of our mean. What rounds
-    /// differ by is itself known only as well as their number allows: where it exceeds sampling
-    /// significantly, it counts as much more as Student's t exceeds the normal. `None`: there is a single
-    /// round, so nobody knows by how much others would differ.
+    /// The two-sided p-value of the thesis's share: the probability that one more round of ours,
+    /// with `of` signals, would give a share as far from our mean as the thesis's or farther.
+    ///
+    /// `ours`: the share of each round; `signals`: of how many signals each of these shares is.
+    /// `None`: there are fewer than two rounds, so nobody knows by how much others would differ, or
+    /// there is no signal.
+    ///
+    /// The share of that further round is taken to follow a beta-binomial distribution with mean m,
+    /// the mean of `ours`, and this variance (n: `of`; R: number of rounds; b: variance between
+    /// rounds):
+    ///
+    /// ```text
+    /// variance = m (1 - m) / n        sampling the thesis's n signals
+    ///          + b                    what any two rounds differ by beyond sampling
+    ///          + (b + m (1 - m) / signals) / R    the error of m itself
+    /// b = max(0, u sd^2 - m (1 - m) / signals)    sd: standard deviation of `ours`
+    /// ```
+    ///
+    /// u is 1, or (t / 1.96)^2 with the 97.5 % quantile t of Student's distribution where sd
+    /// exceeds the sampling error significantly: then b is known only as well as R allows, and
+    /// counts for more.
     pub fn p_value(self, ours: &[f64], signals: f64) -> Option<f64> {
         let rounds = ours.len() as f64;
         let n = f64::from(self.of);
@@ -38,10 +61,14 @@ impl Published {
             return None;
         }
         let Spread { mean, sd, .. } = Spread::of(ours);
-        // if none or all of the signals seen are right, that does not hold for all others: half a signal is
-        // added to the count
+        // The mean m of our rounds. If all of the signals that were seen are right (or none is),
+        // that does not hold for all other signals: one signal that is half right is added, so m is
+        // never 0 or 1.
         let seen = rounds * signals;
         let mean = (mean * seen + 0.5) / (seen + 1.0);
+
+        // The parts of the variance. `is_more` is a chi-squared test at 5 %: do the rounds differ
+        // by more than the sampling of `signals` signals explains?
         let sampling = mean * (1.0 - mean);
         let of_a_round = sampling / signals;
         let freedom = rounds - 1.0;
@@ -49,10 +76,16 @@ impl Published {
         let unsure = if is_more { (student_quantile(0.975, freedom) / 1.96).powi(2) } else { 1.0 };
         let between = (unsure * sd * sd - of_a_round).max(0.0);
         let variance = sampling / n + between + (between + of_a_round) / rounds;
-        // rho from the variance of a beta-binomial share, m (1 - m) (1 + (n - 1) rho) / n
+
+        // The distribution with this mean and variance: rho, the correlation between two signals of
+        // a round, follows from the variance of a beta-binomial share, m (1 - m) (1 + (n - 1) rho)
+        // / n. From rho follow the parameters a and b of the beta distribution.
         let rho = ((variance * n / sampling - 1.0) / (n - 1.0)).clamp(1e-9, 1.0 - 1e-9);
         let (a, b) = (mean * (1.0 / rho - 1.0), (1.0 - mean) * (1.0 / rho - 1.0));
-        // probabilities of 0 to n by recurrence, summed below and above the thesis's count
+
+        // The probabilities of 0 to n right signals. That of 0 is the product of (b + i) / (a + b +
+        // i) over i below n; each next one follows from the one before by a ratio. Logarithms keep
+        // tiny probabilities from becoming 0.
         let mut ln_p: f64 = (0..self.of).map(f64::from).map(|i| ((b + i) / (a + b + i)).ln()).sum();
         let each = (0..=self.of).map(f64::from).map(|i| {
             let p = ln_p.exp();
@@ -60,12 +93,15 @@ impl Published {
             p
         });
         let each: Vec<f64> = each.collect();
+
+        // Two-sided: twice the smaller tail, which includes the thesis's own count k.
         let k = (self.share * n).round() as usize;
         let (below, above): (f64, f64) = (each[..k].iter().sum(), each[k + 1..].iter().sum());
         Some((2.0 * (below.min(above) + each[k])).min(1.0))
     }
 
-    /// Whether the thesis's number differs from ours; `None`: nobody can tell.
+    /// Whether the thesis's number differs from ours: its p-value is below `DIFFERS`. Arguments and
+    /// `None` are those of `p_value`.
     pub fn differs(self, ours: &[f64], signals: f64) -> Option<bool> {
         Some(self.p_value(ours, signals)? < DIFFERS)
     }
@@ -85,24 +121,28 @@ struct Thesis {
     matrices: Vec<Matrix>,
 }
 
-/// The numbers of one data set, by our name of the figure, each with the number of signals that it is of.
+/// The numbers of one data set, by our name of the figure. `shares`: a share and the number of
+/// signals that it is of; `counts`: a number of cases, and the number of signals among which they
+/// were counted.
 #[derive(Deserialize)]
 struct Numbers {
     shares: BTreeMap<String, (f64, u32)>,
     counts: BTreeMap<String, (u32, u32)>,
 }
 
-/// A confusion matrix of the thesis, which is shown beside one of ours. Rows: truth.
+/// A confusion matrix of the thesis (Tables 4-1 to 4-5), which `tables` shows beside one of ours.
+/// Rows are the truth, columns what was said; cells are numbers of signals.
 #[derive(Deserialize)]
 pub struct Matrix {
     pub title: String,
     pub set: DataSet,
-    /// Name of our confusion.
+    /// The key of our confusion among those of `Measured`.
     pub ours: String,
     #[serde(flatten)]
     pub confusion: Confusion,
 }
 
+/// The contents of `published.toml`, which is compiled in.
 static THESIS: LazyLock<Thesis> = LazyLock::new(|| {
     toml::from_str(include_str!("published.toml")).expect("a test has read the same text")
 });

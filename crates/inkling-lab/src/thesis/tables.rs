@@ -1,4 +1,14 @@
-//! `tables.md`: this program's figures beside the thesis's. In: figures over rounds. Out: Markdown.
+//! The page `tables.md` of `inkling thesis`: this program's figures beside the thesis's.
+//!
+//! In: a `Chapter`, the figures of each data set over its rounds and the verdicts on the claims.
+//! Out to `thesis::write`: Markdown, namely a table of conclusions for each data set, then for each
+//! data set the tables of detection, of isolation, of what is beside the thesis's tables, and
+//! confusion matrices.
+//!
+//! Which rows there are comes from `tables.toml` (`ROWS`) and `COMPARED`; the thesis's numbers come
+//! from `published`. A number is shown as mean ± standard deviation over rounds, then the thesis's
+//! in brackets, marked *differs* where the test of `published` says so. Nothing is computed here
+//! but that.
 
 use super::chapter::{Chapter, Rounds};
 use super::conclusions::{Conclusion, Kind};
@@ -8,7 +18,7 @@ use super::published::{Matrix, Published, matrices, published};
 use inkling_core::fault::CLASSES;
 use std::fmt::Write;
 
-/// The whole page.
+/// The whole page. It begins with what the rounds are.
 pub fn markdown(chapter: &Chapter) -> String {
     let mut out = String::from("# Chapters 4 and 5 again\n\n");
     out += &match &chapter.rounds {
@@ -48,9 +58,9 @@ pub fn markdown(chapter: &Chapter) -> String {
     out
 }
 
-/// The table of conclusions for each data set.
+/// The conclusions, with one table for each data set.
 fn conclusions(all: &[Conclusion], out: &mut String) {
-    // writing to a String cannot fail
+    // Writing to a String cannot fail, here and below.
     let _ = writeln!(
         out,
         "\n## Chapter 5, conclusion by conclusion\n\nHeld, or not held: the 95 % interval of the difference, paired by round, lies above 0, or \
@@ -75,7 +85,7 @@ fn conclusions(all: &[Conclusion], out: &mut String) {
     }
 }
 
-/// All tables of one data set.
+/// All tables of one data set, and the methods that failed on it.
 fn data_set(of: &Measured, out: &mut String) {
     let count = |what: &str| whole(of.mean(what));
     let _ = writeln!(
@@ -91,6 +101,9 @@ fn data_set(of: &Measured, out: &mut String) {
     detection(of, out);
     isolation(of, out);
     beside(of, out);
+
+    // Our two main confusions are shown on every data set, with the thesis's cells in brackets
+    // where it has such a table. Then come the other confusions that the thesis has.
     for (key, confusion) in
         [("LR on r", "Linear regression on r"), ("default", "inkling's default")]
     {
@@ -108,7 +121,8 @@ fn data_set(of: &Measured, out: &mut String) {
     }
 }
 
-/// Which of the thesis's tables is about these data, in brackets.
+/// In brackets, which of the thesis's tables is about these data: the first of the two for signals
+/// of its form, the second for its experiment; nothing for other data.
 fn beside_table(of: &Measured, [of_form, of_drying]: [&str; 2]) -> String {
     match of.set {
         DataSet::ThesisForm => format!(" (thesis Table {of_form})"),
@@ -117,7 +131,8 @@ fn beside_table(of: &Measured, [of_form, of_drying]: [&str; 2]) -> String {
     }
 }
 
-/// The table of detection.
+/// The table of detection: a row for each method that was measured, then the practice, and below
+/// the table what the search for a denominator found.
 fn detection(of: &Measured, out: &mut String) {
     let table = beside_table(of, ["4-1", "4-2"]);
     let (faulty, healthy) = (of.mean("tested/faulty"), of.mean("tested/healthy"));
@@ -153,7 +168,7 @@ fn detection(of: &Measured, out: &mut String) {
     }
 }
 
-/// The table of isolation, by method and training size.
+/// The table of isolation, by training size and method. Methods that failed have no row.
 fn isolation(of: &Measured, out: &mut String) {
     let table = beside_table(of, ["4-6", "4-7"]);
     let faulty = of.mean("tested/faulty");
@@ -189,7 +204,7 @@ fn isolation(of: &Measured, out: &mut String) {
     }
 }
 
-/// Figures that the thesis has in its text, or not at all.
+/// The table of further shares: figures that the thesis has in its text, or not at all.
 fn beside(of: &Measured, out: &mut String) {
     let faulty = of.mean("tested/faulty");
     let reached = of.mean(&figure("LR on r", Size::All, "coverage")) * faulty;
@@ -202,14 +217,17 @@ fn beside(of: &Measured, out: &mut String) {
     }
 }
 
-/// A confusion matrix: mean counts, with the thesis's in brackets where there are any.
+/// A confusion matrix: mean counts over rounds, with the thesis's counts in brackets where there
+/// are any. `key`: the name of our confusion; without it nothing is written. The classes are the
+/// thesis's, or else those that were met.
 fn matrix(of: &Measured, key: &str, title: &str, theirs: Option<&Matrix>, out: &mut String) {
     let Some(ours) = of.confusions.get(key) else { return };
     let theirs = theirs.map(|theirs| &theirs.confusion);
     let classes: Vec<String> = match theirs {
         Some(theirs) => theirs.classes.clone(),
         None => {
-            // a class is shown if signals of it, or answers with it, were counted
+            // A class is shown if signals of it, or answers with it, were counted. Known classes
+            // stand in the thesis's order, a user's own ones after them.
             let is_met = |class: &&String| {
                 let with = |other| ours.count(class, other) + ours.count(other, class);
                 ours.classes.iter().any(|other| with(other) > 0.0)
@@ -255,7 +273,9 @@ fn counts(of: &Measured, key: &str, signals: f64) -> String {
         + &beside_theirs(theirs, &each, signals, |p| whole(p.share * f64::from(p.of)))
 }
 
-/// The thesis's number in brackets, marked if it differs; nothing where there is none of ours.
+/// The thesis's number in brackets, marked if it differs; empty if either side has no number.
+/// `ours`: our share in each round; `signals`: of how many signals each is; `written`: the thesis's
+/// number as text.
 fn beside_theirs(
     theirs: Option<Published>,
     ours: &[f64],
@@ -267,7 +287,8 @@ fn beside_theirs(
     format!(" ({}){}", written(theirs), if differs { " *differs*" } else { "" })
 }
 
-/// A user's words for a table of Markdown, in which nothing ends a cell or is HTML.
+/// A text that may come from a user, for a cell of a Markdown table: nothing in it ends the cell or
+/// is HTML.
 fn escaped(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for c in text.chars() {
@@ -282,7 +303,8 @@ fn escaped(text: &str) -> String {
     safe
 }
 
-/// The mean over rounds, with the standard deviation if there are several.
+/// The mean over rounds, with the standard deviation if there are several; a dash where no round
+/// has the figure.
 fn number(of: &Measured, key: &str, digits: usize) -> String {
     match (of.spread(key), of.values(key).len()) {
         (None, _) => "–".into(),
@@ -291,6 +313,7 @@ fn number(of: &Measured, key: &str, digits: usize) -> String {
     }
 }
 
+/// A number without decimals.
 fn whole(n: f64) -> String {
     format!("{n:.0}")
 }

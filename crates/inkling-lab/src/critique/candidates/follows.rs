@@ -1,7 +1,20 @@
-//! Causes that act through a covariate: temperature, time, position, neighbours; and the scan of every
-//! covariate on every parameter.
+//! Causes that act through a covariate: temperature, time, position, neighbours, idle time; and the
+//! scan of every covariate on every parameter.
 //!
-//! In: a [`ScoreTests`]. Out: [`Scored`].
+//! In: a [`ScoreTests`], whose `score_one` calls the tests of causes; `adequacy` calls the scan.
+//! Out: [`Scored`], with the value in the catalogue's unit; of the scan, a [`ParameterTest`] for
+//! each pair.
+//!
+//! A cause moves a signal's parameters theta = (ln sigma, ln omega, a, b, c, ln lambda/sigma) by z
+//! v, where z is the standardised covariate of the signal and v says how far each parameter moves.
+//! The test is that of the direction v in the space where channels are scattered. What is special
+//! here:
+//!
+//! - v of a change of losses or stiffness follows from the channel's equations, thesis (2-2), by
+//!   numerical differentiation with the state at t_a held (`grown_rates`);
+//! - that state may follow the covariate as well, in an unknown way, so the amplitudes are left
+//!   free in addition (`covariate_free`);
+//! - channels are few, so a trend along them is judged by Student's t (`against_rest`).
 
 use super::{Applied, CLOCK, DAMPING, FREQUENCY, ScoreTests, Scored};
 use crate::critique::catalogue::{CauseId, Per, Rates};
@@ -14,7 +27,8 @@ use inkling_core::model::free_decay::ALL;
 use inkling_core::model::terms::Interior;
 use std::f64::consts::TAU;
 
-/// Test of one parameter against one covariate.
+/// Test of one parameter against one covariate, by their indices: of `covariates.rs`, and of theta
+/// without the real pole's rate.
 #[derive(Clone, Copy, Debug)]
 pub struct ParameterTest {
     pub covariate: usize,
@@ -24,7 +38,8 @@ pub struct ParameterTest {
 }
 
 impl ScoreTests<'_> {
-    /// Tests a covariate that moves damping, frequency or all rates.
+    /// Tests a covariate that moves damping, frequency or all rates. The value is the relative
+    /// change per unit of the covariate, or from its smallest to its largest value, as `per` says.
     pub(super) fn rates(
         &self,
         id: CauseId,
@@ -41,13 +56,14 @@ impl ScoreTests<'_> {
         }
     }
 
-    /// Tests a covariate that scales the amplitude.
+    /// Tests a covariate that scales the amplitude. The value is the relative change per unit of
+    /// the covariate.
     pub(super) fn gain(&self, id: CauseId, covariate: usize) -> Option<Scored> {
         let t = &self.model.mean;
         let v = [0.0, 0.0, t[2], t[3], t[4], 0.0];
         let mut scored = self.covariate(id, covariate, v, 1.0 / self.data.beside.sd[covariate])?;
-        // the catalogue's value is relative to a channel where the covariate is 0, the model's to the mean
-        // channel
+        // The catalogue's value k is relative to a signal where the covariate is 0, the model's k'
+        // to one with the mean covariate m: k' = k / (1 + k m), so k = k' / (1 - k' m).
         let mean = self.data.beside.mean[covariate];
         let share = 1.0 - scored.value * mean;
         if share > 0.1 {
@@ -57,7 +73,8 @@ impl ScoreTests<'_> {
         Some(scored)
     }
 
-    /// Tests the tail of the previous ring.
+    /// Tests the tail of the previous ring. The value is the share of the signal's own ring, later
+    /// by the idle time, that is added to it.
     pub(super) fn previous_ring(&self, id: CauseId) -> Option<Scored> {
         let tail = vec![Direction::tail(self.samples)];
         let tested = self.nuisances.covariates.test(&tail)?;
@@ -76,8 +93,9 @@ impl ScoreTests<'_> {
         self.data.beside.span[which] / self.data.beside.sd[which]
     }
 
-    /// Tests a covariate on the combination `v` of parameters. `unit` turns the coefficient into the
-    /// catalogue's unit.
+    /// Tests a covariate on the combination `v` of parameters. `unit` turns the coefficient, which
+    /// is per standard deviation of the covariate, into the catalogue's unit. `None`: the covariate
+    /// was not recorded or does not vary, or the nuisance holds the direction already.
     fn covariate(&self, id: CauseId, which: usize, v: [f64; ALL], unit: f64) -> Option<Scored> {
         if !self.data.beside.present[which] {
             return None;
@@ -85,8 +103,8 @@ impl ScoreTests<'_> {
         let direction = Direction::covariate(self.samples, which, v);
         let tested = self.nuisances.covariates.test(std::slice::from_ref(&direction))?;
         let statistic = self.against_rest(which, tested.statistic);
-        // the scatter that the test is made against still contains the effect itself, so the interval would
-        // be too wide
+        // the scatter that the test is made against still contains the effect itself, so the
+        // interval would be too wide: shrink it as much as `against_rest` raises the statistic
         let narrower = (tested.statistic / statistic.max(1e-12)).sqrt().min(1.0);
         let sd = tested.covariance[(0, 0)].sqrt() * unit * narrower;
         let value = tested.coefficients[0] * unit;
@@ -95,10 +113,12 @@ impl ScoreTests<'_> {
         Some(Scored { surprise, value, sd, ..Scored::plain(id, statistic, form) })
     }
 
-    /// Tests a covariate on damping or frequency. The acquisition state may follow the covariate, too: how
-    /// much does depends on what came before t_a. So the candidate is tested twice, with the amplitudes of
-    /// the decay unmoved and with the state of the interior unmoved, and the better fit counts; its size is
-    /// estimated with the amplitudes left free.
+    /// Tests a covariate on damping or frequency. The acquisition state may follow the covariate,
+    /// too; how far it does depends on what came before t_a. So the candidate is tested in three
+    /// ways: with the amplitudes of the decay unmoved; with the state of the interior unmoved; and
+    /// with the amplitudes free. The most significant way counts, but the size is always estimated
+    /// with the amplitudes free, and must be 2.576 standard errors from 0. `interior`: how theta
+    /// moves if the interior's state does not; `unit`: as in `covariate`.
     fn covariate_free(
         &self,
         id: CauseId,
@@ -114,8 +134,9 @@ impl ScoreTests<'_> {
         {
             best = other;
         }
+
+        // rates alone, with the three amplitudes free to follow the covariate
         let amplitude = self.model.amplitude();
-        // the same with the three amplitudes free to follow the covariate
         let along = |v| Direction::covariate(self.samples, which, v);
         let free = |own| std::array::from_fn(|j| if j == own { amplitude } else { 0.0 });
         let directions = [plain, free(2), free(3), free(4)].map(along).to_vec();
@@ -123,6 +144,7 @@ impl ScoreTests<'_> {
             best.value = tested.coefficients[0] * unit;
             let dof = self.dof(which == POSITION);
             best.sd = tested.covariance[(0, 0)].sqrt() * unit;
+            // four coefficients at once; two tries, since the better of two ways is taken
             let together = surprise(tested.statistic, directions.len(), 2.0, dof);
             if which == POSITION {
                 // with few channels, four coefficients at once say nothing: judge that of the frequency alone
@@ -155,8 +177,11 @@ impl ScoreTests<'_> {
         Some(best)
     }
 
-    /// Corrects a statistic for a scatter of few channels that was estimated with the effect of their
-    /// position still in it. With n channels the statistic is n R²; it becomes t² = dof R²/(1 - R²).
+    /// Corrects a statistic for a scatter of few channels that was estimated with the effect of
+    /// their position still in it. Of n channels the statistic is (n - 1) R², where R² is the share
+    /// of the scatter that the position explains; it becomes t² = (n - 3) R²/(1 - R²), but not less
+    /// than it was. Other covariates than the position, and effects that are in the model, need no
+    /// correction.
     fn against_rest(&self, which: usize, statistic: f64) -> f64 {
         // an effect that is in the model is no part of the scatter any more
         if which != POSITION || self.model.added.beta[POSITION].iter().any(|b| *b != 0.0) {
@@ -167,8 +192,10 @@ impl ScoreTests<'_> {
         (self.dof(true) * explained / (1.0 - explained)).max(statistic)
     }
 
-    /// Change of theta where rates grow by a share while the acquisition state of the interior stays what it
-    /// was: per relative change of the damping, of the frequency, or of the share itself.
+    /// Change of theta where rates grow by a share while the acquisition state of the interior
+    /// stays what it was: per relative change of the damping (all losses grow), of the frequency
+    /// (both stiffnesses grow), or of the share itself (all rates grow; stiffnesses, which are
+    /// squares of rates, by the share twice).
     fn rates_direction(&self, which: Rates) -> [f64; ALL] {
         // how often stiffnesses and losses are multiplied by 1 + share; the change without a known interior;
         // which parameter the result is relative to
@@ -180,8 +207,14 @@ impl ScoreTests<'_> {
         self.grown_rates(often).map_or(plain, |v| v.map(|x| x / per.map_or(1.0, |j| v[j])))
     }
 
-    /// Derivative of theta by the share, with the interior state (volume and flows) held. `None`: no ink
-    /// channel, or the derivative does not exist.
+    /// Derivative of theta by the share, with the interior state (volume V, flows q_r and q_n)
+    /// held; by central differences. The two arguments are how often the stiffnesses of thesis
+    /// (2-2) (a = 1/(I_r B_t), b = 1/(I_n B_t)) and its losses (g = R_r/I_r, d = R_n/I_n) are
+    /// multiplied by 1 + share. `None`: no ink channel, or the derivative does not exist.
+    ///
+    /// The poles of the changed channel give sigma, omega and lambda. Its amplitudes are those that
+    /// have, at the first sample, the output and the first two derivatives that follow from the
+    /// held state.
     fn grown_rates(&self, [stiffness, loss]: [usize; 2]) -> Option<[f64; ALL]> {
         let interior = self.interior.filter(|of| of.is_ink)?;
         let Interior { channel, state: [v, q_r, q_n], .. } = interior;
@@ -229,7 +262,9 @@ impl ScoreTests<'_> {
         present.flat_map(|which| self.on_each_parameter(which)).collect()
     }
 
-    /// Tests one covariate on each parameter, alone and beside the others, whichever says more.
+    /// Tests one covariate on each parameter but the real pole's rate, alone and beside the others;
+    /// whichever says more counts. As for causes, the spread over bursts lowers what is of
+    /// interest.
     fn on_each_parameter(&self, which: usize) -> Vec<ParameterTest> {
         let dof = self.dof(which == POSITION);
         let alone = |j| Direction::parameter(self.samples, which, j);
@@ -253,8 +288,8 @@ impl ScoreTests<'_> {
                 return Some(of(statistic, plain));
             }
             let efficient = match &together {
-                // the direction of one coefficient beside the others: the combination of all that estimates
-                // it
+                // The direction of one coefficient beside the others: the combination of all
+                // directions that estimates it has the weights of its column of the covariance.
                 Some(t) if beside > tested.statistic => self
                     .nuisances
                     .covariates

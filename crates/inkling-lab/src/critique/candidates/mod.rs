@@ -1,10 +1,19 @@
-//! Score tests: every cause of the catalogue that acts on the mean signal or through a covariate, as
-//! directions in the space of linear extensions, with its likelihood-ratio test.
+//! Score tests: every cause of the catalogue that acts on the mean signal or through a covariate,
+//! as directions in the space of linear extensions, with its likelihood-ratio test.
 //!
-//! In: the space, the model, and what is in the model already. Out: [`Scored`], one per candidate: the best
-//! over its shape parameter (frequency, rate, strength), with its value in the catalogue's units. `shapes`
-//! and `lines` hold the causes that act on the mean signal, `follows` those that act through a covariate;
-//! those of `rivals` have no name.
+//! In, from `selection` (all candidates), `refit` (one that is in the model) and `adequacy` (what
+//! is left): a model, its signals, and the nuisances, i.e. what is allowed for before anything is
+//! tested: the mean's parameters and the causes that are in the model already. Out: [`Scored`], one
+//! per candidate: the best over its shape parameter (frequency, rate, strength), with its value in
+//! the catalogue's units.
+//!
+//! A test has three steps: (1) write the cause as directions, i.e. as what it adds to the signals
+//! or to their parameters per unit of its size; (2) compute the statistic g^T K^-1 g beside the
+//! nuisance (`Nuisance::test`), and search for the shape parameter at which it is largest; (3) if
+//! the result is of interest, lower the statistic where bursts have more in common than their
+//! signals let expect (`clusters`). `shapes` and `lines` hold the causes that act on the mean
+//! signal, `follows` those that act through a covariate; those of `rivals` have no name. Time is in
+//! signal lengths.
 
 mod follows;
 mod lines;
@@ -26,19 +35,25 @@ use crate::critique::tuned::tie;
 use inkling_core::model::free_decay::ALL;
 use inkling_core::model::terms::{Interior, ObservedDecay};
 
-/// What a relative change of the damping, of the frequency, and of all rates changes in a [`Model`]'s
-/// parameters, used where the interior state is not known. The real pole follows the damping by itself.
+/// What a relative change of the damping, of the frequency, and of all rates changes in a
+/// [`Model`]'s parameters (ln sigma, ln omega, a, b, c, ln lambda/sigma), used where the interior
+/// state is not known. The real pole follows the damping by itself, since the last parameter is
+/// relative to the damping.
 const DAMPING: [f64; ALL] = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
 const FREQUENCY: [f64; ALL] = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0];
 const CLOCK: [f64; ALL] = [1.0, 1.0, 0.0, 0.0, 0.0, 0.0];
 
-/// A cause in the form in which it enters the model.
+/// A cause in the form in which it enters the model: what it adds is the sum of `directions`, each
+/// times its coefficient.
 #[derive(Clone, Debug)]
 pub struct Applied {
     pub id: CauseId,
-    /// Its shape parameter: frequency or rate per signal length, or strength; 0 if it has none.
+    /// Its shape parameter: frequency (rad) or rate per signal length, or strength; 0 if it has
+    /// none.
     pub shape: f64,
-    /// Damping of a line, per signal length; or the second number of a rival.
+    /// A second shape parameter: the damping of a line, per signal length; of a meniscus, its
+    /// damping over the predicted one; the second number of a rival, or the sweep rate of a line. 0
+    /// if there is none.
     pub damping: f64,
     /// Size along each of `directions`.
     pub coefficients: Vec<f64>,
@@ -70,8 +85,8 @@ pub struct ScoreTests<'a> {
     /// Frequencies (rad per signal length) that random tones have taken already.
     pub avoid: &'a [f64],
     nuisances: &'a Both<Nuisance<'a>>,
-    /// Samples of a signal; the mean channel's decay; and the interior state that explains it, where one
-    /// exists.
+    /// Number of samples of a signal; the mean channel's decay; and the rates and the state inside
+    /// the channel (volume and flows) that explain this decay, where there are such.
     samples: usize,
     seen: ObservedDecay,
     interior: Option<Interior>,
@@ -100,8 +115,9 @@ impl<'a> ScoreTests<'a> {
         ScoreTests { model, data, avoid, nuisances, samples, seen, interior }
     }
 
-    /// Tests all entries that the data can test. An entry that needs a drive scan is tested without one, too,
-    /// but of ink channels it then gets an objection.
+    /// Tests all entries, causes and rivals, that the data can test; in the catalogue's order,
+    /// without those that have no statistic. An entry that needs a drive scan is tested without
+    /// one, too, but of ink channels it then gets an objection.
     pub fn score_all(&self) -> Vec<Scored> {
         let mut all = Vec::new();
         for entry in CATALOGUE.iter().chain(&RIVALS) {
@@ -122,15 +138,19 @@ impl<'a> ScoreTests<'a> {
         all
     }
 
-    /// Tests one cause. `near`: its form before, near which its shape is searched; without it, all shapes are
-    /// tried. What the cause says along the ring's parameters is judged by the spread over bursts, where
-    /// these have more in common than their signals let expect.
+    /// Tests one cause. `near`: the form that the cause has in the model, near which its shape is
+    /// searched; without it, all shapes are tried. What the cause says along the ring's parameters
+    /// is judged by the spread over bursts, where these have more in common than their signals let
+    /// expect. `None`: the cause cannot be tested here.
     pub fn score_one(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let mut scored = self.as_if_independent(id, near)?;
-        // the spread over bursts costs a pass over the signals, which only what is of interest is worth
+        // the spread over bursts costs a pass over the signals: only for candidates of interest
         if scored.surprise < HINT {
             return Some(scored);
         }
+
+        // the part of the cause that the nuisance cannot stand in for, with its size, as one
+        // direction
         let Applied { directions, coefficients, .. } = &scored.form;
         let direction = self.nuisances.of(id).efficient(directions, coefficients);
         let spread = self.clusters().spread(&direction, near.is_some());
@@ -185,7 +205,8 @@ impl<'a> ScoreTests<'a> {
         (n as f64 - 3.0).max(1.0)
     }
 
-    /// Tests one direction that has no shape parameter.
+    /// Tests one direction that has no shape parameter. The value is the coefficient, in counts for
+    /// a shape.
     fn fixed(&self, id: CauseId, direction: Direction) -> Option<Scored> {
         let directions = vec![direction];
         let tested = self.nuisances.shapes.test(&directions)?;
@@ -196,7 +217,8 @@ impl<'a> ScoreTests<'a> {
         Some(Scored { value, sd, ..self.shaped(id, tested, directions, 0.0, 1.0) })
     }
 
-    /// A tested shape that is the best of `tried` independent ones.
+    /// A tested shape that is the best of `tried` independent ones, as a candidate; `shape` is its
+    /// shape parameter. The value is still to be filled in.
     fn shaped(
         &self,
         id: CauseId,
@@ -216,8 +238,9 @@ impl<'a> ScoreTests<'a> {
     }
 }
 
-/// A tone is steady and a second mode scales with the drive, but both are lines. Where one of them may be the
-/// ring itself and explains as much as the other, the other is no line either.
+/// A tone is steady and a second mode scales with the drive, but both are lines. Where one of them
+/// may be the ring itself (it has the objection `OwnLine`) and explains as much as the other, the
+/// other gets the same objection.
 fn withhold_lines(all: &mut [Scored]) {
     let of = |id| all.iter().position(|s| s.id == id);
     let (Some(tone), Some(mode)) = (of(CauseId::Tone), of(CauseId::SecondMode)) else { return };

@@ -1,7 +1,19 @@
-//! Rivals without a name: what a ring may do that the catalogue does not hold, but would wrongly give a name
-//! to.
+//! Rivals without a name: what a ring may do that the catalogue does not hold, but would wrongly
+//! give a name to.
 //!
-//! In: a [`ScoreTests`]. Out: [`Scored`].
+//! In: a [`ScoreTests`], whose `on_the_mean` calls the tests; `adequacy` calls `likest_rival`. Out:
+//! [`Scored`]. Rivals that are terms of the equation of motion, and free shapes, are in
+//! `shapes.rs`; here are the others, each as what it adds to the mean ring:
+//!
+//! - `bent`: the ring seen through a curve, or with rates that follow time. The strength e is
+//!   searched (`grown`), with a second number where the catalogue has one (`best_of`);
+//! - `sways`: the ring, or its slope, times a cosine and a sine of a slow frequency, which is
+//!   searched;
+//! - `swept_line`: a cosine and a sine whose frequency changes linearly; frequency and rate are
+//!   searched.
+//!
+//! Time is in signal lengths, frequencies in rad per signal length. `searched`, the search for the
+//! parameter of a family, also serves `shapes` and `lines`.
 
 use super::{Applied, LEAST_PERIODS, ScoreTests, Scored};
 use crate::critique::catalogue::{Bend, CauseId, RIVALS};
@@ -19,8 +31,8 @@ const STEP: f64 = 0.5 * PI;
 const SWEEPS: i32 = 6;
 const SWEEP: f64 = 4.0 * PI;
 
-/// The mean ring at unit drive: its damped pair, the pair a quarter of a period later, the real pole's part,
-/// and the pair's envelope.
+/// The mean ring at unit drive, counts: its damped pair, the pair's derivative by its phase (which
+/// is the pair a quarter of a period ahead), the real pole's part, and the pair's envelope.
 struct Ring {
     pair: Vec<f64>,
     quarter: Vec<f64>,
@@ -38,7 +50,7 @@ fn settling(t: f64, rate: f64) -> f64 {
 }
 
 impl ScoreTests<'_> {
-    /// The most surprising of the rivals that are no free shape.
+    /// The most surprising of all rivals but the free shape (a bump or a step).
     pub fn likest_rival(&self) -> Option<Scored> {
         let bent = RIVALS.iter().filter(|rival| rival.id != CauseId::OwnShape);
         let all = bent.filter_map(|rival| self.score_one(rival.id, None));
@@ -65,8 +77,10 @@ impl ScoreTests<'_> {
         }
     }
 
-    /// The most significant test over a rival's second number: over all values that are tried, or with `near`
-    /// at the value it had. The number of values is paid for as tries.
+    /// The most significant test over a rival's second number: over all values of the catalogue's
+    /// `seconds`, or with `near` at the value that it had. The number of values is paid for as
+    /// tries. The second number is kept as the form's `damping`. `score` tests the rival with a
+    /// second number.
     pub(super) fn best_of(
         &self,
         id: CauseId,
@@ -87,8 +101,10 @@ impl ScoreTests<'_> {
         Some(best)
     }
 
-    /// Tests a ring seen through a curve, or with rates that follow time. `second`: lag of the gain, or how
-    /// often a frequency settles.
+    /// Tests a ring seen through a curve, or with rates that follow time. `second`: lag of the gain
+    /// in signal lengths, or how often a frequency settles within one. The value is the strength e,
+    /// the relative change at the first amplitude at unit drive (`whole`), or per signal length for
+    /// rates.
     pub(super) fn bent(
         &self,
         id: CauseId,
@@ -105,14 +121,19 @@ impl ScoreTests<'_> {
                 let t = k as f64 / n;
                 let (pair, y) = (s * ring.pair[k], s * (ring.pair[k] + ring.slow[k]));
                 let changed = match bend {
+                    // sigma becomes sigma (1 + e t), omega becomes omega (1 + e t) or settles
                     Bend::LossByTime => pair * (-0.5 * e * self.seen.sigma * t * t).exp_m1(),
                     Bend::FrequencyByTime => {
                         let turned = e * self.seen.omega * settling(t, second);
                         pair * (turned.cos() - 1.0) + s * ring.quarter[k] * turned.sin()
                     }
+                    // y becomes y + e y²/whole, and y + e y³/whole²
                     Bend::EvenSensor => e * y * y / whole,
                     Bend::OddSensor => e * y * y * y / (whole * whole),
+                    // the gain becomes 1/(1 + e level/whole), where the level follows the envelope
+                    // with a lag; 10 at most
                     Bend::GainByAmplitude => y / (1.0 + e * s * level[k] / whole).max(0.1) - y,
+                    // y loses its part between -e whole and +e whole; a negative e adds it
                     Bend::DeafSensor => -y.max(-whole * e.abs()).min(whole * e.abs()) * e.signum(),
                 };
                 changed / e
@@ -130,7 +151,9 @@ impl ScoreTests<'_> {
         self.grown(id, STRENGTHS, shape, |e| e, near)
     }
 
-    /// Tests a gain, or a time base, that sways with some frequency, of the same phase in all signals.
+    /// Tests a gain, or a time base, that sways with some frequency, of the same phase in all
+    /// signals. The value is that frequency in Hz; its standard error is left in rad per signal
+    /// length.
     pub(super) fn sways(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let ring = self.parts();
         let n = self.samples as f64;
@@ -154,7 +177,9 @@ impl ScoreTests<'_> {
         Some(Scored { value: self.hz(scored.value), ..scored })
     }
 
-    /// Tests an undamped line that does not scale with the drive and whose frequency rises or falls linearly.
+    /// Tests an undamped line that does not scale with the drive and whose frequency rises or falls
+    /// linearly. The value is the frequency in the middle of the signal, Hz; no standard error is
+    /// estimated (0). The sweep rate is kept as the form's `damping`, rad per square signal length.
     pub(super) fn swept_line(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let n = self.samples as f64;
         let shapes = |omega: f64, sweep: f64| {
@@ -195,9 +220,11 @@ impl ScoreTests<'_> {
         Some(scored)
     }
 
-    /// Finds the parameter of a family that makes the likeliest shapes: the best of a grid, or where it was
-    /// before (`near`), refined within `reach` and clamped to `low` and `high`. The parameter is the shape and
-    /// the value of what is returned. `tried`: number of independent shapes in the family.
+    /// Finds the parameter of a family that makes the likeliest shapes: the best of a grid, or
+    /// where it was before (`near`), refined within `reach` and clamped to `low` and `high`. The
+    /// parameter becomes both the shape and the value of the result, and the caller converts it to
+    /// the catalogue's unit. `shapes`: the directions of a parameter; `tried`: number of
+    /// independent shapes in the family, which is paid for.
     pub(super) fn searched(
         &self,
         id: CauseId,

@@ -1,8 +1,17 @@
 //! Causes that add a shape, N samples, to the mean signal: terms in the equation of motion, the droop, and
 //! the transient of a low-pass; and the scan for shapes that no cause of the catalogue has.
 //!
-//! In: a fitted model with its signals ([`ScoreTests`]). Out: of each cause the likelihood-ratio statistic,
-//! the size with its standard error, and the form in which it would enter the model ([`Scored`]).
+//! In: a fitted model with its signals ([`ScoreTests`], whose `on_the_mean` calls the tests). Out:
+//! of each cause the likelihood-ratio statistic, the size with its standard error, and the form in
+//! which it would enter the model ([`Scored`]).
+//!
+//! Most of these causes are not proportional to their strength e: what they add is e D(e), where
+//! the shape D(e) changes with e. `grown` finds the e of the largest likelihood. The tests differ
+//! in how D comes about: by integrating the equation of motion with the term and without
+//! (`motion`), by leaking the ring's integral (`droop`). A shape that depends on the drive is
+//! decomposed into powers of the drive (`by_drive`), because the space of extensions has one shape
+//! for each power. A low-pass is one exponential of unknown rate (`transient`), and the free shape
+//! a bump or a step at any place (`own_shape`).
 //!
 //! Time is in signal lengths, so a sample takes 1/N, and what decays at the rate 1 falls to 1/e within a
 //! signal. Drives are relative to the mean drive of the recording; unit drive is that mean.
@@ -38,7 +47,8 @@ impl ScoreTests<'_> {
         value: impl Fn(f64) -> f64,
         near: Option<&Applied>,
     ) -> Option<Scored> {
-        // what adding e D(e) gains: t.coefficients[0] is s/i and t.statistic s²/i, so this is 2 e s - e² i
+        // What adding e D(e) gains: t.coefficients[0] is s/i and t.statistic s²/i, so the product
+        // below is 2 e s - e² i.
         let gain = |e: f64| -> f64 {
             let tested = shape(e).and_then(|d| self.nuisances.shapes.test(&[d]));
             tested.map_or(f64::NEG_INFINITY, |t| {
@@ -46,6 +56,8 @@ impl ScoreTests<'_> {
                 t.statistic * (2.0 * ratio - ratio * ratio)
             })
         };
+
+        // the linear test, with the shape of a small strength
         let mut scored = self.fixed(id, shape(first)?)?;
         let linear = scored.form.coefficients[0];
         // An effect that is hardly there, within two standard errors of none, is small enough to be linear:
@@ -83,6 +95,7 @@ impl ScoreTests<'_> {
             scored.form.coefficients = vec![strength];
         }
         scored.form.shape = strength;
+
         // standard error in the catalogue's unit, by the slope of `value` (delta method)
         let h = 1e-3 * strength.abs().max(1e-12);
         scored.sd *= ((value(strength + h) - value(strength - h)) / (2.0 * h)).abs();

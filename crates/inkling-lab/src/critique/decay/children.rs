@@ -1,5 +1,12 @@
-//! Fits that start where another fit ended: the plain oscillation, and each candidate beside what a model has
+//! Where fits of decays begin: the plain oscillation, and each candidate beside what a model has
 //! already.
+//!
+//! In, from `selection.rs`: decays, or a fitted model (the parent) and a term. Out: [`Fit`]s. Least
+//! squares finds the nearest minimum only, so good starts matter: the frequencies of the highest
+//! peaks of the spectrum for the ring and for lines, several values for the second numbers of
+//! rivals, and the parent's optimum for all else (`starts`). The best of several starts is followed
+//! (`children`). A term that moves the phase is also fitted from the first swings on
+//! (`Fit::follow`), and the better of both fits stays.
 
 use super::decays::Decays;
 use super::fit::{Fit, Noise, sizes};
@@ -10,7 +17,7 @@ use super::terms::{Line, Term};
 use super::unnamed::second_numbers;
 use std::f64::consts::TAU;
 
-/// A term that was fitted beside what a model has already.
+/// A term that was fitted beside what a model has already: the form of a candidate for decays.
 #[derive(Clone, Debug)]
 pub struct Added<'a> {
     pub term: Term,
@@ -28,8 +35,8 @@ fn first_swings(omega: f64) -> usize {
     (3.0 * TAU / omega.max(1e-6)).ceil().min(1e7) as usize
 }
 
-/// Sum of the periodograms of the misfits of all bursts and outputs, each output relative to its root mean
-/// square.
+/// Sum of the periodograms of the misfits of all bursts and outputs, each without its mean, and
+/// relative to its output's root mean square. The frequencies are those of `spectrum::total`.
 pub fn misfit_power(misfit: &[f64], decays: &Decays) -> Vec<f64> {
     let sizes = sizes(misfit, decays);
     let scaled = |(i, series): (usize, &[f64])| -> Vec<f64> {
@@ -39,8 +46,9 @@ pub fn misfit_power(misfit: &[f64], decays: &Decays) -> Vec<f64> {
     spectrum::total(misfit.chunks(decays.samples).enumerate().map(scaled), 1.0)
 }
 
-/// Fits the damped oscillation that explains most. It is searched beside an offset, so that it does not slow
-/// down to stand in for one; the offset is then taken out.
+/// Fits the damped oscillation that explains most, in white noise. It is searched beside an offset,
+/// so that it does not slow down to stand in for one; the offset is then taken out. Where the
+/// spectrum has no peak, the fit begins at the slowest frequency of a line.
 pub fn baseline(decays: &Decays) -> Fit<'_> {
     let plain = Fit::at_rest(decays);
     let white = Noise::white(&vec![1.0; decays.outputs]);
@@ -70,8 +78,8 @@ pub fn baseline(decays: &Decays) -> Fit<'_> {
     start.descend(&white)
 }
 
-/// Starting points of a candidate, each at its parent's optimum: with the term at 0, or with different second
-/// numbers or frequencies.
+/// Starting points of a candidate, each at its parent's optimum: a line at several frequencies, a
+/// rival with each of its second numbers and strength 0, any other term with all its numbers 0.
 fn starts<'a>(parent: &Fit<'a>, term: Term) -> Vec<Fit<'a>> {
     let warm = parent.with(term);
     let at = parent.p.len();
@@ -91,7 +99,9 @@ fn starts<'a>(parent: &Fit<'a>, term: Term) -> Vec<Fit<'a>> {
     }
 }
 
-/// Starting points of a line: one for each of the highest peaks of the misfit's spectrum.
+/// Starting points of a line: one for each of the `PEAKS` highest peaks of the misfit's spectrum,
+/// leaving out peaks, but for the first, that lie near frequencies of the model. The line starts
+/// with amplitude 0; a damped one with the ring's damping.
 fn line_starts<'a>(parent: &Fit<'a>, line: Line) -> Vec<Fit<'a>> {
     let decays = parent.decays;
     let resolution = TAU / decays.samples as f64;
@@ -114,9 +124,10 @@ fn line_starts<'a>(parent: &Fit<'a>, line: Line) -> Vec<Fit<'a>> {
     tops.iter().take(1).chain(others).map(start).collect()
 }
 
-/// Fits a candidate from its parent's optimum on. A line gives one fit for each place. Any other term gives
-/// the best fit: of several second numbers the likeliest is followed, and a term that moves the phase is
-/// fitted once more from the first swings on.
+/// Fits a candidate from its parent's optimum on. A line gives one fit for each place, after a few
+/// steps only. Any other term gives one fit: of several second numbers the likeliest after a few
+/// steps is followed to its minimum, and a term that moves the phase is fitted once more from the
+/// first swings on.
 pub fn children<'a>(parent: &Fit<'a>, term: Term, noise: &Noise) -> Vec<Fit<'a>> {
     let starts = starts(parent, term);
     let looks = || starts.iter().map(|start| start.look(noise));

@@ -1,21 +1,26 @@
 //! Few, long decays of one system, in the form in which the plant is fitted to them.
 //!
-//! In: observations. Out: [`Decays`]: complete bursts in the order of their times, every output divided by
-//! its largest deviation from its mean, the output with the largest variance first.
+//! In: observations, one row for each output (channel) of each burst. Out: [`Decays`]: complete
+//! bursts in the order of their times, every output divided by its largest deviation from its mean
+//! (which is not subtracted), the output with the largest variance first: it counts as the
+//! displacement, `plant.rs`.
 
 use crate::critique::observations::Observations;
 
-/// Decays of one system; the samples are ordered as [burst][output][sample].
+/// Decays of one system.
 #[derive(Clone, Debug)]
 pub struct Decays {
+    /// Sampling period, s.
     pub dt_s: f64,
+    /// Number of complete bursts, of outputs, and of samples of each.
     pub bursts: usize,
     pub outputs: usize,
     pub samples: usize,
+    /// The scaled samples: bursts x outputs x samples, in this order.
     pub y: Vec<f64>,
     /// Channel of each output, in the order that is used here.
     pub channels: Vec<u32>,
-    /// What each output was divided by, counts.
+    /// What each output was divided by, in the unit of the recording ("counts").
     pub scale: Vec<f64>,
     /// Number of bursts that were left out because an output is missing.
     pub incomplete: usize,
@@ -30,6 +35,8 @@ impl Decays {
         let mut channels: Vec<u32> = data.rows.iter().map(|r| r.beside.channel).collect();
         channels.sort_unstable();
         channels.dedup();
+
+        // the row of each output in each burst
         let n = data.samples;
         let mut bursts: Vec<Vec<Option<usize>>> = vec![vec![None; channels.len()]; data.bursts];
         for (i, row) in data.rows.iter().enumerate() {
@@ -43,7 +50,9 @@ impl Decays {
         if whole.is_empty() || channels.is_empty() {
             return None;
         }
-        // the output with the largest sum of squares about its mean counts as the displacement
+
+        // of each output the largest deviation from its mean, and the sum of squares about the
+        // mean; the output with the largest sum comes first
         let spread = |o: usize| -> (f64, f64) {
             let all = || whole.iter().flat_map(|b| data.signal(b[o])).map(|y| f64::from(*y));
             let mean = all().sum::<f64>() / (n * whole.len()) as f64;
@@ -56,6 +65,7 @@ impl Decays {
         if scale.iter().any(|s| s.is_nan() || *s <= 0.0) {
             return None;
         }
+
         let mut y = Vec::with_capacity(whole.len() * order.len() * n);
         for burst in &whole {
             for (&o, s) in order.iter().zip(&scale) {

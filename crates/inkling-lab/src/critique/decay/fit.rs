@@ -1,8 +1,17 @@
-//! Least squares on the trajectory, in the metric of the noise.
+//! Least squares on the trajectory, in the metric of the noise: the fit of the critique of decays.
 //!
-//! In: a plant, a start, the noise. Out: the nearest minimum, never worse than the start. The noise of an
-//! output is autoregressive. Its coefficients come from a fit's own misfit, so that the misfit counts as many
-//! independent samples as it has, and no more.
+//! In: a [`Fit`] to start from (decays, terms, numbers) and the [`Noise`]. Out: a [`Fit`] at the
+//! nearest minimum, never worse than the start. `children` and `selection` ask for fits; `gain` and
+//! `worth` ask for them on some stretches of time.
+//!
+//! The cost is the sum of squares of the whitened misfit. The noise of an output is an
+//! autoregression: whitening subtracts from each sample of the misfit what the samples before it
+//! predict, and divides by the standard deviation of the rest ([`Colour`]). So a misfit counts as
+//! many independent samples as it has, and no more. The coefficients come from a fit's own misfit
+//! ([`Fit::noise`]). The descent is that of Levenberg and Marquardt, with derivatives whitened in
+//! the same way (`steps`). A term that moves the phase is fitted to a first stretch, then to ever
+//! longer ones (`follow`), because least squares over a whole decay does not find a phase again
+//! that is off by half a swing.
 
 use super::decays::Decays;
 use super::motion::Motion;
@@ -19,15 +28,19 @@ const DAMPING: Damping = Damping { first: 1e-3, down: 0.1, least: 1e-12, up: 10.
 const MOST_STEPS: usize = 60;
 const FEW_STEPS: usize = 8;
 
-/// The noise of one output: linear predictors of order 0, 1 ... p, and the standard deviation of what each
-/// leaves.
+/// The noise of one output: linear predictors of order 0, 1 ... p, and the standard deviation of
+/// what each leaves. The predictor phi of order m expects sum_j phi_j y_{k-1-j} of sample k, over j
+/// < m.
 #[derive(Clone, Debug)]
 pub struct Colour {
+    /// Coefficients of the predictors, by order.
     pub predictors: Vec<Vec<f64>>,
+    /// In the unit of the misfits; the first one is that of the misfits themselves.
     pub sds: Vec<f64>,
 }
 
 impl Colour {
+    /// White noise: order 0.
     pub fn white(sd: f64) -> Colour {
         Colour { predictors: vec![Vec::new()], sds: vec![sd] }
     }
@@ -36,13 +49,15 @@ impl Colour {
         self.predictors.len() - 1
     }
 
-    /// The autoregression of misfits, of the order that the Bayesian information criterion chooses (Levinson,
-    /// Durbin). `spent`: number of parameters that were fitted to the misfits.
+    /// The autoregression of misfits, of the order that the Bayesian information criterion chooses
+    /// (Levinson, Durbin). `series`: stretches of the misfit of one output, which need not be of
+    /// one length; `spent`: number of parameters that were fitted to them.
     pub fn of(series: &[&[f64]], spent: f64) -> Colour {
         let count: usize = series.iter().map(|s| s.len()).sum();
         let longest = series.iter().map(|s| s.len()).max().unwrap_or(0);
         let most = MOST_ORDER.min(longest / 8);
         let free = (count as f64 - spent).max(1.0);
+        // autocovariance at lag j
         let lag = |j: usize| -> f64 {
             let products = series.iter().flat_map(|s| s.iter().zip(&s[j.min(s.len())..]));
             products.map(|(a, b)| a * b).sum::<f64>() / free
@@ -51,8 +66,10 @@ impl Colour {
         let mut all = Colour { predictors: vec![Vec::new()], sds: vec![zero.sqrt()] };
         let (mut variance, mut phi) = (zero, Vec::<f64>::new());
         let (mut best, mut least) = (0, free * zero.ln());
-        // Levinson's recursion: the next predictor is the last one, less its mirror image times the partial
-        // correlation
+
+        // Levinson's recursion: the next predictor is the last one, less its mirror image times the
+        // partial correlation (`mirror`), which is its own new coefficient; the variance falls by
+        // its square
         for p in 1..=most {
             let reached: f64 = phi.iter().enumerate().map(|(j, f)| f * lag(p - 1 - j)).sum();
             let mirror = ((lag(p) - reached) / variance).clamp(-0.9999, 0.9999);
@@ -72,8 +89,8 @@ impl Colour {
         all
     }
 
-    /// Turns misfits into independent ones of unit variance; the first samples have fewer samples before
-    /// them.
+    /// Turns misfits, in place, into independent ones of unit variance. The first samples of a
+    /// series have fewer samples before them, and so are predicted by a lower order.
     pub fn whiten(&self, series: &mut [f64]) {
         let raw = series.to_vec();
         for (k, w) in series.iter_mut().enumerate() {
@@ -96,7 +113,7 @@ impl Colour {
     }
 }
 
-/// Root mean square of each output's misfit.
+/// Root mean square of each output's misfit, over all bursts. `misfit` is ordered as `decays.y`.
 pub fn sizes(misfit: &[f64], decays: &Decays) -> Vec<f64> {
     let count = (decays.samples * decays.bursts) as f64;
     let square = |output| decays.of_output(misfit, output).flatten().map(|r| r * r).sum::<f64>();
@@ -108,22 +125,26 @@ pub fn sizes(misfit: &[f64], decays: &Decays) -> Vec<f64> {
 pub struct Noise {
     /// Noise of each output.
     pub colours: Vec<Colour>,
-    /// For each sample of a series whether it counts for nothing; empty if all count.
+    /// For each sample of a series whether it counts for nothing, alike in all series; empty if all
+    /// count.
     pub held_out: Vec<bool>,
 }
 
 impl Noise {
+    /// White noise with one standard deviation for each output.
     pub fn white(sds: &[f64]) -> Noise {
         Noise { colours: sds.iter().map(|sd| Colour::white(*sd)).collect(), held_out: Vec::new() }
     }
 
-    /// The share of the misfit that the samples before predict, for the output where this is largest.
+    /// The share of the misfit's squares that the samples before predict, for the output where this
+    /// is largest.
     pub fn predictable(&self) -> f64 {
         let of = |c: &Colour| 1.0 - (c.sds[c.order()] / c.sds[0]).powi(2);
         self.colours.iter().map(of).fold(0.0, f64::max)
     }
 
-    /// Whitens the series with index i, and clears what is held out.
+    /// Whitens the series with index i (ordered by burst, then output), and clears what is held
+    /// out.
     fn apply_to(&self, i: usize, series: &mut [f64]) {
         self.colours[i % self.colours.len()].whiten(series);
         for (w, _) in series.iter_mut().zip(&self.held_out).filter(|(_, held)| **held) {
@@ -137,7 +158,8 @@ impl Noise {
 pub struct Fit<'a> {
     pub decays: &'a Decays,
     pub terms: Vec<Term>,
-    /// Numbers (parameters): the oscillator's own, then those of each term.
+    /// Numbers (parameters): the oscillator's own, then those of each term; `plant.rs` has their
+    /// order.
     pub p: Vec<f64>,
     /// Sum of squares in the metric of the noise.
     pub cost: f64,
@@ -173,7 +195,7 @@ impl<'a> Fit<'a> {
         sizes(&self.misfit(), self.decays)
     }
 
-    /// The noise that the fit leaves.
+    /// The noise that the fit leaves: the autoregression of each output's misfit.
     pub fn noise(&self) -> Noise {
         let Decays { outputs, .. } = *self.decays;
         let (misfit, share) = (self.misfit(), self.p.len() as f64 / outputs as f64);
@@ -190,7 +212,7 @@ impl<'a> Fit<'a> {
         fit
     }
 
-    /// This fit without some of its terms (`goes` gets their index); not fitted anew.
+    /// This fit without those of its terms for whose index `goes` is true; not fitted anew.
     pub fn without(&self, goes: impl Fn(usize) -> bool) -> Fit<'a> {
         let mut left = Fit::at_rest(self.decays);
         left.p.clone_from_slice(&self.p[..plain_numbers(self.decays)]);
@@ -209,11 +231,12 @@ impl<'a> Fit<'a> {
         Some(each.map(|(offset, scale)| offset * scale).collect())
     }
 
+    /// The equation of motion with the fitted numbers.
     pub fn motion(&self) -> Motion {
         motion(self.decays, &self.terms, &self.p)
     }
 
-    /// Measured minus simulated, for all samples.
+    /// Measured minus simulated, for all samples, ordered as `decays.y` and in its scale.
     pub fn misfit(&self) -> Vec<f64> {
         let plant = Plant::new(self.decays, &self.terms, self.decays.samples);
         let mut misfit = plant.measured();
@@ -221,11 +244,14 @@ impl<'a> Fit<'a> {
         misfit
     }
 
-    /// Covariance of the numbers, in the metric of the noise.
+    /// Covariance of the numbers, in the metric of the noise: the inverse of J^T J with whitened
+    /// derivatives J. A number that nothing depends on, such as a tone's damping, is held: its rows
+    /// and columns are 0.
     pub fn covariance(&self, noise: &Noise) -> DMatrix<f64> {
         let plant = Plant::new(self.decays, &self.terms, self.decays.samples);
         let gram = normal(&plant, &self.p, noise, &vec![0.0; plant.len()]).0;
-        // a number that nothing depends on, such as a tone's damping, is held
+        // inverted with a unit diagonal, since the numbers' sizes differ by decades; a division by
+        // an infinite scale gives the 0 of what is held
         let scale = DVector::from_fn(gram.nrows(), |i, _| match gram[(i, i)] > 0.0 {
             true => gram[(i, i)].sqrt(),
             false => f64::INFINITY,
@@ -249,12 +275,13 @@ impl<'a> Fit<'a> {
         self.steps(noise, self.decays.samples, FEW_STEPS)
     }
 
-    /// Descends by so many steps at most, on the first `upto` samples.
+    /// Descends by so many steps at most (Levenberg and Marquardt), on the first `upto` samples.
     fn steps(&self, noise: &Noise, upto: usize, most_steps: usize) -> Fit<'a> {
         let plant = Plant::new(self.decays, &self.terms, upto);
         let measured = plant.measured();
-        // frequencies must stay between the slowest ring and half the sampling rate; what is slower than one
-        // swing in the whole record is a drift
+
+        // the ring's frequency must stay between the slowest ring and half the sampling rate; what
+        // is slower than one swing in the whole record is a drift
         let lowest = (TAU / self.decays.samples as f64).min(self.p[OMEGA]);
         let cost = |p: &Vec<f64>| match p[OMEGA] >= lowest && p[OMEGA] < PI {
             true => cost(&plant, p, noise, &measured),
@@ -283,11 +310,13 @@ impl<'a> Fit<'a> {
         Fit { p, cost, ..self.clone() }
     }
 
-    /// Fits a first stretch, then ever longer ones. So a decay whose frequency or damping changes is followed
-    /// from swing to swing, and no swing is lost.
+    /// Fits a first stretch of so many samples, then ever longer ones (each longer by a half), then
+    /// the whole. So a decay whose frequency or damping changes is followed from swing to swing,
+    /// and no swing is lost.
     pub fn follow(&self, noise: &Noise, first: usize) -> Fit<'a> {
         let Decays { bursts, outputs, samples, .. } = *self.decays;
         let mut fit = self.clone();
+        // a stretch needs more samples than there are numbers to be fitted: twice as many
         let fewest = fit.p.len() * 2 / (bursts * outputs);
         let mut upto = first.max(fewest).max(8);
         while upto < samples {
@@ -298,7 +327,8 @@ impl<'a> Fit<'a> {
     }
 }
 
-/// Sum of squares of the whitened misfit, and this misfit.
+/// Sum of squares of the whitened misfit, and this misfit, series by series. The sum is infinite
+/// where the motion is lost.
 fn cost(plant: &Plant, p: &[f64], noise: &Noise, measured: &[f64]) -> (f64, Vec<f64>) {
     let mut r = plant.predict(p);
     r.iter_mut().zip(measured).for_each(|(m, y)| *m = y - *m);
@@ -307,8 +337,8 @@ fn cost(plant: &Plant, p: &[f64], noise: &Noise, measured: &[f64]) -> (f64, Vec<
     (if sum.is_finite() { sum } else { f64::INFINITY }, r)
 }
 
-/// J^T J and J^T r of whitened columns. It is summed series by series, since most numbers matter to one burst
-/// alone.
+/// J^T J and J^T r, with the derivatives J whitened as the misfit `r` was. Both are summed series
+/// by series, since most numbers matter to one burst alone.
 fn normal(plant: &Plant, p: &[f64], noise: &Noise, r: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
     let numbers = p.len();
     let (mut gram, mut product) = (DMatrix::zeros(numbers, numbers), DVector::zeros(numbers));

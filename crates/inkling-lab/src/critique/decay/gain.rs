@@ -1,8 +1,12 @@
-//! Measures what the extension buys on stretches of the decays that nothing was fitted to, and computes the
-//! figures.
+//! Measures what the extension buys on stretches of the decays that nothing was fitted to, tests
+//! what is left for whiteness and evenness, and computes the report's figures.
 //!
-//! Every third of some twenty stretches is held out; baseline and extended model are fitted to the others
-//! alone. Detection of faults is not measured: a single oscillator has no fault classes.
+//! In, from `decay/mod.rs`: [`Selected`], the baseline (plain oscillation) and the extended model.
+//! Out: [`Misfit`], [`Gain`] and [`Figures`], as of an ink channel. Every third of some twenty
+//! stretches is held out (`stretches`); baseline and extended model are fitted to the others alone,
+//! and chi-squared, relative misfit and whiteness are told of the held-out ones. Intervals draw
+//! held-out stretches anew (bootstrap). Detection of faults is not measured: a single oscillator
+//! has no fault classes. The gain in likelihood is measured in `worth.rs`.
 
 use super::decays::Decays;
 use super::fit::{Colour, Fit, sizes};
@@ -28,7 +32,10 @@ const LAGS: usize = 10;
 /// Unit of the figures: the recording does not name its own.
 const UNIT: &str = "units of the recording";
 
-/// p-value of the misfit being white (Ljung and Box), over the samples that `looked_at` selects.
+/// p-value of the misfit being white, over the samples (by their index in a series) that
+/// `looked_at` selects: as Ljung and Box, for each output and lag the squared sum of products over
+/// its variance, size^4 times their number, summed to a chi-squared. What a fit itself correlates
+/// is not allowed for; decays are long.
 pub fn whiteness(misfit: &[f64], decays: &Decays, looked_at: impl Fn(usize) -> bool) -> f64 {
     let sizes = sizes(misfit, decays);
     let (mut q, mut degrees) = (0.0, 0);
@@ -54,9 +61,11 @@ pub fn whiteness(misfit: &[f64], decays: &Decays, looked_at: impl Fn(usize) -> b
 /// Number of parts that every series is cut into, to see whether what is left is spread evenly.
 const PARTS: usize = 32;
 
-/// Where what is left lies, if it is not spread evenly: the first sample of the part of a series in which
-/// more samples are large, beyond what those before them predict, than chance puts there. The prediction is
-/// learned from the quieter half of all parts; learned from all, it would know the loud ones, too.
+/// Where what is left lies, if it is not spread evenly: the first sample of that part of a series
+/// (one of `PARTS`) in which, beyond what the samples before predict, more samples are large than
+/// chance puts there. The prediction is learned from the quieter half of all parts; learned from
+/// all, it would know the loud parts, too. `None`: chance explains the number of large samples in
+/// every part.
 pub fn uneven(misfit: &[f64], decays: &Decays) -> Option<usize> {
     let length = decays.samples.div_ceil(PARTS);
     let power = |y: &[f64]| y.iter().map(|v| v * v).sum::<f64>() / y.len() as f64;
@@ -72,7 +81,7 @@ pub fn uneven(misfit: &[f64], decays: &Decays) -> Option<usize> {
         of_output.for_each(|series| colour.whiten(series));
     }
 
-    // compare the number of large samples in each part with their share in all
+    // compare the number of large samples in each part with their share in all samples (Poisson)
     let large = |y: &[f64]| y.iter().filter(|w| w.abs() > ONCE_IN_100).count() as f64;
     let share = large(&white) / white.len() as f64;
     let parts = white.chunks(decays.samples).flat_map(|series| series.chunks(length).enumerate());
@@ -83,7 +92,8 @@ pub fn uneven(misfit: &[f64], decays: &Decays) -> Option<usize> {
     (most > without_a_name(looks)).then_some(at)
 }
 
-/// Sums of squares over the samples `of` of one series; `sds`: standard deviation of each output's noise.
+/// Sums of squares over the samples `of` of the series with index `series`; `sds`: standard
+/// deviation of each output's noise, in the scale of the decays.
 fn squares(
     decays: &Decays,
     misfit: &[f64],
@@ -97,7 +107,8 @@ fn squares(
     Squares { chi2, misfit, signal, samples: of.len() as f64 }
 }
 
-/// Figures of a misfit on the held-out stretches. What concerns detection is NaN.
+/// Figures of a misfit on the held-out stretches, one [`Squares`] for each stretch of each series.
+/// `sds`: as of `squares`. What concerns detection is NaN.
 fn figures(decays: &Decays, misfit: &[f64], sds: &[f64]) -> GainFigures {
     let series = decays.bursts * decays.outputs;
     let of_stretch = |of: Range<usize>| {
@@ -122,7 +133,8 @@ fn figures(decays: &Decays, misfit: &[f64], sds: &[f64]) -> GainFigures {
     }
 }
 
-/// Misfit of the baseline on all samples, and what the extension buys on held-out stretches.
+/// Misfit of the baseline on all samples, in the noise that the final model leaves there; and what
+/// the extension buys on held-out stretches.
 pub fn measure(selected: &Selected) -> (Misfit, Gain) {
     let decays = selected.fit.decays;
     let n = decays.samples;
@@ -139,7 +151,9 @@ pub fn measure(selected: &Selected) -> (Misfit, Gain) {
     let noise = stretches.noise(&sds);
     let anew = |fit: &Fit| fit.descend(&noise).misfit();
     let (plain, extended) = (anew(&selected.baseline), anew(&selected.fit));
-    // the noise of each output is what the extended model leaves in the stretches that it was fitted to
+
+    // the noise of each output is what the extended model leaves in the stretches that it was
+    // fitted to
     let kept: Vec<f64> = (0..decays.outputs)
         .map(|output| {
             let samples = decays.of_output(&extended, output).flat_map(|r| r.iter().enumerate());
@@ -168,7 +182,7 @@ pub fn measure(selected: &Selected) -> (Misfit, Gain) {
     (misfit, gain)
 }
 
-/// Mean misfit of one output over the bursts, counts.
+/// Mean misfit of one output over the bursts, sample by sample, in the unit of the recording.
 fn mean_of(misfit: &[f64], decays: &Decays, output: usize) -> Vec<f64> {
     let mut mean = vec![0.0; decays.samples];
     let weight = decays.scale[output] / decays.bursts as f64;
@@ -178,7 +192,9 @@ fn mean_of(misfit: &[f64], decays: &Decays, output: usize) -> Vec<f64> {
     mean
 }
 
-/// All figures of a critique of decays.
+/// All figures of a critique of decays: the mean misfit over time, its spectrum, and the misfit of
+/// frequency and damping against the amplitude. The first two are of the output whose misfit the
+/// extension reduces most.
 pub fn draw(selected: &Selected) -> Figures {
     let decays = selected.fit.decays;
     let n = decays.samples;
@@ -189,6 +205,8 @@ pub fn draw(selected: &Selected) -> Figures {
     let output = (0..decays.outputs)
         .max_by(|p, q| (large[*p] / small[*p]).total_cmp(&(large[*q] / small[*q])))
         .unwrap_or(0);
+
+    // mean misfit over the bursts, with the band that the final model's noise gives it
     let sd = small[output] * decays.scale[output];
     let half = 1.96 * sd / (decays.bursts as f64).sqrt();
     let mean = |misfit: &[f64]| {
@@ -200,6 +218,8 @@ pub fn draw(selected: &Selected) -> Figures {
         before: mean(&before),
         after: mean(&after),
     };
+
+    // mean spectrum over the bursts; the band is about that of white noise of the same size
     let [low, high] = band_of_means(decays.bursts as f64);
     let mean_power = |misfit: &[f64]| {
         let weight = decays.scale[output].powi(2) / decays.bursts as f64;
@@ -225,9 +245,13 @@ pub fn draw(selected: &Selected) -> Figures {
     }
 }
 
-/// Amplitude, frequency and damping of a stretch, with the standard deviations of the latter two; rates per
-/// sample. Fits (a + a' t) cos wt + (b + b' t) sin wt + c about the middle; a' and b' tell how far the
-/// frequency is off, and the damping.
+/// Amplitude, frequency and damping of a stretch `y`, with the standard deviations of the latter
+/// two (which are alike); rates per sample. `omega`: frequency from which the search begins.
+/// `None`: nothing moves.
+///
+/// Fits (a + a' t) cos wt + (b + b' t) sin wt + c, with t from the middle. Then w is too large by
+/// (a b' - b a')/(a² + b²), and -(a a' + b b')/(a² + b²) is the damping. Repeats this with w
+/// corrected.
 fn local(y: &[f64], omega: f64) -> Option<[f64; 5]> {
     let middle = 0.5 * (y.len() - 1) as f64;
     let mut omega = omega;
@@ -260,11 +284,16 @@ fn local(y: &[f64], omega: f64) -> Option<[f64; 5]> {
     found
 }
 
-/// Amplitude of a stretch, then the relative misfit before and after and its standard deviation, of the
-/// frequency and of the damping.
+/// Amplitude of a stretch, in the unit of the recording; then, of the frequency and of the damping:
+/// the relative misfit of the plain oscillation, that of the extended model, and the standard
+/// deviation of both.
 type Stretch = (f64, [[f64; 3]; 2]);
 
 /// Misfit of the frequency and the damping of single stretches against their amplitude, in bins.
+/// `after`: the extended model's misfit. The plain oscillation has one frequency (its undamped one
+/// is taken) and one damping; what the extended model expects of a stretch is measured in the
+/// simulated stretch as in the real one. Only the first output is looked at, which counts as the
+/// displacement. Empty where less than three stretches tell something.
 fn against_amplitude(selected: &Selected, after: &[f64]) -> Vec<CovariateFigure> {
     let decays = selected.fit.decays;
     const BINS: usize = 8;
@@ -281,7 +310,10 @@ fn against_amplitude(selected: &Selected, after: &[f64]) -> Vec<CovariateFigure>
             let (Some(seen), Some(expected)) = (local(y, omega), local(&simulated, omega)) else {
                 continue;
             };
-            // only what is well above the noise, and has a frequency, tells something
+            // Only what is well above the noise, and has a frequency, tells something. Of frequency
+            // and damping: what was measured less what the plain oscillation has, less what the
+            // extended model expects, and the standard deviation; all relative to the plain
+            // oscillation.
             if seen[0] > 5.0 * noise && seen[3] < 0.05 * omega {
                 let each = |j: usize, base: f64| {
                     let base_or = if base.abs() > 1e-9 { base } else { 1e-9 };
@@ -295,6 +327,8 @@ fn against_amplitude(selected: &Selected, after: &[f64]) -> Vec<CovariateFigure>
             }
         }
     }
+
+    // bins of equally many stretches, by amplitude
     points.retain(|(a, of)| a.is_finite() && of.iter().flatten().all(|v| v.is_finite()));
     points.sort_by(|p, q| p.0.total_cmp(&q.0));
     if points.len() < 3 {

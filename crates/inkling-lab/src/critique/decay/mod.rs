@@ -1,9 +1,16 @@
-//! The critique of few, long decays of one oscillator.
+//! The critique of few, long decays of one oscillator (a pendulum, a beam, a circuit).
 //!
-//! In: decays of one system, a few bursts of one or more outputs. Out: the same findings as for a printhead.
-//! The trajectory itself is fitted (`fit`, `motion`): a damped oscillation for all outputs, then whatever
-//! terms the decays ask for (`selection`). There is no drive scan, but a long decay goes through all
+//! In, from `engine.rs`: decays of one system, a few bursts of one or more outputs, in any unit.
+//! Out: the same [`Outcome`] as for a printhead, without an extended design. The trajectory itself
+//! is fitted (`fit`, `motion`): a damped oscillation for all outputs, then whatever terms the
+//! decays ask for (`selection`). There is no drive scan, but a long decay goes through all
 //! amplitudes. Nothing may be named that could not be refitted.
+//!
+//! The steps of [`critique`]: scale the decays (`decays`); select terms; ask whether anything rings
+//! at all; measure the gain on held-out stretches (`gain`, `worth`); put causes into words
+//! (`words`); judge what is left (`left`); decide the verdict. In this folder *numbers* are the
+//! fitted parameters, a *series* is one output in one burst, a *line* is an added oscillation, and
+//! the *misfit* is measured minus simulated.
 
 mod children;
 mod decays;
@@ -38,26 +45,38 @@ use fit::sizes;
 use selection::Selected;
 use std::f64::consts::TAU;
 
-/// Largest number of bursts that are taken for decays of one system; more are an ensemble of signals.
+/// Largest number of bursts that are taken for decays of one system; more are an ensemble of
+/// signals, which `engine.rs` criticises one by one.
 pub const MOST_BURSTS: usize = 32;
-/// Longer decays are cut to so many samples.
+/// Longer decays are cut to so many samples, by whoever reads them (`src/cli/critique.rs`).
 pub const MOST_SAMPLES: usize = 32_768;
 /// Largest number of samples in all; more would not be fitted in reasonable time.
 const MOST_IN_ALL: usize = 8 * MOST_SAMPLES;
-/// Whether these signals can be criticised as decays.
+
+/// Whether these signals can be criticised as decays: few bursts of one printhead, and not too many
+/// samples.
 pub fn can(data: &Observations) -> bool {
     data.bursts <= MOST_BURSTS
         && data.printheads.len() == 1
         && data.len() * data.samples <= MOST_IN_ALL
 }
 
-/// What is left of the misfit: the share of it that the samples before predict, and so is no noise of its
-/// own. `named`: some cause has a name.
+/// What is left of the misfit. `named`: some cause has a name.
+///
+/// The part of the misfit that follows from the samples before, by the autoregression of
+/// `selected.noise`, is taken for the model's own error, the rest for noise. The share that is left
+/// is that part over the same part of the plain oscillation's misfit, each summed over outputs.
+/// Significant is: a rival in the model where nothing has a name; a misfit that is not white, if
+/// something has a name or more than half of some output's misfit is predictable; and, where
+/// nothing has a name, a misfit that is spread unevenly.
 fn left(selected: &Selected, named: bool) -> Unexplained {
     let decays = selected.fit.decays;
     let misfit = selected.fit.misfit();
     let (before, after) = (selected.baseline.sizes(), sizes(&misfit, decays));
-    // per output: the squared misfit before, and what is left, both without the part that nothing predicts
+
+    // In squares of what is left of each output: `floor` is the part that nothing predicts,
+    // `missed` sums what the plain oscillation leaves beyond it, `rest` what the final model leaves
+    // beyond it; `predictable` is the largest share that follows from the samples before.
     let (mut missed, mut rest, mut predictable) = (0.0, 0.0, 0.0_f64);
     for (o, colour) in selected.noise.colours.iter().enumerate() {
         let floor = (colour.sds[colour.order()] / after[o]).powi(2).min(1.0);
@@ -65,6 +84,7 @@ fn left(selected: &Selected, named: bool) -> Unexplained {
         rest += 1.0 - floor;
         predictable = predictable.max(1.0 - floor);
     }
+
     let mut significant = Vec::new();
     if let Some(like) = selected.strongest_rival().filter(|_| !named) {
         significant.push(format!("something like {}", like.form.term.words()));
@@ -79,11 +99,15 @@ fn left(selected: &Selected, named: bool) -> Unexplained {
             "the misfit that is left is not spread evenly: much of it lies about {at} s"
         ));
     }
-    // misfit that may be the noise's own colour takes no name away
+
+    // misfit that may be the noise's own colour (not predictable to more than half) takes no name
+    // away
     let share_allowed = if predictable > MOSTLY { MOSTLY } else { 1.0 };
     Unexplained { significant, share: (rest / missed.max(1e-12)).min(1.0), share_allowed }
 }
 
+/// The remark on a misfit that is not white. `p`: probability by chance; `predictable`: share of
+/// the misfit; `hz`: where its spectrum peaks.
 fn not_white(p: f64, predictable: f64, hz: f64) -> String {
     format!(
         "the misfit that is left is not white ({}; {:.0} % of it follows from the samples before; its spectrum \
@@ -100,7 +124,8 @@ fn peak(misfit: &[f64], decays: &Decays) -> f64 {
     spectrum::peaks(&power, 0.0, 1e9, 1).first().copied().unwrap_or(0.0) / (TAU * decays.dt_s)
 }
 
-/// Remarks on what is left, and on candidates that would take part of it but cannot be named.
+/// Remarks on what is left, and on candidates that would explain a part of what is left but cannot
+/// be named.
 fn unexplained(selected: &Selected, left: &Unexplained) -> Vec<String> {
     let unnamed = selected.unnamed.iter().map(|t| {
         format!(
@@ -113,7 +138,9 @@ fn unexplained(selected: &Selected, left: &Unexplained) -> Vec<String> {
     left.remarks().into_iter().chain(unnamed).collect()
 }
 
-/// Criticises the model of decays.
+/// Criticises the model of decays; the steps are those of the module's documentation. `data` must
+/// pass [`can`]. `stages` is called with the name of each step as it begins. Error: nothing rings,
+/// or there are no complete bursts.
 pub fn critique(
     data: &Observations,
     stages: &mut dyn FnMut(&str),
@@ -126,11 +153,14 @@ pub fn critique(
     if explained.is_nan() || !rings(&selected, explained) {
         return Err(CritiqueError::NoRing);
     }
+
     stages("measuring the gain");
     let (mut causes, mut remarks) = words::causes(&selected);
     let (misfit, gain) = gain::measure(&selected);
     let left = left(&selected, !causes.is_empty());
     let verdict = Verdict::of(&mut causes, &left);
+    // where nothing at all entered the model, the named candidate that explains most is told as the
+    // nearest
     if verdict == Verdict::Unknown && causes.is_empty() && selected.causes.is_empty() {
         causes.extend(nearest(&selected));
     }
@@ -171,8 +201,11 @@ pub fn critique(
     })
 }
 
-/// Whether there is a ring: whether the oscillation explains more than chance finds in as much noise. Of many
-/// partials a single one explains little, so no share is asked for.
+/// Whether there is a ring: whether the model explains more than chance finds in as much noise.
+/// `explained`: share of the decays' squares that the final model explains. The statistic -n ln(1 -
+/// explained) of n samples is compared with chi-squared of as many degrees as there are numbers,
+/// and one of n/2 frequencies was chosen. Of a sound of many partials a single one explains little,
+/// so no share is asked for.
 fn rings(selected: &Selected, explained: f64) -> bool {
     let decays = selected.fit.decays;
     let samples = decays.y.len() as f64;

@@ -1,18 +1,25 @@
 //! One oscillator's free motion, with what may be nonlinear in it.
 //!
-//! x'' = -2 sigma x' - omega^2 (x + k x^3, or sin) - drag |x'| x' - omega^2 stick sign(x'). Time counts in
-//! samples. In: rates and the state at the first sample. Out: x and x'/omega at every sample. The linear part
-//! is propagated exactly (Lawson's Runge-Kutta of fourth order in the frame of the linear motion, J. D.
-//! Lawson, SIAM J. Numer. Anal. 4, 1967), so that a term of strength zero leaves the linear decay, to
-//! rounding. Dry friction changes its sign where x' passes zero: that instant is found, and the body stays
-//! where the spring is weaker than the friction.
+//! x'' = -2 sigma x' - omega^2 (x + k x^3, or sin) - drag |x'| x' - omega^2 stick sign(x'), and the
+//! rivals of `unnamed.rs`: more force of the spring, rates that follow time, and a sensor that
+//! shows something else than x. Time counts in samples, x in the largest deviation of the first
+//! output from its mean.
+//!
+//! In, from `plant.rs`: rates, strengths, and the state at the first sample. Out: x and x'/omega at
+//! every sample ([`Motion::run`]).
+//!
+//! The linear part is propagated exactly, by its matrix exponential. The rest is integrated in
+//! small steps by Lawson's Runge-Kutta of fourth order, that is in the frame of the linear motion
+//! (J. D. Lawson, SIAM J. Numer. Anal. 4, 1967), so that a term of strength zero leaves the linear
+//! decay, to rounding. Dry friction changes its sign where x' passes zero: that instant is found,
+//! and the body stays at rest where the spring is weaker than the friction.
 
 use super::unnamed::{RATES, SENSORS, SPRINGS, Strengths};
 use nalgebra::{Matrix2, Vector2};
 
 /// Largest step, in radians of the oscillation, where something is nonlinear.
 const RADIANS: f64 = 0.15;
-/// A displacement beyond this (in units of the largest sample) is no decay any more.
+/// A displacement beyond this is no decay any more; in the unit of x.
 const LOST: f64 = 1e3;
 
 /// How the restoring force departs from the straight line; both forms begin as x + k x^3.
@@ -29,12 +36,12 @@ pub struct Motion {
     pub sigma: f64,
     /// Frequency of the undamped motion, radians per sample.
     pub omega: f64,
-    /// Form of the spring, and k.
+    /// Form of the spring, and k of it, per square of the unit of x.
     pub form: Form,
     pub stiffness: f64,
-    /// Drag that grows with the square of the velocity.
+    /// Coefficient of the drag that grows with the square of the velocity, per unit of x.
     pub drag: f64,
-    /// Friction over the spring's rate, which is a displacement.
+    /// Friction over the spring's rate: the displacement within which the body may rest.
     pub stick: f64,
     /// Rivals without a name.
     pub unnamed: Strengths,
@@ -54,6 +61,8 @@ impl Motion {
         }
     }
 
+    /// Whether the equation of motion is linear; rates may follow time, and sensors may bend what
+    /// is seen.
     fn is_linear(&self) -> bool {
         [self.stiffness, self.drag, self.stick] == [0.0; 3] && !self.unnamed.has(&SPRINGS)
     }
@@ -74,7 +83,8 @@ impl Motion {
         Matrix2::new(fall * (c + s * sigma), to_x, to_v, fall * (c - s * sigma))
     }
 
-    /// The spring's force over its rate, less x itself.
+    /// The spring's force over its rate, less x itself: k x^3, or what a sine of the same k differs
+    /// by.
     pub fn beyond(&self, x: f64) -> f64 {
         let k = self.stiffness;
         let q = -6.0 * k;
@@ -98,7 +108,11 @@ impl Motion {
         -self.omega * self.omega * (spring + self.stick * sign) - self.drag * v.abs() * v
     }
 
-    /// One step of Lawson's Runge-Kutta. `half` and `full`: [`Motion::turns`].
+    /// One step of Lawson's Runge-Kutta from the state `y` = (x, x'), of length `h`. `sign`: as of
+    /// `kick`; `half` and `full`: the propagators of `turns`. It is the classical Runge-Kutta
+    /// method for the state seen in the frame of the linear motion: each slope is taken where the
+    /// linear motion, and the kicks before, have moved the state, and is itself carried on by the
+    /// linear motion to the step's end.
     fn step(
         &self,
         y: Vector2<f64>,
@@ -120,8 +134,9 @@ impl Motion {
         [self.turn(0.5 * h), self.turn(h)]
     }
 
-    /// Computes x and x'/omega of `samples` samples as the sensor shows them. `start`: x and x'/omega at
-    /// sample 0. All is NaN where the motion is lost.
+    /// Computes x and x'/omega of `samples` samples as the sensor shows them, and writes them to
+    /// `out`. `start`: x and x'/omega at sample 0. A nonlinear motion that gets lost (`LOST`) is
+    /// NaN from the next sample on, so that its cost is infinite.
     pub fn run(&self, start: [f64; 2], samples: usize, out: &mut Vec<[f64; 2]>) {
         out.clear();
         self.moved(start, samples, out);
@@ -130,14 +145,17 @@ impl Motion {
         }
     }
 
-    /// The equation between this sample and the next one, where rates follow time.
+    /// The equation between the sample with index `samples` and the next one, where rates follow
+    /// time: with the rates in the middle.
     fn after(&self, samples: usize) -> Motion {
         let time = samples as f64 + 0.5;
         let sigma = self.sigma + self.unnamed.loss_after(time);
         Motion { sigma, omega: self.omega * (1.0 + self.unnamed.frequency_after(time)), ..*self }
     }
 
-    /// The motion itself, before a sensor bends it.
+    /// The motion itself, before a sensor bends it. A linear motion is moved by its propagator from
+    /// sample to sample; any other in steps of at most `RADIANS`, with the friction's sign kept in
+    /// `sign`.
     fn moved(&self, start: [f64; 2], samples: usize, out: &mut Vec<[f64; 2]>) {
         let mut y = Vector2::new(start[0], start[1] * self.omega);
         let changes = self.unnamed.has(&RATES);
@@ -152,7 +170,8 @@ impl Motion {
             }
             return;
         }
-        // nonlinear: small steps between samples
+
+        // nonlinear: small steps between samples; from rest, the spring decides the direction
         let steps = (self.omega.abs() / RADIANS).ceil().clamp(1.0, 64.0);
         let h = 1.0 / steps;
         let mut now = *self;
@@ -183,8 +202,9 @@ impl Motion {
         }
     }
 
-    /// A step in which x' passes zero under friction: moves to that instant, then on with the other sign.
-    /// Returns the state, the sign, and whether the body rests.
+    /// A step of length `h` from `y` in which x' passes zero under friction: moves to that instant,
+    /// then on with the other sign, unless the body stays. Returns the state at the step's end, the
+    /// sign of x' there, and whether the body rests.
     fn turned(&self, mut y: Vector2<f64>, mut sign: f64, h: f64) -> (Vector2<f64>, f64, bool) {
         let part = |y, sign, h| self.step(y, sign, h, &self.turns(h));
         let mut left = h;
@@ -194,7 +214,8 @@ impl Motion {
             if end[1] * sign >= 0.0 {
                 return (end, sign, false);
             }
-            // find the instant by the false position, kept away from the ends
+
+            // find the instant by the false position (regula falsi), kept away from the ends
             let (mut low, mut high) = ((0.0, y[1] * sign), (left, end[1] * sign));
             for _ in 0..40 {
                 let at = low.0 + (high.0 - low.0) * (low.1 / (low.1 - high.1)).clamp(0.05, 0.95);
@@ -210,6 +231,7 @@ impl Motion {
             }
             y = Vector2::new(part(y, sign, low.0)[0], 0.0);
             left -= low.0;
+
             // the body rests if the spring is weaker than the friction, else it turns
             let spring = y[0] + self.beyond(y[0]) + self.unnamed.spring(y[0]);
             if spring.abs() <= self.stick {
@@ -220,8 +242,10 @@ impl Motion {
         (part(y, sign, left), sign, false)
     }
 
-    /// Frequency at an amplitude over that of the smallest motion, by the first harmonic of the spring's
-    /// force (N. M. Krylov and N. N. Bogoliubov); sqrt(1 + 3/4 k A^2) for the cubic spring.
+    /// Frequency at an amplitude over that of the smallest motion, by the first harmonic of the
+    /// spring's force (harmonic balance, N. M. Krylov and N. N. Bogoliubov): the square root of 2
+    /// times the mean of F(A cos phase) cos phase / A over a swing. That is sqrt(1 + 3/4 k A^2) for
+    /// the cubic spring. Rivals' springs are not included.
     pub fn frequency_ratio(&self, amplitude: f64) -> f64 {
         const POINTS: usize = 64;
         let mut sum = 0.0;
@@ -233,7 +257,8 @@ impl Motion {
         (2.0 * sum / (POINTS as f64 * amplitude)).max(0.0).sqrt()
     }
 
-    /// Damping rate at an amplitude, by the energy lost in one swing.
+    /// Damping rate at an amplitude, per sample, by the energy lost in one swing: a viscous damping
+    /// that loses as much. Rivals are not included.
     pub fn damping_at(&self, amplitude: f64) -> f64 {
         use std::f64::consts::PI;
         self.sigma

@@ -1,4 +1,12 @@
-//! Objections to fitted terms: unphysical signs, and lines that are something else.
+//! Objections to fitted terms of decays: unphysical signs, and lines that are something else.
+//!
+//! In, from `selection.rs`: a fit, the index of one of its terms, and the covariance of its
+//! numbers. Out: why the term cannot be the cause although it fits; `None` if nothing speaks
+//! against it. A line is compared with all that could make one: the ring and its multiples up to
+//! the eighth (as wide as the ring's frequency sweeps with the amplitude), their mirror images at
+//! half the sampling rate, and lines found before. Widths and factors are rules of thumb.
+//!
+//! `lowest_line` and `amplitudes` are of use elsewhere, too.
 
 use super::decays::Decays;
 use super::fit::Fit;
@@ -15,7 +23,8 @@ pub fn lowest_line(decays: &Decays) -> f64 {
     TAU * LEAST_PERIODS / decays.samples as f64
 }
 
-/// Why a fitted term cannot be what it is called, if so. `index`: the term's place among the terms.
+/// Why a fitted term cannot be what it is called; `None` if it can, or if there is no such term.
+/// `index`: the term's index among the fit's terms; `covariance`: of the fit's numbers.
 pub fn objection(fit: &Fit, index: usize, covariance: &DMatrix<f64>) -> Option<Objection> {
     let (term, at) = fit.placed().nth(index)?;
     if matches!(term, Term::Drag | Term::Friction) && fit.p[at] <= 0.0 {
@@ -50,6 +59,7 @@ fn line_objection(
     let ((_, frequencies), before) = lines.split_last()?;
     let sigma = fit.p[at];
     let sd = covariance[(at, at)].max(0.0).sqrt();
+
     // two modes near one frequency, one of them growing, can mimic a change of frequency or damping
     if line == Line::Mode && (sigma <= 0.0 || fit.p[SIGMA] <= 0.0) {
         return Some(Objection::Alias);
@@ -57,6 +67,7 @@ fn line_objection(
     if line == Line::Mode && sigma < 2.0 * sd {
         return Some(Objection::Undamped);
     }
+
     // a line must lie clear of the ring, of its multiples, and of the lines before it
     let width = if line == Line::Mode { sigma } else { 0.0 };
     if let Some(objection) =
@@ -74,8 +85,9 @@ fn line_objection(
     (sigma * 0.5 > frequencies[0]).then_some(Objection::Overdamped)
 }
 
-/// What else may ring at a line's frequency `omega`. `sigma`: the line's damping; `width`: that of a damped
-/// mode, else 0.
+/// What else may ring at a line's frequency `omega`, rad per sample. `sigma`: the line's damping
+/// per sample; `width`: the same of a mode, 0 of any other line. `resolution` is one period in the
+/// whole decay.
 fn place_objection(fit: &Fit, omega: f64, sigma: f64, width: f64) -> Option<Objection> {
     let own = fit.p[OMEGA];
     let resolution = TAU / fit.decays.samples as f64;
@@ -107,7 +119,9 @@ fn place_objection(fit: &Fit, omega: f64, sigma: f64, width: f64) -> Option<Obje
     None
 }
 
-/// Largest and smallest amplitude of the ring in these decays; the smallest is not below the noise.
+/// Largest and smallest amplitude of the ring in these decays, in the scale of the first output.
+/// The smallest is not below the root mean square of that output's misfit, since what lies below
+/// tells nothing.
 pub fn amplitudes(fit: &Fit) -> (f64, f64) {
     let motion = fit.motion();
     let (mut largest, mut smallest) = (0.0_f64, f64::INFINITY);

@@ -1,9 +1,15 @@
 //! The model of long decays: one oscillator, and the terms that are added to it.
 //!
-//! In: terms, and their numbers (parameters) after the oscillator's own. Out: every sample, and its
-//! derivatives. Several outputs see the same motion, the first as displacement, the others as a share of
-//! displacement and velocity each. Several bursts are several starts of it. Time counts in samples.
-//! Derivatives of the motion are central differences; those of offsets and lines are exact.
+//! In, from `fit.rs`: decays, terms, and the numbers p (parameters): first the oscillator's own,
+//! then those of each term. Out: every sample that the model predicts, and its derivatives by the
+//! numbers.
+//!
+//! In a burst, output j shows y_j = g_j x + h_j x'/omega + offset_j + lines, where x(t) follows the
+//! equation of `motion.rs` from the burst's own start. Of the first output g = 1 and h = 0; of the
+//! others these shares of displacement and velocity are fitted. Time counts in samples, y is scaled
+//! as in `decays.rs`. A *series* is one output in one burst; series are ordered by burst, then
+//! output. Derivatives of the motion are central differences, each with a run of the motion either
+//! way; those of shares, offsets and lines are exact.
 
 use super::decays::Decays;
 use super::motion::Motion;
@@ -11,9 +17,9 @@ use super::terms::{Line, Term};
 use crate::critique::waves::waves;
 use std::collections::BTreeMap;
 
-/// Indices of the oscillator's own numbers: its rates, then x and x'/omega of each burst's first sample, then
-/// the shares of displacement and velocity of every output but the first. Those of the terms follow, in the
-/// terms' order.
+/// Indices of the oscillator's own numbers: its rates per sample (damping, undamped frequency in
+/// rad), then x and x'/omega of each burst's first sample, then the shares of displacement and
+/// velocity of every output but the first. The numbers of the terms follow, in the terms' order.
 pub const SIGMA: usize = 0;
 pub const OMEGA: usize = 1;
 const STARTS: usize = 2;
@@ -37,7 +43,8 @@ pub fn placed(decays: &Decays, terms: &[Term]) -> impl Iterator<Item = (Term, us
     })
 }
 
-/// The motion that all outputs see, with the numbers `p`.
+/// The equation of motion with the numbers `p`. Offsets and lines are no part of it: they are added
+/// to what the outputs show.
 pub fn motion(decays: &Decays, terms: &[Term], p: &[f64]) -> Motion {
     let mut motion = Motion::linear(p[SIGMA], p[OMEGA]);
     for (term, at) in placed(decays, terms) {
@@ -54,7 +61,7 @@ pub fn motion(decays: &Decays, terms: &[Term], p: &[f64]) -> Motion {
     motion
 }
 
-/// x and x'/omega of one burst, at every sample.
+/// Writes x and x'/omega of one burst, at its first `samples` samples, to `out`.
 pub fn path(motion: &Motion, p: &[f64], burst: usize, samples: usize, out: &mut Vec<[f64; 2]>) {
     let at = STARTS + 2 * burst;
     motion.run([p[at], p[at + 1]], samples, out);
@@ -63,12 +70,14 @@ pub fn path(motion: &Motion, p: &[f64], burst: usize, samples: usize, out: &mut 
 /// Derivatives of every sample by every number, sparse: for each series, the columns of the numbers that it
 /// depends on.
 pub struct Jacobian {
+    /// Number of samples of each series.
     upto: usize,
+    /// For each series the derivatives of its samples, by the index of the number.
     pub series: Vec<BTreeMap<usize, Vec<f64>>>,
 }
 
 impl Jacobian {
-    /// The column of a number in the series whose samples begin at `at`; zero if it is new.
+    /// The column of a number in the series whose samples begin at `at`; a new column is zero.
     fn of(&mut self, at: usize, number: usize) -> &mut [f64] {
         let columns = &mut self.series[at / self.upto];
         columns.entry(number).or_insert_with(|| vec![0.0; self.upto])
@@ -79,6 +88,7 @@ impl Jacobian {
 pub struct Plant<'a> {
     decays: &'a Decays,
     terms: &'a [Term],
+    /// Number of samples of each series that are looked at.
     pub upto: usize,
 }
 
@@ -98,13 +108,13 @@ impl<'a> Plant<'a> {
         (0..self.decays.bursts * outputs).map(move |i| (i / outputs, i % outputs, i * upto))
     }
 
-    /// The measured samples.
+    /// The measured samples, series by series.
     pub fn measured(&self) -> Vec<f64> {
         let of = |(burst, output, _)| &self.decays.series(burst, output)[..self.upto];
         self.series().flat_map(of).copied().collect()
     }
 
-    /// The motion of a burst as one output shows it.
+    /// The motion of a burst (`path`: x and x'/omega) as one output shows it.
     fn seen<'p>(
         &self,
         p: &[f64],
@@ -128,7 +138,7 @@ impl<'a> Plant<'a> {
         shares(self.decays) + 2 * (output - 1)
     }
 
-    /// The samples that the model predicts.
+    /// The samples that the model predicts with the numbers `p`, series by series, as `measured`.
     pub fn predict(&self, p: &[f64]) -> Vec<f64> {
         let mut y = vec![0.0; self.len()];
         let motion = motion(self.decays, self.terms, p);
@@ -154,8 +164,11 @@ impl<'a> Plant<'a> {
         y
     }
 
-    /// Calls `each` for both bands of a line and every series, with: which of two side bands; the index of its
-    /// cosine's amplitude (its sine's follows) among the numbers; where the series begins; cosine and sine.
+    /// Calls `each` for each frequency of a line (side bands have two) and every series, with:
+    /// which of the two side bands (0: above the ring); the index of its cosine's amplitude among
+    /// the numbers (its sine's follows); the index at which the series begins; the damped cosine
+    /// and sine. `first`: the index at which the line's numbers begin. A tone has one pair of
+    /// amplitudes for all bursts, any other line one for each.
     fn each_wave(
         &self,
         line: Line,
@@ -173,8 +186,9 @@ impl<'a> Plant<'a> {
         }
     }
 
-    /// The numbers that the motion itself depends on, but for its starts, each with the step of its central
-    /// difference: one that changes the phase of a long decay by little.
+    /// The numbers that the motion itself depends on, but for its starts, each with the step of its
+    /// central difference. The steps are so small that they change the phase of a long decay by
+    /// little.
     fn steps(&self, p: &[f64]) -> Vec<(usize, f64)> {
         let rates = [(SIGMA, 1e-6 * p[OMEGA].abs()), (OMEGA, 1e-7 * p[OMEGA].abs())];
         let of_terms = placed(self.decays, self.terms).flat_map(|(term, at)| {
@@ -184,7 +198,8 @@ impl<'a> Plant<'a> {
         rates.into_iter().chain(of_terms).collect()
     }
 
-    /// Derivatives of all samples at the numbers `p`.
+    /// Derivatives of all samples by all numbers, at the numbers `p`. A number on which a series
+    /// does not depend has no column there.
     pub fn jacobian(&self, p: &[f64]) -> Jacobian {
         let series = self.decays.bursts * self.decays.outputs;
         let mut columns = Jacobian { upto: self.upto, series: vec![BTreeMap::new(); series] };
@@ -224,7 +239,8 @@ impl<'a> Plant<'a> {
         columns
     }
 
-    /// Adds the columns of the terms that do not depend on the motion.
+    /// Adds the columns of the terms that do not depend on the motion: offsets, and lines e^{-sigma
+    /// t} (a cos omega t + b sin omega t) by sigma, omega, a and b.
     fn add_offsets_and_lines(&self, p: &[f64], columns: &mut Jacobian) {
         for (term, first) in placed(self.decays, self.terms) {
             match term {
@@ -239,6 +255,9 @@ impl<'a> Plant<'a> {
                             let column = columns.of(at, number);
                             column.iter_mut().enumerate().for_each(|(k, y)| *y += of(k));
                         };
+                        // the derivative by the line's frequency; of side bands, that is the ring's
+                        // plus or minus the distance, so it is the derivative by the ring's
+                        // frequency as well
                         let turned = |k: usize| k as f64 * (b * c[k] - a * s[k]);
                         if line.is_damped() {
                             add(first, &|k| -(k as f64) * (a * c[k] + b * s[k]));

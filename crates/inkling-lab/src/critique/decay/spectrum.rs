@@ -10,7 +10,7 @@ use std::f64::consts::PI;
 /// the samples; both have the same length, a power of two.
 fn transform(re: &mut [f64], im: &mut [f64]) {
     let n = re.len();
-    // bit-reversed order
+    // put the samples into bit-reversed order
     let mut j = 0;
     for i in 1..n {
         let mut bit = n >> 1;

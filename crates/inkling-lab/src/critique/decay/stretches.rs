@@ -1,4 +1,10 @@
-//! Stretches of time that models of decays are not fitted to, but judged on: every third of some twenty.
+//! Stretches of time that models of decays are not fitted to, but judged on: every third of some
+//! twenty.
+//!
+//! In: the length of decays. Out, to `gain.rs` and `worth.rs`: which samples of every series are
+//! held out, as a predicate, as ranges, and as a [`Noise`] in which they count for nothing, so that
+//! a fit in that noise does not see them. Stretches alternate, so that both parts hold large and
+//! small amplitudes.
 
 use super::decays::Decays;
 use super::fit::Noise;
@@ -12,6 +18,7 @@ const EVERY: usize = 3;
 /// The samples of each series, cut into stretches of one length.
 #[derive(Clone, Copy, Debug)]
 pub struct Stretches {
+    /// Number of samples of a series, and of a stretch; the last stretch may be shorter.
     samples: usize,
     pub length: usize,
 }
@@ -26,7 +33,7 @@ impl Stretches {
         (sample / self.length) % EVERY == EVERY - 1
     }
 
-    /// The ranges of samples that are held out, or those between them.
+    /// The ranges of samples that are held out, or (with `held_out` false) those between them.
     pub fn ranges(self, held_out: bool) -> Vec<Range<usize>> {
         let all: Vec<usize> = (0..self.samples).collect();
         let alike = |p: &usize, q: &usize| self.is_held_out(*p) == self.is_held_out(*q);

@@ -1,4 +1,10 @@
-//! The terms that may be added to the oscillator, one at a time, and the numbers (parameters) that each has.
+//! The terms that may be added to the oscillator, one at a time, and the numbers (parameters) that
+//! each has.
+//!
+//! `selection.rs` goes through all terms, `plant.rs` says what each adds to the motion or to what
+//! the outputs show, and this file answers what the others ask of a term: which cause of the
+//! catalogue it stands for, how many numbers it has, whether it may join others. A term's numbers
+//! stand together in `Fit::p`.
 
 use super::decays::Decays;
 use super::motion::Form;
@@ -24,11 +30,14 @@ pub enum Line {
 impl Line {
     pub const ALL: [Line; 4] = [Line::Mode, Line::Tone, Line::FreeTone, Line::SideBands];
 
+    /// Whether its damping is fitted; otherwise that number is held at 0.
     pub fn is_damped(self) -> bool {
         matches!(self, Line::Mode | Line::SideBands)
     }
 
-    /// Its frequencies beside a ring of frequency `own`. `number`: the second of the line's numbers.
+    /// Its frequencies beside a ring of frequency `own`, rad per sample. `number`: the second of
+    /// the line's numbers, which is the frequency itself, or of side bands the distance to the
+    /// ring's.
     pub fn frequencies(self, own: f64, number: f64) -> Vec<f64> {
         match self {
             Line::Mode | Line::Tone | Line::FreeTone => vec![number],
@@ -40,11 +49,17 @@ impl Line {
 /// A term of the model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Term {
+    /// What each output shows at rest.
     Offset,
+    /// A spring that is not linear.
     Stiffness(Form),
+    /// Loss that grows with the square of the velocity.
     Drag,
+    /// Dry friction.
     Friction,
+    /// An added oscillation.
     Line(Line),
+    /// A rival without a name (`unnamed.rs`).
     Unnamed(CauseId),
 }
 
@@ -86,14 +101,17 @@ impl Term {
         matches!(self, Term::Line(_))
     }
 
-    /// Number of independent places at which it was looked for.
+    /// Number of independent places (frequencies) at which it was looked for, which is paid for as
+    /// tries.
     pub fn places(self, decays: &Decays) -> f64 {
         if self.is_line() { decays.samples as f64 / 2.0 } else { 1.0 }
     }
 
-    /// How many numbers it has: an offset has one for each output; a line has sigma (0 for a tone), omega
-    /// (side bands: the distance to the ring's), then a cosine and a sine for each output (and each burst;
-    /// and each side band).
+    /// How many numbers it has. An offset has one for each output. A line has sigma (0 for a tone),
+    /// omega (side bands: the distance to the ring's), then the amplitudes of a cosine and a sine
+    /// for each output; all lines but a plain tone have these amplitudes for each burst, and side
+    /// bands for each of the two bands. Any other term has its strength, and some rivals a second
+    /// number.
     pub fn numbers(self, decays: &Decays) -> usize {
         match self {
             Term::Offset => decays.outputs,

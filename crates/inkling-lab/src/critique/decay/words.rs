@@ -1,4 +1,9 @@
 //! The causes of a decay in the catalogue's parameters, remarks on them, and the extended equation.
+//!
+//! In, from `decay/mod.rs`: [`Selected`], whose numbers are in samples and in the scale of the
+//! decays. Out: causes whose value and interval are in the unit of the catalogue (`value`: the
+//! parameter as a function of the fitted numbers, its standard error by linear propagation of their
+//! covariance), and texts in seconds and in the unit of the recording, here called counts.
 
 use super::children::Added;
 use super::fit::Fit;
@@ -15,19 +20,23 @@ use crate::critique::words::cause_sentence;
 use std::f64::consts::TAU;
 use std::fmt::Write;
 
-/// Value of a cause in the catalogue's parameter, with its standard deviation, by propagation of the fit's
-/// covariance. `index`: the cause's place.
+/// Value of a cause in the catalogue's parameter, with its standard error, by linear propagation of
+/// the fit's covariance. `index`: of the cause, and so of the term. Of several offsets the largest
+/// is told. The amplitudes that frequency and damping are compared at are held.
 fn value(selected: &Selected, index: usize) -> (f64, f64) {
     let fit = &selected.fit;
     let decays = fit.decays;
     let (largest, smallest) = amplitudes(fit);
     let output = largest_offset(fit);
+    // the catalogue's parameter as a function of the numbers
     let of = |p: &[f64]| -> f64 {
         let motion = motion(decays, &fit.terms, p);
         let Some((term, at)) = fit.placed().nth(index) else { return f64::NAN };
         match term {
             Term::Offset => p[at + output] * decays.scale[output],
             Term::Stiffness(_) => motion.frequency_ratio(largest) - 1.0,
+            // the damping at the largest amplitude relative to that at the smallest, less 1; the
+            // latter may vanish, so it is taken for 1e-4 of the former at least
             Term::Drag | Term::Friction => {
                 let small = motion.damping_at(smallest);
                 motion.damping_at(largest)
@@ -38,7 +47,8 @@ fn value(selected: &Selected, index: usize) -> (f64, f64) {
             Term::Unnamed(_) => f64::NAN,
         }
     };
-    // gradient of the value by the numbers, by central differences
+
+    // gradient of the value by the numbers, by central differences of a hundredth of their errors
     let mut gradient = vec![0.0; fit.p.len()];
     for (j, g) in gradient.iter_mut().enumerate() {
         let h = 0.01 * selected.covariance[(j, j)].max(0.0).sqrt();
@@ -61,8 +71,9 @@ fn largest_offset(fit: &Fit) -> usize {
     (0..offsets.len()).max_by(largest).unwrap_or(0)
 }
 
-/// The named causes, the strongest first, and remarks on them. Of several lines of one kind the strongest is
-/// the cause, and the others are remarks.
+/// The named causes, the strongest first, and remarks on them. Of several lines of one kind the
+/// strongest is the cause, and the others are remarks; so are rivals in the model, and causes that
+/// are too weak beside a rival or beside others to keep their name.
 pub fn causes(selected: &Selected) -> (Vec<Cause>, Vec<String>) {
     let decays = selected.fit.decays;
     let mut found: Vec<Cause> = Vec::new();
@@ -137,7 +148,9 @@ fn five(x: f64) -> String {
     digits::significant(x, 5)
 }
 
-/// The fitted equation with its numbers, in counts and seconds.
+/// The fitted equation with its numbers, in counts and seconds: the equation of motion, what an
+/// output shows, and lines of a name; then all numbers but the amplitudes of lines and the shares
+/// of outputs. Rivals without a name are left out.
 pub fn equation(fit: &Fit) -> String {
     let (decays, motion) = (fit.decays, fit.motion());
     let (dt, scale) = (decays.dt_s, decays.scale[0]);
@@ -153,8 +166,8 @@ pub fn equation(fit: &Fit) -> String {
         let _ = write!(numbers, ", {name} = {} {unit}", five(value));
     };
 
-    // in the equation x is in counts and t in s, in the fit x is relative to the largest sample and t in
-    // samples
+    // In the equation x is in counts and t in s; in the fit x is in `scale` counts, the largest
+    // deviation of the first output from its mean, and t in samples.
     let k = motion.stiffness / (scale * scale);
     match motion.form {
         _ if !fit.terms.iter().any(|term| matches!(term, Term::Stiffness(_))) => text += "x",

@@ -1,10 +1,14 @@
 //! What each cause of decays is worth: the gain in ln likelihood, per decay and output, on stretches that
 //! nothing was fitted to.
 //!
-//! In: decays and what was selected. Out: [`LogLikelihood`]. The model with all that was found, the same
-//! without one cause at a time, and the plain oscillation are fitted to the other stretches. The noise of
-//! each model is the autoregression of what it leaves there, so a wrong model is judged with the noise that
-//! it takes the rest for. Each sample is judged given those before it.
+//! In, from `gain.rs`: decays and what was selected. Out: [`LogLikelihood`]: the gain of all causes
+//! over the plain oscillation, and of each cause over the model without it.
+//!
+//! Steps: (1) the model with all that was found, the same model without one cause at a time, and
+//! the plain oscillation are fitted to the stretches that are not held out. (2) The noise of each
+//! model is the autoregression of what the model leaves there, so a wrong model is judged with the
+//! noise that it takes its own error for. (3) ln p of each held-out sample, given the samples
+//! before it (`Colour::ln_densities`), is summed, and compared between models.
 
 use super::decays::Decays;
 use super::fit::{Colour, Fit};
@@ -16,7 +20,8 @@ use std::collections::BTreeMap;
 /// ln p of the held-out samples, one vector for each stretch of each series.
 struct Judged(Vec<Vec<f64>>);
 
-/// Measures all named causes. `None`: nothing was found.
+/// Measures the gain of all that was found, and of each named cause (all lines of one name
+/// together). `None`: nothing was found.
 pub fn measure(selected: &Selected) -> Option<LogLikelihood> {
     let Selected { baseline, fit, causes, .. } = selected;
     if causes.is_empty() {
@@ -38,9 +43,11 @@ pub fn measure(selected: &Selected) -> Option<LogLikelihood> {
 }
 
 impl Judged {
+    /// Judges a model that was fitted to the stretches that are not held out.
     fn of(model: &Fit, stretches: Stretches) -> Judged {
         let decays = model.decays;
         let misfit = model.misfit();
+        // the noise of each output, learned where the model was fitted
         let spent = model.p.len() as f64 / decays.outputs as f64;
         let colours: Vec<Colour> = (0..decays.outputs)
             .map(|output| {
@@ -50,6 +57,8 @@ impl Judged {
                 Colour::of(&fitted.collect::<Vec<&[f64]>>(), spent)
             })
             .collect();
+
+        // held-out samples are judged given all samples before them, fitted or not
         let mut all = Vec::new();
         for (i, series) in misfit.chunks(decays.samples).enumerate() {
             let ln = colours[i % decays.outputs].ln_densities(series);
@@ -58,8 +67,8 @@ impl Judged {
         Judged(all)
     }
 
-    /// ln p of this model less another's, per series. The interval takes the samples' gains as independent
-    /// about their stretch's mean.
+    /// ln p of this model less another's, per series (decay and output), nats. The 95 % interval
+    /// takes the samples' gains as independent about their stretch's mean.
     fn worth(&self, other: &Judged, decays: &Decays) -> Worth {
         let (mut gain, mut variance) = (0.0, 0.0);
         for (own, others) in self.0.iter().zip(&other.0) {

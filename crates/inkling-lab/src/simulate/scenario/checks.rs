@@ -1,5 +1,10 @@
-//! Checks a scenario, so that simulating it cannot fail. In: [`Scenario`]. Out: the first thing that is wrong
-//! with it, with its key and what to write instead.
+//! Checks a scenario, so that simulating it cannot fail, fill the memory or run for ever. In: [`Scenario`],
+//! as `read.rs` has made it. Out: nothing, or the first thing that is wrong, as an error with its key and
+//! what would be right.
+//!
+//! The simulator relies on these checks: where its code says "checked", one of the functions below made sure.
+//! There is one function for each table of the file; the three at the top (`require`, `within`, `positive`)
+//! make the errors. Comparisons are written such that NaN fails them.
 
 use super::{
     Acquisition, Classes, Dataset, ExplicitFault, Kind, Physics, PrintRun, RecordingOptions,
@@ -12,35 +17,40 @@ use inkling_core::model::faults::{self, Law};
 use std::collections::HashSet;
 use std::fmt::{Debug, Display};
 
-/// Largest number of channels. The truth is kept per channel, and labels per fault: more would fill the
-/// memory.
+/// Largest number of channels, and of signals of a set. The truth is kept for each of them in memory.
 const MOST_CHANNELS: usize = 1_000_000;
-/// Largest number of signals: 256 GB with 128 samples each.
+/// Largest number of signals of a print run: 256 GB with 128 samples each.
 const MOST_SIGNALS: u64 = 1_000_000_000;
+/// Smallest number of samples of a signal.
 const LEAST_SAMPLES: usize = 8;
-/// Largest number of samples of a signal. Acquisitions take 100 us or so; each printhead keeps one decay in
-/// memory.
+/// Largest number of samples of a signal. Real acquisitions have some hundreds; each printhead keeps one
+/// decay in memory.
 const MOST_SAMPLES: usize = 16_384;
 const MOST_PRINTHEADS: usize = 1024;
+/// Largest size of a burst, 64 MiB.
 const MOST_BURST_BYTES: u64 = 64 << 20;
-/// Latest time, in the year 2200; it leaves room in i64 nanoseconds.
+/// Latest time in ns since the epoch, in the year 2200; it leaves room in i64.
 const LATEST_NS: f64 = 7.258e18;
 
 type Check = Result<(), ScenarioError>;
 
+/// An error for `key` unless `ok`. `why`: what is wrong, in words.
 fn require(ok: bool, key: &str, why: impl Into<String>) -> Check {
     if ok { Ok(()) } else { Err(ScenarioError::Value { key: key.to_owned(), why: why.into() }) }
 }
 
+/// Requires `low` <= `x` <= `high`.
 fn within<T: PartialOrd + Display + Debug>(x: T, low: T, high: T, key: &str) -> Check {
     let is_within = low <= x && x <= high;
     require(is_within, key, format!("{x:?} is not within {low} and {high}"))
 }
 
+/// Requires 0 < `x` <= `high`.
 fn positive(x: f64, high: f64, key: &str) -> Check {
     require(0.0 < x && x <= high, key, format!("{x:?} is not above 0 and at most {high:e}"))
 }
 
+/// Checks a whole scenario: `[recording]`, then what its kind has.
 pub(super) fn check(scenario: &Scenario) -> Check {
     let recording = &scenario.recording;
     let latest = (0.0..LATEST_NS).contains(&(recording.start_ns as f64));
@@ -55,6 +65,7 @@ pub(super) fn check(scenario: &Scenario) -> Check {
     }
 }
 
+/// Requires that a burst of so many channels x samples is not larger than `MOST_BURST_BYTES`.
 fn check_burst_size(channels: usize, samples: usize, recording: &RecordingOptions) -> Check {
     let bytes = channels as u64 * samples as u64 * recording.format.bytes() as u64;
     let why = format!(
@@ -63,6 +74,7 @@ fn check_burst_size(channels: usize, samples: usize, recording: &RecordingOption
     require(bytes <= MOST_BURST_BYTES, "recording", why)
 }
 
+/// Checks a physics scenario, table by table.
 fn check_physics(physics: &Physics, recording: &RecordingOptions) -> Check {
     check_channel(physics)?;
     check_acquisition(&physics.acquisition)?;
@@ -78,6 +90,7 @@ fn check_physics(physics: &Physics, recording: &RecordingOptions) -> Check {
     ] {
         within(x, 0.0, 0.9, key)?;
     }
+    // the viscosity must stay positive at every temperature of the run
     let temperature = &physics.temperature;
     within(temperature.swing_c, 0.0, 100.0, "temperature.swing_c")?;
     positive(temperature.period_s, 1e9, "temperature.period_s")?;
@@ -111,6 +124,7 @@ fn check_physics(physics: &Physics, recording: &RecordingOptions) -> Check {
     require(something, "dataset", "there is neither [dataset] nor [print_run]: nothing to simulate")
 }
 
+/// The nominal channel must have positive rates, ring, and be sampled at least twice in a period.
 fn check_channel(physics: &Physics) -> Check {
     let channel = &physics.channel;
     for (key, x) in [
@@ -129,6 +143,7 @@ fn check_channel(physics: &Physics) -> Check {
     require(per_period >= 2.0, "acquisition.sample_period_us", why)
 }
 
+/// The numbers of `[acquisition]` must be positive and moderate.
 fn check_acquisition(acquisition: &Acquisition) -> Check {
     positive(acquisition.pulse_us, 1e4, "acquisition.pulse_us")?;
     within(acquisition.delay_us, 0.0, 1e4, "acquisition.delay_us")?;
@@ -138,6 +153,7 @@ fn check_acquisition(acquisition: &Acquisition) -> Check {
     within(acquisition.noise_sd_counts, 0.0, 32_767.0, "acquisition.noise_sd_counts")
 }
 
+/// Drive levels must be positive, with as many shares, which add up to 1.
 fn check_drive(physics: &Physics) -> Check {
     let (levels, shares) = (&physics.drive.levels_v, &physics.drive.shares);
     let as_many = !levels.is_empty() && levels.len() == shares.len();
@@ -149,12 +165,14 @@ fn check_drive(physics: &Physics) -> Check {
     require((sum - 1.0).abs() < 1e-6, "drive.shares", format!("they add up to {sum:?}, not 1"))
 }
 
+/// `class` must be one of the fault classes.
 fn check_class(class: &str, key: &str) -> Check {
     let why = format!("there is no fault class {class:?}; there are {}", CLASSES.join(", "));
     require(CLASSES.contains(&class), key, why)
 }
 
-/// A severity must be on the fault's side of none, and leave the channel physical and its decay bounded.
+/// A severity of a class must be at or above the one that changes nothing, and must leave positive rates of
+/// moderate size.
 fn check_severity(class: &str, severity: f64, physics: &Physics, key: &str) -> Check {
     let none = faults::law(class).map_or(0.0, Law::none);
     let faulty = faults::apply(class, severity, &physics.channel);
@@ -164,6 +182,8 @@ fn check_severity(class: &str, severity: f64, physics: &Physics, key: &str) -> C
     require(severity >= none && moderate, key, why)
 }
 
+/// Each `[fault.CLASS]` must be a known class with a valid range, and its words on the change, if there are
+/// any, those of this program.
 fn check_fault_ranges(physics: &Physics) -> Check {
     for (class, fault) in &physics.fault {
         let key = format!("fault.{class}");
@@ -182,11 +202,13 @@ fn check_fault_ranges(physics: &Physics) -> Check {
     Ok(())
 }
 
+/// A set must have at least one signal and at most `MOST_CHANNELS`.
 fn check_set_size(signals: usize, key: &str) -> Check {
     let why = format!("a set of {signals} signals; it must have between 1 and {MOST_CHANNELS}");
     require((1..=MOST_CHANNELS).contains(&signals), key, why)
 }
 
+/// The sets must have a moderate size, and fault classes if they have faulty signals.
 fn check_dataset(dataset: &Dataset, physics: &Physics) -> Check {
     let faulty = dataset.per_fault.saturating_mul(physics.fault.len());
     check_set_size(dataset.healthy.saturating_add(faulty), "dataset")?;
@@ -196,6 +218,7 @@ fn check_dataset(dataset: &Dataset, physics: &Physics) -> Check {
     require(!needs_faults || !physics.fault.is_empty(), "dataset", why)
 }
 
+/// Checks `[print_run]`: its size, that its bursts do not overlap in time, its end, its names and faults.
 fn check_print_run(run: &PrintRun, physics: &Physics, recording: &RecordingOptions) -> Check {
     within(run.printheads, 1, MOST_PRINTHEADS, "print_run.printheads")?;
     let channels = run.printheads.saturating_mul(run.channels);
@@ -235,6 +258,8 @@ fn check_print_run(run: &PrintRun, physics: &Physics, recording: &RecordingOptio
     check_explicit_faults(run, physics)
 }
 
+/// Names of printheads, if given, must be as many as printheads, unlike each other, and unlike that of the
+/// sets.
 fn check_names(run: &PrintRun, physics: &Physics) -> Check {
     let key = "print_run.names";
     let Some(names) = &run.names else { return Ok(()) };
@@ -250,6 +275,8 @@ fn check_names(run: &PrintRun, physics: &Physics) -> Check {
     Ok(())
 }
 
+/// Each listed fault must lie on a channel of the run, have a valid class and severity and a span that holds
+/// a burst; and faults of one category on one channel must not overlap.
 fn check_explicit_faults(run: &PrintRun, physics: &Physics) -> Check {
     let names: Vec<String> = (0..run.printheads).map(|p| run.name(p)).collect();
     require(run.fault.len() <= MOST_CHANNELS, "print_run.fault", "too many faults")?;
@@ -272,7 +299,8 @@ fn check_explicit_faults(run: &PrintRun, physics: &Physics) -> Check {
             format!("no burst of the run lies within {} s and {} s", fault.from_s, fault.to_s);
         require(step_at(run, fault.from_s) < step_at(run, fault.to_s), &key, why)?;
     }
-    // faults of several categories may be on at once, thesis (2-1); two of one category are one fault
+    // Faults of several categories may be on at once, thesis (2-1); two of one category would be one fault.
+    // Sort by printhead, channel, category and begin, so that only neighbours can overlap.
     let place = |f: &ExplicitFault| (f.printhead.clone(), f.channel, category(&f.class).to_owned());
     by_channel
         .sort_by(|(_, x), (_, y)| place(x).cmp(&place(y)).then(x.from_s.total_cmp(&y.from_s)));
@@ -286,6 +314,8 @@ fn check_explicit_faults(run: &PrintRun, physics: &Physics) -> Check {
     Ok(())
 }
 
+/// Checks a classes scenario: its formula's numbers, the sizes of its sets, and that each range of a box goes
+/// upwards from 0 or more.
 fn check_classes(classes: &Classes, recording: &RecordingOptions) -> Check {
     positive(classes.t_us, 1e8, "T_us")?;
     within(classes.n, LEAST_SAMPLES, MOST_SAMPLES, "N")?;

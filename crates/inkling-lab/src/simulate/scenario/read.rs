@@ -1,11 +1,14 @@
-//! Reads a scenario. In: TOML. Out: a checked [`Scenario`].
+//! Reads a scenario. In: the text of a TOML file. Out: a checked [`Scenario`], or a [`ScenarioError`] that
+//! names the key. The steps: read version and kind, which decide how the rest is read; deserialise the rest
+//! (which refuses unknown keys); make the channel's rates of its geometry, if that is given instead; check
+//! all values (`checks.rs`).
 
 use super::{Classes, Kind, Physics, SCHEMA, Scenario, ScenarioError, checks};
 use serde::Deserialize;
 use std::sync::Arc;
 
 impl Scenario {
-    /// Reads and checks a scenario.
+    /// Reads and checks a scenario (steps in the file's doc). `text`: the TOML file's contents.
     pub fn from_toml(text: &str) -> Result<Scenario, ScenarioError> {
         // version and kind first, since they decide how the rest is read
         #[derive(Deserialize)]
@@ -21,6 +24,7 @@ impl Scenario {
         let scenario = match head.kind.as_deref().unwrap_or("physics") {
             "physics" => {
                 let mut physics: Physics = toml::from_str(text)?;
+                // the channel's rates, from exactly one of the two ways to give them
                 physics.channel = match (physics.rates, physics.geometry) {
                     (Some(rates), None) => rates,
                     (None, Some(geometry)) => geometry.ink_channel(),
