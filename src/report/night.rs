@@ -19,18 +19,17 @@ const LONGEST_NIGHT_NS: i64 = 24 * 3_600_000_000_000;
 /// a day before `to_ns`, the end of the last recording. A recording is never divided, so the last
 /// one may be longer than a day. `spans`: those of the recordings, by ascending begin.
 ///
-/// It goes back from the latest recording, and stops at a pause or at a recording that began too
-/// early. A pause is counted from the end of the recording that began before; a longer recording
-/// that began earlier still and lasts into the pause is not looked at.
+/// A pause begins where the last of all recordings before it ends, since recordings of several
+/// printheads overlap.
 pub fn last_night(spans: &[Span], to_ns: i64) -> i64 {
     let earliest = to_ns.saturating_sub(LONGEST_NIGHT_NS);
-    let mut begins = i64::MAX;
-    for &(from, to) in spans.iter().rev() {
-        let pause = begins.saturating_sub(to);
-        if begins != i64::MAX && (pause > PAUSE_NS || from < earliest) {
-            break;
+    // the begin of the night that the recording belongs to, and the latest end so far
+    let (mut begins, mut until) = (i64::MAX, i64::MIN);
+    for (k, &(from, to)) in spans.iter().enumerate() {
+        if k == 0 || from.saturating_sub(until) > PAUSE_NS || begins < earliest {
+            begins = from;
         }
-        begins = begins.min(from);
+        until = until.max(to);
     }
     begins
 }
@@ -50,5 +49,7 @@ mod tests {
         let always = spans(&[(0, 10), (10, 20), (20, 30), (30, 40)]);
         assert_eq!(last_night(&always, 40 * hour), 20 * hour);
         assert_eq!(last_night(&spans(&[(0, 90)]), 90 * hour), 0, "one recording is one night");
+        let overlapping = spans(&[(10, 30), (11, 12), (26, 28)]);
+        assert_eq!(last_night(&overlapping, 30 * hour), 10 * hour, "another is still on");
     }
 }

@@ -256,10 +256,11 @@ fn story(
     let last_run = inner.iter().rposition(|gap| gap.cured).map_or(0, |k| k + 1);
     let last_began_at_ns = spells[last_run].episode.began_at_ns;
 
-    // The size: of the last episode that has one.
-    let sized = |e: &&inkling_core::episodes::Episode| e.severity_last.is_some();
-    let last_sized = latest().find(sized);
+    // The size: of the last episode that has one in the quantity that the story's class is measured by.
+    // Episodes of another class may be sized, too, in another unit.
     let quantity = watch::quantity(said).map(str::to_owned);
+    let same = |e: &Episode| watch::quantity(e) == quantity.as_deref();
+    let last_sized = latest().find(|e| e.severity_last.is_some() && same(e));
     let course = quantity.as_deref().and_then(|quantity| watch.course(quantity));
     let to_ns = ended_at_ns.unwrap_or(i64::MAX);
     let severity_last = last_sized.and_then(|e| e.severity_last);
@@ -292,7 +293,9 @@ fn story(
         recordings: recordings.len() as u32,
         cures: inner.iter().filter(|gap| gap.cured).count() as u32,
         last_began_at_ns,
-        severity_first: spells.iter().find_map(|s| s.episode.severity_first),
+        severity_first: spells
+            .iter()
+            .find_map(|s| s.episode.severity_first.filter(|_| same(&s.episode))),
         severity_last,
         severity_sd,
         trend: trend.map(|trend| trend.of_scale(scale)),

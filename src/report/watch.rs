@@ -74,9 +74,11 @@ pub struct Watch {
     /// `outside[0]` those before the first. There is one more than episodes.
     pub outside: Vec<LookCounts>,
     /// Severities of the flagged bursts in episodes over time, by the quantity that they measure. A
-    /// flagged burst without a size in a quantity counts there as missed, if a size in that
-    /// quantity was met before.
+    /// flagged burst without a size in a quantity counts there as missed.
     courses: BTreeMap<String, Course>,
+    /// All flagged bursts in episodes, each as missed: what the course of a quantity begins with that was
+    /// not met before.
+    missed: Course,
 }
 
 /// Most quantities that are followed for a channel. Their number is bounded because each class that users
@@ -91,7 +93,7 @@ impl Watch {
             key(a).cmp(&key(b))
         });
         let outside = vec![LookCounts::default(); spells.len() + 1];
-        Watch { spells, outside, courses: BTreeMap::new() }
+        Watch { spells, outside, courses: BTreeMap::new(), missed: Course::default() }
     }
 
     /// Counts one judged burst of a recording, for the episode that it lies in or else for the time
@@ -123,14 +125,20 @@ impl Watch {
                     others.for_each(|(_, course)| course.miss(t_ns));
                 }
 
+                let Some(Size { quantity, size: severity }) = sized else {
+                    if flagged {
+                        self.missed.miss(t_ns);
+                    }
+                    return;
+                };
                 // A quantity beyond the limit is not followed.
-                let Some(Size { quantity, size: severity }) = sized else { return };
                 if !self.courses.contains_key(quantity) && self.courses.len() < MOST_QUANTITIES {
-                    self.courses.insert(quantity.to_owned(), Course::default());
+                    self.courses.insert(quantity.to_owned(), self.missed.clone());
                 }
                 if let Some(course) = self.courses.get_mut(quantity) {
                     course.add(t_ns, severity);
                 }
+                self.missed.miss(t_ns);
             }
             None => self.outside[before].add(t_ns, flagged, reason),
         }

@@ -8,7 +8,7 @@
 
 use super::file_error::FileError;
 use super::labels_file::{self, HEADER, States};
-use super::{printable, regular_file};
+use super::{printable, regular_file, stored};
 use inkling_core::labels::Label;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -42,7 +42,8 @@ pub struct Outcomes {
 
 /// Refuses to overwrite a list that somebody has written into, or a file that is no such list.
 pub fn check(path: &Path) -> Result<(), FileError> {
-    if path.exists() && read(path, 0.0, States::Any).map_or(true, |of| !of.labels.is_empty()) {
+    if stored::exists(path) && read(path, 0.0, States::Any).map_or(true, |of| !of.labels.is_empty())
+    {
         let what = "it is no list of doubts, or somebody has filled it in: give another name";
         return Err(FileError::mistaken(path, what));
     }

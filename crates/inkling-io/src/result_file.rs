@@ -69,6 +69,12 @@ const BY_KEYS: [(ResultFile, &[&str]); 9] = [
     (ResultFile::Models, &["models"]),
 ];
 
+/// The key of inkling's metadata in a Parquet footer, as Thrift's compact protocol writes a pair of texts. A name or
+/// value that happens to be the word has no value after it.
+const OURS: &[u8] = b"\x18\x07inkling\x18";
+/// The path of the column `urgency` there: a list of one text. Only tables of faults have it.
+const URGENCY: &[u8] = b"\x19\x18\x07urgency";
+
 impl fmt::Display for ResultFile {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.write_str(self.words().0)
@@ -90,9 +96,9 @@ impl ResultFile {
         Ok(match head.as_slice() {
             [b'P', b'A', b'R', b'1', ..] => {
                 let footer = footer(&mut file)?;
-                let has = |word: &[u8]| footer.windows(word.len()).any(|part| part == word);
-                let kind = if has(b"urgency") { ResultFile::Faults } else { ResultFile::Table };
-                is(has(b"inkling"), kind)
+                let has = |part: &[u8]| footer.windows(part.len()).any(|of| of == part);
+                let kind = if has(URGENCY) { ResultFile::Faults } else { ResultFile::Table };
+                is(has(OURS), kind)
             }
             [b'{', ..] => of_json(file)?,
             head if head.starts_with(MAGIC) => {
@@ -210,8 +216,13 @@ mod tests {
         let path = dir.path().join("there");
         use ResultFile::*;
         let page = inkling_lab::plot::page::page("a", "b");
-        let table = [&b"PAR1..inkling.."[..], &11u32.to_le_bytes(), b"PAR1"].concat();
-        let files: [(&[u8], Option<ResultFile>); 19] = [
+        let parquet = |footer: &[u8]| {
+            [b"PAR1", footer, &(footer.len() as u32).to_le_bytes(), b"PAR1"].concat()
+        };
+        let table = parquet(b"..\x18\x07inkling\x18..\x08\x07urgency");
+        let faults = parquet(b"\x19\x18\x07urgency..\x18\x07inkling\x18..");
+        let others = parquet(b"\x19\x18\x07inkling\x15");
+        let files: [(&[u8], Option<ResultFile>); 21] = [
             (
                 b"{\"version\": 1, \"sample_period_s\": 1e-6, \"models\": {}, \"pooled\": {}}",
                 Some(Design),
@@ -232,6 +243,8 @@ mod tests {
             (b".ie \\n(.g\n.TH inkling-replay 1", Some(Manual)),
             (b"\x89MCAP0\r\n\x01\x0f\0\0\0\0\0\0\0\0\0\0\0\x07\0\0\0inkling", Some(Recording)),
             (&table, Some(Table)),
+            (&faults, Some(Faults)),
+            (&others, None),
             (b"<!doctype html>\n<html><title>ours</title>", None),
             (b"\x89MCAP0\r\n\x01\x10\0\0\0\0\0\0\0\0\0\0\0\x08\0\0\0mcap-cpp inkling.Burst", None),
             (b"PAR1....\x04\0\0\0PAR1", None),

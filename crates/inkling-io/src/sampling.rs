@@ -53,6 +53,12 @@ pub fn sample(decays: Vec<Decay>, time: &str, resample: bool) -> Result<Sampled,
             fitted_period(&decay.times)
         });
     }
+    // A decay that lacks rows is told before periods are compared, since its fitted one is none.
+    let lacking = |decay: &Decay| missing(&decay.times).map(|what| refused(decay, what));
+    if let Some(refusal) = decays.iter().filter(|_| !resample).find_map(lacking) {
+        return Err(refusal);
+    }
+
     // the common period; without resampling, all decays must already have it
     let common = median(&mut periods.clone());
     let differs = |own: f64| (own / common - 1.0).abs() > MOST_PERIOD_DIFFERENCE;
@@ -176,8 +182,7 @@ fn median_step(times: &[f64]) -> f64 {
 }
 
 /// A decay whose samples stay as they are, moved to the nearest regular grid of this period. It is
-/// refused if a time lies too far from that grid; the error says whether rows are missing or the
-/// sampling is irregular. `so_far` learns the largest distance.
+/// refused if a time lies too far from that grid. `so_far` learns the largest distance.
 fn as_written(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, String> {
     let n = decay.times.len();
     // the grid has the same mean as the times, so that a rounding error of the first time does not
@@ -194,11 +199,7 @@ fn as_written(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, 
         uneven += usize::from(off(k).abs() > MOST_OFF_GRID);
     }
 
-    // refused: are rows missing, or is the sampling irregular?
     if off(worst).abs() > MOST_OFF_GRID {
-        if let Some(what) = missing(&decay.times) {
-            return Err(refused(&decay, what));
-        }
         let steps = decay.times.windows(2).map(|w| w[1] - w[0]);
         let (least, most) =
             steps.fold((f64::INFINITY, 0.0_f64), |(l, m), step| (l.min(step), m.max(step)));
@@ -393,6 +394,11 @@ mod tests {
         assert!(text.contains("1 sample missing after t = 0.06 "), "{text}");
         let text = e(&[7, 100, 200, 300, 301]);
         assert!(text.contains("5 samples missing") && text.contains("at 1 more place"), "{text}");
+        // beside a whole decay it is the one with a gap that is to blame
+        let whole = Decay { name: "whole".into(), ..decay(times(&[]), f64::sin) };
+        let cut = Decay { name: "cut".into(), ..decay(times(&[999]), f64::sin) };
+        let text = sample(vec![whole, cut], "t", false).unwrap_err();
+        assert!(text.contains("burst \"cut\"") && text.contains("1 sample missing"), "{text}");
         // written with few digits
         let coarse: Vec<f64> =
             times(&[1000]).iter().map(|t| (t / 0.3 * 1e3).round() / 1e3).collect();

@@ -277,9 +277,11 @@ impl Rows<'_> {
             Entry::Occupied(known) => *known.get(),
             Entry::Vacant(new) => {
                 let beside = chosen.beside.iter().map(|&c| cell(c)).collect::<Result<_, _>>()?;
-                let is_long = |name: &&str| name.len() > LONGEST_NAME;
-                if let Some(long) = [burst, printhead].into_iter().find(is_long) {
-                    return Err(format!("burst {:?}: a name that long?", printable::cell(long)));
+                for (what, name) in [("burst", burst), ("printhead", printhead)] {
+                    if name.len() > LONGEST_NAME {
+                        let name = printable::cell(name);
+                        return Err(format!("{what} {name:?}: a name that long?"));
+                    }
                 }
                 // a decay of its own takes about as much memory as 16 cells
                 self.cells += 16;

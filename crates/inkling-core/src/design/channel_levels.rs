@@ -102,11 +102,10 @@ impl ChannelLevels {
     /// another channel. Which one depends on `i`, so that a class's signals spread over all
     /// channels. Signals of a channel without a level stay as they are.
     pub fn elsewhere(&self, channel: u32, i: usize, x: &Vector4<f64>) -> Vector4<f64> {
-        /// Step from one signal's new channel to the next signal's, so that consecutive signals go
-        /// to channels far apart. It is a prime, so that all channels are reached unless their
-        /// number is a multiple of it.
-        const STRIDE: usize = 101;
-        let (_, other) = self.0[(i * STRIDE) % self.0.len()];
+        // Consecutive signals go to channels far apart. The step is a prime that does not divide the
+        // number of channels, so that all of them are reached.
+        let stride = if self.0.len().is_multiple_of(101) { 103 } else { 101 };
+        let (_, other) = self.0[(i * stride) % self.0.len()];
         self.at(channel).map_or(*x, |own| x - own + other)
     }
 }

@@ -51,10 +51,11 @@ pub(super) fn physics(
     let ring = model.ring()?;
 
     // Step 1. Of the settings' channel only the ratios of rates are trusted: it is scaled in time
-    // such that it rings at the measured frequency. `slower`: its period here over that of the
-    // settings.
+    // such that it rings at the measured frequency. `slower`: the period here over that of the
+    // default channel, which the default durations go with.
     let scaled = grey_box.at_frequency(ring.frequency_hz);
-    let slower = (grey_box.a_per_s2 / scaled.a_per_s2).sqrt();
+    let default = GreyBoxSettings::default();
+    let slower = (default.a_per_s2 / default.at_frequency(ring.frequency_hz).a_per_s2).sqrt();
     // Durations that were given in seconds stay; only the defaults are scaled.
     let (waveform, pulse_s) = match isolate.waveform.is_empty() {
         true => (Waveform::default(), isolate.pulse_s.unwrap_or(PULSE_S * slower)),

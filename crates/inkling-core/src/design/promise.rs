@@ -227,7 +227,11 @@ impl<'a> MonteCarlo<'a> {
         // the mean power over the severities within the class's own range
         let own: Vec<f64> =
             powers.iter().filter(|(s, _)| (range[0]..=range[1]).contains(s)).map(|p| p.1).collect();
-        let found = own.iter().sum::<f64>() / own.len().max(1) as f64;
+        // a range between two of the severities is as its middle
+        let found = match own.is_empty() {
+            true => self.power(class, 0.5 * (range[0] + range[1]))?,
+            false => own.iter().sum::<f64>() / own.len() as f64,
+        };
         Some(Detectable { class: name.into(), range, smallest, found })
     }
 

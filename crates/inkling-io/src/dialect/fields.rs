@@ -102,13 +102,13 @@ pub fn due(slot: Slot) -> &'static str {
 /// them; "none" if there are none. Messages are left out, since only fields inside them can be
 /// named.
 pub fn listed(fields: &[FieldInfo]) -> String {
-    let named: Vec<String> = fields
+    let named: Vec<&FieldInfo> = fields.iter().filter(|f| f.kind != Kind::Message).collect();
+    let more = named.len().saturating_sub(MOST_LISTED);
+    let named: Vec<String> = named
         .iter()
-        .filter(|field| field.kind != Kind::Message)
         .take(MOST_LISTED)
         .map(|field| format!("{} ({})", field.path, field.typed()))
         .collect();
-    let more = fields.len().saturating_sub(MOST_LISTED);
     let more = if more > 0 { format!(" and {more} more") } else { String::new() };
     match named.is_empty() {
         true => "none".into(),

@@ -452,7 +452,9 @@ impl Needs {
         let Covariates { present, drive_scan, idle, shared_bursts, .. } = data.beside;
         let (there, what) = match self {
             Needs::Nothing => return None,
-            Needs::DriveScan => (drive_scan, "drive_voltage_v, recorded and varied by 3 % or more"),
+            Needs::DriveScan => {
+                (drive_scan, "drive_voltage_v, recorded, with a standard deviation of 3 % or more")
+            }
             Needs::Temperature => (present[TEMPERATURE], "temperature_c, recorded and varied"),
             Needs::Idle => (idle, "idle_time_s"),
             Needs::Neighbours => (present[NEIGHBOURS], "neighbours_fired, recorded and varied"),

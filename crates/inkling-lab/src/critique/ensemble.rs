@@ -142,10 +142,9 @@ pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
     // A line correlates the noise, and correlated noise is a broad hump in the spectrum. So the
     // line counts only if it is significant and stands out of its neighbourhood in the spectrum;
     // the correlation is then measured again without the line. Otherwise a hump is the cause, and
-    // the line is none. (The condition on rho fails only for a correlation of exactly 0, so in
-    // white noise, too, the line must stand out.)
+    // the line is none.
     let mut line_surprise = line.surprise;
-    if line_surprise > 0.0 && two_sided(rho.z) > 0.0 {
+    if line_surprise > 0.0 {
         left.iter_mut().for_each(|left| notch(left, line.omega, n));
         if line.surprise > THRESHOLD && line.contrast > stands_out() {
             rho = lag_one(&left, n, v);

@@ -20,7 +20,9 @@ pub enum CritiqueError {
     TooFew { found: usize },
     #[error("signals of {samples} samples: a critique needs {FEWEST_SAMPLES} at least")]
     TooShort { samples: usize },
-    #[error("nothing rings in these signals: one damped oscillation explains less than a tenth")]
+    #[error(
+        "nothing rings in these signals: one damped oscillation explains less than a tenth of them, or no more than chance would"
+    )]
     NoRing,
 }
 

@@ -193,20 +193,23 @@ pub fn outcome(answer: &CritiqueAnswer, truth: &Truth) -> Outcome {
     let mut wrong = false;
     // a verdict `tie` is about one discrepancy, so all its names are one group, however they are
     // written down
-    let groups: Vec<BTreeSet<&str>> = match answer.verdict.as_str() {
+    let mut groups: Vec<BTreeSet<&str>> = match answer.verdict.as_str() {
         "tie" => vec![answer.causes.iter().flat_map(names).collect()],
         _ => answer.causes.iter().map(names).collect(),
     };
 
-    // Each group must hold the id of an effect that no group before it was counted for. A group of
-    // one name is a plain name; a larger group is an honest or a wide tie.
+    // Each group must hold the id of an effect that no other group is counted for. A group of one name is a
+    // plain name; a larger group is an honest or a wide tie. Small groups choose first: a name that stands
+    // alone leaves the other effects to those that are tied.
+    groups.sort_by_key(BTreeSet::len);
     let mut hit = BTreeSet::new();
     for group in &groups {
-        let of = truth.effects.iter().find(|e| group.contains(e.id.as_str()));
-        let Some(effect) = of.filter(|e| hit.insert(e.id.as_str())) else {
+        let free = |e: &&TrueEffect| group.contains(e.id.as_str()) && !hit.contains(e.id.as_str());
+        let Some(effect) = truth.effects.iter().find(free) else {
             wrong = true;
             continue;
         };
+        hit.insert(effect.id.as_str());
         found += 1;
         let must_tie = follows && !effect.ties.is_empty();
         let honest = group.iter().all(|name| effect.ties.iter().any(|t| t == name));

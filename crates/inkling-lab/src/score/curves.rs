@@ -81,12 +81,10 @@ pub struct EventDelay {
     pub false_alarms: f64,
     /// Share of the labelled faults that have a flagged signal.
     pub found: f64,
-    /// Number of a fault's bursts before its first flagged one, the median over all faults (of an
-    /// even number the upper one); `None`: too few faults are found.
+    /// Number of bursts, of those before a fault's first flagged one, within which at least half of all
+    /// faults are found; `None`: too few are found at all.
     pub median_bursts: Option<f64>,
-    /// The same number at the place 9/10 n, rounded down, of the n faults in ascending order,
-    /// beginning with place 0: about nine of ten faults are found within it. `None`: too few are
-    /// found. If n is a multiple of ten, one fault more than nine of ten has to be found.
+    /// The same number within which at least nine of ten faults are found.
     pub most_bursts: Option<f64>,
 }
 
@@ -201,10 +199,9 @@ impl Curves {
         points
     }
 
-    /// The rates at the threshold that was used. Unlike in detection, a ratio of exactly 1 counts
-    /// as flagged.
+    /// The rates at the threshold that was used.
     pub fn working_point(&self) -> Operating {
-        let beyond = |of: &[u64]| of[bin(1.0)..].iter().sum::<u64>() as f64;
+        let beyond = |of: &[u64]| of[above(1.0)..].iter().sum::<u64>() as f64;
         Operating {
             factor: 1.0,
             false_alarms: beyond(&self.healthy) / self.healthy().max(1) as f64,
@@ -235,13 +232,15 @@ impl Curves {
                 delays.extend(first.map(|r| r.0));
             }
             delays.sort_unstable();
-            let alarms: u64 = self.healthy[bin(factor)..].iter().sum();
+            let alarms: u64 = self.healthy[above(factor)..].iter().sum();
+            // the delay of the n-th fault to be found, if so many are
+            let within = |n: usize| delays.get(n.checked_sub(1)?).copied().map(f64::from);
             EventDelay {
                 factor,
                 false_alarms: alarms as f64 / healthy,
                 found: delays.len() as f64 / self.events.len().max(1) as f64,
-                median_bursts: delays.get(self.events.len() / 2).copied().map(f64::from),
-                most_bursts: delays.get(self.events.len() * 9 / 10).copied().map(f64::from),
+                median_bursts: within(self.events.len().div_ceil(2)),
+                most_bursts: within((9 * self.events.len()).div_ceil(10)),
             }
         };
         factors.iter().map(at).collect()
@@ -272,10 +271,22 @@ fn factor(bin: usize) -> f64 {
     (2.0 * LN_RANGE * bin as f64 / BINS as f64 - LN_RANGE).exp()
 }
 
-/// Bin of a ratio.
-fn bin(ratio: f64) -> usize {
+/// Place of a ratio among the bins' lower edges: a whole number on an edge, to the rounding of a logarithm.
+fn place(ratio: f64) -> f64 {
     let share = (ratio.max(f64::MIN_POSITIVE).ln() + LN_RANGE) / (2.0 * LN_RANGE);
-    ((share * BINS as f64) as usize).min(BINS - 1)
+    let place = share * BINS as f64;
+    if (place - place.round()).abs() < 1e-9 { place.round() } else { place }
+}
+
+/// Bin of a ratio. A bin holds its upper edge and not its lower one, since a signal at the threshold is not
+/// flagged.
+fn bin(ratio: f64) -> usize {
+    ((place(ratio).ceil() - 1.0).max(0.0) as usize).min(BINS - 1)
+}
+
+/// The first bin that lies whole above a threshold, given as factor on the one that was used.
+fn above(factor: f64) -> usize {
+    (place(factor).ceil().max(0.0) as usize).min(BINS - 1)
 }
 
 /// 95 % interval of a share from `hits` among `n` independent signals (Wilson 1927). Both may be
@@ -317,6 +328,25 @@ mod tests {
         assert_eq!(delays[2].median_bursts, Some(0.0));
         let last = *curves.operating().last().unwrap();
         assert_eq!((last.false_alarms, last.misses), (1.0, 0.0));
+    }
+
+    #[test]
+    fn nine_of_ten_faults_are_found_where_one_of_ten_is_not() {
+        let mut curves = Curves::default();
+        (0..10)
+            .for_each(|channel| curves.add(if channel == 0 { 0.5 } else { 2.0 }, event(channel)));
+        let at = curves.delays(&[1.0])[0];
+        assert_eq!((at.median_bursts, at.most_bursts), (Some(0.0), Some(0.0)));
+    }
+
+    #[test]
+    fn a_signal_at_a_threshold_is_not_flagged_and_edges_lie_in_the_bin_below() {
+        let mut curves = Curves::default();
+        curves.add(1.0, None);
+        curves.add(1.0, event(1));
+        let at = curves.working_point();
+        assert_eq!((at.false_alarms, at.misses), (0.0, 1.0));
+        assert!((1..BINS).all(|at| bin(factor(at)) == at - 1 && above(factor(at)) == at));
     }
 
     #[test]

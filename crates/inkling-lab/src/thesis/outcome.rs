@@ -182,8 +182,8 @@ pub struct Measured {
 }
 
 impl Measured {
-    /// Gathers the figures of all rounds. A confusion becomes the mean over all rounds; a round
-    /// that lacks it (its method failed there) counts as a round of zeros.
+    /// Gathers the figures of all rounds. A confusion becomes the mean over the rounds that have it, as
+    /// other figures do: where a method failed there is none.
     pub fn of(set: DataSet, each: &[Figures]) -> Measured {
         let mut all = Measured {
             set,
@@ -197,8 +197,9 @@ impl Measured {
                     [round] = *v;
             }
             for (key, confusion) in &figures.confusions {
+                let rounds = each.iter().filter(|of| of.confusions.contains_key(key)).count();
                 let sum = all.confusions.entry(key.clone()).or_default();
-                sum.add(confusion, 1.0 / each.len() as f64);
+                sum.add(confusion, 1.0 / rounds as f64);
             }
             all.failed.extend(figures.failed.clone());
         }
