@@ -73,10 +73,13 @@ impl Detectability {
             healthy: BTreeMap::from([(String::new(), healthy.clone())]),
             ..TrainingSet::default()
         };
+        // of the settings only those of the threshold: what is set for filters is none of this method
         let detect = DetectSettings {
             method: DetectMethod::Sensitivity,
             threshold: ThresholdMethod::Quantile,
-            ..settings.clone()
+            false_alarm_rate: settings.false_alarm_rate,
+            confidence: settings.confidence,
+            ..DetectSettings::default()
         };
         let isolate = IsolateSettings::default();
         let promise = Design::train(&set, grey_box, &detect, &isolate)
