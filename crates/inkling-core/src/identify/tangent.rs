@@ -28,12 +28,11 @@ pub fn tangent(fit: &Identification, dt_s: f64, samples: usize) -> DMatrix<f64> 
 ///
 /// `expected`: the model's signal at `reference_c`, N counts; `tangent`: N x 6, by [`tangent`].
 /// `None`: the temperature of some signal was not recorded; it hardly varied (`least_spread_k`);
-/// there are fewer than `few` different temperatures; or temperature has no significant effect.
-/// Significant is a statistic over
-/// 14. With 30 different temperatures or more chance exceeds that in about 5e-6 of the cases or
-///     fewer; with
-/// few temperatures the bound is far too low: chance exceeds it in 2e-3 of the cases with 16, in 3
-/// % with 12, and in nearly half with 8.
+/// there are fewer than `few` different temperatures; or temperature has no significant effect. An
+/// effect is significant if the statistic of `regress` exceeds a fixed bound. From 30 different
+/// temperatures on chance exceeds the bound in about 5e-6 of the cases or fewer. With few
+/// temperatures the bound is far too low: chance exceeds it in 2e-3 of the cases with 16
+/// temperatures, in 2.5 % with 12, and in nearly half with 8.
 pub fn temperature_response(
     set: &SignalSet,
     expected: &[f64],
