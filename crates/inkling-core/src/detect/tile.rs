@@ -142,8 +142,8 @@ for_processor! {
 }
 
 /// The filter in direct form II transposed, in the same order of operations as
-/// `ResidualGenerator::run`: per sample r = b_0 d + state_0, then state_k = state_(k+1) + b_(k+1) d
-/// - a_(k+1) r. The lanes are filtered in parts of sixteen, one part after the other over all
+/// `ResidualGenerator::run`: per sample r = b_0 d + state_0, then state_k = state_(k+1) + b_(k+1)
+/// d - a_(k+1) r. The lanes are filtered in parts of sixteen, one part after the other over all
 /// samples.
 #[inline(always)] // compiled once per instruction set
 fn filtered<const ORDER: usize>(
