@@ -46,9 +46,11 @@ const LEAST_BEFORE_ROUNDING: f64 = 0.09;
 /// Rate of the real pole over the damping, lambda/sigma, that is expected of an ink channel: this ratio
 /// follows from the cross-sections and the ratio of inertances, thesis (2-3), (2-4).
 pub const LAMBDA_OVER_SIGMA: f64 = 1.27;
-/// Bounds of lambda/sigma: lambda lies between R_r/I_r and R_n/I_n, given here over the damping.
+/// Bounds of lambda/sigma: lambda lies between R_r/I_r and R_n/I_n, which are here divided by a typical
+/// sigma.
 const LAMBDA_BOUNDS: (f64, f64) = (0.55, 2.7);
-/// Ratio of the resistive rates, A_n/A_r, thesis (2-3), (2-4).
+/// Ratio g/d of the resistive rates R_r/I_r and R_n/I_n, which is A_n/A_r by thesis (2-3), (2-4). The output
+/// does not tell it, so it is held at this value wherever flows inside the channel are needed (`candidates`).
 pub const RATIO_OF_RATES: f64 = 0.2;
 
 /// The fitted model of all signals; the symbols are those of the module's equation. Parameters are a `Theta`:
@@ -82,7 +84,7 @@ pub struct Model {
     /// count for nothing.
     pub rails: Vec<Rail>,
     /// `[step, first]` of a coarse converter, counts: all codes are `first` plus a multiple of `step`.
-    /// `None`: the converter gives every code.
+    /// `None`: no coarse step of whole counts was found.
     pub lattice: Option<[f64; 2]>,
 }
 

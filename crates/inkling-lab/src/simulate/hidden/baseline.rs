@@ -259,7 +259,7 @@ impl Baseline {
             }
             let (_, followed, j, gram) = at.as_ref()?;
             // What the channel's tangent at its present place has to explain: the change, less what the
-            // channel has followed of it so far, plus what the tangent says of the way back. Then the
+            // channel's move so far has followed of it, plus what the tangent says of that move. Then the
             // solution is the whole move from the channel's own freedoms, and not only the next step.
             let r = &change.samples - (followed - j * by) * change.drive;
             let (information, inner) = self.weight(gram, change.drive);

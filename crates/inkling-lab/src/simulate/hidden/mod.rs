@@ -3,7 +3,7 @@
 //! In: a scenario with a healthy print run, and a seed. Out: [`Hidden`]: bursts that say nothing about what
 //! is in them, labels of faulty channels, and the truth, which the caller seals in a file of its own.
 //!
-//! The steps: (1) [`draw`] what is hidden: in 30 % of the cases nothing, in 45 % one effect of the catalogue,
+//! The steps: (1) draw what is hidden: in 30 % of the cases nothing, in 45 % one effect of the catalogue,
 //! in 15 % one outside it, in 10 % two, each of 1, 2, 4, 8 or 30 detection limits, and sometimes an awkward
 //! [`Circumstance`]; (2) draw the base of the recording, whose rates are off the scenario's (`run::Base`);
 //! (3) find each effect's size from its strength ([`strength`], with [`baseline`]); (4) simulate the bursts

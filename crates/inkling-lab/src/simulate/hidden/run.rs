@@ -45,7 +45,7 @@ pub enum Circumstance {
     FaultyChannels,
     /// The temperature rises linearly over the run, so that nobody can tell the two apart.
     TemperatureFollowsTime,
-    /// The noise is Student's t with [`TAIL_DOF`] degrees of freedom, of the same variance.
+    /// The noise is Student's t with `TAIL_DOF` degrees of freedom, of the same variance.
     HeavyTails,
 }
 
@@ -326,8 +326,8 @@ impl Acquisitions {
                 }
             })
             .collect();
-        // All channels of a burst share the trigger, that of the first channel. Each has drawn one, since the
-        // trigger once was each channel's own, and the other numbers of a seed must stay what they were.
+        // All channels of a burst share the trigger: that of the first channel. The others have drawn one all
+        // the same, so that the other random numbers of a seed stay what they were in earlier versions.
         let trigger = all.first().map_or(0.0, |c| c.trigger);
         all.iter_mut().for_each(|c| c.trigger = trigger);
         all
