@@ -233,7 +233,7 @@ impl Posterior {
                     highest > ln - NOTHING && highest > largest_part - self.temperature * NOTHING
                 })
             };
-            // where the class has no part by the physics, the learned density stands alone
+            // without any physics the learned density stands alone, else the two are mixed
             let learned = ln_or_none(class.as_ref().filter(|_| near).filter(counts), features);
             *w = physics.map_or(learned, |physics| sum_of(learned + ln_learned, physics));
         }
