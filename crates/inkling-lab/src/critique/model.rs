@@ -7,13 +7,15 @@
 //!
 //! The model expects of signal i, in counts at time t after t_a:
 //!
-//!   y_i(t) = s f(theta_i; t) + sum over p = 0..3 of s^p shape_p(t) + s g f(theta_i; t + idle_i) + noise
-//!   theta_i = units[channel of i] + each[i] + sum over covariates c of beta_c z_ic
+//! ```text
+//! y_i(t) = s f(theta_i; t) + sum over p = 0..3 of s^p shape_p(t) + s g f(theta_i; t + idle_i) + noise
+//! theta_i = units[channel of i] + each[i] + sum over covariates c of beta_c z_ic
+//! ```
 //!
 //! s: drive over the mean drive; f: the free decay (`free_decay.rs`); shapes, g and beta: what causes add
 //! (`Additions`); z: standardised covariates. A healthy channel's own parameters are constant over its
-//! bursts, so the scatter is split: units[channel] ~ N(mean, `between`), each[i] ~ N(0, `within`) from burst
-//! to burst.
+//! bursts, so the scatter is split: `units` of a channel ~ N(mean, `between`), `each` of a signal ~ N(0, `within`)
+//! from burst to burst.
 //!
 //! The model is linearised about each signal's own present theta_i and not about the mean, so that channels
 //! whose frequency scatters by per cents are each judged by their own decay.

@@ -5,10 +5,12 @@
 //! The state is (V_r, V_n, q_r, q_n), the displaced volumes and the flows of restrictor and nozzle. With the
 //! volume V = V_r + V_n - displaced:
 //!
-//!   V_r' = q_r,  V_n' = q_n
-//!   q_r' = -a p - g q_r,                                          p = V (1 + cubic V²)
-//!   q_n' = -b (p + meniscus V_n) - loss(q_n)
-//!   loss = d (1 - half_order) q + half-order part + drag |q| q + friction q/sqrt(q² + small²)
+//! ```text
+//! V_r' = q_r,  V_n' = q_n
+//! q_r' = -a p - g q_r,                                          p = V (1 + cubic V²)
+//! q_n' = -b (p + meniscus V_n) - loss(q_n)
+//! loss = d (1 - half_order) q + half-order part + drag |q| q + friction q/sqrt(q² + small²)
+//! ```
 //!
 //! The half-order part is half_order d sqrt(2/omega0) D^{1/2} q, where D^{1/2} is a sum of relaxations
 //! ([`Equation::advance`] carries their memory along). All is integrated by Runge-Kutta of fourth order; the
