@@ -35,7 +35,8 @@ impl Run<'_> {
     /// files get their names. `identified`: how the models came to be; `phases`: where the time
     /// went before.
     ///
-    /// # Errors The recording holds no bursts, labels do not fit it, rows are missing, or a file
+    /// # Errors
+    /// The recording holds no bursts, labels do not fit it, rows are missing, or a file
     /// cannot be written.
     pub fn report(
         &self,
