@@ -14,8 +14,8 @@
 //!
 //! s: drive over the mean drive; f: the free decay (`free_decay.rs`); shapes, g and beta: what causes add
 //! (`Additions`); z: standardised covariates. A healthy channel's own parameters are constant over its
-//! bursts, so the scatter is split: `units` of a channel ~ N(mean, `between`), `each` of a signal ~ N(0, `within`)
-//! from burst to burst.
+//! bursts, so the scatter is split: `units` of a channel ~ N(mean, `between`), `each` of a signal ~ N(0,
+//! `within`) from burst to burst.
 //!
 //! The model is linearised about each signal's own present theta_i and not about the mean, so that channels
 //! whose frequency scatters by per cents are each judged by their own decay.
@@ -289,8 +289,9 @@ impl Model {
         let [of_damping, .., of_pole] = &mut out.tangent.columns;
         of_damping.iter_mut().zip(of_pole).for_each(|(damping, pole)| *damping += *pole);
 
-        // What the previous ring adds to this signal per unit of `tail_gain`: the same decay, taken from the idle
-        // time on. Where there was no actuation before (infinite), or none was recorded (NaN), nothing is added.
+        // What the previous ring adds to this signal per unit of `tail_gain`: the same decay, taken from the
+        // idle time on. Where there was no actuation before (infinite), or none was recorded (NaN), nothing
+        // is added.
         out.tail.clear();
         out.tail.resize(n, 0.0);
         let idle_s = data.rows[i].beside.idle_s;
@@ -404,8 +405,8 @@ impl Model {
             let gradient = normal.product / noise_var - precision * off(theta);
             Some((gradient, normal.gram / noise_var + precision))
         };
-        // A Gauss-Newton step with the diagonal of the Hessian increased by the damping. The steps of ln damping
-        // and ln frequency are clamped, since the linearisation says nothing of places far away.
+        // A Gauss-Newton step with the diagonal of the Hessian increased by the damping. The steps of ln
+        // damping and ln frequency are clamped, since the linearisation says nothing of places far away.
         let step = |theta: &Theta, (gradient, hessian): &(Vector5, Matrix5), damping: f64| {
             let damped = hessian + Matrix5::from_diagonal(&(hessian.diagonal() * damping));
             let step = damped.cholesky()?.solve(gradient);

@@ -17,7 +17,8 @@
 //! library's own models use matrix exponentials and closed forms instead, so that the critique is tested by
 //! other code. Volumes are in counts·s, flows in counts: the output of a state is q_r + q_n.
 
-/// Steps of the integrator per sample period; with them the error of a whole decay stays below 1e-6 of its peak.
+/// Steps of the integrator per sample period; with them the error of a whole decay stays below 1e-6 of its
+/// peak.
 const STEPS_PER_SAMPLE: f64 = 8.0;
 /// Range of the relaxation rates that represent the half-order derivative, 1/s, and their number; they are
 /// spaced evenly in their logarithm.
