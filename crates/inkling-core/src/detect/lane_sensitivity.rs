@@ -166,7 +166,7 @@ for_processor! {
     ) { portable }
 }
 
-#[inline(always)] // the body of `judge`; `for_processor!` compiles it per instruction set
+#[inline(always)] // body of `judge`, compiled once per instruction set
 fn portable(
     (by, of): (&LaneSensitivity, &Limit),
     sums: &Projections<3>,

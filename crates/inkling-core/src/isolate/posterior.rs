@@ -411,7 +411,7 @@ for_processor! {
     fn exp_lanes(of: [f64; CLASSES]) -> [f64; CLASSES] { portable }
 }
 
-#[inline(always)] // compiled once per instruction set
+#[inline(always)] // body of `exp_lanes`, compiled once per instruction set
 fn portable(of: [f64; CLASSES]) -> [f64; CLASSES] {
     /// Below this the exponential counts as 0.
     const LEAST: f64 = -700.0;
