@@ -6,9 +6,9 @@
 //! [`Base`] holds what is constant in a recording: its nominal rates, which are drawn about the scenario's,
 //! its peak, its channels. [`Acquisitions`] holds the random streams of the run. A signal is made in these
 //! steps: draw its conditions; let the scatter and the effects on plant and trigger change the channel's
-//! equation; integrate pulse, wait and decay (`plant.rs`); scatter the state; add the previous ring's tail;
-//! let effects on the output change the samples ([`Base::clean`]); add noise; let effects on codes change the
-//! samples; round ([`Acquisitions::acquire`]).
+//! equation; integrate pulse and wait (`plant.rs`); scatter the state; integrate the decay; add the previous
+//! ring's tail; let effects on the output change the samples ([`Base::clean`]); add noise; let effects on
+//! codes change the samples; round ([`Acquisitions::acquire`]).
 
 use super::effect::{Acts, Conditions, Effect, Samples, stiffen, thin};
 use super::plant::{Equation, State};
