@@ -335,6 +335,7 @@ impl Head {
     fn find(&mut self, looks: &[Look], no_rings: usize, paused: bool) -> Option<Explained> {
         let members: Vec<Member> = looks.iter().map(|look| self.member(look, paused)).collect();
         let members = &members[..];
+        // neither this sweep nor what is known before it has enough channels for a level in common
         let few = looks.len() < FEWEST && self.channels.len().max(looks.len()) < FEWEST;
         let expected = Expected::new(self.level, &self.covariance, &self.kind, paused && !few)?;
         if few || looks.is_empty() {
@@ -486,7 +487,7 @@ impl Head {
         self.wider.max().sqrt()
     }
 
-    /// [`Head::wider`] over what so few channels, of which some may be faulty, show by chance: what
+    /// `Head::wider` over what so few channels, of which some may be faulty, show by chance: what
     /// exceeds 1 is no chance.
     pub fn surely_wider(&self) -> f64 {
         self.wider() / rarely_apart(self.channels.len())
