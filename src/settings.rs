@@ -280,7 +280,8 @@ impl Settings {
     /// Reads `file` (if given), then applies the preset and the `KEY=VALUE` overrides, and checks
     /// the result. Of two overrides with one key the later one wins.
     ///
-    /// # Errors [`FileError::Read`] if the file cannot be read; else [`FileError::Mistaken`], with
+    /// # Errors
+    /// [`FileError::Read`] if the file cannot be read; else [`FileError::Mistaken`], with
     /// the file, the preset or the override in which the mistake stands.
     pub fn load(
         file: Option<&Path>,

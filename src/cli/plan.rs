@@ -149,7 +149,8 @@ impl Planner<'_> {
     /// after it are, too. Recordings that are refused or cannot be read come last. `baselines`:
     /// digest of the baseline file; `None`: there is none yet.
     ///
-    /// # Errors No state of the baselines is left from which the first recording could be judged
+    /// # Errors
+    /// No state of the baselines is left from which the first recording could be judged
     /// again as it was.
     pub fn chain(
         &self,

@@ -134,7 +134,8 @@ pub struct Learned {
 
 /// Reads labels and recordings, trains a design, and checks that each labelled class can be named.
 ///
-/// # Errors A usage failure if the labels or the settings are wrong, if too few signals are
+/// # Errors
+/// A usage failure if the labels or the settings are wrong, if too few signals are
 /// healthy, or if a class would never be named; else a failure.
 pub fn learn(lesson: Lesson) -> Result<Learned, Failure> {
     let Lesson { recordings, labels: written, outcomes: found_in, new_class, settings } = lesson;

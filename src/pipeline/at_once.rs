@@ -1,8 +1,12 @@
 //! Finds out whether so many of a printhead's channels are flagged at once that a cause which they share is
 //! likelier than that many faults.
 //!
-//! In: a printhead's judged signals, in the recording's order. Out: since when that
-//! was so, and in how many looks.
+//! In: a printhead's judged signals, in the recording's order, from `tally`. Out: since when that
+//! was so, and in how many looks, as a warning ([`AtOnce::longest`]).
+//!
+//! A *look* here is a stretch of time in which as many signals were judged as the printhead has
+//! channels (and at least five), which mostly is one signal of each. A look is bad if more than a
+//! third of its signals are flagged ([`MOST_AT_ONCE`]). Eight bad looks in a row are told.
 
 use super::head_movement::at;
 use inkling_core::verdict::at_once::{ADVICE, FEWEST_CHANNELS, MOST_AT_ONCE};
@@ -12,15 +16,16 @@ use inkling_core::verdict::at_once::{ADVICE, FEWEST_CHANNELS, MOST_AT_ONCE};
 /// and twice of it were not tried.
 const IN_A_ROW: u64 = 8;
 
+/// The looks at one printhead so far.
 #[derive(Clone, Debug, Default)]
 pub struct AtOnce {
+    /// When the look at hand began, and the time of its latest signal, ns.
     from_ns: i64,
     t_ns: i64,
     /// Number of signals that were judged, and of those that were flagged, in the look at hand.
     judged: u64,
     flagged: u64,
-    /// Number of consecutive looks, up to the last one, in which so many were flagged,
-    /// and when the first of them began.
+    /// Number of consecutive bad looks, up to the last one, and when the first of them began, ns.
     in_a_row: u64,
     row_from_ns: i64,
     /// The longest such run of looks so far.
@@ -31,7 +36,9 @@ pub struct AtOnce {
 /// judged signals were flagged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stretch {
+    /// When the first look began, ns.
     pub from_ns: i64,
+    /// Number of looks.
     pub looks: u64,
 }
 

@@ -1,9 +1,16 @@
 //! The order of recordings with `--baseline`: when each begins, which is the time of its earliest burst, and from
 //! which on they are judged.
 //!
-//! Channels' own baselines go from each recording to the next, in the order of their times. A recording that
-//! is judged again, or that comes in between, must meet the baselines as they were then: else its verdicts
-//! would differ from those of an undisturbed run, and nothing would say so.
+//! In: from `cli/plan.rs`, the recordings in order, each with its *link*: the digests of the
+//! baselines that its verdicts met and left, as the journal noted them. Out: the index from which
+//! on recordings are judged ([`resume_at`]); and for the order the times at which recordings begin
+//! ([`starts`]).
+//!
+//! Channels' own baselines go from each recording to the next, in the order of their times. A
+//! recording that is judged again, or that comes in between, must meet the baselines as they were
+//! then: else its verdicts would differ from those of an undisturbed run, and nothing would say so.
+//! So judging can begin at a place only if the baselines that are there now are those that the next
+//! recording met, or that the last one left.
 
 use super::PipelineError;
 use super::groups::MOST_GROUPS;
@@ -28,6 +35,7 @@ pub fn resume_at(links: &[Option<Link>], first: usize, now: &State) -> Option<us
     if links.iter().all(Option::is_none) {
         return Some(first); // nothing here rests on them yet
     }
+
     let fits = |at: usize| wanted(links, at).is_none_or(|state| state == now);
     // the last place at or before `first` that continues from the present baselines
     match (0..=first).rev().find(|&at| fits(at)) {
@@ -45,9 +53,10 @@ fn wanted(links: &[Option<Link>], at: usize) -> Option<&State> {
     next.or(last)
 }
 
-/// Time of the earliest usable burst of printheads, ns: with `all` of every one. Else, where the chunk index
-/// says that the file is about in the order of its times, only blocks up to the first one that holds a burst
-/// are decoded.
+/// Times of the earliest usable bursts by printhead, ns. With `all` every printhead is there. Else,
+/// where the chunk index says that the file is about in the order of its times, only blocks up to
+/// the first one that holds a burst are decoded, so that the earliest time of all is right and some
+/// printheads may be missing.
 pub fn starts(pass: Pass, all: bool) -> Result<BTreeMap<Arc<str>, i64>, PipelineError> {
     // without a chunk index nothing is known of the order, and all blocks are decoded
     let ordered = pass.recording.disorder_ns.is_some_and(|ns| ns <= MOST_REORDER_NS);

@@ -1,6 +1,14 @@
-//! Collects signals from recordings: labelled ones for training and identification, and healthy ones, with what
-//! was recorded beside them, for the critique. What is collected is bounded, and of labelled signals it does not
-//! depend on their order.
+//! Collects signals from recordings, for the verbs that learn from them.
+//!
+//! [`Collector`]: for `train`, `identify` and `thesis`, a bounded sample of usable signals for each
+//! label and printhead, as a [`TrainingSet`]. The sample does not depend on the signals' order.
+//!
+//! [`Observer`]: for `critique`, a bounded sample of signals that may be healthy, with what was
+//! recorded beside them, as [`Observations`]. Of longer signals fewer are held.
+//!
+//! Both are given one recording after another (`take`), and hand out what they hold at the end
+//! (`finish`). The first burst of all decides the sampling; signals sampled otherwise are only
+//! counted.
 
 use super::PipelineError;
 use super::visit::{self, Pass};
@@ -16,13 +24,14 @@ use inkling_lab::critique::observations::{Observations, Sampler};
 use std::collections::BTreeMap;
 use std::sync::atomic::Ordering;
 
-/// Maximum number of signals kept per printhead: of healthy ones, and of each faulty label.
+/// Maximum number of signals kept per printhead: of healthy signals, and of signals with each other
+/// label.
 const MOST_HEALTHY: usize = 32_768;
 const MOST_FAULTY: usize = 8_192;
 /// Maximum number of sets, one for each printhead and label.
 const MOST_SETS: usize = 512;
 
-/// The time and channels of a burst.
+/// The time and channels of a burst, as a span.
 fn span_of(burst: &Burst) -> Span {
     let first_channel = burst.first_channel;
     let last_channel = first_channel.saturating_add(burst.channels.saturating_sub(1));
@@ -34,6 +43,7 @@ fn span_of(burst: &Burst) -> Span {
 pub struct Collector<'a> {
     /// `None`: every signal counts as healthy.
     labels: Option<&'a Labels>,
+    /// Limits of the converter, counts.
     rails: [f64; 2],
     /// Sample period, s, and samples of the first burst; signals of another sampling are not collected.
     sampling: Option<(f64, usize)>,
@@ -46,6 +56,8 @@ pub struct Collector<'a> {
 }
 
 impl<'a> Collector<'a> {
+    /// Begins to collect. `labels`: `None` if every signal counts as healthy; `rails`: limits of
+    /// the converter, counts.
     pub fn new(labels: Option<&'a Labels>, rails: [f64; 2]) -> Collector<'a> {
         Collector { labels, rails, ..Collector::default() }
     }
@@ -57,12 +69,14 @@ impl<'a> Collector<'a> {
         let lost = pass.all(|_, burst| {
             self.met.see(&burst.printhead, span_of(burst));
             let n = burst.samples_per_channel as usize;
-            // the first burst decides the sampling
+
+            // the first burst of all decides the sampling
             let (period, samples) = *self.sampling.get_or_insert((burst.sample_period_s, n));
             if samples != n || !same_period(period, burst.sample_period_s) {
                 self.count("other_sampling", u64::from(burst.channels));
                 return;
             }
+
             signal.resize(n, 0.0);
             for row in 0..burst.channels {
                 let beside = burst.beside(row as usize);
@@ -89,6 +103,7 @@ impl<'a> Collector<'a> {
                 }
                 self.count(state, 1);
 
+                // its label and printhead have a reservoir, which decides whether to keep it
                 let key = (state.to_owned(), burst.printhead.to_string());
                 if !self.sets.contains_key(&key) && self.sets.len() >= MOST_SETS {
                     self.count("beyond_the_limit_of_sets", 1);
@@ -105,7 +120,7 @@ impl<'a> Collector<'a> {
         Ok(lost.all_damage(pass.recording))
     }
 
-    /// Counts signals under a label.
+    /// Counts `n` signals under a label, or under the reason why they were not collected.
     fn count(&mut self, label: &str, n: u64) {
         match self.signals.get_mut(label) {
             Some(count) => *count += n,
@@ -118,6 +133,7 @@ impl<'a> Collector<'a> {
     pub fn finish(self) -> Option<TrainingSet> {
         let (sample_period_s, samples) = self.sampling?;
 
+        // the mean drive voltage of all healthy signals that have one
         let (sum, n) = self
             .sets
             .iter()
@@ -145,7 +161,8 @@ impl<'a> Collector<'a> {
     }
 }
 
-/// Maximum bytes of signals that are held, and maximum number of signals: a critique needs no more.
+/// Maximum bytes of signals that an [`Observer`] holds, and maximum number of signals: a critique
+/// needs no more.
 const HELD_BYTES: usize = 64 << 20;
 const MOST_SIGNALS: usize = 8192;
 /// Work per signal grows with the square of its samples: of signals longer than this fewer are held, down to
@@ -166,8 +183,11 @@ fn rails_of(signal: &[f64], rails: [f64; 2]) -> [f64; 2] {
 /// The signals of one sample period. A signal may be held up to twice as long as the first
 /// one was: so memory is bounded.
 struct PeriodSignals {
+    /// Sample period, s.
     period_s: f64,
+    /// Samples that are held of a longer signal.
     most_samples: usize,
+    /// The sample of signals.
     sampler: Sampler,
 }
 
@@ -176,9 +196,11 @@ struct PeriodSignals {
 pub struct Observer<'a> {
     /// Labels that say which signals are healthy; `None`: every signal may be.
     labels: Option<&'a Labels>,
+    /// Limits of the converter, counts.
     rails: [f64; 2],
     /// What is held; `None`: no burst came yet.
     sampler: Option<PeriodSignals>,
+    /// Samples that are taken of a longer signal.
     most_samples: usize,
     /// Number of signals that cannot be used; an unusable burst counts as one.
     pub rejected: u64,
@@ -204,7 +226,10 @@ impl<'a> Observer<'a> {
         let mut signal = Vec::new();
         let lost = pass.all(|_, burst| {
             let n = burst.samples_per_channel as usize;
-            // the first burst decides how many signals are held: fewer of longer ones
+
+            // The first burst decides how many signals are held: 8192 of up to 128 samples, of
+            // longer ones fewer by the square of their length, and no more than fit into the bytes
+            // (4 per sample).
             let held = self.sampler.get_or_insert_with(|| {
                 let kept = n.min(self.most_samples);
                 let wanted = MOST_SIGNALS * USUAL_SAMPLES.pow(2) / kept.max(1).pow(2);
@@ -216,6 +241,7 @@ impl<'a> Observer<'a> {
                     sampler: Sampler::new(burst.sample_period_s, capacity),
                 }
             });
+
             pass.control.signals.fetch_add(u64::from(burst.channels), Ordering::Relaxed);
             if !same_period(held.period_s, burst.sample_period_s) {
                 self.other_sampling += u64::from(burst.channels);
@@ -241,7 +267,8 @@ impl<'a> Observer<'a> {
         Ok(lost.all_damage(pass.recording))
     }
 
-    /// Hands out what was collected. `None`: no burst was seen.
+    /// Hands out what was collected. `None`: no burst was seen. The counts of what was left out are
+    /// complete only after that.
     pub fn finish(&mut self) -> Option<Observations> {
         let sampler = self.sampler.take()?.sampler;
         // signals that are shorter than the common length are dropped at the end

@@ -1,5 +1,15 @@
 //! Gathers the evidence over time at the writer stage, where rows come in the recording's order, and raises
 //! episodes from it.
+//!
+//! In: judged batches, one after another ([`EpisodeTap::add`]). Out: the table of episodes as they
+//! end, the list for the report, and, where somebody follows the recording, each episode as soon as
+//! it is raised.
+//!
+//! The sequential test itself is `inkling_core::episodes::Tracker`. Here the rows and runs of a
+//! batch are put together into bursts again ([`Looks`]: for each channel the statistic over its
+//! threshold), with what isolation says of the flagged signals, and handed to the tracker. There
+//! are two trackers where somebody watches: the table's, which waits for bursts that come late, and
+//! one that tells at once. `replay::EpisodeAnnouncer` later corrects what the second one told.
 
 use super::PipelineError;
 use super::batches::{FlaggedSignal, JudgedBatch};
@@ -27,12 +37,14 @@ pub struct EpisodeTap<'a> {
     table: Option<EpisodeWriter>,
     /// The models with which signals are compared, by their numbers; `None`: no judge of that model was met yet.
     models: Vec<Option<Arc<HealthyModel>>>,
+    /// The episodes so far, at most `MOST_LISTED`.
     listed: Vec<Episode>,
 }
 
 /// The episodes of a recording, for the report and the summary.
 #[derive(Debug, Default)]
 pub struct EpisodeReport {
+    /// Numbers of episodes and of the signals that the trackers left out.
     pub counts: Counts,
     /// The episodes, at most `MOST_LISTED`, sorted by printhead, begin and channel.
     pub listed: Vec<Episode>,
@@ -41,6 +53,8 @@ pub struct EpisodeReport {
 }
 
 impl<'a> EpisodeTap<'a> {
+    /// A tap before the first row. `watch`: who is told at once; `table`: where episodes are
+    /// written. An error if the settings give priors of classes that there are not.
     pub fn create(
         replay: &Replay,
         watch: Option<&'a Watch<'a>>,
@@ -76,7 +90,8 @@ impl<'a> EpisodeTap<'a> {
         judged.judges.iter().for_each(|judge| self.meet(judge));
         let mut flagged = std::mem::take(&mut judged.flagged).into_iter().peekable();
         let Verdicts { parts, tests, rows: c } = &judged.verdicts;
-        // gather the rows burst by burst: those of a burst are its channels in order
+
+        // gather the rows burst by burst: the rows of a burst are its channels in order
         let mut bursts = Vec::new();
         for part in parts {
             match part {
@@ -104,17 +119,21 @@ impl<'a> EpisodeTap<'a> {
                 }
             }
         }
+
+        // hand the bursts to the trackers, and take the episodes that ended with them
         for burst in bursts {
             self.look_at(burst, &c.printheads, &judged.own);
         }
         list(&mut self.listed, &mut self.table, self.tracker.take_ended())
     }
 
+    /// The model with a number; `None`: no judge of it was met yet.
     fn model_of(&self, number: u16) -> Option<&HealthyModel> {
         self.models.get(usize::from(number))?.as_deref()
     }
 
-    /// What isolation says of a row, without the row's index within its burst.
+    /// What isolation says of a row, without the row's index within its burst. `row`: its index in
+    /// `c`. The ring is turned from logarithms relative to the healthy model into Hz and 1/s.
     fn named(&self, flagged: FlaggedSignal, c: &VerdictColumns, row: usize) -> IsolatedSignal {
         let healthy = c.model[row].and_then(|number| self.model_of(number));
         let ring = flagged.ring.zip(healthy.map(|model| model.identification.poles));
@@ -138,7 +157,8 @@ impl<'a> EpisodeTap<'a> {
         }
     }
 
-    /// Hands a gathered burst to the trackers, and announces what it raises or ends.
+    /// Hands a gathered burst to the trackers, and announces what it raises or ends. `printheads`:
+    /// the names to which indices refer; `own`: as in [`JudgedBatch::own`].
     fn look_at(
         &mut self,
         burst: OpenBurst,
@@ -152,7 +172,8 @@ impl<'a> EpisodeTap<'a> {
         looks.in_medians = self.model_of(looks.model).map_or(0.0, HealthyModel::in_medians);
         let (first, n) = (looks.first_channel, looks.ratios.len());
 
-        // which of the channels were judged about their own levels
+        // which of the channels were judged about their own levels: their statistics scatter
+        // otherwise
         let own = own.iter().find(|(t_ns, of, _)| (*t_ns, *of) == (looks.t_ns, at.printhead));
         let known = |(_, _, own): &(i64, u32, Arc<OwnChannels>)| {
             own.from(first, n).map(|k| k.is_some()).collect()
@@ -190,7 +211,7 @@ impl<'a> EpisodeTap<'a> {
     }
 }
 
-/// Lists and writes episodes that have ended, or that are on at the end.
+/// Adds episodes that have ended, or that are on at the end, to the list and to the table.
 fn list(
     listed: &mut Vec<Episode>,
     table: &mut Option<EpisodeWriter>,
@@ -206,10 +227,12 @@ fn list(
 
 /// A burst whose rows are being gathered.
 struct OpenBurst {
-    /// What identifies its next signal.
+    /// What identifies the signal that would continue it: its time and printhead, and the next
+    /// channel.
     at: Id,
     /// The model of its first row that has one.
     model: Option<u16>,
+    /// What was gathered so far.
     looks: Looks,
 }
 
@@ -227,6 +250,7 @@ impl OpenBurst {
     /// Adds a run of healthy signals.
     fn add_healthy(&mut self, run: &HealthyRun, tests: &Tests) {
         self.model.get_or_insert(run.model);
+        // the threshold of each signal is that of the test that decided (`beside`: the second one)
         let thresholds = [run.threshold, run.beside];
         let beside = &tests.beside[run.signals.clone()];
         let tests = tests.statistic[run.signals.clone()].iter().zip(beside);
@@ -237,7 +261,7 @@ impl OpenBurst {
         self.at.channel = run.first_channel.saturating_add(run.signals.len() as u32); // a burst has few
     }
 
-    /// Adds a single row; NaN stands for a signal that was rejected.
+    /// Adds a single row of `c`; NaN stands for a signal that was rejected.
     fn add_row(&mut self, c: &VerdictColumns, row: usize) {
         self.model = self.model.or(c.model[row]);
         let of = c.statistic[row].zip(c.threshold[row]);

@@ -1,7 +1,13 @@
 //! Finishes a recording that went through the stages.
 //!
-//! In: what the stages left behind. Out: the recording's report, and its files: all are completed on disk, and
-//! only then, if nothing is missing, they get their names.
+//! In: what the stages left behind ([`StageResults`]), from `replay`. Out: the recording's report,
+//! and its files: all are completed on disk, and only then, if nothing is missing, they get their
+//! names ([`Run::report`]).
+//!
+//! The order is what makes a killed run harmless. The tables of verdicts and episodes are completed
+//! under names of their own; so is the summary. Then the files of an earlier run are removed, the
+//! summary first, and the new ones named, the summary last. So where a summary lies, the tables
+//! beside it are whole and belong to it.
 
 use super::PipelineError;
 use super::job::Run;
@@ -25,14 +31,20 @@ use std::sync::Arc;
 use std::time::Instant;
 
 impl Run<'_> {
-    /// Checks what the stages left behind, makes the report and completes the files; only
-    /// then the files get their names.
+    /// Checks what the stages left behind, makes the report and completes the files; only then the
+    /// files get their names. `identified`: how the models came to be; `phases`: where the time
+    /// went before.
+    ///
+    /// # Errors
+    /// The recording holds no bursts, labels do not fit it, rows are missing, or a file
+    /// cannot be written.
     pub fn report(
         &self,
         streamed: StageResults,
         identified: Identified,
         phases: &mut Phases,
     ) -> Result<RecordingReport, PipelineError> {
+        // 1. the recording and what the stages left
         let finishing = Instant::now();
         let Run { replay, recording, verdicts, control, .. } = *self;
         let paced = self.paced().map(|_| self.pacer().kept);
@@ -46,6 +58,7 @@ impl Run<'_> {
             streamed;
         let StageResults { scan_damage, timings, digest, memory, .. } = streamed;
 
+        // 2. warnings by printhead
         let mut warnings = temperatures.warnings();
         warnings.extend(schedule.wide_thresholds());
         // warnings about printheads that were followed sweep by sweep
@@ -62,6 +75,7 @@ impl Run<'_> {
             untold.filter_map(|(name, of)| Some((name.clone(), of.at_once.longest()?.in_words()))),
         );
 
+        // 3. damage, and what makes the recording fail
         let damage = all_damage(recording, scan_damage, &mut tally, digest.damage);
         check_rows(&tally.counts, table.rows())?;
         if tally.counts.bursts == 0 {
@@ -74,6 +88,7 @@ impl Run<'_> {
             labels_file::check(Path::new(&identify.labels), labels, &tally.met())?;
         }
 
+        // 4. the report; what is not known yet is filled in below
         let (episodes, episode_table) = episodes;
         let mut report = RecordingReport {
             name: recording.name.clone(),
@@ -101,6 +116,8 @@ impl Run<'_> {
         };
         note_not_judged(&mut report, (replay, recording), &schedule);
 
+        // 5. the tables, with the document in their metadata, completed on disk; they get their
+        // names below
         let counts = &report.tally.counts;
         let mut document = metadata::document(replay, recording, &report.digest, &schedule, counts);
         control.check()?;
@@ -108,7 +125,6 @@ impl Run<'_> {
         let unwritten = |e: serde_json::Error| FileError::unwritten(place)(e.into());
         let text = serde_json::to_string(&document).map_err(unwritten)?;
         let of_episodes = document.text_of_episodes().map_err(unwritten)?;
-        // the tables are completed on disk, and get their names below
         let mut files = Vec::new();
         match table {
             Table::Arrays(rows) => report.arrays = Some(rows.complete(text)),
@@ -117,7 +133,7 @@ impl Run<'_> {
         phases.add("finish", finishing.elapsed());
         (report.seconds, report.phases) = (phases.seconds(), phases.list.clone());
 
-        // the summary is the tables' document, and how the run went
+        // 6. the summary is the tables' document, and how the run went
         report.summary(&mut document.of_run, recording);
         document.of_run.insert("moved_together".into(), json!(moved));
         if let Some(memory) = &report.baselines {
@@ -129,7 +145,7 @@ impl Run<'_> {
             document.of_run.insert("baseline".to_owned(), known);
         }
 
-        // the summary comes last: it says that all files are there
+        // 7. the names; the summary comes last, as it says that all files are there
         if let Some(verdicts) = verdicts {
             files.push(complete_summary(verdicts, &document)?);
             name_all(files)?;
@@ -141,7 +157,8 @@ impl Run<'_> {
     }
 }
 
-/// Checks that every signal is a row: that as many rows were written as signals were found.
+/// Checks that every signal is a row: that as many rows were written as signals were found, and
+/// each was either judged or rejected. An error is a fault of ours.
 fn check_rows(counts: &Counts, written: u64) -> Result<(), PipelineError> {
     let found = counts.signals;
     match counts.judged + counts.rejected.values().sum::<u64>() == found && written == found {
@@ -168,8 +185,8 @@ fn all_damage(
     damage
 }
 
-/// Completes the tables of verdicts and episodes, before any file gets its name. That of the verdicts is the
-/// last of the returned files.
+/// Completes the tables of verdicts and episodes, before any file gets its name. The table of
+/// verdicts is the last of the returned files. `document`, `of_episodes`: their metadata, as JSON.
 fn complete_tables(
     verdicts: VerdictWriter,
     document: String,

@@ -62,7 +62,7 @@ pub struct Learning<'a> {
     pub(super) heads: Vec<Head>,
     /// Time of the latest burst so far, of any group, ns.
     latest_ns: i64,
-    /// Before a burst of that time, ns, there is nothing to settle ([`Learning::settle`]).
+    /// Before a burst of that time, ns, there is nothing to settle (`Learning::settle`).
     due_ns: i64,
     /// End and group of the window whose model got the last number. Numbers must ascend in this order, which
     /// is the order of two passes.

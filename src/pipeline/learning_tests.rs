@@ -1,5 +1,8 @@
-//! Compares windows learned while the signals flow with windows learned in two passes before them: the
-//! results must be the same bytes. A test that is ignored by default measures what each form costs.
+//! Compares windows learned while the signals flow (`learning`) with windows learned in two passes
+//! before them (`windows`): the results must be the same bytes, whatever the order of bursts, the
+//! chunks, and the windows. Each test makes a recording from the sample's print run, changed in one
+//! way, and judges it in both forms (`Case::both`). A test that is ignored by default measures what
+//! each form costs.
 //!
 //! ```sh
 //! INKLING_RECORDING=slow.mcap cargo test --release --lib learning_in_the_stream_against -- --ignored --nocapture
@@ -64,10 +67,13 @@ struct Case {
     dir: tempfile::TempDir,
     design: Option<Design>,
     settings: Settings,
+    /// Windows that the settings give, from and to, ns; empty: windows are placed by the pipeline.
     spans: Vec<(i64, i64)>,
+    /// Compression and chunks of the recording.
     options: WriterOptions,
     /// Number of bytes that are cut off at the end of the file.
     cut: usize,
+    /// As with `--baseline`; `None`: without.
     baselines: Option<Memory>,
 }
 
@@ -94,8 +100,8 @@ impl Case {
         path
     }
 
-    /// Judges bursts in both forms, asserts that the results are the same, and
-    /// returns the first form's report.
+    /// Judges bursts in both forms, asserts that tables, summaries, warnings and baselines are the
+    /// same, and returns the first form's report.
     #[track_caller]
     fn both(&self, bursts: &[Burst]) -> RecordingReport {
         let path = self.write(bursts);
@@ -326,6 +332,7 @@ fn a_temperature_that_no_model_knows_is_followed_in_both_forms() {
     assert!(!given_up && report.warnings.is_empty(), "{:?} {:?}", report.phases, report.warnings);
 }
 
+/// The same bursts, later by `by_ns`.
 fn later(of: &[Burst], by_ns: i64) -> Vec<Burst> {
     of.iter().map(|b| Burst { t_acq_ns: b.t_acq_ns + by_ns, ..b.clone() }).collect()
 }

@@ -1,4 +1,10 @@
-//! Makes the document that goes with the verdicts, in the Parquet file's metadata and in summary.json.
+//! Makes the document that goes with the verdicts, in the Parquet file's metadata and in
+//! summary.json (`schemas/verdicts.md` explains its keys).
+//!
+//! In: from `finish`, a finished recording with its counts and models ([`document`]); or from
+//! `rotation`, a part of the table while the recording is being written ([`of_part`]). Out: a
+//! [`Document`], which is serialised to JSON. With it a table explains itself: of which recording
+//! it is, by which design, settings and models it was made, and what the indices in its rows mean.
 
 use super::job::{ClosedPart, Replay};
 use super::resume::effective;
@@ -17,12 +23,14 @@ use serde_json::{Map, Value, json};
 /// thousands of them would take much more memory as JSON values.
 #[derive(Serialize)]
 pub struct Document<'a> {
+    /// Everything but the models.
     #[serde(flatten)]
     pub of_run: Map<String, Value>,
     models: Vec<Model<'a>>,
 }
 
-/// The keys that the table of episodes has of it. Models and settings are in the table of verdicts alone.
+/// The keys of the document that the table of episodes has, too. Models and settings are in the
+/// table of verdicts alone.
 const OF_EPISODES: [&str; 6] =
     ["version", "recording", "design", "classes", "categories", "counts"];
 
@@ -60,8 +68,9 @@ pub fn document<'a>(
     Document { of_run, models: models.collect() }
 }
 
-/// The document of a part of the table, while the recording is still being
-/// written: as far as it is known then.
+/// The document of a part of the table, as far as it is known while the recording is still being
+/// written: without counts and digest, and with how the recording begins instead. `judges`: those
+/// of the part's signals.
 pub fn of_part<'a>(
     replay: &Replay,
     recording: &Recording,
@@ -113,6 +122,7 @@ struct Model<'a> {
     of: &'a HealthyModel,
     /// Drive voltage at which it expects its signals, V.
     reference_v: Option<f64>,
+    /// Whether its poles are written; a moved judge's would be those of one burst.
     with_poles: bool,
 }
 

@@ -1,5 +1,5 @@
 //! The judge that a printhead's window gave, moved to where most of the printhead's channels are
-//! ([`MovedJudge`]); and where these were in the recent past ([`LevelHistory`]). Both serve `head`,
+//! (`MovedJudge`); and where these were in the recent past (`LevelHistory`). Both serve `head`,
 //! once per sweep.
 //!
 //! [`MovedJudge`]. In: where the channels lie from the ring of the window's model, and the standard

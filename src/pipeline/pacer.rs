@@ -1,7 +1,15 @@
-//! Decides when bursts are handed on: at the recorded speed, or at a number of signals per second.
+//! Decides when bursts are handed on (`--pace`): at the recorded speed, or at a number of signals
+//! per second.
 //!
-//! In: bursts in the file's order. Out: when each is due, and how far the reader was ever behind that. Each
-//! burst is paced once: what is read a second time was handed on already.
+//! In: batches in the file's order, from the reader stage, which has one worker then
+//! ([`Pacer::wait_for`]). Out: the reader is held until the batch is due; at the end, how far it
+//! was ever behind. At the recorded speed a batch is due as long after the first burst as its
+//! latest burst was acquired after the earliest burst of the first batch; at S signals per second,
+//! when n / S seconds have passed, n being the number of signals before it.
+//!
+//! A batch is one burst while the reader keeps the pace, and more while it is late, since larger
+//! batches cost less. Each burst is paced once: what is read a second time, in a second pass, was
+//! handed on already.
 
 use super::batches::{MOST_ROWS, usable};
 use super::{Control, PipelineError};
@@ -18,6 +26,7 @@ pub struct PaceReport {
     pub behind: Duration,
 }
 
+/// The pace of one recording, over all passes through it.
 #[derive(Debug, Default)]
 pub struct Pacer {
     pace: Pace,
@@ -28,12 +37,15 @@ pub struct Pacer {
     /// Number of signals and bursts of this pass so far.
     signals: u64,
     bursts: u64,
-    /// Least number of rows of the next piece: one burst, or more and more while the reader is late.
+    /// Least number of rows of the next piece of a block: 1, which one burst has, or more and more
+    /// while the reader is late.
     rows: usize,
+    /// How the pace was kept so far.
     pub kept: PaceReport,
 }
 
 impl Pacer {
+    /// A pacer before the first burst.
     pub fn new(pace: Pace) -> Pacer {
         Pacer { pace, rows: 1, ..Pacer::default() }
     }
@@ -48,8 +60,8 @@ impl Pacer {
         self.rows
     }
 
-    /// When the last burst of a batch is due, counted from when the first burst of all was handed on; counts
-    /// the batch's signals. `None`: no burst of it has a time.
+    /// When a batch is due, counted from when the first batch was handed on; counts the batch's
+    /// signals. `None`: the pace is the recorded one and no burst of the batch has a time.
     fn due(&mut self, batch: &SignalBatch) -> Option<Duration> {
         let before = self.signals;
         self.signals += batch.acquisitions.iter().map(|a| a.rows() as u64).sum::<u64>();

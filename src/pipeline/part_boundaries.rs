@@ -1,8 +1,13 @@
 //! Decides where the table of a recording that is being written is cut into parts: before the first burst
 //! that lies a whole span of recording time after the earliest burst of its printhead in the part.
 //!
-//! Each printhead counts by its own times, because the clocks of two may differ by more than a part. Nothing
-//! is ever cut within a burst.
+//! In: batches of verdicts in the recording's order, from `rotation` ([`PartBoundaries::cut`]).
+//! Out: each batch in sections, one per part of the table.
+//!
+//! Each printhead counts by its own times, because the clocks of two printheads may differ by more
+//! than a part; the first printhead whose burst lies a whole span behind ends the part for all.
+//! Nothing is ever cut within a burst. The rows of a part are those that came in the recording
+//! meanwhile, whatever their times are.
 
 use inkling_core::verdict::{Part, Reason, Verdicts};
 use std::collections::HashMap;
@@ -14,6 +19,7 @@ const MOST_PRINTHEADS: usize = 1 << 16;
 /// When the part at hand began, which says where the next one begins.
 #[derive(Debug)]
 pub struct PartBoundaries {
+    /// Length of a part, ns of recording time.
     span_ns: i64,
     /// By printhead, t_a of its earliest burst in the part.
     first_ns: HashMap<Arc<str>, i64>,
@@ -22,13 +28,16 @@ pub struct PartBoundaries {
 /// The rows of a batch that belong to one part of the table.
 #[derive(Debug, PartialEq)]
 pub struct Section {
+    /// Runs and rows of the batch, in its order.
     pub parts: Vec<Part>,
-    /// t_a of its earliest and of its latest burst.
+    /// t_a of its earliest and of its latest burst, ns; without a burst the largest and the least
+    /// i64.
     pub from_ns: i64,
     pub to_ns: i64,
 }
 
 impl PartBoundaries {
+    /// Boundaries of parts of `span_ns`, ns, before the first burst.
     pub fn new(span_ns: i64) -> PartBoundaries {
         PartBoundaries { span_ns, first_ns: HashMap::new() }
     }
@@ -51,8 +60,8 @@ impl PartBoundaries {
         sections
     }
 
-    /// Whether a burst begins the next part. `undecoded`: only the burst's log time is known, which is
-    /// another clock's.
+    /// Whether a burst begins the next part; notes the burst's time. `undecoded`: only the log time
+    /// of the burst is known, which is another clock's, so that the burst cuts nothing.
     fn lies_behind(&mut self, printhead: &Arc<str>, t_ns: i64, undecoded: bool) -> bool {
         if undecoded {
             return false;

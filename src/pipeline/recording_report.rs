@@ -1,10 +1,16 @@
 //! The report of a recording that was judged, and in it what could not be judged, which whoever reads of a
 //! recording is told before anything else.
 //!
-//! In: a finished recording. Out: its report, with a sentence, with the numbers that differ, for each printhead
-//! of which nothing could be judged; for a recording of which less than half could; for each printhead whose
-//! verdicts say nothing of its nozzles, because its times or its samples are not what they are taken for; and
-//! for each topic that nobody reads.
+//! In: a finished recording, from `finish` ([`note_not_judged`]). Out: its report, with a sentence,
+//! with the numbers that differ,
+//! * for each printhead of which nothing could be judged (`rejected`);
+//! * or for the recording, if less than half of its signals could be judged (`rejected`);
+//! * for each printhead whose verdicts say nothing of its nozzles, because its samples (`doubted`)
+//!   or its times (`without_times`) are not what they are taken for;
+//! * and for each topic that nobody reads though a dialect nearly fits it (`nobody_reads`).
+//!
+//! Such a sentence gives the run exit status 4: nobody may take silence for health. Other topics
+//! that look like bursts and that nobody reads are only warned about.
 
 use super::episodes::EpisodeReport;
 use super::job::Replay;
@@ -31,10 +37,13 @@ use std::sync::Arc;
 /// A printhead, topic or recording of which hardly anything was judged.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct NotJudged {
-    /// `None`: it is about the recording as a whole, or about a topic.
+    /// The printhead that the sentence is about; `None`: it is about the recording as a whole, or
+    /// about a topic.
     pub printhead: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub topic: Option<String>,
+    /// Number of signals of the printhead or the recording; 0 for a topic, whose signals nobody has
+    /// counted.
     pub signals: u64,
     /// How many of `signals` were judged.
     pub judged: u64,
@@ -45,12 +54,17 @@ pub struct NotJudged {
 /// What a judged recording gave, for the terminal, the journal and the summary.
 #[derive(Debug)]
 pub struct RecordingReport {
+    /// Name of the recording's file.
     pub name: String,
     /// Digest of the recording's bytes as they were read.
     pub digest: String,
+    /// Size and time of change of its file.
     pub stamp: Stamp,
+    /// Counts of signals, printheads and channels.
     pub tally: Tally,
+    /// All damage, sorted by its place in the file.
     pub damage: Vec<Damage>,
+    /// Healthy windows that gave no model.
     pub refusals: Vec<Refusal>,
     /// Printheads of which nothing was judged, or the recording itself, if less than half of it was.
     pub not_judged: Vec<NotJudged>,
@@ -62,7 +76,9 @@ pub struct RecordingReport {
     pub warnings: Vec<(Arc<str>, String)>,
     /// Number of models.
     pub models: usize,
+    /// Duration of everything, s.
     pub seconds: f64,
+    /// Path of the verdict table; empty: the rows stay in memory.
     pub verdicts: PathBuf,
     pub episodes: EpisodeReport,
     /// How the pace was kept; `None`: bursts were handed on as fast as possible.
@@ -133,7 +149,9 @@ pub fn note_not_judged(
 ) {
     let (replay, recording) = run;
     let (tally, settings) = (&report.tally, &replay.settings);
-    // a design knows how its signals lie and how far apart their samples are
+
+    // printheads; with a design there are no doubts, as it knows how its signals lie and how far
+    // apart their samples are
     let doubts = if replay.design.is_some() { Vec::new() } else { ring_look::doubts(recording) };
     let doubts = doubts.into_iter().map(|doubt| doubted(doubt, tally));
     let rejected = rejected(tally, schedule, &report.refusals);
@@ -147,6 +165,7 @@ pub fn note_not_judged(
         }
     }
 
+    // topics
     let ignored = settings.input.ignored();
     let topics = recording.unread(&settings.input.dialects()).into_iter();
     for topic in topics.filter(|topic| !ignored.has(&topic.topic)).take(MOST_NAMED) {
@@ -179,7 +198,8 @@ fn nobody_reads(of: Unread) -> NotJudged {
     NotJudged { topic: Some(topic), what, ..NotJudged::default() }
 }
 
-/// The sentence about a printhead at least half of whose signals have times of no use; `None`: fewer have.
+/// The sentence about a printhead at least half of whose signals have times of no use, so that no
+/// episode can be raised from them; `None`: fewer have.
 fn without_times(of: &Untimely, settings: &Settings) -> Option<NotJudged> {
     let Untimely { printhead, signals, at_one_time, too_late, t_ns } = of;
     // the commoner of the two causes is told
@@ -202,7 +222,7 @@ fn without_times(of: &Untimely, settings: &Settings) -> Option<NotJudged> {
     (2 * lost >= signals).then_some(NotJudged { printhead, topic: None, signals, judged, what })
 }
 
-/// The sentence about a printhead whose samples are not what they are taken for.
+/// The sentence about a printhead whose samples are not what they are taken for (`ring_look`).
 fn doubted((printhead, what): (String, String), tally: &Tally) -> NotJudged {
     let signals = tally.printheads.get(&*printhead).map_or(0, |head| head.signals);
     let what = format!(
@@ -229,6 +249,7 @@ fn rejected(tally: &Tally, schedule: &Schedule, refusals: &[Refusal]) -> Vec<Not
             NotJudged { printhead, signals, what, ..NotJudged::default() }
         })
         .collect();
+
     let (signals, judged) = (tally.counts.signals, known(tally));
     if all.is_empty() && 2 * judged < signals {
         // the printhead with the most signals that say nothing of their nozzles gives the reason

@@ -2,7 +2,7 @@
 //! being written ([`follow`]). The recording goes through the six stages (`wiring`); how its models
 //! come to be is decided here: in one pass or in two.
 //!
-//! One pass is tried first ([`Run::judge`]): models are learned from windows while the signals
+//! One pass is tried first (`Run::judge`): models are learned from windows while the signals
 //! flow. That needs bursts about in the order of their times. If the chunk index says otherwise, or
 //! a burst comes too late, the run is given up, and the models are learned in passes of their own
 //! before the stages start. The tables are the same. A recording that is being written cannot be

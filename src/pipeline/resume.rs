@@ -1,6 +1,15 @@
 //! Decides which recordings of a batch are finished already. A recording is finished if its content, the
 //! design, the labels, the settings that have an effect, and the version of the tables are those of the
 //! journal's last line about it, and its files are there. The program's version does not matter.
+//!
+//! In: from `cli/plan.rs`, a recording with its place among the results, and the journal. Out: a
+//! [`Decision`] with its reason ([`Resume::decide`]). Also what the journal notes as the means of
+//! judging ([`means_of`]).
+//!
+//! The questions, in this order: do files that are not this recording's lie at its place (then it
+//! is refused)? Does the journal know its results? Did the means change, or the result files? Did
+//! the recording's content change, first by size and time of change, which cost little, then by its
+//! digest? The digest of a whole file is computed only where nothing cheaper tells.
 
 use super::job::Replay;
 use crate::settings::Settings;
@@ -56,10 +65,13 @@ pub enum JudgeReason {
     AfterAnother,
 }
 
+/// What is to be done with a recording.
 #[derive(Clone, Debug)]
 pub enum Decision {
     Judge(JudgeReason),
+    /// It is skipped.
     Finished {
+        /// The journal's last line about it.
         entry: Arc<Entry>,
         /// Whether the same content lies under another path or has another time of change, which is to be noted.
         moved: bool,
@@ -70,10 +82,15 @@ pub enum Decision {
 
 /// What the decisions over a batch have in common.
 pub struct Resume<'a> {
+    /// The directory of results.
     pub out: &'a Path,
+    /// What became of recordings in earlier runs.
     pub journal: &'a Journal,
+    /// What recordings are judged with now.
     pub means: &'a Means,
+    /// Whether `--baseline` is given.
     pub with_baselines: bool,
+    /// Judge again what is finished.
     pub force: bool,
     /// Compare the content, whatever the file's size and time of change say.
     pub verify: bool,
@@ -89,8 +106,8 @@ pub fn means_of(replay: &Replay, labels: Option<String>) -> Means {
     }
 }
 
-/// The settings that neither a verdict nor its summary depends on, by section. Those that name files are among them: files are
-/// compared by their content, elsewhere.
+/// The settings that neither a verdict nor its summary depends on, by section. Settings that name
+/// files are among them: the files' contents are compared instead, by digest.
 const WITHOUT_EFFECT: [(&str, &[&str]); 4] = [
     ("input", &["recordings", "design", "baseline"]),
     ("identify", &["labels"]),
@@ -120,7 +137,9 @@ impl Resume<'_> {
     ) -> Result<Decision, E> {
         let (path, stamp) = (&placed.input.path, placed.source.stamp);
         let entry = self.journal.of_result(&placed.verdicts);
-        // files that lie where the results would go must be of this recording, by its path or by its content
+
+        // 1. files that lie where the results would go must be this recording's, by its path or by
+        // its content
         let there =
             files(&placed.verdicts_in(self.out)).into_iter().find(|file| stored::exists(file));
         if let Some(there) = &there {
@@ -136,6 +155,7 @@ impl Resume<'_> {
             }
         }
 
+        // 2. the same for annotations, which are recognised by what is in them
         let annotations = annotation_writer::path_beside(&placed.verdicts_in(self.out));
         if is_of_another(&annotations) {
             return Ok(Decision::Refuse(format!(
@@ -144,12 +164,14 @@ impl Resume<'_> {
             )));
         }
 
+        // 3. without a line in the journal it is judged
         let Some(entry) = entry else {
             let why = if there.is_some() { JudgeReason::NotInJournal } else { JudgeReason::New };
             return Ok(Decision::Judge(why));
         };
 
-        // with `--force` everything is judged again; what was never judged keeps its own reason
+        // 4. Did anything but its content change? With `--force` everything is judged again; what
+        // was never judged keeps its own reason.
         match self.stale(entry, placed) {
             Some(_) if self.force && entry.is_judged() => Ok(Decision::Judge(JudgeReason::Forced)),
             Some(why) => Ok(Decision::Judge(why)),
@@ -188,7 +210,7 @@ impl Resume<'_> {
     }
 
     /// Compares a recording's content with that of the journal: first by size and time of change, which cost
-    /// little, and by the digest where these do not tell, or with `verify`.
+    /// little, and by the digest where size and time do not tell, or with `verify`.
     fn compare<E>(
         &self,
         entry: &Arc<Entry>,
@@ -215,7 +237,8 @@ impl Resume<'_> {
     }
 }
 
-/// Whether there is a file that is not empty, and that inkling did not write.
+/// Whether there is a file that is not empty, and that is no recording of inkling, which
+/// annotations are.
 fn is_of_another(annotations: &Path) -> bool {
     let is_something = annotations.metadata().is_ok_and(|of| of.len() > 0);
     is_something && !matches!(ResultFile::of(annotations), Ok(Some(ResultFile::Recording)))
@@ -237,6 +260,7 @@ fn owner(entry: Option<&Arc<Entry>>, verdicts: &Path) -> Option<Source> {
     if let Some(entry) = entry {
         return Some(entry.recording.clone());
     }
+
     let summary = regular_file::read(&summary_file::path_beside(verdicts), MOST_SUMMARY_BYTES).ok();
     let summary: Value =
         summary.and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default();
@@ -271,7 +295,7 @@ fn refusal(there: &Path, owner: Option<Source>) -> String {
     )
 }
 
-/// Names of settings that differ, as `identify.first, detect.mu`.
+/// Names of settings that differ, as `identify.first, detect.mu`, and how many more there are.
 fn changed(then: &Value, now: &Value) -> String {
     let mut keys = Vec::new();
     differ("", then, now, &mut keys);
@@ -280,7 +304,8 @@ fn changed(then: &Value, now: &Value) -> String {
     if more > 0 { format!("{named} and {more} more") } else { named }
 }
 
-/// Adds the names of all leaves that differ below `key` to `keys`, sorted.
+/// Adds the names of all leaves that differ below `key` to `keys`, sorted. `then`, `now`: the
+/// values of `key`.
 fn differ(key: &str, then: &Value, now: &Value, keys: &mut Vec<String>) {
     let (Some(a), Some(b)) = (then.as_object(), now.as_object()) else {
         if then != now {

@@ -1,8 +1,15 @@
 //! Looks at a recording's first bursts: whether they are ring-downs as they are laid out, and whether they
 //! ring at frequencies at which printheads do.
 //!
-//! This judges no signal. If somebody got a layout or a sample period wrong, that is told in words before
-//! faults are made of it.
+//! In: a recording, from `recording_report` (where there is no design) and from `inspect`. Out: a
+//! sentence for each printhead whose signals speak against their layout or sample period
+//! ([`doubts`]). No signal is judged by that. If somebody got a layout or a sample period wrong,
+//! that is told in words before faults are made of it.
+//!
+//! A layout is wrong if neighbouring samples of a channel hardly correlate, or if channels have
+//! little in common, while with rows and columns exchanged both hold ([`Lie`]). A sample period is
+//! wrong if the mean signal would ring outside of 500 Hz to 2 MHz, or holds less than one period.
+//! All these limits are heuristic.
 
 use super::batches::usable;
 use crate::report::three_digits;
@@ -21,7 +28,8 @@ const RINGS_WITHIN: [f64; 2] = [500.0, 2e6];
 /// Maximum number of printheads that are told of.
 const MOST_TOLD: usize = 8;
 
-/// What speaks against the layout or the sample period of signals, by printhead; none where all is well.
+/// What speaks against the layout or the sample period of signals, by printhead: its name and a
+/// sentence. Empty where all is well. Where the layout is wrong, the period is not looked at.
 pub fn doubts(recording: &Recording) -> Vec<(String, String)> {
     let mut by_printhead: BTreeMap<String, Vec<Burst>> = BTreeMap::new();
     for burst in first_bursts(recording) {
@@ -49,7 +57,7 @@ fn first_bursts(recording: &Recording) -> Vec<Burst> {
     all
 }
 
-/// A burst's samples in the order in which they lie in memory.
+/// A burst's samples, counts, in the order in which they lie in memory.
 fn numbers(burst: &Burst) -> Vec<f64> {
     let samples_per_channel = burst.channels * burst.samples_per_channel;
     let layout = Layout::ChannelMajor;
@@ -102,12 +110,14 @@ fn of_layout(bursts: &[Burst]) -> Option<String> {
 fn of_period(bursts: &[Burst]) -> Option<String> {
     let burst = bursts.first()?;
     let (channels, samples) = (burst.channels as usize, burst.samples_per_channel as usize);
+    // the mean over the channels, whose noise is less than that of one
     let (mut row, mut mean) = (vec![0.0; samples], vec![0.0; samples]);
     for channel in 0..channels {
         burst.copy_signal(channel, &mut row);
         mean.iter_mut().zip(&row).for_each(|(mean, y)| *mean += y / channels as f64);
     }
 
+    // number of periods in the signal, and with the sample period the frequency
     let periods = periods(&mean)?;
     let hz = periods / (samples as f64 * burst.sample_period_s);
     let is_usual = (RINGS_WITHIN[0]..=RINGS_WITHIN[1]).contains(&hz);

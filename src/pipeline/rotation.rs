@@ -1,8 +1,11 @@
 //! `--rotate`: writes what is judged of a recording that is still being written part by part. Each part is
 //! closed after a span of recording time, and is from then on a table that can be read.
 //!
-//! In: the batches that the writer appends to the table. Out: parts ([`inkling_io::part_tables`]), which get
-//! their names when they are complete. What was not closed at the end is in the table alone.
+//! In: the batches that the writer appends to the table, from `wiring` ([`PartWriter::write`]).
+//! Out: parts ([`inkling_io::part_tables`]), which get their names when they are complete, and of
+//! each a call to whoever watches. Where a part ends, `part_boundaries` decides. The rows that no
+//! closed part holds at the end are in the table alone; when the recording is closed, `finish`
+//! removes all parts, as the table holds every row.
 
 use super::batches::JudgedBatch;
 use super::job::{ClosedPart, Replay, Rotation};
@@ -23,19 +26,24 @@ pub struct PartWriter<'a> {
     rotation: Rotation<'a>,
     replay: &'a Replay,
     recording: &'a Recording,
+    /// As of the table.
     options: TableOptions,
+    /// Where the parts lie.
     tables: PartTables,
+    /// Says where the part at hand ends.
     boundaries: PartBoundaries,
     /// How the recording begins, as the first part noted it; tells the parts of this recording from others.
     begins: Option<Beginning>,
     /// Number of parts that were closed.
     closed: u32,
+    /// The part at hand; `None`: no row came since the last one was closed.
     open: Option<OpenPart>,
 }
 
 /// The part that is being written.
 struct OpenPart {
     writer: VerdictWriter,
+    /// t_a of its earliest and of its latest burst, ns.
     from_ns: i64,
     to_ns: i64,
     /// The judges of its signals, by their models' numbers.
@@ -68,8 +76,8 @@ impl<'a> PartWriter<'a> {
     /// Appends a batch, and closes the parts that end in it.
     pub fn write(&mut self, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
         let sections = self.boundaries.cut(&judged.verdicts);
-        // a section is written as the batch with only the section's rows listed; at
-        // the end they are all listed again
+        // A section is written as the batch with only the section's rows listed; at the end all
+        // rows are listed again. So no row is copied.
         let whole = std::mem::take(&mut judged.verdicts.parts);
         for (nth, section) in sections.into_iter().enumerate() {
             if nth > 0 {
@@ -116,6 +124,7 @@ impl<'a> PartWriter<'a> {
         let failed = FileError::unwritten(&path);
         let part = ClosedPart { number, path: path.clone(), rows: writer.rows(), from_ns, to_ns };
 
+        // what the part says of itself: of which recording it is, and by which models it was judged
         let begins = match &mut self.begins {
             Some(begins) => &*begins,
             none => none.insert(Beginning::of(self.recording).map_err(failed)?),
@@ -125,7 +134,7 @@ impl<'a> PartWriter<'a> {
         let document = serde_json::to_string(&document).map_err(|e| failed(e.into()))?;
         let complete = writer.complete(document)?;
 
-        // another file may have come to lie there since `make_room`
+        // its name; another file may have come to lie there since `make_room`
         if path.exists() {
             return Err(PipelineError::PartTaken { path });
         }
@@ -136,7 +145,8 @@ impl<'a> PartWriter<'a> {
     }
 }
 
-/// An unfinished part is discarded: its rows are in the table.
+/// A part that was not closed is discarded, and the directory of parts if it is empty: its rows are
+/// in the table.
 impl Drop for PartWriter<'_> {
     fn drop(&mut self) {
         self.open = None;
@@ -144,7 +154,8 @@ impl Drop for PartWriter<'_> {
     }
 }
 
-/// Removes the parts of this recording. Returns the first other file that has the name of a part.
+/// Removes the parts of this recording. Returns the first other file that has the name of a part;
+/// such files stay.
 pub fn remove(verdicts: &Path, recording: &Recording) -> Result<Option<PathBuf>, PipelineError> {
     let tables = PartTables::beside(verdicts);
     Ok(tables.remove_of(recording).map_err(FileError::unwritten(&tables.dir))?)

@@ -1,5 +1,5 @@
 //! Turns what the stages know of a signal into a row of the verdict table. In: from the gate,
-//! detections and their judge ([`test`]); from the isolator, what is to be said of a signal. Out:
+//! detections and their judge (`test`); from the isolator, what is to be said of a signal. Out:
 //! cells in the columns of `schemas/verdicts.md`, one function per kind of row: rejected, judged,
 //! and a run of healthy signals.
 //!

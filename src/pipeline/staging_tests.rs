@@ -1,5 +1,7 @@
-//! Measures what the division into stages costs: the same stage functions, batch by batch in one thread
-//! without queues between threads, against the stages side by side.
+//! Measures what the division into stages costs: the same stage functions, batch by batch in one
+//! thread without queues between threads (`fused`), against the stages side by side. The test is
+//! ignored by default; it prints processor time and wall time of both, three times, and asserts
+//! that both judge as many signals.
 //!
 //! ```sh
 //! INKLING_RECORDING=none.mcap cargo test --release --lib staging -- --ignored --nocapture
@@ -51,7 +53,8 @@ fn through<A, B>(
     from_stage.recv().unwrap()
 }
 
-/// Judges a recording batch by batch in one thread. Returns the number of rows written.
+/// Judges a recording batch by batch in one thread, by the design's models as they are. Returns the
+/// number of rows written.
 fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
     let (control, timings, pools) =
         (Control::default(), Timings::default(), BufferPools::default());

@@ -1,5 +1,9 @@
-//! Counts what a run sees: signals by outcome, for the metadata; channels and flagged signals by printhead,
-//! for the terminal.
+//! Counts what the run of one recording sees: signals by outcome, for the metadata; channels and
+//! flagged signals by printhead, for the terminal.
+//!
+//! In: judged batches at the writer stage (`Tally::add`). Out: [`Counts`] and a [`PrintheadTally`]
+//! per printhead, for `finish`, `recording_report` and the printed report. Memory is bounded:
+//! beyond so many printheads and channels only the totals go on.
 
 use super::at_once::AtOnce;
 use super::batches::JudgedBatch;
@@ -12,8 +16,11 @@ use std::sync::Arc;
 /// The `counts` of the metadata.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Counts {
+    /// Number of bursts, unusable ones included, and of the latter.
     pub bursts: u64,
     pub unusable_bursts: u64,
+    /// Number of signals, judged or rejected; an unusable burst counts as one. It is also the
+    /// number of rows.
     pub signals: u64,
     pub judged: u64,
     /// Rejected signals by reason.
@@ -22,8 +29,10 @@ pub struct Counts {
     pub faulty: BTreeMap<String, u64>,
 }
 
+/// Counts of one printhead.
 #[derive(Clone, Debug, Default)]
 pub struct PrintheadTally {
+    /// The channels of which a signal was judged.
     pub channels: BTreeSet<u32>,
     pub signals: u64,
     pub judged: u64,
@@ -32,6 +41,7 @@ pub struct PrintheadTally {
     /// Number of signals that say nothing of their nozzles, by reason: they were rejected, or the printhead
     /// turned out to be another one.
     pub unknown: BTreeMap<Reason, u64>,
+    /// Whether most channels are flagged at once.
     pub at_once: AtOnce,
     /// Times of its earliest and its latest signal; `None`: there was none yet.
     times_ns: Option<(i64, i64)>,
@@ -69,17 +79,21 @@ const MOST_CHANNELS: usize = 1 << 20;
 /// Maximum number of printheads that are remembered by name.
 const MOST_PRINTHEADS: usize = 1 << 16;
 
+/// All counts of a recording.
 #[derive(Debug, Default)]
 pub struct Tally {
     pub counts: Counts,
     pub printheads: BTreeMap<Arc<str>, PrintheadTally>,
+    /// Damage that decoding met.
     pub damage: Vec<Damage>,
+    /// Names of the fault classes, to which indices in rows refer.
     classes: Vec<String>,
     /// Number of channels remembered, over all printheads.
     remembered: usize,
 }
 
 impl Tally {
+    /// A tally that has counted nothing.
     pub fn new(classes: Vec<String>) -> Tally {
         Tally { classes, ..Tally::default() }
     }
@@ -136,6 +150,7 @@ impl Tally {
 
     /// Counts a single row.
     fn add_row(&mut self, c: &VerdictColumns, row: usize) {
+        // the recording's counts
         self.counts.signals += 1;
         let p = of_printhead(&mut self.printheads, c, c.printhead[row]);
         let judged = c.outcome[row] != Outcome::Rejected;
@@ -156,6 +171,7 @@ impl Tally {
             }
         }
 
+        // the printhead's
         let Some(p) = p else { return };
         p.signals += 1;
         let t_ns = c.acquired_at_ns[row];
@@ -173,7 +189,8 @@ impl Tally {
     }
 }
 
-/// The tally of one of a batch's printheads; `None`: more printheads came than are remembered.
+/// The tally of one of a batch's printheads, made if there is none. `place`: the printhead's index
+/// in the batch. `None`: more printheads came than are remembered.
 fn of_printhead<'a>(
     printheads: &'a mut BTreeMap<Arc<str>, PrintheadTally>,
     c: &VerdictColumns,

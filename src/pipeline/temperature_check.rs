@@ -1,9 +1,10 @@
 //! Finds printheads that were judged at other temperatures than their models were learned at, by models that
 //! do not know what temperature does, and whose channels could not be followed.
 //!
-//! In: bursts and the judges assigned to them; the printheads that were followed. Out: a warning per
-//! printhead. Heads that are followed need no such knowledge: what temperature does to all of their channels
-//! is part of their level.
+//! In: bursts and the judges assigned to them, from the identify stage; at the end the printheads
+//! that were followed, from `wiring`. Out: a warning per printhead, to `finish`. Printheads that
+//! are followed need no such knowledge: what temperature does to all of their channels is part of
+//! their level.
 
 use inkling_core::burst::Burst;
 use inkling_core::design::Judge;
@@ -32,7 +33,8 @@ struct TemperatureRange {
 }
 
 impl TemperatureCheck {
-    /// Takes in a burst and the judge assigned to it.
+    /// Takes in a burst and the judge assigned to it. A burst without a temperature, or judged by a
+    /// model that knows what temperature does, says nothing.
     pub fn take(&mut self, judge: &Judge, burst: &Burst) {
         let Some(t) = burst.temperature_c.filter(|t| t.is_finite()) else { return };
         if judge.model.temperature_response.is_some() {
@@ -56,7 +58,8 @@ impl TemperatureCheck {
         }
     }
 
-    /// The warning, by printhead, that its verdicts may be false alarms.
+    /// The warning, by printhead, that its verdicts may be false alarms: where a temperature lay
+    /// more than `HARMLESS_K` from the model's, or so far from the middle of the range.
     pub fn warnings(&self) -> Vec<(Arc<str>, String)> {
         let says = |range: &TemperatureRange| {
             format!(

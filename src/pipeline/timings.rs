@@ -1,5 +1,10 @@
-//! Measures where a run's time goes: for each stage, how long its workers worked, waited for input, and
-//! waited for room. The stage that waits for neither is the bottleneck.
+//! Measures where the time of a recording goes, for `--timings` and the summary: by phase, one
+//! after another ([`Phases`]); and within the phase `stages`, for each stage, how long its workers
+//! worked, waited for input (*starved*), and waited for room behind them (*blocked*) ([`Timings`]).
+//! The stage that waits for neither is the bottleneck.
+//!
+//! Each worker has a [`Clock`], through which it receives and sends; the clock adds its sums to
+//! those of the stage when the worker ends.
 
 use crossbeam_channel::{Receiver, Sender};
 use std::sync::{Mutex, PoisonError};
@@ -8,18 +13,20 @@ use std::time::{Duration, Instant};
 /// The duration of a phase; a recording's phases come one after the other.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct PhaseTiming {
-    /// `open`, `survey`, `windows`, `baselines`, `wait`, `stages`, `given up` (stages that had
-    /// to begin anew), `finish`.
+    /// `open`, `survey` and `windows` (the two passes that learn models), `stages`, `given up`
+    /// (stages that had to begin anew), `wait` (until a recording that is followed was closed),
+    /// `finish`.
     pub phase: &'static str,
     pub seconds: f64,
 }
 
-/// Adds up the durations of a recording's phases, and that of all of it.
+/// Adds up the durations of a recording's phases, and the duration of everything.
 #[derive(Debug)]
 pub struct Phases {
     started: Instant,
     /// Time that was spent before `started`.
     before: Duration,
+    /// The phases in the order in which they were first met.
     pub list: Vec<PhaseTiming>,
 }
 
@@ -58,6 +65,8 @@ impl Phases {
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct StageTiming {
     pub stage: &'static str,
+    /// Number of its workers, and of the batches that they took; the reader's batches are those
+    /// that it made.
     pub workers: usize,
     pub batches: u64,
     /// Time spent working, waiting for input, and waiting for room behind; s, summed over workers. On a

@@ -1,4 +1,8 @@
-//! Visits the bursts of a recording, or of some of its blocks, in one pass outside the stages: [`Pass`].
+//! Visits the bursts of a recording, or of some of its blocks, in one pass outside the stages, on
+//! one thread: [`Pass`]. In: an opened recording, and a function. Out: the function is called with
+//! each burst in file order, and what was damaged or unusable is returned. Verbs that learn
+//! (`collect`), the passes for windows (`windows`), the order of recordings (`chain`) and `inspect`
+//! read recordings so. An interruption is the only error.
 
 use super::batches::MOST_ROWS;
 use super::{Control, PipelineError};
@@ -20,14 +24,16 @@ pub struct Lost {
 }
 
 impl Lost {
-    /// All damage of the recording, with what opening it found, and with what is missing of it.
+    /// All damage of the recording: what the pass met, what opening the recording found, and what
+    /// is missing by the number of bursts that the file's statistics state.
     pub fn all_damage(self, recording: &Recording) -> Vec<Damage> {
         let missing = recording.missing(self.bursts);
         self.damage.into_iter().chain(recording.damage.iter().cloned()).chain(missing).collect()
     }
 }
 
-/// Whether a burst's signal counts as healthy: labels, if there are any, say that it is.
+/// Whether the signal of a channel in a burst counts as healthy: labels, if there are any, say that
+/// it is. A signal without a label does not count then.
 pub fn is_healthy(labels: Option<&Labels>, burst: &Burst, channel: u32) -> bool {
     let state = |labels: &Labels| {
         labels.at(&burst.printhead, channel, burst.t_acq_ns).map(|label| label.state == HEALTHY)

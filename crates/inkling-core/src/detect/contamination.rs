@@ -129,9 +129,9 @@ fn jackknifed(without: &[f64], confidence: f64) -> f64 {
 
 /// How many independent signals say as much as these (pairs of statistic and channel). Signals of
 /// one channel have a share of their variance (of ln s) in common, the intraclass correlation r of
-/// a one-way analysis of variance. With m signals of each channel the variance of a mean is 1 + (m
-/// - 1) r times that of as many independent signals (the design effect), so n signals are worth n /
-/// (1 + (m - 1) r).
+/// a one-way analysis of variance. With m signals of each channel the variance of a mean is 1 +
+/// (m - 1) r times that of as many independent signals (the design effect), so n signals are worth
+/// n / (1 + (m - 1) r).
 fn independent(counted: &[(f64, u32)]) -> f64 {
     // per channel: number of signals, and sum and square sum of their ln s
     let mut channels: BTreeMap<u32, [f64; 3]> = BTreeMap::new();

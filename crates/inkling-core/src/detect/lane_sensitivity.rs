@@ -19,8 +19,9 @@
 //! moves by at most sum_k sqrt(M_kk) |error of x_k|.
 //!
 //! The square norm orthogonal to the three columns t_k of the tangent is |d|² - c^T Gram c. Its
-//! first term is wrong by at most (N + 4) u |d^|² + 2 |d^| |d^ - d|; its second by 2 sum_k |(Gram
-//! c)_k| |error of c_k|, and (Gram c)_k is the product of d with t_k, at most |t_k| |d|.
+//! first term is wrong by at most (N + 4) u |d^|² + 2 |d^| |d^ - d|; its second by
+//! 2 sum_k |(Gram c)_k| |error of c_k|, and (Gram c)_k is the product of d with t_k, at most
+//! |t_k| |d|.
 
 use super::kernel::LaneStatistics;
 use super::lane_expectation::{LEAST, LaneExpectation, SLACK, U, fits, norm};
@@ -165,7 +166,7 @@ for_processor! {
     ) { portable }
 }
 
-#[inline(always)] // compiled once per instruction set
+#[inline(always)] // body of `judge`, compiled once per instruction set
 fn portable(
     (by, of): (&LaneSensitivity, &Limit),
     sums: &Projections<3>,

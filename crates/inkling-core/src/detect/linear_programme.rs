@@ -6,12 +6,13 @@
 //! most, where p3 is the numerator of the observable order 3. thesis §3-2 (3-3), after Mohajerin
 //! Esfahani and Lygeros (2016).
 //!
-//! The programme maximises over N-bar the largest coefficient of N(z) F(z), subject to N-bar H-bar
-//! = 0 and to no coefficient of N-bar exceeding 1 in size, with F = [A_f - A; 0], thesis (3-2). The
-//! largest of several linear forms is not linear, so each form has a programme of its own, and the
-//! best of their solutions is the answer. The steps:
+//! The programme maximises over N-bar the largest coefficient of N(z) F(z), subject to N-bar
+//! H-bar = 0 and to no coefficient of N-bar exceeding 1 in size, with F = [A_f - A; 0], thesis
+//! (3-2). The largest of several linear forms is not linear, so each form has a programme of its
+//! own, and the best of their solutions is the answer. The steps:
 //!
-//! 1. A basis of the null space of H-bar ([`super::null_space`]): N-bar = weights' basis.
+//! 1. A basis of the null space of H-bar ([`super::null_space`]): N-bar is a weighted sum of its
+//!    rows.
 //! 2. For each coefficient of N(z) F(z), a linear form of the weights, maximise it (`largest`).
 //! 3. Take the best, read N(z) L off N-bar, and divide it by p3.
 //!

@@ -361,7 +361,7 @@ for_processor! {
     fn densities(a: f64, kappa: f64, first: f64, step: f64) -> [f64; STEPS] { all_densities }
 }
 
-#[inline(always)] // compiled once per instruction set
+#[inline(always)] // body of `densities`, compiled once per instruction set
 fn all_densities(a: f64, kappa: f64, first: f64, step: f64) -> [f64; STEPS] {
     let mut p = [0.0; STEPS];
     for (i, p) in p.iter_mut().enumerate() {
@@ -378,7 +378,7 @@ for_processor! {
     fn gaussian(middle: f64, sd: f64) -> [f64; BINS] { gaussian_of_bins }
 }
 
-#[inline(always)] // compiled once per instruction set
+#[inline(always)] // body of `gaussian`, compiled once per instruction set
 fn gaussian_of_bins(middle: f64, sd: f64) -> [f64; BINS] {
     let mut p = [0.0; BINS];
     for (i, p) in p.iter_mut().enumerate() {
@@ -394,7 +394,7 @@ for_processor! {
     fn ln_of_counts(counts: &[f64; BINS], p: &[f64; BINS]) -> f64 { all_ln_of_counts }
 }
 
-#[inline(always)] // compiled once per instruction set
+#[inline(always)] // body of `ln_of_counts`, compiled once per instruction set
 fn all_ln_of_counts(counts: &[f64; BINS], p: &[f64; BINS]) -> f64 {
     let mut each = [0.0; BINS];
     for ((each, n), p) in each.iter_mut().zip(counts).zip(p) {

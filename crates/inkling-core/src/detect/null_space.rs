@@ -18,9 +18,10 @@
 //!
 //! Departs: the thesis designs in s and discretises later; here H(z) = [-zI + e^{A dt}; C] is exact
 //! at the samples. In a study a zero-order hold left 0.116 of a healthy signal's energy, this
-//! design 3e-25. Departs: the text's d_N block rows give degree d_N - 1 while its sum runs to d_N,
-//! and it declares N-bar a column but uses a row. Here `degree` is the degree, degree + 1 the block
-//! rows, N-bar a row.
+//! design 3e-25.
+//! Departs: the text's d_N block rows give degree d_N - 1 while its sum runs to d_N, and it declares
+//! N-bar a column but uses a row. Here `degree` is the degree, degree + 1 the number of block rows,
+//! N-bar a row.
 
 use super::DetectError;
 use crate::model::InkChannel;
@@ -118,9 +119,9 @@ impl NullSpace {
     }
 
     /// That monic element N(z)L(z) of the null space which has a root of multiplicity nullity - 1
-    /// at z = 1, the image of s = 0; descending powers. For the ink channel at degree 4 this is (z
-    /// - 1) p3(z), where p3 has the three observable poles as roots. It is the image of det(A - sI)
-    /// = s p3(s) of thesis §3-2-1 II, and rejects a constant sensor offset.
+    /// at z = 1, the image of s = 0; descending powers. For the ink channel at degree 4 this is
+    /// (z - 1) p3(z), where p3 has the three observable poles as roots. It is the image of det(A -
+    /// sI) = s p3(s) of thesis §3-2-1 II, and rejects a constant sensor offset.
     pub fn offset_rejection(&self) -> Result<Vec<f64>, DetectError> {
         let q = self.polynomials()?;
         let nullity = q.nrows();

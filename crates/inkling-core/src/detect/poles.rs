@@ -46,8 +46,8 @@ pub fn resonance_of_oscillations(oscillations: f64, samples: usize, dt_s: f64) -
     2.0 * std::f64::consts::PI * oscillations / (samples as f64 * dt_s)
 }
 
-/// The n_o that is taken by default: f0 T, which puts the undamped pair at the healthy resonance f0
-/// = `frequency_hz`. Departs: the thesis has n_o chosen by hand; at a wrong n_o many faults are
+/// The n_o that is taken by default: f0 T, which puts the undamped pair at the healthy resonance
+/// f0 = `frequency_hz`. Departs: the thesis has n_o chosen by hand; at a wrong n_o many faults are
 /// missed.
 pub fn healthy_oscillations(frequency_hz: f64, samples: usize, dt_s: f64) -> f64 {
     frequency_hz * samples as f64 * dt_s

@@ -1,8 +1,8 @@
 //! The fault detection filter, ready to run: the residual r of a signal's deviation, and its energy.
 //!
 //! In: once the polynomials N(z)L(z) ([`super::null_space`], [`super::numerator`]) and alpha(z)
-//! ([`super::poles`]), which `design/fd_filter.rs` brings together; then per signal the deviation y
-//! - C e^{At} x_a_hat from what the healthy model expects, N, counts. Out: r, N, counts, its
+//! ([`super::poles`]), which `design/fd_filter.rs` brings together; then per signal the deviation
+//! y - C e^{At} x_a_hat from what the healthy model expects, N, counts. Out: r, N, counts, its
 //! energy, counts²·s, or its largest sample. thesis r(y), e(r) (before (3-4)). In a stream, signals
 //! go through this f64 filter only where the f32 kernel ([`super::kernel`]) does not settle them.
 //!

@@ -154,7 +154,7 @@ for_processor! {
     ) { of_samples }
 }
 
-#[inline(always)] // compiled once per instruction set
+#[inline(always)] // body of `project_int16`, compiled once per instruction set
 fn of_int16<const M: usize>(
     samples: &[u8],
     n: usize,
@@ -183,7 +183,7 @@ fn of_int16<const M: usize>(
     }
 }
 
-#[inline(always)] // compiled once per instruction set
+#[inline(always)] // body of `project_f64`, compiled once per instruction set
 fn of_f64<const M: usize>(
     signal: &[f64],
     (expected, columns): Groups<M>,
@@ -201,7 +201,7 @@ fn of_f64<const M: usize>(
 /// The projection of signals that lie sample by sample: each partial sum is computed for all
 /// signals at once, one partial sum after the other. `lanes`: where the results go; signal l goes
 /// to the l-th of them.
-#[inline(always)] // compiled once per instruction set
+#[inline(always)] // body of `project_samples`, compiled once per instruction set
 fn of_samples<const M: usize>(
     samples: &[Sample],
     (expected, columns): Groups<M>,

@@ -6,9 +6,11 @@
 //! value above which a signal counts as faulty, with how it was learned. Signals of which some may
 //! be faulty go to [`super::contamination`] instead.
 //!
-//! [`max`] is thesis (3-4), mu times the largest energy. Departs: that grows with the number of
-//! training signals. The default is [`quantile`]: the energy that healthy signals exceed at a
-//! chosen rate, with a confidence bound. It lies where few signals or none have been seen, so:
+//! [`max`] is thesis (3-4), mu times the largest energy.
+//!
+//! Departs: the largest energy grows with the number of training signals. So the default is
+//! [`quantile`]: the energy that healthy signals exceed at a chosen rate, with a confidence bound.
+//! This energy lies where few signals or none have been seen. The steps:
 //!
 //! 1. The largest energies (a tenth by default) are the tail. Signals of one channel resemble each
 //!    other, so the tail counts as fewer, independent signals (design effect).
@@ -309,8 +311,8 @@ pub(super) fn distinct(mut numbers: Vec<u32>) -> Vec<u32> {
     numbers
 }
 
-/// How many independent values would say as much as these: their number n over the design effect 1
-/// + (m - 1) icc. icc is the intra-channel correlation of the values by a one-way analysis of
+/// How many independent values would say as much as these: their number n over the design effect
+/// 1 + (m - 1) icc. icc is the intra-channel correlation of the values by a one-way analysis of
 /// variance, and m the mean number of values per channel, in which each channel weighs by its own
 /// number (sum n_c² / n). `values`: each with the index of its channel, which is less than
 /// `channels`. Where no correlation can be estimated (one channel, or one value per channel), n is

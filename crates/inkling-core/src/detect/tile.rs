@@ -83,7 +83,7 @@ for_processor! {
     pub(super) fn subtract(tile: &mut Tile, expected: &[f32], response: &[f32]) { deviations }
 }
 
-#[inline(always)] // compiled once per instruction set
+#[inline(always)] // body of `subtract`, compiled once per instruction set
 fn deviations(tile: &mut Tile, expected: &[f32], response: &[f32]) {
     // sixteen partial sums of squares per lane, as in `row_projection`
     let mut squares = [[0.0; LANES]; PHASES];
@@ -142,10 +142,10 @@ for_processor! {
 }
 
 /// The filter in direct form II transposed, in the same order of operations as
-/// `ResidualGenerator::run`: per sample r = b_0 d + state_0, then state_k = state_(k+1) + b_(k+1) d
-/// - a_(k+1) r. The lanes are filtered in parts of sixteen, one part after the other over all
+/// `ResidualGenerator::run`: per sample r = b_0 d + state_0, then state_k = state_(k+1) + b_(k+1)
+/// d - a_(k+1) r. The lanes are filtered in parts of sixteen, one part after the other over all
 /// samples.
-#[inline(always)] // compiled once per instruction set
+#[inline(always)] // body of `energies_of`, compiled once per instruction set
 fn filtered<const ORDER: usize>(
     b_0: f32,
     fed_by: [f32; ORDER],

@@ -1,7 +1,14 @@
 //! Follows one channel look by look: whether an episode is on, when it began, and when it ends.
 //!
-//! In: the channel's looks in the order of time, what isolation says of flagged ones. Out: the drafts of
-//! episodes that have ended; the draft of the episode that is on stays with the channel.
+//! In: the channel's looks in the order of time, and what isolation says of flagged ones, from
+//! `printhead`. Out: the drafts of episodes that have ended; the draft of the episode that is on
+//! stays with the channel, and `channel_episode` makes an episode of it.
+//!
+//! Two tests run side by side. `evidence` (CUSUM) raises a fault that shifts the channel's looks,
+//! and ends every fault. `intermittent` raises a fault that is flagged now and then, with healthy
+//! looks between. Each has its own onset and its own draft until it raises: the draft of the first
+//! is discarded whenever its evidence falls to nothing, that of the second gathers all flagged
+//! looks since the channel was met or its last episode.
 
 use super::episode_draft::EpisodeDraft;
 use super::evidence::{Evidence, FIRST_IN_MEDIANS, Step};
@@ -14,12 +21,12 @@ use std::cmp::Ordering;
 #[derive(Debug, Default)]
 pub struct Channel {
     pub number: u32,
-    /// Time and statistic over threshold of the last look.
+    /// Time, ns, and statistic over threshold of the last look.
     pub last_ns: i64,
     pub last_ratio: f32,
-    /// Number of judged looks since the onset.
+    /// Number of looks since the onset, the onset's own included.
     pub looks: u64,
-    /// Time of the onset, of the episode that is on or of what may become one.
+    /// Time of the onset, ns, of the episode that is on or of what may become one.
     pub onset_ns: i64,
     /// The model that judged the channel last; `None`: none has judged it.
     pub model: Option<u16>,
@@ -32,19 +39,21 @@ pub struct Channel {
     pub draft: Option<Box<EpisodeDraft>>,
     /// Number of looks since the channel was met, or since its last episode.
     pub heard: u64,
-    /// The flagged looks among these; `None`: there are none.
+    /// The flagged looks among the `heard` ones that stand out from the channel's level; `None`:
+    /// there are none.
     flagged_looks: Option<Box<FlaggedLooks>>,
 }
 
-/// All flagged looks at a channel, consecutive or not: the evidence for a fault that comes and goes.
+/// All flagged looks at a channel that stand out from its level, consecutive or not: the evidence
+/// for a fault that comes and goes.
 #[derive(Clone, Debug)]
 struct FlaggedLooks {
-    /// Number of flagged looks.
+    /// Number of these looks.
     flagged: u64,
-    /// Time of the first of them, ns, and the number of looks before it.
+    /// Time of the first of these looks, ns, and how many of the `heard` looks came before it.
     since_ns: i64,
     before: u64,
-    /// What isolation said of them, for the episode that they may become.
+    /// What isolation said of these looks, for the episode that they may become.
     draft: EpisodeDraft,
 }
 
@@ -60,8 +69,8 @@ impl Channel {
         }
     }
 
-    /// Whether a look is later than all looks before. One that is not is counted: as too late, repeated, or
-    /// one of several at one time.
+    /// Whether a look is later than all looks before; then its time and ratio are kept. A look that
+    /// is not is counted instead: as too late, repeated, or one of several at one time.
     pub fn is_next(
         &mut self,
         t_ns: i64,
@@ -88,8 +97,8 @@ impl Channel {
         order.is_gt()
     }
 
-    /// Adapts the channel's level where another model begins to judge it, or its own baseline begins or
-    /// ceases to.
+    /// Adapts the channel's level where another model begins to judge the channel, or its own
+    /// baseline begins or ceases to. To be called before [`Channel::look`].
     pub fn judge_by(&mut self, looks: &Looks, own: bool) {
         if self.model != Some(looks.model) {
             self.change_model(looks, own);
@@ -100,8 +109,8 @@ impl Channel {
         }
     }
 
-    /// Tells the evidence that another model judges from here on, with another threshold. A model whose
-    /// threshold in medians is not known is taken to have that of the model before.
+    /// Tells the evidence that another model judges from here on, with another threshold. A model
+    /// whose threshold in medians is not known is taken to have that of the model before.
     fn change_model(&mut self, looks: &Looks, own: bool) {
         let next = if looks.in_medians > 0.0 { looks.in_medians } else { self.in_medians };
         // a baseline of its own has a threshold of its own, which does not change with the model
@@ -110,9 +119,10 @@ impl Channel {
         (self.model, self.in_medians) = (Some(looks.model), next);
     }
 
-    /// Takes in the next look, and returns the draft of the episode that has ended with it. `ratio`:
-    /// statistic over threshold; `named`: what isolation says, if the look was flagged; `of_all`: flagged looks
-    /// at all of the printhead's channels.
+    /// Takes in the next look, and returns the draft of the episode that has ended with it.
+    /// `ratio`: statistic over threshold; `named`: what isolation says, if the look was flagged;
+    /// `of_all`: looks and flagged looks at all of the printhead's channels while no episode was on
+    /// in them.
     pub fn look(
         &mut self,
         t_ns: i64,
@@ -122,8 +132,10 @@ impl Channel {
         rules: &Rules,
     ) -> Option<Box<EpisodeDraft>> {
         let was_raised = self.evidence.is_raised();
-        // A healthy channel that always reads high is flagged now and then, but never far from its level. So
-        // only looks that stand out from the level count as flagged for a fault that comes and goes.
+
+        // A healthy channel that always reads high is flagged now and then, but never far from its
+        // level. So only looks that stand out from the level count as flagged for a fault that
+        // comes and goes. That is asked before the look moves the level.
         let stands_out = ratio > 1.0 && self.evidence.stands_out(ratio);
         let step = self.evidence.look(ratio, rules.bound);
         self.looks += 1;
@@ -136,6 +148,7 @@ impl Channel {
             return None;
         }
 
+        // What the sequential test says of this look decides what becomes of the draft.
         match step {
             Step::Quiet => {
                 // what was suspected was chance
@@ -148,6 +161,8 @@ impl Channel {
             }
             Step::Suspect { begins: false } => {}
             Step::Raised => self.open_draft(rules).raised_at_ns = t_ns,
+            // the first look that fits the return to healthy is remembered: the episode may end
+            // there
             Step::Faulty { fading: true } => {
                 let before = self.looks - 1;
                 self.open_draft(rules).fading.get_or_insert((t_ns, before));
@@ -167,8 +182,8 @@ impl Channel {
         None
     }
 
-    /// Counts one more flagged look, and raises a fault that comes and goes if the flagged looks are by now
-    /// too many for false alarms. Returns whether it did.
+    /// Counts one more flagged look that stands out, and raises a fault that comes and goes if the
+    /// flagged looks are by now too many for false alarms. Returns whether the fault was raised.
     fn is_intermittent(
         &mut self,
         t_ns: i64,
@@ -176,7 +191,7 @@ impl Channel {
         of_all: Flags,
         rules: &Rules,
     ) -> bool {
-        // looks before this one
+        // count the look (`before`: how many looks were heard before it)
         let before = self.heard - 1;
         let all = self.flagged_looks.get_or_insert_with(|| {
             let draft = EpisodeDraft::new(rules);
@@ -185,12 +200,15 @@ impl Channel {
         all.flagged += 1;
         named.iter().for_each(|named| all.draft.add(named, rules));
 
+        // the evidence, which has to reach the same bound as that of the sequential test
         let flags = Flags { looks: self.heard, flagged: all.flagged };
         if flags.evidence(of_all) < f64::from(rules.bound) {
             return false;
         }
 
-        // The episode begins with the first of the flagged looks, and its draft is what they were named.
+        // The episode begins with the first of the flagged looks, and its draft is theirs. The
+        // share of looks in which it was flagged is told of the looks since then; the test for its
+        // end uses the share of all looks heard, which is smaller, so that it ends later.
         let Some(all) = self.flagged_looks.take() else { return false };
         self.evidence.raise_intermittent(flags.share() as f32);
         (self.onset_ns, self.looks) = (all.since_ns, self.heard - all.before);

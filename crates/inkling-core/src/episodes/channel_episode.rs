@@ -1,9 +1,15 @@
 //! Makes an [`Episode`] of a channel's state and its draft, with a name, sizes and a sentence.
 //!
-//! In: a [`Channel`], which counts the looks and knows the onset; an [`EpisodeDraft`], which holds what
-//! isolation said of the flagged signals; and [`Naming`], the rule of names. Out: an [`Episode`] when it
-//! ends, when the recording does, and, for whoever wants to hear of it at once, when it is raised or gets
-//! another name.
+//! In: a [`Channel`], which counts the looks and knows the onset; an [`EpisodeDraft`], which holds
+//! what isolation said of the flagged signals; and [`Rules`], with the rule of names. Out: an
+//! [`Episode`] when it ends ([`Channel::episode`]), when the recording does, and, for whoever wants
+//! to hear of it at once, when it is raised or gets another name ([`Channel::news`]). `printhead`
+//! and `tracker` call both.
+//!
+//! The rule of names: the class with the largest filtered weight is named if that weight is
+//! certain; else the category with the largest sum of weights, if that is certain; else nothing.
+//! Where "no class" has more than half of the weight, the sentence says what the signals look like
+//! instead.
 
 use super::Episode;
 use super::channel::Channel;
@@ -14,12 +20,12 @@ use crate::verdict::Appearance;
 use std::sync::Arc;
 
 impl Channel {
-    /// The channel's episode, if the look at hand raised it, or gave it another name than it was announced
-    /// with; it then counts as announced with the present name. An episode that only loses its class, or its
-    /// name altogether, is not announced for that.
+    /// The channel's episode, if the look at hand raised it, or gave it another name than it was
+    /// announced with; it then counts as announced with the present name. An episode that only
+    /// loses its class, or its name altogether, is not announced for that.
     ///
-    /// To be called after [`Channel::look`]. `t_ns`: time of the look; `is_isolated`: isolation said
-    /// something of its signal, without which no name changes.
+    /// To be called after [`Channel::look`]. `t_ns`: time of the look; `is_isolated`: isolation
+    /// said something of its signal, without which no name changes.
     pub fn news(
         &mut self,
         printhead: &Arc<str>,
@@ -32,8 +38,9 @@ impl Channel {
         if !is_new && !is_isolated {
             return None;
         }
+
+        // the episode as it is now, and whether a name is certain now that was not announced
         let now = self.episode(printhead, draft, rules, None);
-        // whether a name is certain now that was not announced
         let is_other =
             |now: &Option<String>, before: &Option<String>| now.is_some() && now != before;
         let (category, fault) = &draft.announced_as;
@@ -44,9 +51,9 @@ impl Channel {
         Some(now)
     }
 
-    /// The episode that a draft of this channel stands for. The channel's onset and number of looks must
-    /// still be those of this episode, so it is to be called before the channel's next look. `ended_at_ns`:
-    /// `None` if the episode is still on.
+    /// The episode that a draft of this channel stands for. The channel's onset and number of looks
+    /// must still be those of this episode, so it is to be called before the channel's next look.
+    /// `ended_at_ns`: `None` if the episode is still on.
     pub fn episode(
         &self,
         printhead: &Arc<str>,
@@ -54,10 +61,10 @@ impl Channel {
         rules: &Rules,
         ended_at_ns: Option<i64>,
     ) -> Episode {
-        // The name: the class with the largest weight, if that is certain; else the category with the
-        // largest sum of weights, if that is certain. There is no name if "no class" has more than half of
-        // the weight, nor if none of the signals fits a class. The certainty is that of the name; without a
-        // name that of the best class.
+        // The name, by `Naming`: the class with the largest weight, if that is certain; else the
+        // category with the largest sum of weights, if that is certain. There is no name if "no
+        // class" has more than half of the weight, nor if none of the signals fits a class. The
+        // certainty is that of the name; without a name it is the weight of the best class.
         let weights = draft.classes.weights();
         let of_no_class = draft.named > 0 && draft.classes.none() > 0.5;
         let any_fits = draft.named > draft.fits_none;
@@ -69,10 +76,11 @@ impl Channel {
         let category = named
             .and_then(|named| rules.naming.categories.get(usize::from(named.category?)).cloned());
 
-        // the severities in the quantity that the best class is sized by, even if that class is not named
+        // the severities in the quantity that the best class is sized by, even if that class is not
+        // named
         let sizes = best.and_then(|(class, _)| *draft.sizes.get(rules.quantities[class])?);
-        // An episode that has ended does not count the looks that already fit the return to healthy; one
-        // that is still on counts all looks since its onset.
+        // An episode that has ended does not count the looks that already fit the return to
+        // healthy; one that is still on counts all looks since its onset.
         let bursts = match (ended_at_ns, draft.fading) {
             (Some(_), Some((_, before))) => before,
             _ => self.looks,
@@ -104,9 +112,9 @@ impl Channel {
             None => Some(draft.commonest_reason(of_no_class)),
         };
 
-        // The sentence. What the signals look like takes the place of the class if "no class" has more than
-        // half of the weight. It stands beside the class if more than half of the signals of which isolation
-        // said something may as well be that.
+        // The sentence. What the signals look like takes the place of the class if "no class" has
+        // more than half of the weight. It stands beside the class if more than half of the signals
+        // of which isolation said something may as well be that.
         let nearest = best.map(|(class, weight)| (&rules.classes[class], weight));
         let instead = match (&draft.appearance, of_no_class) {
             (appearance, true) => {
@@ -119,8 +127,8 @@ impl Channel {
         };
         episode.explanation =
             explanation::sentence(&episode, draft.rings.as_ref(), nearest, instead);
-        // A share is known only of a fault that was raised as one that comes and goes: that of its flagged
-        // looks up to then. From half of the looks on it is not said to come and go.
+        // A share is known only of a fault that was raised as one that comes and goes: that of its
+        // flagged looks up to then. From half of the looks on it is not said to come and go.
         if let Some(share) = draft.share.filter(|share| *share < 0.5) {
             episode.explanation += &explanation::comes_and_goes(share);
         }

@@ -1,11 +1,22 @@
 //! The class of a channel's fault, from the posteriors of one burst after another.
 //!
-//! In: a weight per class of each flagged signal (a *look*); what they lack to 1 is the weight of no class.
-//! Out: the filtered weight per class, and of none.
+//! In: isolation's posterior weight of each class for each flagged signal of an episode (a *look*);
+//! what the weights lack to 1 is the weight of no class. Out: the filtered weight of each class,
+//! and of no class, from which the episode is named (`channel_episode`).
 //!
-//! The forward filter of a hidden Markov model (Rabiner 1989): a fault grows and may pass through other
-//! classes on its way, so from one look to the next it becomes any class with a small probability. The looks
-//! of one channel are not independent, since they share the channel's own deviation; they count as fewer.
+//! It is the forward filter of a hidden Markov model (Rabiner 1989). A fault grows and may pass
+//! through other classes on its way, so from one look to the next it becomes any class with a small
+//! probability (`changes`). With the weight w before a look, the prior q, and the look's posterior
+//! p the weight after it is
+//!
+//! ```text
+//! w' = ((1 - changes) w + changes q) (e + (1 - e) p / q)^(1 / looks_per_one),
+//! ```
+//!
+//! over the sum of all w'. p / q is the look's likelihood but for a factor that all classes share.
+//! e (`least_rate`) is the probability that a look says nothing of the class. The looks of one
+//! channel are not independent, since they share the channel's own deviation: the power makes
+//! `looks_per_one` looks count as one.
 
 use super::tuned;
 use crate::numbers::tuned::least_rate;
@@ -18,14 +29,15 @@ pub struct ClassFilter {
 }
 
 impl ClassFilter {
-    /// A filter before any look. `priors`: of each class; what they lack to 1 is that of no class.
+    /// A filter before any look, whose weights are the priors. `priors`: of each class; what they
+    /// lack to 1 is the prior of no class.
     pub fn new(priors: &[f64]) -> ClassFilter {
         ClassFilter { weights: priors.to_vec(), none: lacking(priors.iter().copied()) }
     }
 
-    /// Updates the weights by one look. `posterior`: of each class, under the same `priors`; what it lacks to 1
-    /// is the posterior of no class, so an empty one says that the look is of none. A posterior of another
-    /// length, or with a weight that is not finite, is ignored.
+    /// Updates the weights by one look. `posterior`: of each class, under the same `priors`; what
+    /// it lacks to 1 is the posterior of no class, so an empty one says that the look is of none. A
+    /// posterior of another length, or with a weight that is not finite, is ignored.
     pub fn look(&mut self, posterior: &[f32], priors: &[f64]) {
         let n = self.weights.len();
         if posterior.len() != n && !posterior.is_empty() || posterior.iter().any(|w| !w.is_finite())
@@ -33,9 +45,10 @@ impl ClassFilter {
             return;
         }
 
-        // The weight after a look: prediction (a small share returns to the prior) times likelihood (the
-        // posterior without its prior), tempered since looks are not independent. A look may be not what it
-        // seems, and then it says nothing (its likelihood is 1 for all), so no single look excludes a class.
+        // The weight after a look, not yet normalised: prediction (a small share returns to the
+        // prior) times likelihood (the posterior over its prior), tempered since looks are not
+        // independent. A look may be not what it seems, and then it says nothing (its likelihood is
+        // 1 for all), so no single look excludes a class.
         let after = |before: f64, posterior: f64, prior: f64| {
             let seems = if prior > 0.0 { posterior / prior } else { 0.0 };
             let likelihood = least_rate() + (1.0 - least_rate()) * seems;
@@ -46,6 +59,8 @@ impl ClassFilter {
             let posterior = posterior.get(k).map_or(0.0, |&w| f64::from(w));
             *weight = after(*weight, posterior, *prior);
         }
+
+        // no class likewise, then all weights such that their sum is 1
         let none = lacking(posterior.iter().map(|&w| f64::from(w)));
         self.none = after(self.none, none, lacking(priors.iter().copied()));
 

@@ -1,7 +1,10 @@
 //! Gathers what a channel's flagged signals say of its episode, burst by burst.
 //!
-//! In: what isolation says of one signal after another. Out: the classes' weights, sizes and rings that
-//! [`super::channel_episode`] makes an episode of.
+//! In: what isolation says of one flagged signal after another ([`EpisodeDraft::add`], called by
+//! `channel`). Out: what [`super::channel_episode`] makes an episode of: the classes' weights
+//! filtered over time, the first, largest and last size, the mean of the last rings, and counts of
+//! signals by what isolation said. A draft is begun for what may become an episode, and is
+//! discarded if nothing comes of it.
 
 use super::classes::ClassFilter;
 use super::rules::Rules;
@@ -14,10 +17,11 @@ use std::collections::BTreeMap;
 pub struct EpisodeDraft {
     /// Time at which the evidence sufficed, ns; 0 until then.
     pub raised_at_ns: i64,
-    /// Time of the first of the looks that fit the return to healthy, and the number of looks before it;
-    /// `None`: the last look did not fit it.
+    /// Time of the first of the looks that fit the return to healthy, and the number of looks
+    /// before it; `None`: the last look did not fit it.
     pub fading: Option<(i64, u64)>,
-    /// Of a fault that comes and goes, the share of looks in which it was flagged; `None`: the fault stays.
+    /// Of a fault that comes and goes, the share of looks in which it was flagged; `None`: the
+    /// fault stays.
     pub share: Option<f64>,
     /// Filtered weights of the classes.
     pub classes: ClassFilter,
@@ -29,22 +33,23 @@ pub struct EpisodeDraft {
     pub as_well: u64,
     /// What the last signal looks like that is of no class, or may as well be.
     pub appearance: Option<Appearance>,
-    /// Running mean of the faulty rings with the last healthy ring, and the number of looks in that mean, at
-    /// most ten.
+    /// Running mean of the faulty rings with the last healthy ring, and the number of looks in that
+    /// mean, at most ten.
     pub rings: Option<Rings>,
     pub ring_looks: f64,
     /// Resonance, Hz, and damping, 1/s, of the last signal that has them.
     pub resonance: Option<(f32, f32)>,
-    /// The category and class under which the episode was announced last.
+    /// The category and class under which the episode was announced last (`Channel::news`).
     pub announced_as: (Option<String>, Option<String>),
     /// Number of signals without a name, by the reason.
     pub reasons: BTreeMap<Reason, u64>,
-    /// Severities by the quantity that they measure, at the index of [`Rules::quantities`].
+    /// Severities by the quantity that they measure, at the index of [`Rules::quantities`]; empty
+    /// until one was stated, and `None` where none of that quantity was.
     pub sizes: Vec<Option<Sizes>>,
 }
 
-/// The severities that were stated of one quantity: the first, the largest and the last, and the standard
-/// deviation of the last.
+/// The severities that were stated of one quantity: the first, the largest and the last, and the
+/// standard deviation of the last.
 #[derive(Clone, Copy, Debug)]
 pub struct Sizes {
     pub first: f32,
@@ -61,6 +66,7 @@ impl EpisodeDraft {
 
     /// Takes in what isolation says of one more flagged signal.
     pub fn add(&mut self, named: &IsolatedSignal, rules: &Rules) {
+        // what is told of every flagged signal, also if isolation said nothing of classes
         self.resonance = named.resonance.or(self.resonance);
         named.reason.iter().for_each(|reason| *self.reasons.entry(*reason).or_default() += 1);
         if let Some(ring) = named.rings {
@@ -75,7 +81,7 @@ impl EpisodeDraft {
             });
         }
 
-        // What follows needs a statement of isolation.
+        // What follows needs a statement of isolation: weights, or that the signal fits no class.
         if named.weights.is_empty() && !named.fits_none() {
             return;
         }
@@ -85,6 +91,7 @@ impl EpisodeDraft {
         self.as_well += u64::from(named.appearance.is_some() && !named.fits_none());
         self.classes.look(&named.weights, &rules.priors);
 
+        // the size, beside those of all classes that measure the same quantity
         if let (Some(class), Some(size)) = (named.candidate, named.severity)
             && size.is_finite()
         {
@@ -97,8 +104,8 @@ impl EpisodeDraft {
         }
     }
 
-    /// The reason why most of its signals have no name. `fits_none`: the episode is of no known class, so
-    /// only reasons that say this count.
+    /// The commonest reason why signals of the episode have no name; `Uncertain` if there is none.
+    /// `fits_none`: the episode is of no known class, so only reasons that say this count.
     pub fn commonest_reason(&self, fits_none: bool) -> Reason {
         let is_asked =
             |reason: &Reason| !fits_none || matches!(reason, Reason::UnknownFault | Reason::NoRing);

@@ -1,33 +1,43 @@
-//! The sequential test for a fault of one channel. A *look* is one observation of it: the statistic of one
-//! signal.
+//! The sequential test for a fault of one channel. A *look* is one observation of the channel: the
+//! statistic of one signal.
 //!
-//! In: a channel's detection statistics over their thresholds, in time order. Out: when the evidence for a
-//! fault suffices, since when it has grown, and when the fault is gone.
+//! In: a channel's detection statistics over their thresholds (*ratios*), in time order, from
+//! `channel`. Out, for each look: whether the evidence for a fault suffices, since when it has
+//! grown, and when the fault is gone ([`Step`]).
 //!
-//! Page's CUSUM (1954) of the log likelihood ratio between a shifted normal and the channel's usual one. The
-//! fourth root of the statistic is close to normal (Hawkins and Wixley 1986, for chi-squared). It is compared
-//! with the channel's own running mean (its *level*), so that a healthy channel that always reads high is no
-//! fault; only a level beyond the threshold itself is not accepted.
+//! 1. x is the fourth root of the ratio, which is close to normal (Hawkins and Wixley 1986, for
+//!    chi-squared), and z = (x - level) / sd by the channel's own running mean (its *level*) and
+//!    spread. So a healthy channel that always reads high is no fault; only a level beyond the
+//!    threshold itself is not accepted.
+//! 2. The gain of a look is the smaller of two log likelihood ratios of faulty against healthy:
+//!    that of a normal shifted by `shift`, shift (z - shift / 2), and that of being flagged or not
+//!    (`FLAGGED`, `NOT_FLAGGED`).
+//! 3. Page's CUSUM (1954): evidence = max(0, evidence + gain). A fault is raised where the evidence
+//!    reaches the bound, and its onset is the look at which the evidence began to grow.
+//! 4. While a fault is on, a second CUSUM of healthy against the fault's own shift tells its end.
 //!
-//! The evidence of a look is at most that of its being flagged or not, since healthy signals are flagged at
-//! the stated rate however their statistics are distributed. The gain of a look is the smaller of the two log
-//! likelihood ratios, so that the mean of its exponential on a healthy channel is at most 1 if it is for
-//! either of them: if statistics are distributed as assumed (even of a channel that was always flagged
-//! often), or if flags come at their rate.
+//! Why the smaller of the two: healthy signals are flagged at the stated rate however their
+//! statistics are distributed. On a healthy channel the mean of e^gain is at most 1 if that holds
+//! for either of the two ratios: if statistics are distributed as assumed (even of a channel that
+//! was always flagged often), or if flags come at their rate. So healthy looks seldom raise
+//! anything under either condition.
 
 use super::tuned;
 use crate::numbers::tuned::few;
 
-/// ln likelihood ratio of a flagged and of an unflagged look: for a channel of which a fifth of the looks is
-/// flagged, over a healthy one of which at most 9e-4 are. Three flagged looks in a row suffice at the default
-/// bound.
+/// ln likelihood ratio of a flagged and of an unflagged look: for a channel of which a fifth of the
+/// looks is flagged, over a healthy one of which at most 9e-4 are. Three flagged looks in a row
+/// suffice at the default bound of 16.1, if each lies far enough above the level.
 const FLAGGED: f32 = 5.4;
 const NOT_FLAGGED: f32 = -0.22;
 
-/// Prior level and spread of a channel that was never observed, each with its weight in looks: mean and
-/// standard deviation of the fourth root of chi-squared with three degrees of freedom over a threshold of
-/// false-alarm rate 5e-4, which is this many medians.
+/// The threshold over the median of healthy statistics that `FIRST` is for: that of chi-squared
+/// with three degrees of freedom at a false-alarm rate of 5e-4.
 pub const FIRST_IN_MEDIANS: f32 = 7.5;
+/// Prior level and spread of a channel that was never observed, each with its weight in looks. They
+/// are about mean and standard deviation of the fourth root of chi-squared with three degrees of
+/// freedom over its upper 5e-4 point; exactly these would be .601 and .133. The level counts as few
+/// looks, since channels differ.
 const FIRST: Learned = Learned {
     level: 0.62,
     level_looks: 2.0,
@@ -35,8 +45,10 @@ const FIRST: Learned = Learned {
     variance_looks: 20.0,
     faulty: 0.0,
 };
-/// The same for a channel that is judged by its own baseline: chi-squared with three degrees of freedom over
-/// its upper 7e-4 point, whose fourth root has this mean and standard deviation in nearly every channel.
+/// Prior level and spread of a channel that is judged by its own baseline, each with its weight in
+/// looks: mean and standard deviation of the fourth root of chi-squared with three degrees of
+/// freedom over its upper 7e-4 point. They count as many looks, since nearly every channel has
+/// them.
 const OWN: Learned = Learned {
     level: 0.607,
     level_looks: 25.0,
@@ -44,33 +56,36 @@ const OWN: Learned = Learned {
     variance_looks: 60.0,
     ..FIRST
 };
-/// Thresholds of one printhead's models, in medians, differ by less than this factor.
+/// Largest factor by which the thresholds, in medians, of two models are believed to differ.
 const MOST_LOWER: f32 = 16.0;
 /// The largest level that is accepted as healthy: the threshold itself.
 const LARGEST_LEVEL: f32 = 1.0;
 
-/// The state of a channel after a look.
+/// What a look makes of a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
     /// No fault in sight.
     Quiet,
-    /// Something may have begun, but the evidence does not suffice yet. `begins`: this look may be its onset.
+    /// Something may have begun, but the evidence does not suffice yet. `begins`: this look may be
+    /// its onset.
     Suspect { begins: bool },
     /// The evidence suffices from this look on.
     Raised,
     /// The channel is still faulty. `fading`: this look fits the return to healthy, too.
     Faulty { fading: bool },
-    /// The channel is healthy again, since the first of the looks that were `fading`.
+    /// The channel is healthy again, since the first of the last looks in a row that were `fading`.
     Ended,
 }
 
 /// One channel's evidence.
 #[derive(Clone, Copy, Debug)]
 pub struct Evidence {
+    /// Level, spread, and evidence for a fault.
     learned: Learned,
-    /// ln of the likelihood ratio of healthy again against faulty; used while a fault is raised.
+    /// ln of the likelihood ratio of healthy again against faulty, at least 0; used while a fault
+    /// is raised.
     recovered: f32,
-    /// The shift of the raised fault, in standard deviations of a look.
+    /// How far the raised fault shifts looks, in standard deviations of a look: a running mean.
     shift: f32,
     /// Whether a fault is raised.
     raised: bool,
@@ -78,8 +93,8 @@ pub struct Evidence {
     share: f32,
 }
 
-/// What was learned of a channel: its level and spread (of fourth roots of the statistic over its threshold),
-/// and the evidence for a fault. Updated only while no fault is raised.
+/// What was learned of a channel: its level and spread (of fourth roots of the statistic over its
+/// threshold), and the evidence for a fault. Updated only while no fault is raised.
 #[derive(Clone, Copy, Debug)]
 struct Learned {
     /// Running mean, and the number of looks that it rests on.
@@ -128,9 +143,10 @@ impl Evidence {
         (self.raised, self.recovered, self.share) = (true, 0.0, share);
     }
 
-    /// To be called where another model begins to judge: it has other statistics of the channel and another
-    /// threshold. `lower`: the factor by which its threshold is lower, both over the median of healthy
-    /// statistics. Level and spread are rescaled to the new threshold.
+    /// To be called where another model begins to judge, which has other statistics of the channel
+    /// and another threshold. `lower`: the threshold so far over the new one, each over the median
+    /// of its model's healthy statistics. A ratio becomes `lower` times as large, so level and
+    /// spread are rescaled by the fourth root.
     pub fn change_model(&mut self, lower: f32) {
         let Learned { level, variance, .. } = &mut self.learned;
         // the level is a mean of fourth roots
@@ -139,17 +155,20 @@ impl Evidence {
         *variance *= by * by;
     }
 
-    /// To be called where the channel's own baseline begins to judge, or ceases to. The level so far is that
-    /// of another statistic, and is discarded; the evidence stays.
+    /// To be called where the channel's own baseline begins to judge, or ceases to. The level so
+    /// far is that of another statistic, and is discarded; the evidence stays.
     pub fn judge_by_own(&mut self, own: bool) {
         let begin = if own { OWN } else { FIRST };
         self.learned = Learned { faulty: self.learned.faulty, ..begin };
     }
 
-    /// Updates the channel by one look. `ratio`: detection statistic over threshold, not negative. `bound`:
-    /// ln likelihood ratio at which a fault is raised, and at which it ends.
+    /// Updates the channel by one look, and says what the look makes of it. `ratio`: detection
+    /// statistic over threshold, not negative and no NaN. `bound`: ln likelihood ratio at which a
+    /// fault is raised, and at which it ends.
     pub fn look(&mut self, ratio: f32, bound: f32) -> Step {
         let (z, sd) = self.learned.deviation(ratio);
+
+        // while a fault is on, its end is looked for
         if self.raised {
             let comes_and_goes = self.share > 0.0;
             return if comes_and_goes {
@@ -159,8 +178,8 @@ impl Evidence {
             };
         }
 
-        // Once the evidence suffices, level and spread stay as they were before this look, and the fault's
-        // shift begins with this look's.
+        // Otherwise level, spread and evidence are updated. Once the evidence suffices, level and
+        // spread stay as they were before this look, and the fault's shift begins with this look's.
         let before = self.learned.faulty;
         let next = self.learned.after(ratio, z, sd);
         if next.faulty >= bound {
@@ -175,9 +194,10 @@ impl Evidence {
         if next.faulty > 0.0 { Step::Suspect { begins: begins(before, z) } } else { Step::Quiet }
     }
 
-    /// Updates several channels at once as [`Evidence::look`] does, none of which may be raised. `among`: the
-    /// channels to update. Returns which of them were updated (the others of them would be raised by this
-    /// look, and stay as they were), and for each channel whether an onset may lie here.
+    /// Updates several channels at once as [`Evidence::look`] does. `among`: the channels to
+    /// update, none of which may be raised. Returns which of these were updated (those that this
+    /// look would raise are not, and stay as they were), and for each channel whether an onset may
+    /// lie here.
     pub fn look_at_quiet(
         of: [&mut Evidence; TOGETHER],
         among: [bool; TOGETHER],
@@ -201,15 +221,17 @@ impl Evidence {
         (updated, begin)
     }
 
-    /// The test for the end of a fault that comes and goes: as many looks without a flag as its share of
-    /// flagged looks makes improbable.
+    /// The test for the end of a fault that comes and goes: it has ended after so many looks
+    /// without a flag as its share of flagged looks makes improbable. One flagged look begins the
+    /// count anew.
     fn look_for_end(&mut self, ratio: f32, bound: f32) -> Step {
         if ratio > 1.0 {
             self.recovered = 0.0;
             return Step::Faulty { fading: false };
         }
-        // Adds -ln of the probability that a channel with the fault is not flagged in this look; a healthy
-        // one hardly ever is flagged.
+        // Adds -ln of the probability that a channel with the fault is not flagged in this look,
+        // which is the log likelihood ratio of healthy, since a healthy channel is hardly ever
+        // flagged.
         self.recovered -= (-self.share).ln_1p();
         if self.recovered >= bound {
             (self.learned.faulty, self.recovered, self.raised, self.share) = (0.0, 0.0, false, 0.0);
@@ -218,10 +240,11 @@ impl Evidence {
         Step::Faulty { fading: true }
     }
 
-    /// The test for the end of a fault that stays: a CUSUM of healthy (no shift) against the shift that the
-    /// episode has had so far.
+    /// The test for the end of a fault that stays: a CUSUM of healthy (no shift) against the shift
+    /// that the episode has had so far. `z`: the look's deviation from the healthy level.
     fn look_at_faulty(&mut self, z: f32, bound: f32) -> Step {
-        // the log likelihood ratio of two normals of unit variance, one of them shifted
+        // The log likelihood ratio of two normals of unit variance, one of them shifted. Both z and
+        // the gain are bounded, so that no single look decides.
         let gain = self.shift * (self.shift / 2.0 - z.min(tuned::largest_shift()));
         self.recovered =
             (self.recovered + gain.clamp(-tuned::most_per_look(), tuned::most_per_look())).max(0.0);
@@ -229,7 +252,9 @@ impl Evidence {
             (self.learned.faulty, self.recovered, self.raised) = (0.0, 0.0, false);
             return Step::Ended;
         }
-        // The look belongs to the fault rather than to its end, so the shift follows it, as a mean of the last few.
+
+        // Where the look belongs to the fault rather than to its end, the shift follows it, as a
+        // running mean of about the last eight (`few`).
         if z >= self.shift / 2.0 {
             self.shift = (self.shift + (z - self.shift) / few() as f32)
                 .clamp(tuned::shift(), tuned::largest_shift());
@@ -251,8 +276,8 @@ fn begins(before: f32, z: f32) -> bool {
 }
 
 impl Learned {
-    /// A look's deviation from the level in standard deviations, and that standard deviation. It includes the
-    /// error of the level, which is a mean of `level_looks` looks.
+    /// A look's deviation z from the level in standard deviations, and that standard deviation, in
+    /// which the error of the level is included (a mean of `level_looks` looks).
     #[inline(always)] // several channels side by side
     fn deviation(self, ratio: f32) -> (f32, f32) {
         let x = ratio.max(0.0).sqrt().sqrt().min(1e3);
@@ -260,15 +285,18 @@ impl Learned {
         ((x - self.level) / sd, sd)
     }
 
-    /// The state after a look. Level and spread are robust running estimates: deviations are clamped to three
-    /// standard deviations.
+    /// Level, spread and evidence after a look. `z`, `sd`: as `deviation` gives them. Level and
+    /// spread are robust running estimates: deviations are clamped to three standard deviations.
     #[inline(always)] // as above
     fn after(self, ratio: f32, z: f32, sd: f32) -> Learned {
+        // the CUSUM, by the smaller of two log likelihood ratios: of the shifted normal, and of
+        // being flagged or not
         let by_flag = if ratio > 1.0 { FLAGGED } else { NOT_FLAGGED };
-        // the smaller of two log likelihood ratios: of the shifted normal, and of being flagged or not
         let gain = for_the_shift(z).min(by_flag);
         let faulty = (self.faulty + gain).max(0.0);
-        // The level and spread of a suspect channel stand still, so that they do not follow a fault.
+
+        // The running mean and variance. The level and spread of a suspect channel stand still, so
+        // that they do not follow a fault.
         let share = if faulty < tuned::suspicion() { 1.0 } else { 0.0 };
         let innovation = z.clamp(-3.0, 3.0) * sd;
         // the square without what the error of the level adds to it
@@ -291,7 +319,8 @@ mod tests {
     use super::*;
     use crate::model::normal::draws;
 
-    /// Draws looks at a channel: |offset + shift + noise|² over the threshold, with three degrees of freedom.
+    /// Draws looks at a channel: |offset + shift + noise|² over the threshold, with three degrees
+    /// of freedom.
     fn source(seed: u64) -> impl FnMut(f32) -> f32 {
         let mut normal = draws(seed);
         move |offset| {
@@ -360,8 +389,8 @@ mod tests {
         assert!(raised.is_some_and(|n| n <= 8), "{raised:?}");
     }
 
-    /// A look by a channel's own baseline: chi-squared with three degrees of freedom over the value that it
-    /// exceeds at a rate of 7e-4.
+    /// A look by a channel's own baseline: chi-squared with three degrees of freedom over the value
+    /// that it exceeds at a rate of 7e-4.
     fn own_look(look: &mut impl FnMut(f32) -> f32) -> f32 {
         look(0.0) * 15.85 / 0.75f32.powi(2) / 17.06
     }
@@ -381,8 +410,8 @@ mod tests {
         let mut look = source(5);
         let raises = |_: &u32| {
             let mut evidence = Evidence::default();
-            // twenty looks against all channels' spread, which is wider than the channel's own; from then on
-            // against the latter
+            // twenty looks against all channels' spread, which is wider than the channel's own;
+            // from then on against the latter
             let by_all =
                 (0..20).any(|_| evidence.look(0.3 * own_look(&mut look), 16.0) == Step::Raised);
             evidence.judge_by_own(true);
@@ -392,11 +421,12 @@ mod tests {
         assert_eq!((0..2000).filter(raises).count(), 0);
     }
 
-    /// Healthy looks whose distribution is another than assumed, flagged at the stated rate or never.
+    /// Healthy looks whose distribution is another than assumed, flagged at the stated rate or
+    /// never.
     #[test]
     fn healthy_looks_of_any_shape_raise_nothing() {
-        // A log-normal whose threshold is 3.19 standard deviations out (7e-4); and a tenth of the threshold
-        // or, one time in twenty, nine tenths of it.
+        // A log-normal whose threshold is 3.19 standard deviations out (7e-4); and a tenth of the
+        // threshold or, one time in twenty, nine tenths of it.
         let shapes: [fn(f32) -> f32; 2] =
             [|z| (1.6 * (z - 3.19)).exp(), |z| if z > 1.645 { 0.9 } else { 0.1 }];
         let mut normal = draws(9);
@@ -415,8 +445,8 @@ mod tests {
 
     #[test]
     fn a_lower_threshold_is_no_fault_if_it_is_told_and_would_be_one_if_not() {
-        // A channel that lies far out, and always did. The tail of the first window is known badly, so its
-        // threshold is high; that of the next one is lower.
+        // A channel that lies far out, and always did. The tail of the first window is known badly,
+        // so its threshold is high; that of the next one is lower.
         let raised = |told: bool| {
             let mut look = source(7);
             let raises = |_: &u32| {
@@ -441,7 +471,8 @@ mod tests {
         }
     }
 
-    /// The statistic over threshold of a look that lies `z` standard deviations above what is learned.
+    /// The statistic over threshold of a look that lies `z` standard deviations above what is
+    /// learned.
     fn look_at(learned: &Learned, z: f32) -> f32 {
         (learned.level + z * learned.deviation(0.0).1).powi(4)
     }
@@ -451,7 +482,8 @@ mod tests {
         let of = Evidence::default().learned;
         let (z, sd) = of.deviation(look_at(&of, 2.0));
         assert!((z - 2.0).abs() < 1e-4, "{z}");
-        // the variance of a look to come: its own, and that of the level, which is a mean of so many looks
+        // the variance of a look to come: its own, and that of the level, which is a mean of so
+        // many looks
         let predicted = of.variance + of.variance / of.level_looks;
         assert!((sd * sd / predicted - 1.0).abs() < 1e-4);
         let after = |z: f32| {

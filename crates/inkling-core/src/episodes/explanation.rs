@@ -1,17 +1,23 @@
 //! One plain sentence per episode, for a technician.
 //!
-//! In: an [`Episode`], the rings of its signals, the class that is nearest or what the signals look like
-//! instead. Out: the sentence. The pieces that other pages use, too, are [`share`] and [`size_in_words`].
+//! In: an [`Episode`], the rings of its signals, the class that is nearest or what the signals look
+//! like instead. Out: the sentence, for the episode table, the terminal and the page. The pieces
+//! that other pages use, too, are [`share`] and [`size_in_words`].
+//!
+//! The sentence says in this order: the channel; how the ring has changed; the class with its size,
+//! or the category, or that nothing is named; what else the signals may be as well; and the
+//! certainty. Signals of no class are described by their appearance instead, with the place where
+//! to look for the cause.
 
 use super::{Episode, Rings};
 use crate::fault::{self, Class};
 use crate::model::faults::Catalogue;
 use crate::verdict::Appearance;
 
-/// The sentence of an episode: `channel 713: resonance 64.7 → 61.9 kHz, damping +31 %: partly blocked nozzle,
-/// 22 ± 3 % of the cross-section, certainty .97`. `rings`: `None` if no signal has a ring; `nearest`: the
-/// class with the largest weight and that weight, `None` if no signal could be named; `instead`: what else
-/// the signals look like.
+/// The sentence of an episode: `channel 713: resonance 64.7 → 61.9 kHz, damping +31 %: partly
+/// blocked nozzle, 22 ± 3 % of the cross-section, certainty .97`. `episode`: all but its sentence
+/// is read; `rings`: `None` if no signal has a ring; `nearest`: the class with the largest weight
+/// and that weight, `None` if no signal could be named; `instead`: what else the signals look like.
 pub fn sentence(
     episode: &Episode,
     rings: Option<&Rings>,
@@ -27,6 +33,7 @@ pub fn sentence(
         return text + &in_words(strange);
     }
 
+    // what the signals may be as well as the class, and the change of the ring
     let or = match instead {
         Instead::AsWell(other) => in_short(other).map_or(String::new(), |it| format!(" or {it}")),
         _ => String::new(),
@@ -38,10 +45,13 @@ pub fn sentence(
     let certainty =
         episode.certainty.map_or(String::new(), |c| format!(", certainty {}", share(c)));
 
-    // a named class with its size, a category with its likeliest class, or the likeliest class as a guess
+    // a named class with its size, a category with its likeliest class, or the likeliest class as a
+    // guess
     match (&episode.fault, &episode.category, nearest) {
         (Some(name), ..) => {
             text += fault::in_words(name);
+            // The size in the words of the kind of fault that the class is; a class of the user's
+            // with a unit of its own has that unit after the number.
             let laws = Catalogue::default();
             let kind = nearest.and_then(|(class, _)| laws.one_kind(&class.of)).unwrap_or(name);
             let size = size_in_words(kind, episode.severity_last, episode.severity_sd);
@@ -68,8 +78,8 @@ pub fn sentence(
     text
 }
 
-/// The end of the sentence for a fault that comes and goes: `, comes and goes: in about 1 of 10 of its
-/// bursts`.
+/// The end of the sentence for a fault that comes and goes: `, comes and goes: in about 1 of 10 of
+/// its bursts`. `share`: of the bursts in which the fault was flagged, above 0.
 pub fn comes_and_goes(share: f64) -> String {
     format!(", comes and goes: in about 1 of {:.0} of its bursts", 1.0 / share)
 }
@@ -81,21 +91,23 @@ pub enum Instead<'a> {
     Nothing,
     /// The signals belong to no known class, and look like this.
     Rather(&'a Appearance),
-    /// The signals may as well be this: it is at least a quarter as probable as the class that comes first,
-    /// or by the physics as dense ([`Appearance::AS_WELL`]).
+    /// The signals may as well be this: its probability is at least a quarter of that of the
+    /// likeliest class, or its density by the physics at least a quarter of the class's
+    /// ([`Appearance::AS_WELL`]).
     AsWell(&'a Appearance),
 }
 
 impl Appearance {
-    /// Whether the appearance is that of a ring with nothing beside it, so that resonance and damping mean
-    /// something.
+    /// Whether the appearance is that of a ring with nothing beside it, so that resonance and
+    /// damping mean something.
     fn rings(&self) -> bool {
         use Appearance::{AllOff, Late, Like, OtherClock, OtherGain, OtherRing};
         matches!(self, OtherGain(_) | OtherClock(_) | Late(_) | AllOff | Like(_) | OtherRing)
     }
 }
 
-/// What a signal may be as well as a class, as the end of "... or"; `None`: the appearance has no short name.
+/// What a signal may be as well as a class, as the words after "... or"; `None`: the appearance has
+/// no short name.
 fn in_short(other: &Appearance) -> Option<String> {
     Some(match other {
         Appearance::OtherGain(ratio) => format!("{ratio:.2} times the gain"),
@@ -162,7 +174,7 @@ fn in_words(strange: &Appearance) -> String {
 fn ring_in_words(r: &Rings) -> String {
     let damping = 100.0 * (r.damping_per_s / r.healthy_damping_per_s - 1.0);
     let (from, to) = (r.healthy_frequency_hz / 1e3, r.frequency_hz / 1e3);
-    // three digits of each, more where they would look the same
+    // one decimal of each, two where the frequencies might look the same
     let digits = if (to - from).abs() < 0.1 { 2 } else { 1 };
     format!("resonance {from:.digits$} → {to:.digits$} kHz, damping {}", signed_percent(damping))
 }
@@ -183,23 +195,26 @@ pub fn share(c: f64) -> String {
     rounded.trim_start_matches('0').to_owned()
 }
 
-/// The severity of a class in words, with its standard deviation: `, 22 ± 3 % of the cross-section`. What it
-/// measures is the contract's. Empty if no severity was estimated.
+/// The severity of a class in words, with its standard deviation: `, 22 ± 3 % of the
+/// cross-section`. `class`: the name of a class of `faults.toml`, else it is told as "severity";
+/// `severity`, `sd`: in the class's unit, as the contract states it. Empty if no severity was
+/// estimated.
 pub fn size_in_words(class: &str, severity: Option<f64>, sd: Option<f64>) -> String {
     let Some(size) = severity.filter(|s| s.is_finite()) else { return String::new() };
-    // the size in units of 1 / `scale`, rounded by its uncertainty
+    // the size times `scale` (100 for percent), in as many decimals as one digit of its uncertainty
+    // has
     let of = |scale: f64| -> String {
         let size = size * scale;
         match sd.filter(|sd| sd.is_finite() && *sd > 0.0).map(|sd| sd * scale) {
             None => format!("{size:.0}"),
             Some(sd) => {
-                // one digit of the uncertainty
                 let digits = if sd >= 0.95 { 0 } else { (-sd.log10()).ceil().min(4.0) as usize };
                 format!("{size:.digits$} ± {sd:.digits$}")
             }
         }
     };
-    // a ratio with two decimals
+
+    // a ratio, always with two decimals
     let ratio = || match sd {
         Some(sd) if sd.is_finite() => format!("{size:.2} ± {sd:.2}"),
         _ => format!("{size:.2}"),

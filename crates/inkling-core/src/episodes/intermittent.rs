@@ -1,10 +1,22 @@
-//! A fault that comes and goes: flagged looks too few in a row for the sequential test, and too many in all
-//! for false alarms.
+//! A fault that comes and goes: flagged looks too few in a row for the sequential test, and too
+//! many in all for false alarms.
 //!
-//! In: how many looks at a channel were flagged, of how many. Out: ln of the odds for a share above the rate
-//! of false alarms against that rate. That is a test martingale: on a healthy channel it passes a bound b at
-//! any time at all with a probability of at most e^-b (Ville 1939), if its flags come no more often than at
-//! that rate.
+//! In: how many looks at a channel were flagged, of how many ([`Flags`]), and the same of all
+//! channels of its printhead. Out: the ln likelihood ratio of "flagged for reasons of its own"
+//! against "flagged by false alarms" ([`Flags::evidence`]), which `channel` compares with the bound
+//! of the sequential test.
+//!
+//! Flags are taken for independent: with rate q on a healthy channel, and with a share p on a
+//! faulty one, which is not known. The ratio is averaged over p = 2 q, 4 q, 8 q, .. below 1:
+//!
+//! ```text
+//! ln mean over p of (p / q)^flagged ((1 - p) / (1 - q))^not_flagged
+//! ```
+//!
+//! With a fixed q the ratio is a test martingale: on a healthy channel whose flags come no more
+//! often than at the rate q its ln passes a bound b at any time at all with a probability of at
+//! most e^-b (Ville 1939). Here q is taken anew from the other channels at each look, so that holds
+//! about, not exactly.
 
 use super::tuned;
 use crate::numbers::tuned::least_rate;
@@ -22,11 +34,11 @@ impl Flags {
         self.flagged as f64 / self.looks.max(1) as f64
     }
 
-    /// ln odds that the channel is flagged for reasons of its own. `of_all`: the flags of all of its
-    /// printhead's channels, this one included.
+    /// The ln likelihood ratio that the channel is flagged for reasons of its own. `of_all`: looks
+    /// and flags of all channels of its printhead, this one included.
     pub fn evidence(self, of_all: Flags) -> f64 {
-        // The rate of false alarms is taken from the other channels, so that what all of them do is no fault
-        // of one.
+        // The rate q of false alarms: `of_others` times that of the other channels, so that what
+        // all of them do is no fault of one, and at least `least_rate`.
         let others = Flags {
             looks: of_all.looks.saturating_sub(self.looks),
             flagged: of_all.flagged.saturating_sub(self.flagged),
@@ -34,8 +46,9 @@ impl Flags {
         let rate = (tuned::of_others() * others.share()).clamp(least_rate(), 0.2);
         let (flagged, not) = (self.flagged as f64, (self.looks - self.flagged) as f64);
 
-        // The likelihood ratio of a share p of flagged looks against that rate, averaged over shares of 2, 4,
-        // 8, .. times the rate (in logarithms, with the largest term taken out).
+        // The likelihood ratio of a share p of flagged looks against that rate, averaged over
+        // shares of 2, 4, 8, .. times the rate (in logarithms, with the largest term taken out).
+        // The rate is at most .2, so there is at least one share.
         let of_share = |p: f64| flagged * (p / rate).ln() + not * ((-p).ln_1p() - (-rate).ln_1p());
         let shares = std::iter::successors(Some(2.0 * rate), |p| Some(2.0 * p));
         let lns: Vec<f64> = shares.take_while(|p| *p < 1.0).map(of_share).collect();
@@ -49,8 +62,8 @@ mod tests {
     use super::*;
     use rand::{RngExt, SeedableRng};
 
-    /// Draws looks at channels that are flagged at a rate, and counts the channels in which the evidence
-    /// reaches the bound at any time.
+    /// Draws looks at channels that are flagged at a rate, and counts the channels in which the
+    /// evidence reaches the bound at any time.
     fn raised(rate: f64, looks: u64, channels: usize, bound: f64) -> usize {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
         let mut of = |_: &usize| {

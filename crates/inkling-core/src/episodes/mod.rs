@@ -1,12 +1,20 @@
 //! Turns the verdicts of single bursts into episodes: this channel, faulty from then to then.
 //!
-//! In: for every judged signal its detection statistic over the threshold, for flagged ones what isolation
-//! says; in any order within a bounded window. Out: [`Episode`]s, each with an onset, an end, a class and a
-//! sentence. Memory is bounded; what it has no room for is counted. Never changes a verdict.
+//! In: for every judged signal its detection statistic over the threshold, for flagged ones what
+//! isolation says; in any order within a bounded window. Out: [`Episode`]s, each with an onset, an
+//! end, a class and a sentence. Memory is bounded; what it has no room for is counted. Never
+//! changes a verdict.
 //!
-//! `tracker` follows a recording, `printhead` the channels of one printhead and `channel` one of these.
-//! `evidence` is the sequential test, `intermittent` the test for faults that come and go, `classes` filters
-//! the class over time, and `explanation` puts an episode into words.
+//! `src/pipeline/episodes.rs` at the writer stage feeds the bursts and writes the episodes. From
+//! the outside in: `tracker` follows a recording, `order` puts its bursts in time order,
+//! `printhead` follows the channels of one printhead and `channel` one channel. A channel's looks
+//! go through `evidence`, the sequential test (Page's CUSUM), and `intermittent`, the test for
+//! faults that come and go. What isolation says is gathered in an `episode_draft`, whose class
+//! `classes` filters over time; `channel_episode` makes an [`Episode`] of it by the rules of names
+//! (`rules`), and `explanation` puts it into words. `docs/episodes.md` tells the method.
+//!
+//! A *look* is one observation of a channel: the statistic of one judged signal. *Flagged* is a
+//! look whose statistic exceeds its threshold, that is, whose ratio exceeds 1.
 
 mod channel;
 mod channel_episode;
@@ -32,8 +40,8 @@ use crate::verdict::{Appearance, Reason};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::sync::Arc;
 
-/// One fault episode of a channel: a row of the episode table (contract, "Out: verdicts"), whose columns are called as
-/// these fields are in JSON.
+/// One fault episode of a channel: a row of the episode table (contract, "Out: verdicts"), whose
+/// columns are called as these fields are in JSON.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Episode {
@@ -41,7 +49,8 @@ pub struct Episode {
     pub recording: Arc<str>,
     pub printhead: Arc<str>,
     pub channel: u32,
-    /// Category and class of the fault; `None`: not certain.
+    /// Category and class of the fault, by name; `None`: it is not certain. A category without a
+    /// class: the classes of that category could not be told apart.
     pub category: Option<String>,
     pub fault: Option<String>,
     /// t_a of the burst at which the evidence sufficed, ns since the epoch.
@@ -50,15 +59,17 @@ pub struct Episode {
     /// Best estimate of the time of the onset, ns since the epoch.
     #[serde(rename = "began_at")]
     pub began_at_ns: i64,
-    /// Time of the first burst in which the channel looked healthy again, ns since the epoch; `None`: the
-    /// fault is still on.
+    /// Time of the first burst in which the channel looked healthy again, ns since the epoch;
+    /// `None`: the fault is still on.
     #[serde(rename = "ended_at")]
     pub ended_at_ns: Option<i64>,
     /// Number of the channel's judged bursts in the episode.
     pub bursts: u64,
-    /// Weight of the named class, else of the named category, else of the best class.
+    /// Weight (a posterior over time, `classes.rs`) of the named class, else of the named category,
+    /// else of the best class; `None`: there are no classes, or no signal fits one.
     pub certainty: Option<f64>,
-    /// The first, largest and last severity that was estimated, in the class's unit.
+    /// The first, largest and last severity that was estimated, in the class's unit; `None`: none
+    /// was.
     pub severity_first: Option<f64>,
     pub severity_max: Option<f64>,
     pub severity_last: Option<f64>,
@@ -74,25 +85,30 @@ pub struct Episode {
     pub explanation: String,
 }
 
-/// A name that is not known is no reason.
+/// Reads a reason; a name that is not known, as a later release may have written, is read as no
+/// reason.
 fn known_reason<'de, D: Deserializer<'de>>(name: D) -> Result<Option<Reason>, D::Error> {
     Ok(Option::<String>::deserialize(name)?.and_then(|name| Reason::of(&name)))
 }
 
-/// The looks at the channels of one burst, whose numbers ascend one by one.
+/// The looks at the channels of one burst: row r is the channel `first_channel` + r. `ratios`,
+/// `own` and `named` speak of the same rows.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Looks {
     /// Time of acquisition, ns since the epoch.
     pub t_ns: i64,
+    /// Number of the channel of row 0.
     pub first_channel: u32,
-    /// The model that judged, and its threshold over the median of healthy statistics; 0: not known.
+    /// Number of the model that judged.
     pub model: u16,
+    /// The model's threshold over the median of healthy statistics; 0: not known.
     pub in_medians: f32,
     /// Detection statistic over threshold of each channel; NaN: not judged.
     pub ratios: Vec<f32>,
-    /// Whether each channel was judged by its own baseline; empty: none was.
+    /// Whether each channel was judged by its own baseline (about its own level); empty: none was.
     pub own: Vec<bool>,
-    /// What isolation says of the flagged channels, in ascending order.
+    /// What isolation says of the flagged channels, one entry for each flagged row, in ascending
+    /// order of rows.
     pub named: Vec<IsolatedSignal>,
 }
 
@@ -108,13 +124,15 @@ impl Looks {
 pub struct IsolatedSignal {
     /// Row of the signal in its burst.
     pub row: u32,
-    /// Weight of each class; what they lack to 1 is the weight of no class. Empty: isolation said nothing.
+    /// Weight of each class; what they lack to 1 is the weight of no class. Empty: isolation said
+    /// nothing.
     pub weights: Vec<f32>,
     /// Why the signal has no name; `None`: it has one.
     pub reason: Option<Reason>,
-    /// What a signal looks like that fits no class, if that was looked at, or that may as well fit none.
+    /// What the signal looks like, if it fits no class, or if it may as well be no class; `None`:
+    /// it fits a class, or that was not looked at.
     pub appearance: Option<Appearance>,
-    /// The class with the largest weight, to which `severity` refers.
+    /// Index of the class with the largest weight, to which `severity` refers.
     pub candidate: Option<u16>,
     /// Severity of the fault in that class's unit, and its standard deviation.
     pub severity: Option<f32>,
@@ -141,14 +159,15 @@ pub struct Rings {
     pub healthy_damping_per_s: f64,
 }
 
-/// How many of a printhead's judged signals are no evidence of anything, because they have the times of
-/// others or come too late.
+/// How many of a printhead's judged signals are no evidence of anything, because they have the
+/// times of others or come too late.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Untimely {
     pub printhead: Arc<str>,
     /// Number of judged signals, timely or not.
     pub signals: u64,
-    /// Number of signals that have the time of another signal of their channel, but another statistic.
+    /// Number of signals that have the time of another signal of their channel, but another
+    /// statistic.
     pub at_one_time: u64,
     /// Number of signals that came after later ones of their channel had been looked at.
     pub too_late: u64,

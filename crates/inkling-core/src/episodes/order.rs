@@ -1,7 +1,8 @@
-//! Puts the bursts of a printhead in time order over a bounded window.
+//! Puts the bursts of a printhead in time order over a bounded window: a priority queue by time.
 //!
-//! In: bursts as the recording has them. Out: the earliest of those that wait, whenever the caller asks; the
-//! caller bounds how many signals wait.
+//! In: bursts as the recording has them, from `tracker`. Out: the earliest of those that wait,
+//! whenever the caller asks. The caller bounds how many signals wait, by taking bursts out as soon
+//! as there are more.
 
 use super::Looks;
 use std::collections::BTreeMap;
@@ -9,8 +10,8 @@ use std::collections::BTreeMap;
 /// Bursts that wait for earlier ones.
 #[derive(Debug, Default)]
 pub struct WaitingBursts {
-    /// The bursts by time of acquisition, first channel and order of arrival, so that they leave in this
-    /// order.
+    /// The bursts by time of acquisition, first channel and order of arrival, so that they leave in
+    /// this order.
     bursts: BTreeMap<(i64, u32, u64), Looks>,
     /// Number of bursts that have arrived so far.
     arrived: u64,
@@ -19,17 +20,19 @@ pub struct WaitingBursts {
 }
 
 impl WaitingBursts {
+    /// Adds a burst.
     pub fn push(&mut self, looks: Looks) {
         self.signals += looks.ratios.len();
         self.arrived += 1;
         self.bursts.insert((looks.t_ns, looks.first_channel, self.arrived), looks);
     }
 
+    /// Number of signals in the bursts that wait.
     pub fn signals(&self) -> usize {
         self.signals
     }
 
-    /// Removes the earliest burst and returns it.
+    /// Removes the earliest burst and returns it; `None`: none waits.
     pub fn pop(&mut self) -> Option<Looks> {
         let (_, looks) = self.bursts.pop_first()?;
         self.signals -= looks.ratios.len();

@@ -1,5 +1,10 @@
-//! What half and twice of each number of episodes do, on looks that the test does not assume: heavy tails,
-//! levels that wander, classes that are not certain.
+//! What half and twice of each number of `tuned.rs` do, on looks that the sequential test does not
+//! assume: heavy tails, levels that wander, classes that are not certain.
+//!
+//! In: the numbers, as they are or one of them changed. Out: a row of the table of
+//! `docs/episodes.md` ([`prices`]), printed by an ignored test; another test holds what the numbers
+//! as they are achieve. Faults are played to `Evidence`, classes to `ClassFilter`, flags to
+//! `Flags`, each by itself.
 
 use super::classes::ClassFilter;
 use super::evidence::{Evidence, Step};
@@ -10,27 +15,32 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal, StudentT};
 
-/// ln odds at which a fault is raised, by default.
+/// ln likelihood ratio at which a fault is raised, by default.
 const BOUND: f32 = 16.1;
 /// Share of healthy looks that are flagged.
 const RATE: f64 = 7e-4;
 
-/// Draws looks at one channel: three features of Student's t, one of which wanders and lies off for good.
+/// Draws looks at one channel: three features of Student's t, one of which wanders and lies off for
+/// good.
 struct Looks {
     rng: ChaCha8Rng,
     law: StudentT<f64>,
+    /// How far the channel lies off for good, in standard deviations of a feature or nearly so.
     off: f64,
+    /// How far its level has wandered, in the same unit.
     wander: f64,
 }
 
 impl Looks {
+    /// The looks at a channel of its own for each seed.
     fn new(seed: u64) -> Looks {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let off = rng.random_range(-1.2..1.2);
         Looks { rng, law: StudentT::new(10.0).unwrap(), off, wander: 0.0 }
     }
 
-    /// The statistic of the next look. `fault`: how far the channel is off.
+    /// The statistic of the next look: the square distance of three features from zero. `fault`:
+    /// how far the channel is off by its fault, in the unit of `off`.
     fn statistic(&mut self, fault: f64) -> f64 {
         let step: f64 = StandardNormal.sample(&mut self.rng);
         self.wander = 0.98 * self.wander + 0.08 * step;
@@ -50,23 +60,23 @@ fn threshold() -> f64 {
     all[((1.0 - RATE) * all.len() as f64) as usize]
 }
 
-/// What becomes of faults that begin at the hundredth look, grow for some looks, last for two hundred and
-/// flicker.
+/// What becomes of faults that begin at the hundredth look, grow for some looks, last for two
+/// hundred and flicker.
 #[derive(Clone, Copy, Debug, Default)]
 struct OfFaults {
     /// Share of the faults that were raised.
     raised: f64,
-    /// Means over these: looks until then, how far off the onset is in looks, and looks until the end is
-    /// told.
+    /// Means over the raised faults, in looks: from the begin of the fault until it was raised, how
+    /// far off the onset is, and from the fault's end until the end was told.
     delay: f64,
     onset: f64,
     end: f64,
-    /// Share of these that was ended while the fault lasted.
+    /// Share of the raised faults that were ended while the fault lasted.
     broken: f64,
 }
 
-/// Simulates faults of one size. `grows_for`: looks until a fault has grown to it; `flickers`: standard
-/// deviation of its ln size from look to look.
+/// Simulates faults of one size. `grows_for`: looks until a fault has grown to it; `flickers`:
+/// standard deviation of its ln size from look to look.
 fn of_faults(size: f64, [grows_for, flickers]: [f64; 2], threshold: f64) -> OfFaults {
     const CHANNELS: u64 = 400;
     let mut of = OfFaults::default();
@@ -118,8 +128,8 @@ fn false_episodes(threshold: f64) -> f64 {
     (0..2000).filter(|channel| raised(*channel)).count() as f64
 }
 
-/// Simulates faults that are of another class after thirty looks. Returns the number of looks until that is
-/// said, and the share of other looks that say another class than is true.
+/// Simulates faults that are of another class after thirty looks. Returns the number of looks until
+/// that is said, and the share of other looks that say another class than is true.
 fn classes() -> [f64; 2] {
     const FAULTS: u64 = 300;
     let (mut turns, mut wrong) = (0.0, 0.0);
@@ -155,8 +165,9 @@ fn classes() -> [f64; 2] {
     [turns / FAULTS as f64, wrong / (20 * FAULTS) as f64]
 }
 
-/// Of channels that are flagged in twelve of a thousand looks, the share that was raised within two thousand
-/// looks; and of healthy ones that are flagged at three times the stated rate, the share within ten thousand.
+/// Of channels that are flagged in twelve of a thousand looks, the share that was raised within two
+/// thousand looks; and of healthy ones that are flagged at three times the stated rate, the share
+/// within ten thousand.
 fn comes_and_goes() -> [f64; 2] {
     let told = |rate: f64, looks: u32, channel: u64| {
         let mut rng = ChaCha8Rng::seed_from_u64(channel);
@@ -175,7 +186,8 @@ fn comes_and_goes() -> [f64; 2] {
     [share(0.012, 2000), share(3.0 * RATE, 10_000)]
 }
 
-/// One row of the table: all that is measured with the numbers as they are now.
+/// One row of the table: all that is measured with the numbers as they are now, in the order of the
+/// array's expressions.
 fn prices() -> [f64; 14] {
     let threshold = threshold();
     let slight = of_faults(4.0, [1.0, 0.0], threshold);

@@ -1,9 +1,13 @@
 //! Follows the channels of one printhead, burst by burst.
 //!
-//! In: the bursts of one printhead in the order of time. Out: episodes that have ended, and, if the tracker
-//! works at once (`Tracker::at_once`), those that were raised: the evidence for their fault has reached its
-//! bound. Most looks are at channels without an episode whose signal was not flagged: these are updated eight
-//! (`TOGETHER`) at a time, in SIMD lanes, and only the others one by one.
+//! In: the bursts of one printhead in the order of time, from `tracker`. Out, into
+//! [`TrackerOutput`]: episodes that have ended, and, if the tracker works at once
+//! (`Tracker::at_once`), those that were raised: the evidence for their fault has reached its
+//! bound. For each row of a burst the state of its channel is found, and takes the look.
+//!
+//! Most looks are at channels without an episode whose signal was not flagged. These are updated
+//! eight (`TOGETHER`) at a time, in SIMD lanes (`look_at_quiet`), and only the others one by one
+//! (`look_alone`). Both ways have the same effect; a test in `tracker/tests.rs` compares them.
 
 use super::channel::Channel;
 use super::evidence::{Evidence, TOGETHER};
@@ -14,8 +18,8 @@ use super::{Counts, Episode, IsolatedSignal, Looks, Untimely};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// At most so many channels are remembered, over all printheads of a tracker, so that memory is bounded
-/// whatever a recording claims. The signals of further channels are only counted.
+/// At most so many channels are remembered, over all printheads of a tracker, so that memory is
+/// bounded whatever a recording claims. The signals of further channels are only counted.
 const MOST_CHANNELS: usize = 1 << 20;
 
 /// The states of a printhead's channels, and its bursts that wait for earlier ones.
@@ -27,22 +31,22 @@ pub struct Printhead {
     pub states: Vec<Channel>,
     /// Index in `states` of each channel, by its number.
     place: HashMap<u32, usize>,
-    /// Looks, and flagged looks, at all channels while no episode was on in them: the rate of false alarms
-    /// that one channel's flagged looks are compared with, for a fault that comes and goes.
+    /// Looks, and flagged looks, at all channels while no episode was on in them: the rate of false
+    /// alarms that one channel's flagged looks are compared with, for a fault that comes and goes.
     flags: Flags,
-    /// The number of all judged signals, and of those among them that came too late or at the time of
-    /// another.
+    /// The number of all judged signals, and of those among them that came too late or at the time
+    /// of another.
     pub untimely: Untimely,
 }
 
-/// What the printheads of a tracker have in common: episodes that have ended or were raised, and the numbers of
-/// signals left out.
+/// What the printheads of a tracker have in common: episodes that have ended or were raised, and
+/// the numbers of signals left out.
 #[derive(Debug, Default)]
 pub struct TrackerOutput {
     pub counts: Counts,
     pub ended: Vec<Episode>,
-    /// Episodes as they were at the look that raised them, and once more at each look that gave them another
-    /// name ([`Channel::news`]); `None`: nobody asks for them.
+    /// Episodes as they were at the look that raised them, and once more at each look that gave
+    /// them another name ([`Channel::news`]); `None`: nobody asks for them.
     pub raised: Option<Vec<Episode>>,
     /// Number of channels remembered, over all printheads.
     pub channels: usize,
@@ -61,9 +65,10 @@ impl Printhead {
         }
     }
 
-    /// Index of a channel's state; a channel that was never met gets one. `near`: index where the state
-    /// probably is; `channels`: number of channels remembered so far, over all printheads, which a new one
-    /// adds to. `None`: the channel is new, and `MOST_CHANNELS` are remembered already.
+    /// Index of a channel's state; a channel that was never met gets one. `near`: index where the
+    /// state probably is; `channels`: number of channels remembered so far, over all printheads,
+    /// which a new one adds to. `None`: the channel is new, and `MOST_CHANNELS` are remembered
+    /// already.
     fn place_of(&mut self, number: u32, near: usize, channels: &mut usize) -> Option<usize> {
         if self.states.get(near).is_some_and(|state| state.number == number) {
             return Some(near);
@@ -80,12 +85,15 @@ impl Printhead {
         Some(self.states.len() - 1)
     }
 
-    /// Takes the looks at `TOGETHER` channels, those of the rows from `row` on, at once. A channel is left
-    /// out if its look is flagged, not judged or not the next in time, if another model or baseline judges it
-    /// than before, or if its episode is on or would be raised by this look. For the others the effect is
-    /// that of [`Printhead::look_alone`]. `near`: index of the state of the first of these channels; `named`:
-    /// the burst's flagged signals from `row` on. Returns which channels were updated. `None`: fewer than
-    /// `TOGETHER` rows or states are left, or these states are not those of these channels; nothing was done.
+    /// Takes the looks at `TOGETHER` channels, those of the rows from `row` on, at once. A channel
+    /// is left out if its look is flagged, not judged or not the next in time, if another model or
+    /// baseline judges it than before, or if its episode is on or would be raised by this look. For
+    /// the channels that are not left out the effect is that of [`Printhead::look_alone`].
+    ///
+    /// `near`: index of the state of the first of these channels; `named`: the burst's flagged
+    /// signals from `row` on. Returns which channels were updated. `None`: fewer than `TOGETHER`
+    /// rows or states are left, or the states from `near` on are not those of these channels; then
+    /// nothing was done.
     fn look_at_quiet(
         &mut self,
         looks: &Looks,
@@ -98,8 +106,9 @@ impl Printhead {
         let states = self.states.get_mut(near..)?.first_chunk_mut::<TOGETHER>()?;
         let first = looks.first_channel.saturating_add(row);
 
-        // Which channels are updated here: the look is the next in time, by the same model as before, and as
-        // before by the channel's own baseline or not; no episode is on; and the look was judged.
+        // Which channels are updated here: the look is the next in time, by the same model as
+        // before, and as before by the channel's own baseline or not; no episode is on; and the
+        // look was judged.
         let mut among = [true; TOGETHER];
         for (((i, state), ratio), among) in (0u32..).zip(&*states).zip(ratios).zip(&mut among) {
             if state.number != first.saturating_add(i) {
@@ -111,18 +120,19 @@ impl Printhead {
                 & !state.evidence.is_raised()
                 & !ratio.is_nan();
         }
-        // `named` has an entry for every flagged signal, even if isolation said nothing of it. Flagged looks
-        // are left to `look_alone`, which counts them.
+        // `named` has an entry for every flagged signal, even if isolation said nothing of it.
+        // Flagged looks are left to `look_alone`, which counts them.
         for named in named.iter().take_while(|named| named.row < row + TOGETHER as u32) {
             among[(named.row - row) as usize] = false;
         }
 
+        // the sequential test of all of them
         let evidence = states.each_mut().map(|state| &mut state.evidence);
         let (done, begin) = Evidence::look_at_quiet(evidence, among, ratios, bound);
 
-        // What `look_alone` and, for `Step::Quiet` and `Step::Suspect`, `Channel::look` do. At a look that
-        // may be the onset (`begins`) the draft starts anew; once no evidence is left what was suspected was
-        // chance.
+        // The rest of what `look_alone` and, for `Step::Quiet` and `Step::Suspect`, `Channel::look`
+        // do. At a look that may be the onset (`begins`) the draft starts anew; once no evidence is
+        // left what was suspected was chance.
         for (((state, ratio), done), begins) in states.iter_mut().zip(ratios).zip(done).zip(begin) {
             if !done {
                 continue;
@@ -140,17 +150,18 @@ impl Printhead {
         Some(done)
     }
 
-    /// Takes the looks of one burst, the next in the order of time; looks that come too late are counted
-    /// only. `output`: gets what the burst ends and raises.
+    /// Takes the looks of one burst, the next in the order of time; looks that come too late are
+    /// counted only. `output`: gets what the burst ends and raises.
     pub fn look(&mut self, looks: &Looks, rules: &Rules, output: &mut TrackerOutput) {
         let rows = looks.ratios.len() as u32; // a burst has far fewer than 2^32 rows
         self.untimely.signals += looks.ratios.iter().filter(|ratio| !ratio.is_nan()).count() as u64;
         let mut named = looks.named.as_slice();
-        // `near`, the index where the next row's state probably is, advances along with the rows, so that the
-        // channels of a burst are found without a search
+        // `near`, the index where the next row's state probably is, advances along with the rows,
+        // so that the channels of a burst are found without a search
         let (mut row, mut near) = (0, 0);
         while row < rows {
-            // of eight rows as many as possible at once, then those of them that are left one by one
+            // of eight rows as many as possible at once, then those of them that are left one by
+            // one
             let done = self.look_at_quiet(looks, row, near, named, rules.bound).unwrap_or_default();
             let next = row.saturating_add(TOGETHER as u32).min(rows);
             for (row, done) in (row..next).zip(done) {
@@ -166,9 +177,9 @@ impl Printhead {
         }
     }
 
-    /// Takes the look at one channel. `named`: what isolation says of it, if it was flagged; `near`: index at
-    /// which the channel's state probably is. Returns the index at which the next channel's state probably
-    /// is.
+    /// Takes the look at one channel, whatever it is. `row`: its row in the burst; `named`: what
+    /// isolation says of the look, if it was flagged; `near`: index at which the channel's state
+    /// probably is. Returns the index at which the next channel's state probably is.
     fn look_alone(
         &mut self,
         (looks, rules): (&Looks, &Rules),
@@ -189,16 +200,21 @@ impl Printhead {
             return near;
         };
         let channel = &mut self.states[place];
+
         // too late, or a second look at the same time: it is counted, and is no evidence
         if !channel.is_next(looks.t_ns, ratio, counts, &mut self.untimely) {
             return place + 1;
         }
         channel.judge_by(looks, looks.judged_by_own(row));
-        // Looks while an episode is on do not count, since the rate that is wanted is that of false alarms.
+
+        // The printhead's flags. Looks while an episode is on do not count, since the rate that is
+        // wanted is that of false alarms.
         if !channel.evidence.is_raised() {
             self.flags.looks += 1;
             self.flags.flagged += u64::from(ratio > 1.0);
         }
+
+        // the look itself, and what it ends or raises
         if let Some(over) = channel.look(looks.t_ns, ratio, named, self.flags, rules) {
             counts.episodes += 1;
             // the fault ended with the first of the looks that fit the return to healthy

@@ -1,4 +1,5 @@
-//! Settings of evidence over time: `pipeline.toml` section `[episodes]`.
+//! Settings of evidence over time: the section `[episodes]` of `pipeline.toml`, its defaults and
+//! its checks. From the settings follows the bound that the evidence of a channel has to reach.
 
 use crate::ranges::check;
 use serde::{Deserialize, Serialize};
@@ -7,9 +8,11 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EpisodeSettings {
-    /// How many episodes without a fault a million healthy signals may give; the evidence must rule out more.
+    /// How many episodes without a fault a million healthy signals may give at most; the bound on
+    /// the evidence is set by it.
     pub false_per_million: f64,
-    /// At most so many signals of a printhead wait for earlier ones.
+    /// At most so many signals of a printhead wait for earlier ones: bursts may be out of order in
+    /// the recording by so much.
     pub reorder_signals: usize,
 }
 
@@ -27,8 +30,9 @@ impl EpisodeSettings {
         check("reorder_signals", self.reorder_signals, 1..=most, &format!("1 to {most}"))
     }
 
-    /// ln of the likelihood ratio that raises an episode: a CUSUM of it exceeds h on healthy signals at most
-    /// every e^h-th time (Lorden 1971).
+    /// The bound h on the evidence, ln of a likelihood ratio, that raises an episode: h = ln (1e6 /
+    /// `false_per_million`), 16.1 by default. On healthy signals a CUSUM of log likelihood ratios
+    /// reaches h at most once in e^h signals on average (Lorden 1971).
     pub fn evidence_bound(&self) -> f64 {
         (1e6 / self.false_per_million).ln()
     }

@@ -1,30 +1,31 @@
-//! The numbers of episodes that nobody derived, all of them. What half and twice of each do is printed by
-//! `cargo test --release -p inkling-core episodes::prices -- --nocapture --ignored`; `docs/episodes.md` has
-//! that table.
+//! The numbers of episodes that nobody derived, all of them: first those of the sequential test
+//! (`evidence`), then those of the class filter (`classes`) and of the test for faults that come
+//! and go (`intermittent`). What half and twice of each do is printed by `cargo test --release -p
+//! inkling-core episodes::prices -- --nocapture --ignored`; `docs/episodes.md` has that table.
 
 crate::numbers! {
-    /// The shift to detect, in standard deviations of a look. Shifts below half of it give no evidence:
-    /// healthy levels wander by as much. Chosen on print runs 5102 to 5126 of physics.toml, judged by a
-    /// design: 1 gave six false episodes in eleven of them; 1.5 gave one, and found two fewer of 52 slightly
-    /// dried nozzles.
+    /// The shift to detect, in standard deviations of a look. Shifts below half of it give no
+    /// evidence: healthy levels wander by as much. Chosen on print runs 5102 to 5126 of
+    /// physics.toml, judged by a design: 1 gave six false episodes in eleven of them; 1.5 gave one,
+    /// and found two fewer of 52 slightly dried nozzles.
     shift: f32 = 1.5;
     /// Largest evidence that one look gives for the return to healthy, or against it.
     most_per_look: f32 = 7.6;
-    /// Largest shift that the return to healthy is tested against, in standard deviations of a look: what
-    /// lies beyond half of it is faulty, however large the fault was. Chosen on faults that flicker
-    /// (`prices.rs`).
+    /// Largest shift that the return to healthy is tested against, in standard deviations of a
+    /// look: what lies beyond half of it is faulty, however large the fault was. Chosen on faults
+    /// that flicker (`prices.rs`).
     largest_shift: f32 = 6.0;
     /// Number of looks that a channel's level averages over.
     memory_looks: f32 = 100.0;
-    /// Evidence (less than one flagged look's) from which on a channel is suspect: its level then stands
-    /// still.
+    /// Evidence (less than one flagged look's) from which on a channel is suspect: its level and
+    /// spread then stand still.
     suspicion: f32 = 4.0;
-    /// Share of each weight that returns to the priors from one look to the next, since a fault may have become
-    /// another one.
+    /// Share of each weight that returns to the priors from one look to the next, since a fault may
+    /// have become another one.
     changes = 0.02;
     /// So many looks at a fault tell as much of its class as one independent look does.
     looks_per_one = 2.0;
-    /// Such a fault is compared with this many times the rate at which the other channels of its printhead
-    /// are flagged.
+    /// The flags of a fault that comes and goes are compared with this many times the rate at which
+    /// the other channels of its printhead are flagged.
     of_others = 2.0;
 }

@@ -7,7 +7,7 @@
 //! * A signal is proportional to its relative drive s, so the mean is the least-squares response
 //!   sum s_i y_i / sum s_i^2.
 //! * Signals agree whose squared distance from the sample-wise median signal is at most four times
-//!   the median distance; this is refined once, with the mean of those that agreed.
+//!   the median of all squared distances; this is refined once, with the mean of those that agreed.
 //! * The noise is estimated from third differences of the difference of two signals of one channel:
 //!   the rings cancel in it.
 
@@ -104,7 +104,8 @@ impl SignalSet {
     }
 }
 
-/// The average of a window. All numbers in counts are per unit drive or at about unit drive.
+/// The average of a window. `y` is per unit drive; `scatter` and `noise` are of signals as they
+/// were recorded, whose drives are about 1.
 #[derive(Clone, Debug)]
 pub struct MeanSignal {
     /// The mean signal per unit drive, counts.

@@ -127,7 +127,7 @@ for_processor! {
     fn energies_of_lines(y: &[f64], from: usize, energies: &mut [f64; LINES]) { energies_at_once }
 }
 
-#[inline(always)] // compiled once per instruction set
+#[inline(always)] // body of `energies_of_lines`, compiled once per instruction set
 fn energies_at_once(y: &[f64], from: usize, energies: &mut [f64; LINES]) {
     let n = y.len() as f64;
     // Goertzel's recursion s_k = y_k + 2 cos(w) s_(k-1) - s_(k-2) of every line, over all samples

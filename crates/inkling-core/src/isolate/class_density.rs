@@ -400,7 +400,7 @@ for_processor! {
     fn ln_masses(ends: &[[f64; 2]; 4]) -> [f64; 4] { portable }
 }
 
-#[inline(always)] // compiled once per instruction set
+#[inline(always)] // body of `ln_masses`, compiled once per instruction set
 fn portable(ends: &[[f64; 2]; 4]) -> [f64; 4] {
     // all near limits, then all far ones
     let at: [f64; 8] = std::array::from_fn(|i| ends[i % 4][i / 4]);

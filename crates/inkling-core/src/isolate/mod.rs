@@ -1,8 +1,19 @@
-//! Names faults: tells which mixture of known faults looks like a signal that the gate let pass.
+//! Names faults (thesis: fault isolation, §3-3): which class of fault a flagged signal shows,
+//! whether it is of any class at all, and how severe the fault is.
 //!
-//! In: residuals or fitted rings of flagged signals, and per fault class what is known of its signals. Out: a
-//! weight per class, and what may be said on the strength of the weights. thesis §3-3. Whether a signal is
-//! faulty is decided before, never here.
+//! In: residuals or fitted rings of flagged signals, and per fault class what is known of its
+//! signals. Out: a weight per class, and what may be said on the strength of the weights. Whether a
+//! signal is faulty is decided before, in `detect`, never here. `design/isolator.rs` and
+//! `design/named_ring.rs` put these parts together.
+//!
+//! * The default method, a posterior over the classes from the features of a fitted ring:
+//!   [`fault_physics`] (the channel's parameters), [`fault_curve`] (what a fault does to the
+//!   features), [`physics_density`] with `node_columns` (densities along these curves),
+//!   [`class_density`] (densities from labelled signals), [`posterior`] (both together),
+//!   [`alternatives`] (what is no class), [`typical`] (what may lie beside the ring).
+//! * The thesis's methods: [`residual_matching`] with [`signatures`], [`model_matching`],
+//!   [`neighbours`].
+//! * From weights to words: [`decision`], [`severity`] with [`calibration`], [`appearance`].
 
 pub mod alternatives;
 pub mod appearance;
@@ -31,7 +42,7 @@ pub use signatures::SignatureMatrix;
 /// The largest number of fault classes that a design can hold: scratch space of the stream has this size.
 pub const MAX_CLASSES: usize = 32;
 
-/// Why no isolator can be made.
+/// Why no isolator can be made, or no signal be isolated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum IsolateError {
     #[error("{found} fault classes: isolation needs 1 to {max}", max = MAX_CLASSES)]

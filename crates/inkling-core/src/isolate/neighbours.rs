@@ -1,26 +1,33 @@
-//! Nearest neighbours: a signal is given to the classes of the training residuals that lie nearest to its
-//! own.
+//! Nearest neighbours, the thesis's method of comparison (§4-3-1): a signal is given to the classes
+//! of those training residuals that lie nearest to its own.
 //!
-//! In: labelled training residuals, a residual, and the number k of neighbours. Out: the share of each class
-//! among the k nearest. thesis §4-3-1 (the comparison method). All distances are computed, in f32, which
-//! suffices since only flagged signals get here.
+//! In, from `design/isolator.rs`: once the labelled training residuals, N counts each, and the
+//! number k of neighbours; then per signal its residual. (With `isolate.signal` = `deviation` all
+//! are deviations instead.) Out: the share of each class among the k residuals at the smallest
+//! Euclidean distance. All distances are computed, in f32 and without an index, which suffices
+//! since only flagged signals get here.
 
 use super::{IsolateError, MAX_CLASSES};
 
 /// The training residuals and their classes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Neighbours {
+    /// N, the number of samples of a residual.
     samples: usize,
+    /// n_f, the number of classes.
     classes: usize,
+    /// k, how many neighbours vote.
     neighbours: usize,
     /// The residuals one after another, `samples` counts each.
     residuals: Vec<f32>,
+    /// The class of each residual.
     class_of: Vec<u16>,
 }
 
 impl Neighbours {
-    /// Keeps the training residuals. `residuals`: N counts each; `class_of`: the class of each; `classes`:
-    /// how many classes there are; `neighbours`: k.
+    /// Keeps the training residuals. `residuals`: N counts each; `class_of`: the class of each;
+    /// `classes`: how many classes there are; `neighbours`: k, 1 to the number of residuals.
+    /// Errors: numbers that do not fit each other, and residuals that are not finite in f32.
     pub fn new(
         residuals: &[&[f64]],
         class_of: &[u16],
@@ -56,8 +63,9 @@ impl Neighbours {
         Ok(Neighbours { samples, classes, neighbours, residuals: flat, class_of })
     }
 
-    /// Writes the share of each class among the k nearest residuals into `weights` (n_f). Of equally near
-    /// ones the earlier counts. A residual that is not finite gives NaN.
+    /// Writes the share of each class among the k nearest residuals into `weights` (n_f, with the
+    /// sum 1). Of equally near residuals the earlier counts. A residual that is not finite gives
+    /// NaN in all weights; one of another length is an error.
     pub fn weigh(&self, residual: &[f64], weights: &mut [f64]) -> Result<(), IsolateError> {
         for (what, found, expected) in
             [("residual", residual.len(), self.samples), ("weights", weights.len(), self.classes)]
@@ -95,6 +103,8 @@ impl Neighbours {
 mod tests {
     use super::*;
 
+    /// Five residuals on a line, the first two of class 0 and the others of class 1, of three
+    /// classes.
     fn on_a_line(k: usize) -> Neighbours {
         let at: Vec<[f64; 2]> = [0.0, 1.0, 2.0, 10.0, 11.0].map(|x| [x, 0.0]).to_vec();
         let slices: Vec<&[f64]> = at.iter().map(|p| p.as_slice()).collect();

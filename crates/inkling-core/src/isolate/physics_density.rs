@@ -292,7 +292,7 @@ for_processor! {
     fn compare(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mut Comparison) { portable }
 }
 
-#[inline(always)] // compiled once per instruction set
+#[inline(always)] // body of `compare`, compiled once per instruction set
 fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mut Comparison) {
     let Comparison { ln_densities, ln_alternatives, of_curves, compared } = out;
     ln_densities.clear();

@@ -233,7 +233,7 @@ impl Posterior {
                     highest > ln - NOTHING && highest > largest_part - self.temperature * NOTHING
                 })
             };
-            // where the class has no part by the physics, the learned density stands alone
+            // without any physics the learned density stands alone, else the two are mixed
             let learned = ln_or_none(class.as_ref().filter(|_| near).filter(counts), features);
             *w = physics.map_or(learned, |physics| sum_of(learned + ln_learned, physics));
         }
@@ -411,7 +411,7 @@ for_processor! {
     fn exp_lanes(of: [f64; CLASSES]) -> [f64; CLASSES] { portable }
 }
 
-#[inline(always)] // compiled once per instruction set
+#[inline(always)] // body of `exp_lanes`, compiled once per instruction set
 fn portable(of: [f64; CLASSES]) -> [f64; CLASSES] {
     /// Below this the exponential counts as 0.
     const LEAST: f64 = -700.0;

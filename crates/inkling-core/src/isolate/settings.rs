@@ -1,4 +1,6 @@
-//! Settings of fault isolation: `pipeline.toml` section `[isolate]`.
+//! Settings of fault isolation: `pipeline.toml` section `[isolate]`, with its defaults and the
+//! check of its values. `design/isolator.rs`, `design/cold_start.rs` and the judging of signals
+//! read them; `pipeline.toml` explains each key to users.
 
 use super::IsolateError;
 use crate::fault::{CLASSES, HEALTHY};
@@ -15,14 +17,15 @@ named! {
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
     #[serde(rename_all = "kebab-case")]
     IsolateMethod {
-        /// By the features of a fitted ring among the classes' densities: a posterior.
+        /// By a posterior: the density of the features of a fitted ring in each class.
         #[default]
         Posterior "posterior";
         /// Thesis §3-3-2: by mixture weights phi on the simplex of mean residuals.
         ResidualMatching "residual-matching";
         /// Thesis §3-3-1: by one identified model per fault class; the smallest residual wins.
         ModelMatching "model-matching";
-        /// Thesis §4-3-1: by the majority of the `neighbours` nearest training signals.
+        /// Thesis §4-3-1: by the shares of the classes among the `neighbours` nearest training
+        /// signals.
         Neighbours "neighbours";
     }
 }
@@ -34,8 +37,8 @@ pub enum IsolateSignal {
     /// The FD filter's residual, thesis r.
     #[default]
     Residual,
-    /// The deviation y - y_hat, instead of thesis y: distances, and mixtures whose weights sum to 1, do not
-    /// depend on y_hat.
+    /// The deviation y - y_hat, which stands for the thesis's y: distances between signals, and
+    /// mixtures whose weights sum to 1, are the same for both, since y_hat cancels.
     Deviation,
 }
 
@@ -49,30 +52,33 @@ pub struct IsolateSettings {
     pub signal: IsolateSignal,
     /// Number k of neighbours, of `neighbours` only.
     pub neighbours: usize,
-    /// Share of a class's own training signals whose residual its bound lets through, of `model-matching`
-    /// only.
+    /// Share of a class's own training signals whose residual energy the class's bound lets
+    /// through, 0.5 to 1; of `model-matching` only.
     pub matching_share: f64,
-    /// Whether only signals that the detection flagged are isolated; false: every signal, as thesis Tables
-    /// 4-3ff.
+    /// Whether only signals that the detection flagged are isolated; false: every signal, as in the
+    /// thesis's Tables 4-3ff.
     pub gate: bool,
-    /// Smallest weight with which a class (or category) is named.
+    /// Smallest weight with which a class (or category) is named, 0 to 1.
     pub certainty: f64,
     /// How frequent a class is among faults, relative to 1 for the classes that are not listed; of
     /// `posterior` only.
     pub priors: BTreeMap<String, f64>,
-    /// Names of the user's own for one or several of the thesis's classes or of those of `physics`, of
-    /// `train` only: the named classes keep what the physics knows of these.
+    /// Names of the user's own, each with one or several of the thesis's classes or of those of
+    /// `physics` that it stands for; for `train` only. A class under such a name has what the
+    /// physics knows of these classes.
     pub classes: BTreeMap<String, Vec<String>>,
-    /// Whether the thesis's fault classes are known by the physics where no signal of them is labelled.
+    /// Whether a design knows the thesis's fault classes of which no signal is labelled, by the
+    /// physics.
     pub unlabelled_classes: bool,
-    /// What else can happen to channels, by name, beside `faults.toml`.
+    /// Laws of the user's own, by name, beside those of `faults.toml`: further classes, and further
+    /// effects that are no class.
     #[serde(skip_serializing_if = "Catalogue::is_empty")]
     pub physics: Catalogue,
     /// Width of the actuation pulse, s. It determines the state at t_a, and so severities, and classes
     /// without labelled signals. Absent: as usual at the ring's frequency.
     pub pulse_s: Option<f64>,
-    /// The steps of the actuation instead of one rectangular pulse: duration, s, and voltage relative to the
-    /// drive's, of each step. Empty: one pulse of `pulse_s`.
+    /// The steps of the actuation, if it is no single rectangular pulse: of each step the duration,
+    /// s, and the voltage relative to the drive's. Empty: one pulse of `pulse_s`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub waveform: Vec<[f64; 2]>,
     /// Time from the end of the pulse to t_a, s; a first guess, which the healthy phase refines. Absent: as
@@ -138,9 +144,10 @@ impl IsolateSettings {
         Ok(())
     }
 
-    /// Refuses names of the user's own that are taken, empty, or stand for unknown classes or for classes
-    /// that another name has already.
+    /// Refuses names of the user's own that are taken or empty, and names that stand for nothing,
+    /// for unknown classes, or for classes that another name (or the same name twice) has already.
     fn check_classes(&self) -> Result<(), String> {
+        // which class was given to which name so far
         let mut taken: BTreeMap<&str, &str> = BTreeMap::new();
         for (name, of) in &self.classes {
             if name.is_empty() || name == HEALTHY || self.physics.law(name).is_some() {
@@ -175,7 +182,8 @@ impl IsolateSettings {
         declared.map_or(label, |(name, _)| name)
     }
 
-    /// Prior probability of each class; they sum to 1. Names that are no class are refused.
+    /// Prior probability of each class, in the order of `classes`; they sum to 1. An error if
+    /// `priors` names what is no class of the design.
     pub fn prior_weights(&self, classes: &[String]) -> Result<Vec<f64>, IsolateError> {
         if let Some(name) = self.priors.keys().find(|name| !classes.contains(name)) {
             let classes = classes.join(", ");

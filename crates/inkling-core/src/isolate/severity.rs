@@ -68,7 +68,7 @@ for_processor! {
     fn moments(of: &FaultCurves, sizes: &Sizes, densities: &[NodeDensities]) -> [f64; 3] { portable }
 }
 
-#[inline(always)] // compiled once per instruction set
+#[inline(always)] // body of `moments`, compiled once per instruction set
 fn portable(of: &FaultCurves, sizes: &Sizes, densities: &[NodeDensities]) -> [f64; 3] {
     let [mut sum, mut of_value, mut of_square] = [[0.0; NODES]; 3];
     for NodeDensities { block, of: density } in densities {

@@ -140,8 +140,8 @@ pub fn past(v: f64, at: f64) -> f64 {
 }
 
 /// A plant's equation of motion with its initial state at t_a, ready to be integrated. An
-/// oscillator x'' = -b x
-/// - d x' is a channel without a restrictor (a = g = 0): x is V, and x' is q_n.
+/// oscillator x'' + d x' + b x = 0 is a channel without a restrictor (a = g = 0): x is V, and x' is
+/// q_n.
 #[derive(Clone, Copy, Debug)]
 pub struct Interior {
     pub channel: InkChannel,

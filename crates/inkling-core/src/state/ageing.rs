@@ -1,13 +1,23 @@
-//! How far the channels of a head have moved apart: what most of them do is ageing, what one does is a fault.
+//! How far the channels of a head have moved apart: what most of them do is ageing, what one does
+//! is a fault.
 //!
-//! In: the differences of channels' levels, each a channel's from its own level of the past or from that of
-//! all channels of the head (`Channel::moved`); canonical coordinates, in standard deviations of what healthy
-//! channels differ by. Out: the covariance of these differences over the channels ([`Apart`]), and each
-//! channel's squared distance by it, by which `Head::watch` decides after every sweep. The covariance is
-//! robust: what fewer than half of the channels do hardly changes it. It is a full one, because ageing moves
-//! features together. If all four move as one, a channel that lies four standard deviations out along their
-//! common direction lies four out in each feature, and its distance by the four variances alone would be
-//! eight.
+//! In: for each channel of a sweep how far it has moved (`Channel::moved`): from its own level of
+//! the past, or from the level of all channels; 4 numbers, in standard deviations of what healthy
+//! channels move by. Out: the covariance of these over the channels ([`Apart`]), and each channel's
+//! squared distance by it, by which `Head::watch` decides after every sweep whether a channel is
+//! faulty.
+//!
+//! 1. A robust covariance (`robust`, minimum covariance determinant): what fewer than half of the
+//!    channels do hardly changes it. Healthy channels that do not age have the covariance 1.
+//! 2. A covariance that chance gives every other head of healthy channels is taken for 1
+//!    ([`Apart::learn`]).
+//! 3. A channel's squared distance by a covariance that was learned from few channels is as rare as
+//!    Hotelling's T² makes it, not chi-squared; it is turned into the chi-squared that is as rare
+//!    (`as_if_known`).
+//!
+//! The covariance is a full one, because ageing moves features together. If all four move as one, a
+//! channel that lies four standard deviations out along their common direction lies four out in
+//! each feature, and its distance by the four variances alone would be eight.
 
 use super::kind::Features;
 use super::process::DRIFTED;
@@ -16,45 +26,49 @@ use nalgebra::{Matrix4, Vector4};
 
 /// A covariance is estimated from this number of channels on: twice as many as there are features.
 const FEWEST: usize = 8;
-/// The search for the half of the channels that lies closest together takes at most so many steps. On
-/// Gaussian draws of 12 to 60 channels it takes three to five on average.
+/// The search for the half of the channels that lies closest together takes at most so many steps.
+/// On Gaussian draws of 12 to 60 channels it takes three to five on average.
 const STEPS: usize = 10;
-/// Median of chi-squared with one and with four degrees of freedom, and the value that the latter exceeds
-/// with a probability of 2.5 %.
+/// Medians of chi-squared with one and with four degrees of freedom, and the value that chi-squared
+/// with four exceeds with a probability of 2.5 %.
 const MEDIAN_1: f64 = 0.4549;
 const MEDIAN_4: f64 = 3.3567;
 const UPPER_4: f64 = 11.143;
-/// `n` healthy channels move by a covariance of 1, but the largest eigenvalue of the covariance that `robust`
-/// estimates from them exceeds (1 + c / sqrt(n))^2 in about every other draw with c = `OFTEN`, and in about
-/// one of a hundred with c = `RARELY`. (The edge of the Marchenko-Pastur law, for sample covariances of four
-/// features, is at c = 2.)
+/// `n` healthy channels move by a covariance of 1, but the largest eigenvalue of the covariance
+/// that `robust` estimates from them exceeds (1 + c / sqrt(n))^2 in about every other draw with c =
+/// `OFTEN`, and in about one of a hundred with c = `RARELY`. Both were found by drawing. (The edge
+/// of the Marchenko-Pastur law, for sample covariances of four features, is at c = 2.)
 const OFTEN: f64 = 1.15;
 const RARELY: f64 = 2.7;
-/// Efficiency of the estimate: from n channels it scatters as a sample covariance of `EFFICIENCY` n channels
-/// does. Of .4 to 1, tried on Gaussian draws of 8 to 128 channels, .4 is the value with which the share of
-/// channels beyond the upper 1e-3 and 1e-4 of chi-squared is at most about what it should be: up to 1.6 times
-/// that. With twice as much, .8, it is up to 92 times that at 20 channels and 9 times at 60.
+/// Efficiency of `robust`: from n channels its covariance scatters as a sample covariance of
+/// `EFFICIENCY` n channels does. Of .4 to 1, tried on Gaussian draws of 8 to 128 channels, .4 is
+/// the value with which the share of channels beyond the upper 1e-3 and 1e-4 of chi-squared is at
+/// most about what it should be: up to 1.6 times that. With twice as much, .8, the share is up to
+/// 92 times that at 20 channels and 9 times at 60.
 const EFFICIENCY: f64 = 0.4;
-/// Channels age if they move more than twice as far as healthy ones: the variance from which on that is said.
+/// Channels are said to age if they move more than twice as far as healthy ones: the variance
+/// beyond which that is so.
 const TOLD: f64 = 4.0;
-/// What the mean square of the channels within `UPPER_4` is multiplied by, since it lacks the tail beyond. By normal
-/// distributions it would be .975 / .916, 2.6 % more; `OFTEN`, `RARELY` and `EFFICIENCY` were chosen with this
-/// one. With that one healthy channels are flagged as rarely, and a fault that grows while its head ages in 118
+/// What the mean square of the channels within `UPPER_4` is multiplied by, since it lacks the tail
+/// beyond. By normal distributions the factor would be .975 / .916, 2.6 % more; `OFTEN`, `RARELY`
+/// and `EFFICIENCY` were chosen with the factor that stands here. With the other one healthy
+/// channels are flagged as rarely, and a fault that grows while its head ages is flagged in 118
 /// instead of 137 of 160 nights (`nights_tests.rs`).
 const OF_WITHIN: f64 = 0.975 / 0.94;
 
-/// How far a head's channels have moved, or lie from all of them, as a covariance. By it each channel has a
-/// squared distance, which compares with chi-squared of four degrees of freedom.
+/// How far a head's channels have moved, or lie from all of them, as a covariance. By it each
+/// channel has a squared distance, which compares with chi-squared of four degrees of freedom.
 pub struct Apart {
-    /// The covariance's principal directions, one in each column, and the variances along these, at least 1.
+    /// The covariance's principal directions, one in each column, and the variances along these, at
+    /// least 1.
     axes: Matrix4<f64>,
     variances: Features,
-    /// Degrees of freedom of the covariance, if it was learned from these channels; `None`: it is that of
-    /// healthy channels, 1.
+    /// Degrees of freedom of the covariance, if it was learned from these channels; `None`: it is
+    /// that of healthy channels, 1.
     learned_from: Option<f64>,
-    /// Along at least one principal direction the channels have moved more than twice as far as healthy ones,
-    /// and along every such direction to both sides alike, which is ageing: what most channels do one way is
-    /// a fault.
+    /// Whether the channels age: along at least one principal direction they have moved more than
+    /// twice as far as healthy ones, and along every such direction to both sides alike. What most
+    /// channels do one way is no ageing but a fault of most.
     pub each_its_own_way: bool,
 }
 
@@ -65,10 +79,12 @@ impl Apart {
         Apart { axes, variances, learned_from: None, each_its_own_way: false }
     }
 
-    /// Learns the covariance from what channels moved by; no variance is below 1. `is_known`: that healthy
-    /// channels move by a covariance of 1 is certain, so it is taken for 1 unless the largest variance
-    /// exceeds what chance leads to in about every other healthy head (`OFTEN`). It stays 1 also where fewer
-    /// than `FEWEST` channels are known, or where what they moved by spans fewer than four dimensions.
+    /// Learns the covariance from what channels moved by; variances below 1 are raised to 1.
+    ///
+    /// `is_known`: that healthy channels move by a covariance of 1 is certain. Then the covariance
+    /// is taken for 1 unless its largest variance exceeds what chance leads to in about every other
+    /// healthy head (`OFTEN`). The covariance is taken for 1 also where fewer than `FEWEST`
+    /// channels are known, or where what they moved by spans fewer than four dimensions.
     pub fn learn(moved: &[Features], is_known: bool) -> Apart {
         let edge = by_chance(OFTEN, moved.len());
         let eigen = robust(moved).map(|of| of.symmetric_eigen());
@@ -86,30 +102,32 @@ impl Apart {
         }
     }
 
-    /// Variances of the four features, rather than those along the principal directions: how many times as
-    /// far apart the channels lie as healthy ones, squared.
+    /// Variances of the four coordinates, rather than those along the principal directions: how
+    /// many times as far apart the channels lie as healthy ones, squared.
     pub fn wider(&self) -> Features {
         (self.axes * Matrix4::from_diagonal(&self.variances) * self.axes.transpose()).diagonal()
     }
 
-    /// Squared distance of what a channel moved by. It is as improbable by chi-squared of four degrees of
-    /// freedom as the channel is among healthy and ageing ones, also if few channels taught the covariance.
-    /// `times`: the channel's past lies so many times as long ago as the others' pasts. Ageing is taken to go
-    /// on at its pace, so that by it the channel has moved so many times as far.
+    /// Squared distance of what a channel moved by. Its tail by chi-squared of four degrees of
+    /// freedom is the probability of so large a move among healthy and ageing channels, also if few
+    /// channels taught the covariance. `times`: the channel's past lies so many times as long ago
+    /// as the others' pasts (`Channel::times_as_long`). Ageing is taken to go on at its pace, so
+    /// that by ageing the channel has moved so many times as far.
     pub fn square(&self, moved: &Features, times: f64) -> f64 {
         let square = self.by_variances(moved, times);
         self.learned_from.map_or(square, |n| as_if_known(square, n))
     }
 
-    /// Whether a channel moved no further than the others did, and so may have aged. The variances are taken
-    /// as they are, however few channels taught them, and that is stricter than a bound on [`Apart::square`]:
-    /// to be healthy again takes more than not to be surely faulty. `times`: as there.
+    /// Whether a channel moved no further than the others did, and so may have aged. The variances
+    /// are taken as they are, however few channels taught them, and that is stricter than a bound
+    /// on [`Apart::square`]: to be healthy again takes more than not to be surely faulty. `times`:
+    /// as in [`Apart::square`].
     pub fn holds(&self, moved: &Features, times: f64) -> bool {
         self.by_variances(moved, times) < DRIFTED
     }
 
-    /// Squared Mahalanobis distance by the variances as they are. What they have beyond 1 is ageing, and is
-    /// multiplied by the square of `times`.
+    /// Squared Mahalanobis distance by the variances as they are. What a variance has beyond 1 is
+    /// ageing, and is multiplied by the square of `times`.
     fn by_variances(&self, moved: &Features, times: f64) -> f64 {
         let along = self.axes.transpose() * moved;
         let of = |x: f64, v: f64| x * x / (1.0 + (v - 1.0) * times * times);
@@ -117,31 +135,34 @@ impl Apart {
     }
 }
 
-/// The largest eigenvalue that chance leads to in so many healthy channels. `c`: `OFTEN` or `RARELY`, which
-/// say how often it is exceeded.
+/// The largest eigenvalue that chance leads to in so many healthy channels. `c`: `OFTEN` or
+/// `RARELY`, which say how often it is exceeded.
 fn by_chance(c: f64, channels: usize) -> f64 {
     (1.0 + c / (channels.max(1) as f64).sqrt()).powi(2)
 }
 
-/// A factor on the standard deviation of channels' differences: that of so many healthy channels is
-/// overestimated by more than this in about one of a hundred heads.
+/// By how much the standard deviation of channels' differences is overestimated by chance, as a
+/// factor: in about one of a hundred heads of so many healthy channels the overestimate is larger.
 pub fn rarely_apart(channels: usize) -> f64 {
     by_chance(RARELY, channels).sqrt()
 }
 
-/// Whether channels moved along an axis to both sides alike: whether the square of the summed moves is less
-/// than nine times the sum of their squares, that is, the sum less than three standard deviations from zero.
-/// If half of n channels move by the same amount and the others not at all, that ratio is n / 2. So n / 2 is
-/// the bound for fewer than 18 channels, which would not reach nine that way.
+/// Whether channels moved along an axis to both sides alike: whether the square of the summed moves
+/// is less than nine times the sum of the squares, that is, the sum less than three standard
+/// deviations from zero. If half of n channels move by the same amount and the others not at all,
+/// the ratio of the two is n / 2. So n / 2 is the bound for fewer than 18 channels, whose ratio
+/// would not reach nine that way.
 fn is_even(moved: &[Features], axis: &Features) -> bool {
     let along = moved.iter().map(|of| of.dot(axis));
     let (sum, squares) = along.fold((0.0, 0.0), |(sum, squares), x| (sum + x, squares + x * x));
     sum * sum < (0.5 * moved.len() as f64).min(9.0) * squares
 }
 
-/// The value of chi-squared with four degrees of freedom that is exceeded as rarely as `square` is by
-/// Hotelling's T^2 of four features with a covariance of `n` degrees of freedom. Both tails have a closed
-/// form.
+/// The value of chi-squared with four degrees of freedom that is exceeded as rarely as `square` is
+/// by Hotelling's T^2 of four features with a covariance of `n` degrees of freedom. Both tails have
+/// a closed form: with z = 1 / (1 + square / n) and m = (n - 3) / 2 that of T² is z^m (1 + m (1 -
+/// z)), and that of chi-squared beyond 2 x is e^-x (1 + x). So x = ln (1 + x) - ln (tail of T²),
+/// which is iterated.
 fn as_if_known(square: f64, n: f64) -> f64 {
     let half = (n - 3.0) / 2.0;
     if half <= 0.0 {
@@ -149,7 +170,7 @@ fn as_if_known(square: f64, n: f64) -> f64 {
     }
     let z = 1.0 / (1.0 + square / n);
     let ln_tail = half * z.ln() + (half * (1.0 - z)).ln_1p();
-    // the tail of chi-squared beyond 2 x is exp(-x) (1 + x): x is found by fixed-point iteration
+    // thirty steps of the fixed-point iteration
     let mut x = -ln_tail;
     for _ in 0..30 {
         x = x.ln_1p() - ln_tail;
@@ -157,18 +178,22 @@ fn as_if_known(square: f64, n: f64) -> f64 {
     2.0 * x
 }
 
-/// Covariance about zero of what most channels moved by: the minimum covariance determinant (Rousseeuw 1984),
-/// reweighted. The search starts from each feature's median square. Each step takes the half of the channels
-/// that lies closest by the covariance so far, and their mean square, scaled such that the median squared
-/// distance of all channels is that of chi-squared. Last, the mean square is taken of all channels within
-/// `UPPER_4`. `None`: there are too few channels, or a covariance on the way has no inverse.
+/// Covariance about zero of what most channels moved by: the minimum covariance determinant
+/// (Rousseeuw 1984), reweighted. `None`: there are too few channels, or a covariance on the way has
+/// no inverse.
 fn robust(moved: &[Features]) -> Option<Matrix4<f64>> {
     if moved.len() < FEWEST {
         return None;
     }
+
+    // the start: a diagonal covariance, by the median square of each coordinate
     let by_feature =
         Vector4::from_fn(|k, _| median_of(moved.iter().map(|m| m[k] * m[k])) / MEDIAN_1);
     let mut of = Matrix4::from_diagonal(&by_feature);
+
+    // Each step takes the half of the channels that lies closest by the covariance so far, and
+    // their mean square, scaled such that the median squared distance of all channels is that of
+    // chi-squared.
     let half = moved.len().div_ceil(2);
     let mut closest: Vec<&Features> = Vec::new();
     for _ in 0..STEPS {
@@ -184,12 +209,16 @@ fn robust(moved: &[Features]) -> Option<Matrix4<f64>> {
         }
         closest = next;
     }
+
+    // Reweighting: the mean square of all channels but those that lie far out has less scatter than
+    // that of half of them.
     let within = with_squares(moved, &of)?.into_iter().filter(|of| of.0 < UPPER_4);
     let within: Vec<&Features> = within.map(|of| of.1).collect();
     Some(mean_square(&within) * OF_WITHIN)
 }
 
-/// What each channel moved by, with its squared distance by a covariance. `None`: that has no inverse.
+/// What each channel moved by, with its squared distance by a covariance. `None`: the covariance
+/// has no inverse.
 fn with_squares<'a>(
     moved: &'a [Features],
     covariance: &Matrix4<f64>,
@@ -216,15 +245,16 @@ mod tests {
 
     #[test]
     fn rarity_agrees_with_tables() {
-        // upper 1e-3 of F(4, 20) is 7.096 (tables); T^2 = 4 n / (n - 3) F, n = 23; of chi-squared 18.467
+        // upper 1e-3 of F(4, 20) is 7.096 (tables); T^2 = 4 n / (n - 3) F, n = 23; of chi-squared
+        // 18.467
         let t2 = 4.0 * 23.0 / 20.0 * 7.096;
         assert!((as_if_known(t2, 23.0) / 18.467 - 1.0).abs() < 1e-3, "{}", as_if_known(t2, 23.0));
         assert!((as_if_known(30.0, 1e9) / 30.0 - 1.0).abs() < 1e-6);
         assert_eq!(as_if_known(1e9, 3.0), 0.0);
     }
 
-    /// The upper 1e-3 of chi-squared (18.47) is exceeded by at most about that share of the channels, in
-    /// heads that have aged in whatever directions and in heads that have not.
+    /// The upper 1e-3 of chi-squared (18.47) is exceeded by at most about that share of the
+    /// channels, in heads that have aged in whatever directions and in heads that have not.
     #[test]
     fn channels_are_as_rarely_far_apart_as_is_said() {
         let mut rng = ChaCha8Rng::seed_from_u64(31);
@@ -248,8 +278,8 @@ mod tests {
         }
     }
 
-    /// Of few channels of which none or up to three in eight are faulty it is seldom said that they surely
-    /// lie twice as far apart.
+    /// Of few channels of which none or up to three in eight are faulty it is seldom said that they
+    /// surely lie twice as far apart.
     #[test]
     fn few_channels_of_which_some_are_faulty_have_not_aged() {
         let mut rng = ChaCha8Rng::seed_from_u64(34);
@@ -285,8 +315,9 @@ mod tests {
         assert!(alike <= 20 && aged >= 160, "{alike} and {aged} of 200");
     }
 
-    /// Ageing whose tail is heavier than a Gaussian's is not covered: of Student's t with five degrees of
-    /// freedom .4 % of the channels of a head of 60 lie beyond a bound that is meant for one in a million.
+    /// Ageing whose tail is heavier than a Gaussian's is not covered: of Student's t with five
+    /// degrees of freedom .4 % of the channels of a head of 60 lie beyond a bound that is meant for
+    /// one in a million.
     #[test]
     fn heavy_tails_of_ageing_are_taken_for_faults_of_few_channels() {
         let mut rng = ChaCha8Rng::seed_from_u64(33);
@@ -305,7 +336,8 @@ mod tests {
         assert!((1e-3..8e-3).contains(&rate), "{rate}");
     }
 
-    /// Ageing that ties the features together is found, though two in five channels do something else.
+    /// Ageing that ties the features together is found, though two in five channels do something
+    /// else.
     #[test]
     fn ageing_is_what_most_channels_do() {
         let mut rng = ChaCha8Rng::seed_from_u64(32);

@@ -1,43 +1,61 @@
-//! What is known of one channel: where it lies from its head where it is healthy, where while it is faulty, and how
-//! probable it is that it is faulty now. Canonical coordinates.
+//! What is known of one channel: where it lies from its head's level while it is healthy, where
+//! while it is faulty, and how probable it is that it is faulty now. Positions are in canonical
+//! coordinates (`kind.rs`).
+//!
+//! In: sweep by sweep a look, less the head's level, and what `level` puts it down to
+//! ([`Channel::learn`]); pauses ([`Channel::resume`]); and after each sweep how far the channel has
+//! moved compared with the others ([`Channel::watch`]). Out: the healthy mean
+//! ([`Channel::healthy`]), the faulty one, and the probability of a fault, from which the next look
+//! is expected.
+//!
+//! Healthy looks of today are one mean. When a day is over, its mean is added to three means over
+//! about 4, 16 and 64 days (`RUNG_DAYS`), as at most 1 / `between`² looks, because a channel
+//! differs by `between` from day to day however often it is looked at. So a slow fault is seen as a
+//! distance of today's mean from that of long ago, though from day to day it moved hardly at all.
 
 use super::kind::Features;
 use super::process::{self, DAY_NS, DRIFTED, ODD_ONE, RUNG_DAYS};
 use nalgebra::Vector4;
 use serde::{Deserialize, Serialize};
 
-/// The mean of some looks and how many they are, kept as sums so that a look is added in any coordinates.
+/// The mean of some looks and how many they are, kept as sums, to which a look is simply added.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sum {
     /// Sum of the looks' precisions, which is how many looks at the reference drive they are worth.
     pub looks: f64,
-    /// Sum of precision times features.
+    /// Sum of precision times position.
     pub sum: [f64; 4],
 }
 
 impl Sum {
+    /// The sum of a single look of the precision `looks`.
     pub fn of(look: &Features, looks: f64) -> Sum {
         Sum { looks, sum: (look * looks).into() }
     }
 
+    /// Adds a look of the precision `looks`.
     pub fn add(&mut self, look: &Features, looks: f64) {
         self.looks += looks;
         self.sum.iter_mut().zip(look.iter()).for_each(|(sum, of)| *sum += looks * of);
     }
 
+    /// The mean of the looks; zero if there are none.
     pub fn mean(&self) -> Features {
         Vector4::from(self.sum) / self.looks.max(f64::MIN_POSITIVE)
     }
 
-    /// Mean and variance, after these looks, of where the channel lies that was looked at; before them it lay
-    /// about zero with the variance `spread`. `noise`: variance of one look.
+    /// Mean and variance, after these looks, of where the channel lies that was looked at. Before
+    /// them the channel was expected about zero with the variance `spread`; `noise`: variance of
+    /// one look. Coordinate by coordinate with n looks that add up to `sum`: variance 1 /
+    /// (1/spread + n/noise), and mean variance sum / noise.
     pub fn posterior(&self, spread: &Features, noise: &Features) -> (Features, Features) {
         let shrunk = spread.zip_map(noise, |s2, v| s2 / (v + self.looks * s2));
         (shrunk.component_mul(&Vector4::from(self.sum)), shrunk.component_mul(noise))
     }
 
-    /// Leaves the mean as it is, and lets it count as at most so many looks.
+    /// Leaves the mean as it is, and lets it count as at most `looks` looks, so that later looks
+    /// weigh more.
     fn at_most(&mut self, looks: f64) {
         if self.looks > looks {
             let by = looks / self.looks;
@@ -51,35 +69,38 @@ impl Sum {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Channel {
-    /// Its healthy looks of the days before, a mean over about so many days for each of [`RUNG_DAYS`].
-    /// However many looks a day had, it counts as few of them here.
+    /// The channel's healthy looks of the days before, a mean over about so many days for each of
+    /// [`RUNG_DAYS`]. However many looks a day had, it counts as few of them here.
     pub past: [Sum; RUNGS],
-    /// Its healthy looks of the day that is not over yet.
+    /// The channel's healthy looks of the day that is not over yet.
     pub today: Sum,
-    /// When that day's first look was, ns; `i64::MAX`: there was none yet.
+    /// When today's first look was, ns; `i64::MAX`: there was none yet.
     pub day_from_ns: i64,
-    /// Its looks at the fault that it has, or had last.
+    /// The looks at the fault that the channel has, or had last: about the last `of_beginning` of
+    /// them.
     pub faulty: Sum,
-    /// How many looks that fault has had since it began; `faulty` forgets them.
+    /// How many looks that fault has had since it began, those that `faulty` has forgotten
+    /// included.
     #[serde(default)]
     pub faulty_looks: f64,
-    /// Whole days that it has been faulty for, today not counted.
+    /// Whole days that the channel has been faulty for, today not counted.
     #[serde(default)]
     pub faulty_days: f64,
-    /// Probability that it is faulty before the next look.
+    /// Probability that the channel is faulty before the next look.
     pub is_faulty: f64,
-    /// At least 1 while the channel is taken for faulty because its level has drifted from where it was long
-    /// ago, or lies apart from all other channels': the squared distance over the bound for it. 0: its level
-    /// is such as healthy channels have.
+    /// At least 1 while the channel is taken for faulty because its level has drifted from where it
+    /// was long ago, or lies apart from all other channels': the squared distance over the bound
+    /// for that distance. 0: the level is such as healthy channels have.
     pub off: f64,
 }
 
 /// Levels of the past that today's is compared with.
 pub const RUNGS: usize = RUNG_DAYS.len();
-/// Which of [`RUNG_DAYS`] a look is expected from: the shortest, for whether a channel moves slowly is not
-/// decided by one look.
+/// The rung from which a look is expected: that of the fewest days, for whether a channel moves
+/// slowly is not decided by one look.
 const USUAL: usize = 0;
-/// The mean over the most days: it becomes a channel's healthy level once the channel turns out to drift.
+/// The rung of the most days: its mean becomes a channel's healthy level once the channel turns out
+/// to drift.
 const OLDEST: usize = RUNGS - 1;
 
 /// The probabilities, after a look, of what it may be put down to; their sum is 1.
@@ -94,13 +115,15 @@ pub struct Responsibility {
 /// A look at a channel, with the level of its head taken off.
 #[derive(Clone, Copy, Debug)]
 pub struct FromLevel {
+    /// Canonical position from the level.
     pub at: Features,
-    /// Precision: 1 at the reference drive, less where the level is uncertain.
+    /// Precision: 1 at the reference drive, less at a smaller drive or where the level is
+    /// uncertain.
     pub looks: f64,
 }
 
-/// How many looks a day counts as, at most: a channel differs by `between` from day to day however often it
-/// is looked at.
+/// How many looks a day counts as, at most: a channel differs by `between` from day to day however
+/// often it is looked at.
 fn of_a_day() -> f64 {
     process::between().powi(-2)
 }
@@ -120,14 +143,17 @@ impl Default for Channel {
     }
 }
 
-/// Variances of where faulty channels lie about the level.
+/// Variances of where faulty channels lie about the level: `wide`² times those of healthy channels,
+/// and at least `wide`² times those of one look's noise (1).
 pub fn wide(spread: &Features) -> Features {
     let square = process::wide().powi(2);
     spread.map(|s2| (square * s2).max(square))
 }
 
 impl Channel {
-    /// Where the channel lies while it is healthy: the mean over the last days, of which today is one.
+    /// Where the channel lies while it is healthy: the mean over the last days, of which today is
+    /// one. Without a past it is today's mean, which counts as all of its looks; beside a past
+    /// today counts as at most one day does.
     pub fn healthy(&self) -> Sum {
         let (mut all, past) = (self.today, &self.past[USUAL]);
         if past.looks > 0.0 {
@@ -137,8 +163,8 @@ impl Channel {
         all
     }
 
-    /// Called after a pause, in which a fault may have come or gone. If the day is over, its mean is added to
-    /// the past ones.
+    /// Called at the first sweep after a pause, in which a fault may have come or gone. `t_ns`: the
+    /// sweep's time. If the day is over, its mean is added to the means of the past.
     pub fn resume(&mut self, t_ns: i64) {
         self.is_faulty = self.is_faulty.max(process::change());
         if t_ns.saturating_sub(self.day_from_ns) < DAY_NS {
@@ -152,6 +178,9 @@ impl Channel {
             return;
         }
 
+        // The day's mean enters each rung with the precision that its looks and the difference of
+        // days leave; before that the rung forgets so much that it is a mean over about its number
+        // of days.
         let (day, looks) = (self.today.mean(), 1.0 / (1.0 / of_a_day() + 1.0 / self.today.looks));
         for (past, days) in self.past.iter_mut().zip(RUNG_DAYS) {
             past.at_most((days - 1.0) * of_a_day());
@@ -160,12 +189,15 @@ impl Channel {
         self.today = Sum::default();
     }
 
-    /// How far the channel lies now from where it was over the days of [`RUNG_DAYS`], and, last, from all
-    /// channels of its head; in standard deviations of what a healthy channel moves by. `None`: one of the
-    /// two positions is not known.
+    /// How far the channel lies now from where it was over the days of each of [`RUNG_DAYS`], and,
+    /// last, from all channels of its head (whose level is zero here); in standard deviations of
+    /// what a healthy channel moves by, coordinate by coordinate. "Now" is the mean of today, or of
+    /// the fault if the channel stays faulty. `None`: one of the two positions is not known.
     pub fn moved(&self, spread: &Features, noise: &Features) -> [Option<Features>; RUNGS + 1] {
         let now = if self.stays_faulty() { self.faulty } else { self.today };
         let of_now = noise / now.looks;
+
+        // from each rung: the variances of both means, and that of days
         let mut moved = [None; RUNGS + 1];
         for (moved, past) in moved.iter_mut().zip(&self.past) {
             if past.looks > 0.0 && now.looks > 0.0 {
@@ -174,6 +206,8 @@ impl Channel {
                 *moved = Some((now.mean() - past.mean()).component_div(&variance.map(f64::sqrt)));
             }
         }
+
+        // from all channels: their spread, and the variance of the mean
         let all = if self.stays_faulty() { self.faulty } else { self.healthy() };
         if all.looks > 0.0 {
             let variance = spread + noise / all.looks;
@@ -182,31 +216,39 @@ impl Channel {
         moved
     }
 
-    /// How much longer ago its past is than the other channels', as a factor: while it is faulty nothing is
-    /// added to its past.
+    /// How many times as long ago the channel's past at a rung is as the other channels': while a
+    /// channel is faulty nothing is added to its past. 1 for the last place of [`Channel::moved`],
+    /// which has no past.
     pub fn times_as_long(&self, rung: usize) -> f64 {
         1.0 + RUNG_DAYS.get(rung).map_or(0.0, |days| self.faulty_days / days)
     }
 
-    /// Whether it is most probably faulty, and its faulty level is known.
+    /// Whether the channel is most probably faulty, and its faulty level is known.
     fn stays_faulty(&self) -> bool {
         self.is_faulty > 0.5 && self.knows_fault()
     }
 
-    /// Decides whether the channel lies where a healthy one would. If not, its present level becomes a
-    /// fault's; its healthy level is then what it was long ago, or unknown if it is only the other channels
-    /// that it lies apart from. A faulty channel is taken for healthy again where it has moved no further
-    /// than the others of its head, which age.
+    /// Decides, after each sweep, whether the channel lies where a healthy one would, which tells
+    /// slow faults:
     ///
-    /// `squares`: squared distances of [`Channel::moved`], over how far the other channels moved; `is_alike`:
-    /// the head's channels age, and this one has moved no further than they have.
+    /// * A healthy channel that lies beyond a bound becomes faulty: its present level becomes the
+    ///   fault's. Its healthy level is then what it was long ago if it has drifted from there, or
+    ///   unknown if it only lies apart from the other channels.
+    /// * A faulty channel is taken for healthy again, at its present level, where it has moved no
+    ///   further than the others of its head, which age; or where it has no known healthy level and
+    ///   lies within the bounds.
+    ///
+    /// `squares`: squared distances of what [`Channel::moved`] returns, by how far the other
+    /// channels moved (`Apart::square`); `is_alike`: the head's channels age, and this one has
+    /// moved no further than they have.
     pub fn watch(&mut self, squares: [f64; RUNGS + 1], is_alike: bool) {
+        // the squared distances over their bounds: beyond 1 the channel drifts, or lies apart
         let drifted = squares[..RUNGS].iter().copied().fold(0.0, f64::max) / DRIFTED;
         let off = drifted.max(squares[RUNGS] / ODD_ONE);
         if self.stays_faulty() {
             let has_aged = is_alike && self.faulty_days >= 1.0;
             if has_aged || !self.knows_level() && off < 1.0 {
-                // It begins anew: its present level is healthy, and it has no past.
+                // The channel begins anew: its present level is healthy, and it has no past.
                 let (today, day_from_ns) = (self.faulty, self.day_from_ns);
                 *self = Channel {
                     today,
@@ -219,6 +261,8 @@ impl Channel {
             }
             return;
         }
+
+        // a healthy channel beyond a bound: the present level becomes the fault's
         self.off = 0.0;
         if off >= 1.0 && self.knows_level() {
             self.off = off;
@@ -229,17 +273,18 @@ impl Channel {
         }
     }
 
-    /// Whether its healthy level is known.
+    /// Whether the channel's healthy level is known.
     fn knows_level(&self) -> bool {
         self.healthy().looks >= process::few()
     }
 
-    /// Whether its faulty level is known.
+    /// Whether the channel's faulty level is known.
     pub fn knows_fault(&self) -> bool {
         self.faulty.looks >= 1.0
     }
 
-    /// Takes in a look, by what it is put down to. `spread`: variances of healthy channels; `noise`: of one look.
+    /// Takes in a look, shared between the healthy and the faulty mean by what it is put down to.
+    /// `spread`: variances of healthy channels; `noise`: variances of one look.
     pub fn learn(
         &mut self,
         t_ns: i64,
@@ -249,14 +294,19 @@ impl Channel {
     ) {
         let FromLevel { at, looks } = look;
         self.day_from_ns = self.day_from_ns.min(t_ns);
+
+        // another channel in this one's place begins anew
         if by.replaced > 0.5 {
             let today = Sum::of(&at, looks);
             *self = Channel { today, day_from_ns: t_ns, ..Channel::default() };
             return;
         }
+
+        // the share of the look that is a healthy one
         self.today.add(&at, by.healthy * looks);
 
-        // a fault that lies far from the one that was known is another one, and its mean begins anew
+        // The share that is a faulty one. A fault that lies far from the known one is another one,
+        // and its mean begins anew.
         let (f, variance) = self.faulty.posterior(&wide(spread), noise);
         let variance = variance + noise / looks;
         let far = (at - f).zip_map(&variance, |d, v| d * d / v).sum();
@@ -267,7 +317,7 @@ impl Channel {
         self.faulty.add(&at, by.faulty * looks);
         self.faulty_looks += by.faulty * looks;
 
-        // before the next look it may become faulty or healthy
+        // before the next look the channel may become faulty or healthy
         let moved = by.faulty * (1.0 - process::change()) + (1.0 - by.faulty) * process::sudden();
         self.is_faulty = moved.clamp(process::sudden(), 0.9);
         self.swap_if_cured(spread, noise);
@@ -276,18 +326,24 @@ impl Channel {
         }
     }
 
-    /// Exchanges the healthy and the faulty level where it is likelier that the channel's first looks were
-    /// faulty ones.
+    /// Exchanges the healthy and the faulty level where it is likelier that the channel's first
+    /// looks were faulty ones.
     ///
-    /// On its first day a channel may have begun faulty and be cured by now, or have begun healthy and be
-    /// faulty now. Both leave two levels, and both are one change in so many looks. What tells is which level
-    /// a healthy channel rather has, and how long the fault would have lasted: (1 - `change`)^n for n looks.
+    /// On its first day a channel may have begun faulty and be cured by now, or have begun healthy
+    /// and be faulty now. Both leave two levels, and both are one change in so many looks. What
+    /// tells is which level a healthy channel rather has (the smaller distance from all channels),
+    /// and how long the fault would have lasted: (1 - `change`)^n for n looks.
     fn swap_if_cured(&mut self, spread: &Features, noise: &Features) {
+        // Only on a channel's first day, for later its past tells; not if it drifts; and only once
+        // the second level has as many looks as the first one, or `of_beginning`.
         let Channel { past, today, faulty, faulty_looks, .. } = self;
         let lasts = *faulty_looks >= today.looks.min(process::of_beginning());
         if past[USUAL].looks > 0.0 || self.off > 0.0 || !lasts {
             return;
         }
+
+        // squared distance of a level from all channels of the head, and the log odds of "began
+        // faulty"
         let far = |of: &Sum| {
             let variance = spread + noise / of.looks.max(f64::MIN_POSITIVE);
             of.mean().zip_map(&variance, |d, v| d * d / v).sum()
@@ -302,10 +358,11 @@ impl Channel {
     }
 }
 
-/// Squared distance of a look from a known fault beyond which it is another one: upper 1e-10 of chi-squared with 4
-/// degrees of freedom.
+/// Squared distance of a look from a known fault beyond which the look is at another fault: upper
+/// 1e-10 of chi-squared with four degrees of freedom.
 const ANOTHER_FAULT: f64 = 52.4;
-/// Upper 1e-3 of the same: what lies nearer to all channels may be a healthy one.
+/// Squared distance from all channels of a head within which a level may be a healthy channel's:
+/// upper 1e-3 of the same chi-squared.
 const WITHIN_POPULATION: f64 = 18.47;
 
 #[cfg(test)]
@@ -347,8 +404,8 @@ mod tests {
         assert!((young.healthy().mean() - look.at).amax() < 1e-9, "{young:?}");
     }
 
-    /// Both levels are such as healthy channels have; the one further out was a slight fault of the first
-    /// minutes, unless it has lasted much longer than faults do.
+    /// Both levels are such as healthy channels have; the one further out was a slight fault of the
+    /// first minutes, unless it has lasted much longer than faults do.
     #[test]
     fn a_slight_fault_of_the_first_minutes_is_cured_and_a_long_past_is_believed() {
         let (outer, inner) = (Vector4::new(3.0, 0.0, 2.0, 0.0), Vector4::new(1.0, 0.0, 1.0, 0.0));

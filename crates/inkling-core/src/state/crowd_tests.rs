@@ -1,4 +1,5 @@
-//! The level where many channels are faulty, or nothing is alike.
+//! Tests of a head's level where many channels are faulty at once, or channels agree on nothing, or
+//! all have moved apart: which of them move the level, and which leave it unknown.
 
 use super::tests::{NOISE, SPREAD, World, none, normal};
 use super::*;
@@ -6,7 +7,8 @@ use nalgebra::Vector4;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// How far a level lies off, in standard deviations of healthy looks, in the feature in which that is most.
+/// How far a level lies off, in standard deviations of healthy looks, in the feature in which that
+/// is most.
 fn in_sds(off: Features) -> f64 {
     (0..4).map(|k| off[k].abs() / NOISE[k].hypot(SPREAD[k])).fold(0.0, f64::max)
 }
@@ -104,8 +106,8 @@ fn a_few_rings_among_signals_that_are_none_move_no_level() {
     assert!(in_sds(world.head.level() - before) < 0.5);
 }
 
-/// The noise of features is that of the samples over the amplitude: at .15 of the drive looks scatter 6.7
-/// times as far, and agree.
+/// The noise of features is that of the samples over the amplitude: at .15 of the drive looks
+/// scatter 6.7 times as far, and agree.
 #[test]
 fn a_head_whose_rings_are_small_is_told() {
     let size = 0.15f64;
@@ -126,7 +128,8 @@ fn a_head_whose_rings_are_small_is_told() {
     }
 }
 
-/// Over a pause each channel moves by five times what channels differ by, and all by .15 in amplitude.
+/// Over a pause each channel moves by five times what channels differ by, and all by .15 in
+/// amplitude.
 #[test]
 fn channels_that_moved_apart_in_a_pause_have_a_level_again() {
     let (mut off, mut faulty) = (0.0f64, 0);
@@ -150,7 +153,8 @@ fn channels_that_moved_apart_in_a_pause_have_a_level_again() {
     assert!(faulty <= 24, "{faulty} of 480");
 }
 
-/// Channels that age each their own way are healthy, and those that all do the same are not, however many they are.
+/// Channels that age each their own way are healthy, and those that all do the same are not,
+/// however many they are.
 #[test]
 fn what_most_channels_do_alike_is_no_ageing() {
     // of sixteen nights, the channels that are faulty after the last

@@ -1,4 +1,6 @@
-//! Channels that walk or age from night to night, and faults among them.
+//! Tests of slow faults: channels that walk or age from night to night, and faults among them.
+//! Healthy channels that walk must seldom be taken for faulty; a fault that grows faster than its
+//! head ages must be found.
 
 use super::tests::{NOISE, SPREAD, World, none, normal};
 use super::*;
@@ -7,8 +9,8 @@ use nalgebra::Vector4;
 const DAY: i64 = 86_400_000_000_000;
 const SWEEPS: usize = 20;
 
-/// A night of sweeps, in which each channel lies a little elsewhere; `fault`: what channels have besides.
-/// Channels that are faulty at its end.
+/// Plays a night of sweeps, in which each channel lies a little elsewhere, and returns the channels
+/// that are taken for faulty at its end. `fault`: what channels have besides, features by channel.
 fn night(world: &mut World, fault: impl Fn(usize) -> Features) -> Vec<u32> {
     world.t_ns = (world.t_ns / DAY + 1) * DAY;
     let of_night = normal_draws(world, 0.3);
@@ -27,7 +29,7 @@ fn faulty(world: &World) -> Vec<u32> {
     channels.filter(|(_, of)| of.is_faulty > 0.5).map(|(channel, _)| *channel).collect()
 }
 
-/// By a tenth and a third of what channels differ by in a month.
+/// The channels walk by a tenth, or a third, of what channels differ by in a month.
 #[test]
 fn healthy_channels_that_walk_slowly_are_seldom_taken_for_faulty() {
     for (channels, heads) in [(12, 20), (60, 4)] {
@@ -49,8 +51,8 @@ fn healthy_channels_that_walk_slowly_are_seldom_taken_for_faulty() {
     }
 }
 
-/// Nine times as fast as the others' damping ages, for forty nights. In a head that does not age it is found
-/// in the fifth to the seventh.
+/// The fault grows nine times as fast as the others' damping ages, for forty nights. In a head that
+/// does not age such a fault is found in the fifth to the seventh night.
 #[test]
 fn a_fault_that_grows_while_its_head_ages_is_found_and_stays_so() {
     let (mut first, mut of_last) = (Vec::new(), 0);
@@ -73,7 +75,8 @@ fn a_fault_that_grows_while_its_head_ages_is_found_and_stays_so() {
     assert!(of_last >= 120, "{of_last}");
 }
 
-/// A recording may hold few of the channels that are remembered, and one of these be faulty from the middle of it on.
+/// A recording may hold few of the channels that are remembered, and one of these be faulty from
+/// the middle of it on.
 #[test]
 fn a_fault_stays_one_where_few_of_the_channels_are_heard() {
     for heard in [5, 12, 20, 40] {

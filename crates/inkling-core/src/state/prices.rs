@@ -1,5 +1,12 @@
-//! What half and twice of each number of the process do, on nights that the process does not draw: levels
-//! swing and step, channels differ from day to day by Student's t, faults begin at once or grow.
+//! What half and twice of each number of `process.rs` do, on nights that the state's model does not
+//! draw: levels swing and step, channels differ from day to day by Student's t, faults begin at
+//! once or grow.
+//!
+//! In: the numbers, as they are or one of them changed. Out: one row of the table of
+//! `docs/state.md` ([`Price`]), printed by an ignored test; another test holds what the numbers as
+//! they are achieve. A look is called flagged here if its squared distance from its channel's own
+//! level exceeds `BOUND`, or if the channel's level has drifted; a design's judge decides by more
+//! than that.
 
 use super::process::NUMBERS;
 use super::tests::{diagonal, normal};
@@ -16,8 +23,8 @@ const NOISE: [f64; 4] = [0.003, 0.008, 0.0003, 0.006];
 const SPREAD: [f64; 4] = [0.015, 0.012, 0.0008, 0.004];
 const CHANNELS: usize = 30;
 const SWEEPS: usize = 60;
-/// Healthy looks that may lie beyond the bound, and the upper quantile of chi-squared with four degrees of
-/// freedom there.
+/// The share of healthy looks that may lie beyond the bound, and the bound: the value that
+/// chi-squared with four degrees of freedom exceeds at that rate.
 const RATE: f64 = 7e-4;
 const BOUND: f64 = 19.24;
 
@@ -31,7 +38,7 @@ struct Nights {
     night: i64,
 }
 
-/// Looks beyond the bound, and how many there were.
+/// How many looks lay beyond the bound, of how many.
 #[derive(Clone, Copy, Debug, Default)]
 struct Share {
     beyond: f64,
@@ -58,7 +65,9 @@ impl Nights {
         Nights { rng, head: Head::new(kind), own, anew, night: 0 }
     }
 
-    /// Sweeps of a night. `fault`: by channel and sweep; `look`: channel, sweep, whether it lies beyond the bound.
+    /// Plays the sweeps of one night, and returns how many of them the head took for another
+    /// head's. `fault`: what a channel has in a sweep, features; `look`: called for each look at a
+    /// channel that is known, with channel, sweep, and whether the look lies beyond the bound.
     fn run(
         &mut self,
         fault: impl Fn(usize, usize) -> Features,
@@ -109,8 +118,8 @@ fn none(_: usize, _: usize) -> Features {
 struct Price {
     /// Of healthy looks flagged, over the stated rate.
     false_alarms: f64,
-    /// The same the night after one in whose first third every tenth channel was slightly faulty, and in
-    /// which one in ten was replaced.
+    /// The same the night after one in whose first third every tenth channel was slightly faulty,
+    /// and in which one in ten was replaced.
     after_faults: f64,
     /// Of the looks at slight faults that were flagged.
     found: f64,
@@ -163,7 +172,8 @@ impl Price {
     }
 }
 
-/// At most 60.
+/// Nights from the one in which a fault begins to grow until it is flagged in most looks of a
+/// night; 60 if that does not happen in 60 nights.
 fn nights_to_raise(seed: u64) -> f64 {
     let mut of = Nights::new(seed, 0.0);
     for night in 0..60 {
@@ -179,8 +189,9 @@ fn nights_to_raise(seed: u64) -> f64 {
     60.0
 }
 
-/// Days are drawn with a heavier tail than the process has, and the curve of typical distances by which a
-/// design's judge covers such tails is no part of this room: so there are more false alarms than stated.
+/// Days are drawn with a heavier tail than the process has, and the curve of typical distances by
+/// which a design's judge covers such tails is no part of this room: so there are more false alarms
+/// than stated.
 #[test]
 fn nights_that_the_process_does_not_draw() {
     let price = Price::of_all();

@@ -1,4 +1,8 @@
-//! The filter on what its own model draws, and on what it does not.
+//! The state of a head (`Head`) on sweeps that its own model draws, and on sweeps that it does not.
+//!
+//! [`World`] draws the looks: channels that lie about a common level, each at a place of its own,
+//! with noise, with what is drawn anew for each look, and with whatever faults a test adds.
+//! `crowd_tests` and `nights_tests` use it, too.
 
 use super::*;
 use nalgebra::{Matrix4, Vector4};
@@ -7,9 +11,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 const SECOND: i64 = 1_000_000_000;
-/// Of one look's noise: ln amplitude, ln damping, ln frequency, phase.
+/// Standard deviations of one look's noise: ln amplitude, ln damping, ln frequency, phase.
 pub const NOISE: [f64; 4] = [0.004, 0.006, 0.0004, 0.004];
-/// Of healthy channels.
+/// Standard deviations of healthy looks about the level, noise apart.
 pub const SPREAD: [f64; 4] = [0.012, 0.01, 0.001, 0.003];
 
 pub fn diagonal(sd: [f64; 4]) -> Matrix4<f64> {
@@ -23,6 +27,7 @@ fn kind() -> Kind {
 /// A head whose channels differ for good, or from look to look.
 pub struct World {
     pub rng: ChaCha8Rng,
+    /// Where each channel lies for good, features from the level.
     pub own: Vec<Features>,
     /// Standard deviations of what is drawn anew for each look.
     anew: [f64; 4],
@@ -35,7 +40,8 @@ impl World {
         World::lasting(seed, channels, 1.0)
     }
 
-    /// `share`: of the variance by which healthy looks differ, what lasts.
+    /// A head of which the share `share` of the variance by which healthy looks differ is the
+    /// channels' own for good; the rest is drawn anew for each look.
     pub fn lasting(seed: u64, channels: usize, share: f64) -> World {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let of = |share: f64| SPREAD.map(|sd| sd * share.sqrt());
@@ -43,7 +49,8 @@ impl World {
         World { rng, own, anew: of(1.0 - share), head: Head::new(kind()), t_ns: 0 }
     }
 
-    /// A sweep of all channels, `level` being what they have in common and `fault` what some have besides.
+    /// A sweep of all channels, `level` being what they have in common and `fault` what some have
+    /// besides.
     pub fn sweep(&mut self, level: Features, fault: impl Fn(usize) -> Features) -> SweepOutcome {
         self.t_ns += SECOND;
         let looks: Vec<Look> = (0..self.own.len())
@@ -67,7 +74,7 @@ impl World {
         });
     }
 
-    /// The mean offset of the channels is the level's as well as theirs.
+    /// The channels' mean place. The head cannot tell it from its level, so tests take it off.
     pub fn middle(&self) -> Features {
         self.own.iter().sum::<Features>() / self.own.len() as f64
     }
@@ -109,8 +116,8 @@ fn looks_lie_off_what_is_expected_as_far_as_is_said() {
     }
 }
 
-/// The noise of amplitude and damping goes together, drops differ in amplitude alone, and channels by
-/// directions of their own, so that no coordinates make all three diagonal.
+/// The noise of amplitude and damping goes together, drops differ in amplitude alone, and channels
+/// by directions of their own, so that no coordinates make all three diagonal.
 #[test]
 fn what_drops_differ_by_is_learned_along_its_own_direction() {
     let noise = {
@@ -141,7 +148,8 @@ fn what_drops_differ_by_is_learned_along_its_own_direction() {
     }
 }
 
-/// Looks at a head of less gain are counted from the ring of its own model, or from one that lies above it.
+/// Looks at a head of less gain are counted from the ring of its own model, or from one that lies
+/// above it.
 #[test]
 fn scatter_is_the_same_from_whatever_ring_features_are_counted() {
     let scatter = |ring: f64| {

@@ -3,12 +3,12 @@
 //!
 //! In: the baseline and the extended model, the signals that both were fitted to, and the histograms of
 //! `gain.rs`. Out: [`Figures`], which `pictures.rs` draws and which is written to `residuals.parquet`.
-//! `engine.rs` calls [`draw`].
+//! `engine.rs` calls `draw`.
 //!
-//! Three views of the misfit are computed for each model in one pass over the signals ([`residuals`]): the
+//! Three views of the misfit are computed for each model in one pass over the signals (`residuals`): the
 //! mean residual at each sample with its standard error; the mean periodogram of single signals, with what
 //! white noise would have after the same fit; and each signal's amplitude, damping and frequency, which are
-//! then averaged in bins of each covariate ([`against`]).
+//! then averaged in bins of each covariate (`against`).
 
 use super::covariates::{COVARIATES, IDLE, NAMES, POSITION, UNITS};
 use super::ensemble::project;

@@ -1,7 +1,7 @@
 //! Tests `trigger_jitter`: a shift in time that is common to all channels of a burst, which share the
 //! trigger.
 //!
-//! In: signals about a fitted model that holds the causes found so far (`engine.rs` calls [`jitter`] after it
+//! In: signals about a fitted model that holds the causes found so far (`engine.rs` calls `jitter` after it
 //! has selected them). Out: one [`Candidate`].
 //!
 //! How the acquisition states of healthy signals scatter is not known, so the test assumes no size, direction

@@ -85,7 +85,8 @@ impl Weighed {
             (InTheMean, InTheMean) | (ByACovariate, ByACovariate) => left_to_shapes(),
             // what a shape leaves in the mean follows no covariate, and the other way round
             (InTheMean, ByACovariate) | (ByACovariate, InTheMean) => 0.0,
-            // codes are missing whatever a covariate does; but clipping follows whatever the amplitude does
+            // a coarse step leaves out codes whatever a covariate does; but which samples are clipped depends
+            // on the amplitude, which covariates may change
             (InCodes, ByACovariate) if self.id == CauseId::CoarseLsb => 0.0,
             (InCodes, _) | (_, InNoise) => left_to_unlike(),
         }

@@ -7,13 +7,15 @@
 //!
 //! The model expects of signal i, in counts at time t after t_a:
 //!
-//!   y_i(t) = s f(theta_i; t) + sum over p = 0..3 of s^p shape_p(t) + s g f(theta_i; t + idle_i) + noise
-//!   theta_i = units[channel of i] + each[i] + sum over covariates c of beta_c z_ic
+//! ```text
+//! y_i(t) = s f(theta_i; t) + sum over p = 0..3 of s^p shape_p(t) + s g f(theta_i; t + idle_i) + noise
+//! theta_i = units[channel of i] + each[i] + sum over covariates c of beta_c z_ic
+//! ```
 //!
 //! s: drive over the mean drive; f: the free decay (`free_decay.rs`); shapes, g and beta: what causes add
 //! (`Additions`); z: standardised covariates. A healthy channel's own parameters are constant over its
-//! bursts, so the scatter is split: units[channel] ~ N(mean, `between`), each[i] ~ N(0, `within`) from burst
-//! to burst.
+//! bursts, so the scatter is split: `units` of a channel ~ N(mean, `between`), `each` of a signal ~ N(0,
+//! `within`) from burst to burst.
 //!
 //! The model is linearised about each signal's own present theta_i and not about the mean, so that channels
 //! whose frequency scatters by per cents are each judged by their own decay.
@@ -46,9 +48,11 @@ const LEAST_BEFORE_ROUNDING: f64 = 0.09;
 /// Rate of the real pole over the damping, lambda/sigma, that is expected of an ink channel: this ratio
 /// follows from the cross-sections and the ratio of inertances, thesis (2-3), (2-4).
 pub const LAMBDA_OVER_SIGMA: f64 = 1.27;
-/// Bounds of lambda/sigma: lambda lies between R_r/I_r and R_n/I_n, given here over the damping.
+/// Bounds of lambda/sigma: lambda lies between R_r/I_r and R_n/I_n, which are here divided by a typical
+/// sigma.
 const LAMBDA_BOUNDS: (f64, f64) = (0.55, 2.7);
-/// Ratio of the resistive rates, A_n/A_r, thesis (2-3), (2-4).
+/// Ratio g/d of the resistive rates R_r/I_r and R_n/I_n, which is A_n/A_r by thesis (2-3), (2-4). The output
+/// does not tell it, so it is held at this value wherever flows inside the channel are needed (`candidates`).
 pub const RATIO_OF_RATES: f64 = 0.2;
 
 /// The fitted model of all signals; the symbols are those of the module's equation. Parameters are a `Theta`:
@@ -82,7 +86,7 @@ pub struct Model {
     /// count for nothing.
     pub rails: Vec<Rail>,
     /// `[step, first]` of a coarse converter, counts: all codes are `first` plus a multiple of `step`.
-    /// `None`: the converter gives every code.
+    /// `None`: no coarse step of whole counts was found.
     pub lattice: Option<[f64; 2]>,
 }
 
@@ -285,8 +289,9 @@ impl Model {
         let [of_damping, .., of_pole] = &mut out.tangent.columns;
         of_damping.iter_mut().zip(of_pole).for_each(|(damping, pole)| *damping += *pole);
 
-        // What the previous ring adds to this signal per unit of `tail_gain`: the same decay, taken from the idle
-        // time on. Where there was no actuation before (infinite), or none was recorded (NaN), nothing is added.
+        // What the previous ring adds to this signal per unit of `tail_gain`: the same decay, taken from the
+        // idle time on. Where there was no actuation before (infinite), or none was recorded (NaN), nothing
+        // is added.
         out.tail.clear();
         out.tail.resize(n, 0.0);
         let idle_s = data.rows[i].beside.idle_s;
@@ -400,8 +405,8 @@ impl Model {
             let gradient = normal.product / noise_var - precision * off(theta);
             Some((gradient, normal.gram / noise_var + precision))
         };
-        // A Gauss-Newton step with the diagonal of the Hessian increased by the damping. The steps of ln damping
-        // and ln frequency are clamped, since the linearisation says nothing of places far away.
+        // A Gauss-Newton step with the diagonal of the Hessian increased by the damping. The steps of ln
+        // damping and ln frequency are clamped, since the linearisation says nothing of places far away.
         let step = |theta: &Theta, (gradient, hessian): &(Vector5, Matrix5), damping: f64| {
             let damped = hessian + Matrix5::from_diagonal(&(hessian.diagonal() * damping));
             let step = damped.cholesky()?.solve(gradient);

@@ -70,7 +70,7 @@ fn faulty_channels(data: &Observations, odd: &[bool]) -> Vec<bool> {
 /// The signals that ring unlike the others.
 #[derive(Clone, Debug, Default)]
 pub struct Outliers {
-    /// For each row whether it is an outlier, or of a channel that has them at times.
+    /// For each row whether the signal is odd, or belongs to a channel with several odd signals.
     pub out: Vec<bool>,
     /// -ln of the probability that noise, however heavy its tails, gives such misfits to signals that ring
     /// like the others.

@@ -6,7 +6,7 @@
 //! detection statistics of this, `predictive.rs` log densities.
 //!
 //! For a channel that was never heard, the population is N(mean, between + within), with `between` shrunk
-//! because it is known from few channels ([`population`]); for one that was heard it is N(the channel's own
+//! because it is known from few channels (`population`); for one that was heard it is N(the channel's own
 //! parameters, within + what is unknown of these) ([`Population::heard`]). All vectors and matrices are over
 //! the five free parameters in units of `Model::scale`.
 

@@ -10,8 +10,8 @@
 //! 3. EM (expectation and maximisation) estimates the mean b0 and the covariances B and W of the linear model
 //!    r_i = J_i (b_channel + w_i) + noise, b ~ N(b0, B), w ~ N(0, W).
 //!
-//! After these three, only J^T J and J^T r of each signal matter. All vectors and matrices here are over the
-//! five free parameters in units of `Model::scale`.
+//! All three need of each signal only J^T J, J^T r and r^T r, with its residual r and its Jacobian J. All
+//! vectors and matrices here are over the five free parameters in units of `Model::scale`.
 
 use super::matrices::{
     Matrix5, Vector5, floored, free_part, inverse, inverse_or_zero, means_of_groups, scaled,

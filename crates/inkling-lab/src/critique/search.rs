@@ -4,7 +4,7 @@
 //! In: a [`System`] (ink channels in `selection.rs`, an oscillator in `decay/`) and its model without causes.
 //! Out: [`ExplainedModel`], the model with its causes, and what was tried on the way.
 //!
-//! One step of the loop in [`search`]: (1) test all candidates about the present model; (2) the system refits
+//! One step of the loop in `search`: (1) test all candidates about the present model; (2) the system refits
 //! those that compete, each in a model of its own, and says how likely each is (`penalised`: -2 ln likelihood
 //! plus the price of its parameters, lower is better); (3) the likeliest rival with a name wins, unless
 //! something without a name is better by `tie` (4) or more; then the latter enters, if the system allows it,

@@ -10,7 +10,9 @@
 //! all directions of its m = n - q dimensions alike, so that (moments of ratios of quadratic forms, Mathai
 //! and Provost 1992)
 //!
-//!   mean a_l = tr(M A_l) / m,   cov(a_k, a_l) = 2 (tr(M A_k M A_l) - tr(M A_k) tr(M A_l) / m) / (m (m + 2)).
+//! ```text
+//! mean a_l = tr(M A_l) / m,   cov(a_k, a_l) = 2 (tr(M A_k M A_l) - tr(M A_k) tr(M A_l) / m) / (m (m + 2)).
+//! ```
 //!
 //! The statistic is off^T covariance^-1 off with both summed over the signals, chi-squared with as many
 //! degrees of freedom as lags.

@@ -44,7 +44,7 @@ impl Truth {
 pub(super) struct Set {
     /// Stem of the recording's file name.
     pub stem: &'static str,
-    /// The set's random streams ([`part`]).
+    /// The set's random streams (`draws::part`).
     pub part: u32,
     /// Channel of the first signal; each further signal has the next channel.
     pub first_channel: u32,

@@ -5,7 +5,7 @@
 //! After thesis (2-1), (2-2) over time. A channel's rates are constant but for temperature and faults, and
 //! every channel fires in every burst. The steps: list all faults (drawn, or those of the file); per
 //! printhead, draw the channels; per step, draw temperature error and drive, change each channel's rates by
-//! viscosity and by its faults of that step, and sense its signal ([`super::sensor`]).
+//! viscosity and by its faults of that step, and sense its signal (`sensor.rs`).
 //!
 //! Departs: (2-1) adds B_f f of faults that a channel has at once. Two large ones together would make a rate
 //! negative; here each fault changes the rates that the faults before it leave.

@@ -1,3 +1,7 @@
+//! Tests of the tracker on whole recordings of few channels: what becomes an episode, with which
+//! onset, end and name; that neither order nor repeats nor the way of updating (eight channels at
+//! once, or one by one) matter; and that memory stays within its limits.
+
 use super::*;
 use crate::episodes::{Counts, IsolatedSignal, Rings};
 use rand::{RngExt, SeedableRng};
@@ -102,8 +106,8 @@ fn what_comes_too_late_is_counted_and_changes_nothing() {
     assert_eq!(counts.signals_too_late, 4);
 }
 
-/// A recording in which everything happens: channels come and go, models and baselines change, bursts come
-/// twice or late, signals are rejected, some are faulty for a while.
+/// A recording in which everything happens: channels come and go, models and baselines change,
+/// bursts come twice or late, signals are rejected, some are faulty for a while.
 fn eventful(seed: u64) -> Vec<Looks> {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
     let mut bursts: Vec<Looks> = Vec::new();

@@ -1,14 +1,21 @@
-//! How the baseline responds to a change of its signals. The baseline is the healthy model of a run in
-//! which an effect is to be hidden: what it can explain by other parameters of its channels, nobody can
-//! find. In: what an effect changes, signal by signal. Out: the chi-squared that is left when each
-//! channel's own six parameters, its freedoms, are fitted again.
+//! How much of an effect a healthy model cannot explain. The baseline is the healthy model of a run in which
+//! an effect is to be hidden: what the baseline can explain by other parameters of its channels, nobody can
+//! find.
 //!
-//! A channel's decay is A e^{-sigma t} cos(omega t - phi) + A kappa e^{-lambda t}, with lambda between the
-//! nominal channel's resistive rates R_r/I_r and R_n/I_n: without that bound the real pole swallows
-//! whatever is slow. Channels scatter about a mean that is free (but for the place of the real pole, which
-//! has a prior), and signals about their channel. The fit is Gauss-Newton to its end, relinearised at each
-//! channel's own refitted rates: what a change of frequency and damping explains is no misfit, however
-//! large the change.
+//! In: what an effect changes in each signal, counts ([`Change`], from `strength.rs`). Out:
+//! [`Baseline::misfit`], the chi-squared that is left when each channel's own six parameters, its freedoms,
+//! are fitted again.
+//!
+//! A channel's decay at nominal drive is A e^{-sigma t} cos(omega t - phi) + A kappa e^{-lambda t}, with
+//! lambda between the nominal channel's resistive rates R_r/I_r and R_n/I_n: without that bound the real pole
+//! would swallow whatever is slow. The freedoms scatter from channel to channel about a mean that is free
+//! (but for the place of the real pole, which has a prior), and from burst to burst about their channel. So
+//! chi-squared is the minimum, over the channels' freedoms and their mean, of the squared misfit of all
+//! signals in the metric of noise and scatter, plus the squared distance of the channels from the mean in the
+//! metric of their scatter.
+//!
+//! The fit is Gauss-Newton to its end, and each step is linearised anew at each channel's refitted freedoms.
+//! So what a change of frequency and damping explains is no misfit, however large the change.
 
 use super::run::Base;
 use crate::simulate::draws::{Purpose, part, stream};
@@ -17,19 +24,20 @@ use inkling_core::model::InkChannel;
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use std::f64::consts::TAU;
 
-/// Number of channels that are drawn to estimate the scatter of the freedoms.
+/// Number of channels that are drawn to estimate how the freedoms scatter from channel to channel.
 const DRAWN: usize = 200;
 /// Variance that is added to each freedom over channels, as a share of its own, so that the covariance can be
 /// inverted.
 const RIDGE: f64 = 1e-4;
+/// Largest number of Gauss-Newton steps.
 const MOST_STEPS: usize = 40;
-/// Longest change of each freedom in one step.
+/// Largest change of each freedom in one step, in the order of [`Freedom`].
 const LONGEST_STEP: [f64; 6] = [0.3, 0.3, 0.3, 0.2, 0.02, 1.0];
 /// Prior standard deviation of the mean of u over channels: that of the logistic distribution, which u has
 /// when lambda is uniform between its bounds.
 const POLE_SD: f64 = 1.81;
 
-/// A covariance or an information matrix of the freedoms.
+/// A covariance or an information matrix over the six freedoms.
 pub type Freedoms = SMatrix<f64, 6, 6>;
 /// The freedoms: ln A at the nominal drive, phi, kappa, ln sigma, ln omega, and the place u of the real pole:
 /// lambda = low + (high - low)/(1 + e^-u).
@@ -46,22 +54,28 @@ pub struct Change<'a> {
     pub samples: DVector<f64>,
 }
 
-/// How decays are sampled, and the bounds of the real pole.
+/// How decays are sampled, and the bounds of the real pole: what is needed to compute a decay from its
+/// freedoms.
 #[derive(Clone, Copy)]
 pub struct Frame {
+    /// Samples of a signal.
     pub samples: usize,
+    /// Sampling period.
     pub period_s: f64,
+    /// Lowest and highest rate lambda of the real pole.
     pub poles_per_s: [f64; 2],
 }
 
 impl Frame {
+    /// The frame of a run.
     pub fn of(base: &Base) -> Frame {
         let (g, d) = (base.rates.g_per_s, base.rates.d_per_s);
         let samples = base.physics.acquisition.samples;
         Frame { samples, period_s: base.dt_s(), poles_per_s: [g.min(d), g.max(d)] }
     }
 
-    /// The freedoms of a channel with the given rates; `None`: it does not ring.
+    /// The freedoms of a channel with the given rates and a gain of 1: rates from the channel's poles,
+    /// amplitudes and phase by least squares from its simulated decay. `None`: the channel does not ring.
     pub fn freedom(&self, base: &Base, rates: &InkChannel) -> Option<Freedom> {
         let poles = rates.poles()?;
         let [low, high] = self.poles_per_s;
@@ -76,7 +90,8 @@ impl Frame {
         of.iter().all(|x| x.is_finite()).then_some(of)
     }
 
-    /// Amplitudes of cosine, sine and real pole in `y`, with the rates of `of`.
+    /// Amplitudes of cosine, sine and real pole in `y` (N samples) by least squares, with sigma, omega and
+    /// lambda of `of`. `None`: they cannot be solved for.
     pub fn amplitudes(&self, y: &[f64], of: &Freedom) -> Option<[f64; 3]> {
         let rates = Freedom::from([0.0, 0.0, 0.0, of[3], of[4], of[5]]);
         let (_, of_cosine) = self.decay(&rates);
@@ -86,7 +101,7 @@ impl Frame {
         Some([x[0], x[1], x[2]])
     }
 
-    /// A decay at the nominal drive, and its derivatives by the freedoms (columns).
+    /// A decay at the nominal drive, N samples in counts, and its derivatives by the six freedoms, N x 6.
     pub fn decay(&self, of: &Freedom) -> (DVector<f64>, DMatrix<f64>) {
         let (mut y, mut j) = (DVector::zeros(self.samples), DMatrix::zeros(self.samples, 6));
         let [low, high] = self.poles_per_s;
@@ -110,7 +125,8 @@ impl Frame {
         (y, j)
     }
 
-    /// Derivative of the freedoms by t_a, per second: the same decay, begun later.
+    /// Derivative of the freedoms by t_a, per second: how they change if the same decay is recorded from a
+    /// later time on.
     pub fn later(&self, of: &Freedom) -> Freedom {
         let [low, high] = self.poles_per_s;
         let lambda = low + (high - low) / (1.0 + (-of[5]).exp());
@@ -119,7 +135,7 @@ impl Frame {
     }
 }
 
-/// The baseline of one run: how its freedoms scatter, and its noise.
+/// The baseline of one run: how the freedoms of its channels scatter, and its noise.
 pub struct Baseline {
     pub frame: Frame,
     /// Variance of a sample, rounding to whole counts included, counts².
@@ -133,26 +149,31 @@ pub struct Baseline {
 }
 
 impl Baseline {
-    /// The baseline of the run that `base` describes; `None`: its channel does not ring.
+    /// The baseline of the run that `base` describes; `None`: its nominal channel, or a drawn one, does not
+    /// ring.
     pub fn new(base: &Base) -> Option<Baseline> {
         let frame = Frame::of(base);
         let nominal = frame.freedom(base, &base.rates)?;
-        // changes of the freedoms by what scatters, as in `Conditions::shot`: the gain, the state, the
-        // frequency, the damping
+        // Derivatives of the freedoms by each of the seven numbers that scatter from burst to burst, in the
+        // order of `Conditions::shot`. The gain adds to ln A alone.
         let mut changes = vec![Freedom::from([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])];
         let (sine, cosine) = nominal[1].sin_cos();
+        // A component of the state adds its own decay: resolve its amplitudes into changes of ln A, of phi
+        // (which is perpendicular) and of kappa, which is relative to A.
         for y in base.components(NOMINAL_DRIVE_V) {
             let [a, b, c] = frame.amplitudes(&y, &nominal)?.map(|x| x / nominal[0].exp());
             let along = a * cosine + b * sine;
             let turned = b * cosine - a * sine;
             changes.push(Freedom::from([along, turned, c - nominal[2] * along, 0.0, 0.0, 0.0]));
         }
+        // frequency and damping: differences of the freedoms over a small change of the rates
         let stiffer: fn(&InkChannel, f64) -> InkChannel =
             |c, f| InkChannel { a_per_s2: c.a_per_s2 * f * f, b_per_s2: c.b_per_s2 * f * f, ..*c };
         for change in [stiffer, at_viscosity] {
             let at = |factor| frame.freedom(base, &change(&base.rates, factor));
             changes.push((at(1.0 + 1e-3)? - at(1.0 - 1e-3)?) / 2e-3);
         }
+        // the seven numbers are independent, so their covariances add up
         let mut covariance = Freedoms::zeros();
         for (change, sd) in changes.into_iter().zip(base.shot_sd()) {
             let change = change * sd;
@@ -167,36 +188,39 @@ impl Baseline {
         })
     }
 
-    /// v² J' W J, the information of one signal about its channel's freedoms, and the inner matrix of
-    /// Woodbury's identity, S (1 + G S)^{-1} with G = v² J' J / s². Here W = (s² + v² J S J')^{-1} is the
-    /// inverse covariance of the signal, J the derivatives of its decay, s² the variance of the noise, S
-    /// the covariance of the scatter from burst to burst, v the drive, and `gram` J' J at the nominal
-    /// drive.
+    /// Returns v² J' W J, the information of one signal about its channel's freedoms, and the inner matrix of
+    /// Woodbury's identity, M = S (1 + G S)^{-1} with G = v² J' J / s², so that the information is G - G M G.
+    ///
+    /// W = (s² + v² J S J')^{-1}: inverse covariance of the signal; J: derivatives of its decay at the
+    /// nominal drive; s²: variance of the noise; S: covariance of the scatter from burst to burst; v:
+    /// `drive`, relative to the nominal one; `gram`: J' J.
     fn weight(&self, gram: &Freedoms, drive: f64) -> (Freedoms, Freedoms) {
         let information = gram * (drive * drive / self.noise_var);
-        // S (1 + G S)^{-1}
+        // M
         let inner = (Freedoms::identity() + information * self.covariance).try_inverse();
         let inner = self.covariance * inner.unwrap_or_else(Freedoms::zeros);
         (information - information * inner * information, inner)
     }
 
-    /// v² J' W J of a signal of the nominal channel, with v the drive.
+    /// The information v² J' W J of a signal of the nominal channel at relative drive v; `strength.rs` uses
+    /// it for the trigger.
     pub fn information(&self, drive: f64) -> Freedoms {
         let (_, j) = self.frame.decay(&self.nominal);
         self.weight(&gram(&j), drive).0
     }
 
-    /// Chi-squared of the changes beyond what the refitted baseline explains; 0 if it cannot be computed.
-    /// `changes`: those of a channel one after another, as each channel's decay is then computed once in a
-    /// step. `moved`: how far the freedoms of each channel move; the search begins there, and writes where
-    /// it ends.
+    /// Chi-squared of the changes that is left after the baseline was refitted to the changed signals; 0 if
+    /// it cannot be computed. `changes`: one per signal, those of a channel one after another, since each
+    /// channel's decay is then computed once in a step. `moved`: how far the freedoms of each channel have
+    /// moved from their own; the search begins there, and writes where it ends, which helps the next search.
     pub fn misfit(&self, changes: &[Change], moved: &mut Vec<Freedom>) -> f64 {
         let channels = changes.iter().map(|c| c.channel + 1).max().unwrap_or(0);
         moved.resize(channels, Freedom::zeros());
         let mut before = f64::INFINITY;
         for _ in 0..MOST_STEPS {
             let Some((total, next)) = self.step(changes, moved) else { return 0.0 };
-            // move by a share of the step, such that no freedom moves too far
+            // Move each channel by a share of its step, such that no freedom moves farther than
+            // `LONGEST_STEP`. The search ends when chi-squared rests and all steps were whole ones.
             let mut rests = (before - total).abs() < 1e-4 * (1.0 + total);
             for (now, next) in moved.iter_mut().zip(next) {
                 let step = next - *now;
@@ -213,13 +237,16 @@ impl Baseline {
         before
     }
 
-    /// One step of Gauss-Newton: the chi-squared that would be left if the decays were linear in the
-    /// freedoms, and how far each channel would have moved in all. `None`: a matrix is singular.
+    /// One step of Gauss-Newton: returns the chi-squared that would be left if the decays were linear in the
+    /// freedoms about `moved`, and how far each channel would then have moved from its own freedoms in all.
+    /// `None`: a matrix is singular.
     fn step(&self, changes: &[Change], moved: &[Freedom]) -> Option<(f64, Vec<Freedom>)> {
+        // per signal: add its chi-squared, and its information and score to those of its channel
         let n = moved.len();
         let (mut informations, mut scores) =
             (vec![Freedoms::zeros(); n], vec![Freedom::zeros(); n]);
         let mut total = 0.0;
+        // channel, the decay's change so far, J and J' J at its present place, computed once per channel
         let mut at: Option<(usize, DVector<f64>, DMatrix<f64>, Freedoms)> = None;
         for change in changes {
             let by = &moved[change.channel];
@@ -231,8 +258,9 @@ impl Baseline {
                 at = Some((change.channel, y - before, j, gram));
             }
             let (_, followed, j, gram) = at.as_ref()?;
-            // what the channel's tangent at its present place has to explain: the change without what the
-            // channel has followed so far, as if it moved back along the tangent
+            // What the channel's tangent at its present place has to explain: the change, less what the
+            // channel's move so far has followed of it, plus what the tangent says of that move. Then the
+            // solution is the whole move from the channel's own freedoms, and not only the next step.
             let r = &change.samples - (followed - j * by) * change.drive;
             let (information, inner) = self.weight(gram, change.drive);
             let score = Freedom::from_iterator(j.tr_mul(&r).iter().copied())
@@ -243,8 +271,10 @@ impl Baseline {
             let raw = gram * (change.drive * change.drive / self.noise_var);
             scores[change.channel] += score - raw * (inner * score);
         }
-        // Channels are drawn about a mean that is free. First each channel's own place is eliminated, given
-        // the mean; what is left is quadratic in the mean, with matrix `q` and right-hand side `r`.
+        // Channels are drawn about a mean that is free, with the inverse covariance p. First eliminate each
+        // channel's own move, given the mean: the channel would go to (information + p)^{-1} (score + p
+        // mean). What is left is quadratic in the mean, with matrix `q` and right-hand side `r`; the prior of
+        // the real pole's place enters `q`.
         let p = &self.precision;
         let (mut q, mut r) = (Freedoms::zeros(), Freedom::zeros());
         q[(5, 5)] = POLE_SD.powi(-2);
@@ -263,12 +293,14 @@ impl Baseline {
     }
 }
 
+/// J' J as a matrix of fixed size.
 fn gram(j: &DMatrix<f64>) -> Freedoms {
     Freedoms::from_iterator(j.tr_mul(j).iter().copied())
 }
 
 /// Inverse covariance of the freedoms from healthy channel to healthy channel, about the nominal one. It is
-/// estimated from drawn channels, the same draws in every run.
+/// estimated from `DRAWN` drawn channels; the random numbers are the same in every run, whatever its seed.
+/// `None`: a drawn channel does not ring.
 fn precision(base: &Base, frame: &Frame, nominal: &Freedom) -> Option<Freedoms> {
     let mut rng = stream(0, Purpose::Spread, part::HIDDEN);
     let mut covariance = Freedoms::identity() * 1e-12;

@@ -1,16 +1,18 @@
-//! The effects that can be hidden in a recording, and what each does to one signal. In: a size and the
-//! conditions of a signal. Out: changed rates, samples, noise or codes.
+//! The effects that can be hidden in a recording, and what each does to one signal. In: an effect of some
+//! size, and the conditions of a signal. Out: a changed equation of motion, changed samples, or changed
+//! codes; effects on trigger, tail and noise are only named here, and `run.rs` carries them out.
 //!
-//! Identifiers, parameters and units are those of the catalogue (contract, `critique.json`); an [`Effect`]
-//! with another identifier is outside it. The definitions are written from the catalogue's words alone: the
-//! critique's own models are other code.
+//! [`CATALOGUE`] and [`OUTSIDE`] are the lists; each entry says what it acts on ([`Acts`]), by which function
+//! below, and what data it needs ([`Needs`]). Identifiers, parameters and units are those of the critique's
+//! catalogue (contract, `critique.json`); an [`Effect`] with another identifier is outside it. The
+//! definitions are written from the catalogue's words alone: the critique's own models are other code.
 
 use super::plant::Equation;
 use Acts::{Code, Output, Plant};
 use Needs::{DriveScan, Idle, Neighbours, Nothing, Temperature};
 use std::f64::consts::TAU;
 
-/// The conditions of one signal, known or drawn.
+/// The conditions of one signal: what is recorded beside it (or could be), and what chance has drawn for it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Conditions {
     /// Progress of the run: 0 at its first burst, 1 at its last.
@@ -22,20 +24,23 @@ pub struct Conditions {
     pub above_c: f64,
     /// Time since the previous actuation; NaN: there was none.
     pub idle_s: f64,
+    /// Number of neighbours that fired with the channel.
     pub neighbours: u8,
-    /// Standard normal, the same for all channels of a burst: the trigger's jitter.
+    /// A standard normal number, the same for all channels of a burst: the trigger's jitter in units of its
+    /// size.
     pub trigger: f64,
-    /// Uniform, the same for all channels of a burst, rad.
+    /// Phase of a random tone, uniform, the same for all channels of a burst.
     pub phase_rad: f64,
     /// Number of the burst.
     pub burst: usize,
-    /// Healthy scatter from burst to burst, relative: of the gain, the state's four components, the frequency
-    /// and the damping.
+    /// Healthy scatter of this signal, relative: of the gain, of the state's four components, of the
+    /// frequency and of the damping.
     pub shot: [f64; 7],
 }
 
 /// The samples of a signal, and what is needed to change them.
 pub struct Samples<'a> {
+    /// The sensor's output without noise, counts; it is changed in place.
     pub y: &'a mut [f64],
     pub period_s: f64,
     /// Peak of the nominal channel at 30 V, counts.
@@ -74,22 +79,26 @@ pub enum Needs {
 /// One effect of one size.
 #[derive(Clone, Copy, Debug)]
 pub struct Effect {
+    /// Identifier, and name and unit of the parameter that the critique is to find, as in the contract.
     pub id: &'static str,
     pub parameter: &'static str,
     pub unit: &'static str,
     pub needs: Needs,
     pub acts: Acts,
-    /// What the strength scales: the parameter itself, or an amplitude in counts.
+    /// What grows with the strength: the parameter itself, an amplitude in counts, or a coefficient of the
+    /// equation of motion (`plant.rs`). `Yardstick::parameter` converts it to the parameter.
     pub size: f64,
-    /// What the strength does not scale: a frequency in Hz, a rate in 1/s, a delay or a place.
+    /// What does not grow with the strength: a frequency in Hz, a rate in 1/s, a delay in s, or a place as a
+    /// share of the signal; 0 for an effect without one.
     pub shape: f64,
-    /// Range that `shape` is drawn from.
+    /// Range that `shape` is drawn from; where both ends are 0, there is no shape.
     pub shapes: [f64; 2],
     /// Names that an honest critic may leave it tied with.
     pub ties: &'static [&'static str],
 }
 
 impl Effect {
+    /// The same effect with another size.
     pub fn of_size(self, size: f64) -> Effect {
         Effect { size, ..self }
     }
@@ -99,11 +108,12 @@ impl Effect {
         Effect { shapes: [least, most], ..self }
     }
 
+    /// The effect with the names that it may be tied with, its own among them.
     const fn tied(self, ties: &'static [&'static str]) -> Effect {
         Effect { ties, ..self }
     }
 
-    /// Largest size that is physical.
+    /// Largest size (in magnitude) that is physical; infinite where nothing bounds it.
     pub fn largest(&self) -> f64 {
         match self.id {
             // shares of a loss, of what has not settled, of a neighbour's ring
@@ -124,6 +134,7 @@ impl Effect {
     }
 }
 
+/// An effect without shape and ties, for the lists below.
 const fn effect(
     id: &'static str,
     parameter: &'static str,
@@ -135,10 +146,12 @@ const fn effect(
     Effect { id, parameter, unit, needs, acts, size, shape: 0.0, shapes: [0.0; 2], ties: &[] }
 }
 
+/// The two classes of causes whose members may honestly be left as a tie.
 const SLOW: &[&str] = &["offset", "droop", "meniscus"];
 const EARLY: &[&str] = &["lowpass", "fractional_damping"];
 
-/// The effects of the catalogue; each `size` is about one detection limit of 192 signals of 128 samples.
+/// The effects of the catalogue. Each `size` is about one detection limit of 192 signals of 128 samples, from
+/// which the search for the right size starts.
 pub static CATALOGUE: [Effect; 22] = [
     effect("offset", "offset", "counts", Nothing, 0.1, Output(offset)).tied(SLOW),
     effect("droop", "rate", "1/s", DriveScan, 1e3, Output(droop)).tied(SLOW),
@@ -164,13 +177,16 @@ pub static CATALOGUE: [Effect; 22] = [
     effect("heteroscedastic_noise", "h", "1", Nothing, 0.1, Acts::NoiseGrowth),
 ];
 
-/// Effects that no catalogue names. The tests have more of them.
+/// Effects that the catalogue does not have, to which `unknown` is the right answer. The tests have more of
+/// them.
 pub static OUTSIDE: [Effect; 4] = [
     effect("outside_even_order", "share", "1", DriveScan, 0.02, Output(even_order)),
     effect("outside_echo", "share", "1", Nothing, 0.02, Output(echo)).of(25e-6, 45e-6),
     effect("outside_glitch", "counts", "counts", Nothing, 1.0, Output(glitch)).of(0.2, 0.8),
     effect("outside_warm_stiffness", "1/K", "1/K", Temperature, 0.001, Plant(warm_stiffness)),
 ];
+
+// effects on the equation of motion: each sets or changes a coefficient
 
 fn meniscus(effect: &Effect, _: &Conditions, equation: &mut Equation) {
     equation.meniscus = effect.size;
@@ -220,24 +236,28 @@ pub fn thin(equation: &mut Equation, factor: f64) {
     equation.d_per_s *= factor;
 }
 
-/// Multiplies frequencies by `factor`.
+/// Multiplies the frequency by `factor`: both stiffnesses by its square.
 pub fn stiffen(equation: &mut Equation, factor: f64) {
     equation.a_per_s2 *= factor * factor;
     equation.b_per_s2 *= factor * factor;
 }
 
+// effects on the sensor's output: each changes the samples of a signal
+
 fn offset(effect: &Effect, _: &Conditions, samples: &mut Samples) {
     samples.y.iter_mut().for_each(|y| *y += effect.size);
 }
 
-/// A charge amplifier with high-pass rate w, reset at t_a: y - w I, I = int e^{-w(t-s)} y ds, by a rule that
-/// is exact for cubics between samples (quadratics at the ends).
+/// A charge amplifier with a high-pass of rate w = `size`, reset at t_a: y(t) becomes y - w I with I(t) =
+/// int_0^t e^{-w(t-s)} y(s) ds. From sample to sample I is multiplied by e^{-w dt} and grows by the integral
+/// of what the amplifier still holds of y over that step, computed by a rule that is exact if that is a cubic
+/// in time (a quadratic in the first and the last step).
 fn droop(effect: &Effect, _: &Conditions, samples: &mut Samples) {
     let (w, dt) = (effect.size, samples.period_s);
     let y = samples.y.to_vec();
     let mut leaked = 0.0;
     for k in 1..y.len() {
-        // sample k - 2 + j, with the leak until sample k
+        // sample k - 2 + j, times what the leak leaves of it until sample k; the step is from j = 1 to j = 2
         let seen = |j: usize| y[k + j - 2] * (-w * dt * (2.0 - j as f64)).exp();
         let step = match (k >= 2, k + 1 < y.len()) {
             (true, true) => (13.0 * (seen(1) + seen(2)) - seen(0) - seen(3)) / 24.0,
@@ -250,7 +270,8 @@ fn droop(effect: &Effect, _: &Conditions, samples: &mut Samples) {
     }
 }
 
-/// An amplifier of finite bandwidth that has not settled at t_a.
+/// An amplifier of finite bandwidth that has not settled at t_a: the share `size` of the first sample is
+/// missing, and the missing part dies away at the rate `shape`.
 fn lowpass(effect: &Effect, _: &Conditions, samples: &mut Samples) {
     let (missing, decay) = (effect.size * samples.y[0], (-effect.shape * samples.period_s).exp());
     let mut left = missing;
@@ -260,7 +281,8 @@ fn lowpass(effect: &Effect, _: &Conditions, samples: &mut Samples) {
     }
 }
 
-/// Another resonance, rung by the same pulse: it scales with the drive.
+/// Another resonance, rung by the same pulse, so that it scales with the drive: `size` counts at 30 V,
+/// frequency `shape`, damping 4 % of that number.
 fn second_mode(effect: &Effect, conditions: &Conditions, samples: &mut Samples) {
     let amplitude = effect.size * conditions.drive_v / 30.0;
     let sigma = 0.04 * effect.shape;
@@ -270,7 +292,8 @@ fn second_mode(effect: &Effect, conditions: &Conditions, samples: &mut Samples) 
     }
 }
 
-/// A tone, whose phase is the same in all bursts or drawn for each.
+/// A tone of amplitude `size` and frequency `shape`; its phase is the same in all bursts (`tone`) or drawn
+/// for each (`random_tone`).
 fn tone(effect: &Effect, conditions: &Conditions, samples: &mut Samples) {
     let phase_rad = if effect.id == "random_tone" { conditions.phase_rad } else { 0.7 };
     for (k, y) in samples.y.iter_mut().enumerate() {
@@ -283,13 +306,14 @@ fn crosstalk(effect: &Effect, conditions: &Conditions, samples: &mut Samples) {
     samples.y.iter_mut().for_each(|y| *y *= share);
 }
 
-/// Distortion of even order by the amplifier.
+/// Distortion of second order by the amplifier: `size` times the square of the sample over the peak.
 fn even_order(effect: &Effect, _: &Conditions, samples: &mut Samples) {
     let peak_counts = samples.peak_counts;
     samples.y.iter_mut().for_each(|y| *y += effect.size * *y * *y / peak_counts);
 }
 
-/// A reflection that arrives in the middle of the acquisition.
+/// A reflection: the share `size` of the signal arrives again, later by `shape` seconds. Samples are changed
+/// from the last to the first, so that the echo has no echo.
 fn echo(effect: &Effect, _: &Conditions, samples: &mut Samples) {
     let late = ((effect.shape / samples.period_s) as usize).min(samples.y.len() - 1);
     for k in (late..samples.y.len()).rev() {
@@ -297,11 +321,13 @@ fn echo(effect: &Effect, _: &Conditions, samples: &mut Samples) {
     }
 }
 
-/// A spike at the same sample of every signal.
+/// A spike of `size` counts at the same sample of every signal, at the share `shape` of its length.
 fn glitch(effect: &Effect, _: &Conditions, samples: &mut Samples) {
     let k = (effect.shape * samples.y.len() as f64) as usize;
     samples.y[k.min(samples.y.len() - 1)] += effect.size;
 }
+
+// effects on the codes: each changes a sample after noise
 
 fn clipped(effect: &Effect, y: f64) -> f64 {
     y.min(effect.size)

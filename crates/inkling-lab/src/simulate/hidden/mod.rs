@@ -1,10 +1,16 @@
-//! Simulates recordings with a hidden effect. In: a scenario with a healthy print run, a seed. Out: bursts
-//! that say nothing about what is in them, and the truth, to be sealed.
+//! Simulates recordings with a hidden effect, by which the critique is tested (`simulate --hide SEED`).
 //!
-//! What is drawn: in 30 % of the cases nothing, in 45 % one effect of the catalogue, in 15 % one outside it,
-//! in 10 % two; each of 1, 2, 4, 8 or 30 detection limits ([`strength`]). The rates are off the scenario's,
-//! channels scatter, some recordings have awkward [`Circumstance`]s. The critique's room may not be imported
-//! here, nor this room there: what finds an effect must not know how it was put in.
+//! In: a scenario with a healthy print run, and a seed. Out: [`Hidden`]: bursts that say nothing about what
+//! is in them, labels of faulty channels, and the truth, which the caller seals in a file of its own.
+//!
+//! The steps: (1) draw what is hidden: in 30 % of the cases nothing, in 45 % one effect of the catalogue,
+//! in 15 % one outside it, in 10 % two, each of 1, 2, 4, 8 or 30 detection limits, and sometimes an awkward
+//! [`Circumstance`]; (2) draw the base of the recording, whose rates are off the scenario's (`run::Base`);
+//! (3) find each effect's size from its strength ([`strength`], with [`baseline`]); (4) simulate the bursts
+//! ([`run`], [`plant`], [`effect`]).
+//!
+//! The critique's room may not be imported here, nor this room there: what finds an effect must not know how
+//! it was put in.
 
 pub mod baseline;
 pub mod effect;
@@ -29,25 +35,30 @@ use strength::{STRENGTHS_DL, Strength, Yardstick};
 
 pub use run::Circumstance;
 
-/// Smallest distance of a line from the resonance and its multiples, relative to the resonance.
+/// Smallest distance of a line (tone, mode) from the resonance and its multiples, relative to the resonance.
 const CLEAR_OF_HARMONICS: f64 = 0.12;
 
-/// What is to be hidden: effects, each with its strength in detection limits.
+/// What is to be hidden.
 #[derive(Clone, Debug, Default)]
 pub struct Plan {
+    /// Effects, each with its strength in detection limits; their sizes are not known yet.
     pub effects: Vec<(Effect, f64)>,
+    /// What makes the recording awkward beside them.
     pub circumstances: Vec<Circumstance>,
 }
 
-/// What is true of a recording.
+/// What is true of a recording: the contents of the sealed file.
 #[derive(Clone, Debug, Serialize)]
 pub struct Truth {
+    /// Version of the file.
     pub version: u32,
-    /// A random number, so that the truth cannot be guessed from its digest.
+    /// A random number, so that the truth cannot be guessed from the digest of the file, which lies beside
+    /// the recording.
     pub salt: String,
     pub seed: u64,
     pub effects: Vec<TrueEffect>,
     pub circumstances: Vec<Circumstance>,
+    /// Number of all signals, and of those of faulty channels.
     pub signals: usize,
     pub faulty_signals: usize,
 }
@@ -59,7 +70,7 @@ pub struct Hidden {
     pub truth: Truth,
 }
 
-/// Draws what is hidden, and hides it.
+/// Draws what is hidden, and hides it. The error says what in the scenario makes it unfit for this.
 pub fn recording(
     physics: &Arc<Physics>,
     options: &RecordingOptions,
@@ -70,7 +81,7 @@ pub fn recording(
     planted(physics, options, &plan, seed)
 }
 
-/// Hides what `plan` contains.
+/// Hides what `plan` contains. Tests call it with plans of their own.
 pub fn planted(
     physics: &Arc<Physics>,
     options: &RecordingOptions,
@@ -79,6 +90,7 @@ pub fn planted(
 ) -> Result<Hidden, ScenarioError> {
     let (run, hidden) = healthy_run(physics)?;
     let base = Base::new(physics, &run, &hidden, &plan.circumstances, seed);
+    // from strengths to sizes; the yardstick may find that only a smaller strength is possible
     let yardstick = Yardstick::new(&base).ok_or_else(|| refused("channel", "does not ring"))?;
     let mut effects = Vec::new();
     let mut truths = Vec::new();
@@ -88,6 +100,7 @@ pub fn planted(
         truths.push(true_effect(&effect, strength_dl, &yardstick, plan));
         effects.push(effect);
     }
+    // the truth, salted
     let mut salt = stream(seed, Purpose::Hidden, part::HIDDEN + 2);
     let faulty = base.heads.iter().flatten().filter(|made| made.faulty).count();
     let truth = Truth {
@@ -108,7 +121,8 @@ fn refused(key: &str, why: &str) -> ScenarioError {
     ScenarioError::Value { key: key.to_owned(), why: why.to_owned() }
 }
 
-/// The scenario's print run, if it is fit to hide something in.
+/// The scenario's print run and `[hidden]` table, if something can be hidden in this run: it must have no
+/// faults, no effect of temperature, two bursts of each channel and 16 signals at least.
 fn healthy_run(physics: &Physics) -> Result<(PrintRun, HiddenRun), ScenarioError> {
     let run = physics.print_run.clone();
     let run = run.ok_or_else(|| refused("print_run", "--hide hides something in a print run"))?;
@@ -127,7 +141,8 @@ fn healthy_run(physics: &Physics) -> Result<(PrintRun, HiddenRun), ScenarioError
     Ok((run, hidden))
 }
 
-/// Whether an effect can be seen at all in a run: what it needs must be recorded and vary.
+/// Whether an effect can be seen at all in a run: the covariate that it needs must be recorded and vary, and
+/// a gradient along the head needs eight channels.
 fn testable(effect: &Effect, physics: &Physics, run: &PrintRun, hidden: &HiddenRun) -> bool {
     let recorded = |what| hidden.recorded.contains(&what);
     match effect.needs {
@@ -139,13 +154,14 @@ fn testable(effect: &Effect, physics: &Physics, run: &PrintRun, hidden: &HiddenR
     }
 }
 
-/// Draws what is hidden, and the circumstances.
+/// Draws what is hidden, and the circumstances. Only effects that the run can show are drawn.
 fn draw(physics: &Physics, run: &PrintRun, hidden: &HiddenRun, seed: u64) -> Plan {
     let mut rng = stream(seed, Purpose::Hidden, part::HIDDEN + 1);
     let known = |effects: &[Effect]| -> Vec<Effect> {
         effects.iter().filter(|e| testable(e, physics, run, hidden)).copied().collect()
     };
     let (catalogue, outside) = (known(&effect::CATALOGUE), known(&effect::OUTSIDE));
+    // how many effects, and from which list
     let kind: f64 = rng.random();
     let mut effects: Vec<(Effect, f64)> = Vec::new();
     let (from, count) = match kind {
@@ -157,18 +173,22 @@ fn draw(physics: &Physics, run: &PrintRun, hidden: &HiddenRun, seed: u64) -> Pla
     while effects.len() < count {
         let Some(effect) = from.choose(&mut rng) else { break };
         let strength = STRENGTHS_DL[rng.random_range(0..STRENGTHS_DL.len())];
-        // no two effects that may be tied with each other: one of such a class is enough
+        // no two equal effects, nor two of a class whose members may be tied with each other
         let told_apart =
             effects.iter().all(|(e, _)| e.id != effect.id && !e.ties.contains(&effect.id));
         if told_apart {
             effects.push((shaped(*effect, physics, &mut rng), strength));
         }
     }
+
+    // at most one circumstance: 10 % each frequency scatter of channels or of signals, 15 % faulty channels,
+    // 15 % a temperature that follows time, 10 % heavy tails; the last two only where they are fair
     let circumstance: f64 = rng.random();
     let sd = rng.random_range(0.005..0.02);
     let time_bound = |e: &Effect| matches!(e.id, "ageing" | "clock_drift" | "temperature");
-    // temperature may follow time if nothing is hidden, or if an effect follows one of the two; and only if
-    // no effect is a clock drift or has ties of its own
+    // The temperature may follow time only if it is recorded; if nothing is hidden, or an effect follows one
+    // of the two; and if no effect is a clock drift or has ties of its own, since the right answer would not
+    // be clear then.
     let collinear = hidden.recorded.contains(&Recorded::Temperature)
         && effects.iter().all(|(e, _)| e.ties.is_empty() && e.id != "clock_drift")
         && (effects.is_empty() || effects.iter().any(|(e, _)| time_bound(e)));
@@ -184,7 +204,8 @@ fn draw(physics: &Physics, run: &PrintRun, hidden: &HiddenRun, seed: u64) -> Pla
     Plan { effects, circumstances }
 }
 
-/// The effect with its shape drawn; lines keep clear of the resonance and its multiples.
+/// The effect with its shape (frequency, rate, place) drawn from its range; lines keep clear of the
+/// scenario's resonance and its multiples. After 1000 failures the range's lower end is taken.
 pub fn shaped(effect: Effect, physics: &Physics, rng: &mut ChaCha8Rng) -> Effect {
     let [low, high] = effect.shapes;
     let resonance_hz = physics.channel.poles().map_or(0.0, |p| p.frequency_hz);
@@ -198,7 +219,8 @@ pub fn shaped(effect: Effect, physics: &Physics, rng: &mut ChaCha8Rng) -> Effect
     Effect { shape: low, ..effect }
 }
 
-/// The effect as the truth states it.
+/// The effect as the truth states it: its parameter in the contract's unit, its strength, and the names that
+/// an honest critique may leave it tied with.
 fn true_effect(
     effect: &Effect,
     strength_dl: f64,
@@ -221,7 +243,8 @@ fn true_effect(
     }
 }
 
-/// Labels of the recording: healthy everywhere, but for the channels that were made faulty.
+/// Labels of the recording: a healthy row for each printhead, and a row for each channel that was made
+/// faulty.
 fn labels(base: &Base) -> Vec<Label> {
     let run = &base.run;
     let mut labels = healthy_heads(run);
@@ -237,7 +260,8 @@ fn labels(base: &Base) -> Vec<Label> {
     labels
 }
 
-/// The recording, which is never compressed: how well samples compress tells what is in them.
+/// The recording, not yet made. It is never compressed, since its size would tell what is in it: for example,
+/// coarse codes compress well.
 fn bursts(mut acquisitions: Acquisitions, options: &RecordingOptions) -> SimulatedRecording {
     let options = RecordingOptions { compression: Compression::None, ..options.clone() };
     let (run, start_ns) = (acquisitions.base.run.clone(), options.start_ns);

@@ -1,20 +1,36 @@
-//! Simulates a channel whose equation has more terms than thesis (2-2). In: rates, extra terms, a pulse. Out:
-//! samples without noise.
+//! Simulates a channel whose equation of motion has more terms than thesis (2-2). In: an [`Equation`] (rates
+//! and extra terms), a pulse. Out: samples without noise, counts. `run.rs` makes the clean signals of hidden
+//! runs here.
 //!
-//! thesis (2-2) as two second-order equations, integrated by Runge-Kutta of fourth order; the library's own
-//! models use matrix exponentials and closed forms. Volumes are in counts·s, flows in counts: the output of a
-//! state is the sum of its two flows.
+//! The state is (V_r, V_n, q_r, q_n), the displaced volumes and the flows of restrictor and nozzle. With the
+//! volume V = V_r + V_n - displaced:
+//!
+//! ```text
+//! V_r' = q_r,  V_n' = q_n
+//! q_r' = -a p - g q_r,                                          p = V (1 + cubic V²)
+//! q_n' = -b (p + meniscus V_n) - loss(q_n)
+//! loss = d (1 - half_order) q + half-order part + drag |q| q + friction q/sqrt(q² + small²)
+//! ```
+//!
+//! The half-order part is half_order d sqrt(2/omega0) D^{1/2} q, where D^{1/2} is a sum of relaxations
+//! ([`Equation::advance`] carries their memory along). All is integrated by Runge-Kutta of fourth order; the
+//! library's own models use matrix exponentials and closed forms instead, so that the critique is tested by
+//! other code. Volumes are in counts·s, flows in counts: the output of a state is q_r + q_n.
 
-/// Steps of the integrator per sample period; with them the error of a whole decay stays below 1e-6 of it.
+/// Steps of the integrator per sample period; with them the error of a whole decay stays below 1e-6 of its
+/// peak.
 const STEPS_PER_SAMPLE: f64 = 8.0;
-/// Range of the relaxation rates that represent the half-order derivative, 1/s, and their number.
+/// Range of the relaxation rates that represent the half-order derivative, 1/s, and their number; they are
+/// spaced evenly in their logarithm.
 const RELAXATIONS: ([f64; 2], usize) = ([1e2, 1.2e7], 28);
-/// Flow over which dry friction changes its sign smoothly, counts.
+/// Flow within which dry friction changes its sign smoothly, counts: a sign that jumps could not be
+/// integrated in fixed steps.
 const STICTION_COUNTS: f64 = 0.02;
 
-/// The equation: thesis (2-2), and the terms that it leaves out (0: absent).
+/// The equation of motion: the rates of thesis (2-2), and the terms that the thesis leaves out (0: absent).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Equation {
+    /// 1/(I_r B_t), 1/(I_n B_t), R_r/I_r and R_n/I_n.
     pub a_per_s2: f64,
     pub b_per_s2: f64,
     pub g_per_s: f64,
@@ -27,26 +43,30 @@ pub struct Equation {
     pub friction_counts_per_s: f64,
     /// k3, 1/(counts·s)²: the chamber's pressure is V (1 + k3 V²)/B_t.
     pub cubic: f64,
-    /// Share of the nozzle's loss that is a half-order derivative; both losses are equal at
-    /// `half_order_rad_s`.
+    /// Share of the nozzle's loss that is a half-order derivative. The part in phase with the flow is the
+    /// same as without it at the angular frequency `half_order_rad_s`.
     pub half_order: f64,
     pub half_order_rad_s: f64,
 }
 
-/// Volumes and flows of restrictor and nozzle, and the memory of the half-order loss.
+/// State of a channel.
 #[derive(Clone, Debug)]
 pub struct State {
+    /// V_r, V_n (counts·s), q_r, q_n (counts).
     pub x: [f64; 4],
+    /// Memory z of each relaxation of the half-order loss, counts·s; empty where there is no such loss.
     memory: Vec<f64>,
 }
 
 impl Equation {
+    /// The state of a channel that nothing has moved yet.
     pub fn at_rest(&self) -> State {
         let memory = if self.half_order == 0.0 { Vec::new() } else { vec![0.0; RELAXATIONS.1] };
         State { x: [0.0; 4], memory }
     }
 
-    /// Writes the time derivative of (x, memory) to `rate`. `displaced`: volume that the actuator displaces.
+    /// Writes the time derivative of (x, memory), which is the vector `x` here, to `rate` (equations in the
+    /// file's doc). `displaced`: volume that the actuator displaces, counts·s.
     fn rate(&self, x: &[f64], displaced: f64, rate: &mut [f64]) {
         let volume = x[0] + x[1] - displaced;
         let pressure = volume * (1.0 + self.cubic * volume * volume);
@@ -55,10 +75,13 @@ impl Equation {
             + self.drag_per_s_count * q.abs() * q
             + self.friction_counts_per_s * q / q.hypot(STICTION_COUNTS);
         if self.half_order != 0.0 {
-            // D^{1/2} q as a sum of w (q - x z), z' = q - x z, from s^{1/2} = s/pi int x^{-1/2}/(s + x) dx
+            // s^{1/2} = s/pi int_0^inf x^{-1/2}/(s + x) dx. With x = e^u, the integral becomes a sum over
+            // evenly spaced u: D^{1/2} q = sum x^{1/2} du/pi (q - x z_x), where z_x' = q - x z_x is the
+            // memory of the relaxation of rate x.
             let ([low, high], n) = RELAXATIONS;
             let step = (high / low).ln() / (n - 1) as f64;
-            // Re (j w)^{1/2} = (w/2)^{1/2}: with this scale the loss at the resonance stays what it was
+            // Re (j omega)^{1/2} = (omega/2)^{1/2}: with this scale, the loss at the resonance stays what it
+            // was
             let scale = self.half_order * self.d_per_s / (self.half_order_rad_s / 2.0).sqrt();
             let mut derivative = 0.0;
             let mut relaxation = low;
@@ -77,7 +100,8 @@ impl Equation {
         rate[3] = -self.b_per_s2 * (pressure + self.meniscus * x[1]) - loss;
     }
 
-    /// Integrates over `duration_s`, in equal steps of at most `step_s`.
+    /// Integrates over `duration_s`, in equal steps of at most `step_s`, with the displaced volume constant.
+    /// A duration that is not positive changes nothing.
     pub fn advance(&self, state: &mut State, displaced: f64, duration_s: f64, step_s: f64) {
         if duration_s.is_nan() || duration_s <= 0.0 {
             return;
@@ -103,7 +127,8 @@ impl Equation {
         state.memory.copy_from_slice(&y[4..]);
     }
 
-    /// Takes `n` samples from `state` on, one every `period_s`; the first one is the state's own output.
+    /// Takes `n` samples (counts) of the free decay from `state` on, one every `period_s`; the first one is
+    /// the state's own output.
     pub fn sample(&self, mut state: State, period_s: f64, n: usize) -> Vec<f64> {
         let mut y = Vec::with_capacity(n);
         for k in 0..n {
@@ -115,7 +140,9 @@ impl Equation {
         y
     }
 
-    /// The state after a rectangular pulse and a wait, from rest.
+    /// The acquisition state: the state after a rectangular pulse of length `pulse_s` and a wait of `wait_s`,
+    /// from rest. `displaced`: volume that the pulse displaces, counts·s; `period_s`: sampling period, which
+    /// sets the integrator's step.
     pub fn rung(&self, displaced: f64, pulse_s: f64, wait_s: f64, period_s: f64) -> State {
         let mut state = self.at_rest();
         self.advance(&mut state, displaced, pulse_s, period_s / STEPS_PER_SAMPLE);

@@ -1,5 +1,14 @@
-//! A print run with something hidden in it. In: the scenario's healthy run, effects, circumstances. Out: the
-//! conditions and the samples of every signal, burst by burst.
+//! Simulates a print run with something hidden in it. In: the scenario's healthy run, effects with their
+//! sizes, circumstances, a seed. Out: acquisitions of all channels of a printhead, burst by burst (used by
+//! `hidden::planted`), and clean signals for any conditions (used to find sizes, in `strength.rs` and
+//! `baseline.rs`).
+//!
+//! [`Base`] holds what is constant in a recording: its nominal rates, which are drawn about the scenario's,
+//! its peak, its channels. [`Acquisitions`] holds the random streams of the run. A signal is made in these
+//! steps: draw its conditions; let the scatter and the effects on plant and trigger change the channel's
+//! equation; integrate pulse and wait (`plant.rs`); scatter the state; integrate the decay; add the previous
+//! ring's tail; let effects on the output change the samples ([`Base::clean`]); add noise; let effects on
+//! codes change the samples; round ([`Acquisitions::acquire`]).
 
 use super::effect::{Acts, Conditions, Effect, Samples, stiffen, thin};
 use super::plant::{Equation, State};
@@ -20,11 +29,11 @@ use std::sync::Arc;
 
 /// Degrees of freedom of the heavy-tailed noise (Student's t).
 const TAIL_DOF: f64 = 4.0;
-/// Scatter of a recording's base rates and peak about the scenario's: half-widths of uniform distributions,
-/// relative.
+/// How a recording's nominal rates and its peak scatter about the scenario's: relative half-widths of uniform
+/// distributions.
 const BASE_SPREAD: Spread = Spread { a: 0.10, b: 0.10, g: 0.15, d: 0.15, gain: 0.15 };
 
-/// Circumstances that make a recording awkward without being an effect.
+/// Circumstances that make a recording awkward without being an effect: a critique must not name them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Circumstance {
@@ -32,15 +41,20 @@ pub enum Circumstance {
     FrequencyScatter(f64),
     /// Every signal's own frequency scatters by this standard deviation, relative.
     BurstScatter(f64),
+    /// Some 6 % of the channels ring faultily all the time.
     FaultyChannels,
+    /// The temperature rises linearly over the run, so that nobody can tell the two apart.
     TemperatureFollowsTime,
+    /// The noise is Student's t with `TAIL_DOF` degrees of freedom, of the same variance.
     HeavyTails,
 }
 
 /// The constants of one channel.
 #[derive(Clone, Copy, Debug)]
 pub struct Made {
+    /// Its rates at 25 °C, with its fault if it has one.
     pub rates: InkChannel,
+    /// Gain relative to the nominal channel's.
     pub gain: f64,
     pub faulty: bool,
 }
@@ -54,14 +68,17 @@ pub struct Base {
     pub circumstances: Vec<Circumstance>,
     /// Nominal rates of this recording.
     pub rates: InkChannel,
+    /// Peak of the nominal channel at nominal drive, counts.
     pub peak_counts: f64,
     /// Displaced volume per volt, counts·s.
     displaced_per_v: f64,
+    /// The channels of each printhead.
     pub heads: Vec<Vec<Made>>,
     seed: u64,
 }
 
 impl Base {
+    /// Draws the base of a recording: its nominal rates, its peak, and all channels.
     pub fn new(
         physics: &Arc<Physics>,
         run: &PrintRun,
@@ -91,10 +108,11 @@ impl Base {
         base
     }
 
-    /// Draws one channel's constants about the base.
+    /// Draws one healthy channel's constants about the base.
     pub fn draw(&self, rng: &mut ChaCha8Rng) -> Made {
         let Channel { mut rates, gain } = Channel::about(&self.rates, &self.physics.spread, rng);
-        // this number is drawn in any case: circumstances must not shift the random numbers
+        // The number from -1 to 1 is drawn in any case, so that circumstances do not shift the random
+        // numbers. Its standard deviation is 1/sqrt(3), hence the factor below.
         let scattered = about_one(1.0, rng) - 1.0;
         for circumstance in &self.circumstances {
             if let Circumstance::FrequencyScatter(sd) = circumstance {
@@ -106,7 +124,8 @@ impl Base {
         Made { rates, gain, faulty: false }
     }
 
-    /// The channels of a printhead. With [`Circumstance::FaultyChannels`], some 6 % of them are faulty.
+    /// Draws the channels of a printhead. With [`Circumstance::FaultyChannels`], each of them is faulty with
+    /// a probability of 6 %, of one of three classes.
     fn channels(&self, head: u32) -> Vec<Made> {
         let mut rng = stream(self.seed, Purpose::Spread, part::HIDDEN + 1 + head);
         let mut channels: Vec<Made> = (0..self.run.channels).map(|_| self.draw(&mut rng)).collect();
@@ -121,7 +140,7 @@ impl Base {
         channels
     }
 
-    /// Standard deviations of [`Conditions::shot`].
+    /// Standard deviations of the seven numbers of [`Conditions::shot`], in their order.
     pub fn shot_sd(&self) -> [f64; 7] {
         let (shot, hidden) = (&self.physics.shot, &self.hidden);
         let wide = |of: &Circumstance| match of {
@@ -133,6 +152,7 @@ impl Base {
         [shot.gain, state, state, state, state, frequency_sd, hidden.damping_sd]
     }
 
+    /// Sampling period.
     pub fn dt_s(&self) -> f64 {
         self.physics.acquisition.sample_period_s()
     }
@@ -149,7 +169,8 @@ impl Base {
         }
     }
 
-    /// The state at t_a, `late_s` later than nominal.
+    /// The state at t_a, after the pulse at `drive_v` volts and the wait, with t_a later than nominal by
+    /// `late_s`.
     fn rung(&self, equation: &Equation, drive_v: f64, late_s: f64) -> State {
         let acquisition = &self.physics.acquisition;
         let (pulse_s, wait_s) = (acquisition.pulse_us * 1e-6, acquisition.delay_us * 1e-6);
@@ -158,14 +179,15 @@ impl Base {
         equation.rung(drive_v * self.displaced_per_v, pulse_s, wait_s, self.dt_s())
     }
 
-    /// The decay of thesis (2-2) alone, as samples.
+    /// N samples of a decay by thesis (2-2) alone, without scatter, effects and noise; counts.
     pub fn linear(&self, rates: &InkChannel, drive_v: f64) -> Vec<f64> {
         let equation = self.equation(rates);
         let n = self.physics.acquisition.samples;
         equation.sample(self.rung(&equation, drive_v, 0.0), self.dt_s(), n)
     }
 
-    /// Four decays, each from one component of the acquisition state alone.
+    /// Four decays of the nominal channel, each from one component of its acquisition state alone; they add
+    /// up to `linear`.
     pub fn components(&self, drive_v: f64) -> [Vec<f64>; 4] {
         let equation = self.equation(&self.rates);
         let state = self.rung(&equation, drive_v, 0.0);
@@ -176,7 +198,7 @@ impl Base {
         })
     }
 
-    /// Nozzle flow and chamber volume of the nominal channel, sample by sample.
+    /// Nozzle flow (counts) and displaced volume V_r + V_n (counts·s) of the nominal channel, N samples each.
     pub fn inner(&self, drive_v: f64) -> [Vec<f64>; 2] {
         let equation = self.equation(&self.rates);
         let mut state = self.rung(&equation, drive_v, 0.0);
@@ -189,7 +211,8 @@ impl Base {
         [flow, volume]
     }
 
-    /// A signal with its effects, before noise.
+    /// One signal of a channel with its effects, before noise and codes; N samples, counts. `c`: the signal's
+    /// conditions, scatter included.
     pub fn clean(&self, made: &Made, c: &Conditions, effects: &[Effect]) -> Vec<f64> {
         let (n, dt) = (self.physics.acquisition.samples, self.dt_s());
         let mut equation = self.equation(&made.rates);
@@ -209,7 +232,7 @@ impl Base {
         for (x, of_component) in state.x.iter_mut().zip(&c.shot[1..5]) {
             *x *= made.gain * (1.0 + c.shot[0]) * (1.0 + of_component);
         }
-        // what the previous actuation would still give, and what effects do to the sensor's output
+        // the decay, and the tail: the same decay as it is after the idle time, times the size of the effect
         let tails = effects.iter().filter(|e| matches!(e.acts, Acts::Tail));
         let tail: f64 = if c.idle_s.is_nan() { 0.0 } else { tails.map(|e| e.size).sum() };
         let mut y = equation.sample(state.clone(), dt, n);
@@ -218,6 +241,7 @@ impl Base {
             let later = equation.sample(state, dt, n);
             y.iter_mut().zip(later).for_each(|(y, later)| *y += tail * later);
         }
+        // what effects do to the sensor's output
         for effect in effects {
             if let Acts::Output(act) = effect.acts {
                 let peak_counts = self.peak_counts;
@@ -228,17 +252,23 @@ impl Base {
     }
 }
 
-/// The acquisitions of a run. Every purpose draws from a random stream of its own.
+/// Simulates the acquisitions of a run in order. Every purpose draws from a random stream of its own, one for
+/// each printhead.
 pub struct Acquisitions {
     pub base: Base,
     pub effects: Vec<Effect>,
+    /// Streams of drive, phase, idle time, neighbours and trigger.
     conditions: Vec<ChaCha8Rng>,
+    /// Streams of the healthy scatter from burst to burst.
     shots: Vec<ChaCha8Rng>,
+    /// Streams of the noise, and of the error of the recorded temperature.
     noise: Vec<ChaCha8Rng>,
+    /// Phase of each printhead's temperature.
     phases_rad: Vec<f64>,
 }
 
 impl Acquisitions {
+    /// `effects`: with their sizes.
     pub fn new(base: Base, effects: Vec<Effect>) -> Acquisitions {
         let streams = |purpose| -> Vec<ChaCha8Rng> {
             (0..base.run.printheads as u32)
@@ -257,7 +287,8 @@ impl Acquisitions {
         }
     }
 
-    /// The conditions of all channels of printhead `head` at burst `step`.
+    /// Draws the conditions of all channels of printhead `head` at burst `step`. Steps must be asked for in
+    /// order, each once.
     pub fn conditions(&mut self, head: usize, step: usize) -> Vec<Conditions> {
         let (physics, run) = (&self.base.physics, &self.base.run);
         let rng = &mut self.conditions[head];
@@ -270,6 +301,7 @@ impl Acquisitions {
         let course =
             if follows { 2.0 * progress - 1.0 } else { (phase + self.phases_rad[head]).sin() };
         let above_c = physics.temperature.swing_c * course;
+        // what all channels of the burst share, then what each has for itself
         let drive_v = draw_level(&physics.drive, rng);
         let phase_rad = TAU * rng.random::<f64>();
         let last_channel = (run.channels - 1).max(1) as f64;
@@ -294,14 +326,16 @@ impl Acquisitions {
                 }
             })
             .collect();
-        // channels share the trigger; each has drawn one, so that the other numbers of a seed stay what they
-        // were
+        // All channels of a burst share the trigger: that of the first channel. The others have drawn one all
+        // the same, so that the other random numbers of a seed stay what they were in earlier versions.
         let trigger = all.first().map_or(0.0, |c| c.trigger);
         all.iter_mut().for_each(|c| c.trigger = trigger);
         all
     }
 
-    /// Adds noise to the samples of a signal, and digitises them.
+    /// Adds noise to the samples of a signal, lets effects on codes change them, and appends them to `counts`
+    /// as int16. The noise is AR(1) with correlation rho (0 without such an effect) and unit variance, times
+    /// its standard deviation, times the root of 1 + growth (y/largest)².
     fn digitised(&mut self, head: usize, clean: &[f64], counts: &mut Vec<i16>) {
         let (base, rng) = (&self.base, &mut self.noise[head]);
         let acts = |wanted: fn(&Acts) -> bool| -> f64 {
@@ -334,7 +368,9 @@ impl Acquisitions {
         }
     }
 
-    /// The acquisition of printhead `head` at burst `step`; the steps of a printhead come in order.
+    /// Simulates the acquisition of printhead `head` at burst `step`; the steps of a printhead must be asked
+    /// for in order, each once. The burst holds only those covariates that the scenario's `hidden.recorded`
+    /// lists. `start_ns`: time of the first burst, ns since the epoch.
     pub fn acquire(&mut self, head: usize, step: usize, start_ns: i64) -> Acquired {
         let conditions = self.conditions(head, step);
         let n = self.base.physics.acquisition.samples;
@@ -373,7 +409,7 @@ impl Acquisitions {
 }
 
 impl Base {
-    /// Peak of the nominal channel at the highest drive level.
+    /// Peak of the nominal channel at the highest drive level, counts.
     pub fn largest_counts(&self) -> f64 {
         self.peak_counts * self.drive_range_v()[1] / NOMINAL_DRIVE_V
     }

@@ -1,12 +1,17 @@
-//! The size of an effect of a given strength in detection limits. In: a run, an effect, a strength. Out: its
-//! size.
+//! Finds the size of an effect that has a given strength in detection limits (DL). In: a run (`Base`), an
+//! effect, a strength. Out: [`Strength`], the size and the strength that was reached, and the contract's
+//! parameter of that size. `hidden::planted` calls this for each effect that it hides.
 //!
 //! A detection limit is the size at which the likelihood-ratio test of one degree of freedom against the
-//! refitted baseline has noncentrality 20.9 (significance level 1e-3, power 90 %); with s detection limits
-//! it is 20.9 s². For an effect on the mean of the signals, the noncentrality is the chi-squared that the
-//! [`Baseline`] leaves of it; for one on their variance or correlation it is the Fisher information times
-//! the square of what it adds to these. `coarse_lsb` has no detection limit: its step is 1 more
-//! than its strength, and `COARSEST_STEP` at most.
+//! refitted baseline has noncentrality 20.9 (significance level 1e-3, power 90 %). An effect of s detection
+//! limits has the noncentrality 20.9 s². How the noncentrality follows from the size depends on the effect:
+//!
+//! * on the mean of the signals: it is the chi-squared that the refitted [`Baseline`] leaves of what the
+//!   effect changes. The size is searched ([`Yardstick::size`]); for a clipping level by bisection;
+//! * on variance or correlation of the noise, a random tone, the trigger: it is the Fisher information times
+//!   the square of what the effect adds to the variance or correlation, so the size is in closed form;
+//! * `coarse_lsb` has no detection limit: its step is 1 count more than its strength, and `COARSEST_STEP` at
+//!   most.
 
 use super::baseline::{Baseline, Change, Freedom};
 use super::effect::{Acts, Conditions, Effect};
@@ -18,20 +23,22 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Noncentrality of one detection limit.
 pub const NONCENTRALITY: f64 = 20.9;
-/// Strengths that effects are hidden with, in detection limits.
+/// Strengths that effects are hidden with, in detection limits, in ascending order.
 pub const STRENGTHS_DL: [f64; 5] = [1.0, 2.0, 4.0, 8.0, 30.0];
-/// Of a run with more signals than this, only some acquisitions are simulated to find a size, spread evenly
-/// over the run until there are so many signals; the result is scaled to the whole run.
+/// If a run has more signals than this, only some of its acquisitions are simulated to find a size: about so
+/// many signals, spread evenly over the run. The result is scaled to the whole run.
 const MANY_SIGNALS: usize = 1024;
-/// At least so many acquisitions of each printhead are simulated, however many channels it has: what changes
-/// along the run is not seen in one.
+/// At least so many acquisitions of each printhead are simulated, however many channels the printhead has,
+/// because what changes along the run is not seen in a single one.
 const FEWEST_STEPS: usize = 4;
 /// Coarsest step of codes that is hidden, counts.
 const COARSEST_STEP: f64 = 12.0;
-/// Largest factor by which a trial size grows to the next, so that the refit can follow.
+/// Largest factor by which a trial size grows to the next one, so that the refit, which starts where the last
+/// one ended, can follow.
 const LONGEST_STEP: f64 = 1.6;
+/// Largest number of trial sizes.
 const MOST_TRIALS: usize = 40;
-/// Nodes and weights of Gauss-Hermite quadrature, for means over normal noise.
+/// Nodes (in standard deviations) and weights of Gauss-Hermite quadrature, for means over normal noise.
 const NODES: [(f64, f64); 7] = [
     (0.0, 0.457_142_857_142_857),
     (1.154_405_394_739_968, 0.240_123_178_605_013),
@@ -42,9 +49,10 @@ const NODES: [(f64, f64); 7] = [
     (-3.750_439_717_725_742, 0.000_548_268_855_973),
 ];
 
-/// A healthy signal of the run, and the conditions that it was simulated from: an effect's strength is how
-/// much it changes such signals.
+/// A healthy signal of the run without scatter and noise, and what it was simulated from. The strength of an
+/// effect is measured by how much it changes such signals.
 struct SimulatedSignal {
+    /// The signal's channel.
     made: Made,
     /// Number of the channel, counted over all printheads.
     channel: usize,
@@ -64,11 +72,12 @@ pub struct Strength {
 pub struct Yardstick {
     base: Base,
     baseline: Baseline,
-    /// The signals, channel by channel.
+    /// The simulated signals, channel by channel.
     signals: Vec<SimulatedSignal>,
-    /// Freedoms of each channel.
+    /// Freedoms of each channel, by its number over all printheads.
     own: Vec<Freedom>,
-    /// Number of all healthy signals of the run over that of the simulated ones.
+    /// Number of all healthy signals of the run over the number of simulated ones: noncentralities are
+    /// multiplied by it.
     share: f64,
 }
 
@@ -78,15 +87,16 @@ impl Yardstick {
         let run = &base.run;
         let mut acquisitions = Acquisitions::new(base.clone(), Vec::new());
         let mut signals = Vec::new();
+        // choose the steps that are simulated: the middles of equal stretches of the run
         let all_steps = run.bursts_per_channel;
         let steps = MANY_SIGNALS.div_ceil(run.printheads * run.channels).max(FEWEST_STEPS);
         let steps = steps.min(all_steps);
-        // the middles of as many equal stretches of the run
         let simulated: BTreeSet<usize> =
             (0..steps).map(|i| (2 * i + 1) * all_steps / (2 * steps)).collect();
         for step in 0..all_steps {
             for head in 0..run.printheads {
-                // drawn for each step, as the steps of a printhead come in order
+                // conditions are drawn for every step, also for those left out, since the random numbers come
+                // in order
                 let conditions = acquisitions.conditions(head, step);
                 if !simulated.contains(&step) {
                     continue;
@@ -105,6 +115,7 @@ impl Yardstick {
             }
         }
         let share = all_steps as f64 / steps as f64;
+        // the baseline asks for the signals of a channel one after another
         signals.sort_by_key(|s| s.channel);
         let baseline = Baseline::new(base)?;
         let mut own = Vec::new();
@@ -116,8 +127,10 @@ impl Yardstick {
         Some(Yardstick { base: base.clone(), baseline, signals, own, share })
     }
 
-    /// The size at which `effect` has `strength_dl` detection limits, or the next smaller of [`STRENGTHS_DL`]
-    /// that its physical range allows. If it allows none of them, the size and strength that were reached.
+    /// The size at which `effect` has `strength_dl` detection limits. If its physical range does not allow
+    /// that, the next smaller one of [`STRENGTHS_DL`] is tried, and so on; if the range allows none of these,
+    /// the size and the strength that were reached last are returned. `effect`: with its shape; its size is
+    /// where the search starts.
     pub fn size(&self, effect: &Effect, strength_dl: f64) -> Strength {
         let lower = STRENGTHS_DL.iter().rev().copied().filter(|s| *s < strength_dl);
         let mut reached = Strength { size: effect.size, strength_dl };
@@ -130,26 +143,28 @@ impl Yardstick {
         reached
     }
 
-    /// The size for one strength: in closed form where the effect acts like noise, by bisection for a
-    /// clipping level, by decree for a coarse step, else by `sought`, which alone may miss the strength.
+    /// The size for one strength (the cases of the file's doc). The strength in the result is the one that
+    /// was reached, which is smaller than asked for a very coarse step, and may be so where the size is
+    /// searched by `sought`.
     fn size_within(&self, effect: &Effect, strength_dl: f64) -> Strength {
         let samples = self.base.physics.acquisition.samples as f64;
         let signals = self.signals.len() as f64 * self.share;
         let size = match (effect.acts, effect.id) {
             // the Fisher information of rho at 0 is 1 per sample
             (Acts::Correlation, _) => strength_dl * (NONCENTRALITY / (signals * samples)).sqrt(),
+            // the variance is v (1 + h u) with u = (y/largest)²
             (Acts::NoiseGrowth, _) => {
                 let largest = self.base.largest_counts();
                 let grown =
                     || self.signals.iter().flat_map(|s| &s.plain).map(|y| (y / largest).powi(2));
                 let n = self.signals.len() as f64 * samples;
                 let mean = grown().sum::<f64>() / n;
-                // The information of the growth at 0 is half the sum of these squares, as the noise's level
-                // is fitted, too.
+                // The information of h at 0 is half the sum of the squares of u about its mean; about its
+                // mean, because the level v of the noise is fitted, too.
                 let squares = grown().map(|u| (u - mean).powi(2)).sum::<f64>();
                 strength_dl * (2.0 * NONCENTRALITY / (squares * self.share)).sqrt()
             }
-            // its variance adds to the noise's, so its amplitude grows with the root of the strength
+            // the effect is a variance, size², so the size grows with the root of the strength
             (Acts::Trigger, _) => {
                 let information = self.trigger_information();
                 strength_dl.sqrt() * (NONCENTRALITY / information).powf(0.25)
@@ -171,14 +186,18 @@ impl Yardstick {
         Strength { size, strength_dl }
     }
 
-    /// Walks from the size in the catalogue to the one that leaves as much misfit as is wanted. It may end
-    /// before, at the largest size that is physical or where a larger effect leaves less misfit; the
-    /// strength says how far it came, 0 if the misfit is no number or nothing is found.
+    /// Searches the size that leaves as much misfit as is wanted, from the size in the catalogue on, by steps
+    /// of bounded length that assume misfit ~ size^power. The search may end before: at the largest size that
+    /// is physical, or where a larger effect leaves less misfit. The strength in the result says how far it
+    /// came; 0 means that the misfit is not a positive number, or that `MOST_TRIALS` trials did not find the
+    /// size.
     fn sought(&self, effect: &Effect, strength_dl: f64) -> Strength {
         let wanted = NONCENTRALITY * strength_dl * strength_dl;
         let largest = effect.largest();
+        // each refit starts where the one before has ended
         let mut moved = Vec::new();
         let mut size = effect.size;
+        // size and misfit of the trial before
         let mut before: Option<(f64, f64)> = None;
         for _ in 0..MOST_TRIALS {
             let own = self.misfit(&effect.of_size(size), &mut moved);
@@ -189,7 +208,8 @@ impl Yardstick {
             if (reached.strength_dl / strength_dl - 1.0).abs() < 2e-3 {
                 return Strength { size, strength_dl };
             }
-            // the misfit of a small effect grows with the square of its size, later with the power seen last
+            // The misfit of a small effect grows with the square of its size; from the second trial on,
+            // assume the power by which it has grown between the last two.
             let mut power = 2.0;
             if let Some((smaller, of_smaller)) = before {
                 let grown = (size / smaller).ln();
@@ -201,6 +221,7 @@ impl Yardstick {
             if own < wanted && size.abs() >= largest {
                 return reached;
             }
+            // the next trial; downwards it may be farther away, since a refit to a smaller effect is easier
             before = Some((size, own));
             let ratio = (wanted / own).powf(1.0 / power);
             size *= ratio.clamp(1.0 / LONGEST_STEP.powi(4), LONGEST_STEP);
@@ -218,11 +239,11 @@ impl Yardstick {
         0.5 * (low + high)
     }
 
-    /// What the effect adds to the samples of a signal, in the mean over noise, counts.
+    /// What the effect adds to the N samples of a signal, in the mean over noise, counts.
     fn changed(&self, signal: &SimulatedSignal, effect: &Effect) -> DVector<f64> {
         let plain = DVector::from_column_slice(&signal.plain);
         if let Acts::Code(act) = effect.acts {
-            // noise comes before the codes: the mean over noise of what they change
+            // Codes act after noise: take the mean, over the noise, of what they change in each sample.
             let sd = self.baseline.noise_var.sqrt();
             let mean = |y: f64| -> f64 {
                 let of = |(z, w): &(f64, f64)| w * (act(effect, y + sd * z) - (y + sd * z));
@@ -233,13 +254,14 @@ impl Yardstick {
         DVector::from_vec(self.base.clean(&signal.made, &signal.conditions, &[*effect])) - plain
     }
 
-    /// Noncentrality of the likelihood-ratio test against the refitted baseline.
+    /// Noncentrality of the likelihood-ratio test of an effect (on the mean) of this size against the
+    /// refitted baseline.
     pub fn noncentrality(&self, effect: &Effect) -> f64 {
         self.misfit(effect, &mut Vec::new())
     }
 
-    /// Misfit that the refitted baseline leaves, scaled to all signals of the run. `moved`: as in
-    /// [`Baseline::misfit`].
+    /// Chi-squared that the refitted baseline leaves of the effect, scaled to all signals of the run.
+    /// `moved`: as in [`Baseline::misfit`].
     fn misfit(&self, effect: &Effect, moved: &mut Vec<Freedom>) -> f64 {
         let changes: Vec<Change> = self
             .signals
@@ -254,15 +276,18 @@ impl Yardstick {
         self.baseline.misfit(&changes, moved) * self.share
     }
 
-    /// Fisher information of the variance of a shift of t_a that a burst's channels share, beside bursts
-    /// whose healthy states share as much in all directions. It comes from the variances of bursts along the
-    /// shift and across it, each with information (sum over the burst of x' W x)²/2 of its direction x. The
-    /// less either says, the less they say of the difference.
+    /// Fisher information (1/s⁴) of the variance of a shift of t_a that a burst's channels share, where
+    /// bursts may also share a healthy variance that is the same along the shift and across it. What tells
+    /// the jitter is then the difference of the two variances. Each of them has the information sum over
+    /// bursts of (sum over the burst's signals of x' W x)²/2, with x its direction in the freedoms; and a
+    /// difference of two independent estimates has the information I1 I2 / (I1 + I2).
     fn trigger_information(&self) -> f64 {
-        // per 10 ns, so that the numbers are moderate; the fourth power of that is taken back at the end
+        // The shift per 10 ns, so that the numbers are moderate; the factor 1e32 at the end takes the fourth
+        // power of 10 ns back. Across it: the same length in ln A and phi, turned by a right angle.
         let later = self.baseline.frame.later(&self.baseline.nominal) * 1e-8;
         let mut across = Freedom::zeros();
         (across[0], across[1]) = (-later[1], later[0]);
+        // sums of x' W x over the signals of each burst, along and across
         let mut sums = BTreeMap::<(usize, usize), [f64; 2]>::new();
         for signal in &self.signals {
             let drive = signal.conditions.drive_v / NOMINAL_DRIVE_V;
@@ -279,12 +304,15 @@ impl Yardstick {
         of(0) * of(1) / (of(0) + of(1))
     }
 
-    /// The contract's `parameter` for an effect of this size: the frequency of a line, the rate of the
-    /// low-pass, what a term of the equation of motion changes in the ring, or the size itself.
+    /// The contract's `parameter` for an effect of this size, in the contract's unit: the frequency of a
+    /// line; the rate of the low-pass; for a term of the equation of motion, how much frequency or damping at
+    /// the largest drive differ from those at no or the smallest amplitude (by the first harmonic of the
+    /// term); or the size itself.
     pub fn parameter(&self, effect: &Effect) -> f64 {
         match effect.id {
             "lowpass" | "second_mode" | "tone" | "random_tone" => effect.shape,
-            // the size is relative to the middle of the head, the parameter to its first channel
+            // the size is the change along the head relative to the middle, the parameter is relative to the
+            // first channel
             "position_gradient" => (1.0 + 0.5 * effect.size) / (1.0 - 0.5 * effect.size) - 1.0,
             "cubic_stiffness" => {
                 // first harmonic of V (1 + k3 V²): stiffness grows by 3/4 k3 V0²
@@ -292,6 +320,8 @@ impl Yardstick {
                 (1.0 + 0.75 * effect.size * volume * volume).max(0.0).sqrt() - 1.0
             }
             "quadratic_drag" | "dry_friction" => {
+                // damping of the nominal channel with the term replaced by a linear loss of the same first
+                // harmonic
                 let damping = |drive_v: f64| {
                     let flow = self.oscillation(&self.base.inner(drive_v)[0]);
                     // first harmonics of |q| q and of sign q
@@ -310,7 +340,7 @@ impl Yardstick {
         }
     }
 
-    /// Amplitude at t_a of the oscillating part of y.
+    /// Amplitude at t_a of the oscillating part of y (N samples, counts or counts·s).
     fn oscillation(&self, y: &[f64]) -> f64 {
         let fitted = self.baseline.frame.amplitudes(y, &self.baseline.nominal);
         fitted.map_or(f64::NAN, |[a, b, _]| a.hypot(b))
