@@ -9,6 +9,9 @@
 //! before, and nothing more is computed. Only if it is the same, a weighted sum over all samples
 //! is, which two different signals hardly share; the channel is frozen when two such sums in a row
 //! are equal.
+//!
+//! Only printheads that `heads` follows are watched: none with `identify.common_change = false` and
+//! no `--baseline`, nor with another `detect.method` than `sensitivity`.
 
 use inkling_core::burst::Burst;
 use inkling_core::model::inner_product::dot;
