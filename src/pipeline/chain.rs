@@ -55,8 +55,8 @@ fn wanted(links: &[Option<Link>], at: usize) -> Option<&State> {
 
 /// Times of the earliest usable bursts by printhead, ns. With `all` every printhead is there. Else,
 /// where the chunk index says that the file is about in the order of its times, only blocks up to
-/// the first one that holds a burst are decoded, so that the earliest time of all is right and some
-/// printheads may be missing.
+/// the first one that holds a burst are decoded: the earliest time is then that of this block, and
+/// some printheads may be missing.
 pub fn starts(pass: Pass, all: bool) -> Result<BTreeMap<Arc<str>, i64>, PipelineError> {
     // without a chunk index nothing is known of the order, and all blocks are decoded
     let ordered = pass.recording.disorder_ns.is_some_and(|ns| ns <= MOST_REORDER_NS);

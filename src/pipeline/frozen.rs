@@ -6,9 +6,12 @@
 //! *glance*) are compared.
 //!
 //! Signals are not kept. Nearly always the glance, 16 bytes, differs from that of the signal
-//! before, and nothing more is computed. Only if it is the same, a weighted sum over all samples
-//! is, which two different signals hardly share; the channel is frozen when two such sums in a row
-//! are equal.
+//! before, and nothing more is computed. Only if the glance is the same, a weighted sum over all
+//! samples is computed, too; two different signals hardly have the same sum. The channel is frozen
+//! when two such sums in a row are equal.
+//!
+//! Only printheads that `heads` follows are watched: none with `identify.common_change = false` and
+//! no `--baseline`, nor with another `detect.method` than `sensitivity`.
 
 use inkling_core::burst::Burst;
 use inkling_core::model::inner_product::dot;

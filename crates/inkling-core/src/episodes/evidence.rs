@@ -13,7 +13,8 @@
 //!    that of a normal shifted by `shift`, shift (z - shift / 2), and that of being flagged or not
 //!    (`FLAGGED`, `NOT_FLAGGED`).
 //! 3. Page's CUSUM (1954): evidence = max(0, evidence + gain). A fault is raised where the evidence
-//!    reaches the bound, and its onset is the look at which the evidence began to grow.
+//!    reaches the bound, and its onset is the look at which the evidence began to grow, or a later
+//!    one that stands out from so little evidence that it was chance (`begins`).
 //! 4. While a fault is on, a second CUSUM of healthy against the fault's own shift tells its end.
 //!
 //! Why the smaller of the two: healthy signals are flagged at the stated rate however their

@@ -1,6 +1,7 @@
 //! How the ring-downs of several channels are laid out in a row of numbers (their *lie*), inferred
-//! from the numbers themselves. `dialect/guess.rs` reads foreign recordings by it; `train` and the
-//! pipeline's `ring_look.rs` warn by it of a layout that is probably wrong.
+//! from the numbers themselves. `dialect/guess.rs` reads foreign recordings by it, `train` refuses
+//! by it signals that are no ring-downs, and the pipeline's `ring_look.rs` warns by it of a layout
+//! that is probably wrong.
 //!
 //! In: the numbers of one message, in counts or any other unit. Out: the number of channels,
 //! whether samples or channels are contiguous, and the evidence. In the right layout three things

@@ -3,8 +3,7 @@
 //! In: the rates a, b, g, d. Out: damping sigma, frequency f and decay rate lambda of the real
 //! pole; the pair is s = -sigma +- 2 pi i f. The poles are the roots of p3(s) = s^3 + (g+d) s^2 +
 //! (gd+a+b) s + (ad+bg). The real one is found by bisection between g and d, the pair in closed
-//! form from the quadratic that is left. No eigenvalues are computed, so this is fast enough for
-//! fault curves with thousands of channels.
+//! form from the quadratic that is left. No eigenvalue routine is needed.
 
 use super::InkChannel;
 use super::ring_down::Poles;

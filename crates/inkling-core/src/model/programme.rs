@@ -1,6 +1,6 @@
-//! Convex quadratic and linear programmes, by Clarabel's interior-point method: the only file that
-//! knows Clarabel. The bounded step of (3-1) (`identify/rate_search.rs`) and the linear programme
-//! of the filter's numerator (`detect/linear_programme.rs`) are solved by it.
+//! Convex quadratic and linear programmes, by Clarabel's interior-point method: but for tests the
+//! only file that knows Clarabel. The bounded step of (3-1) (`identify/rate_search.rs`) and the
+//! linear programme of the filter's numerator (`detect/linear_programme.rs`) are solved by it.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
