@@ -39,9 +39,9 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     // settings
     ("replay {R} --set detect.mu=abc", 2, "`detect.mu`"),
     ("replay {R} --set detect.colour=1", 2, "colour"),
-    ("replay {R} --set detect.false_alarm_rate=0", 2, "more than 0 and less than 0.5"),
-    ("replay {R} --set detect.false_alarm_rate=-1", 2, "more than 0 and less than 0.5"),
-    ("replay {R} --set detect.false_alarm_rate=2", 2, "more than 0 and less than 0.5"),
+    ("replay {R} --set detect.false_alarm_rate=0", 2, "more than 0 and less than 0.25"),
+    ("replay {R} --set detect.false_alarm_rate=-1", 2, "more than 0 and less than 0.25"),
+    ("replay {R} --set detect.false_alarm_rate=2", 2, "more than 0 and less than 0.25"),
     ("replay {R} --set identify.first=0", 2, "more than 0 and"),
     ("replay {R} --set identify.first=-5", 2, "more than 0 and"),
     ("replay {R} --set identify.first=99999999999", 2, "more than 0 and"),

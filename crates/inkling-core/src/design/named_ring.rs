@@ -218,7 +218,7 @@ impl Judge {
             }
             beside.iter_mut().for_each(|v| *v /= noise);
         }
-        let (ring, dt_s) = (fit.map(|fit| fit.features), self.model.generator.dt_s);
-        Some(UnknownSignal { signal: y, noise, ring, misfit: beside, dt_s }.appearance())
+        let (healthy, dt_s) = (&self.model.expected[..], self.model.generator.dt_s);
+        Some(UnknownSignal { signal: y, noise, healthy, misfit: beside, dt_s }.appearance())
     }
 }

@@ -3,7 +3,7 @@
 //! each key to users.
 
 use super::decoupling::Disturbance;
-use crate::ranges::check_between;
+use crate::ranges::{check, check_between};
 use serde::{Deserialize, Serialize};
 
 /// What is compared with the threshold.
@@ -116,14 +116,13 @@ impl Default for DetectSettings {
 }
 
 impl DetectSettings {
-    /// Refuses a value that is out of range, and says which key holds it. Thresholds have narrower
-    /// ranges of their own ([`super::threshold::quantile`]), which are checked when they are
-    /// learned.
+    /// Refuses a value that is out of range, and says which key holds it. Rates and confidences have the ranges
+    /// of the quantile that thresholds are ([`super::threshold::quantile`]).
     pub fn check(&self) -> Result<(), String> {
         // between 0 and a bound, both excluded
         let open = |key: &str, v: f64, below: f64| check_between(key, v, 0.0, below);
-        open("false_alarm_rate", self.false_alarm_rate, 0.5)?;
-        open("confidence", self.confidence, 1.0)?;
+        open("false_alarm_rate", self.false_alarm_rate, 0.25)?;
+        check("confidence", self.confidence, 0.5..=0.999, "0.5 to 0.999")?;
         open("mu", self.mu, 1e6)?;
         open("oscillations", self.oscillations.unwrap_or(1.0), 1e6)?;
         open("oscillations_of_ring", self.oscillations_of_ring.unwrap_or(1.0), 1e3)?;

@@ -7,8 +7,8 @@
 //! Two tests run side by side. `evidence` (CUSUM) raises a fault that shifts the channel's looks,
 //! and ends every fault. `intermittent` raises a fault that is flagged now and then, with healthy
 //! looks between. Each has its own onset and its own draft until it raises: the draft of the first
-//! is discarded whenever its evidence falls to nothing, that of the second gathers all flagged
-//! looks since the channel was met or its last episode.
+//! is discarded whenever its evidence falls to nothing, that of the second begins anew with a
+//! flagged look before which its evidence has fallen to nothing.
 
 use super::episode_draft::EpisodeDraft;
 use super::evidence::{Evidence, FIRST_IN_MEDIANS, Step};
@@ -37,24 +37,32 @@ pub struct Channel {
     pub evidence: Evidence,
     /// The draft of the episode that is on, or of what may become one.
     pub draft: Option<Box<EpisodeDraft>>,
-    /// Number of looks since the channel was met, or since its last episode.
-    pub heard: u64,
-    /// The flagged looks among the `heard` ones that stand out from the channel's level; `None`:
-    /// there are none.
+    /// Looks at the channel while no episode was on, and flagged ones among them.
+    pub quiet: Flags,
+    /// The flagged looks that stand out from the channel's level, since the test for a fault that comes
+    /// and goes last began; `None`: there are none.
     flagged_looks: Option<Box<FlaggedLooks>>,
 }
 
-/// All flagged looks at a channel that stand out from its level, consecutive or not: the evidence
-/// for a fault that comes and goes.
+/// Flagged looks at a channel that stand out from its level, consecutive or not: the evidence for a
+/// fault that comes and goes.
 #[derive(Clone, Debug)]
 struct FlaggedLooks {
     /// Number of these looks.
     flagged: u64,
-    /// Time of the first of these looks, ns, and how many of the `heard` looks came before it.
+    /// Time of the first of these looks, ns, and how many looks came before it while no episode was on.
     since_ns: i64,
     before: u64,
     /// What isolation said of these looks, for the episode that they may become.
     draft: EpisodeDraft,
+}
+
+impl FlaggedLooks {
+    /// The looks since the first of these, and how many of them were flagged and stand out. `looks`:
+    /// number of looks while no episode was on, of which `before` came earlier.
+    fn flags(&self, looks: u64) -> Flags {
+        Flags { looks: looks - self.before, flagged: self.flagged }
+    }
 }
 
 impl Channel {
@@ -106,6 +114,10 @@ impl Channel {
         if self.own != own {
             self.own = own;
             self.evidence.judge_by_own(own);
+            if !own {
+                // what is first expected of a channel is in medians of another threshold
+                self.evidence.change_model(FIRST_IN_MEDIANS / self.in_medians);
+            }
         }
     }
 
@@ -136,16 +148,24 @@ impl Channel {
         // A healthy channel that always reads high is flagged now and then, but never far from its
         // level. So only looks that stand out from the level count as flagged for a fault that
         // comes and goes. That is asked before the look moves the level.
-        let stands_out = ratio > 1.0 && self.evidence.stands_out(ratio);
+        let stands_out = self.evidence.stands_out(ratio);
+        let was_quiet = self.evidence.is_quiet();
         let step = self.evidence.look(ratio, rules.bound);
         self.looks += 1;
-        self.heard += 1;
+        if !was_raised {
+            self.quiet.add(ratio > 1.0);
+        }
 
         // While an episode is on, flagged looks belong to it and begin to be counted anew after it.
         if was_raised || step == Step::Raised {
-            (self.heard, self.flagged_looks) = (0, None);
-        } else if stands_out && self.is_intermittent(t_ns, named, of_all, rules) {
-            return None;
+            self.flagged_looks = None;
+        } else if stands_out {
+            let others = of_all.without(self.quiet);
+            self.count_flagged(t_ns, named, others, rules);
+            // As long as the sequential test has evidence, the fault did not go: that test decides.
+            if was_quiet && self.is_intermittent(t_ns, others, rules) {
+                return None;
+            }
         }
 
         // What the sequential test says of this look decides what becomes of the draft.
@@ -182,38 +202,41 @@ impl Channel {
         None
     }
 
-    /// Counts one more flagged look that stands out, and raises a fault that comes and goes if the
-    /// flagged looks are by now too many for false alarms. Returns whether the fault was raised.
-    fn is_intermittent(
+    /// Counts one more flagged look that stands out. Where nothing speaks for a fault up to this look, the
+    /// test begins anew with it, so that a long healthy past does not hide a fault that begins now.
+    fn count_flagged(
         &mut self,
         t_ns: i64,
         named: Option<&IsolatedSignal>,
-        of_all: Flags,
+        others: Flags,
         rules: &Rules,
-    ) -> bool {
-        // count the look (`before`: how many looks were heard before it)
-        let before = self.heard - 1;
-        let all = self.flagged_looks.get_or_insert_with(|| {
+    ) {
+        let before = self.quiet.looks - 1;
+        let begin_anew = |all: &FlaggedLooks| all.flags(before).begin_anew(others);
+        if self.flagged_looks.as_deref().is_none_or(begin_anew) {
             let draft = EpisodeDraft::new(rules);
-            Box::new(FlaggedLooks { flagged: 0, since_ns: t_ns, before, draft })
-        });
-        all.flagged += 1;
-        named.iter().for_each(|named| all.draft.add(named, rules));
-
-        // the evidence, which has to reach the same bound as that of the sequential test
-        let flags = Flags { looks: self.heard, flagged: all.flagged };
-        if flags.evidence(of_all) < f64::from(rules.bound) {
-            return false;
+            let new = FlaggedLooks { flagged: 0, since_ns: t_ns, before, draft };
+            self.flagged_looks = Some(Box::new(new));
         }
+        if let Some(all) = &mut self.flagged_looks {
+            all.flagged += 1;
+            named.iter().for_each(|named| all.draft.add(named, rules));
+        }
+    }
 
-        // The episode begins with the first of the flagged looks, and its draft is theirs. The
-        // share of looks in which it was flagged is told of the looks since then; the test for its
-        // end uses the share of all looks heard, which is smaller, so that it ends later.
-        let Some(all) = self.flagged_looks.take() else { return false };
+    /// Raises a fault that comes and goes if the flagged looks are by now too many for false alarms:
+    /// their evidence has to reach the same bound as that of the sequential test. Returns whether the fault
+    /// was raised. The episode begins with the first of these looks, and its draft is theirs.
+    fn is_intermittent(&mut self, t_ns: i64, others: Flags, rules: &Rules) -> bool {
+        let looks = self.quiet.looks;
+        let suffices = |all: &mut Box<FlaggedLooks>| {
+            all.flags(looks).evidence(others) >= f64::from(rules.bound)
+        };
+        let Some(all) = self.flagged_looks.take_if(suffices) else { return false };
+        let flags = all.flags(looks);
         self.evidence.raise_intermittent(flags.share() as f32);
-        (self.onset_ns, self.looks) = (all.since_ns, self.heard - all.before);
-        self.heard = 0;
-        let share = Some(all.flagged as f64 / self.looks as f64);
+        (self.onset_ns, self.looks) = (all.since_ns, flags.looks);
+        let share = Some(flags.share());
         self.draft = Some(Box::new(EpisodeDraft { raised_at_ns: t_ns, share, ..all.draft }));
         true
     }

@@ -136,7 +136,7 @@ impl Evidence {
 
     /// Whether a look lies so far above the channel's level that it alone makes the channel suspect.
     pub fn stands_out(&self, ratio: f32) -> bool {
-        for_the_shift(self.learned.deviation(ratio).0) > tuned::suspicion()
+        evidence_of(ratio, self.learned.deviation(ratio).0) > tuned::suspicion()
     }
 
     /// Raises a fault that comes and goes, and is flagged in this share of the looks.
@@ -192,7 +192,11 @@ impl Evidence {
         }
 
         self.learned = next;
-        if next.faulty > 0.0 { Step::Suspect { begins: begins(before, z) } } else { Step::Quiet }
+        if next.faulty > 0.0 {
+            Step::Suspect { begins: begins(before, evidence_of(ratio, z)) }
+        } else {
+            Step::Quiet
+        }
     }
 
     /// Updates several channels at once as [`Evidence::look`] does. `among`: the channels to
@@ -211,7 +215,8 @@ impl Evidence {
         for i in 0..TOGETHER {
             let (z, sd) = learned[i].deviation(ratios[i]);
             next[i] = learned[i].after(ratios[i], z, sd);
-            begin[i] = (next[i].faulty > 0.0) & begins(learned[i].faulty, z);
+            let of_look = evidence_of(ratios[i], z);
+            begin[i] = (next[i].faulty > 0.0) & begins(learned[i].faulty, of_look);
             updated[i] = among[i] & (next[i].faulty < bound);
         }
         for ((of, next), updated) in of.into_iter().zip(next).zip(updated) {
@@ -244,11 +249,10 @@ impl Evidence {
     /// The test for the end of a fault that stays: a CUSUM of healthy (no shift) against the shift
     /// that the episode has had so far. `z`: the look's deviation from the healthy level.
     fn look_at_faulty(&mut self, z: f32, bound: f32) -> Step {
-        // The log likelihood ratio of two normals of unit variance, one of them shifted. Both z and
-        // the gain are bounded, so that no single look decides.
+        // The log likelihood ratio of two normals of unit variance, one of them shifted. No look says more than
+        // a flagged one does of the beginning of a fault, so that its end takes three looks, too.
         let gain = self.shift * (self.shift / 2.0 - z.min(tuned::largest_shift()));
-        self.recovered =
-            (self.recovered + gain.clamp(-tuned::most_per_look(), tuned::most_per_look())).max(0.0);
+        self.recovered = (self.recovered + gain.clamp(-FLAGGED, FLAGGED)).max(0.0);
         if self.recovered >= bound {
             (self.learned.faulty, self.recovered, self.raised) = (0.0, 0.0, false);
             return Step::Ended;
@@ -264,16 +268,20 @@ impl Evidence {
     }
 }
 
-/// The evidence of one look for the shift that is to be detected: ln of the likelihood ratio of two normal
-/// distributions of unit variance, one of them shifted. `z`: the look's deviation in standard deviations.
-fn for_the_shift(z: f32) -> f32 {
-    tuned::shift() * (z - tuned::shift() / 2.0)
+/// The evidence of one look: the smaller of two ln likelihood ratios. One is that of the shift that is to be
+/// detected, of two normal distributions of unit variance, one of them shifted; the other that of being
+/// flagged or not. `z`: the look's deviation in standard deviations.
+#[inline(always)] // several channels side by side
+fn evidence_of(ratio: f32, z: f32) -> f32 {
+    let by_flag = if ratio > 1.0 { FLAGGED } else { NOT_FLAGGED };
+    (tuned::shift() * (z - tuned::shift() / 2.0)).min(by_flag)
 }
 
 /// Whether a look that leaves evidence may be the onset: there was no evidence before it, or too little to make the
-/// channel suspect, while this look alone makes it so. `before`: the evidence before the look.
-fn begins(before: f32, z: f32) -> bool {
-    (before <= 0.0) | ((before < tuned::suspicion()) & (for_the_shift(z) > tuned::suspicion()))
+/// channel suspect, while this look alone makes it so. `before`: the evidence before the look; `of_look`:
+/// that of the look.
+fn begins(before: f32, of_look: f32) -> bool {
+    (before <= 0.0) | ((before < tuned::suspicion()) & (of_look > tuned::suspicion()))
 }
 
 impl Learned {
@@ -290,11 +298,7 @@ impl Learned {
     /// spread are robust running estimates: deviations are clamped to three standard deviations.
     #[inline(always)] // as above
     fn after(self, ratio: f32, z: f32, sd: f32) -> Learned {
-        // the CUSUM, by the smaller of two log likelihood ratios: of the shifted normal, and of
-        // being flagged or not
-        let by_flag = if ratio > 1.0 { FLAGGED } else { NOT_FLAGGED };
-        let gain = for_the_shift(z).min(by_flag);
-        let faulty = (self.faulty + gain).max(0.0);
+        let faulty = (self.faulty + evidence_of(ratio, z)).max(0.0);
 
         // The running mean and variance. The level and spread of a suspect channel stand still, so
         // that they do not follow a fault.
@@ -559,10 +563,12 @@ mod tests {
 
     #[test]
     fn an_onset_is_the_first_evidence_or_what_chance_does_not_explain() {
-        let alone = tuned::suspicion() / tuned::shift() + tuned::shift() / 2.0;
-        assert!(begins(0.0, 1.0) && begins(tuned::suspicion() / 2.0, 1.01 * alone));
-        assert!(!begins(tuned::suspicion() / 2.0, 0.99 * alone));
-        assert!(!begins(tuned::suspicion(), 2.0 * alone));
+        let alone = 1.01 * tuned::suspicion();
+        assert!(begins(0.0, 0.1) && begins(tuned::suspicion() / 2.0, alone));
+        assert!(!begins(tuned::suspicion() / 2.0, 0.99 * tuned::suspicion()));
+        assert!(!begins(tuned::suspicion(), alone));
+        // a look that is not flagged is no onset, however far it lies above the channel's level
+        assert!(!begins(tuned::suspicion() / 2.0, evidence_of(0.9, 20.0)));
     }
 
     #[test]

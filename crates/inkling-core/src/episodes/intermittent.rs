@@ -1,7 +1,7 @@
-//! A fault that comes and goes: flagged looks too few in a row for the sequential test, and too
-//! many in all for false alarms.
+//! A fault that comes and goes: its flagged looks are too few in a row for the sequential test, and
+//! too many in all for false alarms.
 //!
-//! In: how many looks at a channel were flagged, of how many ([`Flags`]), and the same of all
+//! In: how many looks at a channel were flagged, of how many ([`Flags`]), and the same of the other
 //! channels of its printhead. Out: the ln likelihood ratio of "flagged for reasons of its own"
 //! against "flagged by false alarms" ([`Flags::evidence`]), which `channel` compares with the bound
 //! of the sequential test.
@@ -15,8 +15,10 @@
 //!
 //! With a fixed q the ratio is a test martingale: on a healthy channel whose flags come no more
 //! often than at the rate q its ln passes a bound b at any time at all with a probability of at
-//! most e^-b (Ville 1939). Here q is taken anew from the other channels at each look, so that holds
-//! about, not exactly.
+//! most e^-b (Ville 1939). The test begins anew with each flagged look before which the ln is negative
+//! ([`Flags::begin_anew`]), so that a long healthy past does not hide a fault that begins now; then b is
+//! passed in at most e^-b of the looks (the e-detector of Shin, Ramdas and Rinaldo, 2022). Here q is taken
+//! anew from the other channels at each look, so both hold about, not exactly.
 
 use super::tuned;
 use crate::numbers::tuned::least_rate;
@@ -29,26 +31,41 @@ pub struct Flags {
 }
 
 impl Flags {
+    /// Counts one more look.
+    pub fn add(&mut self, flagged: bool) {
+        self.looks += 1;
+        self.flagged += u64::from(flagged);
+    }
+
+    /// What is left of these looks without others that are among them.
+    pub fn without(self, those: Flags) -> Flags {
+        let looks = self.looks.saturating_sub(those.looks);
+        Flags { looks, flagged: self.flagged.saturating_sub(those.flagged) }
+    }
+
     /// Share of the looks that were flagged.
     pub fn share(self) -> f64 {
         self.flagged as f64 / self.looks.max(1) as f64
     }
 
-    /// The ln likelihood ratio that the channel is flagged for reasons of its own. `of_all`: looks
-    /// and flags of all channels of its printhead, this one included.
-    pub fn evidence(self, of_all: Flags) -> f64 {
+    /// Whether the test is to begin anew with the flagged look that follows these: nothing speaks for a
+    /// fault so far. `others`: as of [`Flags::evidence`].
+    pub fn begin_anew(self, others: Flags) -> bool {
+        self.flagged == 0 || self.evidence(others) < 0.0
+    }
+
+    /// The ln likelihood ratio that a channel is flagged for reasons of its own. `self`: its looks, and those of
+    /// them that were flagged and stand out from its level; `others`: all looks, and all flagged ones, at the
+    /// other channels of its printhead while no episode was on in them.
+    pub fn evidence(self, others: Flags) -> f64 {
         // The rate q of false alarms: `of_others` times that of the other channels, so that what
-        // all of them do is no fault of one, and at least `least_rate`.
-        let others = Flags {
-            looks: of_all.looks.saturating_sub(self.looks),
-            flagged: of_all.flagged.saturating_sub(self.flagged),
-        };
+        // all of them do is no fault of one, and at least `least_rate`. The upper bound leaves shares
+        // above the rate to compare with (somewhat arbitrary).
         let rate = (tuned::of_others() * others.share()).clamp(least_rate(), 0.2);
         let (flagged, not) = (self.flagged as f64, (self.looks - self.flagged) as f64);
 
         // The likelihood ratio of a share p of flagged looks against that rate, averaged over
         // shares of 2, 4, 8, .. times the rate (in logarithms, with the largest term taken out).
-        // The rate is at most .2, so there is at least one share.
         let of_share = |p: f64| flagged * (p / rate).ln() + not * ((-p).ln_1p() - (-rate).ln_1p());
         let shares = std::iter::successors(Some(2.0 * rate), |p| Some(2.0 * p));
         let lns: Vec<f64> = shares.take_while(|p| *p < 1.0).map(of_share).collect();
@@ -62,38 +79,53 @@ mod tests {
     use super::*;
     use rand::{RngExt, SeedableRng};
 
-    /// Draws looks at channels that are flagged at a rate, and counts the channels in which the
-    /// evidence reaches the bound at any time.
-    fn raised(rate: f64, looks: u64, channels: usize, bound: f64) -> usize {
+    /// Draws looks at channels that are flagged at the first rate for the first number of looks, and at the
+    /// second rate for the second number; counts how often the evidence reaches the bound, after which the
+    /// test begins anew.
+    fn raised(parts: [(f64, u64); 2], channels: usize, bound: f64) -> usize {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
-        let mut of = |_: &usize| {
+        let others = Flags { looks: 1_000_000, flagged: 0 };
+        let mut raised = 0;
+        for _ in 0..channels {
             let mut flags = Flags::default();
-            (0..looks).any(|_| {
-                flags.looks += 1;
-                let flagged = rng.random_bool(rate);
-                flags.flagged += u64::from(flagged);
-                flagged && flags.evidence(flags) >= bound
-            })
-        };
-        (0..channels).filter(&mut of).count()
+            for (rate, looks) in parts {
+                for _ in 0..looks {
+                    let flagged = rng.random_bool(rate);
+                    if flagged && flags.begin_anew(others) {
+                        flags = Flags::default();
+                    }
+                    flags.add(flagged);
+                    if flagged && flags.evidence(others) >= bound {
+                        (raised, flags) = (raised + 1, Flags::default());
+                    }
+                }
+            }
+        }
+        raised
     }
 
     #[test]
     fn false_alarms_raise_as_seldom_as_the_bound_says_and_seldom_faults_are_raised() {
-        // e^-3: 100 of 2,000 at most
-        let at_its_rate = raised(least_rate(), 5000, 2000, 3.0);
-        assert!(at_its_rate <= 100, "{at_its_rate}");
-        assert_eq!(raised(7e-4, 50_000, 1000, 16.1), 0);
-        for (rate, looks) in [(0.1, 400), (0.04, 1000), (0.02, 2500)] {
-            assert!(raised(rate, looks, 100, 16.1) >= 90, "{rate}");
+        let healthy =
+            |rate, looks, channels, bound| raised([(rate, looks), (rate, 0)], channels, bound);
+        // in e^-8 of the looks, 1677 of five million, at most
+        let at_its_rate = healthy(least_rate(), 5000, 1000, 8.0);
+        assert!(at_its_rate <= 1677, "{at_its_rate}");
+        assert_eq!(healthy(7e-4, 50_000, 1000, 16.1), 0);
+        // whatever healthy past the channel has
+        for past in [0, 1000, 100_000] {
+            for (rate, looks) in [(0.1, 400), (0.04, 1000), (0.02, 2500)] {
+                let raised = raised([(7e-4, past), (rate, looks)], 100, 16.1);
+                assert!(raised >= 90, "{rate} after {past}: {raised}");
+            }
         }
     }
 
     #[test]
     fn what_all_channels_do_is_no_fault_of_one() {
         let of_channel = Flags { looks: 1000, flagged: 40 };
-        let of_all = Flags { looks: 60_000, flagged: 2400 };
-        assert!(of_channel.evidence(of_all) < 0.0);
+        let others = Flags { looks: 60_000, flagged: 2400 };
+        assert!(of_channel.evidence(others) < 0.0);
         assert!(of_channel.evidence(Flags { looks: 60_000, flagged: 60 }) > 16.1);
     }
 }

@@ -175,8 +175,10 @@ fn comes_and_goes() -> [f64; 2] {
         let all = Flags { looks: 600_000, flagged: (RATE * 600_000.0) as u64 };
         (0..looks).any(|_| {
             let is_flagged = rng.random_bool(rate);
-            flags =
-                Flags { looks: flags.looks + 1, flagged: flags.flagged + u64::from(is_flagged) };
+            if is_flagged && flags.begin_anew(all) {
+                flags = Flags::default();
+            }
+            flags.add(is_flagged);
             is_flagged && flags.evidence(all) >= f64::from(BOUND)
         })
     };

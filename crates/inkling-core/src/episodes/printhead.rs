@@ -138,8 +138,9 @@ impl Printhead {
                 continue;
             }
             (state.last_ns, state.last_ratio) = (looks.t_ns, *ratio);
-            (state.looks, state.heard) = (state.looks + 1, state.heard + 1);
-            self.flags.looks += 1;
+            state.looks += 1;
+            state.quiet.add(false);
+            self.flags.add(false);
             if begins {
                 (state.onset_ns, state.looks) = (looks.t_ns, 1);
             }
@@ -210,8 +211,7 @@ impl Printhead {
         // The printhead's flags. Looks while an episode is on do not count, since the rate that is
         // wanted is that of false alarms.
         if !channel.evidence.is_raised() {
-            self.flags.looks += 1;
-            self.flags.flagged += u64::from(ratio > 1.0);
+            self.flags.add(ratio > 1.0);
         }
 
         // the look itself, and what it ends or raises

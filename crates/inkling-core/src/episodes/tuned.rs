@@ -9,8 +9,6 @@ crate::numbers! {
     /// physics.toml, judged by a design: 1 gave six false episodes in eleven of them; 1.5 gave one,
     /// and found two fewer of 52 slightly dried nozzles.
     shift: f32 = 1.5;
-    /// Largest evidence that one look gives for the return to healthy, or against it.
-    most_per_look: f32 = 7.6;
     /// Largest shift that the return to healthy is tested against, in standard deviations of a
     /// look: what lies beyond half of it is faulty, however large the fault was. Chosen on faults
     /// that flicker (`prices.rs`).

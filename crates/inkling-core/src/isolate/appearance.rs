@@ -1,8 +1,8 @@
 //! A description of a flagged signal that is of no known class, for a technician: mostly there is a
 //! fault of the measurement (cable, amplifier) and not of the nozzle.
 //!
-//! In, from `design/named_ring.rs`: the signal, its misfit beside its ring, and the ring's
-//! features. Out: [`Appearance`], which the verdict's words are made of. A chain of tests, the
+//! In, from `design/named_ring.rs`: the signal, the healthy one, and the signal's misfit beside its
+//! ring. Out: [`Appearance`], which the verdict's words are made of. A chain of tests, the
 //! simplest description first; the first that fits wins:
 //!
 //! 1. hardly more than noise about its mean: a constant, or noise alone;
@@ -15,9 +15,7 @@
 //! The bounds of the tests (twice the noise, six standard errors, a thirty-second of the samples)
 //! are heuristic.
 
-use super::tuned;
 use crate::model::inner_product::dot;
-use crate::model::ring_fit::Features;
 use crate::model::simd_math::sin_cos;
 use crate::processor::for_processor;
 use crate::verdict::Appearance;
@@ -29,8 +27,8 @@ pub struct UnknownSignal<'a> {
     pub signal: &'a [f64],
     /// Standard deviation of one sample's noise in `signal`, counts.
     pub noise: f64,
-    /// Features of the ring fitted to the signal; `None`: the signal does not ring.
-    pub ring: Option<Features>,
+    /// The expected healthy signal, N, counts, per unit drive.
+    pub healthy: &'a [f64],
     /// The signal's misfit beside its ring, N, in standard deviations of the noise; the whole
     /// signal if it does not ring.
     pub misfit: &'a [f64],
@@ -52,25 +50,10 @@ impl UnknownSignal<'_> {
         }
 
         // Square sum of the misfit beyond the noise's, in noise variances. If it is small, a ring
-        // explains the signal, which is described by its ring. A damping and frequency near the
-        // healthy ones leave only another gain, negative if the ring is upside down.
+        // explains the signal.
         let beyond = dot(self.misfit, self.misfit) - n;
         if beyond < n {
-            return match self.ring {
-                Some(x)
-                    if x.ln_damping.abs() < tuned::near()[0]
-                        && x.ln_frequency.abs() < tuned::near()[1] =>
-                {
-                    let upright = x.phase_rad.cos().signum();
-                    // a ring whose damping differs more than its amplitude does not just have another gain
-                    match upright < 0.0 || x.ln_amplitude.abs() > x.ln_damping.abs() {
-                        true => Appearance::OtherGain(x.ln_amplitude.exp() * upright),
-                        false => Appearance::OtherRing,
-                    }
-                }
-                Some(_) => Appearance::OtherRing,
-                None => Appearance::Other,
-            };
+            return self.of_ring();
         }
 
         // jumps: few samples, a thirty-second of them and at least two, hold most of the misfit
@@ -88,6 +71,22 @@ impl UnknownSignal<'_> {
             true if cycles < 2.0 => Appearance::Slow,
             true => Appearance::Tone(cycles / (n * self.dt_s)),
             false => Appearance::Other,
+        }
+    }
+
+    /// Describes a ring: the healthy one with another gain (negative if it is upside down) if that gain explains
+    /// most of what the signal differs from it by, else another ring.
+    fn of_ring(&self) -> Appearance {
+        let gain = dot(self.signal, self.healthy) / dot(self.healthy, self.healthy);
+        // what the signal differs by from the healthy one times `gain`, beyond its noise
+        let of_noise = self.signal.len() as f64 * self.noise * self.noise;
+        let beside = |gain: f64| {
+            let off = self.signal.iter().zip(self.healthy).map(|(y, h)| y - gain * h);
+            off.map(|v| v * v).sum::<f64>() - of_noise
+        };
+        match beside(gain) < (1.0 - MOST) * beside(1.0) {
+            true => Appearance::OtherGain(gain),
+            false => Appearance::OtherRing,
         }
     }
 
@@ -175,26 +174,34 @@ mod tests {
     #[test]
     fn each_kind_has_its_name() {
         let mut normal = draws(8);
-        let mut of = |shape: &dyn Fn(f64) -> f64, ring: Option<Features>, rings: bool| {
+        let ring = |size: f64, damping: f64| {
+            move |k: usize| size * (-damping * k as f64).exp() * (0.5 * k as f64).cos()
+        };
+        let healthy: Vec<f64> = (0..128).map(ring(100.0, 0.02)).collect();
+        let mut of = |shape: &dyn Fn(f64) -> f64, (size, damping): (f64, f64)| {
             let misfit: Vec<f64> = (0..128).map(|k| normal() + shape(k as f64)).collect();
-            let size = if rings { 50.0 } else { 0.0 };
-            let ring_at = |k: usize| size * (-0.02 * k as f64).exp() * (0.5 * k as f64).cos();
-            let signal: Vec<f64> = (0..128).map(|k| misfit[k] + ring_at(k)).collect();
-            UnknownSignal { signal: &signal, noise: 1.0, ring, misfit: &misfit, dt_s: 1e-6 }
+            let ring = (0..128).map(ring(size, damping));
+            let signal: Vec<f64> = misfit.iter().zip(ring).map(|(v, ring)| v + ring).collect();
+            let misfit = &misfit;
+            UnknownSignal { signal: &signal, noise: 1.0, healthy: &healthy, misfit, dt_s: 1e-6 }
                 .appearance()
         };
-        let half = Features { ln_amplitude: 0.5f64.ln(), ..Features::HEALTHY };
-        assert_eq!(of(&|_| 0.0, None, false), Appearance::NoiseAlone);
-        assert_eq!(of(&|_| 40.0, None, false), Appearance::Constant);
-        assert_eq!(of(&|_| 0.0, Some(half), true), Appearance::OtherGain(0.5));
-        let damped = Features { ln_amplitude: 0.01, ln_damping: 0.1, ..Features::HEALTHY };
-        assert_eq!(of(&|_| 0.0, Some(damped), true), Appearance::OtherRing);
-        let upside_down = Features { phase_rad: std::f64::consts::PI, ..Features::HEALTHY };
-        assert_eq!(of(&|_| 0.0, Some(upside_down), true), Appearance::OtherGain(-1.0));
+        let half = (50.0, 0.02);
+        assert_eq!(of(&|_| 0.0, (0.0, 0.02)), Appearance::NoiseAlone);
+        assert_eq!(of(&|_| 40.0, (0.0, 0.02)), Appearance::Constant);
+        let gain = |of: Appearance| match of {
+            Appearance::OtherGain(gain) => gain,
+            other => panic!("{other:?}"),
+        };
+        assert!((gain(of(&|_| 0.0, half)) - 0.5).abs() < 0.01);
+        assert!((gain(of(&|_| 0.0, (-100.0, 0.02))) + 1.0).abs() < 0.01);
+        // the damping differs by a tenth and the gain by 5 % or by half
+        assert_eq!(of(&|_| 0.0, (105.0, 0.022)), Appearance::OtherRing);
+        assert!((gain(of(&|_| 0.0, (150.0, 0.022))) - 1.4).abs() < 0.05);
         let odd = |k: f64| if k == 40.0 { 60.0 } else { 0.0 };
-        assert_eq!(of(&odd, Some(half), true), Appearance::Jumps);
-        assert_eq!(of(&|_| 5.0, Some(half), true), Appearance::Slow);
-        let tone = of(&|k| 6.0 * (1.3 * k).sin(), Some(half), true);
+        assert_eq!(of(&odd, half), Appearance::Jumps);
+        assert_eq!(of(&|_| 5.0, half), Appearance::Slow);
+        let tone = of(&|k| 6.0 * (1.3 * k).sin(), half);
         let Appearance::Tone(hz) = tone else { panic!("{tone:?}") };
         assert!((hz / (1.3e6 / std::f64::consts::TAU) - 1.0).abs() < 0.02, "{hz}");
     }

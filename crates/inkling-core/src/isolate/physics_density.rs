@@ -163,10 +163,10 @@ impl FaultCurves {
     /// severities are distributed as the mixture at the head of this file: uniform in the ranges
     /// that the laws' names mean, as in the class's labelled signals (`seen`), and uniform over the
     /// whole curve. Members are equally likely. If they are of several kinds, their severities have
-    /// no common unit, so `seen` is ignored then. Members of one kind have to follow each other, as
-    /// only neighbours are recognised to share a curve.
+    /// no common unit, so `seen` is ignored then.
     pub fn set(&mut self, k: usize, members: &[Member], seen: Option<&LabelledSeverities>) {
         let mut curves: Vec<usize> = members.iter().map(|member| member.curve).collect();
+        curves.sort_unstable();
         curves.dedup();
         let seen = seen.filter(|_| curves.len() == 1);
         let n = seen.map_or(0.0, |seen| seen.n);

@@ -18,9 +18,6 @@ crate::numbers! {
     /// Scales of Student's t with three degrees of freedom, for ln amplitude, ln damping and ln frequency of
     /// a ring of any kind.
     any: [f64; 3] = [0.4, 0.5, 0.25];
-    /// A ring whose |ln damping| and |ln frequency|, relative to the healthy ring, are below these
-    /// is described as a healthy ring of another amplitude (`appearance.rs`).
-    near: [f64; 2] = [0.2, 0.02];
     /// Prior standard deviation of ln pulse, the length of the actuation pulse, of which nothing
     /// but the guess is known.
     pulse_sd = 0.1;

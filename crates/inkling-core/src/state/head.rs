@@ -224,7 +224,7 @@ impl Head {
         let looks = &as_large_as_most(looks, self.kind.ring)[..];
 
         // where the level may have gone, and the level that explains the sweep
-        let before = self.covariance;
+        let before = (self.covariance, self.heard_ns);
         let paused = self.walk(t_ns);
         let found = match paused {
             true => self.find_aged(looks, no_rings),
@@ -232,14 +232,14 @@ impl Head {
         };
         let Some(explained) = found else { return SweepOutcome::Unknown };
 
-        if paused && self.are_others(looks, &explained) {
-            // another head in this one's place: what was known of the channels that this sweep did
-            // not look at goes, too
-            self.channels.clear();
-            self.swapped_ns.get_or_insert(t_ns);
-        }
-        // the same head: what it tells is learned
+        // what may be the same head, or one like it in its place: what it tells is learned
         if !matches!(explained.by, Move::Strange) {
+            if paused && self.are_others(looks, &explained) {
+                // another head in this one's place: what was known of the channels that this sweep did
+                // not look at goes, too
+                self.channels.clear();
+                self.swapped_ns.get_or_insert(t_ns);
+            }
             self.learn(t_ns, looks, &explained);
             self.watch(looks);
 
@@ -254,8 +254,11 @@ impl Head {
             };
         }
 
-        // while another head is heard nothing is learned of where this one went
-        self.covariance = before;
+        // While another head is heard nothing is learned of where this one went, and it goes on standing still.
+        self.covariance = before.0;
+        if paused {
+            self.heard_ns = before.1;
+        }
         SweepOutcome::Strange { level: self.kind.from * explained.level }
     }
 

@@ -256,6 +256,17 @@ fn another_head_is_told_and_teaches_nothing() {
         let back = world.sweep(Vector4::zeros(), none);
         assert!(matches!(back, SweepOutcome::Level { .. }), "{back:?}");
     }
+    // nor does one that is heard after a pause, in which this head and its channels may have moved
+    let mut world = World::new(9, 30);
+    world.run(60);
+    world.t_ns += 1000 * SECOND;
+    let found = world.sweep(Vector4::new(0.0, 0.0, 0.04, 0.0), none);
+    assert!(matches!(found, SweepOutcome::Strange { .. }), "{found:?}");
+    assert_eq!(world.head.channels(), 30);
+    let warmer = Vector4::new(0.15, 0.1, 0.0, 0.0);
+    let back = world.sweep(warmer, none);
+    assert!(matches!(back, SweepOutcome::Level { .. }), "{back:?}");
+    assert_eq!((world.head.channels(), world.head.swapped_ns()), (30, None));
     // from the first sweep on
     let mut world = World::new(8, 30);
     let found = world.sweep(Vector4::new(0.0, 0.0, 0.04, 0.0), none);

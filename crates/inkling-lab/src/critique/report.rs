@@ -17,11 +17,10 @@ use super::finding::{
 use super::pictures;
 use crate::plot::page::{escaped, page, table};
 
-/// Explains the columns of the causes' table. The counts of recordings in it come from another run than the
-/// table in `docs/hidden_effects.md`, which has 33 of 64 and 157 of 157.
+/// Explains the columns of the causes' table. The counts of recordings are those of `docs/hidden_effects.md`.
 const OF_CAUSES: &str = "Strength in DL, detection limits: 1 DL is the size at which a test of this one \
-    effect alone would find it in 90 of 100 recordings. Among all candidates it was found in 54 of 103 \
-    simulated recordings at 1 DL, in 252 of 253 from 2 DL on. Delta BIC, Bayesian information criterion \
+    effect alone would find it in 90 of 100 recordings. Among all candidates it was found in 33 of 64 \
+    simulated recordings at 1 DL, in 157 of 157 from 2 DL on. Delta BIC, Bayesian information criterion \
     without the cause minus with it: twice the gain in log-likelihood, less a price for each parameter; 10 \
     is strong evidence. Gain per held-out signal: how much larger the logarithm of its probability is by a \
     model with this cause than by one without it, with its 95 % interval; where that reaches below 0, the \
