@@ -119,10 +119,11 @@ impl OwnChannels {
     /// printhead's, by ascending channel number; `from`: the printhead's level, in features
     /// relative to the judge's ring; `frozen`: numbers of the channels that repeat the same bits.
     ///
-    /// No channel gets a baseline if hardly anything of what channels differ by lasts. Else a
-    /// channel gets none of its own while nothing is known of the channel itself (fewer than 4
-    /// looks): judging it against all channels then says as much. In an aged printhead such
-    /// channels get one, too, since the design's threshold does not hold there.
+    /// A channel gets no baseline of its own while nothing is known of the channel itself (fewer than 4
+    /// looks): judging it against all channels then says as much. In an aged printhead such channels get
+    /// one, too, since the design's threshold does not hold there. Where little of what channels differ by
+    /// lasts, their levels lie near the printhead's and the thresholds near the design's, so that
+    /// baselines change little.
     pub fn new(
         basis: Arc<OwnBasis>,
         channels: Vec<OwnLevel>,
@@ -132,9 +133,9 @@ impl OwnChannels {
         let baselines = channels.into_iter().map(|OwnLevel { channel, looks, at, off }| {
             (channel, OwnBaseline { baseline: at + from, behind: Behind::of(looks), off })
         });
-        let (any, all) = (basis.lasting >= tuned::least_lasting(), basis.is_aged);
-        let baselines =
-            baselines.filter(|(_, of)| any && (all || of.off > 0.0 || of.behind != Behind(0)));
+        let is_known = |of: &OwnBaseline| of.off > 0.0 || of.behind != Behind(0);
+        let is_aged = basis.is_aged;
+        let baselines = baselines.filter(|(_, of)| is_aged || is_known(of));
         frozen.sort_unstable();
         OwnChannels { basis, channels: baselines.collect(), frozen }
     }

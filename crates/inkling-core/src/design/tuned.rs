@@ -10,9 +10,6 @@ crate::numbers! {
     /// allows for faults among the signals, by more than this factor, some of them are probably
     /// faulty.
     suspect = 3.0;
-    /// If less than this share of the variance between healthy signals lasts from drop to drop, a
-    /// channel's own level says no more than the level of all channels does.
-    least_lasting = 0.25;
     /// Where the channels of a printhead lie more than this many times as far from each other as
     /// the design says, a channel of which nothing else is known is not judged by the design's
     /// threshold.

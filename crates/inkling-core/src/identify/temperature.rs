@@ -24,10 +24,11 @@ use super::grey_box::{self, Identification};
 use super::scatter::scatter;
 use super::tuned;
 use super::{GreyBoxSettings, IdentifyError, whiteness};
-use crate::numbers::tuned::few;
+use crate::numbers::tuned::{few, guessed_rate};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use serde::Serialize;
 use std::collections::BTreeMap;
+use std::f64::consts::SQRT_2;
 
 /// Largest number of temperatures that are told apart.
 const MOST_BINS: usize = 4;
@@ -51,11 +52,11 @@ pub struct ByTemperature {
 }
 
 impl ByTemperature {
-    /// Whether both ratios are known, and viscosity alone explains what temperature does.
+    /// Whether both ratios are better known than those of two guessed rates, and viscosity alone explains what
+    /// temperature does.
     pub fn is_known(&self) -> bool {
-        self.g_over_d_sd < tuned::least_known()
-            && self.a_over_b_sd < tuned::least_known()
-            && self.p_value > 0.01
+        let of_guess = guessed_rate() * SQRT_2;
+        self.g_over_d_sd < of_guess && self.a_over_b_sd < of_guess && self.p_value > 0.01
     }
 }
 

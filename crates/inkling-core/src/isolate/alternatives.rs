@@ -21,6 +21,7 @@ use super::fault_curve::{HealthySpread, Node};
 use super::posterior::ROUNDED_AWAY;
 use super::tuned;
 use crate::model::ring_fit::{Features, RingFitter};
+use crate::numbers::tuned::guessed_rate;
 use crate::verdict::Appearance;
 use nalgebra::{Matrix4, SMatrix, Vector4};
 use std::sync::Arc;
@@ -99,7 +100,7 @@ pub(super) fn broad(
     // Rates that are all off independently of each other, by half of what a guessed rate is uncertain by, by as
     // much, and by twice as much; each of the three is as likely. The gain is that of healthy channels.
     let rates = [0.5, 1.0, 2.0].map(|times| {
-        let square = (times * tuned::guessed_rate()).powi(2);
+        let square = (times * guessed_rate()).powi(2);
         let variances = [square, square, square, square, 0.0];
         let of_rates = SMatrix::<f64, 5, 5>::from_diagonal(&variances.into());
         node(Vector4::zeros(), healthy.slope * of_rates * healthy.slope.transpose())

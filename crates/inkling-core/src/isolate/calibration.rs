@@ -10,8 +10,7 @@
 //! line widens the standard deviation. Without labels the estimate is kept, and its standard
 //! deviation is widened by a share of what the fault changes (`guessed_rate`).
 
-use super::tuned;
-use crate::numbers::tuned::few;
+use crate::numbers::tuned::{few, guessed_rate};
 use serde::{Deserialize, Serialize};
 
 /// A severity in the unit of its class (`schemas/verdicts.md`), with its standard deviation.
@@ -58,7 +57,7 @@ impl Calibration {
         match self {
             Calibration::Learned(error) => error.correct(estimated),
             Calibration::Guessed { none } => {
-                let guessed = tuned::guessed_rate() * (estimated.value - none);
+                let guessed = guessed_rate() * (estimated.value - none);
                 Severity { sd: estimated.sd.hypot(guessed), ..estimated }
             }
         }

@@ -29,6 +29,7 @@ use crate::model::faults::Law;
 use crate::model::ring_down::{Poles, ring_down_into};
 use crate::model::ring_fit::{Features, Products, RingFitter};
 use crate::model::{Actuation, InkChannel};
+use crate::numbers::tuned::guessed_rate;
 use nalgebra::{Matrix2, Matrix4, Matrix4x2, SMatrix, SVector, SymmetricEigen, Vector2, Vector4};
 
 /// Number of parameters in which a channel may differ from the mean channel: relative changes of its four
@@ -377,7 +378,7 @@ impl Trust {
         match self {
             Trust::InRates => believed * belief * believed.transpose(),
             Trust::InDirection => {
-                let (rate, pulse) = (tuned::guessed_rate(), tuned::pulse_sd());
+                let (rate, pulse) = (guessed_rate(), tuned::pulse_sd());
                 let guessed = SVector::from([rate, rate, rate, rate, pulse]).map(|sd| sd * sd);
                 let law = Vector4::from_fn(|j, _| {
                     tuned::of_law()[j].powi(2).max((tuned::share_of_law() * mean[j]).powi(2))

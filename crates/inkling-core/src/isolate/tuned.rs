@@ -21,12 +21,6 @@ crate::numbers! {
     /// Prior standard deviation of ln pulse, the length of the actuation pulse, of which nothing
     /// but the guess is known.
     pulse_sd = 0.1;
-    /// Standard deviation of a guessed ln rate: guesses are believed to within a fifth. With twice
-    /// that a design without labelled faults names more on a head of another physics, and more of
-    /// it rightly (seed 2 of `tests/outside`: .50 instead of .34 named at .8, .74 instead of .61 of
-    /// these right), but calls a stiffer actuator an air bubble in .24 instead of .01 of its
-    /// signals (seed 1).
-    guessed_rate = 0.2;
     /// Standard deviation, by feature, of what a law leaves out. It is the least that a fault's law
     /// may be wrong where only its direction is believed (`fault_curve.rs`), and the width of rings
     /// of another gain, clock or delay (`alternatives.rs`).
