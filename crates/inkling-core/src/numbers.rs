@@ -38,7 +38,7 @@ pub mod tuned {
 
 /// Makes a function of each number of a table, under the number's name. Where numbers can be
 /// changed the macro also makes the list `NUMBERS` of their paths, such as
-/// `inkling_core::isolate::tuned::pulse_sd`.
+/// `pulse_sd` among those of isolation.
 #[macro_export]
 macro_rules! numbers {
     // the type of a number: f64 where its line says nothing else

@@ -72,8 +72,8 @@ const BY_KEYS: [(ResultFile, &[&str]); 9] = [
 /// The key of inkling's metadata in a Parquet footer, as Thrift's compact protocol writes a pair of texts. A name or
 /// value that happens to be the word has no value after it.
 const OURS: &[u8] = b"\x18\x07inkling\x18";
-/// The path of the column `urgency` there: a list of one text. Only tables of faults have it.
-const URGENCY: &[u8] = b"\x19\x18\x07urgency";
+/// The required column `urgency` in the schema there. Only tables of faults have it.
+const URGENCY: &[u8] = b"\x25\x00\x18\x07urgency";
 
 impl fmt::Display for ResultFile {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
@@ -220,7 +220,7 @@ mod tests {
             [b"PAR1", footer, &(footer.len() as u32).to_le_bytes(), b"PAR1"].concat()
         };
         let table = parquet(b"..\x18\x07inkling\x18..\x08\x07urgency");
-        let faults = parquet(b"\x19\x18\x07urgency..\x18\x07inkling\x18..");
+        let faults = parquet(b"\x15\x0a\x25\x00\x18\x07urgency..\x18\x07inkling\x18..");
         let others = parquet(b"\x19\x18\x07inkling\x15");
         let files: [(&[u8], Option<ResultFile>); 21] = [
             (
