@@ -104,8 +104,8 @@ impl InputSettings {
     }
 }
 
-/// Which models judge where there is a design. Without a design windows give the models in either
-/// mode.
+/// Which models judge where there is a design. Without a design windows give the models, and
+/// `replay` refuses the other mode.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum IdentifyMode {
