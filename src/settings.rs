@@ -104,8 +104,8 @@ impl InputSettings {
     }
 }
 
-/// Which models judge where there is a design. Without a design windows give the models in either
-/// mode.
+/// Which models judge where there is a design. Without a design windows give the models, and
+/// `replay` refuses the other mode.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum IdentifyMode {
@@ -323,7 +323,8 @@ impl Settings {
             let (key, value) = both.ok_or_else(|| {
                 mistaken(format!("--set {pair}"), "expected KEY=VALUE, as detect.mu=2")
             })?;
-            insert(&mut table, key.trim(), literal(value.trim()), &format!("--set {pair}"))?;
+            let (key, value) = (key.trim(), value_of(key.trim(), value.trim()));
+            insert(&mut table, key, value, &format!("--set {pair}"))?;
         }
 
         // between layers one of these two keys replaces the other (`insert`); within a layer
@@ -504,6 +505,18 @@ impl Settings {
     }
 }
 
+/// The value of a key, as an override writes it. A key whose default is a text takes any text as it
+/// is: a directory may be called 7 or 2026-11-01, which are a number and a date in TOML.
+fn value_of(key: &str, text: &str) -> Value {
+    let value = literal(text);
+    let defaults = serde_json::to_value(Settings::default()).unwrap_or_default();
+    let default = defaults.pointer(&format!("/{}", key.replace('.', "/")));
+    match default.is_some_and(serde_json::Value::is_string) && !value.is_str() {
+        true => Value::String(text.into()),
+        false => value,
+    }
+}
+
 /// Reads a value as a TOML literal, or else as a plain string: `--set output.dir=out` needs no quotes.
 fn literal(text: &str) -> Value {
     // TOML wants a digit before the point, so `.5` is read as `0.5`
@@ -578,6 +591,11 @@ mod tests {
         assert_eq!(s.output.dir, "my out");
         assert_eq!(s.identify.every, 300.0);
         assert_eq!(s.detect.mu, 2.0);
+        let s =
+            with(&["output.dir=2026-11-01", "input.design=7", "identify.labels=\"8\""]).unwrap();
+        assert_eq!((&*s.output.dir, &*s.input.design), ("2026-11-01", "7"));
+        assert_eq!(s.identify.labels, "8");
+        assert_eq!(with(&["replay.pace=1000"]).unwrap().replay.pace, Pace::Signals(1000.0));
     }
 
     #[test]

@@ -120,6 +120,7 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("replay {R} --follow --serve 127.0.0.1", 2, "such as 127.0.0.1:8080"),
     ("replay {R} --follow --serve 127.0.0.1:99999", 2, "such as 127.0.0.1:8080"),
     ("replay {R} --identify design", 2, "give --design FILE"),
+    ("replay {R} --set identify.mode=design", 2, "give --design FILE"),
     ("replay {R} --set =3", 2, "expected KEY=VALUE"),
     ("replay {R} --set detect.mu", 2, "expected KEY=VALUE"),
     (

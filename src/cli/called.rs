@@ -12,7 +12,7 @@ use super::collected::RecordingSource;
 use super::exit::{Exit, Failure};
 use super::progress::{called_by, told};
 use super::train::{self, Learned, Lesson};
-use super::{Cli, critique, effect, notes, output, replay};
+use super::{Cli, critique, effect, notes, output, parse, replay};
 use crate::pipeline::{self, Control, Replay};
 use crate::settings::Settings;
 use clap::Parser;
@@ -80,7 +80,7 @@ fn after(failure: Failure, told: &[String]) -> Failure {
 /// advice.
 fn parsed<C: Parser>(words: &[String]) -> Result<C, Failure> {
     let words = ["inkling"].into_iter().chain(words.iter().map(String::as_str));
-    C::try_parse_from(words).map_err(|e| {
+    parse(words).map_err(|e: clap::Error| {
         let text = e.render().to_string();
         let said = text.split("\n\nFor more information").next().unwrap_or(&text); // of the command's options
         Failure::usage(said.trim_start_matches("error: ").trim_end())
@@ -161,4 +161,16 @@ pub fn write_state(path: &Path, state: &Memory) -> Result<(), Failure> {
     outputs::check_file(path, ResultFile::Baselines)?;
     let (mut file, _) = BaselineFile::read(path, state.design.as_deref())?;
     Ok(file.write(state)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn negative_numbers_are_values_as_on_the_command_line() {
+        let options = ["--pace".to_owned(), "-5".to_owned()];
+        let refused = asked::<replay::Args>(&options).unwrap_err().message;
+        assert!(refused.contains("invalid value '-5' for '--pace"), "{refused}");
+    }
 }

@@ -105,7 +105,12 @@ pub fn collected(
     let damaged = recordings.each(|pass| collector.take(pass))?;
     let met = std::mem::take(&mut collector.met);
     let set = collector.finish().ok_or_else(|| Failure::new(NO_BURSTS))?;
-    let unused = ["rejected", "other_sampling"].iter().any(|k| set.signals.contains_key(*k));
+    let mut unused = ["rejected", "other_sampling"].iter().any(|k| set.signals.contains_key(*k));
+    if let Some(n) = set.signals.get("beyond_the_limit_of_sets") {
+        let of = "of more printheads and labels than there is room for";
+        recordings.progress.say(&format!("warning: left out: {n} signals {of}"));
+        unused = true;
+    }
     Ok(Collected { set, met, incomplete: damaged || unused, progress: recordings.progress })
 }
 
@@ -190,5 +195,27 @@ fn topics(there: BTreeSet<String>) -> String {
     match named.is_empty() {
         true => "; the recordings have no other topics".into(),
         false => format!("; topics that exist: {}", first_of(&named, MOST_TOPICS, ", ")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use inkling_core::burst::{Burst, Format, Layout};
+    use inkling_io::memory_recording;
+
+    #[test]
+    fn signals_of_too_many_printheads_are_told_by_the_exit_status() {
+        let incomplete = |printheads: usize| {
+            let burst = |k: usize| Burst {
+                printhead: format!("k-{k}").into(),
+                ..Burst::of(&[vec![1.0, 2.0]], 1e-6, Format::S16Le, Layout::ChannelMajor)
+            };
+            let bursts: Vec<Burst> = (0..printheads).map(burst).collect();
+            let recording = memory_recording::of_bursts("x", &bursts).unwrap();
+            let given = RecordingSource::InMemory(Box::new(recording));
+            collected(given, &Settings::default(), None).ok().unwrap().incomplete
+        };
+        assert_eq!([incomplete(512), incomplete(513)], [false, true]);
     }
 }

@@ -21,6 +21,7 @@ use inkling_core::model::Geometry;
 use inkling_lab::plot::{Figure, Mark, Series};
 use serde::Serialize;
 use std::borrow::Cow;
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::Path;
 
@@ -165,8 +166,9 @@ impl<'a> Identified<'a> {
         self.detectability.iter().try_for_each(|seen| print_detectable(seen, out))
     }
 
-    /// Draws measured against simulated signal, as in Fig. 3-3 of the thesis.
-    pub fn plot(&self, dir: &Path) -> Result<(), Failure> {
+    /// Draws measured against simulated signal, as in Fig. 3-3 of the thesis. `names`: the names of
+    /// the figures drawn before, which this one's is added to.
+    pub fn plot(&self, dir: &Path, names: &mut BTreeSet<String>) -> Result<(), Failure> {
         std::fs::create_dir_all(dir)
             .map_err(|e| Failure::new(format!("{}: {e}", dir.display())))?;
         let dt_s = self.sample_period_s;
@@ -182,11 +184,26 @@ impl<'a> Identified<'a> {
                 Series::over_time("simulated", Mark::Line, &self.simulated, dt_s),
             ],
         );
-        // a printhead's name may hold characters that a file name cannot
-        let safe = |c: char| if c.is_alphanumeric() || c == '-' { c } else { '_' };
-        let name: String = self.printhead.chars().map(safe).take(80).collect();
+        let name = figure_name(self.printhead, names);
         figure.write(dir, &format!("identify_{name}")).map_err(Failure::new)
     }
+}
+
+/// What a printhead is called in the name of its figure: a name may hold characters that a file
+/// name cannot, and be too long. Where an earlier figure is called so already, a number is added.
+/// `names`: the earlier ones, in lower case, as some file systems know no other; the new one is
+/// added.
+fn figure_name(printhead: &str, names: &mut BTreeSet<String>) -> String {
+    let safe = |c: char| if c.is_alphanumeric() || c == '-' { c } else { '_' };
+    let safe: String = printhead.chars().map(safe).take(80).collect();
+    let mut name = safe.clone();
+    for number in 2.. {
+        if names.insert(name.to_lowercase()) {
+            break;
+        }
+        name = format!("{safe}_{number}");
+    }
+    name
 }
 
 /// Prints which ratios signals at several temperatures make identifiable, or why they stay unknown.
@@ -284,5 +301,20 @@ impl Physical {
         line("R_n", self.nozzle_resistance_pa_s_per_m3, "Pa s/m³")?;
         line("B_t", self.compliance_m3_per_pa, "m³/Pa")?;
         writeln!(out, "  these rest on {}", self.rests_on)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_two_printheads_have_one_figure() {
+        let mut names = BTreeSet::new();
+        let long = "k".repeat(80);
+        let heads = ["a/b", "a_b", "A_B", "a_b_2", &format!("{long}1"), &format!("{long}2")];
+        let called = heads.map(|head| figure_name(head, &mut names));
+        let second = format!("{long}_2");
+        assert_eq!(called, ["a_b", "a_b_2", "A_B_3", "a_b_2_2", &long, &second]);
     }
 }

@@ -15,6 +15,7 @@ use crate::settings::Settings;
 use inkling_core::identify::IdentifyError;
 use inkling_io::{labels_file, outputs};
 use serde_json::{Value, json};
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -81,6 +82,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     // can be identified, that is the failure
     let mut said = Vec::new();
     let mut models: Vec<Value> = Vec::new();
+    let mut figures = BTreeSet::new();
     for (name, signals) in &set.healthy {
         let labelled = labels.is_some();
         let identified = Identified::of(name, signals, labelled, &set, &settings.identify);
@@ -117,7 +119,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         }
         identified.print(&mut said)?;
         if let Some(dir) = &args.plot {
-            identified.plot(dir)?;
+            identified.plot(dir, &mut figures)?;
         }
         models.push(json!(identified));
     }

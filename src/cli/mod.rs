@@ -155,13 +155,18 @@ fn with_negative_numbers(command: Command) -> Command {
     command.mut_subcommands(with_negative_numbers)
 }
 
+/// Parses a command line. The error is a message about wrong usage, or the help that was asked for.
+fn parse<C: Parser>(
+    args: impl IntoIterator<Item = impl Into<OsString> + Clone>,
+) -> Result<C, clap::Error> {
+    let command = with_negative_numbers(C::command());
+    command.try_get_matches_from(args).and_then(|mut of| C::from_arg_matches_mut(&mut of))
+}
+
 /// Parses a command line. The error is the exit status after help or a message about wrong usage has been
 /// printed.
 pub fn parsed<C: Parser>(args: impl IntoIterator<Item = OsString>) -> Result<C, Exit> {
-    let command = with_negative_numbers(C::command());
-    let parsed =
-        command.try_get_matches_from(args).and_then(|mut of| C::from_arg_matches_mut(&mut of));
-    parsed.map_err(|e| {
+    parse(args).map_err(|e| {
         let _ = e.print(); // nowhere left to complain if this fails
         if e.use_stderr() { Exit::Usage } else { Exit::Done }
     })

@@ -301,10 +301,14 @@ pub type Read = (Design, String);
 fn with_design(args: &Args) -> Result<(Settings, Option<Read>), Failure> {
     let asked = settings(args, &[])?;
     if asked.input.design.is_empty() {
-        if args.identify.as_deref() == Some("design") {
-            return Err(Failure::usage(
-                "--identify design: there is none: give --design FILE (`inkling train` makes one)",
-            ));
+        if asked.identify.mode == IdentifyMode::Design {
+            let said = match args.identify {
+                Some(_) => "--identify design",
+                None => "identify.mode = \"design\"",
+            };
+            return Err(Failure::usage(format!(
+                "{said}: there is none: give --design FILE (`inkling train` makes one)"
+            )));
         }
         return Ok((asked, None));
     }

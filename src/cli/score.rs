@@ -388,18 +388,21 @@ fn onsets(labels: &Labels) -> Onsets {
     let mut faulty: Vec<&Label> = labels.rows().iter().filter(|l| l.is_fault()).collect();
     faulty.sort_by_key(|l| (&l.printhead, l.channel, l.from_ns));
     let mut onsets = Onsets::new();
-    // the label before, with the onset of its fault
-    let mut before: Option<(&Label, Option<i64>)> = None;
+    // the label before, with the onset of its fault and the latest end of the fault's labels so
+    // far, which may be that of an earlier one; `None` as end or start: unlimited
+    let mut before: Option<(&Label, Option<i64>, Option<i64>)> = None;
     for label in faulty {
-        // whether this label goes on with the fault of the label before; `None` as end or start:
-        // unlimited
-        let goes_on = |&(last, _): &(&Label, Option<i64>)| {
+        // whether this label goes on with the fault of the label before
+        let goes_on = |&(last, _, end): &(&Label, Option<i64>, Option<i64>)| {
             let same = (&last.printhead, last.channel) == (&label.printhead, label.channel);
-            same && last.to_ns.is_none_or(|to| label.from_ns.is_none_or(|from| from <= to))
+            same && end.is_none_or(|to| label.from_ns.is_none_or(|from| from <= to))
         };
-        let onset = before.filter(goes_on).map_or(label.from_ns, |(_, onset)| onset);
+        let (onset, end) = match before.filter(goes_on) {
+            Some((_, onset, end)) => (onset, end.zip(label.to_ns).map(|(a, b)| a.max(b))),
+            None => (label.from_ns, label.to_ns),
+        };
         onsets.insert((label.printhead.clone(), label.channel, label.from_ns), onset);
-        before = Some((label, onset));
+        before = Some((label, onset, end));
     }
     onsets
 }
@@ -490,4 +493,24 @@ fn critiques(args: &Args) -> Result<Exit, Failure> {
         writeln!(out, "\n{}", printable::lines(&blind.markdown(), 1_000_000))?;
     }
     Ok(Exit::Done)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fault_lasts_as_long_as_the_longest_of_its_labels() {
+        let label = |from_ns, to_ns| Label {
+            printhead: "p".into(),
+            channel: Channels::One(3),
+            from_ns: Some(from_ns),
+            to_ns: Some(to_ns),
+            state: "BN".into(),
+            severity: None,
+        };
+        let labels = [label(0, 100), label(10, 20), label(50, 60), label(101, 110)];
+        let onsets = onsets(&Labels::new(labels.to_vec()));
+        assert_eq!(labels.map(|label| onset(&onsets, &label).unwrap()), [0, 0, 0, 101]);
+    }
 }

@@ -10,8 +10,7 @@
 //! samples is computed, too; two different signals hardly have the same sum. The channel is frozen
 //! when two such sums in a row are equal.
 //!
-//! Only printheads that `heads` follows are watched: none with `identify.common_change = false` and
-//! no `--baseline`, nor with another `detect.method` than `sensitivity`.
+//! All printheads are watched, whether `heads` follows them or not; up to as many as it takes in.
 
 use inkling_core::burst::Burst;
 use inkling_core::model::inner_product::dot;
@@ -61,21 +60,21 @@ struct LastLook {
 impl Frozen {
     /// Takes in a burst. A channel is frozen if three signals in a row agree: two equal glances
     /// give a sum, and the sum of the third must be that of the second. Once a signal differs,
-    /// the channel is no longer frozen. `rails`: limits of the converter, counts. Bursts with more
-    /// channels than there is room for are not watched.
+    /// the channel is no longer frozen. `rails`: limits of the converter, counts. Channels that
+    /// there is no room for are not watched.
     pub fn hear(&mut self, burst: &Burst, rails: [f64; 2]) {
         let (rows, t_ns) = (burst.channels as usize, burst.t_acq_ns);
         let known = self.last.get(&burst.first_channel).map_or(0, Vec::len);
-        let new = rows.saturating_sub(known);
-        if self.watched + new > MOST_CHANNELS {
+        let new = rows.saturating_sub(known).min(MOST_CHANNELS - self.watched);
+        self.watched += new;
+        if known + new == 0 {
             return;
         }
-        self.watched += new;
 
         let last = self.last.entry(burst.first_channel).or_default();
         last.resize(known + new, LastLook::default());
         let channels = burst.first_channel..=u32::MAX;
-        for ((row, last), channel) in last[..rows].iter_mut().enumerate().zip(channels) {
+        for ((row, last), channel) in last.iter_mut().take(rows).enumerate().zip(channels) {
             // a burst that is written twice says nothing
             if last.t_ns == t_ns {
                 continue;
@@ -139,5 +138,19 @@ mod tests {
             frozen.hear(&of(channel), [-32768.0, 32767.0]);
         }
         assert_eq!((frozen.last.len(), frozen.watched), (MOST_CHANNELS, MOST_CHANNELS));
+    }
+
+    #[test]
+    fn a_channel_recovers_in_a_burst_of_more_channels_than_there_is_room_for() {
+        let of = |t_acq_ns: i64, rows: usize, y: f32| {
+            let rows = vec![vec![1.0, y]; rows];
+            let burst = Burst::of(&rows, 1e-6, Format::S16Le, Layout::ChannelMajor);
+            Burst { t_acq_ns, ..burst }
+        };
+        let mut frozen = Frozen::default();
+        (1..=3).for_each(|t| frozen.hear(&of(t, 2, 2.0), [-32768.0, 32767.0]));
+        assert_eq!(frozen.channels(), [0, 1]);
+        frozen.hear(&of(4, MOST_CHANNELS + 5, 3.0), [-32768.0, 32767.0]);
+        assert_eq!((frozen.channels(), frozen.watched), (vec![], MOST_CHANNELS));
     }
 }

@@ -85,7 +85,7 @@ mod wiring;
 pub use job::{ClosedPart, EpisodeEvent, Replay, Rotation, Watch};
 pub use metadata::rfc3339;
 pub use recording_report::RecordingReport;
-pub use replay::{follow, judge, replay};
+pub use replay::{follow, is_same, judge, replay};
 
 use crate::report::first_of;
 use inkling_core::design::DesignError;

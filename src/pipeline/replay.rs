@@ -269,7 +269,7 @@ impl EpisodeAnnouncer {
 }
 
 /// Whether `a` and `b` are states of one episode: raised at the same time, or each while the other was on.
-fn is_same(a: &Episode, b: &Episode) -> bool {
+pub fn is_same(a: &Episode, b: &Episode) -> bool {
     let during = |of: &Episode, t_ns: i64| {
         of.began_at_ns <= t_ns && of.ended_at_ns.is_none_or(|end| t_ns < end)
     };

@@ -127,27 +127,33 @@ pub fn time_in_name(name: &str) -> Option<TimeInName> {
 }
 
 /// A date and time at the beginning of `text`, ns, and the text after it. A missing time of day is
-/// midnight, missing seconds are 0. `None`: there is no date there.
-fn date_time(mut text: &[u8]) -> Option<(i64, &[u8])> {
-    // takes exactly `n` digits off the text, and before them one of `separators` if there is one
-    let mut digits = |n: usize, separators: &[u8]| -> Option<u32> {
-        if let [first, rest @ ..] = text
-            && separators.contains(first)
-        {
-            text = rest;
-        }
+/// midnight, missing seconds are 0. Two digits after the date are an hour only if minutes follow:
+/// else they are left in the text, as the number of a file (`20261101_03`). `None`: there is no
+/// date there.
+fn date_time(text: &[u8]) -> Option<(i64, &[u8])> {
+    // takes exactly `n` digits off a text, and before them one of `separators` if there is one;
+    // `None`: there are no such digits
+    fn digits<'a>(text: &'a [u8], n: usize, separators: &[u8]) -> Option<(u32, &'a [u8])> {
+        let text = match text {
+            [first, rest @ ..] if separators.contains(first) => rest,
+            _ => text,
+        };
         let (number, rest) = text.split_at_checked(n)?;
         let number =
             std::str::from_utf8(number).ok().filter(|n| n.bytes().all(|b| b.is_ascii_digit()));
-        let number = number?.parse().ok()?;
-        text = rest;
-        Some(number)
-    };
-    let (year, month, day) = (digits(4, b"")?, digits(2, b"-_.")?, digits(2, b"-_.")?);
+        Some((number?.parse().ok()?, rest))
+    }
+    let (year, text) = digits(text, 4, b"")?;
+    let (month, text) = digits(text, 2, b"-_.")?;
+    let (day, text) = digits(text, 2, b"-_.")?;
     let date = NaiveDate::from_ymd_opt(year as i32, month, day)?;
-    let mut time = || Some([digits(2, b"T_- t")?, digits(2, b"-_:.")?]);
-    let [hour, minute] = time().unwrap_or([0, 0]);
-    let second = digits(2, b"-_:.").unwrap_or(0);
+    let time = || {
+        let (hour, text) = digits(text, 2, b"T_- t")?;
+        let (minute, text) = digits(text, 2, b"-_:.")?;
+        let (second, text) = digits(text, 2, b"-_:.").unwrap_or((0, text));
+        Some(([hour, minute, second], text))
+    };
+    let ([hour, minute, second], text) = time().unwrap_or(([0; 3], text));
     let at: DateTime<chrono::Utc> = date.and_hms_opt(hour, minute, second)?.and_utc();
     let ns = at.timestamp_nanos_opt().filter(|ns| (0.0..LATEST_NS).contains(&(*ns as f64)))?;
     // a `Z` after the seconds means UTC
@@ -199,6 +205,7 @@ mod tests {
             ("head 20261101", "2026-11-01T00:00:00Z", "head"),
             ("K1-20261101T080003Z-cold", "2026-11-01T08:00:03Z", "K1_cold"),
             ("20261101", "2026-11-01T00:00:00Z", "20261101"),
+            ("K1_20261101_03", "2026-11-01T00:00:00Z", "K1_03"),
         ] {
             let found = time_in_name(name).unwrap();
             assert_eq!((Some(found.ns), &*found.without), (at(time), without), "{name}");

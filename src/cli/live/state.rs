@@ -8,7 +8,7 @@
 //! whether there is something new ([`State::wait`]).
 
 use super::super::output::episode_event;
-use crate::pipeline::{EpisodeEvent, rfc3339};
+use crate::pipeline::{EpisodeEvent, is_same, rfc3339};
 use inkling_core::episodes::Episode;
 use inkling_core::verdict::{Outcome, Part, Reason, Verdicts};
 use serde_json::{Value, json};
@@ -74,22 +74,27 @@ impl State {
     }
 
     /// Takes in an event: an episode that is on becomes the channel's fault, any other event ends
-    /// that fault.
+    /// that fault. Where the fault is another episode of the channel, it stays: an earlier one may
+    /// be withdrawn while a later one is on.
     pub fn take_episode(&self, of: EpisodeEvent) {
         self.change(|status| {
             let key = |episode: &Episode| (episode.printhead.clone(), episode.channel);
+            let told = match of {
+                EpisodeEvent::Revised { before, .. } => before,
+                EpisodeEvent::Raised(of)
+                | EpisodeEvent::Ended(of)
+                | EpisodeEvent::Withdrawn(of) => of,
+            };
             match of {
                 EpisodeEvent::Raised(now) | EpisodeEvent::Revised { now, .. }
                     if now.ended_at_ns.is_none() =>
                 {
                     status.faults.insert(key(now), now.clone());
                 }
-                EpisodeEvent::Raised(of)
-                | EpisodeEvent::Revised { now: of, .. }
-                | EpisodeEvent::Ended(of)
-                | EpisodeEvent::Withdrawn(of) => {
-                    status.faults.remove(&key(of));
+                _ if status.faults.get(&key(told)).is_some_and(|on| is_same(on, told)) => {
+                    status.faults.remove(&key(told));
                 }
+                _ => {}
             }
         });
     }
@@ -248,5 +253,28 @@ impl RecordingStatus {
     fn faults_as_json(&self, recording: &str) -> Vec<Value> {
         let fault = |episode: &Episode| episode_event(recording, EpisodeEvent::Raised(episode));
         self.faults.values().map(fault).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_earlier_episode_that_is_withdrawn_leaves_the_later_one_on() {
+        let raised =
+            |at_ns| Episode { raised_at_ns: at_ns, began_at_ns: at_ns, ..Episode::default() };
+        let (first, second) = (raised(10), raised(30));
+        let state = State::default();
+        let on = || state.status().faults.values().map(|of| of.raised_at_ns).collect::<Vec<_>>();
+        state.take_episode(EpisodeEvent::Raised(&first));
+        state
+            .take_episode(EpisodeEvent::Ended(&Episode { ended_at_ns: Some(20), ..first.clone() }));
+        assert!(on().is_empty());
+        state.take_episode(EpisodeEvent::Raised(&second));
+        state.take_episode(EpisodeEvent::Withdrawn(&first));
+        assert_eq!(on(), [30]);
+        state.take_episode(EpisodeEvent::Withdrawn(&second));
+        assert!(on().is_empty());
     }
 }
