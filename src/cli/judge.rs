@@ -23,11 +23,13 @@ use std::path::Path;
 
 pub use super::report::Detail;
 
-/// What all recordings of a run share, at the time when one is judged.
+/// What a recording is judged with. All recordings of a run share it, except `replay` with
+/// `--baseline`.
 pub struct Run<'a> {
     /// Directory of results.
     pub out: &'a Path,
-    /// How to judge. With `--baseline` it changes from recording to recording, as baselines learn.
+    /// How to judge. With `--baseline` its baselines change from recording to recording, since they
+    /// learn.
     pub replay: Replay,
     /// How to judge, in digests, as the journal notes it.
     pub means: &'a Means,
@@ -70,7 +72,7 @@ impl Judged {
             resume::files(&report.verdicts).iter().map(|file| stored::bytes(file)).collect();
         (report.name, report.verdicts) = (placed.label(), placed.verdicts_in(out));
         let mut text = Vec::new();
-        let _ = report::print(&report, detail, &mut text); // memory takes all
+        let _ = report::print(&report, detail, &mut text); // writing to memory cannot fail
         let recording = Source {
             stamp: Some(report.stamp),
             digest: Some(report.digest.clone()),
@@ -125,13 +127,14 @@ impl From<PipelineError> for NotJudged {
 
 /// Judges the recordings of a run.
 pub trait Judge {
-    /// Called before the first recording, with all recordings in their order.
+    /// Called before the first recording, with the recordings that are to be judged, in their
+    /// order.
     fn begin(&mut self, _run: &Run, _recordings: &[PlacedRecording]) -> Result<(), Failure> {
         Ok(())
     }
 
-    /// Judges the recording with index `at` among those of [`Judge::begin`]. Each one is asked for once, in
-    /// order.
+    /// Judges the recording with index `at` among those of [`Judge::begin`]. Each one is asked for
+    /// at most once, in order; a run that stops asks for no more.
     fn judge(
         &mut self,
         run: &Run,

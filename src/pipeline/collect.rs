@@ -1,14 +1,17 @@
 //! Collects signals from recordings, for the verbs that learn from them.
 //!
 //! [`Collector`]: for `train`, `identify` and `thesis`, a bounded sample of usable signals for each
-//! label and printhead, as a [`TrainingSet`]. The sample does not depend on the signals' order.
+//! label and printhead, as a [`TrainingSet`]. The signals with the lowest hashes stay, so the sample
+//! does not depend on the signals' order, but for the first burst's sampling, and beyond `MOST_SETS`
+//! sets.
 //!
 //! [`Observer`]: for `critique`, a bounded sample of signals that may be healthy, with what was
 //! recorded beside them, as [`Observations`]. Of longer signals fewer are held.
 //!
 //! Both are given one recording after another (`take`), and hand out what they hold at the end
 //! (`finish`). The first burst of all decides the sampling; signals sampled otherwise are only
-//! counted.
+//! counted. For the Collector sampling is period and length; the Observer asks for the period alone,
+//! and cuts signals to one length.
 
 use super::PipelineError;
 use super::visit::{self, Pass};
@@ -128,12 +131,12 @@ impl<'a> Collector<'a> {
         }
     }
 
-    /// What was collected, with drives relative to the mean voltage of the healthy
-    /// signals. `None`: no burst was seen.
+    /// What was collected, with drives relative to the mean voltage of the healthy signals that were
+    /// kept. `None`: no burst was seen.
     pub fn finish(self) -> Option<TrainingSet> {
         let (sample_period_s, samples) = self.sampling?;
 
-        // the mean drive voltage of all healthy signals that have one
+        // the mean drive voltage of the kept healthy signals that have one
         let (sum, n) = self
             .sets
             .iter()
@@ -161,8 +164,9 @@ impl<'a> Collector<'a> {
     }
 }
 
-/// Maximum bytes of signals that an [`Observer`] holds, and maximum number of signals: a critique
-/// needs no more.
+/// Maximum bytes of signals that an [`Observer`] holds, as long as the first one, and maximum number
+/// of signals: a critique needs no more. The bytes are a guard that never binds: even signals of
+/// 32,768 samples, the most that are taken, are `FEWEST_SIGNALS` in that many bytes.
 const HELD_BYTES: usize = 64 << 20;
 const MOST_SIGNALS: usize = 8192;
 /// Work per signal grows with the square of its samples: of signals longer than this fewer are held, down to
@@ -171,7 +175,9 @@ const USUAL_SAMPLES: usize = 128;
 const FEWEST_SIGNALS: usize = 512;
 
 /// The rails of the converter that gave a signal. The rails of 16 bit are the default; a signal that goes
-/// beyond them did not come from such a converter, and no other rails are known for it.
+/// beyond them did not come from such a converter, and no other rails are known for it. Only a critique
+/// widens the rails so: a [`Collector`] keeps to those of the settings, by which signals are refused when
+/// they are judged, too.
 fn rails_of(signal: &[f64], rails: [f64; 2]) -> [f64; 2] {
     let is_wider = |y: &f64| *y < rails[0] || *y > rails[1];
     match rails == INT16_RAILS && signal.iter().any(is_wider) {
@@ -204,8 +210,8 @@ pub struct Observer<'a> {
     most_samples: usize,
     /// Number of signals that cannot be used; an unusable burst counts as one.
     pub rejected: u64,
-    /// Number of signals that have another sample period than those held, or that are shorter than their
-    /// common length.
+    /// Number of signals that have another sample period than those held; and, after [`Observer::finish`],
+    /// of those held that were shorter than the common length and were dropped.
     pub other_sampling: u64,
     /// Samples of the longest signal offered.
     longest: usize,
@@ -229,7 +235,7 @@ impl<'a> Observer<'a> {
 
             // The first burst decides how many signals are held: 8192 of up to 128 samples, of
             // longer ones fewer by the square of their length, and no more than fit into the bytes
-            // (4 per sample).
+            // (4 per sample), which is a guard that never binds.
             let held = self.sampler.get_or_insert_with(|| {
                 let kept = n.min(self.most_samples);
                 let wanted = MOST_SIGNALS * USUAL_SAMPLES.pow(2) / kept.max(1).pow(2);
@@ -268,10 +274,10 @@ impl<'a> Observer<'a> {
     }
 
     /// Hands out what was collected. `None`: no burst was seen. The counts of what was left out are
-    /// complete only after that.
+    /// complete only after this call.
     pub fn finish(&mut self) -> Option<Observations> {
         let sampler = self.sampler.take()?.sampler;
-        // signals that are shorter than the common length are dropped at the end
+        // of the signals held, those that are shorter than the common length are dropped here
         let held = sampler.len();
         let data = sampler.finish();
         self.other_sampling += (held - data.len()) as u64;

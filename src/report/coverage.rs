@@ -7,7 +7,8 @@
 //!
 //! A gap is something that was not judged, in words. Gaps have three sources: `gaps`, what the
 //! summaries say and what the counts of each recording show; `unheard`, printheads and channels
-//! that were silent in the last night; `doubtful`, channels of which nothing certain is known now.
+//! that were not measured in the last night, or channels silent since the first half of their
+//! latest recording; `doubtful`, channels of which nothing certain is known now.
 
 use super::night::{Span, last_night, whole};
 use super::source::{LostRecording, Source};
@@ -20,8 +21,8 @@ use std::sync::Arc;
 const MOST_NAMED: usize = 4;
 
 /// Something that was not judged, or is not known well enough: a printhead of which nothing is
-/// known, or some of whose channels are not known as they are now; recordings of which less than
-/// half was judged; or a topic that is not read.
+/// known, or some of whose channels are not known as they are now; recordings without any signal, or
+/// of which less than half was judged; or a topic that is not read.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Gap {
     /// What was not judged and why, for the latest of the recordings concerned.
@@ -84,7 +85,7 @@ impl Coverage {
         }
     }
 
-    /// The first gap of a printhead that is told of the recording with this name.
+    /// The first gap of this printhead in the recording with this name.
     pub fn gap(&self, printhead: &Arc<str>, recording: &str) -> Option<&Gap> {
         let of_it = |gap: &&Gap| gap.recording == recording;
         self.gaps.iter().filter(of_it).find(|gap| gap.printhead.as_ref() == Some(printhead))
@@ -101,7 +102,7 @@ impl Coverage {
     }
 
     /// The text that the report begins with: what was not judged, by name and then in numbers.
-    /// `None` if everything was judged.
+    /// `None` if everything was judged and every recording is whole.
     pub fn first(&self) -> Option<String> {
         let rest = if self.judged == 0 { String::new() } else { self.rest() };
         let sentences = match (self.named(), rest.as_str()) {
@@ -235,9 +236,9 @@ fn unheard(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
 }
 
 /// Gaps of channels that cannot be called healthy though they may have no episode: those flagged in
-/// most of their signals without enough of them for an episode, and those of which less than half
-/// was judged in their latest recording. Printheads whose latest recording judged nothing are told
-/// elsewhere.
+/// most of their signals (three or more), or in all of at least two of the latest recording, without
+/// enough of them for an episode; and those of which less than half was judged in their latest
+/// recording. Printheads whose latest recording judged nothing are told elsewhere.
 fn doubtful(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     let mut all = Vec::new();
     for head in &survey.heads {

@@ -4,14 +4,15 @@
 //! In: a function that is `#[inline(always)]`, since only code that is inlined into a version is
 //! compiled for that version's instructions. Out, by the macro `for_processor`: the same function,
 //! compiled for AVX-512 (`avx512f`), for AVX2 and for what every processor of the target has;
-//! outside x86-64 for the last alone. It is used for the hot loops: of `detect`, inner products,
-//! ring fits, fault curves. The compiler neither fuses a product with a sum nor changes the order
-//! of sums, so the results do not depend on the version, bit by bit. The tests of `detect` compare
-//! the versions of its loops (`with_each_set`).
+//! outside x86-64 for the last alone. It is used for the hot loops of `burst`, `model`, `identify`,
+//! `detect` and `isolate`. The compiler neither fuses a product with a sum nor changes the order
+//! of sums, so the results do not depend on the version, bit by bit. Tests compare the versions
+//! (`with_each_set`) for the filter's kernel (`detect/kernel_tests.rs`), `row_projection` and
+//! `lane_sensitivity` alone.
 
 /// Defines a function that runs `body`, the path of an `#[inline(always)]` function with the same
 /// parameters, in the version for the largest set that the processor has and
-/// [`Instructions::use_at_most`] allows. It may have one constant parameter.
+/// [`Instructions::use_at_most`] allows. The function may have one constant parameter, a `usize`.
 macro_rules! for_processor {
     (
         $(#[$meta:meta])*
@@ -69,7 +70,7 @@ impl Instructions {
         [Instructions::Portable, Instructions::Avx2, Instructions::Avx512];
 
     /// From now on, in the whole process, no larger set than this is used: to measure what the
-    /// instructions gain, and to test that they change no result.
+    /// instructions gain, and to test that they change no result. Without effect outside x86-64.
     pub fn use_at_most(self) {
         MOST.store(self as u8, Ordering::Relaxed);
     }

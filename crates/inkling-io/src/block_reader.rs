@@ -8,8 +8,9 @@
 //! Steps: `chunk_loader` reads, decompresses and verifies the block; its records are met one by
 //! one; a schema or channel record is learned; a message is routed by its channel (`channels.rs`)
 //! to `burst_codec` (our own messages), to `dialect::decoder` (messages of other loggers), or
-//! passed over. A chunk is used only after its checksum was verified. The bursts of a chunk share
-//! one buffer; no sample is copied.
+//! passed over. A chunk that has a checksum is used only after the checksum was verified (a
+//! checksum of 0 says that there is none). The bursts of a chunk share one buffer; no sample is
+//! copied.
 //!
 //! Definitions in the recording's summary have precedence over those in blocks.
 

@@ -1,11 +1,12 @@
 //! Loads a block: reads its bytes, and gives the MCAP records in it. A block is what one worker
 //! decodes at a time: one chunk record of the file, or a run of records outside chunks.
 //!
-//! In, from `block_reader.rs`: a [`Block`], and its bytes if the digest's pass (`digest.rs`) has
-//! read them already. Out: the bytes of the records. Those of a chunk are decompressed, and
-//! verified if the chunk has a checksum; those outside chunks are handed on as they are, since only
-//! the checksum of the whole data section covers them ([`super::digest`]). What cannot be used is a
-//! sentence, which becomes damage.
+//! In, from `block_reader.rs`, or from `scan.rs`, which tries whether a chunk verifies: a
+//! [`Block`], and its bytes if the digest's pass (`digest.rs`) has read them already. Out: the
+//! bytes of the records. Those of a chunk are decompressed, and verified if the chunk has a
+//! checksum; those outside chunks are handed on as they are, since only the checksum of the whole
+//! data section covers them ([`super::digest`]). Why a block cannot be used is said in a sentence,
+//! which the block reader makes damage of.
 
 use super::Limits;
 use super::block::{Block, BlockKind, ReadBlock};
@@ -35,7 +36,8 @@ impl fmt::Debug for ChunkLoader {
 /// How many bytes of a block are read: all of them, or only its head if the block is larger than
 /// [`Limits::record_bytes`]. The head suffices to say what is lost: [`ChunkLoader::load`] refuses a
 /// chunk whose records go beyond what was read, and the head of a message tells the block reader
-/// which channel it is of.
+/// which channel it is of. The scan refuses larger chunks by itself, so that only its search for a
+/// chunk that verifies (`Blocks::find_chunk`) meets them here.
 pub(super) fn bytes_to_read(block: &Block, limits: &Limits) -> u64 {
     /// Enough for the header of a chunk record: 9 bytes of any record, 40 of a chunk, and the name of the
     /// compression, a few letters.

@@ -1,4 +1,9 @@
-//! Parses the few MCAP records that are read, field by field. It reads no file.
+//! Parses those MCAP records that are read: by hand where only the head of the record is there
+//! (chunk) or no copy is wanted, else by the mcap crate.
+//!
+//! In, from `scan.rs`, `recording.rs`, `block_reader.rs` and others: a record's body, which is the
+//! bytes behind the record header. Out: its fields; `None` if the bytes are too few, or a text is
+//! not UTF-8. No file is read here.
 
 pub use mcap::MAGIC;
 pub use mcap::records::{Footer, MessageHeader, Statistics, op};
@@ -33,6 +38,7 @@ pub struct ChunkHeader<'a> {
     pub start_time: u64,
     pub end_time: u64,
     pub uncompressed_size: u64,
+    /// CRC-32 of the uncompressed records; 0: no checksum.
     pub uncompressed_crc: u32,
     pub compression: &'a str,
     pub compressed_size: u64,
@@ -136,7 +142,8 @@ pub fn footer(body: &[u8]) -> Option<Footer> {
 /// Where a chunk lies in time and in the file, as the chunk index says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ChunkSpan {
-    /// The first and the last log time of the chunk's messages, ns since 1970.
+    /// The first and the last log time of the chunk's messages (`to_ns` is inclusive), ns since
+    /// 1970. Both are 0 for a chunk without messages, which `recording.rs` relies on.
     pub from_ns: u64,
     pub to_ns: u64,
     /// Offset of the chunk record in the file.
@@ -154,7 +161,7 @@ impl ChunkSpan {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RecordAt {
     pub opcode: u8,
-    /// The body's first byte, and the first byte behind it.
+    /// The body's first byte, and the first byte behind the body (`to` is exclusive).
     pub from: usize,
     pub to: usize,
 }

@@ -15,7 +15,7 @@
 
 use std::io::{self, Read};
 
-/// Most records within records that are followed.
+/// Most levels that are followed: records, and the lists, sets and maps around them.
 const MOST_DEPTH: u8 = 64;
 
 /// Most numbers that can be asked for.
@@ -56,9 +56,11 @@ impl Shape {
 /// Why a record was not walked to its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stop {
-    /// More is claimed than may be.
+    /// More is claimed than may be: more elements, lists or maps nested too deep, flags in a list
+    /// (which could claim any number), or a told number that is negative or above 2^31 − 1.
     Beyond,
-    /// The bytes end, or are no such record.
+    /// The bytes end, or are no such record: a field has another type than is known, fields are out
+    /// of order, a field or a told number comes twice, or records are nested too deep.
     Unread,
 }
 
@@ -111,7 +113,8 @@ impl<R: Read> Walk<R> {
                 0 => i16::try_from(zigzag(self.number()?)).map_err(|_| Stop::Unread)?,
                 on => i16::checked_add(last, on.into()).ok_or(Stop::Unread)?,
             };
-            // numbers must increase: a field that comes twice could be read differently
+            // Numbers must increase: a field that comes twice could be read differently. In
+            // increasing order none comes twice, so no list of those that came need be kept.
             if field <= last {
                 return Err(Stop::Unread);
             }
@@ -190,7 +193,8 @@ impl<R: Read> Walk<R> {
         kinds: &[(u8, Option<&'static Shape>)],
         depth: u8,
     ) -> Result<(), Stop> {
-        // a flag that is skipped takes no byte, so any number of them could be claimed
+        // The parquet crate skips a flag in a list without reading a byte (the protocol has one),
+        // so any number of flags could be claimed: such lists are refused.
         let flags = kinds.iter().any(|(kind, _)| matches!(kind, 1 | 2));
         if number > 0 && (flags || depth >= MOST_DEPTH) {
             return Err(Stop::Beyond);

@@ -20,11 +20,12 @@ const MOST_TOKEN: u64 = 1024;
 /// Time that open pages get to be told of the end before the process goes on.
 const LAST_WORDS: Duration = Duration::from_millis(300);
 
-/// A bound port. Clients that connect before the first answer wait.
+/// A bound port. From binding on, the system queues clients until `connections::start` accepts them.
 #[derive(Debug)]
 pub struct Place {
     pub listener: TcpListener,
     pub address: SocketAddr,
+    /// The secret that a client must give; `None`: only this machine can look.
     pub token: Option<String>,
 }
 
@@ -32,8 +33,9 @@ pub struct Place {
 /// `localhost:8080`; `token`: the file that holds the token; `follow`: whether `--follow` is given.
 ///
 /// # Errors
-/// A usage failure if the options have no effect, or if other machines could look without a token; a failure
-/// if the port cannot be bound.
+/// A usage failure if the options have no effect, if the address has no port or cannot be resolved, if the
+/// token's file cannot be read or its token is too short or has other characters, or if other machines could
+/// look without a token; a failure if the port cannot be bound.
 pub fn check(
     address: Option<&str>,
     token: Option<&Path>,
@@ -66,7 +68,8 @@ pub fn check(
     Ok(Some(Place { listener, address, token }))
 }
 
-/// All addresses of a name, IPv4 first, as most people type it.
+/// All addresses of a name, IPv4 first: a port is bound at the first address that allows it, and for this
+/// machine most people type 127.0.0.1.
 fn resolve(address: &str) -> Result<Vec<SocketAddr>, Failure> {
     let is_port = |text: &str| text.parse::<u16>().is_ok();
     let has_port = address.rsplit_once(':').is_some_and(|(name, port)| {
@@ -119,7 +122,8 @@ pub struct Live {
 }
 
 impl Live {
-    /// Tells open pages that the recording has been judged.
+    /// Tells open pages that the judging has ended, also if it failed or was interrupted. Always waits 300 ms
+    /// (`LAST_WORDS`), whether pages are open or not.
     pub fn end(&self) {
         self.state.end();
         thread::sleep(LAST_WORDS);

@@ -1,10 +1,13 @@
 //! What a judge computes with: buffers that are reused from signal to signal, and results beside
 //! the decision.
 //!
-//! Every worker thread of the isolate stage owns one [`Workspace`]. For each signal the stage sets
+//! Every thread that judges owns one [`Workspace`] (in the filter and isolate stages, and in
+//! training); detection uses its buffers alone. For each signal to isolate, the thread sets
 //! `warmer` and `own`, calls [`super::Judge::isolate`] or [`super::Judge::isolate_ring`], and then
 //! reads the results: `weights`, `of_any`, `alternative`, `ring`, `severity`, `misfit`. The results
-//! hold until [`Workspace::forget`] or the next isolation.
+//! hold until [`Workspace::forget`] or the next isolation. For a signal that is not isolated,
+//! `forget` must be called before `Judge::ring_of`, `Judge::is_no_ring` or `Judge::appearance`:
+//! otherwise the fit or the misfit of an earlier signal would serve.
 
 use super::own_channel::Own;
 use crate::isolate::calibration::Severity;
@@ -24,7 +27,7 @@ pub struct Workspace {
     pub(super) products: Products,
     /// Weight of each class for the signal last isolated, in the design's order: the posterior
     /// given that the signal is of some class, or phi, or votes. Empty: no ring explains the
-    /// signal.
+    /// signal, or nothing was isolated. All 0: a method without rings found no class.
     pub weights: Vec<f64>,
     /// The probability that the signal is of any class, given all else that it may be; 1 with
     /// methods that know no alternatives.
@@ -37,7 +40,9 @@ pub struct Workspace {
     pub ring: Option<[f64; 2]>,
     /// Severity of the fault of the signal last isolated, if its category was named.
     pub severity: Option<Severity>,
-    /// The mean square of the signal's misfit over the noise's variance; NaN: no ring was fitted.
+    /// The mean square of the signal's misfit over the noise's variance: of the misfit of the fit;
+    /// or, where that exceeds the bound of the best class, of the misfit beside the ring. NaN: no
+    /// ring was fitted, or the ring is no more than noise.
     pub misfit: f64,
     /// The ring fitted to the signal per unit drive; `None`: no ring was fitted.
     pub(super) fit: Option<Fit>,

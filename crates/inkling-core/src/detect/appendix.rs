@@ -1,8 +1,8 @@
 //! Numerator enhancement as Appendix A of the thesis writes it (`detect.denominator` =
 //! `appendix-a`), so that its effect can be seen. For use there is [`super::numerator`].
 //!
-//! In, from `design/learned_filter.rs`: the mean residual r_f of a fault over time. Out: M(z). The
-//! steps of the text:
+//! In, from `design/learned_filter.rs`: r_f, the mean of the fault's residuals, sample by sample.
+//! Out: M(z). The steps of the text:
 //!
 //! 1. beta*: the inner products of r_f with a constant and with sines and cosines of 1 to 40
 //!    periods.
@@ -23,14 +23,13 @@ use std::f64::consts::TAU;
 const HARMONICS: usize = 40;
 
 /// M(z), monic, descending powers, of degree `degree` >= 1. `residual`: the mean residual of a
-/// fault, N, counts. An error if one of the two is empty or 0, or if a root has no finite image in
-/// z.
+/// fault, N, counts. An error if the residual is empty or `degree` is 0, or if a root has no finite
+/// image in z.
 ///
 /// Departs: the text's M is a polynomial in s. Its roots are mapped to z by the bilinear
-/// transformation z = (2 + s) / (2 - s), as in the text's unit of time e^{s dt} of such a root is
-/// no number; here time is counted in samples. beta* is scaled to length 1, so that the roots do
-/// not depend on the size of the residual. Q_x has `degree` rows, so that M has the degree asked
-/// for.
+/// transformation z = (2 + s) / (2 - s), because with time in seconds e^{s dt} overflows; here time
+/// is counted in samples. beta* is scaled to length 1, so that the roots do not depend on the size
+/// of the residual. Q_x has `degree` rows, so that M has the degree asked for.
 pub fn as_written(residual: &[f64], degree: usize) -> Result<Vec<f64>, DetectError> {
     let n = residual.len();
     let failed = || DetectError::Decomposition { rows: degree, columns: degree };
@@ -77,7 +76,8 @@ pub fn as_written(residual: &[f64], degree: usize) -> Result<Vec<f64>, DetectErr
 mod tests {
     use super::*;
 
-    /// Shows the defect that the departure names: whatever the fault is, M's roots are real.
+    /// Shows the defect for which `numerator.rs` departs from the text: whatever the fault is, M's
+    /// roots are real.
     #[test]
     fn its_zeros_are_real_whatever_the_fault_is() {
         for (frequency, damping) in [(0.3, 0.01), (0.5, 0.05), (1.0, 0.002)] {

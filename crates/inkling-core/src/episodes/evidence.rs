@@ -15,7 +15,10 @@
 //! 3. Page's CUSUM (1954): evidence = max(0, evidence + gain). A fault is raised where the evidence
 //!    reaches the bound, and its onset is the look at which the evidence began to grow, or a later
 //!    one that stands out from so little evidence that it was chance (`begins`).
-//! 4. While a fault is on, a second CUSUM of healthy against the fault's own shift tells its end.
+//! 4. While a fault is on, its end is looked for: of a fault that stays, by a second CUSUM of
+//!    healthy against the fault's own shift (`look_at_faulty`); of one that comes and goes, by
+//!    enough looks in a row without a flag (`look_for_end`). A fault that comes and goes is not
+//!    raised here by looks: `channel` finds it (`intermittent`) and calls `raise_intermittent`.
 //!
 //! Why the smaller of the two: healthy signals are flagged at the stated rate however their
 //! statistics are distributed. On a healthy channel the mean of e^gain is at most 1 if that holds
@@ -28,7 +31,9 @@ use crate::numbers::tuned::few;
 
 /// ln likelihood ratio of a flagged and of an unflagged look: for a channel of which a fifth of the
 /// looks is flagged, over a healthy one of which at most 9e-4 are. Three flagged looks in a row
-/// suffice at the default bound of 16.1, if each lies far enough above the level.
+/// suffice at the default bound of 16.1, if each lies far enough above the level. The two numbers
+/// hold for rates of false alarms up to about 9e-4: up to there the mean of the likelihood ratio on
+/// a healthy channel is at most 1.
 const FLAGGED: f32 = 5.4;
 const NOT_FLAGGED: f32 = -0.22;
 
@@ -37,7 +42,7 @@ const NOT_FLAGGED: f32 = -0.22;
 pub const FIRST_IN_MEDIANS: f32 = 7.5;
 /// Prior level and spread of a channel that was never observed, each with its weight in looks. They
 /// are about mean and standard deviation of the fourth root of chi-squared with three degrees of
-/// freedom over its upper 5e-4 point; exactly these would be .601 and .133. The level counts as few
+/// freedom over its upper 5e-4 point; the exact values are .601 and .133. The level counts as few
 /// looks, since channels differ.
 const FIRST: Learned = Learned {
     level: 0.62,
@@ -48,8 +53,8 @@ const FIRST: Learned = Learned {
 };
 /// Prior level and spread of a channel that is judged by its own baseline, each with its weight in
 /// looks: mean and standard deviation of the fourth root of chi-squared with three degrees of
-/// freedom over its upper 7e-4 point. They count as many looks, since nearly every channel has
-/// them.
+/// freedom over its upper 7e-4 point. They weigh much (25 and 60 looks), since nearly every channel
+/// has about these.
 const OWN: Learned = Learned {
     level: 0.607,
     level_looks: 25.0,
@@ -67,12 +72,14 @@ const LARGEST_LEVEL: f32 = 1.0;
 pub enum Step {
     /// No fault in sight.
     Quiet,
-    /// Something may have begun, but the evidence does not suffice yet. `begins`: this look may be
-    /// its onset.
+    /// Something may have begun: the evidence is above 0, but does not suffice yet. `begins`: this
+    /// look may be its onset. (A *suspect channel* is more: its evidence is at least
+    /// `tuned::suspicion`, 4.)
     Suspect { begins: bool },
     /// The evidence suffices from this look on.
     Raised,
-    /// The channel is still faulty. `fading`: this look fits the return to healthy, too.
+    /// The channel is still faulty. `fading`: some evidence of the return to healthy is
+    /// left (`recovered` > 0).
     Faulty { fading: bool },
     /// The channel is healthy again, since the first of the last looks in a row that were `fading`.
     Ended,
@@ -134,7 +141,8 @@ impl Evidence {
         !self.raised && self.learned.faulty <= 0.0
     }
 
-    /// Whether a look lies so far above the channel's level that it alone makes the channel suspect.
+    /// Whether a look lies so far above the channel's level that its evidence alone makes a suspect
+    /// channel (`tuned::suspicion`).
     pub fn stands_out(&self, ratio: f32) -> bool {
         evidence_of(ratio, self.learned.deviation(ratio).0) > tuned::suspicion()
     }
@@ -202,7 +210,7 @@ impl Evidence {
     /// Updates several channels at once as [`Evidence::look`] does. `among`: the channels to
     /// update, none of which may be raised. Returns which of these were updated (those that this
     /// look would raise are not, and stay as they were), and for each channel whether an onset may
-    /// lie here.
+    /// lie here, which is meaningful only where the channel was updated.
     pub fn look_at_quiet(
         of: [&mut Evidence; TOGETHER],
         among: [bool; TOGETHER],
@@ -324,8 +332,10 @@ mod tests {
     use super::*;
     use crate::model::normal::draws;
 
-    /// Draws looks at a channel: |offset + shift + noise|² over the threshold, with three degrees
-    /// of freedom.
+    /// Draws looks at a channel: |offset + noise|² over the threshold. The vector has three
+    /// components, of which the first has the offset, and all have noise of standard deviation .75.
+    /// At the threshold of 15.85 looks with offsets of 0, 1 and 2 are flagged at rates of 3e-6,
+    /// 1.5e-4 and 9e-3; channels with offsets spread evenly from 0 to 2 at about 1e-3.
     fn source(seed: u64) -> impl FnMut(f32) -> f32 {
         let mut normal = draws(seed);
         move |offset| {

@@ -1,7 +1,9 @@
-//! The numbers of episodes that nobody derived, all of them: first those of the sequential test
-//! (`evidence`), then those of the class filter (`classes`) and of the test for faults that come
-//! and go (`intermittent`). What half and twice of each do is printed by `cargo test --release -p
-//! inkling-core episodes::prices -- --nocapture --ignored`; `docs/episodes.md` has that table.
+//! The numbers of episodes that nobody derived: first those of the sequential test (`evidence`),
+//! then those of the class filter (`classes`) and of the test for faults that come and go
+//! (`intermittent`). What half and twice of each do is printed by `cargo test --release -p
+//! inkling-core episodes::prices -- --nocapture --ignored`; `docs/episodes.md` has that table. Some
+//! more stand in `evidence.rs`: `FLAGGED` and `NOT_FLAGGED`, the weights of the priors (`FIRST`,
+//! `OWN`), `MOST_LOWER`, and the clamp of deviations to three standard deviations.
 
 crate::numbers! {
     /// The shift to detect, in standard deviations of a look. Shifts below half of it give no
@@ -15,8 +17,8 @@ crate::numbers! {
     largest_shift: f32 = 6.0;
     /// Number of looks that a channel's level averages over.
     memory_looks: f32 = 100.0;
-    /// Evidence (less than one flagged look's) from which on a channel is suspect: its level and
-    /// spread then stand still.
+    /// Evidence (less than one flagged look's) from which on a channel is a *suspect channel*: its
+    /// level and spread then stand still. (`Step::Suspect` is less: any evidence above 0.)
     suspicion: f32 = 4.0;
     /// Share of each weight that returns to the priors from one look to the next, since a fault may
     /// have become another one.

@@ -1,6 +1,5 @@
-//! The result of identification: the type in which a model leaves this room, with its uncertainty
-//! and with what was held. The healthy models of a design hold it, and `inkling identify` prints
-//! it.
+//! The result of identification: the model that `identify` hands out, with its uncertainty and with
+//! what was held. The healthy models of a design hold it, and `inkling identify` prints it.
 
 use super::cubic::{basis, cubic_per_us, to_microseconds};
 use crate::model::{InkChannel, ring_down::Poles};
@@ -29,7 +28,9 @@ pub struct Identification {
     pub poles: Poles,
     /// p2, p1, p0 of the observable polynomial s^3 + p2 s^2 + p1 s + p0, in 1/s, 1/s², 1/s³.
     pub cubic: [f64; 3],
-    /// x_a of thesis (2-2) at the reference drive: volumes in counts·s, flows in counts.
+    /// x_a = (V_r, V_n, V_r', V_n') of thesis (2-2) at t_a and the reference drive: volumes in
+    /// counts·s, flows in counts. It is computed from `output_state` and the rates, with V_r = V_n,
+    /// since the output does not tell the two apart.
     pub acquisition_state: [f64; 4],
     /// The output and its derivatives y, y', y'' at t_a: counts, counts/s, counts/s².
     pub output_state: [f64; 3],
@@ -41,11 +42,14 @@ pub struct Identification {
     /// Why the best search ended, and after how many iterations.
     pub convergence: Convergence,
     pub iterations: usize,
-    /// Number of starts whose search ended at the same optimum, and number of starts tried.
+    /// Number of starts whose search ended at the same optimum, and number of starts tried: of the
+    /// first fit, before the correction for scatter; 1 if a near channel was given and the fit from
+    /// there sufficed.
     pub starts_agreeing: usize,
     pub starts: usize,
     pub uncertainty: Uncertainty,
-    /// How the averaged channels differ; zero where a single signal was fitted.
+    /// How the averaged channels differ; zero where it was not estimated (a single signal,
+    /// `plain_mean`, or a degenerate tangent space).
     pub scatter: Scatter,
     /// What was held at a guess or has a prior, in words.
     pub held_fixed: Vec<String>,
@@ -56,7 +60,8 @@ pub struct Identification {
 }
 
 impl Identification {
-    /// The expected signal y_hat = C e^{At} x_a, N counts, at the reference drive.
+    /// The expected signal y_hat = C e^{At} x_a, N counts, at the reference drive; sample 0 lies at
+    /// t_a. It is computed from `cubic` and `output_state`, not from the rates.
     pub fn expected(&self, dt_s: f64, samples: usize) -> Vec<f64> {
         let dt_us = dt_s * 1e6;
         let c = Vector3::from(to_microseconds(self.output_state));
@@ -76,7 +81,8 @@ pub struct Scatter {
 }
 
 /// Standard deviations of what one decay identifies; infinite: the decay does not determine the
-/// number.
+/// number. Those of damping and frequency are at least the standard errors over channels
+/// ([`Scatter`]). Those of the cubic, and its covariance, are not widened so.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Uncertainty {
     pub damping_sd_per_s: f64,

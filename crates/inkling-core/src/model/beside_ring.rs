@@ -1,6 +1,7 @@
 //! What a signal contains beside its ring: the part of its misfit that is orthogonal to the ring's
-//! sensitivities. The second test of detection judges this part (`design/rings.rs`,
-//! `design/leftover.rs`).
+//! sensitivities. This part is judged by the second test of detection, `detect/misfit.rs`, which
+//! `design/detector.rs` calls through `design/rings.rs`; `design/leftover.rs` learns its healthy
+//! mean.
 //!
 //! In: a signal (N samples, counts) and the ring fitted to it. Out: N samples, counts: the signal
 //! minus the ring, projected on the orthogonal complement of the ring's tangent space. The tangent
@@ -14,10 +15,13 @@ use super::ring::Ring;
 use super::ring_fit::{Features, RingFitter};
 use nalgebra::{Cholesky, Const, DMatrix, SMatrix, SVector};
 
-/// Dimension of the tangent space: four of the damped pair, one of the real pole.
+/// Dimension of the tangent space: the four sensitivities of the ring (the columns of
+/// `RingFitter::tangent`, of which those by amplitude and phase contain the real pole's part, too),
+/// and one column of the real pole.
 const COLUMNS: usize = 5;
 
-/// The projection, for signals of one sample period and length and rings with one real pole.
+/// The projection, for signals of one sample period and length and rings with the same real pole. A
+/// `fitter` that it is used with must be of the same ring, sample period and N.
 #[derive(Clone, Debug)]
 pub struct BesideRing {
     /// e^(-lambda t), scaled to unit norm, N.
@@ -45,7 +49,7 @@ impl BesideRing {
 
     /// The signal's misfit beside its ring as by `misfit`, less `shape`, which healthy signals have
     /// beside their rings in proportion to the ring's amplitude (the model's leftover). `shape`: N,
-    /// counts, for a ring of the healthy amplitude.
+    /// counts, for a ring of the healthy amplitude; it may be empty: then nothing is subtracted.
     pub fn misfit_without(
         &self,
         fitter: &RingFitter,
@@ -65,8 +69,8 @@ impl BesideRing {
         self.along(fitter.tangent(at))
     }
 
-    /// The tangent space from the damped pair's columns and the real pole's. `tangent`: N x 4, of
-    /// the damped pair.
+    /// The tangent space from the ring's sensitivities and the real pole's column. `tangent`: N x
+    /// 4, as `RingFitter::tangent` gives it.
     fn along(&self, tangent: DMatrix<f64>) -> Explained<'_> {
         let mut of =
             Explained { pair: tangent, real: &self.real, scale: [0.0; COLUMNS], gram: None };
@@ -94,7 +98,7 @@ impl BesideRing {
 /// The tangent space of a ring: the directions along which it may move.
 #[derive(Clone, Debug)]
 pub struct Explained<'a> {
-    /// Columns of the damped pair, N x 4.
+    /// The four sensitivities of the ring, N x 4: columns of `RingFitter::tangent`.
     pair: DMatrix<f64>,
     /// Column of the real pole, N.
     real: &'a [f64],

@@ -1,7 +1,8 @@
 //! Causes that add a shape, N samples, to the mean signal: terms in the equation of motion, the droop, and
 //! the transient of a low-pass; and the scan for shapes that no cause of the catalogue has.
 //!
-//! In: a fitted model with its signals ([`ScoreTests`], whose `on_the_mean` calls the tests). Out:
+//! In: a fitted model with its signals ([`ScoreTests`], whose `on_the_mean` calls the tests; `grown` and
+//! `by_drive` also serve `rivals.rs`, and `adequacy.rs` calls `own_shape` by itself). Out:
 //! of each cause the likelihood-ratio statistic, the size with its standard error, and the form in
 //! which it would enter the model ([`Scored`]).
 //!
@@ -37,8 +38,8 @@ impl ScoreTests<'_> {
     ///
     /// `first`: the strength whose secant the linear test takes, which also scales the grid that is searched;
     /// `most`: the largest strength, of either sign. `value` turns a strength into the catalogue's parameter
-    /// in its unit. `near`: the form that the cause had in the model; strengths about its own are then tried
-    /// instead of the grid.
+    /// in its unit. `near`: the form that the cause had in the model, whose `near.shape` is its strength e;
+    /// strengths about it are then tried instead of the grid.
     pub(super) fn grown(
         &self,
         id: CauseId,
@@ -64,8 +65,8 @@ impl ScoreTests<'_> {
         // its strength is that of the linear test.
         let mut strength = linear.clamp(-most, most);
         if scored.statistic > 4.0 || near.is_some() {
-            // Try strengths on a grid, a factor of 3 apart with the sign of the linear test, of 5 with the
-            // other one; then refine the best one.
+            // Try the strength of the linear test, and strengths on a grid, a factor of 3 apart with the sign
+            // of the linear test, of 5 with the other one; then refine the best one.
             let mut trials: Vec<f64> = vec![strength];
             match near {
                 Some(near) => trials.extend([near.shape, 0.7 * near.shape, 1.4 * near.shape]),
@@ -105,7 +106,9 @@ impl ScoreTests<'_> {
 
     /// Tests a term in the equation of motion. A strength is the relative change of frequency or damping that
     /// the term causes at unit drive, or what [`Term`] says of it. `place`: the displacement at which a stop
-    /// begins, in amplitudes at unit drive; other terms ignore it.
+    /// begins, in amplitudes at unit drive; other terms ignore it. `near.shape` is the strength. The value of
+    /// cubic stiffness, drag and friction is what the strength does at the amplitudes in the data (see `value`
+    /// below), that of other terms the strength itself.
     pub(super) fn motion(
         &self,
         id: CauseId,
@@ -130,10 +133,10 @@ impl ScoreTests<'_> {
                 // the change of frequency at the largest amplitude in the data
                 Term::CubicStiffness => e * high * high,
                 // The damping at the largest amplitude in the data relative to that at the smallest, less 1.
-                // Over the viscous damping, it is 1 + e s at the drive s with drag of strength e, and 1 + e/s
-                // with dry friction. Where drives differ by less than 2 % the amplitude compared with is none
-                // at all for drag, a tenth for friction, which at none would be infinite. A damping below .05
-                // is taken for .05, as a negative e may leave none to divide by.
+                // The total damping over the viscous one is 1 + e s at the drive s with drag of strength e,
+                // and 1 + e/s with dry friction. Where drives differ by less than 2 % the amplitude compared
+                // with is none at all for drag, a tenth for friction, which at none would be infinite. A
+                // damping below .05 is taken for .05, as a negative e may leave none to divide by.
                 Term::QuadraticDrag => {
                     let small = if high > 1.02 * low { low } else { 0.0 };
                     (1.0 + e * high) / (1.0 + e * small).max(0.05) - 1.0
@@ -155,6 +158,7 @@ impl ScoreTests<'_> {
         if term == Term::FractionalDamping && scored.value != 0.0 {
             let beyond = (scored.value.abs() - eta_floor()).max(0.0) / scored.value.abs();
             scored.statistic *= beyond * beyond;
+            // `dof(false)`: by the number of signals, not of channels
             scored.surprise = surprise(scored.statistic, 1, 1.0, self.dof(false));
             scored.sd = scored.sd.hypot(eta_floor() / 2.0);
         }
@@ -163,7 +167,8 @@ impl ScoreTests<'_> {
         if scored.form.coefficients[0] < 0.0 && !either_sign {
             scored.objection = Some(Objection::UnphysicalSign);
         }
-        // amplitudes inside rest on a ratio of rates that is held, which is not known exactly
+        // Amplitudes inside an ink channel rest on a ratio of rates that is held, which is not known exactly:
+        // hence 5 % (`interior`). That reason is of ink alone; an oscillator gets the same 5 %.
         if id.by_amplitude() {
             scored.sd = scored.sd.hypot(interior() * scored.value);
         }
@@ -217,9 +222,12 @@ impl ScoreTests<'_> {
         finite(Direction(blocks))
     }
 
-    /// Tests a droop: a charge amplifier that leaks, hence a first-order high-pass, which begins at t_a. Its
-    /// strength is the rate of the leak per signal length, its value the same in 1/s. A negative rate is
-    /// possible as a fit, but not as a cause.
+    /// Tests a droop: a charge amplifier that leaks, hence a first-order high-pass, which begins at t_a, the
+    /// time of the first sample. Its strength, which is `near.shape`, is the rate of the leak per signal
+    /// length, its value the same in 1/s. A negative rate is possible as a fit, but not as a cause. The
+    /// linear test takes the rate .05, at which 5 % leak off within a signal, so that the effect is nearly
+    /// linear; the largest rate is 12, at which all has leaked off long before the signal's end (both
+    /// somewhat arbitrary).
     pub(super) fn droop(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let shape = |w: f64| Some(Direction::shape(1, self.leaked(w)));
         let mut scored = self.grown(id, [0.05, 12.0], shape, |w| w / self.data.length_s(), near)?;
@@ -256,9 +264,9 @@ impl ScoreTests<'_> {
     }
 
     /// Tests the transient of a low-pass: an exponential that begins with the signal, scales with the drive
-    /// and decays faster than the ring, by its rate w per signal length. w is searched from four times the
-    /// ring's damping, and at least 6, up to where the transient falls by a factor of e² from one sample to
-    /// the next.
+    /// and decays at a rate w (per signal length), faster than the ring. `near.shape` is w, and the value is w
+    /// in 1/s. w is searched from four times the ring's damping, and at least 6, up to where the transient
+    /// falls by a factor of e² from one sample to the next.
     pub(super) fn transient(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let n = self.samples as f64;
         let shape = |w: f64| {
@@ -268,8 +276,10 @@ impl ScoreTests<'_> {
         let (low, high) = ((4.0 * self.seen.sigma).max(6.0), 2.0 * n);
         let grid = (0..24).map(|i| (low * (high / low).powf(f64::from(i) / 23.0)).ln());
         let near = near.map(|near| near.shape.ln());
-        // All is in ln w: the grid, how far about its best value is refined, and the range. Shapes of close
-        // rates are alike, so three independent ones are paid for.
+        // All is in ln w: the grid; how far about its best value is refined; and the range. The reach of .12
+        // is more than half of a step of the grid up to 512 samples (.16 with 128 of them, .22 with 512, at
+        // low = 6), so that no w between two steps is missed. Shapes of close rates are alike, so three
+        // independent ones are paid for.
         let within = (grid, 0.12, [low.ln(), high.ln()]);
         let mut scored = self.searched(id, 3.0, near, within, |x| vec![shape(x.exp())])?;
         // the value is ln w until here, and a standard error of ln w is a relative one of w
@@ -281,8 +291,10 @@ impl ScoreTests<'_> {
 
     /// The shape without a name that explains most of the mean misfit: a half-sine bump of 4, 8, 16, ..
     /// samples, up to half of the signal, at steps of half its length; or a step that lasts to the end, at
-    /// every second sample but the first and the last sixteenth. All of them are paid for as if they were
-    /// independent, though they overlap. `near`: no search; the shape that it holds is tested again.
+    /// every second sample but the first and the last sixteenth. Each is tried with both powers of the drive,
+    /// 0 and 1. All of them are paid for as if they were independent, though they overlap. The value is the
+    /// shape's size in counts. `near`: no search; the shape that it holds (`near.directions`; `near.shape` is
+    /// not used) is tested again, and `tried` is 1, since that one shape is all that is tried.
     pub fn own_shape(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         if let Some(near) = near {
             return self.fixed(id, near.directions[0].clone());
