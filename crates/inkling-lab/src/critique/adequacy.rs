@@ -3,8 +3,8 @@
 //!
 //! In, from `engine.rs`: the selected model with its causes, and what was found in codes and noise.
 //! Out: [`Adequacy`]: what is still significant, in words, what share of the misfit that is, and
-//! how large a share is allowed; `verdict.rs` makes `unknown` of a larger one. The share is L / (L
-//! + E), where L is the largest statistic of what is still significant, and E the sum of the
+//! how large a share is allowed; `verdict.rs` makes `unknown` of a larger one. The share is
+//! L / (L + E), where L is the largest statistic of what is still significant, and E the sum of the
 //! statistics of all that was found. Allowed is .07 for one cause, .07² for two, and so on
 //! (heuristic: tuned, `tuned.rs`).
 //!

@@ -81,8 +81,8 @@ pub fn unclipped(mut data: Observations, model: &Model) -> Observations {
 }
 
 /// Tests whether samples are clipped at the last code: how probable is it that none lies beyond,
-/// although so much is expected there? Without clipping, each sample stays below with probability 1
-/// - tail(z), where z is the distance of the last code from the expected value in standard
+/// although so much is expected there? Without clipping, each sample stays below with probability
+/// 1 - tail(z), where z is the distance of the last code from the expected value in standard
 /// deviations of the noise; the surprise is -ln of the product over all samples.
 ///
 /// `expected`: of every sample, in the unit of the signals; `sd`: of the noise; `side`: 1 for the
