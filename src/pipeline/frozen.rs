@@ -10,7 +10,8 @@
 //! samples is computed, too; two different signals hardly have the same sum. The channel is frozen
 //! when two such sums in a row are equal.
 //!
-//! All printheads are watched, whether `heads` follows them or not; up to as many as it takes in.
+//! Only printheads that `heads` follows are watched: none with `identify.common_change = false` and
+//! no `--baseline`, nor with another `detect.method` than `sensitivity`.
 
 use inkling_core::burst::Burst;
 use inkling_core::model::inner_product::dot;

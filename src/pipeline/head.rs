@@ -92,15 +92,6 @@ impl Watched {
             self.frozen.hear(burst, rails);
         }
     }
-
-    /// What judges a burst of a head that is not followed: the judge as it is, which rejects frozen
-    /// channels.
-    pub fn judged_by(&self, judge: &Arc<Judge>, burst: &Burst) -> AssignedJudge {
-        let frozen = channels(burst).filter(|channel| self.frozen.is_frozen(*channel));
-        let frozen: Vec<u32> = frozen.collect();
-        let own = (!frozen.is_empty()).then(|| Arc::new(OwnChannels::of_frozen(frozen)));
-        AssignedJudge { judge: Ok(judge.clone()), own }
-    }
 }
 
 /// A printhead that is followed.

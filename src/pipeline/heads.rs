@@ -4,8 +4,7 @@
 //! In: bursts in the recording's order, each with the judge that the windows gave it, from the
 //! identify stage ([`Heads::take`]). Out: for each burst the judge in use and, with `--baseline`,
 //! its channels' own levels. A burst waits until its *sweep* is over ([`super::sweep`]), so that
-//! the result does not depend on how a logger divides one moment's channels into messages. Bursts
-//! of printheads that are not followed do not wait; only frozen channels are looked for in them.
+//! the result does not depend on how a logger divides one moment's channels into messages.
 //!
 //! This file decides which sweep a burst belongs to and when a sweep is closed; what a closed sweep
 //! says of its head, [`super::head`] finds. A sweep is closed when one of its moments holds all
@@ -26,7 +25,7 @@ use inkling_core::state::Memory;
 use inkling_core::state::memory::MOST_CHANNELS;
 use std::sync::Arc;
 
-/// Maximum number of printheads that are followed or watched; signals of further ones are judged by
+/// Maximum number of printheads that are followed; signals of further ones are judged by
 /// the windows' judges as they are.
 const MOST_HEADS: usize = 1 << 10;
 
@@ -35,14 +34,9 @@ const MOST_HEADS: usize = 1 << 10;
 pub struct Heads<'a> {
     /// Index in `heads` by group; `None`: the group came when [`MOST_HEADS`] were there already.
     numbers: ByGroup,
-    /// Whether printheads are followed: where channels are judged about a common level. Own levels need
-    /// that in any case.
-    is_following: bool,
-    /// By index. `None`: printheads are not followed, or no judge so far knew enough for this one's channels
-    /// to be followed; its signals are judged by the windows' judge as it is.
+    /// By index. `None`: no judge so far knew enough for the printhead's channels to be followed; its signals
+    /// are judged by the windows' judge as it is.
     heads: Vec<Option<Followed>>,
-    /// By index, the watch for frozen channels while the printhead is not followed.
-    unfollowed: Vec<Watched>,
     /// Says when open sweeps have lasted as long as they may.
     clock: Clock,
     /// What all heads share.
@@ -76,14 +70,7 @@ impl<'a> Heads<'a> {
             deviations: Deviations::default(),
             work: Workspace::default(),
         };
-        Heads {
-            numbers: ByGroup::default(),
-            is_following: replay.baselines.is_some() || replay.settings.identify.common_change,
-            heads: Vec::new(),
-            unfollowed: Vec::new(),
-            clock: Clock::default(),
-            judging,
-        }
+        Heads { numbers: ByGroup::default(), heads: Vec::new(), clock: Clock::default(), judging }
     }
 
     /// Takes the next burst. Appends to `given` the bursts whose sweeps are now over, in any
@@ -102,32 +89,26 @@ impl<'a> Heads<'a> {
         if self.clock.is_due(burst.t_acq_ns) {
             self.close_what_waits(burst.t_acq_ns, given);
         }
-        let Heads { numbers, is_following, heads, unfollowed, judging, clock } = self;
+        let Heads { numbers, heads, judging, clock } = self;
 
         // its head, which is met now if it is new
         let number = numbers.of(burst, |_| {
             let number = (heads.len() < MOST_HEADS).then_some(heads.len());
             heads.extend(number.map(|_| None));
-            unfollowed.extend(number.map(|_| Watched::default()));
             number
         });
-        let Some(number) = number else {
-            given.push((slot, AssignedJudge::by(Ok(judge.clone()))));
-            return;
-        };
-        let head = &mut heads[number];
-        // the judges before may not have known enough; try again with this one
-        if *is_following && head.is_none() {
-            *head = Followed::meet(judge, burst, judging);
-        }
+        let head = number.map(|number| &mut heads[number]);
+        let head = head.and_then(|head| {
+            // the judges before may not have known enough; try again with this one
+            if head.is_none() {
+                *head = Followed::meet(judge, burst, judging);
+            }
+            head.as_mut()
+        });
+        // a head that cannot be followed is judged at once, by the judge as it is
         match head {
             Some(head) => head.take((slot, judge, burst), clock, judging, given),
-            // a head that is not followed is judged at once, by the judge as it is
-            None => {
-                let watched = &mut unfollowed[number];
-                watched.hear(burst, judge, judging.replay.settings.input.rails);
-                given.push((slot, watched.judged_by(judge, burst)));
-            }
+            None => given.push((slot, AssignedJudge::by(Ok(judge.clone())))),
         }
     }
 

@@ -54,18 +54,18 @@ impl OwnLevels {
         statistics: &mut Statistics,
         statistic: &mut [Result<Detection, Reason>],
     ) {
-        for (channel, found) in (burst.first_channel..=u32::MAX).zip(statistic.iter_mut()) {
-            if own.is_frozen(channel) {
-                *found = found.and(Err(Reason::Frozen));
-            }
+        let Some(detector) = judge.detector() else { return };
+        if own.is_empty() {
+            return;
         }
-        // only where there is a detector are levels known
-        let Some(detector) = judge.detector().filter(|_| own.has_levels()) else { return };
 
         statistics.features(judge, burst, &mut self.features);
         let drive = judge.drive(burst);
         let known = own.from(burst.first_channel, statistic.len());
         for (row, (found, known)) in statistic.iter_mut().zip(known).enumerate() {
+            if own.is_frozen(burst.first_channel.saturating_add(row as u32)) {
+                *found = found.and(Err(Reason::Frozen));
+            }
             let (Ok(of_all), Some(known)) = (*found, known) else { continue };
 
             // the distance: the closed form decides near the level; beyond, a fit does, if there is

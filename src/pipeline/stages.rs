@@ -172,21 +172,23 @@ pub fn identify(
     }
 
     // the recording is over: so are the sweeps that are still open
-    deciding.heads.end(&mut given);
+    if let Some(heads) = &mut deciding.following {
+        heads.end(&mut given);
+    }
     if !parked.give(&mut given).all(|assigned| clock.send(&out, assigned)) {
         return Ok(());
     }
     deciding.models.end()
 }
 
-/// Assigns each burst its judge, and follows the printheads.
+/// Assigns each burst its judge, and follows the printheads where that is asked for.
 pub struct JudgeAssignment<'m, 'd> {
     /// Tells which model judges a burst.
     pub models: Models<'m>,
     /// Notes at which temperatures models without a temperature response judge.
     pub temperatures: TemperatureCheck,
-    /// Follows the heads where that is asked for, and finds frozen channels.
-    pub heads: Heads<'d>,
+    /// Follows the heads; `None`: each signal is judged by the windows' or the design's models as they are.
+    pub following: Option<Heads<'d>>,
 }
 
 impl JudgeAssignment<'_, '_> {
@@ -209,10 +211,11 @@ impl JudgeAssignment<'_, '_> {
             };
             if let (Ok(judge), Acquisition::Usable(burst)) = (&judge, acquisition) {
                 self.temperatures.take(judge, burst);
-                // where the head is followed, the judge is given when the sweep is over, moved to
-                // where the head is then
-                self.heads.take(slot, judge, burst, given);
-                continue;
+                if let Some(heads) = &mut self.following {
+                    // the judge is given when the sweep is over, moved to where the head is then
+                    heads.take(slot, judge, burst, given);
+                    continue;
+                }
             }
             given.push((slot, AssignedJudge::by(judge)));
         }

@@ -9,7 +9,6 @@
 
 use super::batches::{BufferPools, ReadBatch};
 use super::episodes::EpisodeTap;
-use super::heads::Heads;
 use super::in_flight::{InFlight, ParkedBatches};
 use super::job::Replay;
 use super::learner::Learner;
@@ -70,8 +69,8 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
     let learner = Learner::of(run);
     let learning = Learning::new(&learner, schedule, 0, 1);
     let models = Models::new(learning, Pass { recording, control: &control });
-    let (temperatures, heads) = (TemperatureCheck::default(), Heads::new(run));
-    let mut deciding = JudgeAssignment { models, temperatures, heads };
+    let temperatures = TemperatureCheck::default();
+    let mut deciding = JudgeAssignment { models, temperatures, following: None };
     let options = TableOptions {
         recording: "r.mcap".into(),
         classes: classes.clone(),

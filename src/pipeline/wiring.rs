@@ -127,8 +127,12 @@ impl Run<'_> {
         let mut tables = self.tables(&classes)?;
 
         let mut tally = Tally::new(classes);
-        let (temperatures, heads) = (TemperatureCheck::default(), Heads::new(replay));
-        let mut deciding = JudgeAssignment { models, temperatures, heads };
+        // Printheads are followed where channels are judged about a common level;
+        // own levels need that in any case.
+        let is_followed = replay.baselines.is_some() || settings.identify.common_change;
+        let following = is_followed.then(|| Heads::new(replay));
+        let temperatures = TemperatureCheck::default();
+        let mut deciding = JudgeAssignment { models, temperatures, following };
         let [readers, filters, isolators] = self.workers();
 
         // 2. what the stages share. There are enough blocks in flight that every worker of a
@@ -202,10 +206,10 @@ impl Run<'_> {
         // 4. what is left behind
         let ((scan_damage, digest), timings) = (queue.finish()?, timings.stages());
         let Tables { episodes, table, .. } = tables;
-        let JudgeAssignment { models, mut temperatures, heads } = deciding;
+        let JudgeAssignment { models, mut temperatures, following } = deciding;
         let (schedule, episodes) = (models.into_schedule(), episodes.finish()?);
         // followed printheads need no warning about temperature: it is part of their level
-        temperatures.forget(heads.followed());
+        temperatures.forget(following.iter().flat_map(Heads::followed));
 
         Ok(StageResults {
             schedule,
@@ -216,8 +220,8 @@ impl Run<'_> {
             timings,
             digest,
             temperatures,
-            moved: heads.movements(),
-            memory: heads.memory(),
+            moved: following.as_ref().map_or(Vec::new(), Heads::movements),
+            memory: following.as_ref().and_then(Heads::memory),
         })
     }
 }

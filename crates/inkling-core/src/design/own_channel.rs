@@ -150,9 +150,10 @@ impl OwnChannels {
         self.channels.binary_search_by_key(&channel, |(k, _)| *k)
     }
 
-    /// Whether some channel has a baseline of its own, so that its signals are to be judged again.
-    pub fn has_levels(&self) -> bool {
-        !self.channels.is_empty()
+    /// Whether there is neither a baseline nor a frozen channel, so that nothing has to be judged
+    /// again.
+    pub fn is_empty(&self) -> bool {
+        self.channels.is_empty() && self.frozen.is_empty()
     }
 
     /// Whether the channels lie too far from each other for the design's threshold on the distance
