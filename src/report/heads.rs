@@ -57,7 +57,6 @@ fn lit(report: &Report, head: &Head) -> (Light, String) {
 /// The light of a printhead with nothing to clean. It is green only if enough was judged to say so
 /// of the printhead's present state; otherwise it is grey, and the first reason against green is
 /// told.
-/// The last recording that holds the printhead, and what is missing from it.
 fn known(report: &Report, head: &Head, channels: &str) -> (Light, String) {
     let judged: u64 = head.tallies.values().map(|t| t.judged).sum();
     let all = judged + head.tallies.values().map(|t| t.rejected).sum::<u64>();
