@@ -67,6 +67,7 @@ impl<'a> Collector<'a> {
     pub fn take(&mut self, pass: Pass) -> Result<Vec<Damage>, PipelineError> {
         let mut signal = Vec::new();
         let lost = pass.all(|_, burst| {
+            pass.control.signals.fetch_add(u64::from(burst.channels), Ordering::Relaxed);
             self.met.see(&burst.printhead, span_of(burst));
             let n = burst.samples_per_channel as usize;
 
