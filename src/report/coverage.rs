@@ -77,7 +77,8 @@ impl Coverage {
             channels: channels().filter(|c| c.judged > 0).count() as u64,
             unknown_channels: channels().filter(|c| c.judged == 0).count() as u64,
             judged: tallies().map(|t| t.judged).sum(),
-            not_judged: tallies().map(|t| t.rejected).sum::<u64>() + survey.left_out,
+            not_judged: tallies().map(|t| t.rejected).sum::<u64>()
+                + survey.left_out.values().sum::<u64>(),
             not_whole: sources.iter().filter(|source| !is_whole(source)).count() as u64,
             without_faults: sources.iter().filter(|s| s.missing.contains(&"episodes")).count()
                 as u64,
@@ -197,7 +198,7 @@ fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<
 
     // The recording as a whole: without any signal, or with less than half judged where no
     // printhead explains it.
-    let is_empty = all == Tally::default() && survey.left_out == 0;
+    let is_empty = all == Tally::default() && !survey.left_out.contains_key(&recording);
     let is_told = gaps.keys().any(|(printhead, _)| printhead.is_some());
     if is_empty || !is_told && all.judged < all.rejected {
         gaps.entry((None, None)).or_insert_with(|| by_counts(None, &all));
