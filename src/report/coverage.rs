@@ -190,6 +190,9 @@ fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<
     let mut all = Tally::default();
     for (name, tally) in survey.heads.iter().filter_map(of_head) {
         (all.judged, all.rejected) = (all.judged + tally.judged, all.rejected + tally.rejected);
+        for (reason, n) in &tally.reasons {
+            *all.reasons.entry(*reason).or_default() += n;
+        }
         if tally.judged == 0 && tally.rejected > 0 && !name.is_empty() {
             gaps.entry((Some(name.clone()), None))
                 .or_insert_with(|| by_counts(Some(&name), &tally));
