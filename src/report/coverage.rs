@@ -30,14 +30,19 @@ pub struct Gap {
     pub printhead: Option<Arc<str>>,
     /// Name of the latest recording concerned.
     pub recording: String,
+    /// Index of that recording among the sources; several recordings may have one name.
+    #[serde(skip)]
+    source: usize,
     /// Number of recordings concerned.
     pub recordings: u64,
 }
 
 impl Gap {
-    /// A gap of a printhead in one recording.
-    fn of_head(head: &Head, what: String, recording: String) -> Gap {
-        Gap { what, printhead: Some(head.name.clone()), recording, recordings: 1 }
+    /// A gap of a printhead in one recording, the source with the index `at`; `None`: there is no
+    /// such source.
+    fn of_head(head: &Head, what: String, at: usize, sources: &[Source]) -> Option<Gap> {
+        let recording = sources.get(at)?.name.clone();
+        Some(Gap { what, printhead: Some(head.name.clone()), recording, source: at, recordings: 1 })
     }
 }
 
@@ -85,9 +90,9 @@ impl Coverage {
         }
     }
 
-    /// The first gap of a printhead that is told of the recording with this name.
-    pub fn gap(&self, printhead: &Arc<str>, recording: &str) -> Option<&Gap> {
-        let of_it = |gap: &&Gap| gap.recording == recording;
+    /// The first gap of a printhead that is told of the recording with this index among the sources.
+    pub fn gap(&self, printhead: &Arc<str>, recording: usize) -> Option<&Gap> {
+        let of_it = |gap: &&Gap| gap.source == recording;
         self.gaps.iter().filter(of_it).find(|gap| gap.printhead.as_ref() == Some(printhead))
     }
 
@@ -156,20 +161,30 @@ impl Coverage {
 /// What a gap concerns: a printhead (first), a topic (second), or, if both are `None`, a whole recording.
 type Of = (Option<Arc<str>>, Option<String>);
 
-/// The gaps of all recordings, merged by what they concern. Each text is that of the last recording
-/// concerned, in the order of the sources.
+/// A recording that has a gap: when it ended (`None`: it has no signals), its index, and the gap in
+/// words.
+type Place = (Option<i64>, usize, String);
+
+/// The gaps of all recordings, merged by what they concern. Each text is that of the latest
+/// recording concerned: by the last signal of the printhead concerned, or else of all. Sources may
+/// stand in any order.
 fn gaps(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
-    let mut all: BTreeMap<Of, Vec<(usize, String)>> = BTreeMap::new();
+    let heads: BTreeMap<_, _> = survey.heads.iter().map(|head| (&head.name, head)).collect();
+    let mut all: BTreeMap<Of, Vec<Place>> = BTreeMap::new();
     for (recording, source) in sources.iter().enumerate() {
+        let span = |head: &Head| head.tallies.get(&recording)?.span;
+        let of_all = whole(survey.heads.iter().filter_map(span));
         for (of, what) in of_recording(survey, recording, source) {
-            all.entry(of).or_default().push((recording, what));
+            let of_head = of.0.as_ref().and_then(|name| span(heads.get(name)?));
+            let until = of_head.or(of_all).map(|(_, to_ns)| to_ns);
+            all.entry(of).or_default().push((until, recording, what));
         }
     }
-    let gap = |((printhead, _), mut places): (Of, Vec<(usize, String)>)| {
+    let gap = |((printhead, _), places): (Of, Vec<Place>)| {
         let recordings = places.len() as u64;
-        let (recording, what) = places.pop()?;
-        let recording = sources[recording].name.clone();
-        Some(Gap { what, printhead, recording, recordings })
+        let (_, source, what) = places.into_iter().max()?;
+        let recording = sources[source].name.clone();
+        Some(Gap { what, printhead, recording, source, recordings })
     };
     all.into_iter().filter_map(gap).collect()
 }
@@ -232,8 +247,7 @@ fn unheard(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
                 format!("{n} of {of} of {name} fell silent, or were not heard in the last night")
             }
         };
-        let recording = sources.get(recording)?.name.clone();
-        Some(Gap::of_head(head, what, recording))
+        Gap::of_head(head, what, recording, sources)
     };
     survey.heads.iter().filter_map(gap).collect()
 }
@@ -245,8 +259,7 @@ fn unheard(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
 fn doubtful(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     let mut all = Vec::new();
     for head in &survey.heads {
-        let latest = head.latest().and_then(|(at, of)| Some((sources.get(at)?, of)));
-        let Some((recording, tally)) = latest else { continue };
+        let Some((at, tally)) = head.latest() else { continue };
         let why = tally.commonest_reason();
         let why = why.map_or(String::new(), |reason| format!(" ({})", reason.in_words()));
         let flagged = "flagged in most signals, of which no recording has enough to tell a fault";
@@ -260,7 +273,7 @@ fn doubtful(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
                 continue;
             }
             let what = format!("{} of {}: {words}", numbers(&of_it), head.name);
-            all.push(Gap::of_head(head, what, recording.name.clone()));
+            all.extend(Gap::of_head(head, what, at, sources));
         }
     }
     all
