@@ -92,6 +92,11 @@ struct InRecording {
 }
 
 impl ChannelCount {
+    /// Index of the latest recording that holds the channel.
+    pub fn latest(&self) -> usize {
+        self.last.recording
+    }
+
     /// Whether at least half of the channel's signals were judged in the latest recording that holds it.
     pub fn is_known_now(&self) -> bool {
         self.last.judged >= self.last.rejected
