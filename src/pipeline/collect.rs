@@ -354,7 +354,7 @@ mod tests {
         assert!(collector.finish().is_some_and(|set| set.healthy.is_empty()));
         let mut observer = Observer::new(Some(&labels), INT16_RAILS, 64);
         observer.take(pass).unwrap();
-        assert!(observer.finish().is_some_and(|data| data.len() == 0));
+        assert!(observer.finish().is_some_and(|data| data.is_empty()));
     }
 
     #[test]
