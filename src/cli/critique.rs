@@ -108,7 +108,7 @@ fn criticised(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
     let Recordings { progress, control, .. } = recordings;
     if left_out > 0 {
         progress.say(&format!(
-            "warning: left out: {other_sampling} signals of another sample period than the first burst's, or far \
+            "warning: left out: {other_sampling} signals of another sample period than the first of them, or far \
              shorter than the others, {rejected} that cannot be used (no numbers, saturated, damaged)"
         ));
     }

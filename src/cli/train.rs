@@ -21,9 +21,10 @@ use crate::report::{Column, columns};
 use crate::settings::{Preset, Settings};
 use inkling_core::design::{ClassReview, Design, DesignError, Judged};
 use inkling_core::detect::DetectMethod;
+use inkling_core::fault::is_reserved;
 use inkling_core::identify::IdentifyError;
 use inkling_core::identify::averaging::SignalSet;
-use inkling_core::labels::{Label, Labels, known_states};
+use inkling_core::labels::{Label, Labels};
 use inkling_core::model::lie::Lie;
 use inkling_io::labels_file::{self, States, Written};
 use inkling_io::outcomes_file::{self, Outcomes};
@@ -31,10 +32,6 @@ use inkling_io::{design_file, outputs};
 use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-
-/// Names under which `Collector` counts the signals that it does not collect; no class can have
-/// these names.
-const COUNTED: [&str; 4] = ["unlabelled", "rejected", "other_sampling", "beyond_the_limit_of_sets"];
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -222,7 +219,7 @@ fn labels(
 
     // a new class may not have a name that means something else
     for name in new_class {
-        let is_taken = known_states().chain(COUNTED).any(|taken| taken == name)
+        let is_taken = is_reserved(name)
             || isolate.classes.contains_key(name)
             || isolate.physics.law(name).is_some();
         if name.is_empty() {

@@ -9,9 +9,8 @@
 //! recorded beside them, as [`Observations`]. Of longer signals fewer are held.
 //!
 //! Both are given one recording after another (`take`), and hand out what they hold at the end
-//! (`finish`). The first burst of all decides the sampling; signals sampled otherwise are only
-//! counted. For the Collector sampling is period and length; the Observer asks for the period alone,
-//! and cuts signals to one length.
+//! (`finish`). The first burst with a signal that labels do not leave out decides the sampling;
+//! signals sampled otherwise are only counted. Signals that labels leave out may have any sampling.
 
 use super::PipelineError;
 use super::visit::{self, Pass};
@@ -48,8 +47,11 @@ pub struct Collector<'a> {
     labels: Option<&'a Labels>,
     /// Limits of the converter, counts.
     rails: [f64; 2],
-    /// Sample period, s, and samples of the first burst; signals of another sampling are not collected.
+    /// Sample period, s, and samples of the first burst with a signal to collect; signals of another
+    /// sampling are not collected.
     sampling: Option<(f64, usize)>,
+    /// The same of the first burst of all, which may have no signal to collect.
+    first: Option<(f64, usize)>,
     /// The samples of signals, by (label, printhead).
     sets: BTreeMap<(String, String), Reservoir>,
     /// Number of signals seen, by label; of those that were not collected, by the reason.
@@ -65,20 +67,16 @@ impl<'a> Collector<'a> {
         Collector { labels, rails, ..Collector::default() }
     }
 
-    /// Takes the signals of a recording that have the first burst's sampling. Returns what was damaged or is
-    /// missing. An unusable burst counts as one rejected signal.
+    /// Takes the signals of a recording that have the sampling of the first one taken. Returns what was
+    /// damaged or is missing. An unusable burst counts as one rejected signal.
     pub fn take(&mut self, pass: Pass) -> Result<Vec<Damage>, PipelineError> {
         let mut signal = Vec::new();
         let lost = pass.all(|_, burst| {
+            pass.control.signals.fetch_add(u64::from(burst.channels), Ordering::Relaxed);
             self.met.see(&burst.printhead, span_of(burst));
             let n = burst.samples_per_channel as usize;
-
-            // the first burst of all decides the sampling
-            let (period, samples) = *self.sampling.get_or_insert((burst.sample_period_s, n));
-            if samples != n || !same_period(period, burst.sample_period_s) {
-                self.count("other_sampling", u64::from(burst.channels));
-                return;
-            }
+            let sampling = (burst.sample_period_s, n);
+            self.first.get_or_insert(sampling);
 
             signal.resize(n, 0.0);
             for row in 0..burst.channels {
@@ -97,6 +95,13 @@ impl<'a> Collector<'a> {
                 };
                 if state == IGNORE {
                     self.count(IGNORE, 1);
+                    continue;
+                }
+
+                // the first signal that is not left out decides the sampling
+                let (period, samples) = *self.sampling.get_or_insert(sampling);
+                if samples != n || !same_period(period, burst.sample_period_s) {
+                    self.count("other_sampling", 1);
                     continue;
                 }
                 burst.copy_signal(row as usize, &mut signal);
@@ -134,7 +139,7 @@ impl<'a> Collector<'a> {
     /// What was collected, with drives relative to the mean voltage of the healthy signals that were
     /// kept. `None`: no burst was seen.
     pub fn finish(self) -> Option<TrainingSet> {
-        let (sample_period_s, samples) = self.sampling?;
+        let (sample_period_s, samples) = self.sampling.or(self.first)?;
 
         // the mean drive voltage of the kept healthy signals that have one
         let (sum, n) = self
@@ -197,6 +202,20 @@ struct PeriodSignals {
     sampler: Sampler,
 }
 
+impl PeriodSignals {
+    /// None yet, of this sample period, s. `n`: samples of the first signal, which decides how many
+    /// are held: 8192 of up to 128 samples, of longer ones fewer by the square of their length, and
+    /// no more than fit into the bytes (4 per sample). `most_samples`: as of [`Observer::new`].
+    fn new(period_s: f64, n: usize, most_samples: usize) -> PeriodSignals {
+        let kept = n.min(most_samples);
+        let wanted = MOST_SIGNALS * USUAL_SAMPLES.pow(2) / kept.max(1).pow(2);
+        let wanted = wanted.clamp(FEWEST_SIGNALS, MOST_SIGNALS);
+        let capacity = wanted.min(HELD_BYTES / (4 * kept.max(1)));
+        let most_samples = most_samples.min(2 * kept);
+        PeriodSignals { period_s, most_samples, sampler: Sampler::new(period_s, capacity) }
+    }
+}
+
 /// Collects what a critique looks at.
 #[derive(Default)]
 pub struct Observer<'a> {
@@ -204,8 +223,10 @@ pub struct Observer<'a> {
     labels: Option<&'a Labels>,
     /// Limits of the converter, counts.
     rails: [f64; 2],
-    /// What is held; `None`: no burst came yet.
+    /// What is held; `None`: no signal that may be healthy came yet.
     sampler: Option<PeriodSignals>,
+    /// Sample period of the first burst of all, s; `None`: no burst came yet.
+    first_period_s: Option<f64>,
     /// Samples that are taken of a longer signal.
     most_samples: usize,
     /// Number of signals that cannot be used; an unusable burst counts as one.
@@ -226,37 +247,25 @@ impl<'a> Observer<'a> {
         Observer { labels, rails, most_samples, ..Observer::default() }
     }
 
-    /// Takes the signals of a recording that have the first burst's sample period. Returns what was damaged
-    /// or is missing.
+    /// Takes the signals of a recording that have the sample period of the first one that may be healthy.
+    /// Returns what was damaged or is missing.
     pub fn take(&mut self, pass: Pass) -> Result<Vec<Damage>, PipelineError> {
         let mut signal = Vec::new();
         let lost = pass.all(|_, burst| {
-            let n = burst.samples_per_channel as usize;
-
-            // The first burst decides how many signals are held: 8192 of up to 128 samples, of
-            // longer ones fewer by the square of their length, and no more than fit into the bytes
-            // (4 per sample), which is a guard that never binds.
-            let held = self.sampler.get_or_insert_with(|| {
-                let kept = n.min(self.most_samples);
-                let wanted = MOST_SIGNALS * USUAL_SAMPLES.pow(2) / kept.max(1).pow(2);
-                let wanted = wanted.clamp(FEWEST_SIGNALS, MOST_SIGNALS);
-                let capacity = wanted.min(HELD_BYTES / (4 * kept.max(1)));
-                PeriodSignals {
-                    period_s: burst.sample_period_s,
-                    most_samples: self.most_samples.min(2 * kept),
-                    sampler: Sampler::new(burst.sample_period_s, capacity),
-                }
-            });
-
+            let (n, period_s) = (burst.samples_per_channel as usize, burst.sample_period_s);
+            self.first_period_s.get_or_insert(period_s);
             pass.control.signals.fetch_add(u64::from(burst.channels), Ordering::Relaxed);
-            if !same_period(held.period_s, burst.sample_period_s) {
-                self.other_sampling += u64::from(burst.channels);
-                return;
-            }
             signal.resize(n, 0.0);
             for row in 0..burst.channels as usize {
                 let beside = burst.beside(row);
                 if !visit::is_healthy(self.labels, burst, beside.channel) {
+                    continue;
+                }
+                let most = self.most_samples;
+                let held =
+                    self.sampler.get_or_insert_with(|| PeriodSignals::new(period_s, n, most));
+                if !same_period(held.period_s, period_s) {
+                    self.other_sampling += 1;
                     continue;
                 }
                 burst.copy_signal(row, &mut signal);
@@ -276,8 +285,9 @@ impl<'a> Observer<'a> {
     /// Hands out what was collected. `None`: no burst was seen. The counts of what was left out are
     /// complete only after this call.
     pub fn finish(&mut self) -> Option<Observations> {
-        let sampler = self.sampler.take()?.sampler;
-        // of the signals held, those that are shorter than the common length are dropped here
+        let none = self.first_period_s.map(|period_s| Sampler::new(period_s, 0));
+        let sampler = self.sampler.take().map(|held| held.sampler).or(none)?;
+        // signals that are shorter than the common length are dropped at the end
         let held = sampler.len();
         let data = sampler.finish();
         self.other_sampling += (held - data.len()) as u64;
@@ -289,6 +299,68 @@ impl<'a> Observer<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pipeline::Control;
+    use inkling_core::burst::{Format, Layout};
+    use inkling_core::labels::{Channels, Label};
+    use inkling_io::memory_recording::of_bursts;
+    use inkling_io::recording::Recording;
+
+    /// A recording of two bursts of one channel and 8 samples each, the second one of half the
+    /// sample period; and labels by which the first one is of this state (`None`: of no known one)
+    /// and the second one healthy.
+    fn of_two_periods(first: Option<&str>) -> (Recording, Labels) {
+        let burst = |t_acq_ns: i64, period_s: f64| {
+            let signal: Vec<f32> = (0..8u8).map(f32::from).collect();
+            let burst = Burst::of(&[signal], period_s, Format::S16Le, Layout::ChannelMajor);
+            Burst { t_acq_ns, ..burst }
+        };
+        let recording = of_bursts("memory", &[burst(1_000, 1e-6), burst(2_000, 5e-7)]).unwrap();
+        let row = |from_ns: i64, state: &str| Label {
+            printhead: "p".into(),
+            channel: Channels::All,
+            from_ns: Some(from_ns),
+            to_ns: Some(from_ns + 500),
+            state: state.into(),
+            severity: None,
+        };
+        let rows = first.map(|state| row(1_000, state)).into_iter().chain([row(2_000, HEALTHY)]);
+        (recording, Labels::new(rows.collect()))
+    }
+
+    #[test]
+    fn signals_that_labels_leave_out_do_not_decide_the_sampling() {
+        for (first, counted) in [(Some(IGNORE), IGNORE), (None, "unlabelled")] {
+            let (recording, labels) = of_two_periods(first);
+            let control = Control::default();
+            let pass = Pass { recording: &recording, control: &control };
+
+            let mut collector = Collector::new(Some(&labels), INT16_RAILS);
+            collector.take(pass).unwrap();
+            assert_eq!(control.signals.load(Ordering::Relaxed), 2, "all that are read are counted");
+            let set = collector.finish().unwrap();
+            assert_eq!((set.sample_period_s, set.healthy["p"].len()), (5e-7, 1));
+            let signals = [(counted.to_owned(), 1), (HEALTHY.to_owned(), 1)];
+            assert_eq!(set.signals, signals.into(), "none counts as of another sampling");
+
+            let mut observer = Observer::new(Some(&labels), INT16_RAILS, 64);
+            observer.take(pass).unwrap();
+            let data = observer.finish().unwrap();
+            assert_eq!((data.len(), data.dt_s, observer.other_sampling), (1, 5e-7, 0));
+        }
+    }
+
+    #[test]
+    fn where_the_labels_leave_all_out_bursts_were_met_all_the_same() {
+        let (recording, labels) = (of_two_periods(None).0, Labels::new(Vec::new()));
+        let control = Control::default();
+        let pass = Pass { recording: &recording, control: &control };
+        let mut collector = Collector::new(Some(&labels), INT16_RAILS);
+        collector.take(pass).unwrap();
+        assert!(collector.finish().is_some_and(|set| set.healthy.is_empty()));
+        let mut observer = Observer::new(Some(&labels), INT16_RAILS, 64);
+        observer.take(pass).unwrap();
+        assert!(observer.finish().is_some_and(|data| data.is_empty()));
+    }
 
     #[test]
     fn rails_of_16_bit_bind_16_bit_alone_and_told_ones_bind_all() {

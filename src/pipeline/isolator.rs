@@ -202,8 +202,7 @@ impl<'a> Isolator<'a> {
         // name is dropped.
         let beside_only = of.passed && !of.judge.model.threshold.is_faulty(of.detection.ring);
         if beside_only || (of.passed && !of.judge.can_isolate() && self.is_no_ring(of)) {
-            self.work.severity = None;
-            self.work.weights.clear();
+            self.work.drop_name();
             isolation = Some(Isolation::of_no_ring());
         }
 

@@ -175,7 +175,7 @@ pub struct Control {
     abandoned: AtomicBool,
     /// Number of bytes of the current recording that have been read in the current pass.
     pub bytes_read: AtomicU64,
-    /// Number of signals judged or rejected so far, over all recordings.
+    /// Number of signals judged, rejected or looked at to learn from so far, over all recordings.
     pub signals: AtomicU64,
 }
 

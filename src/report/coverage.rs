@@ -12,7 +12,7 @@
 
 use super::night::{Span, last_night, whole};
 use super::source::{LostRecording, Source};
-use super::survey::{ChannelCount, Head, Survey, Tally};
+use super::survey::{Head, Survey, Tally};
 use super::words::{counted, first_of, percent, thousands};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -31,14 +31,19 @@ pub struct Gap {
     pub printhead: Option<Arc<str>>,
     /// Name of the latest recording concerned.
     pub recording: String,
+    /// Index of that recording among the sources; several recordings may have one name.
+    #[serde(skip)]
+    source: usize,
     /// Number of recordings concerned.
     pub recordings: u64,
 }
 
 impl Gap {
-    /// A gap of a printhead in one recording.
-    fn of_head(head: &Head, what: String, recording: String) -> Gap {
-        Gap { what, printhead: Some(head.name.clone()), recording, recordings: 1 }
+    /// A gap of a printhead in one recording, the source with the index `at`; `None`: there is no
+    /// such source.
+    fn of_head(head: &Head, what: String, at: usize, sources: &[Source]) -> Option<Gap> {
+        let recording = sources.get(at)?.name.clone();
+        Some(Gap { what, printhead: Some(head.name.clone()), recording, source: at, recordings: 1 })
     }
 }
 
@@ -78,16 +83,17 @@ impl Coverage {
             channels: channels().filter(|c| c.judged > 0).count() as u64,
             unknown_channels: channels().filter(|c| c.judged == 0).count() as u64,
             judged: tallies().map(|t| t.judged).sum(),
-            not_judged: tallies().map(|t| t.rejected).sum::<u64>() + survey.left_out,
+            not_judged: tallies().map(|t| t.rejected).sum::<u64>()
+                + survey.left_out.values().sum::<u64>(),
             not_whole: sources.iter().filter(|source| !is_whole(source)).count() as u64,
             without_faults: sources.iter().filter(|s| s.missing.contains(&"episodes")).count()
                 as u64,
         }
     }
 
-    /// The first gap of this printhead in the recording with this name.
-    pub fn gap(&self, printhead: &Arc<str>, recording: &str) -> Option<&Gap> {
-        let of_it = |gap: &&Gap| gap.recording == recording;
+    /// The first gap of a printhead that is told of the recording with this index among the sources.
+    pub fn gap(&self, printhead: &Arc<str>, recording: usize) -> Option<&Gap> {
+        let of_it = |gap: &&Gap| gap.source == recording;
         self.gaps.iter().filter(of_it).find(|gap| gap.printhead.as_ref() == Some(printhead))
     }
 
@@ -156,20 +162,30 @@ impl Coverage {
 /// What a gap concerns: a printhead (first), a topic (second), or, if both are `None`, a whole recording.
 type Of = (Option<Arc<str>>, Option<String>);
 
-/// The gaps of all recordings, merged by what they concern. Each text is that of the last recording
-/// concerned, in the order of the sources.
+/// A recording that has a gap: when it ended (`None`: it has no signals), its index, and the gap in
+/// words.
+type Place = (Option<i64>, usize, String);
+
+/// The gaps of all recordings, merged by what they concern. Each text is that of the latest
+/// recording concerned: by the last signal of the printhead concerned, or else of all. Sources may
+/// stand in any order.
 fn gaps(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
-    let mut all: BTreeMap<Of, Vec<(usize, String)>> = BTreeMap::new();
+    let heads: BTreeMap<_, _> = survey.heads.iter().map(|head| (&head.name, head)).collect();
+    let mut all: BTreeMap<Of, Vec<Place>> = BTreeMap::new();
     for (recording, source) in sources.iter().enumerate() {
+        let span = |head: &Head| head.tallies.get(&recording)?.span;
+        let of_all = whole(survey.heads.iter().filter_map(span));
         for (of, what) in of_recording(survey, recording, source) {
-            all.entry(of).or_default().push((recording, what));
+            let of_head = of.0.as_ref().and_then(|name| span(heads.get(name)?));
+            let until = of_head.or(of_all).map(|(_, to_ns)| to_ns);
+            all.entry(of).or_default().push((until, recording, what));
         }
     }
-    let gap = |((printhead, _), mut places): (Of, Vec<(usize, String)>)| {
+    let gap = |((printhead, _), places): (Of, Vec<Place>)| {
         let recordings = places.len() as u64;
-        let (recording, what) = places.pop()?;
-        let recording = sources[recording].name.clone();
-        Some(Gap { what, printhead, recording, recordings })
+        let (_, source, what) = places.into_iter().max()?;
+        let recording = sources[source].name.clone();
+        Some(Gap { what, printhead, recording, source, recordings })
     };
     all.into_iter().filter_map(gap).collect()
 }
@@ -190,6 +206,9 @@ fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<
     let mut all = Tally::default();
     for (name, tally) in survey.heads.iter().filter_map(of_head) {
         (all.judged, all.rejected) = (all.judged + tally.judged, all.rejected + tally.rejected);
+        for (reason, n) in &tally.reasons {
+            *all.reasons.entry(*reason).or_default() += n;
+        }
         if tally.judged == 0 && tally.rejected > 0 && !name.is_empty() {
             gaps.entry((Some(name.clone()), None))
                 .or_insert_with(|| by_counts(Some(&name), &tally));
@@ -198,7 +217,7 @@ fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<
 
     // The recording as a whole: without any signal, or with less than half judged where no
     // printhead explains it.
-    let is_empty = all == Tally::default() && survey.left_out == 0;
+    let is_empty = all == Tally::default() && !survey.left_out.contains_key(&recording);
     let is_told = gaps.keys().any(|(printhead, _)| printhead.is_some());
     if is_empty || !is_told && all.judged < all.rejected {
         gaps.entry((None, None)).or_insert_with(|| by_counts(None, &all));
@@ -229,35 +248,44 @@ fn unheard(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
                 format!("{n} of {of} of {name} fell silent, or were not heard in the last night")
             }
         };
-        let recording = sources.get(recording)?.name.clone();
-        Some(Gap::of_head(head, what, recording))
+        Gap::of_head(head, what, recording, sources)
     };
     survey.heads.iter().filter_map(gap).collect()
 }
 
 /// Gaps of channels that cannot be called healthy though they may have no episode: those flagged in
-/// most of their signals (three or more), or in all of at least two of the latest recording, without
-/// enough of them for an episode; and those of which less than half was judged in their latest
-/// recording. Printheads whose latest recording judged nothing are told elsewhere.
+/// most of their signals without enough of them for an episode, and those of which less than half
+/// was judged in the channel's latest recording. Printheads of which nothing was judged in that
+/// recording are told elsewhere.
 fn doubtful(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
+    let flagged = "flagged in most signals, of which no recording has enough to tell a fault";
     let mut all = Vec::new();
     for head in &survey.heads {
-        let latest = head.latest().and_then(|(at, of)| Some((sources.get(at)?, of)));
-        let Some((recording, tally)) = latest else { continue };
-        let why = tally.commonest_reason();
-        let why = why.map_or(String::new(), |reason| format!(" ({})", reason.in_words()));
-        let flagged = "flagged in most signals, of which no recording has enough to tell a fault";
-        for (is_meant, words) in [
-            (ChannelCount::is_doubtful as fn(&ChannelCount) -> bool, flagged.to_owned()),
-            (|of| !of.is_known_now(), format!("mostly not judged{why}")),
-        ] {
-            let of_it = head.channels.iter().filter(|of| is_meant(of)).map(|of| of.channel);
-            let of_it: Vec<u32> = of_it.collect();
-            if of_it.is_empty() || tally.judged == 0 {
-                continue;
+        let mut tell = |channels: &[u32], at: usize, words: &str| {
+            let is_judged = head.tallies.get(&at).is_some_and(|tally| tally.judged > 0);
+            if is_judged && !channels.is_empty() {
+                let what = format!("{} of {}: {words}", numbers(channels), head.name);
+                all.extend(Gap::of_head(head, what, at, sources));
             }
-            let what = format!("{} of {}: {words}", numbers(&of_it), head.name);
-            all.push(Gap::of_head(head, what, recording.name.clone()));
+        };
+
+        // what is flagged is told for the printhead's latest recording
+        let channels = head.channels.iter().filter(|of| of.is_doubtful()).map(|of| of.channel);
+        if let Some((at, _)) = head.latest() {
+            tell(&channels.collect::<Vec<_>>(), at, flagged);
+        }
+
+        // What is not known, for the latest recording of each channel. Reasons are counted by
+        // printhead, so that a channel's reason is known where there is only one.
+        let mut unknown: BTreeMap<usize, Vec<u32>> = BTreeMap::new();
+        for of in head.channels.iter().filter(|of| !of.is_known_now()) {
+            unknown.entry(of.latest()).or_default().push(of.channel);
+        }
+        for (at, channels) in unknown {
+            let reasons = head.tallies.get(&at).map(|tally| &tally.reasons);
+            let only = reasons.filter(|of| of.len() == 1).and_then(|of| of.keys().next());
+            let why = only.map_or(String::new(), |reason| format!(" ({})", reason.in_words()));
+            tell(&channels, at, &format!("mostly not judged{why}"));
         }
     }
     all
@@ -284,4 +312,85 @@ fn by_counts(printhead: Option<&str>, tally: &Tally) -> String {
     let why = tally.commonest_reason();
     let why = why.map_or(String::new(), |reason| format!(": {}", reason.in_words()));
     format!("{} of {} signals{of} were not judged{why}", thousands(n), thousands(all))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::survey::Names;
+    use super::*;
+    use inkling_core::verdict::{Outcome, Reason, VerdictColumns};
+
+    /// A row of printhead `p`: recording, time, channel, and why it was not judged.
+    type Looked = (usize, i64, u32, Option<Reason>);
+
+    /// The gaps of recordings with these names and rows.
+    fn gaps_of(names: &[&str], rows: &[Looked]) -> Coverage {
+        let mut survey = Survey::new(vec![Vec::new(); names.len()], false);
+        for &(recording, t_ns, channel, reason) in rows {
+            let outcome = if reason.is_some() { Outcome::Rejected } else { Outcome::Healthy };
+            let mut columns = VerdictColumns {
+                acquired_at_ns: vec![t_ns],
+                printhead: vec![0],
+                printheads: vec!["p".into()],
+                channel: vec![channel],
+                outcome: vec![outcome],
+                reason: vec![reason],
+                ..VerdictColumns::default()
+            };
+            columns.fill_up();
+            survey.add(recording, &columns, Names { classes: &[], categories: &[] });
+        }
+        let source = |name: &&str| Source { name: (*name).to_owned(), ..Source::default() };
+        Coverage::of(&survey, &names.iter().map(source).collect::<Vec<_>>(), Vec::new())
+    }
+
+    #[test]
+    fn the_latest_recording_is_told_whatever_the_order_and_the_names() {
+        let why = Some(Reason::Saturated);
+        let rows = [(0, 2_000, 1, why), (0, 2_001, 1, why), (1, 1_000, 1, why)];
+        let p: Arc<str> = "p".into();
+        for names in [["night2", "night1"], ["x", "x"]] {
+            let coverage = gaps_of(&names, &rows);
+            let gap = coverage.gap(&p, 0).unwrap();
+            assert_eq!((gap.recording.as_str(), gap.recordings), (names[0], 2));
+            assert!(gap.what.starts_with("2 of 2 signals of p"), "{}", gap.what);
+            assert!(coverage.gap(&p, 1).is_none());
+        }
+    }
+
+    #[test]
+    fn a_channel_is_told_with_its_own_latest_recording_and_reason() {
+        // channel 7 is mostly saturated in `a` and not in `b`, in which channel 1 has no number
+        let mut rows: Vec<Looked> = (0..8).map(|t| (0, t, 7, Some(Reason::Saturated))).collect();
+        rows.extend([(0, 8, 7, None), (0, 9, 7, None), (0, 9, 1, None)]);
+        rows.extend([(1, 100, 1, Some(Reason::NonFinite)), (1, 101, 1, None), (1, 102, 1, None)]);
+        let told = |gap: &Gap| gap.what.contains("mostly not judged");
+        let coverage = gaps_of(&["a", "b"], &rows);
+        let gap = coverage.gaps.iter().find(|gap| told(gap)).unwrap();
+        let words = Reason::Saturated.in_words();
+        assert_eq!(gap.what, format!("channel 7 of p: mostly not judged ({words})"));
+        assert_eq!(gap.recording, "a");
+    }
+
+    #[test]
+    fn a_recording_is_told_with_its_commonest_reason() {
+        let rows: Vec<Looked> = (0..3).map(|t| (0, t, 1, Some(Reason::Saturated))).collect();
+        // with one judged signal the printhead is not told, but the recording is
+        let coverage = gaps_of(&["a"], &[rows, vec![(0, 3, 2, None)]].concat());
+        let of_all = coverage.gaps.iter().find(|gap| gap.printhead.is_none()).unwrap();
+        assert_eq!(
+            of_all.what,
+            format!("3 of 4 signals were not judged: {}", Reason::Saturated.in_words())
+        );
+    }
+
+    #[test]
+    fn an_empty_recording_is_told_beside_one_with_rows_left_out() {
+        let mut survey = Survey::new(vec![Vec::new(); 2], false);
+        survey.left_out.insert(0, 3);
+        let sources = ["a", "b"].map(|name| Source { name: name.into(), ..Source::default() });
+        let coverage = Coverage::of(&survey, &sources, Vec::new());
+        let told: Vec<_> = coverage.gaps.iter().map(|gap| gap.recording.as_str()).collect();
+        assert_eq!((told, coverage.not_judged), (vec!["b"], 3));
+    }
 }

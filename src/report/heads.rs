@@ -57,18 +57,18 @@ fn lit(report: &Report, head: &Head) -> (Light, String) {
 /// The light of a printhead with nothing to clean. It is green only if enough was judged to say so
 /// of the printhead's present state; otherwise it is grey, and the first reason against green is
 /// told.
-/// The last recording that holds the printhead, and what is missing from it.
 fn known(report: &Report, head: &Head, channels: &str) -> (Light, String) {
     let judged: u64 = head.tallies.values().map(|t| t.judged).sum();
     let all = judged + head.tallies.values().map(|t| t.rejected).sum::<u64>();
     let never = head.channels.iter().filter(|channel| channel.judged == 0).count() as u64;
-    let lines = || report.recordings.iter().filter(|line| line.heads.contains_key(&head.name));
-    let last = lines().max_by_key(|line| line.span.map(|span| span.1));
-    let is_silent = last.is_some_and(|line| line.heads[&head.name].tally.judged == 0);
-    let gap = last.and_then(|line| report.coverage.gap(&head.name, &line.name));
-    let is_lost = lines().any(|line| line.missing.contains(&"episodes"));
-    let of_last = last.map(|line| line.heads[&head.name].tally.clone()).unwrap_or_default();
-    let all_of_last = of_last.judged + of_last.rejected;
+    // the printhead's last recording, what was judged of it, and what is missing from it
+    let last = head.latest();
+    let is_silent = last.is_some_and(|(_, of)| of.judged == 0);
+    let gap = last.and_then(|(recording, _)| report.coverage.gap(&head.name, recording));
+    let mut lines = report.recordings.iter().filter(|line| line.heads.contains_key(&head.name));
+    let is_lost = lines.any(|line| line.missing.contains(&"episodes"));
+    let unjudged_of_last = last.map_or(0, |(_, of)| of.rejected);
+    let all_of_last = last.map_or(0, |(_, of)| of.judged + of.rejected);
     let now_unknown = head.channels.iter().filter(|channel| !channel.is_known_now()).count();
     let share = percent(judged, all);
 
@@ -80,8 +80,8 @@ fn known(report: &Report, head: &Head, channels: &str) -> (Light, String) {
         () if is_lost => "what was found is not known".to_owned(),
         () if 2 * judged < all => format!("only {share} of its signals judged"),
         () if never > 0 => format!("{} of {channels} never judged", never),
-        () if of_last.rejected as f64 > MOST_UNJUDGED * all_of_last as f64 => {
-            let share = percent(of_last.rejected, all_of_last);
+        () if unjudged_of_last as f64 > MOST_UNJUDGED * all_of_last as f64 => {
+            let share = percent(unjudged_of_last, all_of_last);
             format!("{share} of its signals not judged in its last recording")
         }
         () if now_unknown > 0 => {

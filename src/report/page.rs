@@ -153,10 +153,11 @@ fn basis(report: &Report) -> String {
     if damaged > 0 {
         text += &format!("; {} damaged", counted(damaged, "recording"));
     }
-    if report.survey.left_out > 0 {
+    let left_out = report.survey.left_out.values().sum();
+    if left_out > 0 {
         text += &format!(
             "; {} signals of more printheads or channels than are told apart",
-            thousands(report.survey.left_out)
+            thousands(left_out)
         );
     }
     text + "."

@@ -92,6 +92,11 @@ struct InRecording {
 }
 
 impl ChannelCount {
+    /// Index of the latest recording that holds the channel.
+    pub fn latest(&self) -> usize {
+        self.last.recording
+    }
+
     /// Whether at least half of the channel's signals were judged in the latest recording that holds it.
     pub fn is_known_now(&self) -> bool {
         self.last.judged >= self.last.rejected
@@ -161,8 +166,9 @@ pub struct Survey {
     /// Names of the fault categories: `KNOWN_CATEGORIES` first, then others in the order in which they are
     /// met.
     pub categories: Vec<String>,
-    /// Number of rows of printheads and channels beyond `MOST_PRINTHEADS` and `MOST_CHANNELS`.
-    pub left_out: u64,
+    /// Number of rows of printheads and channels beyond `MOST_PRINTHEADS` and `MOST_CHANNELS`, by
+    /// recording. Nothing else counts them.
+    pub left_out: BTreeMap<usize, u64>,
     /// Number of printheads that get a map; 0 if only counts and stories are wanted.
     maps: usize,
 }
@@ -226,12 +232,12 @@ impl Survey {
             let (head, t_ns) = (c.printhead[from], c.acquired_at_ns[from]);
             let same = |row: &usize| c.printhead[*row] == head && c.acquired_at_ns[*row] == t_ns;
             let to = from + (from..c.len()).take_while(same).count();
-            match heads.get(head as usize).copied().flatten() {
-                Some(at) => {
-                    let head = &mut self.heads[at];
-                    self.left_out += head.burst(recording, c, from..to, names.classes, &codes);
-                }
-                None => self.left_out += (to - from) as u64,
+            let left_out = match heads.get(head as usize).copied().flatten() {
+                Some(at) => self.heads[at].burst(recording, c, from..to, names.classes, &codes),
+                None => (to - from) as u64,
+            };
+            if left_out > 0 {
+                *self.left_out.entry(recording).or_default() += left_out;
             }
             from = to;
         }
@@ -320,10 +326,14 @@ impl Head {
             places.push(place);
         }
 
-        // From here on each row is counted.
+        // From here on each row of a channel that has a place is counted.
         let tally = self.tallies.entry(recording).or_default();
         let mut cells = self.map.as_mut().map(|map| map.row(t_ns));
         for (row, place) in rows.zip(places) {
+            let Some(place) = place else {
+                left_out += 1;
+                continue;
+            };
             let outcome = c.outcome[row];
             // an undecided row with a reason of the whole printhead counts as not judged
             let of_head = c.reason[row].is_some_and(Reason::is_of_head);
@@ -339,10 +349,6 @@ impl Head {
             }
 
             // The map, and the channel in its latest recording.
-            let Some(place) = place else {
-                left_out += 1;
-                continue;
-            };
             if let Some(cells) = &mut cells {
                 let (class, ratio) = shown(c, row, codes);
                 cells.mark(place, class, ratio);
@@ -401,4 +407,28 @@ fn shown(c: &VerdictColumns, row: usize, codes: &[u8]) -> (u8, u8) {
     let over = c.statistic[row].zip(c.threshold[row]).map(|(s, t)| s / t);
     let ratio = over.filter(|r| !r.is_nan()).map_or(ratio::LOWEST, level);
     (class, ratio)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_of_channels_beyond_the_limit_are_counted_as_left_out_alone() {
+        let n = MOST_CHANNELS + 3;
+        let mut columns = VerdictColumns {
+            acquired_at_ns: vec![0; n],
+            printhead: vec![0; n],
+            printheads: vec!["p".into()],
+            channel: (0..n as u32).collect(),
+            outcome: vec![Outcome::Healthy; n],
+            ..VerdictColumns::default()
+        };
+        columns.fill_up();
+        let mut survey = Survey::new(vec![Vec::new(); 2], false);
+        survey.add(1, &columns, Names { classes: &[], categories: &[] });
+        let tally = &survey.heads[0].tallies[&1];
+        assert_eq!((tally.judged, tally.rejected), (MOST_CHANNELS as u64, 0));
+        assert_eq!(survey.left_out, BTreeMap::from([(1, 3)]));
+    }
 }

@@ -18,6 +18,17 @@ pub const HEALTHY: &str = "healthy";
 /// The label of a signal that is neither trained on nor scored.
 pub const IGNORE: &str = "ignore";
 
+/// Names under which signals that were not collected for training are counted, beside the labels of
+/// those that were. No class can have one of these names.
+pub const NOT_COLLECTED: [&str; 4] =
+    ["unlabelled", "rejected", "other_sampling", "beyond_the_limit_of_sets"];
+
+/// Whether a name means something else than a class of faults: no fault, or why a signal was not
+/// collected. A user's own class cannot have it.
+pub fn is_reserved(name: &str) -> bool {
+    [HEALTHY, IGNORE].into_iter().chain(NOT_COLLECTED).any(|taken| taken == name)
+}
+
 /// A fault class, by the name that labels and verdicts give it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Class {

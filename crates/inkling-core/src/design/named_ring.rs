@@ -166,8 +166,7 @@ impl Judge {
             beside.iter_mut().for_each(|v| *v /= noise);
             work.misfit = beside.iter().map(|v| v * v).sum::<f64>() / beside.len() as f64;
             if classifier.misfit_beyond(beside, fit, &self.model, noise, best) > most {
-                work.weights.clear();
-                work.alternative = None;
+                work.drop_name();
                 return Some(Isolation::of_no_ring());
             }
         }

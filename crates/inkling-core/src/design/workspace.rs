@@ -68,4 +68,30 @@ impl Workspace {
         (self.of_any, self.alternative) = (1.0, None);
         self.beside.clear();
     }
+
+    /// Forgets what belongs to the name of the signal last isolated, because the name is dropped:
+    /// how the classes were weighed, the severity, and what the signal may be instead. The fitted
+    /// ring stays.
+    pub fn drop_name(&mut self) {
+        self.weights.clear();
+        (self.severity, self.alternative) = (None, None);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_dropped_name_takes_what_the_signal_may_be_instead_with_it() {
+        let mut work = Workspace {
+            weights: vec![1.0],
+            alternative: Some(Appearance::Slow),
+            ring: Some([0.1, 0.2]),
+            ..Workspace::default()
+        };
+        work.drop_name();
+        assert!(work.weights.is_empty() && work.severity.is_none() && work.alternative.is_none());
+        assert_eq!(work.ring, Some([0.1, 0.2]), "the ring is the signal's, not the name's");
+    }
 }

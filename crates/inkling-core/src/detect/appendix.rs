@@ -19,23 +19,32 @@ use super::poles::monic;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use std::f64::consts::TAU;
 
-/// Number of frequencies of the basis b_i beside the constant, i = 0 .. 80.
+/// Most frequencies of the basis b_i beside the constant, i = 0 .. 80. N samples tell (N - 1)/2
+/// frequencies apart, so that fewer than 81 samples have fewer.
 const HARMONICS: usize = 40;
 
 /// M(z), monic, descending powers, of degree `degree` >= 1. `residual`: the mean residual of a
-/// fault, N, counts. An error if the residual is empty or `degree` is 0, or if a root has no finite
-/// image in z.
+/// fault, N, counts. An error if one of the two is empty or 0, or if a root has no finite image in
+/// z. A residual without any finite energy is no residual.
 ///
 /// Departs: the text's M is a polynomial in s. Its roots are mapped to z by the bilinear
-/// transformation z = (2 + s) / (2 - s), because with time in seconds e^{s dt} overflows; here time
-/// is counted in samples. beta* is scaled to length 1, so that the roots do not depend on the size
-/// of the residual. Q_x has `degree` rows, so that M has the degree asked for.
+/// transformation z = (2 + s) / (2 - s), as in the text's unit of time e^{s dt} of such a root is
+/// no number; here time is counted in samples. The basis ends below half the sample rate, beyond
+/// which its functions would be others of it again. beta* is scaled to length 1, so that the roots
+/// do not depend on the size of the residual. Q_x has `degree` rows, so that M has the degree asked
+/// for.
 pub fn as_written(residual: &[f64], degree: usize) -> Result<Vec<f64>, DetectError> {
     let n = residual.len();
     let failed = || DetectError::Decomposition { rows: degree, columns: degree };
-    if n == 0 || degree == 0 {
+    if degree == 0 {
         return Err(DetectError::NoRoom { numerator: degree, denominator: 0 });
     }
+    // an empty residual has no energy either
+    let energy: f64 = residual.iter().map(|r| r * r).sum();
+    if !(energy > 0.0 && energy.is_finite()) {
+        return Err(DetectError::NoResidual);
+    }
+    let harmonics = HARMONICS.min((n - 1) / 2);
     let omega = TAU / n as f64;
     // beta_i* = integral of b_i r_f: b_0 is constant, then sine (odd i) and cosine (even i) of each
     // frequency follow each other
@@ -46,7 +55,7 @@ pub fn as_written(residual: &[f64], degree: usize) -> Result<Vec<f64>, DetectErr
         };
         residual.iter().enumerate().map(|(k, r)| at(k) * r).sum::<f64>()
     };
-    let mut row = DVector::from_fn(2 * HARMONICS + 1, |i, _| beta(i));
+    let mut row = DVector::from_fn(2 * harmonics + 1, |i, _| beta(i));
     row /= row.norm().max(f64::MIN_POSITIVE);
 
     // D-bar: row k is beta* D^k; D couples the sine and the cosine of each frequency, as d/dt does
@@ -55,7 +64,7 @@ pub fn as_written(residual: &[f64], degree: usize) -> Result<Vec<f64>, DetectErr
         d_bar.row_mut(k).copy_from(&row.transpose());
         let before = row.clone();
         row[0] = 0.0;
-        for h in 1..=HARMONICS {
+        for h in 1..=harmonics {
             let (sin, cos) = (2 * h - 1, 2 * h);
             let frequency = h as f64 * omega;
             (row[sin], row[cos]) = (-frequency * before[cos], frequency * before[sin]);
@@ -88,7 +97,25 @@ mod tests {
             let [a, b, c] = m[..] else { panic!("{m:?}") };
             assert!(b * b - 4.0 * a * c >= -1e-12, "{m:?}");
         }
-        assert!(as_written(&[], 1).is_err());
         assert!(as_written(&[1.0; 8], 0).is_err());
+    }
+
+    #[test]
+    fn of_no_residual_nothing_is_made_and_the_error_says_so() {
+        for none in [&[][..], &[0.0; 64], &[f64::NAN; 64]] {
+            assert!(matches!(as_written(none, 2), Err(DetectError::NoResidual)));
+        }
+    }
+
+    #[test]
+    fn a_short_residual_has_no_harmonics_beyond_half_the_sample_rate() {
+        // One period in 9 samples is the basis's first sine and nothing else (harmonics 8, 10, ..
+        // would be that sine again). So the rows of D-bar are that sine and its derivative, and Q_x
+        // has the eigenvalues 1 and omega².
+        let r: Vec<f64> = (0..9).map(|k| (TAU / 9.0 * f64::from(k)).sin()).collect();
+        let root = |s: f64| (2.0 + s) / (2.0 - s);
+        let (p, q) = (root(1.0), root(TAU * TAU / 81.0));
+        let m = as_written(&r, 2).unwrap();
+        assert!((m[1] + p + q).abs() < 1e-9 && (m[2] - p * q).abs() < 1e-9, "{m:?}");
     }
 }

@@ -94,6 +94,10 @@ pub enum DetectError {
         "denominator of degree {denominator} leaves no room for M(z) beside a numerator of degree {numerator}: raise it"
     )]
     NoRoom { numerator: usize, denominator: usize },
+    #[error(
+        "the mean residual of the fault has no samples, or is 0 at each or no number: Appendix A makes no M(z) of it; look at the fault's signals, or choose another detect.denominator"
+    )]
+    NoResidual,
     #[error("healthy deviations leave no residual energy: a ratio to it means nothing")]
     NoHealthyEnergy,
     #[error(

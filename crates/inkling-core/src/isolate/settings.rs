@@ -3,7 +3,7 @@
 //! read them; `pipeline.toml` explains each key to users.
 
 use super::IsolateError;
-use crate::fault::{CLASSES, HEALTHY};
+use crate::fault::{CLASSES, is_reserved};
 use crate::model::Waveform;
 use crate::model::faults::Catalogue;
 use crate::ranges::check;
@@ -150,7 +150,7 @@ impl IsolateSettings {
         // which class was given to which name so far
         let mut taken: BTreeMap<&str, &str> = BTreeMap::new();
         for (name, of) in &self.classes {
-            if name.is_empty() || name == HEALTHY || self.physics.law(name).is_some() {
+            if name.is_empty() || is_reserved(name) || self.physics.law(name).is_some() {
                 return Err(format!("classes.\"{name}\": give a name of your own"));
             }
             if of.is_empty() {
@@ -198,6 +198,19 @@ impl IsolateSettings {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_class_cannot_have_a_name_that_means_something_else() {
+        let named = |name: &str| IsolateSettings {
+            classes: [(name.to_owned(), vec!["AB1".to_owned()])].into(),
+            ..IsolateSettings::default()
+        };
+        for name in ["", "healthy", "ignore", "rejected", "unlabelled", "other_sampling", "BN"] {
+            let refused = named(name).check().unwrap_err();
+            assert!(refused.contains("give a name of your own"), "{name}: {refused}");
+        }
+        named("Luft").check().unwrap();
+    }
 
     #[test]
     fn priors_sum_to_one_and_name_known_classes_only() {

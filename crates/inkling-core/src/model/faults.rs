@@ -12,7 +12,7 @@
 //! the contract's `severity` column. Where the laws depart from the thesis stands in `faults.toml`.
 
 use super::InkChannel;
-use crate::fault::{Categories, HEALTHY, IGNORE};
+use crate::fault::{Categories, is_reserved};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
@@ -145,8 +145,7 @@ impl Catalogue {
     /// weigh too much; the error says in words which law and why.
     pub fn check(&self) -> Result<(), String> {
         for (name, law) in &self.own {
-            let taken = laws().contains_key(name) || ["", HEALTHY, IGNORE].contains(&name.as_str());
-            if taken {
+            if name.is_empty() || is_reserved(name) || laws().contains_key(name) {
                 return Err(format!("\"{name}\": that name has a meaning already; give another"));
             }
             law.check().map_err(|why| format!("\"{name}\": {why}"))?;

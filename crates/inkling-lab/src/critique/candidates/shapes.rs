@@ -167,9 +167,9 @@ impl ScoreTests<'_> {
         if scored.form.coefficients[0] < 0.0 && !either_sign {
             scored.objection = Some(Objection::UnphysicalSign);
         }
-        // Amplitudes inside an ink channel rest on a ratio of rates that is held, which is not known exactly:
-        // hence 5 % (`interior`). That reason is of ink alone; an oscillator gets the same 5 %.
-        if id.by_amplitude() {
+        // amplitudes inside an ink channel rest on a ratio of rates that is held, which is not known exactly; an
+        // oscillator has no such ratio
+        if id.by_amplitude() && inside.is_ink {
             scored.sd = scored.sd.hypot(interior() * scored.value);
         }
         Some(scored)
