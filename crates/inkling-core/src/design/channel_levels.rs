@@ -102,10 +102,12 @@ impl ChannelLevels {
     /// another channel. Which one depends on `i`, so that a class's signals spread over all
     /// channels. Signals of a channel without a level stay as they are.
     pub fn elsewhere(&self, channel: u32, i: usize, x: &Vector4<f64>) -> Vector4<f64> {
-        // Consecutive signals go to channels far apart. The step is a prime that does not divide the
-        // number of channels, so that all of them are reached.
-        let stride = if self.0.len().is_multiple_of(101) { 103 } else { 101 };
-        let (_, other) = self.0[(i * stride) % self.0.len()];
+        // Consecutive signals go to channels far apart, and all channels are reached: the step is a prime, and the
+        // next round begins one channel later if their number is a multiple of it.
+        const STRIDE: usize = 101;
+        let n = self.0.len();
+        let round = if n.is_multiple_of(STRIDE) { i / (n / STRIDE) } else { 0 };
+        let (_, other) = self.0[(i * STRIDE + round) % n];
         self.at(channel).map_or(*x, |own| x - own + other)
     }
 }

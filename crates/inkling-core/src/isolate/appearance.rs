@@ -17,6 +17,7 @@
 
 use crate::model::inner_product::dot;
 use crate::model::simd_math::sin_cos;
+use crate::numbers::tuned::little;
 use crate::processor::for_processor;
 use crate::verdict::Appearance;
 
@@ -74,8 +75,10 @@ impl UnknownSignal<'_> {
         }
     }
 
-    /// Describes a ring: the healthy one with another gain (negative if it is upside down) if that gain explains
-    /// most of what the signal differs from it by, else another ring.
+    /// Describes a ring: the healthy one with another gain (negative if it is upside down) if that leaves little of
+    /// the signal and explains most of what the signal differs from the healthy one by, else another ring. The
+    /// first tells it from a ring of another damping or frequency, the second from one whose gain
+    /// differs by less than these do.
     fn of_ring(&self) -> Appearance {
         let gain = dot(self.signal, self.healthy) / dot(self.healthy, self.healthy);
         // what the signal differs by from the healthy one times `gain`, beyond its noise
@@ -84,7 +87,8 @@ impl UnknownSignal<'_> {
             let off = self.signal.iter().zip(self.healthy).map(|(y, h)| y - gain * h);
             off.map(|v| v * v).sum::<f64>() - of_noise
         };
-        match beside(gain) < (1.0 - MOST) * beside(1.0) {
+        let left = beside(gain);
+        match left < little() * beside(0.0) && left < (1.0 - MOST) * beside(1.0) {
             true => Appearance::OtherGain(gain),
             false => Appearance::OtherRing,
         }
@@ -174,17 +178,25 @@ mod tests {
     #[test]
     fn each_kind_has_its_name() {
         let mut normal = draws(8);
-        let ring = |size: f64, damping: f64| {
-            move |k: usize| size * (-damping * k as f64).exp() * (0.5 * k as f64).cos()
+        let ring = |size: f64, damping: f64, omega: f64| {
+            move |k: usize| size * (-damping * k as f64).exp() * (omega * k as f64).cos()
         };
-        let healthy: Vec<f64> = (0..128).map(ring(100.0, 0.02)).collect();
-        let mut of = |shape: &dyn Fn(f64) -> f64, (size, damping): (f64, f64)| {
+        let healthy: Vec<f64> = (0..128).map(ring(100.0, 0.02, 0.5)).collect();
+        let mut of_ring = |shape: &dyn Fn(f64) -> f64, (size, damping, omega): (f64, f64, f64)| {
             let misfit: Vec<f64> = (0..128).map(|k| normal() + shape(k as f64)).collect();
-            let ring = (0..128).map(ring(size, damping));
+            let ring = (0..128).map(ring(size, damping, omega));
             let signal: Vec<f64> = misfit.iter().zip(ring).map(|(v, ring)| v + ring).collect();
             let misfit = &misfit;
             UnknownSignal { signal: &signal, noise: 1.0, healthy: &healthy, misfit, dt_s: 1e-6 }
                 .appearance()
+        };
+        // of another frequency, however large, and of three times the damping
+        for other in [(90.0, 0.02, 0.7), (30.0, 0.02, 0.7), (300.0, 0.02, 0.7), (100.0, 0.06, 0.5)]
+        {
+            assert_eq!(of_ring(&|_| 0.0, other), Appearance::OtherRing, "{other:?}");
+        }
+        let mut of = |shape: &dyn Fn(f64) -> f64, (size, damping): (f64, f64)| {
+            of_ring(shape, (size, damping, 0.5))
         };
         let half = (50.0, 0.02);
         assert_eq!(of(&|_| 0.0, (0.0, 0.02)), Appearance::NoiseAlone);

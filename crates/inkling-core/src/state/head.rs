@@ -72,6 +72,8 @@ pub struct Head {
     /// When the head was heard last, ns; `None`: never, or what is known of it is from later than
     /// now.
     pub(super) heard_ns: Option<i64>,
+    /// Whether only another head was heard since the last pause.
+    still_paused: bool,
     /// When it turned out that all channels are others than those that were remembered, ns.
     swapped_ns: Option<i64>,
     /// Channels heard since the last pause.
@@ -165,6 +167,7 @@ impl Head {
             kind,
             channels: BTreeMap::new(),
             heard_ns: None,
+            still_paused: false,
             swapped_ns: None,
             heard: BTreeSet::new(),
             wider: Vector4::repeat(1.0),
@@ -224,7 +227,7 @@ impl Head {
         let looks = &as_large_as_most(looks, self.kind.ring)[..];
 
         // where the level may have gone, and the level that explains the sweep
-        let before = (self.covariance, self.heard_ns);
+        let before = (self.covariance, self.wider);
         let paused = self.walk(t_ns);
         let found = match paused {
             true => self.find_aged(looks, no_rings),
@@ -240,6 +243,7 @@ impl Head {
                 self.channels.clear();
                 self.swapped_ns.get_or_insert(t_ns);
             }
+            self.still_paused = false;
             self.learn(t_ns, looks, &explained);
             self.watch(looks);
 
@@ -255,10 +259,8 @@ impl Head {
         }
 
         // While another head is heard nothing is learned of where this one went, and it goes on standing still.
-        self.covariance = before.0;
-        if paused {
-            self.heard_ns = before.1;
-        }
+        (self.covariance, self.wider) = before;
+        self.still_paused = paused;
         SweepOutcome::Strange { level: self.kind.from * explained.level }
     }
 
@@ -268,7 +270,7 @@ impl Head {
     fn walk(&mut self, t_ns: i64) -> bool {
         let dt_ns = self.heard_ns.map_or(u64::MAX, |before| t_ns.abs_diff(before));
         self.heard_ns = Some(t_ns);
-        let paused = dt_ns > PAUSE_NS;
+        let paused = dt_ns > PAUSE_NS || self.still_paused;
         let of_look = self.kind.spread.add_scalar(1.0);
         self.covariance += Matrix4::from_diagonal(&(of_look * process::walk()));
         if paused {

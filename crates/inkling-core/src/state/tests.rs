@@ -262,7 +262,13 @@ fn another_head_is_told_and_teaches_nothing() {
     world.t_ns += 1000 * SECOND;
     let found = world.sweep(Vector4::new(0.0, 0.0, 0.04, 0.0), none);
     assert!(matches!(found, SweepOutcome::Strange { .. }), "{found:?}");
-    assert_eq!(world.head.channels(), 30);
+    // another one whose channels lie farther apart
+    let wider = world.head.wider();
+    let found = world.sweep(Vector4::new(0.0, 0.0, 0.04, 0.0), |k| {
+        Vector4::from(SPREAD) * if k % 2 == 0 { 3.0 } else { -3.0 }
+    });
+    assert!(matches!(found, SweepOutcome::Strange { .. }), "{found:?}");
+    assert_eq!((world.head.channels(), world.head.wider()), (30, wider));
     let warmer = Vector4::new(0.15, 0.1, 0.0, 0.0);
     let back = world.sweep(warmer, none);
     assert!(matches!(back, SweepOutcome::Level { .. }), "{back:?}");

@@ -196,7 +196,7 @@ impl Model {
     }
 
     /// Prior standard deviation of the real pole's mean amplitude about 0, counts: a tenth of the ring
-    /// (`few`). The amplitude depends on how the pulse moves both flows at the end of the actuation, of which
+    /// (`little`). The amplitude depends on how the pulse moves both flows at the end of the actuation, of which
     /// thesis (2-2) says nothing. Without this bound the real pole would swallow offset, droop and
     /// transients. The prior is used in tests and refits (`space.rs`, `nuisance.rs`), not in the descents
     /// here.

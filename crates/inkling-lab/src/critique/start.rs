@@ -131,7 +131,7 @@ impl Model {
 /// The best single ring of one signal y (counts): a grid over frequency and damping, with the amplitudes and
 /// an offset by linear least squares at each point, then a refinement of the best point. The offset only
 /// keeps an offset of the signal from bending the ring; it is not returned. `None`: the ring explains less
-/// than a tenth (`few`) of the signal's square about its mean. Its last element is ln lambda.
+/// than a tenth (`little`) of the signal's square about its mean. Its last element is ln lambda.
 fn first_guess(y: &[f64], real: bool) -> Option<Theta> {
     let n = y.len();
     let mut best: Option<(f64, Theta)> = None;

@@ -230,6 +230,34 @@ fn what_waits_is_what_is_held_and_no_more_than_it_may_be() {
     assert_eq!(tracker.waiting, 16);
 }
 
+/// A printhead of one channel that is flagged at one look in ten, after some healthy ones.
+#[test]
+fn a_fault_that_comes_and_goes_is_found_as_soon_after_any_healthy_past() {
+    let second = 1_000_000_000;
+    for past in [20, 20_000] {
+        let burst = |step: i64| {
+            let is_on = step >= past && (step - past) % 10 == 0;
+            let ratio = if is_on { 3.0 } else { 0.1 + 0.02 * (step * 7 % 11) as f32 };
+            let named =
+                IsolatedSignal { weights: vec![0.2, 0.7, 0.1], ..IsolatedSignal::default() };
+            Looks {
+                t_ns: step * second,
+                first_channel: 5,
+                ratios: vec![ratio],
+                named: if is_on { vec![named] } else { Vec::new() },
+                ..Looks::default()
+            }
+        };
+        let (episodes, _) = run(tracker(8), (0..past + 300).map(burst));
+        let [e] = &episodes[..] else { panic!("after {past}: {episodes:?}") };
+        assert_eq!(e.began_at_ns, past * second, "after {past}");
+        let looks = (e.raised_at_ns - e.began_at_ns) / second;
+        assert!((40..100).contains(&looks), "after {past}: {looks}");
+        assert!(e.explanation.contains("comes and goes"), "{}", e.explanation);
+        assert_eq!(e.ended_at_ns, None);
+    }
+}
+
 #[test]
 fn printheads_beyond_the_limit_are_counted() {
     let mut tracker = tracker(8);
