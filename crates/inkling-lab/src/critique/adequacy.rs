@@ -23,9 +23,7 @@ use super::space::Direction;
 use super::tuned::left_by_all;
 use super::verdict::Unexplained;
 
-/// The parameters of a signal in words, in the order of the model: ln sigma, ln omega, a, b, c. The
-/// words for a and b, the pair's cosine and sine, suit a ring that begins near its maximum;
-/// otherwise both are mixtures of amplitude and phase.
+/// What may follow a covariate, in words, in the order of `ParameterTest::parameter`.
 const PARAMETERS: [&str; 5] = ["damping", "frequency", "amplitude", "phase", "slow decay"];
 
 /// What the model leaves, and the candidates that it tells of as "something like ...", so that no

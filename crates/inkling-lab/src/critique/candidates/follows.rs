@@ -27,8 +27,8 @@ use inkling_core::model::free_decay::ALL;
 use inkling_core::model::terms::Interior;
 use std::f64::consts::TAU;
 
-/// Test of one parameter against one covariate, by their indices: of `covariates.rs`, and of theta
-/// without the real pole's rate.
+/// Test of one parameter against one covariate, by their indices: of `covariates.rs`; and of theta without
+/// the real pole's rate, with the pair's amplitude and phase in place of its cosine and sine.
 #[derive(Clone, Copy, Debug)]
 pub struct ParameterTest {
     pub covariate: usize,
@@ -263,11 +263,22 @@ impl ScoreTests<'_> {
     }
 
     /// Tests one covariate on each parameter but the real pole's rate, alone and beside the others;
-    /// whichever says more counts. As for causes, the spread over bursts lowers what is of
+    /// whichever says more counts. In place of the pair's cosine and sine stand its amplitude and its
+    /// phase, along and across what both are in the mean. As for causes, the spread over bursts lowers what is of
     /// interest.
     fn on_each_parameter(&self, which: usize) -> Vec<ParameterTest> {
         let dof = self.dof(which == POSITION);
-        let alone = |j| Direction::parameter(self.samples, which, j);
+        let (a, b) = (self.model.mean[2], self.model.mean[3]);
+        let (cos, sin) = (a / a.hypot(b), b / a.hypot(b));
+        let alone = |j| {
+            let mut v = [0.0; ALL];
+            match j {
+                2 => (v[2], v[3]) = (cos, sin),
+                3 => (v[2], v[3]) = (-sin, cos),
+                _ => v[j] = 1.0,
+            }
+            Direction::covariate(self.samples, which, v)
+        };
         let each: Vec<Direction> = (0..ALL - 1).map(alone).collect();
         // with the others free as well: what moves two parameters together is in their common scatter
         let together = self.nuisances.covariates.test(&each);
