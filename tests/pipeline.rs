@@ -539,3 +539,15 @@ fn a_pace_is_kept_burst_by_burst_once_and_changes_no_verdict() {
     let free = house.read_json("max/print_run.summary.json")["rates"].take();
     assert!(free["paced_bursts"].is_null() && free["behind_s"].is_null(), "{free}");
 }
+
+/// Without a design the identify stage reads ahead while its first window is open; a paced recording is handed
+/// over burst by burst meanwhile.
+#[test]
+fn a_pace_changes_nothing_where_windows_learn() {
+    let house = House::new();
+    let table = |out: &str, pace: &str| {
+        house.ok(&format!("replay sample_logs/print_run.mcap --out {out} {pace}"));
+        verdicts(&house.path(&format!("{out}/print_run.verdicts.parquet")))
+    };
+    assert_eq!(table("max", ""), table("paced", "--pace 200000"));
+}

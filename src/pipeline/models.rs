@@ -7,20 +7,22 @@
 //! (`learning`). What judges the bursts of a printhead's first window is known only after that
 //! window. Then this stage reads the recording on ahead by itself until it is known
 //! ([`ReadAhead`]), and the stages read those blocks a second time when their turn comes; so
-//! nothing waits in memory. `position` says up to where everything is learned, so that no burst is
-//! learned from twice.
+//! batches of the stages do not pile up. `position` says up to where everything is learned, so that no
+//! burst is learned from twice. It counts bursts and not pieces, since a paced recording is divided
+//! otherwise than one that is read ahead.
 
 use super::PipelineError;
 use super::batches::{MOST_ROWS, ReadBatch, usable};
 use super::learning::Learning;
 use super::schedule::Schedule;
 use super::visit::Pass;
-use inkling_core::burst::{Acquisition, Burst, Place};
+use inkling_core::burst::{Acquisition, Burst};
 use inkling_core::design::Judge;
 use inkling_core::verdict::Reason;
 use inkling_io::block::Block;
 use inkling_io::block_reader::{BlockReader, Definitions, Piece};
 use inkling_io::scan::Blocks;
+use std::cmp::Ordering;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
@@ -33,6 +35,8 @@ pub struct Models<'a> {
     pass: Pass<'a>,
     /// Up to this position everything is learned.
     position: ReadPosition,
+    /// Index of the block that the stages read last, and how many of its acquisitions they have handed over.
+    seen: (u64, usize),
     /// Reads on from `position`, while that lies beyond what the stages have read.
     ahead: Option<ReadAhead<'a>>,
 }
@@ -40,20 +44,25 @@ pub struct Models<'a> {
 impl<'a> Models<'a> {
     /// The models that `learning` has or will learn, of the recording of `pass`.
     pub fn new(learning: Learning<'a>, pass: Pass<'a>) -> Models<'a> {
-        Models { learning, pass, position: ReadPosition::default(), ahead: None }
+        Models { learning, pass, position: ReadPosition::default(), seen: (0, 0), ahead: None }
     }
 
     /// Takes the next batch of the recording, in its order, and learns from it unless that was done
     /// before.
     pub fn see(&mut self, read: &ReadBatch) -> Result<(), PipelineError> {
-        if self.learning.over || read.batch.place < self.position.next {
+        let acquisitions = &read.batch.acquisitions;
+        let before = if self.seen.0 == read.block.index { self.seen.1 } else { 0 };
+        self.seen = (read.block.index, before + acquisitions.len());
+        let learned = self.position.within(read.block.index, before).min(acquisitions.len());
+        let is_whole = read.leaves.is_some();
+        if self.learning.over || (learned == acquisitions.len() && self.position.block.is_some()) {
             return Ok(()); // everything was learned before, or this was read ahead
         }
-        let (next, block) = (read.batch.place.following(read.leaves.is_some()), Some(read.block));
-        self.position = ReadPosition { next, block, definitions: read.definitions.clone() };
+        let (block, taken) = (Some(read.block), (!is_whole).then_some(self.seen.1));
+        self.position = ReadPosition { block, taken, definitions: read.definitions.clone() };
         // a reader that was ahead has been caught up with
         self.ahead = None;
-        take(&mut self.learning, &read.batch.acquisitions)
+        take(&mut self.learning, &acquisitions[learned..])
     }
 
     /// The judge of a burst whose batch was seen, or the reason why the burst is rejected. Reads
@@ -104,12 +113,23 @@ fn take(learning: &mut Learning, of: &[Acquisition]) -> Result<(), PipelineError
 /// A position up to which a recording was read.
 #[derive(Clone, Debug, Default)]
 pub struct ReadPosition {
-    /// The place of the next piece.
-    pub next: Place,
     /// The block that the last piece was part of; `None`: nothing was read yet.
     pub block: Option<Block>,
+    /// How many acquisitions of that block were read; `None`: all.
+    pub taken: Option<usize>,
     /// What the blocks up to there define, where the file's summary does not say it.
     pub definitions: Option<Definitions>,
+}
+
+impl ReadPosition {
+    /// How many acquisitions of a block lie before this position, of those from number `from` of the block on.
+    fn within(&self, block: u64, from: usize) -> usize {
+        match self.block.map(|last| block.cmp(&last.index)) {
+            Some(Ordering::Less) => usize::MAX,
+            Some(Ordering::Equal) => self.taken.map_or(usize::MAX, |n| n.saturating_sub(from)),
+            Some(Ordering::Greater) | None => 0,
+        }
+    }
 }
 
 /// Number of blocks, per worker, that are being read or wait to be taken.
@@ -130,8 +150,8 @@ pub struct ReadAhead<'a> {
     pending: VecDeque<(u64, JoinHandle<LoadedBlock>)>,
     /// The block whose pieces are being handed out.
     open: Option<LoadedBlock>,
-    /// The place of the next piece.
-    next: Place,
+    /// How many acquisitions of that block were handed out.
+    taken: usize,
 }
 
 /// A block that was read, with the reader that gives its pieces.
@@ -155,6 +175,20 @@ impl LoadedBlock {
     fn next_piece(&mut self) -> Option<Piece> {
         self.first.take().or_else(|| self.reader.next_piece(MOST_ROWS))
     }
+
+    /// Passes over the next `n` acquisitions.
+    fn skip(&mut self, mut n: usize) {
+        while n > 0
+            && let Some(mut piece) = self.next_piece()
+        {
+            if piece.acquisitions.len() > n {
+                piece.acquisitions.drain(..n);
+                self.first = Some(piece);
+                return;
+            }
+            n -= piece.acquisitions.len();
+        }
+    }
 }
 
 impl<'a> ReadAhead<'a> {
@@ -171,18 +205,15 @@ impl<'a> ReadAhead<'a> {
             idle: (0..at_once).map(|_| reader()).collect(),
             pending: VecDeque::new(),
             open: None,
-            next: position.next,
+            taken: 0,
         };
 
-        // the position may lie within a block: load the block again, and skip the pieces that were
-        // handed out
-        if let Some(block) = position.block.filter(|block| block.index == position.next.block) {
+        // the position may lie within a block: load the block again, and skip what was handed out
+        if let (Some(block), Some(taken)) = (position.block, position.taken) {
             let reader = ahead.idle.pop().unwrap_or_else(reader);
             let mut open = LoadedBlock::load(block, reader);
-            for _ in 0..position.next.piece {
-                open.next_piece();
-            }
-            ahead.open = Some(open);
+            open.skip(taken);
+            (ahead.open, ahead.taken) = (Some(open), taken);
         }
         ahead
     }
@@ -196,10 +227,7 @@ impl<'a> ReadAhead<'a> {
             let Some(open) = &mut self.open else {
                 match self.next_block()? {
                     None => return Ok(None),
-                    Some(open) => {
-                        self.next = Place { block: open.block.index, piece: 0 };
-                        self.open = Some(open);
-                    }
+                    Some(open) => (self.open, self.taken) = (Some(open), 0),
                 }
                 continue;
             };
@@ -207,9 +235,10 @@ impl<'a> ReadAhead<'a> {
             // hand out its next piece; at its end its reader is free for another block
             match open.next_piece() {
                 Some(piece) => {
-                    self.next = self.next.following(piece.last);
+                    self.taken += piece.acquisitions.len();
                     let (block, definitions) = (Some(open.block), open.reader.definitions());
-                    let position = ReadPosition { next: self.next, block, definitions };
+                    let taken = (!piece.last).then_some(self.taken);
+                    let position = ReadPosition { block, taken, definitions };
                     return Ok(Some((piece.acquisitions, position)));
                 }
                 None => self.idle.extend(self.open.take().map(|open| open.reader)),
