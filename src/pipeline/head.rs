@@ -230,7 +230,9 @@ impl Head {
         let frozen = watched.frozen.channels();
 
         // 2. the state takes the looks in; what is to be told at the end is noted
+        let followed = self.state.channels();
         let outcome = self.state.sweep(t_ns, &looks, no_rings);
+        by.room = (by.room + followed).saturating_sub(self.state.channels());
         self.movement.scatters(t_ns, &self.state);
         self.movement.swapped_ns = self.state.swapped_ns();
         let is_strange = matches!(outcome, SweepOutcome::Strange { .. });
@@ -284,6 +286,7 @@ impl Head {
         // `far`: whether a ring is fitted where the closed form does not tell
         let (at, judge, far) = (self.now_at(), self.judge.now.clone(), self.unknown < MOST_UNKNOWN);
         let Judging { replay, deviations, work, room, .. } = by;
+        let mut room = *room;
         let (mut looks, mut no_rings, mut repeated) = (Vec::new(), 0, 0);
         for burst in sweep.bursts() {
             let drive = judge.drive(burst);
@@ -307,12 +310,13 @@ impl Head {
                     no_rings += 1;
                     continue;
                 };
-                // a new channel is only taken in while there is room for it
+                // a new channel is only shown to the state while there is room for it
                 if !self.state.knows(channel) {
                     let Some(left) = room.checked_sub(1) else { continue };
-                    *room = left;
+                    room = left;
                 }
-                // counted from the judge's ring, and with `at` from the base's
+                // `local` is counted from the healthy mean about the judge's ring, which lies at `at` from
+                // the base ring
                 looks.push(Look { channel, features: local + at, drive });
             }
         }

@@ -109,8 +109,8 @@ pub struct Story {
     pub cures: u32,
     /// Onset of the first episode after the last cure.
     pub last_began_at_ns: i64,
-    /// The first and the last severity that an episode of the story states, each in the unit of
-    /// that episode's own class, which need not be the story's.
+    /// The first and the last severity among the episodes that are sized in `quantity`. `None`: none
+    /// is, or the story has no name.
     pub severity_first: Option<f64>,
     pub severity_last: Option<f64>,
     /// Standard deviation of `severity_last`.
@@ -257,9 +257,10 @@ fn story(
     let last_began_at_ns = spells[last_run].episode.began_at_ns;
 
     // The size: of the last episode that has one in the quantity that the story's class is measured by.
-    // Episodes of another class may be sized, too, in another unit.
+    // Episodes of another class may be sized, too, in another unit, and those without a name as
+    // their best class is.
     let quantity = watch::quantity(said).map(str::to_owned);
-    let same = |e: &Episode| watch::quantity(e) == quantity.as_deref();
+    let same = |e: &Episode| e.category.is_some() && watch::quantity(e) == quantity.as_deref();
     let last_sized = latest().find(|e| e.severity_last.is_some() && same(e));
     let course = quantity.as_deref().and_then(|quantity| watch.course(quantity));
     let to_ns = ended_at_ns.unwrap_or(i64::MAX);

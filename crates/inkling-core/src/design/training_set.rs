@@ -112,8 +112,11 @@ pub(super) fn examples(
     let (mut features, mut noise) = (Vec::new(), None);
     for (k, (model, set)) in sets.iter().enumerate() {
         let found = model.fitted(set)?;
+        if found.is_empty() {
+            continue; // no signal of this printhead rings
+        }
         let sum = found.iter().fold(Vector4::zeros(), |sum, (_, x)| sum + x);
-        let at: Features = (sum / found.len().max(1) as f64).into();
+        let at: Features = (sum / found.len() as f64).into();
         noise = model.fitter()?.noise_covariance(&at, model.noise).or(noise);
         let moved = |(rank, (i, x)): (usize, &(usize, Vector4<f64>))| {
             Some(DVector::from_row_slice(from.moved(k, rank, set.channel[*i], x)?.as_slice()))

@@ -114,6 +114,7 @@ fn in_short(other: &Appearance) -> Option<String> {
         Appearance::OtherClock(ratio) => {
             format!("a clock {} off", signed_percent(100.0 * (ratio - 1.0)))
         }
+        Appearance::Late(s) if s < 0.0 => format!("{:.1} µs too early", -1e6 * s),
         Appearance::Late(s) => format!("a delay of {:.1} µs", 1e6 * s),
         Appearance::AllOff => "all elements a little off".into(),
         Appearance::Like(name) => name.to_string(),
@@ -138,8 +139,9 @@ fn in_words(strange: &Appearance) -> String {
              sensor line; {LOOK}"
         ),
         Appearance::OtherClock(ratio) => format!(
-            "rings like a healthy channel {:.0} % {} in damping and frequency alike: the clock of its sampling; \
+            "rings like a healthy channel {:.*} % {} in damping and frequency alike: the clock of its sampling; \
              {LOOK}",
+            usize::from((ratio - 1.0).abs() < 0.0095),
             100.0 * (ratio - 1.0).abs(),
             if ratio < 1.0 { "slower" } else { "faster" }
         ),
@@ -216,7 +218,7 @@ pub fn size_in_words(class: &str, severity: Option<f64>, sd: Option<f64>) -> Str
 
     // a ratio, always with two decimals
     let ratio = || match sd {
-        Some(sd) if sd.is_finite() => format!("{size:.2} ± {sd:.2}"),
+        Some(sd) if sd.is_finite() && sd > 0.0 => format!("{size:.2} ± {sd:.2}"),
         _ => format!("{size:.2}"),
     };
     match class {
@@ -332,6 +334,7 @@ mod tests {
             (OtherGain(-0.98), "rings upside down, 0.98 times as large"),
             (OtherGain(0.51), "rings like a healthy channel with 0.51 times its size"),
             (OtherClock(0.9), "healthy channel 10 % slower"),
+            (OtherClock(0.996), "healthy channel 0.4 % slower"),
             (Late(0.78e-6), "0.8 µs late"),
             (Tone(76_340.0), "a steady tone of 76.3 kHz"),
             (Jumps, "single samples jump"),
