@@ -114,7 +114,7 @@ fn in_short(other: &Appearance) -> Option<String> {
         Appearance::OtherClock(ratio) => {
             format!("a clock {} off", signed_percent(100.0 * (ratio - 1.0)))
         }
-        Appearance::Late(s) if s < 0.0 => format!("{:.1} µs too early", -1e6 * s),
+        Appearance::Late(s) if *s < 0.0 => format!("{:.1} µs too early", -1e6 * s),
         Appearance::Late(s) => format!("a delay of {:.1} µs", 1e6 * s),
         Appearance::AllOff => "all elements a little off".into(),
         Appearance::Like(name) => name.to_string(),
