@@ -125,20 +125,19 @@ impl Watch {
                     others.for_each(|(_, course)| course.miss(t_ns));
                 }
 
-                let Some(Size { quantity, size: severity }) = sized else {
-                    if flagged {
-                        self.missed.miss(t_ns);
+                if let Some(Size { quantity, size: severity }) = sized {
+                    // A quantity beyond the limit is not followed.
+                    if !self.courses.contains_key(quantity) && self.courses.len() < MOST_QUANTITIES
+                    {
+                        self.courses.insert(quantity.to_owned(), self.missed.clone());
                     }
-                    return;
-                };
-                // A quantity beyond the limit is not followed.
-                if !self.courses.contains_key(quantity) && self.courses.len() < MOST_QUANTITIES {
-                    self.courses.insert(quantity.to_owned(), self.missed.clone());
+                    if let Some(course) = self.courses.get_mut(quantity) {
+                        course.add(t_ns, severity);
+                    }
                 }
-                if let Some(course) = self.courses.get_mut(quantity) {
-                    course.add(t_ns, severity);
+                if flagged {
+                    self.missed.miss(t_ns);
                 }
-                self.missed.miss(t_ns);
             }
             None => self.outside[before].add(t_ns, flagged, reason),
         }

@@ -55,7 +55,7 @@ pub fn sample(decays: Vec<Decay>, time: &str, resample: bool) -> Result<Sampled,
     }
     // A decay that lacks rows is told before periods are compared, since its fitted one is none.
     let lacking = |decay: &Decay| missing(&decay.times).map(|what| refused(decay, what));
-    if let Some(refusal) = decays.iter().filter(|_| !resample).find_map(lacking) {
+    if !resample && let Some(refusal) = decays.iter().find_map(lacking) {
         return Err(refusal);
     }
 

@@ -117,6 +117,19 @@ mod tests {
     use super::*;
     use crate::model::normal::draws;
 
+    #[test]
+    fn as_many_signals_as_channels_reach_every_channel_once() {
+        for n in [2_u32, 40, 101, 202, 309, 10_403] {
+            let level = |k: u32| (k, Vector4::repeat(f64::from(k)));
+            let levels = ChannelLevels((0..n).map(level).collect());
+            let mut reached: Vec<u32> = (0..n as usize)
+                .map(|i| levels.elsewhere(0, i, &Vector4::zeros())[0] as u32)
+                .collect();
+            reached.sort_unstable();
+            assert_eq!(reached, (0..n).collect::<Vec<u32>>(), "{n} channels");
+        }
+    }
+
     /// 40 channels of 20 signals each. `differ`: standard deviation of the channels' levels;
     /// `scatter`: of signals about them.
     fn channels(differ: f64, scatter: f64) -> BTreeMap<u32, Vec<Vector4<f64>>> {

@@ -80,15 +80,15 @@ mod tests {
     use rand::{RngExt, SeedableRng};
 
     /// Draws looks at channels that are flagged at the first rate for the first number of looks, and at the
-    /// second rate for the second number; counts how often the evidence reaches the bound, after which the
-    /// test begins anew.
-    fn raised(parts: [(f64, u64); 2], channels: usize, bound: f64) -> usize {
+    /// second rate for the second number. Returns how often the evidence reached the bound, after which the test
+    /// begins anew, and in how many channels it did while the second rate held.
+    fn raised(parts: [(f64, u64); 2], channels: usize, bound: f64) -> (usize, usize) {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
         let others = Flags { looks: 1_000_000, flagged: 0 };
-        let mut raised = 0;
+        let (mut times, mut found) = (0, 0);
         for _ in 0..channels {
-            let mut flags = Flags::default();
-            for (rate, looks) in parts {
+            let (mut flags, mut in_part) = (Flags::default(), [false; 2]);
+            for ((rate, looks), in_part) in parts.into_iter().zip(&mut in_part) {
                 for _ in 0..looks {
                     let flagged = rng.random_bool(rate);
                     if flagged && flags.begin_anew(others) {
@@ -96,18 +96,19 @@ mod tests {
                     }
                     flags.add(flagged);
                     if flagged && flags.evidence(others) >= bound {
-                        (raised, flags) = (raised + 1, Flags::default());
+                        (times, flags, *in_part) = (times + 1, Flags::default(), true);
                     }
                 }
             }
+            found += usize::from(in_part[1]);
         }
-        raised
+        (times, found)
     }
 
     #[test]
     fn false_alarms_raise_as_seldom_as_the_bound_says_and_seldom_faults_are_raised() {
         let healthy =
-            |rate, looks, channels, bound| raised([(rate, looks), (rate, 0)], channels, bound);
+            |rate, looks, channels, bound| raised([(rate, looks), (rate, 0)], channels, bound).0;
         // in e^-8 of the looks, 1677 of five million, at most
         let at_its_rate = healthy(least_rate(), 5000, 1000, 8.0);
         assert!(at_its_rate <= 1677, "{at_its_rate}");
@@ -115,8 +116,8 @@ mod tests {
         // whatever healthy past the channel has
         for past in [0, 1000, 100_000] {
             for (rate, looks) in [(0.1, 400), (0.04, 1000), (0.02, 2500)] {
-                let raised = raised([(7e-4, past), (rate, looks)], 100, 16.1);
-                assert!(raised >= 90, "{rate} after {past}: {raised}");
+                let (_, found) = raised([(7e-4, past), (rate, looks)], 100, 16.1);
+                assert!(found >= 90, "{rate} after {past}: {found}");
             }
         }
     }
