@@ -16,7 +16,7 @@ use super::progress::complain;
 use super::report_page::write_text;
 use super::{output, results, scored};
 use inkling_core::design::IsolateSettings;
-use inkling_core::fault::{Categories, HEALTHY, category};
+use inkling_core::fault::{HEALTHY, category};
 use inkling_core::labels::{Channels, Label, Labels, Met, Span};
 use inkling_core::model::faults::Catalogue;
 use inkling_core::promise::Promise;
@@ -115,12 +115,17 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let of = files.iter().zip(&documents);
     let tables: Vec<Table> =
         of.map(|(file, document)| Table { path: &file.path, document }).collect();
+    let mut scored: Vec<&Path> = Vec::new();
     for (table, left_out) in tables.iter().zip(copies::left_out(&tables)) {
         match left_out {
             Some(note) => complain(&format!("warning: {note}")),
-            None => scoring.add_file(table.path)?,
+            None => scored.push(table.path),
         }
     }
+
+    // a fault may be found in another recording than that in which it began: all episodes come first
+    scored.iter().try_for_each(|table| scoring.add_episodes(table))?;
+    scored.iter().try_for_each(|table| scoring.add_rows(table))?;
 
     // labels of printheads or times that no recording has are a mistake
     labels_file::check(labels_path, &labels, &scoring.met)?;
@@ -182,34 +187,44 @@ impl<'a> Scoring<'a> {
         }
     }
 
-    /// Scores a verdict table, and the episodes beside it if there are any.
-    fn add_file(&mut self, path: &Path) -> Result<(), Failure> {
-        let mut verdicts = VerdictReader::open(path).map_err(Failure::new)?;
-
-        // 1. the metadata say from which certainty on these verdicts were called certain
+    /// Adds the episodes beside a verdict table, if there are any, and what the table's metadata
+    /// say of its names.
+    fn add_episodes(&mut self, path: &Path) -> Result<(), Failure> {
+        let verdicts = VerdictReader::open(path).map_err(Failure::new)?;
         let document: serde_json::Value = verdicts
             .metadata_json()
             .and_then(|json| serde_json::from_str(json).ok())
             .unwrap_or_default();
+        // from which certainty on the verdicts were called certain
         let bound = document["settings"]["isolate"]["certainty"].as_f64();
         self.score.bound = bound.or(self.score.bound);
-        // 2. the user's own classes (`isolate.physics`) belong to categories that only these
-        // settings know
+        // the user's own classes belong to categories that only these settings know
         let laws = &document["settings"]["isolate"]["physics"];
         let laws: Catalogue = serde_json::from_value(laws.clone()).unwrap_or_default();
-        let categories = laws.categories();
+        self.score.categories.0.extend(laws.categories().0);
 
-        // 3. the episodes come before the rows: the score counts for each fault the signals up to
-        // its episode
         let beside = episode_table::path_beside(path);
-        let has_episodes = stored::is_file(&beside);
-        if has_episodes {
+        if stored::is_file(&beside) {
             let score = self.episodes.get_or_insert_with(|| EpisodeScore::new(self.labels));
-            add_episodes(&beside, score, &categories)?;
+            for e in episode_table::read(&beside).map_err(Failure::new)? {
+                let detected = DetectedEpisode {
+                    printhead: &e.printhead,
+                    channel: e.channel,
+                    category: e.category.as_deref(),
+                    fault: e.fault.as_deref(),
+                    raised_at_ns: e.raised_at_ns,
+                    began_at_ns: e.began_at_ns,
+                };
+                score.add_episode(detected, &self.score.categories);
+            }
         }
-        self.score.categories = categories;
+        Ok(())
+    }
 
-        // 4. the rows, batch by batch
+    /// Scores the rows of a verdict table, batch by batch, after all episodes were added.
+    fn add_rows(&mut self, path: &Path) -> Result<(), Failure> {
+        let mut verdicts = VerdictReader::open(path).map_err(Failure::new)?;
+        let has_episodes = stored::is_file(&episode_table::path_beside(path));
         while let Some(columns) = verdicts.next() {
             let c = &columns.map_err(Failure::new)?;
             let (classes, categories) = (verdicts.classes(), verdicts.categories());
@@ -355,26 +370,6 @@ fn promise(path: &Path) -> Result<Promise, Failure> {
             path.display()
         ))
     })
-}
-
-/// Adds the episodes of one table to `score`. `categories`: those of the user's own classes.
-fn add_episodes(
-    path: &Path,
-    score: &mut EpisodeScore,
-    categories: &Categories,
-) -> Result<(), Failure> {
-    for e in episode_table::read(path).map_err(Failure::new)? {
-        let detected = DetectedEpisode {
-            printhead: &e.printhead,
-            channel: e.channel,
-            category: e.category.as_deref(),
-            fault: e.fault.as_deref(),
-            raised_at_ns: e.raised_at_ns,
-            began_at_ns: e.began_at_ns,
-        };
-        score.add_episode(detected, categories);
-    }
-    Ok(())
 }
 
 /// The onset of a fault, ns, by printhead, channels and start of each label that is a part of the

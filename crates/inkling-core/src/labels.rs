@@ -181,16 +181,18 @@ impl Labels {
         &self.rows
     }
 
-    /// Rows that speak of a fault of a channel, at any time, those of the printhead's name first. A
-    /// row for all channels at once does not count: it is about the printhead. Rows that other rows
-    /// override are included.
-    pub fn faults_of(&self, printhead: &str, channel: u32) -> Vec<&Label> {
+    /// The times, ns, at which the row that applies to a channel may change, in order: the begins
+    /// and ends of all rows that speak of the channel, and the first and the last time that there is.
+    pub fn changes(&self, printhead: &str, channel: u32) -> Vec<i64> {
         let of = [printhead, EVERY_PRINTHEAD].into_iter().filter_map(|p| self.by_printhead.get(p));
         let rows =
             of.flat_map(|of| of.of_channel.get(&channel).into_iter().flatten().chain(&of.wider));
-        let rows = rows.map(|&i| &self.rows[i]);
-        let speaks = |row: &&Label| row.channel != Channels::All && row.channel.covers(channel);
-        rows.filter(|row| row.is_fault()).filter(speaks).collect()
+        let rows = rows.map(|&i| &self.rows[i]).filter(|row| row.channel.covers(channel));
+        let mut times: Vec<i64> = rows.flat_map(|row| [row.from_ns, row.to_ns]).flatten().collect();
+        times.extend([i64::MIN, i64::MAX]);
+        times.sort_unstable();
+        times.dedup();
+        times
     }
 
     /// The row that says what is true of a channel at a time, ns since the epoch; `None`: the state

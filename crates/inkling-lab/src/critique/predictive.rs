@@ -24,12 +24,29 @@ use std::f64::consts::TAU;
 /// How the noise differs from white noise.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Noise {
-    /// `[h, top]`: the variance grows with the expected sample f as 1 + h f² / top, where top is the square
-    /// of the largest expected sample of all training signals, counts². `None`: one variance for all samples.
-    pub growth: Option<[f64; 2]>,
+    /// How the variance grows with the signal; `None`: one variance for all samples.
+    pub growth: Option<Growth>,
     /// `[omega, var]`: a spectral line of random phase at omega rad per signal length; var is the variance of
     /// the amplitude of its cosine, and also that of its sine, counts². `None`: no line.
     pub tone: Option<[f64; 2]>,
+}
+
+/// A variance that grows with the expected sample f as 1 + h f² / top, and whose mean over the training
+/// signals is the model's.
+#[derive(Clone, Copy, Debug)]
+pub struct Growth {
+    pub h: f64,
+    /// Square of the largest expected sample of all training signals, and the mean square, counts².
+    pub top: f64,
+    pub mean: f64,
+}
+
+impl Growth {
+    /// Variance at an expected sample, over the variance in the mean.
+    fn at(self, expected: f64) -> f64 {
+        let of = |square: f64| 1.0 + self.h * square / self.top;
+        of(expected * expected) / of(self.mean)
+    }
 }
 
 /// One signal, and what a model expects of it. Samples are in counts, parameters in units of
@@ -122,14 +139,9 @@ impl Signal {
     /// parameters. `None`: a covariance is not positive definite.
     fn density(&self, noise: &Noise, spread: &Matrix5, first: usize) -> Option<Density> {
         let n = self.off.len();
-        // a growing variance is scaled such that its mean over the signal is still `noise_var`
-        let grown = |k: usize| {
-            noise.growth.map_or(1.0, |[h, top]| 1.0 + h * self.expected[k].powi(2) / top)
-        };
-        let mean = (0..n).map(grown).sum::<f64>() / n as f64;
         let of = |k: usize, _| {
             let counts = if k < first { self.counts[k] } else { 0.0 };
-            counts * mean / (self.noise_var * grown(k))
+            counts / (self.noise_var * noise.growth.map_or(1.0, |of| of.at(self.expected[k])))
         };
         let weights = DVector::from_fn(n, of);
         // A A^T = J S J^T with A = J times the Cholesky factor of S

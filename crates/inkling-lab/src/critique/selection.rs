@@ -258,5 +258,5 @@ fn necessary(now: &Refit) -> Vec<bool> {
 /// Number of free parameters of a candidate: its coefficients, and those of its shape (rate, frequency,
 /// damping), as the catalogue's `free` says.
 fn parameters(s: &Scored) -> f64 {
-    s.degrees as f64 + s.id.row().free
+    s.form.directions.len() as f64 + s.id.row().free
 }

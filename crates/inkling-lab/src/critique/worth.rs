@@ -25,7 +25,7 @@ use super::held_out::{Halves, baseline, by_channel, with};
 use super::model::{Model, Rail};
 use super::observations::Observations;
 use super::population::{Population, population};
-use super::predictive::{Noise, Signal, ln_densities_with_jitter, signals};
+use super::predictive::{Growth, Noise, Signal, ln_densities_with_jitter, signals};
 use inkling_core::model::normal::ln_upper_tail;
 use std::f64::consts::TAU;
 
@@ -232,8 +232,10 @@ impl Measuring<'_> {
         }
         let train = self.halves.train(&self.extended);
         // the growth is relative to the largest expected sample
-        let squares = train.iter().flat_map(|signal| signal.expected.iter().map(|f| f * f));
-        let top = squares.fold(f64::MIN_POSITIVE, f64::max);
+        let squares: Vec<f64> =
+            train.iter().flat_map(|signal| signal.expected.iter().map(|f| f * f)).collect();
+        let top = squares.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+        let mean = squares.iter().sum::<f64>() / squares.len().max(1) as f64;
         let (mut noise, mut before, mut steps) =
             (Noise::default(), ln_extended.to_vec(), Vec::new());
         // A size is fitted by maximising the likelihood of the training signals over its logarithm, within
@@ -248,7 +250,7 @@ impl Measuring<'_> {
             before = ln;
         };
         if let Some(h) = growth {
-            let with = |h: f64| Noise { growth: Some([h, top]), ..noise };
+            let with = |h: f64| Noise { growth: Some(Growth { h, top, mean }), ..noise };
             noise = with(fitted(h, &|h| ln(&train, &with(h))));
             add(CauseId::HeteroscedasticNoise, ln(test, &noise));
         }

@@ -2,14 +2,14 @@
 //! episodes were raised without a fault. An episode is a fault of one channel that inkling found
 //! over several bursts (`docs/episodes.md`).
 //!
-//! In, from `inkling score`: the labels, then for each recording first its episodes (`add_episode`)
-//! and then its judged signals in any order (`add_signal`). Out: an `EpisodesReport` with recall,
-//! false episodes and delays in bursts.
+//! In, from `inkling score`: the labels, then the episodes of all recordings (`add_episode`), and
+//! then their judged signals (`add_signal`), both in any order. Out: an `EpisodesReport` with
+//! recall, false episodes and delays in bursts.
 //!
 //! The steps:
-//! 1. Labels of one state of a channel that follow each other without a gap are merged into one
-//!    fault (`faults_of`). A growing fault is labelled in such pieces, so the fault has its full
-//!    size from the begin of its last label on.
+//! 1. Spans over which the label that applies to a channel names one fault class are merged into one
+//!    fault where they follow each other without a gap (`faults_of`). A growing fault is labelled
+//!    in such pieces, so the fault has its full size from the begin of its last label on.
 //! 2. An episode finds each fault of its channel that it overlaps; the one that was raised first
 //!    counts. An episode that finds none and was raised while the channel was labelled healthy is
 //!    false.
@@ -17,7 +17,7 @@
 
 use super::sums::share;
 use inkling_core::fault::{self, Categories};
-use inkling_core::labels::{Label, Labels};
+use inkling_core::labels::{Channels, Label, Labels};
 use serde::Serialize;
 use std::collections::{BTreeMap, HashMap};
 
@@ -34,8 +34,8 @@ pub struct DetectedEpisode<'a> {
     pub began_at_ns: i64,
 }
 
-/// One fault of a channel, merged from the labels that follow each other without a gap. It lasts
-/// from `from_ns` (i64::MIN: no begin is labelled) until just before `to_ns`.
+/// One fault of a channel, while the labels that apply name one class without a gap. It lasts from
+/// `from_ns` (i64::MIN: no begin is labelled) until just before `to_ns`.
 #[derive(Clone, Debug, Default)]
 struct LabelledFault {
     state: String,
@@ -127,8 +127,9 @@ impl<'a> EpisodeScore<'a> {
         channels.entry(channel).or_insert_with(|| faults_of(labels, printhead, channel))
     }
 
-    /// Adds a detected episode. All episodes of a recording must come before its signals, since the
-    /// signals count up to the episode. `categories`: which classes are of which category.
+    /// Adds a detected episode. The episodes of all recordings must come before any signal: a fault
+    /// may last over several recordings, and its signals count up to its first episode in any of
+    /// them. `categories`: which classes are of which category.
     pub fn add_episode(&mut self, detected: DetectedEpisode, categories: &Categories) {
         let mut explained = false;
         for fault in self.faults_of(detected.printhead, detected.channel) {
@@ -168,9 +169,7 @@ impl<'a> EpisodeScore<'a> {
     pub fn add_signal(&mut self, printhead: &str, channel: u32, t_ns: i64, label: Option<&Label>) {
         self.healthy_signals += u64::from(label.is_some_and(|label| label.state == fault::HEALTHY));
         for fault in self.faults_of(printhead, channel) {
-            // a label of this channel alone may contradict one of all channels
-            let is_true = label.is_some_and(|label| label.state == fault.state);
-            if !is_true || !(fault.from_ns..fault.to_ns).contains(&t_ns) {
+            if !(fault.from_ns..fault.to_ns).contains(&t_ns) {
                 continue;
             }
             fault.looks += 1;
@@ -221,27 +220,33 @@ impl StateEpisodes {
     }
 }
 
-/// The faults of a channel, merged from the labels that concern it: a label that has the state of
-/// the fault before it, and begins no later than that fault ends, makes that fault longer.
+/// The faults of a channel: of each span between two changes of its labels the row that applies is
+/// asked for, and a span that has the class of the fault just before it makes that fault longer. A
+/// row for all channels at once is about the printhead, not a fault of this channel.
 fn faults_of(labels: &Labels, printhead: &str, channel: u32) -> Vec<LabelledFault> {
-    let mut rows = labels.faults_of(printhead, channel);
-    rows.sort_by_key(|row| row.from_ns.unwrap_or(i64::MIN));
     let mut faults: Vec<LabelledFault> = Vec::new();
-    for row in rows {
-        let from_ns = row.from_ns.unwrap_or(i64::MIN);
-        let to_ns = row.to_ns.unwrap_or(i64::MAX);
-        match faults.last_mut().filter(|t| t.state == row.state && t.to_ns >= from_ns) {
-            Some(fault) => {
-                (fault.to_ns, fault.full_ns) = (fault.to_ns.max(to_ns), from_ns);
+    let mut row_before: Option<&Label> = None;
+    for &[from_ns, to_ns] in labels.changes(printhead, channel).array_windows() {
+        let row = labels.row_at(printhead, channel, from_ns);
+        let row = row.filter(|row| row.is_fault() && row.channel != Channels::All);
+        if let Some(row) = row {
+            match faults.last_mut().filter(|f| f.state == row.state && f.to_ns == from_ns) {
+                Some(fault) => {
+                    fault.to_ns = to_ns;
+                    if row_before.is_none_or(|before| !std::ptr::eq(before, row)) {
+                        fault.full_ns = from_ns;
+                    }
+                }
+                None => faults.push(LabelledFault {
+                    state: row.state.clone(),
+                    from_ns,
+                    to_ns,
+                    full_ns: from_ns,
+                    ..LabelledFault::default()
+                }),
             }
-            None => faults.push(LabelledFault {
-                state: row.state.clone(),
-                from_ns,
-                to_ns,
-                full_ns: from_ns,
-                ..LabelledFault::default()
-            }),
         }
+        row_before = row;
     }
     faults
 }
@@ -256,7 +261,6 @@ fn median(mut of: Vec<u64>) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use inkling_core::labels::Channels;
 
     fn label(channel: Option<u32>, from: Option<i64>, to: Option<i64>, state: &str) -> Label {
         Label {
@@ -325,6 +329,26 @@ mod tests {
         }
         let report = score.report();
         assert_eq!((report.faults, report.recall, report.healthy_signals), (2, 0.5, 1));
+    }
+
+    #[test]
+    fn labels_that_others_override_neither_explain_episodes_nor_join_faults() {
+        // the printhead's own healthy rows beat those of all printheads
+        let bn = Label { printhead: "*".into(), ..label(Some(1), Some(0), Some(100), "BN") };
+        let healthy = label(Some(1), Some(40), Some(60), "healthy");
+        let later = label(Some(1), Some(100), Some(120), "healthy");
+        let labels = Labels::new(vec![bn, healthy, later]);
+        let mut score = EpisodeScore::new(&labels);
+        // raised and begun while the channel is healthy, and of the second half of the fault
+        let in_between = DetectedEpisode { began_at_ns: 45, ..detected(1, 50, Some("BN")) };
+        score.add_episode(in_between, &Categories::default());
+        score.add_episode(detected(1, 70, Some("BN")), &Categories::default());
+        for t in 0..120 {
+            score.add_signal("p", 1, t, labels.at("p", 1, t));
+        }
+        let report = score.report();
+        assert_eq!((report.faults, report.recall, report.false_episodes), (2, 0.5, 1));
+        assert_eq!((report.delay_bursts, report.healthy_signals), (Some(10.0), 40));
     }
 
     #[test]

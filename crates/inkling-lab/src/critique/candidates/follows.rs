@@ -27,6 +27,9 @@ use inkling_core::model::free_decay::ALL;
 use inkling_core::model::terms::Interior;
 use std::f64::consts::TAU;
 
+/// Ways in which a covariate is tested on damping or frequency (`covariate_free`).
+const WAYS: f64 = 3.0;
+
 /// Test of one parameter against one covariate, by their indices: of `covariates.rs`; and of theta without
 /// the real pole's rate, with the pair's amplitude and phase in place of its cosine and sine.
 #[derive(Clone, Copy, Debug)]
@@ -116,9 +119,10 @@ impl ScoreTests<'_> {
     /// Tests a covariate on damping or frequency. The acquisition state may follow the covariate,
     /// too; how far it does depends on what came before t_a. So the candidate is tested in three
     /// ways: with the amplitudes of the decay unmoved; with the state of the interior unmoved; and
-    /// with the amplitudes free. The most significant way counts, but the size is always estimated
-    /// with the amplitudes free, and must be 2.576 standard errors from 0. `interior`: how theta
-    /// moves if the interior's state does not; `unit`: as in `covariate`.
+    /// with the amplitudes free. The most significant way counts, with the degrees of freedom of that
+    /// way and at the price of three tries. The size is always estimated with the amplitudes free,
+    /// and must be 2.576 standard errors from 0. `interior`: how theta moves if the interior's state
+    /// does not; `unit`: as in `covariate`.
     fn covariate_free(
         &self,
         id: CauseId,
@@ -134,43 +138,50 @@ impl ScoreTests<'_> {
         {
             best = other;
         }
+        let dof = self.dof(which == POSITION);
+        best.tried = WAYS;
+        best.surprise = surprise(best.statistic, best.degrees, WAYS, dof);
 
-        // rates alone, with the three amplitudes free to follow the covariate
+        // rates alone, with the amplitudes free to follow the covariate
         let amplitude = self.model.amplitude();
         let along = |v| Direction::covariate(self.samples, which, v);
         let free = |own| std::array::from_fn(|j| if j == own { amplitude } else { 0.0 });
-        let directions = [plain, free(2), free(3), free(4)].map(along).to_vec();
+        // an oscillator has no real pole, whose amplitude is the last one
+        let amplitudes = if self.model.real { 2..5 } else { 2..4 };
+        let ways = std::iter::once(plain).chain(amplitudes.map(free));
+        let directions: Vec<Direction> = ways.map(along).collect();
         if let Some(tested) = self.nuisances.covariates.test(&directions) {
             best.value = tested.coefficients[0] * unit;
-            let dof = self.dof(which == POSITION);
             best.sd = tested.covariance[(0, 0)].sqrt() * unit;
-            // four coefficients at once; two tries, since the better of two ways is taken
-            let together = surprise(tested.statistic, directions.len(), 2.0, dof);
+            let together = surprise(tested.statistic, directions.len(), WAYS, dof);
             if which == POSITION {
                 // with few channels, four coefficients at once say nothing: judge that of the frequency alone
                 let own = (best.value / best.sd).powi(2);
                 best.statistic = self.against_rest(which, own);
+                best.tried = 1.0;
                 best.surprise = surprise(best.statistic, 1, 1.0, dof);
                 best.sd *= (own / best.statistic.max(1e-12)).sqrt().min(1.0);
                 // if the frequency alone follows the channel more surely, that counts, less the price of
                 // having looked at each parameter
                 let looks = self.on_each_parameter(which);
-                let paid = (looks.len().max(1) as f64).ln();
+                let parameters = looks.len().max(1) as f64;
                 if let Some(look) = looks.into_iter().find(|look| look.parameter == 1)
-                    && look.surprise - paid > best.surprise
+                    && look.surprise - parameters.ln() > best.surprise
                 {
-                    (best.statistic, best.surprise) = (look.statistic, look.surprise - paid);
+                    best.statistic = look.statistic;
+                    best.tried = parameters;
+                    best.surprise = look.surprise - parameters.ln();
                 }
             } else if together > best.surprise {
-                best.surprise = together;
                 best.statistic = tested.statistic;
+                best.degrees = directions.len();
+                best.surprise = together;
             }
             // what moves the amplitudes, but hardly the rates, is the acquisition state
             if best.value.abs() < ONCE_IN_100 * best.sd {
                 best.objection = Some(Objection::StateAlone);
             }
             best.sd *= from_few(dof);
-            best.degrees = directions.len();
             best.form.coefficients = tested.coefficients;
             best.form.directions = directions;
         }
@@ -262,7 +273,8 @@ impl ScoreTests<'_> {
         present.flat_map(|which| self.on_each_parameter(which)).collect()
     }
 
-    /// Tests one covariate on each parameter but the real pole's rate, alone and beside the others;
+    /// Tests one covariate on each parameter but the real pole's rate (of an oscillator, also but its
+    /// amplitude), alone and beside the others;
     /// whichever says more counts. In place of the pair's cosine and sine stand its amplitude and its
     /// phase, along and across what both are in the mean. As for causes, the spread over bursts lowers what is of
     /// interest.
@@ -279,7 +291,8 @@ impl ScoreTests<'_> {
             }
             Direction::covariate(self.samples, which, v)
         };
-        let each: Vec<Direction> = (0..ALL - 1).map(alone).collect();
+        let parameters = if self.model.real { ALL - 1 } else { ALL - 2 };
+        let each: Vec<Direction> = (0..parameters).map(alone).collect();
         // with the others free as well: what moves two parameters together is in their common scatter
         let together = self.nuisances.covariates.test(&each);
         let look = |(j, direction): (usize, &Direction)| {
