@@ -31,7 +31,6 @@ pub(super) fn norm(of: &[f64]) -> f64 {
     of.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// The expected signal at any drive and temperature, in f32.
 #[derive(Clone, Debug)]
 pub struct LaneExpectation {
     /// y_hat at the reference drive and temperature, counts, and its derivative by temperature,

@@ -1,11 +1,10 @@
 //! The streaming kernel of the default detection method: [`Sensitivity`] for many signals at once,
-//! one signal in each lane, from inner products in f32.
+//! one signal in each lane, from inner products in f32, by the arithmetic of [`super::kernel`].
 //!
 //! In: signals of one drive and temperature (a [`Condition`]), projected on three columns by
-//! [`super::row_projection`]. Out: per lane the squared distance to first order along the model's
-//! sensitivities, the square norm orthogonal to them, and whether the lane is *settled*: whether it
-//! is proved, by [`Limits`], that the f64 reference ([`Sensitivity::distance`]) would decide the
-//! same without fitting a ring. The arithmetic keeps the rules of [`super::kernel`].
+//! [`super::row_projection`]. Out: per lane the squared distance to first order, the square norm
+//! orthogonal to the sensitivities, and whether the lane is *settled*: proved, by [`Limits`], to be
+//! judged alike by the f64 reference ([`Sensitivity::distance`]) without fitting a ring.
 //!
 //! # The bound
 //!
@@ -56,7 +55,6 @@ pub struct Condition {
     pub warmer: f32,
     /// The expected signal under this condition, N, counts, in groups of sixteen samples.
     pub expected: Vec<Phases>,
-    /// The constants of the bound; `None`: nothing can be judged at that drive.
     limit: Option<Limit>,
 }
 
@@ -66,7 +64,6 @@ struct Limit {
     metric: [[f64; 3]; 3],
     /// sqrt(M_kk), by which an error of feature k moves the distance at most.
     roots: [f64; 3],
-    /// 1 / drive, the factor from an inner product to a feature.
     scale: f64,
     error: f64,
     room: f64,

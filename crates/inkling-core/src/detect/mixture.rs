@@ -91,7 +91,6 @@ impl Counts {
     }
 }
 
-/// The middle of bin `i`, in ln (s / median).
 fn place(i: usize) -> f64 {
     FIRST + (i as f64 + 0.5) * STEP
 }
@@ -110,7 +109,6 @@ const OF_KIND: usize = 3;
 /// What is known of the healthy distribution before its counts are seen.
 #[derive(Clone, Copy, Debug)]
 struct Freedom {
-    /// Half the numerator degrees of freedom.
     a: f64,
     /// The part of 1 / kappa that comes from estimating the spread: squared distances by the
     /// covariance of m Gaussian points in d dimensions are F with d and m - d + 1 degrees of freedom.
@@ -129,7 +127,6 @@ impl Freedom {
         Freedom { a, of_spread }
     }
 
-    /// kappa of the healthy distribution at the parameters `at`.
     fn kappa(self, at: &DVector<f64>) -> f64 {
         1.0 / (at[TAIL].exp() + self.of_spread)
     }
@@ -190,14 +187,12 @@ impl Mixture {
         healthy_share(self.at[HEALTHY])
     }
 
-    /// 1 / kappa of the healthy distribution.
     pub fn tail(&self) -> f64 {
         1.0 / self.freedom.kappa(&self.at)
     }
 
     /// That ln (s / median) which a healthy signal exceeds with probability `rate`.
     pub fn ln_exceeded(&self, rate: f64) -> f64 {
-        // the probabilities are summed from the far end
         let p = law(self.freedom, &self.at);
         let mut beyond = 0.0;
         for (i, p) in p.iter().enumerate().rev() {
@@ -240,7 +235,6 @@ impl Mixture {
         at
     }
 
-    /// The local maximum of the penalised likelihood that is reached from a start.
     fn maximise(freedom: Freedom, start: DVector<f64>, counts: &Counts, rounds: usize) -> Mixture {
         let cost = |at: &DVector<f64>| (-ln_likelihood(freedom, at, counts), ());
         let slope = |at: &DVector<f64>, ()| Some(Score::of(freedom, at, counts));
@@ -311,7 +305,6 @@ for_processor! {
 }
 
 for_processor! {
-    /// ln likelihood of the counts: sum of counts times ln probability.
     fn ln_of_counts(counts: &[f64; BINS], p: &[f64; BINS]) -> f64 {
         let mut each = [0.0; BINS];
         for ((each, n), p) in each.iter_mut().zip(counts).zip(p) {
@@ -362,7 +355,6 @@ impl Components {
         Components { healthy_share: healthy_share(at[HEALTHY]), healthy, weights, faults }
     }
 
-    /// Probabilities of a faulty signal in every bin.
     fn faulty(&self) -> [f64; BINS] {
         let mut all = [0.0; BINS];
         for (w, p) in self.weights.iter().zip(&self.faults) {
@@ -466,7 +458,6 @@ impl Score {
     }
 }
 
-/// Clamps the parameters to their ranges, which are wide, and somewhat arbitrary.
 fn within(mut at: DVector<f64>) -> DVector<f64> {
     at[SCALE] = at[SCALE].clamp(-6.0, 6.0);
     at[GAMMA] = at[GAMMA].clamp(-0.7, 0.7);

@@ -39,7 +39,6 @@ pub(super) fn tree(of: &Phases) -> f32 {
     (four[0] + four[2]) + (four[1] + four[3])
 }
 
-/// M columns, in groups of sixteen samples.
 #[derive(Clone, Debug)]
 pub struct Columns<const M: usize> {
     n: usize,
@@ -48,7 +47,6 @@ pub struct Columns<const M: usize> {
 }
 
 impl<const M: usize> Columns<M> {
-    /// Rounds M columns of one length to f32 and groups them.
     pub fn new(of: &[Vec<f64>; M]) -> Columns<M> {
         let columns = of.each_ref().map(|column| in_phases(column.iter().map(|&p| p as f32)));
         let group = |i: usize| columns.each_ref().map(|column| column[i]);
@@ -143,7 +141,6 @@ for_processor! {
 }
 
 for_processor! {
-    /// Projects one signal and writes the results to `lane`.
     fn project_f64<const M: usize>(
         signal: &[f64],
         groups: Groups<'_, M>,
@@ -211,7 +208,6 @@ impl<const M: usize> Default for Sums<M> {
 }
 
 impl<const M: usize> Sums<M> {
-    /// Adds sixteen samples, each to its own partial sum.
     #[inline(always)] // compiled once per instruction set
     fn add(&mut self, counts: &Phases, expected: &Phases, p: &[Phases; M]) {
         let d: Phases = std::array::from_fn(|l| counts[l] - expected[l]);

@@ -1,10 +1,9 @@
-//! A tile: [`LANES`] signals transposed to sample-major order, so that a SIMD vector holds one
-//! sample of many signals, one signal in each *lane*. A filter is a recursion over samples, so only
-//! signals side by side fill a vector.
+//! A tile: [`LANES`] signals transposed to sample-major order, one signal in each *lane*, so that a
+//! SIMD vector holds one sample of many signals: a filter is a recursion over samples.
 //!
-//! In: signals of one or several bursts (a *row* is one channel of a burst), in any layout and
-//! sample format. Out, for [`super::kernel`]: their deviations from the expected signal, sample by
-//! sample, lane by lane, with their square norms, and the square sums of a filter's residuals.
+//! In: signals of one or several bursts, in any layout and sample format. Out, for
+//! [`super::kernel`]: their deviations from the expected signal, sample by sample, lane by lane,
+//! with their square norms, and the square sums of a filter's residuals.
 
 use super::row_projection::{LANES, PHASES, Sample, tree};
 use crate::burst::{Burst, Layout};
@@ -94,7 +93,6 @@ const TOGETHER: usize = 16;
 /// Per lane the square sum of the deviation filtered by b/a from zero state, for filters of 1 to 8
 /// poles. `b`: order + 1 coefficients, `a`: a_1 .. a_order.
 pub fn energies(b: &[f32], a: &[f32], deviations: &[Sample], out: &mut Sample) {
-    /// The filter with a number of poles that is known to the compiler.
     fn of<const ORDER: usize>(b: &[f32], a: &[f32], deviations: &[Sample], out: &mut Sample) {
         let fixed = |p: &[f32]| <[f32; ORDER]>::try_from(p).expect("as many as there are poles");
         energies_of(b[0], fixed(&b[1..]), fixed(a), deviations, out);

@@ -31,7 +31,7 @@ const RARELY: f64 = 2.7;
 /// does: chosen by Gaussian draws of 8 to 128 channels, for the upper points of chi-squared.
 const EFFICIENCY: f64 = 0.4;
 /// Variance beyond which channels age: they move more than twice as far as healthy ones.
-const TOLD: f64 = 4.0;
+const AGED: f64 = 4.0;
 /// What the mean square of the channels within `UPPER_4` is multiplied by, since it lacks the tail.
 /// Normal distributions would need .975 / .916; the numbers above were chosen with this one.
 const OF_WITHIN: f64 = 0.975 / 0.94;
@@ -68,9 +68,9 @@ impl Apart {
             axes,
             variances,
             learned_from: Some(EFFICIENCY * moved.len() as f64),
-            each_its_own_way: variances.max() > TOLD
+            each_its_own_way: variances.max() > AGED
                 && (0..4)
-                    .all(|k| variances[k] <= TOLD || is_even(moved, &axes.column(k).into_owned())),
+                    .all(|k| variances[k] <= AGED || is_even(moved, &axes.column(k).into_owned())),
         }
     }
 

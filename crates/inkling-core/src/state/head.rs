@@ -38,7 +38,6 @@ fn as_large_as_most(looks: &[Look], ring: f64) -> Vec<Look> {
 #[derive(Clone, Copy, Debug)]
 pub struct OwnLevel {
     pub channel: u32,
-    /// Number of looks that the expectation rests on; 0: it is the head's level itself.
     pub looks: f64,
     pub at: Features,
     /// At least 1: the channel's level has drifted or lies apart, by this multiple of the bound. 0:
