@@ -53,15 +53,7 @@ pub fn contaminated(
 
     // the stated rate refers to all signals
     let rate = rate * statistics.len() as f64 / counted.len() as f64;
-    let weight = independent(&counted) / counted.len() as f64;
-
-    let groups = groups(&counted);
-    let mut of_groups = vec![Counts::NONE; GROUPS];
-    let mut all = Counts::NONE;
-    for ((s, _), group) in counted.iter().zip(&groups) {
-        of_groups[*group].add(s / median, weight);
-        all.add(s / median, weight);
-    }
+    let (all, of_groups) = histograms(&counted, median);
 
     // the estimate, in ln (s / median), and the estimates without each group
     let mixture = Mixture::fit(&all, degrees, spread);
@@ -89,6 +81,17 @@ pub fn contaminated(
         widened: Some(widening.exp()),
         ..Threshold::default()
     })
+}
+
+/// The histogram of all signals, and that of each group of the jackknife.
+fn histograms(counted: &[(f64, u32)], median: f64) -> (Counts, Vec<Counts>) {
+    let weight = independent(counted) / counted.len() as f64;
+    let (mut all, mut of_groups) = (Counts::NONE, vec![Counts::NONE; GROUPS]);
+    for ((s, _), group) in counted.iter().zip(groups(counted)) {
+        of_groups[group].add(s / median, weight);
+        all.add(s / median, weight);
+    }
+    (all, of_groups)
 }
 
 /// The reach of the one-sided confidence interval above the estimate, in ln s: Student's t times

@@ -91,15 +91,7 @@ impl Channel {
         };
 
         let nearest = best.map(|(class, weight)| (&rules.classes[class], weight));
-        let instead = match (&draft.appearance, of_no_class) {
-            (appearance, true) => {
-                Instead::Rather(appearance.as_ref().unwrap_or(&Appearance::Other))
-            }
-            (Some(appearance), false) if 2 * draft.as_well > draft.named => {
-                Instead::AsWell(appearance)
-            }
-            _ => Instead::Nothing,
-        };
+        let instead = instead(draft, of_no_class);
         episode.explanation =
             explanation::sentence(&episode, draft.rings.as_ref(), nearest, instead);
         // what is flagged in half of the looks is not said to come and go
@@ -109,5 +101,16 @@ impl Channel {
                 &format!(", comes and goes: in about 1 of {one_of:.0} of its bursts");
         }
         episode
+    }
+}
+
+/// What the signals look like instead of the class that is nearest.
+fn instead(draft: &EpisodeDraft, of_no_class: bool) -> Instead<'_> {
+    match &draft.appearance {
+        appearance if of_no_class => {
+            Instead::Rather(appearance.as_ref().unwrap_or(&Appearance::Other))
+        }
+        Some(appearance) if 2 * draft.as_well > draft.named => Instead::AsWell(appearance),
+        _ => Instead::Nothing,
     }
 }
