@@ -109,7 +109,7 @@ fn along_sensitivities(bencher: Bencher, instructions: &Instructions, layout: La
         let mut settled = 0;
         for first in (0..SIGNALS).step_by(LANES) {
             let rows = (&burst, first..first + LANES);
-            lanes.columns().project(rows, &condition.expected, 0, &mut products, &mut room);
+            lanes.columns.project(rows, &condition.expected, 0, &mut products, &mut room);
             let judged = lanes.judge(&condition, &products, LANES);
             settled += judged.settled.iter().filter(|&&s| s).count();
         }

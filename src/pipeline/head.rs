@@ -208,7 +208,7 @@ impl Head {
     /// Whether a burst of time `t_ns` is not later than what the state was updated with: then it must not
     /// change the state.
     pub fn is_late(&self, t_ns: i64) -> bool {
-        self.state.heard_ns().is_some_and(|before| t_ns <= before)
+        self.state.heard_ns.is_some_and(|before| t_ns <= before)
     }
 
     /// Ends a sweep: updates the head's state by it, and returns what its bursts are judged by.
@@ -230,11 +230,11 @@ impl Head {
         let frozen = watched.frozen.channels();
 
         // 2. the state takes the looks in; what is to be told at the end is noted
-        let followed = self.state.channels();
+        let followed = self.state.channels.len();
         let outcome = self.state.sweep(t_ns, &looks, no_rings);
-        by.room = (by.room + followed).saturating_sub(self.state.channels());
+        by.room = (by.room + followed).saturating_sub(self.state.channels.len());
         self.movement.scatters(t_ns, &self.state);
-        self.movement.swapped_ns = self.state.swapped_ns();
+        self.movement.swapped_ns = self.state.swapped_ns;
         let is_strange = matches!(outcome, SweepOutcome::Strange { .. });
         self.strange = if is_strange { self.strange.saturating_add(1) } else { 0 };
 
@@ -311,7 +311,7 @@ impl Head {
                     continue;
                 };
                 // a new channel is only shown to the state while there is room for it
-                if !self.state.knows(channel) {
+                if !self.state.channels.contains_key(&channel) {
                     let Some(left) = room.checked_sub(1) else { continue };
                     room = left;
                 }

@@ -260,7 +260,6 @@ pub fn filter(rails: [f64; 2], pools: &BufferPools) -> impl FnMut(AssignedBatch)
 pub fn gate(pools: &BufferPools, filtered: FilteredBatch) -> GatedBatch {
     let mut tests = pools.tests.take();
     tests.clear();
-    tests.reserve(filtered.statistic.len());
     for (signals, _, of) in filtered.assigned.placed() {
         rows::test(of.judge.as_deref().ok(), &filtered.statistic[signals], &mut tests);
     }

@@ -261,7 +261,7 @@ impl Statistics {
         for row in (0..channels).step_by(LANES) {
             let rows = row..(row + LANES).min(channels);
             let of_burst = (burst, rows.clone());
-            lanes.columns().project(of_burst, &condition.expected, 0, products, &mut self.room);
+            lanes.columns.project(of_burst, &condition.expected, 0, products, &mut self.room);
             let judged = lanes.judge(condition, products, rows.len());
             settle(&judged, rows.map(&waiting), statistic, unsettled);
         }

@@ -1,12 +1,10 @@
 //! What the piezos measured: bursts, the signals in them, and the batches that stages hand on.
 //!
 //! A *burst* is one acquisition of one printhead, a matrix of channels x samples; a *row* of it is
-//! one channel's *signal*, the ring-down that is judged. `inkling-io` decodes the messages of a
-//! recording into [`Acquisition`]s (`schemas/burst.proto` is the contract), the pipeline gathers
-//! these into [`SignalBatch`]es, and everything that reads samples asks a [`Burst`] for a row or
-//! for a sample of some rows, in counts. Only this file knows how samples lie in memory: their type
-//! ([`Format`]) and their order ([`Layout`]). Samples are shared with the block of the file that
-//! they were read from, and are only converted when a signal is asked for.
+//! one channel's *signal*, the ring-down that is judged. In: messages of a recording, decoded by
+//! `inkling-io` (`schemas/burst.proto` is the contract). Out: rows, or a sample of some rows, in
+//! counts. Only this file knows how samples lie in memory; they are shared with the block of the
+//! file that they were read from, and only converted when a signal is asked for.
 
 use crate::processor::for_processor;
 use crate::verdict::Reason;
@@ -15,8 +13,7 @@ use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Sample type of a burst, numbered as in `schemas/burst.proto`, and by the names that settings
-/// use.
+/// Sample type of a burst, numbered as in `schemas/burst.proto`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Format {
@@ -28,7 +25,6 @@ pub enum Format {
 }
 
 impl Format {
-    /// Size of one sample in bytes.
     pub fn bytes(self) -> usize {
         match self {
             Format::S16Le => 2,
@@ -37,7 +33,7 @@ impl Format {
     }
 }
 
-/// The format of a number in `schemas/burst.proto`; an unknown number is the error.
+/// The format of a number in `schemas/burst.proto`, as the wire code asks for it.
 impl TryFrom<i32> for Format {
     type Error = i32;
 
@@ -46,8 +42,7 @@ impl TryFrom<i32> for Format {
     }
 }
 
-/// Order of the samples in a burst, numbered as in `schemas/burst.proto`, and by the names that
-/// settings use.
+/// Order of the samples in a burst, numbered as in `schemas/burst.proto`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Layout {
@@ -58,7 +53,6 @@ pub enum Layout {
     SampleMajor,
 }
 
-/// The layout of a number in `schemas/burst.proto`; an unknown number is the error.
 impl TryFrom<i32> for Layout {
     type Error = i32;
 
@@ -77,17 +71,15 @@ pub enum Compression {
     None,
 }
 
-/// One acquisition of one printhead (or of some of its channels). `samples` has exactly `channels *
+/// One acquisition of (some channels of) one printhead. `samples` has exactly `channels *
 /// samples_per_channel * format.bytes()` bytes: the codec in `inkling-io` has checked that.
 #[derive(Clone, Debug, Default)]
 pub struct Burst {
     /// Time t_a of the first sample, ns since the epoch, UTC.
     pub t_acq_ns: i64,
-    /// Name of the printhead.
     pub printhead: Arc<str>,
-    /// Channel number of the first row; the next rows have the next numbers.
+    /// Channel number of the first row; the next rows count on.
     pub first_channel: u32,
-    /// Number of rows.
     pub channels: u32,
     /// Number N of samples of each row.
     pub samples_per_channel: u32,
@@ -100,18 +92,14 @@ pub struct Burst {
     pub temperature_c: Option<f64>,
     /// Voltage of the actuation that the signals ring from; `None`: not recorded.
     pub drive_voltage_v: Option<f64>,
-    /// Time from the previous actuation (the one before that from which the signals ring) to t_a,
-    /// s: of each channel, or one for all; empty: not recorded. NaN: there was no previous
-    /// actuation.
+    /// Time from the previous actuation to t_a, s: of each channel, or one for all; empty: not
+    /// recorded; NaN: there was none.
     pub idle_time_s: Vec<f32>,
-    /// Number of neighbours that were actuated with each channel, one byte each; empty: not
-    /// recorded.
+    /// Number of neighbours that were actuated with each channel; empty: not recorded.
     pub neighbours_fired: Bytes,
 }
 
 impl Burst {
-    /// Copies the signal of row `row` (0-based) into `out` (length `samples_per_channel`), in
-    /// counts.
     pub fn copy_signal(&self, row: usize, out: &mut [f64]) {
         let (channels, n) = (self.channels as usize, self.samples_per_channel as usize);
         // index of the row's first sample, and the distance to the next one
@@ -139,9 +127,7 @@ impl Burst {
         }
     }
 
-    /// Copies sample `k` of some rows into `out` (one entry per row), in counts. Only for
-    /// sample-major bursts, where these samples are consecutive in memory; of another layout the
-    /// result means nothing.
+    /// Copies sample `k` of some rows into `out`, in counts; only for sample-major bursts.
     #[inline]
     pub fn copy_sample(&self, k: usize, rows: Range<usize>, out: &mut [f32]) {
         let of = k * self.channels as usize + rows.start;
@@ -159,16 +145,13 @@ impl Burst {
         }
     }
 
-    /// Four samples of a row as raw bytes, from the one at an eighth of the signal on, where the
-    /// ring is large; with int16 the bytes beyond the samples are 0. Two different signals mostly
-    /// differ in these bytes, so that whoever looks for repeated signals can spare most comparisons
-    /// of whole ones.
+    /// Four samples of a row as raw bytes, from an eighth of the signal on, where the ring is large.
+    /// Two different signals mostly differ in these, which spares comparisons of whole ones.
     pub fn glance(&self, row: usize) -> [u8; 16] {
         let (channels, n) = (self.channels as usize, self.samples_per_channel as usize);
         let bytes = self.format.bytes();
         let mut glance = [0; 16];
-        // Channel-major int16, which most recordings hold: the eight bytes are copied in one go.
-        // With 5 samples or more the four samples lie within the row.
+        // channel-major int16, which most recordings hold, in one go
         let eight = 2 * (row * n + n / 8);
         if let (Layout::ChannelMajor, Format::S16Le, 5..) = (self.layout, self.format, n)
             && let Some(of) = self.samples[eight..].first_chunk::<8>()
@@ -187,15 +170,14 @@ impl Burst {
         glance
     }
 
-    /// The bytes of the signals of `rows` rows from row `row` on, for loops that convert int16
-    /// themselves. `None`: the burst is not channel-major int16, or has fewer rows.
+    /// The bytes of the signals of `rows` rows from row `row` on. `None`: the burst is not
+    /// channel-major int16, or has fewer rows.
     pub fn int16_rows(&self, row: usize, rows: usize) -> Option<&[u8]> {
         let bytes = self.samples_per_channel as usize * Format::S16Le.bytes();
         let aligned = self.layout == Layout::ChannelMajor && self.format == Format::S16Le;
         aligned.then(|| self.samples.get(row * bytes..(row + rows) * bytes)).flatten()
     }
 
-    /// The covariates of the signal of row `row`.
     pub fn beside(&self, row: usize) -> Beside {
         let idle_s = match self.idle_time_s(row) {
             None => f64::NAN,
@@ -213,8 +195,7 @@ impl Burst {
         }
     }
 
-    /// Idle time of row `row`, s: `None` if it was not recorded, NaN if there was no actuation
-    /// before.
+    /// Idle time of row `row`, s: `None` if it was not recorded, NaN if there was no actuation.
     pub fn idle_time_s(&self, row: usize) -> Option<f32> {
         match self.idle_time_s.as_slice() {
             [] => None,
@@ -227,13 +208,10 @@ impl Burst {
 /// Covariates: what was recorded beside one signal. NaN: not recorded.
 #[derive(Clone, Copy, Debug)]
 pub struct Beside {
-    /// Channel number.
     pub channel: u32,
     /// Time t_a of the first sample, ns since the epoch.
     pub t_acq_ns: i64,
-    /// Drive voltage, V.
     pub drive_v: f64,
-    /// Ink temperature, °C.
     pub temperature_c: f64,
     /// Time since the previous actuation, s; infinite: there was none.
     pub idle_s: f64,
@@ -242,14 +220,13 @@ pub struct Beside {
 }
 
 impl Beside {
-    /// The covariates of a signal beside which nothing else was recorded.
+    /// The covariates of a signal beside which nothing was recorded.
     pub fn alone(channel: u32, t_acq_ns: i64) -> Beside {
         let [drive_v, temperature_c, idle_s, neighbours] = [f64::NAN; 4];
         Beside { channel, t_acq_ns, drive_v, temperature_c, idle_s, neighbours }
     }
 
-    /// ln of the idle time in s, clamped to 1 µs .. 1 s: waits beyond a second make no more
-    /// difference. NaN: not recorded.
+    /// ln of the idle time in s, clamped to 1 µs .. 1 s: longer waits make no more difference.
     pub fn ln_idle(&self) -> f64 {
         self.idle_s.clamp(1e-6, 1.0).ln()
     }
@@ -258,8 +235,7 @@ impl Beside {
 /// A burst that cannot be used, but still counts: it becomes one rejected row on its first channel.
 #[derive(Clone, Debug)]
 pub struct UnusableBurst {
-    /// The burst's `timestamp`, or the message's log time if the burst could not be decoded; ns
-    /// since the epoch.
+    /// The burst's `timestamp`, or else the message's log time; ns since the epoch.
     pub t_acq_ns: i64,
     pub printhead: Arc<str>,
     pub first_channel: u32,
@@ -270,9 +246,7 @@ pub struct UnusableBurst {
 /// One message of a recording whose schema is `inkling.Burst`.
 #[derive(Clone, Debug)]
 pub enum Acquisition {
-    /// A burst whose signals can be judged.
     Usable(Burst),
-    /// A burst that is rejected as a whole.
     Unusable(UnusableBurst),
 }
 
@@ -296,7 +270,7 @@ pub struct Place {
 }
 
 impl Place {
-    /// The position of the next batch. `ends`: whether this batch is the last one of its block.
+    /// The position of the next batch. `ends`: this batch is the last one of its block.
     pub fn following(self, ends: bool) -> Place {
         match ends {
             true => Place { block: self.block + 1, piece: 0 },
@@ -305,8 +279,7 @@ impl Place {
     }
 }
 
-/// A batch of signals, which one stage hands to the next. Its signals are the rows of its
-/// acquisitions, in order; every per-signal column of later stages has that order and length.
+/// A batch of signals, which one stage hands to the next.
 #[derive(Clone, Debug, Default)]
 pub struct SignalBatch {
     pub place: Place,
@@ -314,27 +287,20 @@ pub struct SignalBatch {
 }
 
 impl SignalBatch {
-    /// Number of signals, each of which is a row of the verdict table.
     pub fn rows(&self) -> usize {
         self.acquisitions.iter().map(Acquisition::rows).sum()
     }
 }
 
 for_processor! {
-    /// Converts little-endian int16 samples to f64, in the version for the processor's
-    /// instructions.
-    fn int16(of: &[[u8; 2]], out: &mut [f64]) { portable }
-}
-
-#[inline(always)] // compiled once per instruction set
-fn portable(of: &[[u8; 2]], out: &mut [f64]) {
-    out.iter_mut().zip(of).for_each(|(y, b)| *y = i16::from_le_bytes(*b).into());
+    fn int16(of: &[[u8; 2]], out: &mut [f64]) {
+        out.iter_mut().zip(of).for_each(|(y, b)| *y = i16::from_le_bytes(*b).into());
+    }
 }
 
 impl Burst {
-    /// A burst of these signals (at least one, all of one length), one row each, in counts, of
-    /// printhead `p` and channels from 0 on; nothing is recorded beside the signals. For tests, of
-    /// other crates too.
+    /// A burst of these signals (of one length), in counts, of printhead `p` and channels from 0 on. For
+    /// tests, of other crates too.
     pub fn of(signals: &[Vec<f32>], sample_period_s: f64, format: Format, layout: Layout) -> Burst {
         let (channels, n) = (signals.len(), signals[0].len());
         let mut samples = Vec::new();
@@ -349,19 +315,14 @@ impl Burst {
             }
         }
         Burst {
-            t_acq_ns: 0,
             printhead: "p".into(),
-            first_channel: 0,
             channels: channels as u32,
             samples_per_channel: n as u32,
             sample_period_s,
             format,
             layout,
             samples: samples.into(),
-            temperature_c: None,
-            drive_voltage_v: None,
-            idle_time_s: Vec::new(),
-            neighbours_fired: Bytes::new(),
+            ..Burst::default()
         }
     }
 }

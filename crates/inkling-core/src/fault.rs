@@ -1,15 +1,14 @@
 //! Names of fault classes, and what follows from a name: the category, the words, what a severity
 //! measures (thesis §2-2; `schemas/verdicts.md` has the same names). And [`Naming`], the rule by
-//! which weights per class name a class or a category, of one signal as of an episode.
+//! which weights per class name a class or a category.
 //!
 //! A *class* is a fault by its name; a *category* is a group of classes that need the same thing to
-//! be done, such as all dried nozzles. What a fault does to a channel stands in `model::faults`. A
-//! user's own classes may have any name; where nothing is declared of one, its name is also its
-//! category, its words and its quantity.
+//! be done. A user's own classes may have any name; where nothing is declared of one, its name is
+//! also its category, its words and its quantity.
 
 use std::collections::BTreeMap;
 
-/// The thesis's fault classes, in the order of its tables; [`in_words`] says what they stand for.
+/// The thesis's fault classes, in the order of its tables.
 pub const CLASSES: [&str; 9] = ["EC", "AB1", "AB2", "AB3", "BN", "PBN", "SDN", "IDN", "DDN"];
 
 /// The label of a signal without a fault.
@@ -18,13 +17,11 @@ pub const HEALTHY: &str = "healthy";
 /// The label of a signal that is neither trained on nor scored.
 pub const IGNORE: &str = "ignore";
 
-/// Names under which signals that were not collected for training are counted, beside the labels of
-/// those that were. No class can have one of these names.
+/// Names under which signals that were not collected for training are counted.
 pub const NOT_COLLECTED: [&str; 4] =
     ["unlabelled", "rejected", "other_sampling", "beyond_the_limit_of_sets"];
 
-/// Whether a name means something else than a class of faults: no fault, or why a signal was not
-/// collected. A user's own class cannot have it.
+/// Whether a name means something else than a class of faults.
 pub fn is_reserved(name: &str) -> bool {
     [HEALTHY, IGNORE].into_iter().chain(NOT_COLLECTED).any(|taken| taken == name)
 }
@@ -33,28 +30,23 @@ pub fn is_reserved(name: &str) -> bool {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Class {
     pub name: String,
-    /// The name of its category.
     pub category: String,
-    /// Names of the laws (`Law` in `model::faults`) that say what the class's faults do to a
-    /// channel: one or several by which `[isolate.classes]` declares it, or else its own name.
+    /// The laws that say what its faults do to a channel: declared ones, or its own name.
     pub of: Vec<String>,
-    /// What the class's severities count, in words that follow the number, such as `of the nozzle's
-    /// mass`; `None`: no law of `[isolate.physics]` declares words, as with the thesis's classes.
+    /// What severities count, in words that follow the number (`of the nozzle's mass`), if declared.
     pub unit: Option<String>,
 }
 
 impl Class {
-    /// A class of which only the name is known: one of the thesis's, or a user's own without
-    /// declarations.
     pub fn plain(name: &str) -> Class {
         let (category, of) = (category(name).into(), vec![name.into()]);
         Class { name: name.into(), category, of, unit: None }
     }
 }
 
-/// What is known of each of the thesis's classes: [category, the class as a technician calls it,
-/// what its severity measures].
-const KNOWN: [(&str, [&str; 3]); 9] = [
+/// Of each of the thesis's classes: [category, the class as a technician calls it, what its severity
+/// measures].
+const OF_THESIS: [(&str, [&str; 3]); 9] = [
     ("EC", ["empty_channel", "empty ink channel", "missing share of density"]),
     (
         "AB1",
@@ -72,28 +64,23 @@ const ADDED_COMPLIANCE: &str = "added compliance over the chamber's";
 const BLOCKED_SHARE: &str = "blocked share of the nozzle's cross-section";
 const VISCOSITY: &str = "viscosity factor in the nozzle";
 
-/// The entry of a class in `KNOWN`; `None` for a user's own class.
-fn known(class: &str) -> Option<&'static [&'static str; 3]> {
-    KNOWN.iter().find(|(name, _)| *name == class).map(|(_, known)| known)
+/// The entry of a class in `OF_THESIS`; `None` for a user's own class.
+fn of_thesis(class: &str) -> Option<&'static [&'static str; 3]> {
+    OF_THESIS.iter().find(|(name, _)| *name == class).map(|(_, entry)| entry)
 }
 
-/// Category of a fault class; a user's own class is its own category. Classes of one category need
-/// the same thing to be done. They may be of several kinds: [`quantity`] tells whether they are
-/// sized alike.
+/// Category of a fault class.
 pub fn category(class: &str) -> &str {
-    known(class).map_or(class, |[category, ..]| category)
+    of_thesis(class).map_or(class, |[category, ..]| category)
 }
 
-/// The class as a technician calls it; a user's own class by its name.
 pub fn in_words(class: &str) -> &str {
-    known(class).map_or(class, |[_, in_words, _]| in_words)
+    of_thesis(class).map_or(class, |[_, in_words, _]| in_words)
 }
 
-/// What a class's severity measures, in words, relative to the healthy channel. Severities can be
-/// compared, and put in one course over time, if their classes have the same quantity. Of a user's
-/// own class it is the class's name, so that its severities are compared with each other alone.
+/// What a class's severity measures, in words; comparable if two classes have the same.
 pub fn quantity(class: &str) -> &str {
-    known(class).map_or(class, |[.., quantity]| quantity)
+    of_thesis(class).map_or(class, |[.., quantity]| quantity)
 }
 
 /// The categories that `[isolate.physics]` declares for a user's own classes, by the class's name.
@@ -106,18 +93,15 @@ impl Categories {
         self.0.get(class).map_or(category(class), String::as_str)
     }
 
-    /// Whether a category is a right answer for a labelled state: the state's own category, or,
-    /// where the state is several faults at once, such as `AB2+SDN`, that of any of these faults.
+    /// Whether a category is that of a labelled state, or of one of several faults at once (`AB2+SDN`).
     pub fn is_of(&self, state: &str, category: &str) -> bool {
         self.of(state) == category || state.split('+').any(|one| self.of(one) == category)
     }
 }
 
-/// The categories that some classes form, in the order in which the classes first mention them, and
-/// for each class the index of its category.
+/// The categories of some classes, in their order, and for each class the index of its category.
 pub fn categories(classes: &[Class]) -> (Vec<String>, Vec<u16>) {
     let mut names: Vec<String> = Vec::new();
-    // the index of a class's category, which is added to the names if it is new
     let index = |class: &Class| {
         let known = names.iter().position(|name| *name == class.category);
         known.unwrap_or_else(|| {
@@ -129,11 +113,9 @@ pub fn categories(classes: &[Class]) -> (Vec<String>, Vec<u16>) {
     (names, of_classes)
 }
 
-/// The rule by which weights per class name a class, a category or neither, of one signal
-/// (`isolate/decision.rs`) as of an episode (`episodes`).
+/// The rule by which weights per class name a class, a category or neither, of a signal or an episode.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Naming {
-    /// The categories, in the order in which the classes first mention them.
     pub categories: Vec<String>,
     /// The category of each class, as an index into `categories`.
     pub category_of: Vec<u16>,
@@ -144,7 +126,6 @@ pub struct Naming {
 /// What the weights say. Classes and categories are indices.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Named {
-    /// The class with the largest weight.
     pub best: usize,
     /// That class, if it is named.
     pub fault: Option<u16>,
@@ -161,13 +142,10 @@ impl Naming {
         Naming { categories, category_of, certainty }
     }
 
-    /// Names the class of largest weight if that reaches the bound; else the category of largest
-    /// total weight if that reaches the bound; else nothing. `weights`: one per class, which sum to
-    /// 1 if they are probabilities; `of_any`: the probability that it is any of the classes, by
-    /// which the weights are multiplied. Of equal weights the first wins. `None`: there are no
-    /// classes.
+    /// Names the class of largest weight if that reaches the bound, else the category of largest total
+    /// weight if that does. `weights`: one per class; `of_any`: a factor of all of them, the
+    /// probability that it is any class. `None`: there are none.
     pub fn name(&self, weights: &[f64], of_any: f64) -> Option<Named> {
-        // the class alone
         let (best, weight) = largest(weights)?;
         let weight = weight * of_any;
         if weight >= self.certainty {
@@ -175,7 +153,7 @@ impl Naming {
             return Some(Named { best, fault, category, certainty: weight });
         }
 
-        // No class is certain by itself, but all classes of a category together may be.
+        // all classes of a category together may be certain
         let mut sums = vec![0.0; self.categories.len()];
         for (&category, weight) in self.category_of.iter().zip(weights) {
             sums[usize::from(category)] += weight * of_any;

@@ -1,57 +1,53 @@
 //! Labels: what is known to be true of the channels, over time (`schemas/labels.md`).
 //!
-//! In: the rows of a labels file, as `inkling-io` has read and checked them. Out: for a channel and
-//! a time, the row that says what is true of the channel then, or none. Training learns from the
-//! answers, scoring compares verdicts with them. [`Met`] tells which rows cover nothing of the
-//! recordings.
+//! In: the rows of a labels file. Out: for a channel and a time, the row that says what is true of
+//! the channel then, or none. [`Met`] tells which rows cover nothing of the recordings.
 //!
 //! Rows may overlap. The narrower row wins: first the rows that name the printhead, then those for
 //! all (`*`); among these a row of a single channel, then ranges, the one of fewer channels first,
-//! then all channels; of equally wide rows the later one in the file. The span of time does not
-//! matter for the order: a row applies or not.
+//! then all channels; of equally wide rows the later one in the file.
 
 mod met;
 
 pub use met::{Met, Span};
 
 use crate::fault::{CLASSES, HEALTHY, IGNORE};
+use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::fmt;
 use std::str::FromStr;
 
-/// The name in a row's printhead column that stands for all printheads.
+/// What stands for all printheads in a row.
 pub const EVERY_PRINTHEAD: &str = "*";
 
 /// The channels that a row of labels speaks of.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize,
-)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum Channels {
     /// All channels, written `*`.
     All,
-    /// A single channel, by its number.
     One(u32),
     /// From the first to the last, both of them included.
     Range(u32, u32),
 }
 
 impl Channels {
-    /// Whether the row speaks of a channel.
-    fn covers(self, channel: u32) -> bool {
+    fn bounds(self) -> (u32, u32) {
         match self {
-            Channels::All => true,
-            Channels::One(one) => one == channel,
-            Channels::Range(first, last) => (first..=last).contains(&channel),
+            Channels::All => (0, u32::MAX),
+            Channels::One(one) => (one, one),
+            Channels::Range(first, last) => (first, last),
         }
     }
 
-    /// How many channels the row speaks of; all channels count as the largest number.
+    fn covers(self, channel: u32) -> bool {
+        let (first, last) = self.bounds();
+        (first..=last).contains(&channel)
+    }
+
+    /// How many channels the row speaks of; all of them are more than any range.
     fn width(self) -> u64 {
-        match self {
-            Channels::All => u64::MAX,
-            Channels::One(_) => 1,
-            Channels::Range(first, last) => u64::from(last - first) + 1,
-        }
+        let (first, last) = self.bounds();
+        if self == Channels::All { u64::MAX } else { u64::from(last - first) + 1 }
     }
 
     /// The channel, if the row speaks of a single one.
@@ -63,8 +59,7 @@ impl Channels {
     }
 }
 
-/// From the text of a labels file: `*`, a number, or `first-last`. A range of one channel is that
-/// channel; one that falls is an error.
+/// From the text of a labels file: `*`, a number, or `first-last`.
 impl FromStr for Channels {
     type Err = ();
 
@@ -84,7 +79,6 @@ impl FromStr for Channels {
     }
 }
 
-/// The same text.
 impl fmt::Display for Channels {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
@@ -96,7 +90,7 @@ impl fmt::Display for Channels {
 }
 
 /// One row of a labels file: the state of some channels over a span of time.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Label {
     /// A printhead's name, or [`EVERY_PRINTHEAD`].
     pub printhead: String,
@@ -105,14 +99,12 @@ pub struct Label {
     pub from_ns: Option<i64>,
     /// The first ns to which the row no longer applies; `None`: to the end.
     pub to_ns: Option<i64>,
-    /// `healthy`, `ignore` or a fault class.
     pub state: String,
     /// Size of the fault, in the unit of its class (`schemas/verdicts.md`); `None`: not known.
     pub severity: Option<f64>,
 }
 
 impl Label {
-    /// Whether the row speaks of a channel at a time.
     fn covers(&self, channel: u32, t_ns: i64) -> bool {
         self.channel.covers(channel)
             && self.from_ns.is_none_or(|from| from <= t_ns)
@@ -125,25 +117,20 @@ impl Label {
     }
 }
 
-/// Indices of the rows of one printhead's name (or of `*`), arranged so that the first row that
-/// covers a channel and time is the right one.
+/// Indices of the rows of one printhead's name (or of `*`).
 #[derive(Clone, Debug, Default)]
 struct OfPrinthead {
-    /// Rows of a single channel, by the channel, in the order of the file: they are searched from
-    /// the end, since the later row wins.
+    /// Rows of a single channel, by the channel, in the order of the file.
     of_channel: HashMap<u32, Vec<usize>>,
     /// Rows of several channels, the narrower first; of equally wide rows the later one first.
     wider: Vec<usize>,
 }
 
-/// Labels ready to be asked. Which of overlapping rows wins, the head of this file says. In files
-/// the labels are the list of their rows.
-#[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
+/// Labels ready to be asked. In files they are the list of their rows.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(from = "Vec<Label>", into = "Vec<Label>")]
 pub struct Labels {
-    /// The rows in the order of the file.
     rows: Vec<Label>,
-    /// The rows by what stands in their printhead column, a name or `*`.
     by_printhead: HashMap<String, OfPrinthead>,
 }
 
@@ -160,7 +147,6 @@ impl From<Labels> for Vec<Label> {
 }
 
 impl Labels {
-    /// Labels of these rows, in the order of the file.
     pub fn new(rows: Vec<Label>) -> Labels {
         let mut by_printhead: HashMap<String, OfPrinthead> = HashMap::new();
         for (i, row) in rows.iter().enumerate() {
@@ -176,7 +162,6 @@ impl Labels {
         Labels { rows, by_printhead }
     }
 
-    /// All rows, in the order of the file.
     pub fn rows(&self) -> &[Label] {
         &self.rows
     }
@@ -195,17 +180,16 @@ impl Labels {
         times
     }
 
-    /// The row that says what is true of a channel at a time, ns since the epoch; `None`: the state
-    /// is not known, or the signal is to be ignored.
+    /// The row that says what is true of a channel at a time, ns; `None`: not known, or to be ignored.
     pub fn at(&self, printhead: &str, channel: u32, t_ns: i64) -> Option<&Label> {
         self.row_at(printhead, channel, t_ns).filter(|row| row.state != IGNORE)
     }
 
-    /// The row that applies to a channel at a time, `ignore` included; `None`: no row does.
+    /// The row that applies to a channel at a time, `ignore` included.
     pub fn row_at(&self, printhead: &str, channel: u32, t_ns: i64) -> Option<&Label> {
         [printhead, EVERY_PRINTHEAD].iter().find_map(|name| {
             let of = self.by_printhead.get(*name)?;
-            // the channel's own rows, the later ones first, then the wider rows
+            // the later ones first
             let own = of.of_channel.get(&channel).into_iter().flat_map(|rows| rows.iter().rev());
             let mut rows = own.chain(&of.wider).map(|&i| &self.rows[i]);
             rows.find(|row| row.covers(channel, t_ns))
@@ -218,12 +202,10 @@ pub fn known_states() -> impl Iterator<Item = &'static str> {
     [HEALTHY, IGNORE].into_iter().chain(CLASSES)
 }
 
-/// The names that a mistyped word was probably meant to be, the likeliest first; empty if the word
-/// is like no name. Case does not matter.
+/// The names that a mistyped word was probably meant to be, the likeliest first.
 pub fn nearest<'a>(word: &str, names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
     /// Least similarity (1 less the normalised Damerau-Levenshtein distance) of a misspelling.
     const LEAST_ALIKE: f64 = 0.5;
-    /// At most so many names are returned; more would be no help.
     const MOST_NAMED: usize = 3;
     let word = word.to_lowercase();
     let alike = |name: &str| strsim::normalized_damerau_levenshtein(&word, &name.to_lowercase());

@@ -1,24 +1,21 @@
 //! Function multiversioning: one function compiled for several SIMD instruction sets; every call
 //! runs the version for the largest set that the processor has.
 //!
-//! In: a function that is `#[inline(always)]`, since only code that is inlined into a version is
-//! compiled for that version's instructions. Out, by the macro `for_processor`: the same function,
-//! compiled for AVX-512 (`avx512f`), for AVX2 and for what every processor of the target has;
-//! outside x86-64 for the last alone. It is used for the hot loops of `burst`, `model`, `identify`,
-//! `detect` and `isolate`. The compiler neither fuses a product with a sum nor changes the order
-//! of sums, so the results do not depend on the version, bit by bit. Tests compare the versions
-//! (`with_each_set`) for the filter's kernel (`detect/kernel_tests.rs`), `row_projection` and
-//! `lane_sensitivity` alone.
+//! In: a function. Out, by the macro `for_processor`: the same function, compiled for AVX-512
+//! (`avx512f`), for AVX2 and for what every processor of the target has; outside x86-64 for the
+//! last alone. The compiler neither fuses a product with a sum nor changes the order of sums, so
+//! the results do not depend on the version, bit by bit.
 
-/// Defines a function that runs `body`, the path of an `#[inline(always)]` function with the same
-/// parameters, in the version for the largest set that the processor has and
-/// [`Instructions::use_at_most`] allows. The function may have one constant parameter, a `usize`.
+/// Defines a function that runs in the version for the largest set that the processor has and
+/// [`Instructions::use_at_most`] allows. It may have one constant parameter, a `usize`. Its body
+/// stands in the macro, or is the name of an `#[inline(always)]` function with the same parameters:
+/// only code that is inlined into a version is compiled for that version's instructions.
 macro_rules! for_processor {
     (
         $(#[$meta:meta])*
         $vis:vis fn $name:ident $(<const $lanes:ident: usize>)? (
             $($arg:ident: $of:ty),* $(,)?
-        ) $(-> $out:ty)? { $body:path }
+        ) $(-> $out:ty)? { $body:ident }
     ) => {
         $(#[$meta])*
         $vis fn $name $(<const $lanes: usize>)? ($($arg: $of),*) $(-> $out)? {
@@ -44,6 +41,23 @@ macro_rules! for_processor {
             $body($($arg),*)
         }
     };
+    (
+        $(#[$meta:meta])*
+        $vis:vis fn $name:ident $(<const $lanes:ident: usize>)? (
+            $($arg:ident: $of:ty),* $(,)?
+        ) $(-> $out:ty)? { $($body:tt)* }
+    ) => {
+        $(#[$meta])*
+        $vis fn $name $(<const $lanes: usize>)? ($($arg: $of),*) $(-> $out)? {
+            #[inline(always)]
+            fn portable $(<const $lanes: usize>)? ($($arg: $of),*) $(-> $out)? { $($body)* }
+            $crate::processor::for_processor! {
+                #[inline(always)]
+                fn by_processor $(<const $lanes: usize>)? ($($arg: $of),*) $(-> $out)? { portable }
+            }
+            by_processor($($arg),*)
+        }
+    };
 }
 
 pub(crate) use for_processor;
@@ -60,12 +74,10 @@ pub enum Instructions {
     Avx512,
 }
 
-/// The largest set that may be used, as the number of its variant of [`Instructions`]. All sets may
-/// be used, unless a benchmark or a test says otherwise.
+/// The largest set that may be used, as the number of its variant of [`Instructions`].
 static MOST: AtomicU8 = AtomicU8::new(Instructions::Avx512 as u8);
 
 impl Instructions {
-    /// All sets, the largest last.
     pub const ALL: [Instructions; 3] =
         [Instructions::Portable, Instructions::Avx2, Instructions::Avx512];
 
@@ -88,10 +100,9 @@ impl Instructions {
     }
 }
 
-/// Calls `work` once per instruction set, with that set as the largest allowed. The largest of all
-/// comes last, so that nothing is limited afterwards. Where the processor lacks a set, the next
-/// smaller one runs once more. The limit is one for the whole process, so tests that do this wait
-/// for each other; whatever else runs meanwhile is limited too, and gives the same results.
+/// Calls `work` once per instruction set, the largest last, so that nothing is limited afterwards.
+/// The limit is one for the whole process, so tests that do this wait for each other; whatever else
+/// runs meanwhile is limited too, and gives the same results.
 #[cfg(test)]
 pub(crate) fn with_each_set(mut work: impl FnMut()) {
     static ONE_AT_A_TIME: std::sync::Mutex<()> = std::sync::Mutex::new(());

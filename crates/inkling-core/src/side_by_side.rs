@@ -1,23 +1,18 @@
-//! Runs the same work for each of several things, by several threads at once, and returns the
-//! results in the order of the things.
-//!
-//! For work that stands outside of the pipeline's stages: fault curves, seeds of the thesis's
-//! chapter 4, parts of a critique, windows, columns of a table. The results do not depend on the
-//! number of threads if the work on one thing does not depend on the others.
+//! Runs the same work for each of several things, by several threads at once, outside of the
+//! pipeline's stages, and returns the results in the order of the things.
 
 use std::num::NonZero;
 use std::panic::resume_unwind;
 use std::sync::{Mutex, PoisonError};
 use std::thread::{self, ScopedJoinHandle};
 
-/// Number of threads that the machine can run at once; 1 if that number is not known.
+/// Number of threads that the machine can run at once, 1 if not known.
 pub fn cores() -> usize {
     thread::available_parallelism().map_or(1, NonZero::get)
 }
 
-/// Applies `each` to all of `of` by at most `workers` threads, and returns the results in the order
-/// of `of`. Whichever thread is free takes the next thing. With 0 or 1 workers, or one thing, the
-/// caller's thread does the work. A panic in a thread becomes the caller's.
+/// Applies `each` to all of `of` by at most `workers` threads; with 0 or 1 of them the caller's does
+/// the work. A panic in a thread becomes the caller's.
 pub fn side_by_side<T: Send, R: Send>(
     workers: usize,
     of: Vec<T>,
@@ -28,15 +23,13 @@ pub fn side_by_side<T: Send, R: Send>(
         return of.into_iter().map(each).collect();
     }
 
-    // What is left to do, each thing with its index in the results. A thread that panicked
-    // elsewhere does not spoil the iterator, so a poisoned lock is used all the same.
+    // A thread that panicked does not spoil the iterator: a poisoned lock is used all the same.
     let left = Mutex::new(of.into_iter().enumerate());
     let next = || left.lock().unwrap_or_else(PoisonError::into_inner).next();
     let work = || -> Vec<(usize, R)> {
         std::iter::from_fn(next).map(|(place, of)| (place, each(of))).collect()
     };
 
-    // Each thread returns its results, and these are put in order at the end.
     let mut done: Vec<(usize, R)> = thread::scope(|scope| {
         let running: Vec<_> = (0..workers).map(|_| scope.spawn(work)).collect();
         let join =

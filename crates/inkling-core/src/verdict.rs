@@ -1,11 +1,8 @@
 //! What is said of one signal: outcome, deciding test, reason, appearance. One signal is one row of
-//! the verdict table, whose columns stand in `columns`; `judged` has the rows of a batch on their
-//! way there. `schemas/verdicts.md` is the contract: the names here are the table's.
+//! the verdict table. `schemas/verdicts.md` is the contract: the names here are the table's.
 //!
-//! The gate compares a signal's statistics with thresholds: at or below them the signal is
-//! *healthy*. A flagged signal is *faulty* if its class or its category was named with certainty,
-//! else *undecided* with a [`Reason`]. A signal that was not analysed is *rejected* with a
-//! [`Reason`].
+//! At or below its thresholds a signal is *healthy*. A flagged one is *faulty* if its class or its
+//! category was named with certainty, else *undecided*. A signal that was not analysed is *rejected*.
 
 pub mod at_once;
 mod columns;
@@ -17,24 +14,20 @@ pub use judged::{HealthyRun, OfBurst, Part, Tests, Verdicts};
 use serde::Serialize;
 use std::sync::Arc;
 
-/// Defines an enum whose variants have the names that tables write, and, where the variants are
-/// told in a sentence, words for that. A line is `Variant "name";` or `Variant "name" "words";`,
-/// alike for all.
+/// An enum whose variants have the names that tables write, and, if told in a sentence, words. A line
+/// is `Variant "name";` or `Variant "name" "words";`, alike for all.
 macro_rules! named {
     ($(#[$about:meta])* $type:ident { $($(#[$of:meta])* $one:ident $name:literal $($words:literal)?;)* }) => {
         $(#[$about])*
         pub enum $type { $($(#[$of])* $one,)* }
 
         impl $type {
-            /// All variants, in the order of the list.
             pub const ALL: [$type; [$($name),*].len()] = [$($type::$one),*];
 
-            /// The name of the variant.
             pub fn as_str(self) -> &'static str {
                 match self { $($type::$one => $name,)* }
             }
 
-            /// The variant of that name.
             pub fn of(name: &str) -> Option<$type> {
                 $type::ALL.into_iter().find(|one| one.as_str() == name)
             }
@@ -42,7 +35,7 @@ macro_rules! named {
 
         named!(words $type { $($one $($words)?;)* });
     };
-    // the second part: nothing where there are no words, else `in_words`
+    // nothing where there are no words, else `in_words`
     (words $type:ident { $($one:ident;)* }) => {};
     (words $type:ident { $($one:ident $words:literal;)* }) => {
         impl $type {
@@ -57,7 +50,6 @@ macro_rules! named {
 pub(crate) use named;
 
 named! {
-    /// The verdict on one signal.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     Outcome {
         /// Judged, and not flagged.
@@ -75,8 +67,7 @@ named! {
     /// Which test a signal's statistic and threshold are of.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     Test {
-        /// A distance of the ring's features from healthy ones: along the model's sensitivities, or
-        /// with `detect.method` = `practice` of frequency and damping.
+        /// A distance of the ring's features from healthy ones.
         Ring "ring";
         /// The misfit beside the ring: what no ring explains.
         Misfit "misfit";
@@ -85,8 +76,8 @@ named! {
     }
 }
 
-/// What a signal looks like that belongs to no known class, or may as well be something else than a
-/// fault of a class. Healthy means: as the model's healthy ring.
+/// What a signal looks like that belongs to no known class, or may as well be none. Healthy means:
+/// as the model's healthy ring.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Appearance {
     /// Nothing rings: there is only noise.
@@ -95,37 +86,31 @@ pub enum Appearance {
     Constant,
     /// A healthy ring, this many times as large.
     OtherGain(f64),
-    /// A healthy ring whose frequency and damping are both this many times as large, as on another
-    /// clock.
+    /// A healthy ring with frequency and damping this many times as large, as on another clock.
     OtherClock(f64),
     /// A healthy ring that begins this many seconds late.
     Late(f64),
     /// A ring of a channel all of whose rates a, b, g, d are a little off.
     AllOff,
-    /// Something else that happens to channels and is no class (a contrast of `model/faults.toml`),
-    /// by its name.
+    /// Something else that happens to channels and is no class, by its name.
     Like(Arc<str>),
     /// A steady tone of this frequency, Hz, beside the ring or instead of it.
     Tone(f64),
-    /// A few samples that stand out.
     Jumps,
     /// A slow shape: an offset, a step, a drift.
     Slow,
     /// A ring with nothing beside it, as no known fault makes it.
     OtherRing,
-    /// None of these.
     Other,
 }
 
 impl Appearance {
-    /// A signal may as well be something that is no class if the latter has at least this share of
-    /// the probability of the likeliest class; or at least this share of that class's density: then
-    /// it is a twin, which no decay tells from the class, however rare the twin is.
+    /// Least share of the likeliest class's probability or density at which no class is as likely.
     pub const AS_WELL: f64 = 0.25;
 }
 
 named! {
-    /// Why a signal was rejected, or why a faulty one is undecided. The names are the contract's.
+    /// Why a signal was rejected, or why a faulty one is undecided.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
     #[serde(rename_all = "snake_case")]
     Reason {
@@ -156,8 +141,7 @@ named! {
 }
 
 impl Reason {
-    /// Whether the reason is that of a whole burst that was unusable, for which one row stands.
-    /// Other reasons are of single signals, or of all signals of a burst, with a row each.
+    /// Whether the reason is that of a whole unusable burst, for which one row stands.
     pub fn is_of_burst(self) -> bool {
         matches!(
             self,
@@ -171,19 +155,16 @@ impl Reason {
         )
     }
 
-    /// Whether the reason is about the printhead or about what reads the channel, and not about the
-    /// signal: then nothing is known of the nozzle, whether the row is undecided or rejected.
+    /// Whether the reason is about the printhead or its reading: nothing is known of the nozzle.
     pub fn is_of_head(self) -> bool {
         matches!(self, Reason::HeadChanged | Reason::Frozen)
     }
 }
 
-/// Why a signal cannot be judged, by its samples alone: a sample is NaN or infinite, or two or more
-/// consecutive samples are at or beyond a rail. `signal`: counts; `rails`: the lower and the upper
-/// limit of the converter, counts. `None`: the signal can be judged.
+/// Why a signal cannot be judged, by its samples (counts) alone: one is NaN or infinite, or two or more
+/// consecutive ones are at or beyond a rail, the lower or the upper limit of the converter.
 pub fn unusable_signal(signal: &[f64], rails: [f64; 2]) -> Option<Reason> {
     let at_rail = |y: f64| (y <= rails[0]) | (y >= rails[1]);
-    // Without a branch per sample, since hardly a signal has such samples.
     let (finite, railed) = signal.iter().fold((true, false), |(finite, railed), &y| {
         (finite & (y.abs() < f64::INFINITY), railed | at_rail(y))
     });

@@ -48,7 +48,7 @@ impl LearnedFilter {
             let fault = class.identify(model, settings.grey_box, dt_s)?;
             // there is at least one other pole: `DetectSettings::check` has refused none
             let filler = detect.other_poles_per_s.first().copied().unwrap_or(2e5);
-            let denominator = poles::eigenvalues(&fault.channel.a(), filler, degree, dt_s)?;
+            let denominator = poles::eigenvalues(&fault.channel, filler, degree, dt_s)?;
             return Ok(LearnedFilter { denominator, enhancement: vec![1.0] });
         }
 
@@ -69,8 +69,7 @@ impl LearnedFilter {
                 let mut padded = n.clone();
                 padded.resize(degree + 1, 0.0);
                 let plain = ResidualGenerator::new(padded, denominator.clone(), dt_s)?;
-                let mut residual = vec![0.0; signals.samples];
-                plain.filter(&class.deviation, &mut residual);
+                let residual = plain.residual(&class.deviation);
                 appendix::as_written(&residual, degree + 1 - n.len())?
             }
             // Method III, `enhanced`, by the deviations of healthy and faulty signals.

@@ -1,53 +1,38 @@
 //! Numerator enhancement as Appendix A of the thesis writes it (`detect.denominator` =
 //! `appendix-a`), so that its effect can be seen. For use there is [`super::numerator`].
 //!
-//! In, from `design/learned_filter.rs`: r_f, the mean of the fault's residuals, sample by sample.
-//! Out: M(z). The steps of the text:
+//! In: r_f, the mean of a fault's residuals, sample by sample. Out: M(z). The steps of the text:
 //!
-//! 1. beta*: the inner products of r_f with a constant and with sines and cosines of 1 to 40
-//!    periods.
+//! 1. beta*: the inner products of r_f with a constant and with sines and cosines.
 //! 2. D-bar: the rows beta* D^k, k = 0, 1, ..; D is the derivative by time in that basis.
 //! 3. Q_x = D-bar D-bar^T, and M(s) = det(Q_x - sI).
 //!
-//! The text maximises the energy of M r_f under bounded coefficients, which an eigenvector of Q_x
-//! solves; but its last line takes the determinant. Q_x is positive semidefinite, so such an M has
-//! real roots at or right of 0 whatever the fault is, and their size depends on the unit of time.
-//! [`super::numerator`] departs from the text for that reason.
+//! Q_x is positive semidefinite, so such an M has real roots at or right of 0 whatever the fault is.
 
 use super::DetectError;
 use super::poles::monic;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use std::f64::consts::TAU;
 
-/// Most frequencies of the basis b_i beside the constant, i = 0 .. 80. N samples tell (N - 1)/2
-/// frequencies apart, so that fewer than 81 samples have fewer.
+/// Most frequencies of the basis beside the constant. N samples tell (N - 1)/2 of them apart.
 const HARMONICS: usize = 40;
 
 /// M(z), monic, descending powers, of degree `degree` >= 1. `residual`: the mean residual of a
-/// fault, N, counts. An error if one of the two is empty or 0, or if a root has no finite image in
-/// z. A residual without any finite energy is no residual.
+/// fault, N, counts. An error if its energy is 0 or not finite, or if a root has no finite image.
 ///
 /// Departs: the text's M is a polynomial in s. Its roots are mapped to z by the bilinear
-/// transformation z = (2 + s) / (2 - s), as in the text's unit of time e^{s dt} of such a root is
-/// no number; here time is counted in samples. The basis ends below half the sample rate, beyond
-/// which its functions would be others of it again. beta* is scaled to length 1, so that the roots
-/// do not depend on the size of the residual. Q_x has `degree` rows, so that M has the degree asked
-/// for.
+/// transformation z = (2 + s) / (2 - s), with time counted in samples. The basis ends below half
+/// the sample rate, beta* is scaled to length 1, and Q_x has `degree` rows.
 pub fn as_written(residual: &[f64], degree: usize) -> Result<Vec<f64>, DetectError> {
     let n = residual.len();
     let failed = || DetectError::Decomposition { rows: degree, columns: degree };
-    if degree == 0 {
-        return Err(DetectError::NoRoom { numerator: degree, denominator: 0 });
-    }
-    // an empty residual has no energy either
     let energy: f64 = residual.iter().map(|r| r * r).sum();
     if !(energy > 0.0 && energy.is_finite()) {
         return Err(DetectError::NoResidual);
     }
     let harmonics = HARMONICS.min((n - 1) / 2);
     let omega = TAU / n as f64;
-    // beta_i* = integral of b_i r_f: b_0 is constant, then sine (odd i) and cosine (even i) of each
-    // frequency follow each other
+    // the inner product with b_i: a constant, then sine (odd i) and cosine (even i) in turn
     let beta = |i: usize| {
         let at = |k: usize| match i % 2 {
             0 => (i as f64 / 2.0 * omega * k as f64).cos(),
@@ -75,10 +60,7 @@ pub fn as_written(residual: &[f64], degree: usize) -> Result<Vec<f64>, DetectErr
     // Q_x's eigenvalues are the roots of M(s): map them, and multiply the factors (z - z_i)
     let roots = SymmetricEigen::try_new(q_x, f64::EPSILON, 10_000).ok_or_else(failed)?.eigenvalues;
     let m = monic(roots.iter().map(|s| (2.0 + s) / (2.0 - s)));
-    match m.iter().all(|v| v.is_finite()) {
-        true => Ok(m),
-        false => Err(failed()),
-    }
+    if m.iter().all(|v| v.is_finite()) { Ok(m) } else { Err(failed()) }
 }
 
 #[cfg(test)]
@@ -97,7 +79,6 @@ mod tests {
             let [a, b, c] = m[..] else { panic!("{m:?}") };
             assert!(b * b - 4.0 * a * c >= -1e-12, "{m:?}");
         }
-        assert!(as_written(&[1.0; 8], 0).is_err());
     }
 
     #[test]

@@ -1,41 +1,33 @@
 //! Where a filter's zeros make it blind: the frequencies that it hardly lets into the residual, so
 //! that a fault which shows there alone is missed. thesis §3-2-1.
 //!
-//! In: a filter, from `design/detectable.rs`, which reports the result. Out: ranges of frequencies,
-//! Hz. The gain |N L / alpha| is computed at equal steps over 0 .. half the sample rate, and
-//! neighbouring steps with a gain below a share of the largest are joined.
+//! In: a filter. Out: ranges of frequencies, Hz, in which the gain |N L / alpha| is small.
 
 use nalgebra::Complex;
 
-/// The ranges of frequencies, Hz (lowest and highest frequency looked at), in which the filter has
-/// less than `least` times its largest gain over 0 .. half the sample rate, ascending. `least`: a
-/// share, 0 to 1; `steps`: how many frequencies are looked at, the two ends among them. A range of
-/// one frequency has equal ends.
+/// The ranges of frequencies, Hz, ascending, in which the filter has less than the share `least` of
+/// its largest gain. `steps`: how many frequencies are looked at, 2 or more.
 pub fn blind_ranges(
     generator: &super::ResidualGenerator,
     least: f64,
     steps: usize,
 ) -> Vec<(f64, f64)> {
-    let steps = steps.clamp(2, 1 << 20);
     let half_rate_hz = 0.5 / generator.dt_s;
     let hz = |k: usize| half_rate_hz * k as f64 / (steps - 1) as f64;
     let gain = |k: usize| {
-        // z = e^{j 2 pi f dt}, the frequency's place on the unit circle, and Horner's rule for the
-        // magnitude of a polynomial there
+        // z = e^{j 2 pi f dt}, and Horner's rule
         let z = Complex::new(0.0, std::f64::consts::PI * k as f64 / (steps - 1) as f64).exp();
         let at = |p: &[f64]| {
             p.iter().fold(Complex::new(0.0, 0.0), |v, &c| v * z + Complex::new(c, 0.0)).norm()
         };
-        // at the frequency of a marginal pair the gain has no bound: the denominator is kept away
-        // from 0
+        // a marginal pair's gain has no bound: the denominator is kept away from 0
         at(&generator.numerator) / at(&generator.denominator).max(1e-6)
     };
     let gains: Vec<f64> = (0..steps).map(gain).collect();
     let largest = gains.iter().copied().fold(0.0, f64::max);
     let is_blind = |k: &usize| gains[*k] < least * largest;
 
-    // neighbouring frequencies that are alike (blind or not) are joined to ranges, and the blind
-    // ones are kept
+    // neighbouring frequencies that are alike, blind or not, are joined
     let frequencies: Vec<usize> = (0..steps).collect();
     let ranges = frequencies.chunk_by(|j, k| is_blind(j) == is_blind(k));
     ranges.filter(|of| is_blind(&of[0])).map(|of| (hz(of[0]), hz(of[of.len() - 1]))).collect()

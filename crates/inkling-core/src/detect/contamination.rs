@@ -1,46 +1,32 @@
 //! The threshold from unlabelled signals, some of which are faulty (contaminated training data).
 //!
-//! In, from `design/learn.rs`: detection statistics of a window's signals, of which up to two in
-//! five may be of faulty channels, and the channel that each came from. Out: the [`Threshold`] that
-//! healthy signals exceed at a chosen rate, with a chosen confidence. Where all signals are known
-//! to be healthy, [`super::threshold`] is used instead.
-//!
-//! The steps:
+//! In: detection statistics of a window's signals, of which up to two in five may be of faulty
+//! channels, and the channel that each came from. Out: the [`Threshold`] that healthy signals
+//! exceed at a chosen rate, with a chosen confidence.
 //!
 //! 1. Count the ln of the statistics, in units of their median, in a histogram. Signals of one
-//!    channel resemble each other, so each signal weighs n_independent / n, with the design effect
-//!    of a one-way analysis of variance.
+//!    channel resemble each other, so each signal weighs n_independent / n.
 //! 2. Fit a mixture of healthy and faulty signals to the histogram (`mixture.rs`), and take the
-//!    quantile of its healthy part at the stated rate: the estimate.
-//! 3. Jackknife: divide the channels into eight groups, fit again without each group, and take the
-//!    standard error of ln(threshold) from how the eight estimates differ.
+//!    quantile of its healthy part at the stated rate.
+//! 3. Jackknife: divide the channels into eight groups, and take the standard error of
+//!    ln(threshold) from how the fits without each group differ.
 //! 4. Raise the estimate by Student's t times this standard error.
 
 use super::DetectError;
 use super::mixture::{Counts, Mixture};
-use super::threshold::{Method, Threshold, distinct};
+use super::threshold::{Method, Threshold, check_energies, distinct, sums_of_channels};
 use crate::model::median::median;
 use crate::model::student::student_quantile;
-use std::collections::BTreeMap;
 
 pub use super::mixture::{Degrees, Spread};
 
-/// Number of groups of the jackknife.
 const GROUPS: usize = 8;
 /// Smallest number of signals for the mixture model.
 const FEWEST: usize = 24;
 
-/// The threshold on a statistic: the value that at most a share `rate` of the window's healthy
-/// signals exceed, with `confidence`.
-///
-/// `statistics`: one per signal, finite and at least 0, in any unit. `channels`: the channel of
-/// each signal. `degrees`: how many squared features a statistic is the sum of; `spread`: from
-/// which signals the distances' unit was estimated. `confidence`: .5 or more; less would lower the
-/// estimate. Errors: a statistic that is no such number, fewer than 24 signals that count, a median
-/// of 0, or a threshold that is not finite.
-///
-/// In the result `n_effective` is the estimated number of healthy signals, and `tail_shape` is 1 /
-/// kappa of the mixture's healthy law.
+/// The value that at most a share `rate` of the window's healthy signals exceed, with `confidence`
+/// (.5 or more). `statistics`: one per signal, in any unit; `channels`: of each. An error if there are
+/// too few signals, or no threshold above 0.
 pub fn contaminated(
     statistics: &[f64],
     channels: &[u32],
@@ -48,11 +34,8 @@ pub fn contaminated(
     rate: f64,
     confidence: f64,
 ) -> Result<Threshold, DetectError> {
-    if let Some(index) = statistics.iter().position(|s| !(s.is_finite() && *s >= 0.0)) {
-        return Err(DetectError::NotAnEnergy { value: statistics[index], index });
-    }
-    // A one-sided statistic is 0 for signals below the middle. These say nothing about the tail and
-    // are left out; of a statistic of three features all signals count.
+    check_energies(statistics)?;
+    // a one-sided statistic is 0 below the middle, which says nothing about the tail
     let counted: Vec<(f64, u32)> = statistics
         .iter()
         .zip(channels)
@@ -63,37 +46,24 @@ pub fn contaminated(
         let (found, needed) = (counted.len(), FEWEST);
         return Err(DetectError::TooFewSignals { found, needed, method: "window" });
     }
-    // the histogram is in units of the median, so that the model's priors suit any statistic
     let median = median(&mut counted.iter().map(|(s, _)| *s).collect::<Vec<_>>());
     if median <= 0.0 {
         return Err(DetectError::NoEnergy { signals: statistics.len() });
     }
 
-    // The stated rate refers to all signals, so of the counted ones a larger share may exceed the
-    // threshold.
+    // the stated rate refers to all signals
     let rate = rate * statistics.len() as f64 / counted.len() as f64;
-    let weight = independent(&counted) / counted.len() as f64;
+    let (all, of_groups) = histograms(&counted, median);
 
-    // one histogram of all signals and one per group, so that the estimate can be repeated without each group
-    let groups = groups(&counted);
-    let mut of_groups = vec![Counts::default(); GROUPS];
-    let mut all = Counts::default();
-    for ((s, _), group) in counted.iter().zip(&groups) {
-        of_groups[*group].add(s / median, weight);
-        all.add(s / median, weight);
-    }
-
-    // the estimate, in ln (s / median), and the estimates without each group; for these the number
-    // of components is not chosen again
+    // the estimate, in ln (s / median), and the estimates without each group
     let mixture = Mixture::fit(&all, degrees, spread);
     let estimate = mixture.ln_exceeded(rate);
     let without = of_groups
         .iter()
-        .filter(|of| !of.is_empty())
+        .filter(|of| of.sum() > 0.0)
         .map(|of| mixture.fit_again(&all.without(of)).ln_exceeded(rate));
     let widening = jackknifed(&without.collect::<Vec<_>>(), confidence);
 
-    // raise the estimate to the upper end of its one-sided confidence interval
     let value = median * (estimate + widening).exp();
     let numbers = distinct(channels.to_vec());
     if !value.is_finite() {
@@ -113,10 +83,19 @@ pub fn contaminated(
     })
 }
 
-/// How far the one-sided confidence interval of the estimate reaches above it, in ln s, by the
-/// jackknife: Student's t at `confidence` times the standard error sqrt((n - 1) / n sum (e_i -
-/// mean)²). `without`: the n estimates e_i, each without one group. With fewer than two of them it
-/// is 0, as nothing is known of the error.
+/// The histogram of all signals, and that of each group of the jackknife.
+fn histograms(counted: &[(f64, u32)], median: f64) -> (Counts, Vec<Counts>) {
+    let weight = independent(counted) / counted.len() as f64;
+    let (mut all, mut of_groups) = (Counts::NONE, vec![Counts::NONE; GROUPS]);
+    for ((s, _), group) in counted.iter().zip(groups(counted)) {
+        of_groups[group].add(s / median, weight);
+        all.add(s / median, weight);
+    }
+    (all, of_groups)
+}
+
+/// The reach of the one-sided confidence interval above the estimate, in ln s: Student's t times
+/// sqrt((n - 1) / n sum (e_i - mean)²) of the n estimates e_i, each without one group.
 fn jackknifed(without: &[f64], confidence: f64) -> f64 {
     let n = without.len() as f64;
     let mean = without.iter().sum::<f64>() / n;
@@ -127,48 +106,35 @@ fn jackknifed(without: &[f64], confidence: f64) -> f64 {
     }
 }
 
-/// How many independent signals say as much as these (pairs of statistic and channel). Signals of
-/// one channel have a share of their variance (of ln s) in common, the intraclass correlation r of
-/// a one-way analysis of variance. With m signals of each channel the variance of a mean is 1 +
-/// (m - 1) r times that of as many independent signals (the design effect), so n signals are worth
-/// n / (1 + (m - 1) r).
+/// How many independent signals say as much as these: n / (1 + (m - 1) r), with m signals per channel,
+/// and r their intraclass correlation (of ln s) by a one-way analysis of variance.
 fn independent(counted: &[(f64, u32)]) -> f64 {
-    // per channel: number of signals, and sum and square sum of their ln s
-    let mut channels: BTreeMap<u32, [f64; 3]> = BTreeMap::new();
-    for (s, channel) in counted {
-        let z = s.max(f64::MIN_POSITIVE).ln();
-        let [n, sum, square] = channels.entry(*channel).or_default();
-        (*n, *sum, *square) = (*n + 1.0, *sum + z, *square + z * z);
-    }
+    let ln = |(s, channel): &(f64, u32)| (s.max(f64::MIN_POSITIVE).ln(), *channel);
+    let channels = sums_of_channels(counted.iter().map(ln));
     // without two channels, or two signals of one, the correlation cannot be estimated
     let (n, k) = (counted.len() as f64, channels.len() as f64);
     if k < 2.0 || n <= k {
         return n;
     }
-    let [sum, square] = channels.values().fold([0.0; 2], |[a, b], of| [a + of[1], b + of[2]]);
-    let of_means: f64 = channels.values().map(|[n, sum, _]| sum * sum / n).sum();
+    let [sum, square] = channels.iter().fold([0.0; 2], |[a, b], of| [a + of[1], b + of[2]]);
+    let of_means: f64 = channels.iter().map(|[n, sum, _]| sum * sum / n).sum();
 
-    // mean squares between and within channels, and the mean number m of signals per channel as the
-    // analysis of variance has it for unequal numbers
+    // mean squares between and within channels, and m for unequal numbers of signals
     let between = (of_means - sum * sum / n) / (k - 1.0);
     let within = (square - of_means) / (n - k);
-    let each = (n - channels.values().map(|[n, ..]| n * n).sum::<f64>() / n) / (k - 1.0);
+    let each = (n - channels.iter().map(|[n, ..]| n * n).sum::<f64>() / n) / (k - 1.0);
     let alike = ((between - within) / (between + (each - 1.0) * within)).clamp(0.0, 1.0);
     n / (1.0 + (each - 1.0) * alike)
 }
 
-/// The jackknife's group of each signal. All signals of a channel are in one group, since channels
-/// differ lastingly; the channels are assigned to the groups in turn, and with fewer than eight
-/// channels some groups stay empty. If there is only one channel, its signals are assigned in turn.
+/// The jackknife's groups, to which channels (of a single one its signals) are assigned in turn.
 fn groups(counted: &[(f64, u32)]) -> Vec<usize> {
     let numbers = distinct(counted.iter().map(|(_, c)| *c).collect());
-    match numbers.len() < 2 {
-        true => (0..counted.len()).map(|i| i % GROUPS).collect(),
-        false => {
-            let place = |c: u32| numbers.partition_point(|n| *n < c);
-            counted.iter().map(|(_, c)| place(*c) % GROUPS).collect()
-        }
-    }
+    let group = |(i, (_, channel)): (usize, &(f64, u32))| match numbers.len() {
+        1 => i % GROUPS,
+        _ => numbers.partition_point(|n| n < channel) % GROUPS,
+    };
+    counted.iter().enumerate().map(group).collect()
 }
 
 #[cfg(test)]

@@ -1,21 +1,15 @@
 //! Disturbances of known shape (an offset, a drift), which are kept out of the residual
 //! (`detect.decouple`). thesis (2-1), d.
 //!
-//! In, from `design/residual.rs`: the names of the disturbances, and the sensitivities T of the
-//! model's ring. Out: [`KnownShapes`], a linear map that is applied to every deviation before the
-//! FD filter.
+//! In: the disturbances, and the sensitivities T of the model's ring. Out: [`KnownShapes`], a
+//! linear map that is applied to every deviation before the FD filter.
 //!
-//! The idea: fit a deviation by least squares with the shapes D and the sensitivities T together,
-//! and subtract only the fitted shapes. So a disturbance vanishes whatever its size, and a change
-//! of the ring, which the sensitivities explain, is not taken for one. With the rows G of the
-//! least-squares solution that belong to the shapes, a deviation d becomes d - D G d.
+//! A deviation d is fitted by least squares with the shapes D and the sensitivities T together, and
+//! becomes d - D G d with the rows G of the solution that belong to D. So a disturbance vanishes
+//! whatever its size, and a change of the ring is not taken for one.
 //!
-//! Departs: thesis (3-2) decouples disturbances of any shape in the null space of H-bar. With one
-//! output per channel nothing is left of that null space, because each of its elements responds to
-//! a disturbance of the sensor as to the signal: only what has a known shape can be decoupled. A
-//! numerator with a root at z = 1 does not do that for an offset: from zero state the offset's
-//! first sample is a step, which rings in the undamped pair to the end.
-
+//! Departs: thesis (3-2) decouples disturbances of any shape in the null space of H-bar, of which
+//! nothing is left with one output. A root at z = 1 in the numerator leaves a step at the beginning.
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
@@ -23,15 +17,12 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Disturbance {
-    /// A constant offset.
     Offset,
     /// A straight line that begins at 0 at the first sample.
     Drift,
 }
 
-/// Removes disturbances of known shape from a deviation d by an oblique projection, d - D G d. The estimator
-/// G has G D = I, so that no disturbance reaches the residual, and G T = 0, so that every change of the ring
-/// reaches it whole.
+/// Removes disturbances of known shape from a deviation d, d - D G d, with G D = I and G T = 0.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct KnownShapes {
     /// Columns of D, the shapes, of unit length.
@@ -41,28 +32,21 @@ pub struct KnownShapes {
 }
 
 impl KnownShapes {
-    /// The map that takes off these disturbances. `tangent`: T, the ring's sensitivities, N x any
-    /// number. `None`: disturbances and sensitivities are linearly dependent.
+    /// The map. `tangent`: T, N x any number. `None`: the columns are linearly dependent.
     pub fn new(disturbances: &[Disturbance], tangent: &DMatrix<f64>) -> Option<KnownShapes> {
-        // the columns [T D], each scaled to length 1
         let (n, of_ring) = tangent.shape();
-        let mut all = DMatrix::zeros(n, of_ring + disturbances.len());
-        all.columns_mut(0, of_ring).copy_from(tangent);
-        for (k, disturbance) in disturbances.iter().enumerate() {
-            for (i, v) in all.column_mut(of_ring + k).iter_mut().enumerate() {
-                *v = match disturbance {
-                    Disturbance::Offset => 1.0,
-                    Disturbance::Drift => i as f64,
-                };
-            }
-        }
+        let shape = |i: usize, disturbance: Disturbance| match disturbance {
+            Disturbance::Offset => 1.0,
+            Disturbance::Drift => i as f64,
+        };
+        let mut all = DMatrix::from_fn(n, of_ring + disturbances.len(), |i, k| {
+            if k < of_ring { tangent[(i, k)] } else { shape(i, disturbances[k - of_ring]) }
+        });
         for mut column in all.column_iter_mut() {
-            let size = column.norm();
-            column /= size;
+            column.normalize_mut();
         }
 
-        // Least squares on sensitivities and shapes together; only the shapes' rows are kept. By G
-        // D = I and G T = 0 they are what the type's description says.
+        // least squares on all columns together; only the shapes' rows are kept
         let g = all.tr_mul(&all).try_inverse()? * all.transpose();
         let last = of_ring..all.ncols();
         let known = KnownShapes {
@@ -77,30 +61,20 @@ impl KnownShapes {
         subtract(&self.shapes, &self.estimators, deviation);
     }
 
-    /// The transposed map, x - G' D' x, in place: the product of a column x with a treated
-    /// deviation is that of the result with the deviation itself. For projecting residuals without
-    /// computing them.
+    /// The transposed map, x - G' D' x, in place, for projecting residuals without computing them.
     pub fn take_off_transposed(&self, x: &mut [f64]) {
         subtract(&self.estimators, &self.shapes, x);
     }
 
-    /// Refuses stored shapes that training could not have made. `samples`: N.
     pub fn check(&self, samples: usize) -> Result<(), String> {
-        let whole = |rows: &[Vec<f64>]| {
-            rows.iter().all(|r| r.len() == samples && r.iter().all(|v| v.abs() < 1e6))
-        };
-        match self.shapes.len() == self.estimators.len()
-            && whole(&self.shapes)
-            && whole(&self.estimators)
-        {
-            true => Ok(()),
-            false => Err(format!("`decoupled` must hold finite rows of {samples}")),
-        }
+        let mut rows = self.shapes.iter().chain(&self.estimators);
+        let whole = rows.all(|r| r.len() == samples && r.iter().all(|v| v.abs() < 1e6));
+        let whole = whole && self.shapes.len() == self.estimators.len();
+        whole.then_some(()).ok_or_else(|| format!("`decoupled` must hold finite rows of {samples}"))
     }
 }
 
-/// Subtracts from v each of the `directions` times the inner product of the corresponding row with
-/// v as it came.
+/// Subtracts from v each of the `directions` times the inner product of its row with v.
 fn subtract(directions: &[Vec<f64>], rows: &[Vec<f64>], v: &mut [f64]) {
     let much: Vec<f64> =
         rows.iter().map(|row| row.iter().zip(&*v).map(|(p, q)| p * q).sum()).collect();

@@ -2,31 +2,22 @@
 //! 5): a search over frequency and damping of a pair of poles and over the place of the other
 //! poles, on training signals (`detect.denominator` = `searched`).
 //!
-//! In, from `design/learned_filter.rs`: the filter's numerator, the healthy resonance, and the
-//! deviations of healthy and of faulty training signals. Out: that denominator of 112 fixed ones
-//! which misses the fewest faults at one false alarm in 1000; and, by cross-validation, how many
-//! faults such a choice misses among signals on which it was not chosen, beside those that method I
-//! misses. The grid is heuristic: a few values about those that method I has.
-//!
-//! Signals are assigned to folds in turn, so that a channel's signals are in several folds. The
-//! cross-validated number is therefore that of new signals of known channels, not of new channels.
+//! In: the filter's numerator, the healthy resonance, and the deviations of healthy and of faulty
+//! training signals. Out: the denominator of a heuristic grid that misses the fewest faults at one
+//! false alarm in 1000, and how many it misses by cross-validation, beside method I.
 
 use super::{DetectError, ResidualGenerator, poles};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
-/// False-alarm rate at which misses are counted: one in 1000.
+/// False-alarm rate at which misses are counted.
 const FALSE_ALARM_RATE: f64 = 1e-3;
-/// Number of folds of the cross-validation.
 const FOLDS: usize = 5;
-/// Frequencies of the pair that are tried, as multiples of the healthy resonance.
+/// What is tried: frequencies of the pair over the healthy resonance, its dampings, all other poles.
 const FREQUENCIES: [f64; 7] = [0.94, 0.97, 0.985, 1.0, 1.015, 1.03, 1.06];
-/// Dampings of the pair that are tried; 0 is method I's marginal pair.
 const DAMPINGS_PER_S: [f64; 4] = [0.0, 5e3, 1.2e4, 2.5e4];
-/// Places of all other poles that are tried.
 const OTHER_POLES_PER_S: [f64; 4] = [5e4, 1e5, 2e5, 5e5];
 
-/// A denominator of the search, by its poles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
     /// The pair lies at s = -damping +- j 2 pi frequency.
@@ -44,35 +35,20 @@ impl Choice {
         all.resize(degree, Complex::new(-self.other_per_s, 0.0));
         poles::from_poles(&all, dt_s)
     }
-
-    /// The residual generator with this denominator and the given numerator.
-    pub fn generator(
-        &self,
-        numerator: &[f64],
-        dt_s: f64,
-    ) -> Result<ResidualGenerator, DetectError> {
-        let denominator = self.denominator(numerator.len() - 1, dt_s);
-        ResidualGenerator::new(numerator.to_vec(), denominator, dt_s)
-    }
 }
 
-/// The denominator that misses the fewest faults, and how many faults are missed where the choice
-/// was not made.
+/// The denominator that misses the fewest faults, and numbers of faults that are missed.
 #[derive(Clone, Copy, Debug)]
 pub struct SearchResult {
-    /// The choice on all signals together.
     pub choice: Choice,
-    /// Number of faulty signals that are missed, where each fold is judged by the denominator that
-    /// was chosen, and by the threshold that was learned, on the other folds.
+    /// Faults that are missed where each fold is judged by denominator and threshold of the others.
     pub cross_validated: f64,
-    /// Number of faulty signals that method I with its default poles misses, by thresholds that are
-    /// learned in the same way.
+    /// Faults that method I with its default poles misses, by thresholds of the other folds.
     pub method_one: f64,
 }
 
-/// Tries all combinations and chooses the one with the fewest misses; of equals the first.
-/// `numerator`: of degree 3 or more, descending powers; `frequency_hz`: the healthy resonance;
-/// `healthy`, `faulty`: deviations of training signals, N counts each; `dt_s`: sample period, s.
+/// The first combination with the fewest misses. `numerator`: descending powers; `frequency_hz`: the
+/// healthy resonance; `healthy`, `faulty`: deviations, N counts each.
 pub fn search(
     numerator: &[f64],
     frequency_hz: f64,
@@ -90,42 +66,33 @@ pub fn search(
         }
     }
 
-    // Method I with its default poles, with which the search is compared. The residual energies of
-    // all signals by every choice are computed once; each pair below is (healthy energies, faulty
-    // energies).
     let method_one = Choice { frequency_hz, damping_per_s: 0.0, other_per_s: 2e5 };
     let energies = |choice: &Choice| -> Result<(Vec<f64>, Vec<f64>), DetectError> {
-        let generator = choice.generator(numerator, dt_s)?;
+        let denominator = choice.denominator(numerator.len() - 1, dt_s);
+        let generator = ResidualGenerator::new(numerator.to_vec(), denominator, dt_s)?;
         let of = |d: &[Vec<f64>]| d.iter().map(|d| generator.energy(d)).collect();
         Ok((of(healthy), of(faulty)))
     };
     let all = choices.iter().map(energies).collect::<Result<Vec<_>, _>>()?;
     let plain = energies(&method_one)?;
 
-    // the first of the choices that miss the fewest of the signals `among`, by a threshold from the
-    // same ones
+    // the first choice that misses the fewest of the signals `among`, by a threshold from these
     let fewest = |among: &dyn Fn(usize) -> bool| {
         (0..all.len()).min_by_key(|&k| misses(&all[k], among, among)).unwrap_or(0)
     };
-    // what the search gains is counted on the fold that neither chose the denominator nor set the threshold
-    let (mut cross_validated, mut by_method_one) = (0, 0);
+    let choice = choices[fewest(&|_| true)];
+    let mut found = SearchResult { choice, cross_validated: 0.0, method_one: 0.0 };
     for fold in 0..FOLDS {
         let best = fewest(&|i| i % FOLDS != fold);
-        let held_out = |e| misses(e, |i| i % FOLDS != fold, |i| i % FOLDS == fold);
-        cross_validated += held_out(&all[best]);
-        by_method_one += held_out(&plain);
+        let held_out = |e| misses(e, |i| i % FOLDS != fold, |i| i % FOLDS == fold) as f64;
+        found.cross_validated += held_out(&all[best]);
+        found.method_one += held_out(&plain);
     }
-    Ok(SearchResult {
-        choice: choices[fewest(&|_| true)],
-        cross_validated: cross_validated as f64,
-        method_one: by_method_one as f64,
-    })
+    Ok(found)
 }
 
-/// Number of faulty signals, among those whose index is `judged`, with an energy at or below the
-/// threshold. The threshold is an order statistic of the healthy signals whose index is `learned`:
-/// a share of at most `FALSE_ALARM_RATE` of them lies above it. Without such signals all faults are
-/// missed, the judged ones or not.
+/// How many `judged` faulty signals lie at or below the threshold that at most `FALSE_ALARM_RATE` of
+/// the `learned` healthy ones exceed. Without such signals all faults are missed.
 fn misses(
     (healthy, faulty): &(Vec<f64>, Vec<f64>),
     learned: impl Fn(usize) -> bool,
@@ -182,7 +149,8 @@ mod tests {
         let (healthy, faulty) = (signals(60, 0.0, 3), signals(60, 0.6, 4));
         let found = search(&numerator(), RESONANCE_HZ, &healthy, &faulty, DT_S).unwrap();
         let missed = |choice: &Choice| {
-            let generator = choice.generator(&numerator(), DT_S).unwrap();
+            let denominator = choice.denominator(4, DT_S);
+            let generator = ResidualGenerator::new(numerator(), denominator, DT_S).unwrap();
             let of = |all: &[Vec<f64>]| all.iter().map(|d| generator.energy(d)).collect();
             misses(&(of(&healthy), of(&faulty)), |_| true, |_| true)
         };

@@ -1,21 +1,16 @@
 //! The streaming kernel of `detect.method` = `residual-energy`: residual energies of many signals
-//! at once in f32, one signal in each SIMD lane. ([`super::lane_sensitivity`] is its counterpart
-//! for the default method.)
+//! at once in f32, one signal in each SIMD lane. thesis r(y), e(r).
 //!
-//! In, from `src/pipeline/statistics.rs`: a [`Tile`] of signals, and a [`LaneFilter`] that holds
-//! the filter and the expected signal. Out: per lane the energy, and whether it is *settled*:
-//! proved, by the bound below, to lie below the threshold by the f64 reference,
-//! [`ResidualGenerator::energy`], too. Signals that are not settled, among them all that lie above
-//! the threshold, are judged again by the reference. So every verdict is the reference's, and most
-//! healthy signals cost only f32 arithmetic. thesis r(y), e(r).
+//! In: a [`Tile`] of signals, and a [`LaneFilter`] that holds the filter and the expected signal.
+//! Out: per lane the energy, and whether it is *settled*: proved, by the bound below, to lie below
+//! the threshold by the f64 reference, [`ResidualGenerator::energy`], too. All other signals are
+//! judged again by the reference, so that every verdict is the reference's.
 //!
 //! # One number, whatever the machine
 //!
 //! A lane's arithmetic is the same sequence of IEEE f32 operations in every lane and with every
-//! instruction set: a product is rounded before it is added (no fused multiply-add, which some
-//! machines lack), nothing is summed across lanes. So an energy depends on its signal alone, and not
-//! on its neighbours in the tile, the number of workers, or the processor. `tests` hold the
-//! instruction sets to equal bits.
+//! instruction set: no fused multiply-add, nothing summed across lanes. So an energy depends neither
+//! on a signal's neighbours, nor on the number of workers or the processor.
 //!
 //! # The bound
 //!
@@ -31,24 +26,21 @@
 //! |d^ - d| <= u |d^| + 6 u drive (|y_hat| + |dT| |response|)
 //! ```
 //!
-//! because eta has these parts: computing r^ rounds by 2 u |b_0 d^| + u |r^|; the update of state k
-//! rounds by 2 u of each product (coefficient and product are rounded) and by u of each of its two
-//! sums; and a state is a finite sum of terms b_i d^ and a_i r^. y_hat, dT and response are the
-//! expected signal, the temperature above the reference and the expected signal's change per K.
+//! because computing r^ rounds by 2 u |b_0 d^| + u |r^|, the update of state k by 2 u of each product
+//! and by u of each of its two sums, and a state is a finite sum of terms b_i d^ and a_i r^. y_hat,
+//! dT and response are the expected signal, the temperature above the reference and the expected
+//! signal's change per K.
 //!
 //! The operator norms |B/A| and |1/A| are bounded by the sums of the magnitudes of the impulse
 //! responses over the N samples, which are finite for marginally stable poles, too. |r^| and |d^|
 //! are measured along with the energy (their own sums cost (N + 2) u). 1 % on top covers terms of
-//! second order and the reference's own rounding, which is 2^-29 of this; results below f32's
-//! normal range are not trusted at all.
+//! second order and the reference's own rounding.
 
 use super::ResidualGenerator;
-use super::lane_expectation::{LEAST, LaneExpectation, SLACK, U, fits, twin};
+use super::lane_expectation::{Deviation, LEAST, LaneExpectation, SLACK, U, fits, twin};
 use super::row_projection::LANES;
 use super::tile::{self, Tile};
 
-/// The highest degree of a filter that has a kernel; for higher degrees the reference does the
-/// work.
 pub const MOST_ORDER: usize = 8;
 
 /// A residual generator in f32, for signals of one length and one expected shape.
@@ -59,31 +51,23 @@ pub struct LaneFilter {
     denominator: Vec<f32>,
     dt_s: f64,
     expectation: LaneExpectation,
-    /// Factors of the bound, which collect the constants of the head of this file:
     /// |r^ - r| <= of_deviation |d^| + of_residual |r^| + of_expectation |error of y_hat|.
     of_deviation: f64,
     of_residual: f64,
     of_expectation: f64,
 }
 
-/// Detection statistics of up to 32 signals, lane by lane. This file and
-/// [`super::lane_sensitivity`] make them.
 #[derive(Clone, Copy, Debug)]
 pub struct LaneStatistics {
-    /// The statistic that is compared with the threshold: the residual energy, counts²·s, or a
-    /// squared distance. NaN in lanes without a signal.
+    /// The residual energy, counts²·s, or a squared distance. NaN in lanes without a signal.
     pub statistic: [f64; LANES],
-    /// Square norm of the deviation's part orthogonal to the sensitivities, counts². NaN for
-    /// residual energies, which have no second test, and where no second test is needed because the
-    /// distance is not near.
+    /// Square norm of the deviation's part orthogonal to the sensitivities, counts²; else NaN.
     pub unexplained: [f64; LANES],
-    /// Whether the reference's statistics are proved to lie within limits where they decide as
-    /// these do, and whether no sample is saturated. Where false, the reference has to judge.
+    /// Whether the reference is proved to decide as these do, and no sample is saturated.
     pub settled: [bool; LANES],
 }
 
 impl LaneStatistics {
-    /// Statistics of which no lane is settled.
     pub fn unknown() -> LaneStatistics {
         let nothing = [f64::NAN; LANES];
         LaneStatistics { statistic: nothing, unexplained: nothing, settled: [false; LANES] }
@@ -91,10 +75,8 @@ impl LaneStatistics {
 }
 
 impl LaneFilter {
-    /// The filter in f32, with the factors of its bound. `expected`: the expected signal at the
-    /// reference, N, counts; `response`: its change with temperature, N, counts/K (`None`: 0).
-    /// `None`: f32 cannot serve, because the degree is 0 or beyond [`MOST_ORDER`], or numbers are
-    /// beyond f32's range.
+    /// The filter in f32. `expected`: at the reference, N, counts; `response`: its change with
+    /// temperature, N, counts/K. `None`: the degree is 0 or beyond [`MOST_ORDER`], or f32's range.
     pub fn new(
         generator: &ResidualGenerator,
         expected: &[f64],
@@ -108,19 +90,15 @@ impl LaneFilter {
             return None;
         }
 
-        // 1/A, through which local rounding reaches the residual, and bounds on the norms of B/A
-        // and 1/A: the sums of the magnitudes (l1 norms) of the impulse responses
-        let all_pole = {
-            let mut one = vec![0.0; order + 1];
-            one[0] = 1.0;
-            ResidualGenerator::new(one, a.clone(), generator.dt_s).ok()?
-        };
+        // 1/A, and bounds on the norms of B/A and 1/A: the sums of the impulse responses' magnitudes
+        let mut all_pole = generator.clone();
+        all_pole.numerator.fill(0.0);
+        all_pole.numerator[0] = 1.0;
         let l1 = |h: Vec<f64>| h.iter().map(|h| h.abs()).sum::<f64>();
         let (f_norm, g_norm) =
             (l1(generator.impulse_response(n)), l1(all_pole.impulse_response(n)));
 
-        // alpha and beta of the bound; `after` is the sum over i > k, `own` the factor of the k-th
-        // coefficient
+        // `after`: the sum over i > k; `own`: the factor of the k-th coefficient
         let after = |p: &[f64], k: usize| p[k + 1..].iter().map(|c| c.abs()).sum::<f64>();
         let local = |p: &[f64], own: f64| -> f64 {
             (1..=order).map(|k| own * p[k].abs() + 2.0 * after(p, k)).sum()
@@ -143,48 +121,38 @@ impl LaneFilter {
         bound.is_finite().then_some(filter)
     }
 
-    /// Number of samples of a signal.
     pub fn samples(&self) -> usize {
         self.expectation.samples()
     }
 
-    /// Judges the signals of `tile`, whose values become deviations from the expected signal.
-    /// `threshold`: on the residual energy, counts²·s. `rails`: the least and the greatest count of
-    /// the converter, at or beyond which a sample may be saturated; the first is negative.
+    /// Judges the signals of `tile`, whose values become deviations. `threshold`: counts²·s.
+    /// `rails`: the least and the greatest count of the converter; the first is negative.
     pub fn judge(&self, tile: &mut Tile, threshold: f64, rails: [f64; 2]) -> LaneStatistics {
-        self.expectation.subtract(tile);
+        tile::subtract(tile, &self.expectation.expected, &self.expectation.response);
         let sums = self.square_sums(tile);
         let mut judged = LaneStatistics::unknown();
         for (lane, residual2) in sums.into_iter().enumerate().take(tile.lanes) {
             judged.statistic[lane] = self.dt_s * f64::from(residual2);
             // no norm that can be trusted, or a sample may be saturated: the lane stays unsettled
             let Some(deviation) = self.expectation.deviation(tile, lane, rails) else { continue };
-            // settled: even with the largest possible error of |r^| the energy is below the
-            // threshold
             let r = f64::from(residual2).sqrt();
-            let error = self.of_deviation * deviation.norm
-                + self.of_residual * r
-                + self.of_expectation * deviation.error;
-            let most = r + error;
+            let most = r + self.bound(deviation, r);
             judged.settled[lane] = residual2 > LEAST && self.dt_s * most * most < threshold;
         }
         judged
     }
 
-    /// Per lane the square sum of the residual of a tile's deviations, counts²; times dt it is the
-    /// energy.
     pub fn square_sums(&self, tile: &Tile) -> [f32; LANES] {
         let mut sums = [0.0; LANES];
         tile::energies(&self.numerator, &self.denominator, &tile.values, &mut sums);
         sums
     }
 
-    /// Bound on ||r^| - |r||, given |d^| and |r^|, at the reference drive and temperature; counts.
-    #[cfg(test)]
-    fn bound(&self, d: f64, r: f64) -> f64 {
-        self.of_deviation * d
-            + self.of_residual * r
-            + self.of_expectation * self.expectation.error()
+    /// Bound on ||r^| - |r||, counts, given |d^| and |r^|.
+    fn bound(&self, deviation: Deviation, residual: f64) -> f64 {
+        self.of_deviation * deviation.norm
+            + self.of_residual * residual
+            + self.of_expectation * deviation.error
     }
 }
 

@@ -145,7 +145,8 @@ fn property_what_is_settled_is_at_or_below_the_threshold_in_f64() {
                         .map(|(&y, e)| (f64::from(y) - e).powi(2))
                         .sum();
                     let (r32, r) = ((j.statistic[0] / DT_S).sqrt(), (e / DT_S).sqrt());
-                    let bound = filter.bound(d2.sqrt(), r32);
+                    let error = filter.expectation.error_at(1.0, 0.0);
+                    let bound = filter.bound(Deviation { norm: d2.sqrt(), error }, r32);
                     assert!((r32 - r).abs() <= bound, "order {order} n {n}: {r32} {r} {bound}");
                     worst = worst.max((r32 - r).abs() / bound);
                 }

@@ -2,15 +2,10 @@
 //! amplitude, damping and frequency of a signal by Fourier transform, and their distance from the
 //! healthy range.
 //!
-//! In, from `design/learn.rs`, `design/judge.rs` and the thesis's chapter 4 in inkling-lab: a
-//! signal, N, counts. Out: its key numbers (thesis §4-1), and its distance from the [`KeyRange`] of
-//! healthy signals, which is the statistic that a threshold is put on.
-//!
-//! The manufacturer's own toolbox is not published. The thesis says little more of it than that key
-//! numbers come from a Fast Fourier Transform, and that thresholds are margins, so what is here is
-//! a plausible reconstruction: the frequency is the peak of the spectrum, the damping comes from
-//! the ratio of the peak's magnitudes in the first and the second half of the signal, and the
-//! amplitude from the first half.
+//! In: a signal, N, counts. Out: its key numbers (thesis §4-1), and their distance from the
+//! [`KeyRange`] of healthy signals. The manufacturer's toolbox is not published; here the frequency
+//! is the peak of the spectrum, the damping the ratio of the peak's magnitudes in the two halves of
+//! the signal, and the amplitude that of the first half.
 
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
@@ -23,8 +18,7 @@ pub struct KeyNumbers {
     pub frequency_hz: f64,
 }
 
-/// The frequencies that are looked at, Hz: the lowest, their distance, and their number: 15 to 110
-/// kHz.
+/// The frequencies that are looked at, Hz: the lowest, their distance, and their number.
 const LOWEST_HZ: f64 = 15e3;
 const STEP_HZ: f64 = 1e3;
 const STEPS: usize = 96;
@@ -38,7 +32,6 @@ pub struct Spectrum {
 }
 
 impl Spectrum {
-    /// Computes the waves. `samples`: N, `dt_s`: sample period, s.
     pub fn new(samples: usize, dt_s: f64) -> Spectrum {
         let wave = |k: usize| {
             let omega = TAU * (LOWEST_HZ + k as f64 * STEP_HZ) * dt_s;
@@ -48,23 +41,14 @@ impl Spectrum {
         Spectrum { dt_s, waves: (0..STEPS).map(wave).collect() }
     }
 
-    /// The key numbers of a signal `y`, N, counts (2 samples or more): the frequency of the
-    /// spectrum's peak, interpolated by a parabola; the damping from the ratio of the peak's
-    /// magnitudes in the two halves of the signal, which may come out negative; and the amplitude
-    /// at the signal's beginning.
+    /// The key numbers of a signal `y`, N, counts (2 samples or more).
     pub fn key_numbers(&self, y: &[f64]) -> KeyNumbers {
         let power = |(cos, sin): &(Vec<f64>, Vec<f64>)| magnitude(y, cos, sin).powi(2);
         let powers: Vec<f64> = self.waves.iter().map(power).collect();
-        let mut top = 0;
-        for k in 1..powers.len() {
-            if powers[k] > powers[top] {
-                top = k;
-            }
-        }
+        let last = |p: &usize, q: &usize| powers[*p].total_cmp(&powers[*q]);
+        let top = (0..STEPS).rev().max_by(last).unwrap_or_default();
 
-        // The top of a parabola through the ln of the power at the peak and its neighbours, `shift`
-        // steps from the peak. At the ends of the spectrum there is no neighbour, and the peak
-        // itself is taken.
+        // the top of a parabola through the ln of the power at the peak and its neighbours
         let mut shift = 0.0;
         if top > 0 && top + 1 < powers.len() {
             let [l, m, r] = [top - 1, top, top + 1].map(|k| powers[k].max(f64::MIN_POSITIVE).ln());
@@ -75,8 +59,7 @@ impl Spectrum {
         }
         let frequency_hz = LOWEST_HZ + (top as f64 + shift) * STEP_HZ;
 
-        // damping: a ring with damping sigma loses the factor e^(-sigma span) from one half to the
-        // next
+        // a ring with damping sigma loses the factor e^(-sigma span) from one half to the next
         let (cos, sin) = &self.waves[top];
         let half = y.len() / 2;
         let first = magnitude(&y[..half], &cos[..half], &sin[..half]);
@@ -84,9 +67,7 @@ impl Spectrum {
         let span = half as f64 * self.dt_s;
         let damping_per_s = (first / second.max(f64::MIN_POSITIVE)).ln() / span;
 
-        // amplitude A: over the first half |sum of A e^{-sigma t} cos(omega t) e^{-j omega t}| is
-        // about A/2 (1 - e^{-sigma T/2}) / (sigma dt), which is solved for A; `mean` is the mean of
-        // e^{-sigma t}
+        // amplitude A: the magnitude over the first half is about A/2 sum e^{-sigma t}
         let decay = damping_per_s * span;
         let mean = if decay.abs() < 1e-6 { 1.0 } else { -(-decay).exp_m1() / decay };
         let amplitude_counts = 2.0 * first / (half as f64 * mean);
@@ -104,18 +85,15 @@ fn magnitude(y: &[f64], cos: &[f64], sin: &[f64]) -> f64 {
     re.hypot(im)
 }
 
-/// The healthy range of frequency and damping; the amplitude is not looked at.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct KeyRange {
-    /// Lowest and highest value of healthy signals.
     pub frequency_hz: [f64; 2],
     pub damping_per_s: [f64; 2],
 }
 
 impl KeyRange {
-    /// The range of the key numbers of some signals, of which a share `cut` (0 to below .5) is left
-    /// out at each end, for frequency and damping separately. `None`: there are no signals.
+    /// The range of key numbers less a share `cut` at each end. `None`: there are no signals.
     pub fn of<'a>(
         numbers: impl Iterator<Item = &'a KeyNumbers> + Clone,
         cut: f64,
@@ -133,8 +111,7 @@ impl KeyRange {
         })
     }
 
-    /// Distance of a signal's key numbers from the middle of the range, in half-widths of the
-    /// range, so that it is at most 1 inside: that of frequency or of damping, whichever is larger.
+    /// Distance of frequency or damping, whichever is larger, from the middle, in half-widths.
     pub fn distance(&self, k: &KeyNumbers) -> f64 {
         let off = |v: f64, [low, high]: [f64; 2]| {
             ((v - 0.5 * (low + high)) / (0.5 * (high - low)).max(f64::MIN_POSITIVE)).abs()
@@ -145,10 +122,9 @@ impl KeyRange {
     /// Refuses a stored range that could not have been learned.
     pub fn check(&self) -> Result<(), String> {
         let is_range = |[low, high]: [f64; 2]| low.abs() < 1e15 && high.abs() < 1e15 && low <= high;
-        match is_range(self.frequency_hz) && is_range(self.damping_per_s) {
-            true => Ok(()),
-            false => Err("`statistic.practice` must hold ranges, the lower end first".into()),
-        }
+        let whole = is_range(self.frequency_hz) && is_range(self.damping_per_s);
+        let what = "`statistic.practice` must hold ranges, the lower end first";
+        whole.then_some(()).ok_or_else(|| what.into())
     }
 }
 

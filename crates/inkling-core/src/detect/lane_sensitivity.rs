@@ -1,14 +1,10 @@
 //! The streaming kernel of the default detection method: [`Sensitivity`] for many signals at once,
-//! one signal in each lane, from inner products in f32.
+//! one signal in each lane, from inner products in f32, by the arithmetic of [`super::kernel`].
 //!
-//! In, from `src/pipeline/statistics.rs`: signals of one drive and temperature (a [`Condition`]),
-//! projected on three columns by [`super::row_projection`]. Out: per lane the squared distance to
-//! first order along the model's sensitivities, the square norm orthogonal to them, and whether the
-//! lane is *settled*: whether it is proved that the f64 reference ([`Sensitivity::distance`]) would
-//! decide the same without fitting a ring. That is so if the squared distance lies below a near
-//! limit and the orthogonal part below its own, or if the squared distance lies beyond a far limit
-//! ([`Limits`]). Other signals go to the reference. The arithmetic keeps the rules of
-//! [`super::kernel`], so the bits are the same on every processor.
+//! In: signals of one drive and temperature (a [`Condition`]), projected on three columns by
+//! [`super::row_projection`]. Out: per lane the squared distance to first order, the square norm
+//! orthogonal to the sensitivities, and whether the lane is *settled*: proved, by [`Limits`], to be
+//! judged alike by the f64 reference ([`Sensitivity::distance`]) without fitting a ring.
 //!
 //! # The bound
 //!
@@ -26,30 +22,25 @@
 use super::kernel::LaneStatistics;
 use super::lane_expectation::{LEAST, LaneExpectation, SLACK, U, fits, norm};
 use super::row_projection::{Columns, Phases, Projections};
-use super::sensitivity::Sensitivity;
+use super::sensitivity::{Sensitivity, rows};
 use crate::processor::for_processor;
 use std::ops::Range;
 
-/// A sensitivity whose projection is in f32, and the constants of the bound that all conditions
-/// share.
 #[derive(Clone, Debug)]
 pub struct LaneSensitivity {
     expectation: LaneExpectation,
-    /// The three rows P_k of the projection, in groups of samples, and their norms.
-    columns: Columns<3>,
+    /// The three rows P_k of the projection, on which signals are projected, and their norms.
+    pub columns: Columns<3>,
     norms: [f64; 3],
-    /// sum_k |t_k| |P_k|, which bounds the error of the part along the sensitivities. (A condition
-    /// number, not a [`Condition`].)
+    /// sum_k |t_k| |P_k|, which bounds the error of the part along the sensitivities.
     condition: f64,
     /// T'T, counts², see [`Sensitivity::gram`].
     gram: [[f64; 3]; 3],
     sensitivity: Sensitivity,
 }
 
-/// The limits within which a signal is settled: either its squared distance is below `near` and its
-/// square norm orthogonal to the sensitivities below `unexplained`, counts² (healthy by both
-/// tests); or its squared distance is beyond `far` (faulty for certain). `design/lanes.rs` sets
-/// them.
+/// A signal is settled if its squared distance is below `near` and its square norm orthogonal to
+/// the sensitivities below `unexplained`, counts² (healthy), or if it is beyond `far` (faulty).
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
     pub near: f64,
@@ -64,89 +55,65 @@ pub struct Condition {
     pub warmer: f32,
     /// The expected signal under this condition, N, counts, in groups of sixteen samples.
     pub expected: Vec<Phases>,
-    /// The constants of the bound; `None`: nothing can be judged at that drive.
     limit: Option<Limit>,
 }
 
-/// The constants of the bound for signals of one drive and temperature.
 #[derive(Clone, Copy, Debug)]
 struct Limit {
     limits: Limits,
-    /// M at this drive, see [`Sensitivity::metric`].
     metric: [[f64; 3]; 3],
     /// sqrt(M_kk), by which an error of feature k moves the distance at most.
     roots: [f64; 3],
-    /// 1 / drive, the factor from an inner product to a feature.
     scale: f64,
-    /// The part of the bound on |d^ - d| that is due to the rounding of the expected signal,
-    /// counts.
     error: f64,
-    /// The smallest deviation of a saturated sample, counts.
     room: f64,
 }
 
 impl LaneSensitivity {
-    /// The f32 form of a sensitivity. `expected`: the expected signal at the reference, N, counts;
-    /// `response`: its change with temperature, N, counts/K (`None`: 0). `None`: f32 cannot serve,
-    /// because a number is out of its range, lengths differ, or the sensitivities are linearly
-    /// dependent.
+    /// `expected`: at the reference, N, counts; `response`: its change with temperature, N, counts/K.
+    /// `None`: a number is out of f32's range, lengths differ, or the sensitivities are dependent.
     pub fn new(
         sensitivity: &Sensitivity,
         expected: &[f64],
         response: Option<&[f64]>,
     ) -> Option<LaneSensitivity> {
         let expectation = LaneExpectation::new(expected, response)?;
-        let rows: &[Vec<f64>; 3] = sensitivity.projection.as_slice().try_into().ok()?;
-        if !rows.iter().all(|v| v.len() == expected.len() && fits(v)) {
+        let projection: &[Vec<f64>; 3] = sensitivity.projection.as_slice().try_into().ok()?;
+        if !projection.iter().all(|v| v.len() == expected.len() && fits(v)) {
             return None;
         }
         let gram = sensitivity.gram()?;
-        let norms = rows.each_ref().map(|v| norm(v));
+        let norms = projection.each_ref().map(|v| norm(v));
         Some(LaneSensitivity {
             expectation,
-            columns: Columns::new(rows),
+            columns: Columns::new(projection),
             condition: (0..3).map(|k| gram[(k, k)].sqrt() * norms[k]).sum(),
-            gram: std::array::from_fn(|i| std::array::from_fn(|j| gram[(i, j)])),
+            gram: rows(&gram),
             norms,
             sensitivity: sensitivity.clone(),
         })
     }
 
-    /// Number of samples of a signal.
     pub fn samples(&self) -> usize {
         self.expectation.samples()
     }
 
-    /// The columns P_k on which signals are projected for [`LaneSensitivity::judge`].
-    pub fn columns(&self) -> &Columns<3> {
-        &self.columns
-    }
-
     /// Prepares a condition: a relative drive, and `warmer` K above the reference temperature.
-    /// `rails`: the least and the greatest count of the converter, at or beyond which a sample may
-    /// be saturated.
+    /// `rails`: the least and the greatest count of the converter.
     pub fn condition(&self, drive: f64, warmer: f64, limits: Limits, rails: [f64; 2]) -> Condition {
         let (drive, warmer) = (drive as f32, warmer as f32);
-        let expected = self.expectation.at(drive, warmer);
-        Condition { drive, warmer, expected, limit: self.limit(limits, drive, warmer, rails) }
-    }
-
-    /// The constants of the bound at this condition. `None`: the metric is singular, so nothing can be
-    /// judged.
-    fn limit(&self, limits: Limits, drive: f32, warmer: f32, rails: [f64; 2]) -> Option<Limit> {
-        let metric = self.sensitivity.metric(drive.into())?;
-        Some(Limit {
+        let limit = self.sensitivity.metric(drive.into()).map(|metric| Limit {
             limits,
-            metric: std::array::from_fn(|i| std::array::from_fn(|j| metric[(i, j)])),
+            metric: rows(&metric),
             roots: std::array::from_fn(|k| metric[(k, k)].sqrt()),
             scale: 1.0 / f64::from(drive),
             error: self.expectation.error_at(drive, warmer),
             room: self.expectation.room(drive, warmer, rails),
-        })
+        });
+        Condition { drive, warmer, expected: self.expectation.at(drive, warmer), limit }
     }
 
-    /// Judges the first `lanes` lanes; the others stay unknown. `products`: the projections of
-    /// signals of one condition on [`LaneSensitivity::columns`], with the deviations' square norms.
+    /// Judges the first `lanes` lanes; the others stay unknown. `products`: of one condition.
     pub fn judge(&self, at: &Condition, products: &Projections<3>, lanes: usize) -> LaneStatistics {
         let mut judged = LaneStatistics::unknown();
         if let Some(limit) = &at.limit {
@@ -157,70 +124,59 @@ impl LaneSensitivity {
 }
 
 for_processor! {
-    /// Fills in the statistics of some lanes, by the rule of `LaneSensitivity::judge`.
     fn judge(
         of: (&LaneSensitivity, &Limit),
         sums: &Projections<3>,
         lanes: Range<usize>,
         judged: &mut LaneStatistics,
-    ) { portable }
-}
+    ) {
+        let (by, of) = of;
+        let (m, scale, mean) = (&of.metric, of.scale, by.sensitivity.mean);
+        // (N + 4) u, the relative error of a sum over N samples
+        let summing = (by.samples() as f64 + 4.0) * U;
+        let squares = &sums.squares[lanes.clone()];
+        let [p, q, r] = sums.products.each_ref().map(|of| &of[lanes.clone()]);
+        let statistic = &mut judged.statistic[lanes.clone()];
+        let unexplained = &mut judged.unexplained[lanes.clone()];
+        let settled = &mut judged.settled[lanes.clone()];
+        for i in 0..lanes.len() {
+            let norm = f64::from(squares[i]).sqrt();
+            // comparisons with NaN are false and settle nothing; `inside`: no sample is saturated
+            let trusted = (squares[i] > LEAST) & (squares[i] < f32::INFINITY);
+            let inside = SLACK * norm + 1.0 < of.room;
 
-#[inline(always)] // body of `judge`, compiled once per instruction set
-fn portable(
-    (by, of): (&LaneSensitivity, &Limit),
-    sums: &Projections<3>,
-    lanes: Range<usize>,
-    judged: &mut LaneStatistics,
-) {
-    let (m, scale, mean) = (&of.metric, of.scale, by.sensitivity.mean);
-    // (N + 4) u, the relative error of a sum over N samples
-    let summing = (by.samples() as f64 + 4.0) * U;
-    let squares = &sums.squares[lanes.clone()];
-    let [p, q, r] = sums.products.each_ref().map(|of| &of[lanes.clone()]);
-    let statistic = &mut judged.statistic[lanes.clone()];
-    let unexplained = &mut judged.unexplained[lanes.clone()];
-    let settled = &mut judged.settled[lanes.clone()];
-    for i in 0..lanes.len() {
-        let norm = f64::from(squares[i]).sqrt();
-        // All comparisons are false for NaN, so that it settles nothing. `inside`: the norm is too
-        // small for any sample to be saturated.
-        let trusted = (squares[i] > LEAST) & (squares[i] < f32::INFINITY);
-        let inside = SLACK * norm + 1.0 < of.room;
+            // the features less their mean (d), and a bound on the error of sqrt(x^T M x)
+            let c = [p[i], q[i], r[i]];
+            let (mut d, mut error) = ([0.0; 3], 0.0);
+            for k in 0..3 {
+                let x = f64::from(c[k]) * scale;
+                let of_product = by.norms[k] * (summing * norm + of.error);
+                error += of.roots[k] * (of_product * scale.abs() + 2.0 * U * x.abs());
+                d[k] = x - mean[k];
+            }
+            let along = |row: &[f64; 3]| row[0] * d[0] + row[1] * d[1] + row[2] * d[2];
+            let distance = d[0] * along(&m[0]) + d[1] * along(&m[1]) + d[2] * along(&m[2]);
 
-        // the features less their mean (d), and a bound on the error of sqrt(x^T M x)
-        let c = [p[i], q[i], r[i]];
-        let (mut d, mut error) = ([0.0; 3], 0.0);
-        for k in 0..3 {
-            let x = f64::from(c[k]) * scale;
-            let of_product = by.norms[k] * (summing * norm + of.error);
-            error += of.roots[k] * (of_product * scale.abs() + 2.0 * U * x.abs());
-            d[k] = x - mean[k];
+            // near or far for certain; 4 u: the rounding of the drive's square in the metric
+            let (root, error) = (distance.sqrt(), SLACK * error);
+            let most = SLACK * (root * (1.0 + 4.0 * U) + error);
+            let least = root * (1.0 - 4.0 * U) - SLACK * error;
+            let near = most * most < of.limits.near;
+            let far = (least > 0.0) & (least * least > SLACK * of.limits.far);
+
+            // the square norm orthogonal to the sensitivities, |d|² - c^T Gram c, and its bound
+            let g = &by.gram;
+            let c = c.map(f64::from);
+            let of_c = |row: &[f64; 3]| row[0] * c[0] + row[1] * c[1] + row[2] * c[2];
+            let along = c[0] * of_c(&g[0]) + c[1] * of_c(&g[1]) + c[2] * of_c(&g[2]);
+            let beside = f64::from(squares[i]) - along;
+            let of_sums = 2.0 * norm * (summing * norm + of.error);
+            let beside_most = beside + SLACK * of_sums * (1.0 + by.condition);
+            let near = near & (beside_most < of.limits.unexplained);
+            statistic[i] = distance;
+            unexplained[i] = if near { beside } else { f64::NAN };
+            settled[i] = trusted & inside & (near | far);
         }
-        let along = |row: &[f64; 3]| row[0] * d[0] + row[1] * d[1] + row[2] * d[2];
-        let distance = d[0] * along(&m[0]) + d[1] * along(&m[1]) + d[2] * along(&m[2]);
-
-        // The distance is proved to be below the near limit, or beyond the far one. 4 u: the
-        // rounding of the drive's square in the metric.
-        let (root, error) = (distance.sqrt(), SLACK * error);
-        let most = SLACK * (root * (1.0 + 4.0 * U) + error);
-        let least = root * (1.0 - 4.0 * U) - SLACK * error;
-        let near = most * most < of.limits.near;
-        let far = (least > 0.0) & (least * least > SLACK * of.limits.far);
-
-        // The square norm orthogonal to the sensitivities, |d|² - c^T Gram c, and its upper bound.
-        // It has to lie below its limit as well, unless the distance is far.
-        let g = &by.gram;
-        let c = c.map(f64::from);
-        let of_c = |row: &[f64; 3]| row[0] * c[0] + row[1] * c[1] + row[2] * c[2];
-        let along = c[0] * of_c(&g[0]) + c[1] * of_c(&g[1]) + c[2] * of_c(&g[2]);
-        let beside = f64::from(squares[i]) - along;
-        let of_sums = 2.0 * norm * (summing * norm + of.error);
-        let beside_most = beside + SLACK * of_sums * (1.0 + by.condition);
-        let near = near & (beside_most < of.limits.unexplained);
-        statistic[i] = distance;
-        unexplained[i] = if near { beside } else { f64::NAN };
-        settled[i] = trusted & inside & (near | far);
     }
 }
 
@@ -290,7 +246,7 @@ mod tests {
             with_each_set(|| {
                 let (mut products, mut room) = (Projections::default(), Room::default());
                 let rows = (&burst, 0..LANES);
-                lanes.columns().project(rows, &condition.expected, 0, &mut products, &mut room);
+                lanes.columns.project(rows, &condition.expected, 0, &mut products, &mut room);
                 let judged = lanes.judge(&condition, &products, LANES);
                 same.push((judged.statistic.map(f64::to_bits), judged.settled));
                 for (lane, reference) in reference.iter().enumerate() {

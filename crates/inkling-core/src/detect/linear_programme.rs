@@ -1,34 +1,27 @@
 //! The filter's numerator by (3-3b) as the linear programme that the thesis speaks of before it
 //! takes the null space alone (`detect.denominator` = `lp`).
 //!
-//! In, from `design/learned_filter.rs`: a healthy channel, the same channel with a fault, the
-//! sample period, and a degree. Out: the M(z) for which the numerator M p3 lets the fault through
-//! most, where p3 is the numerator of the observable order 3. thesis §3-2 (3-3), after Mohajerin
-//! Esfahani and Lygeros (2016).
+//! In: a healthy channel, the same channel with a fault, the sample period, and a degree. Out: the
+//! M(z) for which the numerator M p3 lets the fault through most, where p3 is the numerator of the
+//! observable order 3. thesis §3-2 (3-3), after Mohajerin Esfahani and Lygeros (2016).
 //!
 //! The programme maximises over N-bar the largest coefficient of N(z) F(z), subject to N-bar
-//! H-bar = 0 and to no coefficient of N-bar exceeding 1 in size, with F = [A_f - A; 0], thesis
-//! (3-2). The largest of several linear forms is not linear, so each form has a programme of its
-//! own, and the best of their solutions is the answer. The steps:
+//! H-bar = 0 and to no coefficient of N-bar exceeding 1 in size, with F = [A_f - A; 0]. The largest
+//! of several linear forms is not linear, so each form has a programme of its own:
 //!
-//! 1. A basis of the null space of H-bar ([`super::null_space`]): N-bar is a weighted sum of its
-//!    rows.
+//! 1. A basis of the null space of H-bar: N-bar is a weighted sum of its rows.
 //! 2. For each coefficient of N(z) F(z), a linear form of the weights, maximise it (`largest`).
 //! 3. Take the best, read N(z) L off N-bar, and divide it by p3.
-//!
-//! At degree 3 the null space has one element, and the programme has nothing to choose, as the text
-//! says.
 
 use super::DetectError;
-use super::null_space::{left_null_space, numerator_of, pencil, stack};
+use super::null_space::{h_bar, left_null_space, numerator_of};
 use crate::model::InkChannel;
 use crate::model::programme::minimise;
 use crate::model::ring_down::{discretise, in_microseconds};
 use nalgebra::{DMatrix, DVector};
 
-/// M(z), descending powers, scaled such that its coefficient of the largest size is 1. `healthy`,
-/// `faulty`: the channels; `dt_s`: sample period, s; `degree`: the degree of M p3, 3 or more, so M
-/// has degree - 3.
+/// M(z), descending powers, scaled such that its coefficient of the largest size is 1. `dt_s`:
+/// sample period, s; `degree`: of M p3, 3 or more.
 pub fn most_sensitive(
     healthy: &InkChannel,
     faulty: &InkChannel,
@@ -37,41 +30,34 @@ pub fn most_sensitive(
 ) -> Result<Vec<f64>, DetectError> {
     const OBSERVABLE_ORDER: usize = 3;
     let p3 = numerator_of(healthy, dt_s, OBSERVABLE_ORDER)?;
-    if degree < OBSERVABLE_ORDER {
-        return Err(DetectError::NoRoom { numerator: OBSERVABLE_ORDER, denominator: degree });
-    }
 
     // the null space of H-bar as in `null_space`, and B_f = A_f - A, both discrete (e^{A dt} for A)
     let (a_us, c) = in_microseconds(&healthy.a(), &healthy.c());
     let (a_f_us, _) = in_microseconds(&faulty.a(), &faulty.c());
     let [a_d, a_f] = [a_us, a_f_us].map(|a| discretise(&(a * 1e6), dt_s));
-    let (h0, h1) = pencil(&a_d, &c);
-    let space = left_null_space(&stack(&h0, &h1, degree + 1))?;
+    let space = left_null_space(&h_bar(&a_d, &c, degree + 1))?;
     let b_f = a_f - &a_d;
-    let (n, block) = (b_f.nrows(), h0.nrows());
+    let (n, block) = (b_f.nrows(), b_f.nrows() + 1);
 
-    // The coefficients of N(z) F(z): entry j of N_k B_f is a linear form of the weights of the
-    // basis. N_k is block k of a row, of which the first n entries meet the states.
+    // entry j of N_k B_f: N_k is block k of a row, of which the first n entries meet the states
     let forms = (0..=degree).flat_map(|k| (0..n).map(move |j| (k, j))).map(|(k, j)| {
         let of_block = space.columns(k * block, n);
         of_block * b_f.column(j)
     });
-    let mut best: Option<(f64, DVector<f64>)> = None;
+    let mut best = (f64::NEG_INFINITY, DVector::zeros(space.nrows()));
     for form in forms {
         let weights = largest(&space, &form)?;
         let value = form.dot(&weights);
-        if best.as_ref().is_none_or(|(most, _)| value > *most) {
-            best = Some((value, weights));
+        if value > best.0 {
+            best = (value, weights);
         }
     }
 
     // N(z) L of the best weights, up to the sign
-    let (_, weights) = best.ok_or(DetectError::NothingObservable)?;
+    let (_, weights) = best;
     let n_bar = space.tr_mul(&weights);
-    // L picks the last entry of every block
     let mut rest: Vec<f64> = (0..=degree).rev().map(|k| n_bar[(k + 1) * block - 1]).collect();
-    // every element of the null space is a multiple of p3: M is the quotient of a long division,
-    // whose rest is 0
+    // every element of the null space is a multiple of p3: the rest of the division is 0
     let m: Vec<f64> = (0..=degree - OBSERVABLE_ORDER)
         .map(|k| {
             let quotient = rest[k] / p3[0];
@@ -84,13 +70,11 @@ pub fn most_sensitive(
     Ok(m.iter().map(|v| v / largest).collect())
 }
 
-/// The weights of the null space's rows that make a linear form of these weights largest, with no
-/// coefficient of N-bar above 1 in size. `space`: the basis, one row per element; `form`: the
-/// form's coefficients, one per row. An error if the solver does not converge.
+/// The weights, one per row of `space`, that make a linear form largest with no coefficient of N-bar
+/// above 1 in size. An error if the solver does not converge.
 fn largest(space: &DMatrix<f64>, form: &DVector<f64>) -> Result<DVector<f64>, DetectError> {
     let (rows, columns) = space.shape();
     let size = form.amax().max(f64::MIN_POSITIVE);
-    // the programme minimises, so the form is negated; its size is scaled away
     let linear: Vec<f64> = form.iter().map(|v| -v / size).collect();
     // two inequalities per coefficient: N-bar <= 1 and -N-bar <= 1
     let bounds = |sign: f64| {
@@ -118,8 +102,7 @@ mod tests {
     fn no_direction_of_the_null_space_has_a_larger_form_within_the_bounds() {
         let (a_us, c) = in_microseconds(&INK.a(), &INK.c());
         let a_d = discretise(&(a_us * 1e6), DT_S);
-        let (h0, h1) = pencil(&a_d, &c);
-        let space = left_null_space(&stack(&h0, &h1, 5)).unwrap();
+        let space = left_null_space(&h_bar(&a_d, &c, 5)).unwrap();
         assert_eq!(space.nrows(), 2);
         for form in [nalgebra::dvector![1.0, 0.3], nalgebra::dvector![-0.2, 5.0]] {
             let best = largest(&space, &form).unwrap();
@@ -137,7 +120,6 @@ mod tests {
     fn what_it_finds_rejects_healthy_signals_and_is_unique_at_the_observable_order() {
         let dried = faults::apply("SDN", 1.3, &INK).unwrap();
         assert_eq!(most_sensitive(&INK, &dried, DT_S, 3).unwrap(), [1.0]);
-        assert!(most_sensitive(&INK, &dried, DT_S, 2).is_err());
         let y = ring_down::ring_down(&INK, &nalgebra::dvector![1e-4, 0.0, 9e2, 4e2], DT_S, 128);
         for degree in [4, 5, 6] {
             let m = most_sensitive(&INK, &dried, DT_S, degree).unwrap();

@@ -1,32 +1,25 @@
 //! The second test of detection, of goodness of fit: whether a signal contains something that no
 //! ring explains.
 //!
-//! In, from `design/detector.rs`: a signal's *misfit*, the square norm, counts², that remains when
-//! a ring with free amplitude, damping, frequency and phase is fitted to the signal (or an upper
-//! bound to first order, where that decides). Out: how far the misfit exceeds that of healthy
-//! signals, as a squared distance, which is compared with a threshold. `design/learn.rs` learns the
-//! [`Misfit`] of a model.
+//! In: a signal's *misfit*, the square norm, counts², that remains when a ring is fitted to the
+//! signal (or an upper bound to first order, where that decides). Out: how far it exceeds that of
+//! healthy signals: the square of (root of the misfit - median) / standard deviation, and 0 below
+//! the median, since too small a misfit is no fault.
 //!
 //! The first test ([`super::sensitivity`]) looks along the ring's sensitivities, this one at their
-//! orthogonal complement: offsets, drifts, outlying samples, noise and other disturbances of the
-//! sensor. The idea: the root of a healthy misfit scatters about a median with a standard
-//! deviation; the statistic is the square of (root - median) / standard deviation, and 0 below the
-//! median, since too small a misfit is no fault.
+//! orthogonal complement: offsets, drifts, outlying samples and other disturbances of the sensor.
 
 use super::Threshold;
 use crate::model::median::{median, robust_sd};
 use serde::{Deserialize, Serialize};
 
-/// A first-order misfit whose root exceeds the healthy median by more than this many healthy
-/// standard deviations is computed again by a fit. A smaller number costs time (more signals are
-/// fitted) and changes little else.
+/// A first-order misfit whose root exceeds the healthy median by more than so many healthy standard
+/// deviations is computed again by a fit.
 pub const SECOND_LOOK_SDS: f64 = 3.0;
 
 /// The distribution of healthy signals' misfit, and the test's threshold.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Misfit {
-    /// Mean misfit of a healthy signal, counts²: the unit of [`Misfit::relative`], and the noise
-    /// level by which isolation counts what lies beside a ring.
     pub square: f64,
     /// Median and robust standard deviation of the roots of the healthy misfits, counts.
     pub root: f64,
@@ -36,10 +29,8 @@ pub struct Misfit {
 }
 
 impl Misfit {
-    /// Robust location and scale (median and scaled median absolute deviation), in counts, of the
-    /// roots of misfits, of which two in five may be of faulty signals. `squares`: misfits,
-    /// counts². `None`: there are no misfits, or half of them are equal, 0 or not finite, so that
-    /// location or scale is no positive number.
+    /// Robust location and scale, in counts, of the roots of misfits (`squares`, counts²), of which
+    /// two in five may be of faulty signals. `None`: location or scale is no positive number.
     pub fn scale(squares: &[f64]) -> Option<[f64; 2]> {
         let mut roots: Vec<f64> = squares.iter().map(|q| q.max(0.0).sqrt()).collect();
         if roots.is_empty() {
@@ -50,14 +41,13 @@ impl Misfit {
         (root > 0.0 && sd > 0.0 && sd.is_finite()).then_some([root, sd])
     }
 
-    /// The squared standardised excess of a misfit's root over the healthy median; 0 below the median.
-    /// `square`: the misfit, counts²; the pair: median and standard deviation of [`Misfit::scale`].
+    /// The squared standardised excess of a misfit's root over the healthy median, by the numbers of
+    /// [`Misfit::scale`].
     pub fn distance(square: f64, [root, sd]: [f64; 2]) -> f64 {
         ((square.max(0.0).sqrt() - root) / sd).max(0.0).powi(2)
     }
 
-    /// [`Misfit::distance`] by this model's median and standard deviation; NaN for an unknown
-    /// misfit (NaN).
+    /// [`Misfit::distance`] by this model's numbers; NaN for an unknown misfit (NaN).
     pub fn statistic(&self, square: f64) -> f64 {
         if square.is_nan() { f64::NAN } else { Misfit::distance(square, [self.root, self.root_sd]) }
     }
@@ -67,27 +57,21 @@ impl Misfit {
         square / self.square
     }
 
-    /// The misfit, counts², up to which the first-order value decides the test: three standard
-    /// deviations above the median, or the threshold if that is lower.
     pub fn settled_square(&self) -> f64 {
         let sds = SECOND_LOOK_SDS.min(self.threshold.value.sqrt());
         (self.root + self.root_sd * sds).powi(2)
     }
 
-    /// The largest misfit, counts², that this test calls healthy: the one whose statistic is the
-    /// threshold.
+    /// The largest misfit, counts², that this test calls healthy.
     pub fn healthy_square(&self) -> f64 {
         (self.root + self.root_sd * self.threshold.value.sqrt()).powi(2)
     }
 
-    /// Refuses a stored misfit that could not have been learned.
     pub fn check(&self) -> Result<(), String> {
         let positive = |v: f64| (1e-30..=1e30).contains(&v);
-        let whole = [self.square, self.root, self.root_sd, self.threshold.value];
-        match whole.into_iter().all(positive) {
-            true => Ok(()),
-            false => Err("`misfit` must hold positive numbers".into()),
-        }
+        let mut all = [self.square, self.root, self.root_sd, self.threshold.value].into_iter();
+        let whole = all.all(positive).then_some(());
+        whole.ok_or_else(|| "`misfit` must hold positive numbers".into())
     }
 }
 

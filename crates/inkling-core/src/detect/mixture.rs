@@ -1,37 +1,31 @@
 //! A mixture model of healthy and faulty signals' detection statistics, fitted to their histogram
 //! where nobody knows which signals are faulty.
 //!
-//! In, from [`super::contamination`]: a histogram of ln (statistic / median). Out: the distribution
-//! of the healthy signals' statistic, of which [`super::contamination`] takes a quantile as
-//! threshold, and the estimated share of healthy signals.
+//! In: a histogram of ln (statistic / median). Out: the distribution of the healthy signals'
+//! statistic, and the estimated share of healthy signals.
 //!
 //! # The model
 //!
-//! A statistic s is a squared distance, here in units of the median of all signals. At least half
-//! of the signals are healthy (a share h of 1/2 to 1). A healthy s follows a generalised F
-//! distribution: (s / c)^gamma is, up to a constant factor that c takes up, F distributed with 2a
-//! and 2 kappa degrees of freedom. This is chi-squared with 2a degrees of freedom at gamma = 1 and
-//! kappa = infinity (Gaussian scatter). It has a lighter tail at gamma > 1 (scatter that ends at
-//! bounds), and a tail that falls as a power at small kappa (as of Student's t with 2 kappa degrees
-//! of freedom).
+//! A statistic s is a squared distance, in units of the median of all signals, of which at least
+//! half are healthy. A healthy s follows a generalised F distribution: (s / c)^gamma is, up to a
+//! constant factor, F distributed with 2a and 2 kappa degrees of freedom. This is chi-squared with
+//! 2a degrees of freedom at gamma = 1 and kappa = infinity (Gaussian scatter). It has a lighter tail
+//! at gamma > 1 (scatter that ends at bounds), and a tail that falls as a power at small kappa (as
+//! of Student's t with 2 kappa degrees of freedom).
 //!
-//! Faulty signals are a mixture of two sorts of components. *Faults of any size*, one component,
-//! are uniform in the three-dimensional space of the features near the healthy ones, so that their
-//! density by ln s grows as s^(3/2), and log-uniform in s further out. *Faults of one size*, none
-//! to three components, are each a Gaussian in ln s.
+//! *Faults of any size*, one component, are uniform in the three-dimensional space of the features
+//! near the healthy ones, so that their density by ln s grows as s^(3/2), and log-uniform in s
+//! further out. *Faults of one size*, none to three components, are each a Gaussian in ln s.
 //!
 //! # The fit
 //!
 //! 1. Without any component of one size, maximise the penalised likelihood by damped Fisher
 //!    scoring, from three starts.
-//! 2. Add a component of one size where the counts exceed the fit most, and maximise over all
-//!    parameters together again.
-//! 3. Keep the component, and go on with step 2, if the likelihood gains enough by Schwarz's
-//!    criterion (BIC), or where signals are few by Akaike's corrected one. Else stop.
+//! 2. Add a component of one size where the counts exceed the fit most, and maximise again.
+//! 3. Keep it, and go on with step 2, if the likelihood gains enough by Schwarz's criterion (BIC),
+//!    or where signals are few by Akaike's corrected one.
 //!
-//! So the healthy tail is extrapolated from the bulk where faults hide it, and measured where
-//! faults do not. The choice of the distributions is heuristic. It was tried on several shapes of
-//! scatter and of faults: the tests of `contamination.rs`, docs/open_world.md.
+//! The choice of the distributions is heuristic; docs/open_world.md tells what it was tried on.
 
 use super::tuned;
 use crate::model::descent::{Damping, descend};
@@ -41,28 +35,20 @@ use crate::processor::for_processor;
 use nalgebra::{DMatrix, DVector};
 use std::sync::LazyLock;
 
-/// Bins of ln (s / median): their width, range and number. What lies outside counts in the
-/// outermost bins.
+/// Bins of ln (s / median): width, range and number. The outermost ones hold what lies outside.
 const STEP: f64 = 0.1;
 const FIRST: f64 = -5.0;
 const LAST: f64 = 12.0;
 const BINS: usize = 170;
 /// How far the healthy distribution is computed beyond the bins on either side, in ln s and in
-/// steps of `STEP`, so that its normalisation includes the tails.
+/// steps, so that its normalisation includes the tails.
 const BEYOND: f64 = 10.0;
 const BEFORE: usize = 100;
 const STEPS: usize = BINS + 2 * BEFORE;
 
-// The next two constants were chosen on seven shapes of scatter with 0, 3 and 40 % of faults over
-// orders of magnitude (a study apart from the tests), and on 72 windows of the open world with 0 to
-// 40 % of nine classes of faults (seed 913001).
-
-/// Bound on the parameter ln (1 / kappa): apart from what the estimation of the spread adds
-/// (`Freedom::of_spread`), no healthy tail is heavier than that of Student's t with 4 degrees of
-/// freedom.
+/// Bound on the parameter ln (1 / kappa): no healthy tail is heavier than that of Student's t with
+/// 4 degrees of freedom.
 const HEAVIEST: f64 = -0.69;
-
-/// Largest number of components of one size.
 const MOST_KINDS: usize = 3;
 
 /// How many squared Gaussian features the statistic of a healthy signal is the sum of.
@@ -74,18 +60,7 @@ pub enum Degrees {
     OneSided,
 }
 
-impl Degrees {
-    /// Half the number of these features, the shape a of the distribution.
-    fn half(self) -> f64 {
-        match self {
-            Degrees::Three => 1.5,
-            Degrees::OneSided => 0.5,
-        }
-    }
-}
-
-/// From which signals the spread (covariance of the features) was estimated by which squared
-/// distances are taken. A spread from few signals makes the tail of the distances heavier.
+/// Of which signals the spread is by which squared distances are taken; few make a heavier tail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Spread {
     /// From the same signals whose distances are looked at, by their core (`sensitivity::core_of`).
@@ -98,70 +73,52 @@ pub enum Spread {
 #[derive(Clone, Debug)]
 pub(super) struct Counts([f64; BINS]);
 
-impl Default for Counts {
-    fn default() -> Counts {
-        Counts([0.0; BINS])
-    }
-}
-
 impl Counts {
-    /// Counts a signal whose statistic is `ratio` times the median. `weight`: how many independent
-    /// signals it counts as, 1 at most.
+    pub const NONE: Counts = Counts([0.0; BINS]);
+
+    /// Counts a signal whose statistic is `ratio` times the median, as `weight` signals.
     pub fn add(&mut self, ratio: f64, weight: f64) {
         let place = ((ratio.ln() - FIRST) / STEP).floor();
         self.0[place.clamp(0.0, BINS as f64 - 1.0) as usize] += weight;
     }
 
-    /// The histogram without the signals of `part`.
     pub fn without(&self, part: &Counts) -> Counts {
         Counts(std::array::from_fn(|i| self.0[i] - part.0[i]))
     }
 
-    /// Whether no signal was counted.
-    pub fn is_empty(&self) -> bool {
-        self.0.iter().all(|n| *n == 0.0)
-    }
-
-    /// The number of independent signals in all bins together.
-    fn sum(&self) -> f64 {
+    pub fn sum(&self) -> f64 {
         self.0.iter().sum()
     }
 }
 
-/// The middle of bin `i`, in ln (s / median).
 fn place(i: usize) -> f64 {
     FIRST + (i as f64 + 0.5) * STEP
 }
 
-// The parameters are one vector. Its first four are the healthy law and its share: ln c, ln gamma,
-// ln (1 / kappa), and the logit of 2 h - 1 (h: share of healthy signals). Then follow three for
-// every component of one size: ln of its weight over the weight of faults of any size, its mean in
-// ln s, and ln of its standard deviation in ln s.
+// The parameters are one vector. Its first four are ln c, ln gamma, ln (1 / kappa), and the logit of
+// 2 h - 1 (h: share of healthy signals). Then follow three for every component of one size: ln of
+// its weight over that of faults of any size, its mean in ln s, and ln of its standard deviation.
 const SCALE: usize = 0;
 const GAMMA: usize = 1;
 const TAIL: usize = 2;
 const HEALTHY: usize = 3;
-/// Number of parameters before those of the components of one size, and number of parameters of
-/// each such component.
+/// Number of parameters before those of the components of one size, and of each such component.
 const LAW: usize = 4;
 const OF_KIND: usize = 3;
 
 /// What is known of the healthy distribution before its counts are seen.
 #[derive(Clone, Copy, Debug)]
 struct Freedom {
-    /// Half the numerator degrees of freedom.
     a: f64,
-    /// The part of 1 / kappa that comes from estimating the spread from a limited number of signals: squared
-    /// distances by the covariance of m Gaussian points in d dimensions follow Hotelling's distribution, F
-    /// with d and m - d + 1 degrees of freedom.
+    /// The part of 1 / kappa that comes from estimating the spread: squared distances by the
+    /// covariance of m Gaussian points in d dimensions are F with d and m - d + 1 degrees of freedom.
     of_spread: f64,
 }
 
 impl Freedom {
-    /// What is known for these degrees and this spread. `n`: number of independent signals.
+    /// `n`: number of independent signals, of which `core_share` are the m points; d = 2a.
     fn new(degrees: Degrees, spread: Spread, n: f64) -> Freedom {
-        let a = degrees.half();
-        // Hotelling: kappa is half of m - d + 1, where m points are in the core and d = 2a
+        let a = if degrees == Degrees::Three { 1.5 } else { 0.5 };
         let points = tuned::core_share() * n - 2.0 * a + 1.0;
         let of_spread = match spread {
             Spread::Own => 2.0 / points.max(1.0),
@@ -170,54 +127,36 @@ impl Freedom {
         Freedom { a, of_spread }
     }
 
-    /// kappa of the healthy distribution at the parameters `at`: 1 / kappa is the parameter's part
-    /// plus the part that comes from estimating the spread.
     fn kappa(self, at: &DVector<f64>) -> f64 {
         1.0 / (at[TAIL].exp() + self.of_spread)
     }
 }
 
-/// A fitted mixture.
 #[derive(Clone, Debug)]
 pub(super) struct Mixture {
     freedom: Freedom,
-    /// The parameters, in the order of the indices above.
     at: DVector<f64>,
-    /// Its penalised ln likelihood.
     ln_likelihood: f64,
 }
 
 impl Mixture {
-    /// Fits the mixture: first without components of one size, from several starts, then with one more at a
-    /// time (see the steps at the head of the file).
     pub fn fit(counts: &Counts, degrees: Degrees, spread: Spread) -> Mixture {
         let freedom = Freedom::new(degrees, spread, counts.sum());
 
-        // The likelihood may have several maxima, so it is climbed from three starts: pairs of ln
-        // (1 / kappa) and of the parameter of the healthy share. The first two take most signals
-        // for healthy (light and heavy tail), the third takes a good part for faulty. ln c and ln
-        // gamma start the same.
-        let starts = [(-4.0, 3.0), (-1.5, 3.0), (-3.0, -1.0)];
-        let start = |(tail, share): (f64, f64)| DVector::from_vec(vec![-0.2, 0.0, tail, share]);
-        let mut best =
-            likeliest(starts.map(|s| Mixture::maximise(freedom, start(s), counts, ROUNDS)))
-                .unwrap_or(Mixture {
-                    freedom,
-                    at: start(starts[0]),
-                    ln_likelihood: f64::NEG_INFINITY,
-                });
+        // ln (1 / kappa) and the healthy share's parameter: mostly healthy, or a good part faulty
+        let starts = [(-4.0, 3.0), (-1.5, 3.0), (-3.0, -1.0)].map(|(tail, share)| {
+            let start = DVector::from_vec(vec![-0.2, 0.0, tail, share]);
+            Mixture::maximise(freedom, start, counts, ROUNDS)
+        });
+        let mut best = likeliest(starts);
 
-        // A further component begins where the counts exceed the fit most, and a little to either
-        // side, with a large and a small healthy share. A few rounds find the best of these six
-        // starts, which alone is followed to convergence. The component is kept if it is worth its
-        // parameters.
         for _ in 0..MOST_KINDS {
             let peak = best.peak(counts);
             let starts = [-0.6, 0.0, 0.6]
                 .into_iter()
                 .flat_map(|off| [3.0, -1.0].map(|share| best.with_kind(peak + off, share)));
-            let tried = starts.map(|start| Mixture::maximise(freedom, start, counts, FEW));
-            let Some(more) = likeliest(tried) else { break };
+            let more =
+                likeliest(starts.map(|start| Mixture::maximise(freedom, start, counts, FEW)));
             let more = Mixture::maximise(freedom, more.at, counts, ROUNDS);
             if more.ln_likelihood < best.ln_likelihood + best.worth_of_more(counts.sum()) {
                 break;
@@ -227,43 +166,33 @@ impl Mixture {
         best
     }
 
-    /// The gain of ln likelihood that one more component must bring: by Schwarz's criterion, or where signals
-    /// are few by Akaike's corrected one (Hurvich and Tsai 1989), which does not allow as many parameters as
-    /// there are signals.
+    /// The gain of ln likelihood that one more component must bring, by Schwarz or by Akaike as
+    /// corrected by Hurvich and Tsai (1989).
     fn worth_of_more(&self, n: f64) -> f64 {
-        // half of the corrected criterion's penalty, 2 k n / (n - k - 1), at k parameters
         let akaike = |parameters: usize| {
             let (k, free) = (parameters as f64, n - parameters as f64 - 1.0);
             if free > 0.0 { k * n / free } else { f64::INFINITY }
         };
         let (before, after) = (self.at.len(), self.at.len() + OF_KIND);
-        // `min` keeps infinity less infinity from being NaN: the gain that is asked for is then
-        // infinite
+        // `min` keeps infinity less infinity from being NaN
         let of_few = akaike(after) - akaike(before).min(f64::MAX);
-        // Schwarz: half of ln n for each parameter
         of_few.max(0.5 * OF_KIND as f64 * n.max(1.0).ln())
     }
 
-    /// Fits the same number of components to other counts, starting from these parameters: for the
-    /// jackknife, which leaves out a part of the signals.
     pub fn fit_again(&self, counts: &Counts) -> Mixture {
         Mixture::maximise(self.freedom, self.at.clone(), counts, ROUNDS)
     }
 
-    /// The estimated share of healthy signals.
     pub fn healthy_share(&self) -> f64 {
         healthy_share(self.at[HEALTHY])
     }
 
-    /// 1 / kappa of the healthy distribution: 0 for Gaussian scatter, more for heavier tails.
     pub fn tail(&self) -> f64 {
         1.0 / self.freedom.kappa(&self.at)
     }
 
-    /// The quantile of healthy signals: that ln (s / median) which a healthy signal exceeds with
-    /// probability `rate`.
+    /// That ln (s / median) which a healthy signal exceeds with probability `rate`.
     pub fn ln_exceeded(&self, rate: f64) -> f64 {
-        // sum the probabilities from the far end until they reach the rate
         let p = law(self.freedom, &self.at);
         let mut beyond = 0.0;
         for (i, p) in p.iter().enumerate().rev() {
@@ -277,9 +206,7 @@ impl Mixture {
         FIRST
     }
 
-    /// The parameters to start from with one more component of one size, whose mean in ln s is
-    /// `place`; `share`: the parameter of the healthy share. The healthy tail starts light again,
-    /// since the new component may explain what made the tail heavy.
+    /// Parameters to start from with one more component, about `place`; the healthy tail is light again.
     fn with_kind(&self, place: f64, share: f64) -> DVector<f64> {
         let mut at = self.at.clone().resize_vertically(self.at.len() + OF_KIND, 0.0);
         (at[GAMMA], at[TAIL], at[HEALTHY]) = (0.0, -4.0, share);
@@ -288,8 +215,8 @@ impl Mixture {
         at
     }
 
-    /// That ln (s / median), from `nearest` on, at which the counts of five neighbouring bins
-    /// together exceed the fit's expectation by the most standard deviations (of a Poisson count).
+    /// That ln (s / median), from `nearest` on, at which five neighbouring bins exceed the fit most, in
+    /// standard deviations of a Poisson count.
     fn peak(&self, counts: &Counts) -> f64 {
         const TOGETHER: usize = 5;
         let p = Components::of(self.freedom, &self.at).mixed();
@@ -308,8 +235,6 @@ impl Mixture {
         at
     }
 
-    /// The local maximum of the penalised likelihood that is reached from a start, by damped Fisher
-    /// scoring of `rounds` steps at most.
     fn maximise(freedom: Freedom, start: DVector<f64>, counts: &Counts, rounds: usize) -> Mixture {
         let cost = |at: &DVector<f64>| (-ln_likelihood(freedom, at, counts), ());
         let slope = |at: &DVector<f64>, ()| Some(Score::of(freedom, at, counts));
@@ -322,15 +247,14 @@ impl Mixture {
     }
 }
 
-/// How steps of Fisher scoring are damped.
 const DAMPING: Damping = Damping { first: 1e-3, down: 0.2, least: 0.0, up: 10.0, most: 1e7 };
 /// Numbers of steps of Fisher scoring: to converge, and to compare starts.
 const ROUNDS: usize = 40;
 const FEW: usize = 12;
 
-/// The mixture with the largest likelihood.
-fn likeliest(of: impl IntoIterator<Item = Mixture>) -> Option<Mixture> {
-    of.into_iter().max_by(|p, q| p.ln_likelihood.total_cmp(&q.ln_likelihood))
+fn likeliest(of: impl IntoIterator<Item = Mixture>) -> Mixture {
+    let likelier = |p: &Mixture, q: &Mixture| p.ln_likelihood.total_cmp(&q.ln_likelihood);
+    of.into_iter().max_by(likelier).expect("every fit has starts")
 }
 
 /// The share of healthy signals from its parameter: 1/2 to 1.
@@ -338,12 +262,10 @@ fn healthy_share(at: f64) -> f64 {
     0.5 + 0.5 / (1.0 + (-at).exp())
 }
 
-/// Probabilities of the healthy distribution in steps of `STEP` from ln s = `FIRST - BEYOND` on,
-/// which sum to 1.
+/// Probabilities of the healthy distribution in steps of `STEP` from ln s = `FIRST - BEYOND` on.
 fn law(freedom: Freedom, at: &DVector<f64>) -> [f64; STEPS] {
     let (gamma, kappa) = (at[GAMMA].exp(), freedom.kappa(at));
-    // t = gamma (ln s - ln c) is ln of an F variable; its steps are gamma times as long as those of
-    // ln s
+    // t = gamma (ln s - ln c) is ln of an F variable
     let first = gamma * (FIRST - BEYOND + 0.5 * STEP - at[SCALE]);
     let mut p = densities(freedom.a, kappa, first, gamma * STEP);
     let sum: f64 = p.iter().sum();
@@ -358,49 +280,38 @@ const SQRT_TAU: f64 = 2.506_628_274_631_000_7;
 for_processor! {
     /// Density of t, the ln of an F variable (up to a constant factor), unnormalised:
     /// e^(a t) (1 + e^t / kappa)^-(a + kappa) at t = first, first + step, ..
-    fn densities(a: f64, kappa: f64, first: f64, step: f64) -> [f64; STEPS] { all_densities }
-}
-
-#[inline(always)] // body of `densities`, compiled once per instruction set
-fn all_densities(a: f64, kappa: f64, first: f64, step: f64) -> [f64; STEPS] {
-    let mut p = [0.0; STEPS];
-    for (i, p) in p.iter_mut().enumerate() {
-        let t = first + step * i as f64;
-        let below = a * t - (a + kappa) * ln(1.0 + exp(t) / kappa);
-        *p = exp(if below > LEAST { below } else { LEAST });
+    fn densities(a: f64, kappa: f64, first: f64, step: f64) -> [f64; STEPS] {
+        let mut p = [0.0; STEPS];
+        for (i, p) in p.iter_mut().enumerate() {
+            let t = first + step * i as f64;
+            let below = a * t - (a + kappa) * ln(1.0 + exp(t) / kappa);
+            *p = exp(if below > LEAST { below } else { LEAST });
+        }
+        p
     }
-    p
 }
 
 for_processor! {
-    /// Probabilities, in every bin, of a Gaussian in ln s: density in the bin's middle times its
-    /// width.
-    fn gaussian(middle: f64, sd: f64) -> [f64; BINS] { gaussian_of_bins }
-}
-
-#[inline(always)] // body of `gaussian`, compiled once per instruction set
-fn gaussian_of_bins(middle: f64, sd: f64) -> [f64; BINS] {
-    let mut p = [0.0; BINS];
-    for (i, p) in p.iter_mut().enumerate() {
-        let z = (FIRST + (i as f64 + 0.5) * STEP - middle) / sd;
-        let below = -0.5 * z * z;
-        *p = STEP / (sd * SQRT_TAU) * exp(if below > LEAST { below } else { LEAST });
+    /// Probabilities, in every bin, of a Gaussian in ln s: density in the bin's middle times width.
+    fn gaussian(middle: f64, sd: f64) -> [f64; BINS] {
+        let mut p = [0.0; BINS];
+        for (i, p) in p.iter_mut().enumerate() {
+            let z = (FIRST + (i as f64 + 0.5) * STEP - middle) / sd;
+            let below = -0.5 * z * z;
+            *p = STEP / (sd * SQRT_TAU) * exp(if below > LEAST { below } else { LEAST });
+        }
+        p
     }
-    p
 }
 
 for_processor! {
-    /// ln likelihood of the counts: sum of counts times ln probability.
-    fn ln_of_counts(counts: &[f64; BINS], p: &[f64; BINS]) -> f64 { all_ln_of_counts }
-}
-
-#[inline(always)] // body of `ln_of_counts`, compiled once per instruction set
-fn all_ln_of_counts(counts: &[f64; BINS], p: &[f64; BINS]) -> f64 {
-    let mut each = [0.0; BINS];
-    for ((each, n), p) in each.iter_mut().zip(counts).zip(p) {
-        *each = n * ln(*p);
+    fn ln_of_counts(counts: &[f64; BINS], p: &[f64; BINS]) -> f64 {
+        let mut each = [0.0; BINS];
+        for ((each, n), p) in each.iter_mut().zip(counts).zip(p) {
+            *each = n * ln(*p);
+        }
+        each.iter().sum()
     }
-    each.iter().sum()
 }
 
 /// Probabilities of the healthy distribution in the histogram's bins; the outermost ones include the tails.
@@ -412,9 +323,7 @@ fn of_bins(freedom: Freedom, at: &DVector<f64>) -> [f64; BINS] {
     bins
 }
 
-/// Probabilities of faults of any size in every bin. Their density by ln s is (s / (s +
-/// `evenly`))^(3/2): as s^(3/2) below `evenly` medians, which is uniform in three dimensions, and
-/// constant above. The same is used for one-sided statistics, for which it is only a guess.
+/// Probabilities of faults of any size in every bin, of the density (s / (s + `evenly`))^(3/2).
 static OF_ANY_SIZE: LazyLock<[f64; BINS]> = LazyLock::new(|| {
     let density = |t: f64| 1.5 * t - 1.5 * (t.exp() + tuned::evenly()).ln();
     let p: [f64; BINS] = std::array::from_fn(|i| density(place(i)).exp());
@@ -426,16 +335,12 @@ static OF_ANY_SIZE: LazyLock<[f64; BINS]> = LazyLock::new(|| {
 struct Components {
     healthy_share: f64,
     healthy: [f64; BINS],
-    /// Weights among the faults, which sum to 1: first of faults of any size, then of the components of one
-    /// size.
+    /// Weights among the faults, which sum to 1, first of faults of any size; and probabilities.
     weights: Vec<f64>,
-    /// The probabilities in every bin of each component among the faults, in the order of
-    /// `weights`.
     faults: Vec<[f64; BINS]>,
 }
 
 impl Components {
-    /// The components at these parameters.
     fn of(freedom: Freedom, at: &DVector<f64>) -> Components {
         let kinds = at.as_slice()[LAW..].chunks_exact(OF_KIND);
         let mut weights = vec![1.0];
@@ -450,7 +355,6 @@ impl Components {
         Components { healthy_share: healthy_share(at[HEALTHY]), healthy, weights, faults }
     }
 
-    /// Probabilities of a faulty signal in every bin.
     fn faulty(&self) -> [f64; BINS] {
         let mut all = [0.0; BINS];
         for (w, p) in self.weights.iter().zip(&self.faults) {
@@ -459,17 +363,15 @@ impl Components {
         all
     }
 
-    /// Probabilities of a signal of either kind in every bin; at least 1e-300, so that their logarithms are
-    /// finite.
+    /// Probabilities of a signal of either kind, at least 1e-300, so that their logarithms are finite.
     fn mixed(&self) -> [f64; BINS] {
         let (h, faulty) = (self.healthy_share, self.faulty());
         std::array::from_fn(|i| (h * self.healthy[i] + (1.0 - h) * faulty[i]).max(1e-300))
     }
 }
 
-/// Penalised ln likelihood: that of the counts, plus the ln density of the priors up to a constant.
-/// The priors: ln gamma is Gaussian about 0, 1 / kappa is exponential with mean `tail_mean`, and ln
-/// of each component's standard deviation is Gaussian about `width`.
+/// ln likelihood of the counts, plus the ln density of the priors: ln gamma is Gaussian about 0, 1 /
+/// kappa exponential, and ln of each component's standard deviation Gaussian about `width`.
 fn ln_likelihood(freedom: Freedom, at: &DVector<f64>, counts: &Counts) -> f64 {
     let mixed = Components::of(freedom, at).mixed();
     let data = ln_of_counts(&counts.0, &mixed);
@@ -482,23 +384,19 @@ fn ln_likelihood(freedom: Freedom, at: &DVector<f64>, counts: &Counts) -> f64 {
         - widths
 }
 
-/// Gradient of the penalised ln likelihood by the parameters, and the Fisher information (its
-/// expected curvature), to which the priors' own curvature is added.
+/// Gradient of the penalised ln likelihood, and its expected curvature (Fisher information).
 struct Score {
     gradient: DVector<f64>,
     information: DMatrix<f64>,
 }
 
 impl Score {
-    /// The score of the counts at the parameters `at`.
     fn of(freedom: Freedom, at: &DVector<f64>, counts: &Counts) -> Score {
-        /// Step of the numerical derivatives.
         const H: f64 = 1e-4;
         let components = Components::of(freedom, at);
         let (p, faulty, h) = (components.mixed(), components.faulty(), components.healthy_share);
 
-        // Derivatives of the mixed probabilities p by each parameter. First those by ln c, ln gamma
-        // and ln (1 / kappa) of the healthy law, by central differences.
+        // Slopes of the mixed probabilities p: ln c, ln gamma and ln (1 / kappa) by differences;
         let mut slopes: Vec<[f64; BINS]> = (SCALE..=TAIL)
             .map(|k| {
                 let moved = |by: f64| {
@@ -510,11 +408,8 @@ impl Score {
                 std::array::from_fn(|i| h * (up[i] - down[i]) / (2.0 * H))
             })
             .collect();
-        // then by the parameter of the healthy share: the derivative of h = 1/2 + 1/2 logistic
         let of_share = 2.0 * (h - 0.5) * (1.0 - h);
         slopes.push(std::array::from_fn(|i| of_share * (components.healthy[i] - faulty[i])));
-        // last by the weight, the mean and the standard deviation (both logs but the mean) of each
-        // component of one size, in closed form
         let kinds = at.as_slice()[LAW..].chunks_exact(OF_KIND);
         for ((kind, w), density) in kinds.zip(&components.weights[1..]).zip(&components.faults[1..])
         {
@@ -539,8 +434,7 @@ impl Score {
             }
         }
 
-        // The priors add to both. For the exponential prior of 1 / kappa the curvature by ln (1 /
-        // kappa) equals the gradient's size.
+        // The curvature of the exponential prior by ln (1 / kappa) equals the gradient's size.
         let mut add_prior = |k: usize, down: f64, weight: f64| {
             gradient[k] -= down;
             information[(k, k)] += weight;
@@ -555,8 +449,7 @@ impl Score {
         Score { gradient, information }
     }
 
-    /// The step of Fisher scoring, (information + damping diag(information) + a ridge)^-1 gradient.
-    /// `None`: the matrix is singular.
+    /// (information + damping diag(information) + a ridge)^-1 gradient. `None`: it is singular.
     fn step(&self, damping: f64) -> Option<DVector<f64>> {
         let regularised = &self.information
             + DMatrix::from_diagonal(&self.information.diagonal()) * damping
@@ -565,8 +458,6 @@ impl Score {
     }
 }
 
-/// Clamps the parameters to their ranges, within which all that is computed stays finite. Apart
-/// from the bound on the tail and `nearest` the ranges are wide, and somewhat arbitrary.
 fn within(mut at: DVector<f64>) -> DVector<f64> {
     at[SCALE] = at[SCALE].clamp(-6.0, 6.0);
     at[GAMMA] = at[GAMMA].clamp(-0.7, 0.7);

@@ -1,17 +1,15 @@
 //! Tells faulty from healthy signals: the residual generator, the detection statistics and their
 //! thresholds. thesis §3-2.
 //!
-//! In: (A, C) of a healthy model, and deviations of signals from what the model expects. Out: a
-//! filter whose output ignores what the model explains, statistics of a signal, and the values
-//! above which a signal counts as faulty. `design/` puts these parts together; nothing here reads
-//! files or knows of printheads. The name of a fault is never looked at.
+//! In: a healthy model, and deviations of signals from what it expects. Out: a filter whose output
+//! ignores what the model explains, statistics of a signal, and the values above which a signal
+//! counts as faulty. `design/` puts these parts together.
 //!
 //! * The filter: numerators ([`null_space`], [`numerator`], [`appendix`], [`linear_programme`]),
 //!   denominators ([`poles`], [`denominator_search`]), the filter itself ([`residual_generator`]),
 //!   where it is blind ([`blind`]), and disturbances kept out of it ([`decoupling`]).
-//! * Statistics: by default the distance along the model's sensitivities ([`sensitivity`], which is
-//!   the residual energy r'Wr with a weight W of the model's own) with a second test beside them
-//!   ([`misfit`]); in the thesis's mode the energy r'r; and the current practice ([`key_numbers`]).
+//! * Statistics: the distance along the model's sensitivities ([`sensitivity`]) with a second test
+//!   beside them ([`misfit`]); the thesis's energy r'r; the current practice ([`key_numbers`]).
 //! * Thresholds: of healthy signals ([`threshold`], `pareto_tail`) and of windows in which some are
 //!   faulty ([`contamination`], `mixture`).
 //! * Streams, many signals at once in f32: [`tile`] and [`kernel`] for the residual energy,
@@ -50,10 +48,6 @@ pub use threshold::Threshold;
 /// Why no filter or no threshold can be made. The messages say with which numbers, and what to do.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum DetectError {
-    #[error(
-        "A is {a_rows} x {a_columns} and C is {c_rows} x {c_columns}: A must be n x n with n >= 1, C m x n with m >= 1"
-    )]
-    WrongShape { a_rows: usize, a_columns: usize, c_rows: usize, c_columns: usize },
     #[error("{what} is {value}: it must be {must}")]
     BadNumber { what: &'static str, value: f64, must: &'static str },
     #[error("{what} holds a number that is not finite, at index {index}")]
@@ -62,12 +56,10 @@ pub enum DetectError {
         "filter degree {degree} is larger than {max}: choose the observable order or a little more"
     )]
     DegreeTooLarge { degree: usize, max: usize },
-    #[error("C sees no state: nothing of this model shows in the output")]
-    NothingObservable,
     #[error(
-        "filter degree {degree} leaves no left null space of H-bar: {observable_order} states are observable through {outputs} output(s); raise the degree"
+        "filter degree {degree} leaves no left null space of H-bar: {observable_order} states are observable through 1 output(s); raise the degree"
     )]
-    DegreeTooSmall { degree: usize, observable_order: usize, outputs: usize },
+    DegreeTooSmall { degree: usize, observable_order: usize },
     #[error(
         "left null space of H-bar has dimension {found} where {expected} is due (degree {degree}, observable order {observable_order}): the model is too close to an unobservable one, or the degree is below the observability index"
     )]
@@ -76,24 +68,16 @@ pub enum DetectError {
         "singular value decomposition of a {rows} x {columns} matrix did not converge or lost its accuracy: check the model's scaling"
     )]
     Decomposition { rows: usize, columns: usize },
-    #[error("numerators are made for one output, the model has {outputs}")]
-    OneOutputOnly { outputs: usize },
     #[error(
         "no unique numerator rejects an offset at degree {degree}: the model has an observable pole at 0 itself; use degree {observable_order}"
     )]
     AmbiguousNumerator { degree: usize, observable_order: usize },
-    #[error("pole {re} {im:+}j 1/s is not stable: poles of a filter need a negative real part")]
-    UnstablePole { re: f64, im: f64 },
     #[error(
         "numerator has {numerator} coefficients and denominator {denominator}: equal numbers are needed, at least one"
     )]
     UnequalDegrees { numerator: usize, denominator: usize },
     #[error("leading coefficient of the denominator is {value}: it must be 1")]
     NotMonic { value: f64 },
-    #[error(
-        "denominator of degree {denominator} leaves no room for M(z) beside a numerator of degree {numerator}: raise it"
-    )]
-    NoRoom { numerator: usize, denominator: usize },
     #[error(
         "the mean residual of the fault has no samples, or is 0 at each or no number: Appendix A makes no M(z) of it; look at the fault's signals, or choose another detect.denominator"
     )]
@@ -109,8 +93,6 @@ pub enum DetectError {
         "{found} healthy signals are too few for a threshold by {method}: at least {needed} are needed"
     )]
     TooFewSignals { found: usize, needed: usize, method: &'static str },
-    #[error("{energies} energies but {channels} channel numbers: one channel per energy is needed")]
-    UnequalColumns { energies: usize, channels: usize },
     #[error(
         "{channels} channels are too few, or too unlike, for a threshold at confidence {confidence}: train on more channels or lower the confidence"
     )]

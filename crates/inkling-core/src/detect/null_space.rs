@@ -1,62 +1,49 @@
 //! Numerators of the FD filter that no healthy signal excites: the left null space of H-bar.
 //!
-//! In, from `design/fd_filter.rs`: the healthy model (A, C), the sample period, and a degree. Out:
-//! N-bar, and for one output the polynomial N(z)L(z), the filter's numerator. thesis (3-2) and the
-//! display of H-bar after it. Any number n of states and m of outputs will do. No signal is looked
-//! at.
+//! In: the healthy model (A, C) with one output, the sample period, and a degree. Out: N-bar, and
+//! the polynomial N(z)L(z), the filter's numerator. thesis (3-2) and the display of H-bar after it.
 //!
-//! The idea: a healthy signal is y_k = C A_d^k x_a with A_d = e^{A dt}, and x_(k+1) = A_d x_k.
-//! Written as a pencil, H(z) X(z) and L Y(z) with H(z) = H_0 + H_1 z and L = [0; -I] cancel each
-//! other but for x_a. A row polynomial N(z) with N(z) H(z) = 0 leaves N(z) L y = 0 from sample
-//! `degree` on, whatever x_a is. With N(z) = sum of N_k z^k the condition is linear: [N_0 N_1 ..]
-//! H-bar = 0, where H-bar repeats [H_0 H_1] on its diagonal.
+//! A healthy signal is y_k = C A_d^k x_a with A_d = e^{A dt}, and x_(k+1) = A_d x_k. Written as a
+//! pencil, H(z) X(z) and L Y(z) with H(z) = H_0 + H_1 z and L = [0; -I] cancel each other but for
+//! x_a. A row polynomial N(z) with N(z) H(z) = 0 leaves N(z) L y = 0 from sample `degree` on,
+//! whatever x_a is. With N(z) = sum of N_k z^k the condition is linear: [N_0 N_1 ..] H-bar = 0,
+//! where H-bar repeats [H_0 H_1] on its diagonal.
 //!
-//! The steps: scale the states (`balanced`), build H_0, H_1 and H-bar (`pencil`, `stack`), take the
-//! left null space by a singular value decomposition (`left_null_space`), check its dimension
-//! against the observable order (`observable_order`), and choose one element of it
-//! ([`NullSpace::offset_rejection`]).
+//! The steps: scale the states (`balanced`), build H-bar (`h_bar`), take its left null space, check
+//! that against the observable order, and choose one element ([`NullSpace::offset_rejection`]).
 //!
 //! Departs: the thesis designs in s and discretises later; here H(z) = [-zI + e^{A dt}; C] is exact
-//! at the samples. In a study a zero-order hold left 0.116 of a healthy signal's energy, this
-//! design 3e-25.
+//! at the samples.
 //! Departs: the text's d_N block rows give degree d_N - 1 while its sum runs to d_N, and it declares
-//! N-bar a column but uses a row. Here `degree` is the degree, degree + 1 the number of block rows,
-//! N-bar a row.
+//! N-bar a column but uses a row. Here `degree` is the degree of a row.
 
 use super::DetectError;
 use crate::model::InkChannel;
 use crate::model::ring_down::{discretise, in_microseconds};
 use nalgebra::{DMatrix, DVector};
 
-/// The largest degree: a larger one is a mistake, and would make H-bar large.
+/// The largest degree: a larger one, of a stored filter, is a mistake, and would make H-bar large.
 const MAX_DEGREE: usize = 64;
-/// A direction of the state counts as observable if the part of it that the directions found before
-/// do not explain is larger than this, relative to the one-sample change of the state. e^{A dt} is
-/// good to some 1e-15.
+/// A direction of the state is observable if what is new in it is larger than this, relative to the
+/// one-sample change of the state.
 const OBSERVABLE: f64 = 1e-10;
 /// Singular values of H-bar up to this, relative to the largest, count as zero.
 const ZERO: f64 = 1e-12;
-/// How large an entry of N H-bar may be that should be 0, relative to the largest of H-bar: some
-/// roundings of a sum of at most 1000 products.
+/// How large an entry of N H-bar may be that should be 0, relative to the largest of H-bar.
 const REPAIRED: f64 = 1e-14;
 
 /// The left null space of H-bar: all N(z) of a degree with N(z) H(z) = 0.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NullSpace {
-    /// N-bar = [N_0 ... N_degree], nullity x (degree + 1)(n + m), with orthonormal rows, in the scaled states
-    /// of the design (N L does not depend on their scale).
+    /// N-bar = [N_0 ... N_degree], nullity x (degree + 1)(n + 1), orthonormal, in scaled states.
     pub n_bar: DMatrix<f64>,
-    /// m, the number of outputs.
-    pub outputs: usize,
     /// Rank of the observability matrix: how many poles show in the output. 3 for an ink channel.
     pub observable_order: usize,
-    /// The highest power of z in N(z).
     pub degree: usize,
 }
 
-/// The left null space of H-bar, thesis (3-2). `a`: n x n, in 1/s for states in any SI unit. `c`: m
-/// x n. `dt_s`: sample period, s. The dimension of the null space must be m (degree + 1) -
-/// observable order; another one is an error, and so is a degree at which this is not positive.
+/// The left null space of H-bar, thesis (3-2). `a`: n x n, in 1/s for states in any SI unit. `c`: 1
+/// x n. `dt_s`: sample period, s. Its dimension must be degree + 1 - observable order.
 ///
 /// Departs: thesis §3-2 says "only one solution". That holds for degree = observable order alone.
 pub fn annihilator(
@@ -65,81 +52,59 @@ pub fn annihilator(
     dt_s: f64,
     degree: usize,
 ) -> Result<NullSpace, DetectError> {
-    check(a, c, dt_s, degree)?;
-    let (a_d, c) = balanced(a, c, dt_s)?;
-    let outputs = c.nrows();
-    let observable_order = observable_order(&a_d, &c)?;
-    let (h0, h1) = pencil(&a_d, &c);
-    let h_bar = stack(&h0, &h1, degree + 1);
-    let expected = (outputs * (degree + 1)).saturating_sub(observable_order);
-    if expected == 0 {
-        return Err(DetectError::DegreeTooSmall { degree, observable_order, outputs });
+    if degree > MAX_DEGREE {
+        return Err(DetectError::DegreeTooLarge { degree, max: MAX_DEGREE });
     }
-    let n_bar = left_null_space(&h_bar)?;
+    let (a_d, c) = balanced(a, c, dt_s)?;
+    let observable_order = observable_order(&a_d, &c);
+    let expected = (degree + 1).saturating_sub(observable_order);
+    if expected == 0 {
+        return Err(DetectError::DegreeTooSmall { degree, observable_order });
+    }
+    let n_bar = left_null_space(&h_bar(&a_d, &c, degree + 1))?;
     if n_bar.nrows() != expected {
         let found = n_bar.nrows();
         return Err(DetectError::WrongNullity { found, expected, degree, observable_order });
     }
-    Ok(NullSpace { n_bar, outputs, observable_order, degree })
+    Ok(NullSpace { n_bar, observable_order, degree })
 }
 
-/// The monic numerator N(z)L(z) of a model (see [`annihilator`] for the arguments), descending
-/// powers of z, `degree + 1` coefficients, for one output. With the degree equal to the observable
-/// order it is the unique one, whose roots are e^{pole dt} over the observable poles. With a higher
-/// degree it is the element that rejects an offset, too ([`NullSpace::offset_rejection`]).
-pub fn numerator(
-    a: &DMatrix<f64>,
-    c: &DMatrix<f64>,
-    dt_s: f64,
-    degree: usize,
-) -> Result<Vec<f64>, DetectError> {
-    annihilator(a, c, dt_s, degree)?.offset_rejection()
-}
-
-/// The numerator ([`numerator`]) of an ink channel.
+/// The monic numerator N(z)L(z) of an ink channel, descending powers of z. At the observable order its
+/// roots are e^{pole dt}; at a higher degree it is [`NullSpace::offset_rejection`].
 pub fn numerator_of(
     channel: &InkChannel,
     dt_s: f64,
     degree: usize,
 ) -> Result<Vec<f64>, DetectError> {
-    numerator(&channel.a(), &channel.c(), dt_s, degree)
+    annihilator(&channel.a(), &channel.c(), dt_s, degree)?.offset_rejection()
 }
 
 impl NullSpace {
-    /// N(z)L(z) of each row of N-bar for one output, up to the sign: nullity x (degree + 1),
-    /// ascending powers. L = [0; -I] picks the last entry of every block N_k.
-    pub fn polynomials(&self) -> Result<DMatrix<f64>, DetectError> {
-        if self.outputs != 1 {
-            return Err(DetectError::OneOutputOnly { outputs: self.outputs });
-        }
+    /// N(z)L(z) of each row of N-bar, up to the sign: nullity x (degree + 1), ascending powers.
+    pub fn polynomials(&self) -> DMatrix<f64> {
         let block = self.n_bar.ncols() / (self.degree + 1);
-        Ok(DMatrix::from_fn(self.n_bar.nrows(), self.degree + 1, |i, k| {
+        DMatrix::from_fn(self.n_bar.nrows(), self.degree + 1, |i, k| {
             self.n_bar[(i, (k + 1) * block - 1)]
-        }))
+        })
     }
 
-    /// That monic element N(z)L(z) of the null space which has a root of multiplicity nullity - 1
-    /// at z = 1, the image of s = 0; descending powers. For the ink channel at degree 4 this is
-    /// (z - 1) p3(z), where p3 has the three observable poles as roots. It is the image of det(A -
-    /// sI) = s p3(s) of thesis §3-2-1 II, and rejects a constant sensor offset.
+    /// That monic element N(z)L(z), descending powers, which has a root of multiplicity nullity - 1 at
+    /// z = 1. At degree 4 this is (z - 1) p3(z), the image of det(A - sI) = s p3(s) of thesis §3-2-1 II,
+    /// which rejects a constant sensor offset.
     pub fn offset_rejection(&self) -> Result<Vec<f64>, DetectError> {
-        let q = self.polynomials()?;
+        let q = self.polynomials();
         let nullity = q.nrows();
         let weights = if nullity == 1 {
-            // a null space of one element leaves no choice
             DMatrix::identity(1, 1)
         } else {
-            // Taylor coefficients at z = 1 of every element of the null space: that of (z - 1)^j in
-            // z^k is the binomial coefficient k over j. A combination of elements has the root with
-            // that multiplicity if its coefficients j = 0 .. nullity - 2 vanish.
+            // Taylor coefficients at z = 1: that of (z - 1)^j in z^k is the binomial coefficient k
+            // over j. The root has that multiplicity if those of j = 0 .. nullity - 2 vanish.
             let binomial = |k: usize, j: usize| {
                 (0..j).fold(1.0, |v, i| v * (k as f64 - i as f64) / (i as f64 + 1.0))
             };
             let taylor = DMatrix::from_fn(q.ncols(), nullity - 1, binomial);
             let at_one = &q * taylor;
-            // Values that are zero but for rounding are set to zero. Where all are, every element
-            // has these roots already (the model has an observable pole at 0), and no combination
-            // is singled out.
+            // where all are zero but for rounding, no combination is singled out
             let conditions = at_one.map(|v| if v.abs() <= ZERO { 0.0 } else { v });
             left_null_space(&conditions)?
         };
@@ -148,10 +113,9 @@ impl NullSpace {
             return Err(DetectError::AmbiguousNumerator { degree, observable_order });
         }
 
-        // divide by the leading coefficient, and turn the order of the powers round
         let p = weights * q;
         let lead = p[(0, degree)];
-        // A leading coefficient of zero means a lower degree, which the nullity rules out.
+        // a leading coefficient of zero means a lower degree, which the nullity rules out
         if lead.abs() <= ZERO * p.amax() {
             return Err(DetectError::AmbiguousNumerator { degree, observable_order });
         }
@@ -159,67 +123,29 @@ impl NullSpace {
     }
 }
 
-/// Refuses matrices of wrong shapes, numbers that are not finite, and sample periods and degrees
-/// out of range.
-pub(super) fn check(
-    a: &DMatrix<f64>,
-    c: &DMatrix<f64>,
-    dt_s: f64,
-    degree: usize,
-) -> Result<(), DetectError> {
-    if a.nrows() == 0 || a.nrows() != a.ncols() || c.nrows() == 0 || c.ncols() != a.ncols() {
-        return Err(DetectError::WrongShape {
-            a_rows: a.nrows(),
-            a_columns: a.ncols(),
-            c_rows: c.nrows(),
-            c_columns: c.ncols(),
-        });
-    }
-    for (what, m) in [("A", a), ("C", c)] {
-        if let Some(index) = m.iter().position(|v| !v.is_finite()) {
-            return Err(DetectError::NotFinite { what, index });
-        }
-    }
-    super::poles::check_period(dt_s)?;
-    if degree > MAX_DEGREE {
-        return Err(DetectError::DegreeTooLarge { degree, max: MAX_DEGREE });
-    }
-    Ok(())
-}
-
-/// (A_d, C) with A_d = e^{A dt} and with states scaled so that A_d's entries are of similar size
-/// (in SI units they differ by 12 decades, and every rank would be wrong). Each row of C is scaled
-/// to length 1. Neither scaling changes N L, up to a factor.
+/// (A_d, C) with A_d = e^{A dt} and states scaled so that its entries are of similar size (in SI units
+/// they differ by 12 decades, and every rank would be wrong). C is scaled to length 1.
 fn balanced(
     a: &DMatrix<f64>,
     c: &DMatrix<f64>,
     dt_s: f64,
 ) -> Result<(DMatrix<f64>, DMatrix<f64>), DetectError> {
     let (a_us, c_us) = in_microseconds(a, c);
-    // balance further, for models whose states do not follow the ink channel's pattern
     let mut balanced = a_us;
     let d: DVector<f64> = nalgebra::linalg::balancing::balance_parlett_reinsch(&mut balanced);
     let mut c_b = DMatrix::from_fn(c.nrows(), c.ncols(), |i, j| c_us[(i, j)] * d[j]);
-    // in_microseconds has expressed rates in 1/us and times in us; discretise wants 1/s and s
     let a_d = discretise(&(balanced * 1e6), dt_s);
     if let Some(index) = a_d.iter().position(|v| !v.is_finite()) {
         return Err(DetectError::NotFinite { what: "e^{A dt}", index });
     }
-    for mut row in c_b.row_iter_mut() {
-        let size = row.norm();
-        if size > 0.0 {
-            row /= size;
-        }
-    }
+    c_b /= c_b.norm();
     Ok((a_d, c_b))
 }
 
-/// Rank of the observability matrix [C; C A_d; C A_d²; ..], found direction by direction: a basis
-/// of its row space starts from the rows of C; each new direction, orthogonal to those before, is
-/// multiplied by F and the product is tried next. So powers of A_d are never formed, and slow and
-/// fast poles are told apart. F is (A_d - I) over its norm; it gives the same space as A_d, and its
-/// eigenvalues lie farther apart. An error if C sees no state.
-fn observable_order(a_d: &DMatrix<f64>, c: &DMatrix<f64>) -> Result<usize, DetectError> {
+/// Rank of the observability matrix [C; C A_d; C A_d²; ..]: each new direction, orthogonal to those
+/// before, is multiplied by (A_d - I) over its norm, and the product is tried next: the same space as
+/// powers of A_d give, with eigenvalues farther apart.
+fn observable_order(a_d: &DMatrix<f64>, c: &DMatrix<f64>) -> usize {
     let n = a_d.nrows();
     let mut f = a_d - DMatrix::identity(n, n);
     let size = f.norm();
@@ -227,60 +153,47 @@ fn observable_order(a_d: &DMatrix<f64>, c: &DMatrix<f64>) -> Result<usize, Detec
         f /= size;
     }
     let mut basis: Vec<DVector<f64>> = Vec::with_capacity(n);
-    let mut candidates: Vec<DVector<f64>> = c.row_iter().map(|row| row.transpose()).collect();
-    let mut next = 0;
-    while next < candidates.len() && basis.len() < n {
-        // the part of this direction that the directions before it do not explain: Gram-Schmidt,
-        // twice against rounding, which is enough (Kahan, Parlett)
-        let mut v = candidates[next].clone();
-        next += 1;
+    let mut v = c.row(0).transpose();
+    while basis.len() < n {
+        // Gram-Schmidt, twice against rounding, which is enough (Kahan, Parlett)
         for _ in 0..2 {
             for b in &basis {
                 let along = b.dot(&v);
                 v.axpy(-along, b, 1.0);
             }
         }
-        // a direction that is new joins the basis, and what it becomes one sample later is tried
-        // next
         let rest = v.norm();
-        if rest > OBSERVABLE {
-            v /= rest;
-            candidates.push(f.tr_mul(&v));
-            basis.push(v);
+        if rest <= OBSERVABLE {
+            break;
         }
+        v /= rest;
+        let next = f.tr_mul(&v);
+        basis.push(std::mem::replace(&mut v, next));
     }
-    if basis.is_empty() { Err(DetectError::NothingObservable) } else { Ok(basis.len()) }
+    basis.len()
 }
 
-/// H_0 and H_1 of H(z) = H_0 + H_1 z, thesis (3-2) in z: H_0 = [A_d; C], H_1 = [-I; 0], both (n +
-/// m) x n. Disturbances are not in them; `decoupling.rs` says why.
-pub(super) fn pencil(a_d: &DMatrix<f64>, c: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
-    let (n, m) = (a_d.nrows(), c.nrows());
-    let h0 = DMatrix::from_fn(n + m, n, |i, j| if i < n { a_d[(i, j)] } else { c[(i - n, j)] });
-    let h1 = DMatrix::from_fn(n + m, n, |i, j| if i == j { -1.0 } else { 0.0 });
-    (h0, h1)
-}
-
-/// H-bar, thesis after (3-3b): `block_rows` block rows [H_0 H_1], each one block further to the
-/// right than the one above; 0 elsewhere.
-pub(super) fn stack(h0: &DMatrix<f64>, h1: &DMatrix<f64>, block_rows: usize) -> DMatrix<f64> {
-    let (rows, columns) = h0.shape();
-    let mut h_bar = DMatrix::zeros(block_rows * rows, (block_rows + 1) * columns);
+/// H-bar, thesis after (3-3b): `block_rows` block rows [H_0 H_1], each one block further right, with
+/// H_0 = [A_d; C], H_1 = [-I; 0], both (n + 1) x n.
+pub(super) fn h_bar(a_d: &DMatrix<f64>, c: &DMatrix<f64>, block_rows: usize) -> DMatrix<f64> {
+    let n = a_d.nrows();
+    let shape = (n + 1, n);
+    let h0 = DMatrix::from_fn(n + 1, n, |i, j| if i < n { a_d[(i, j)] } else { c[(0, j)] });
+    let h1 = DMatrix::from_fn(n + 1, n, |i, j| if i == j { -1.0 } else { 0.0 });
+    let mut h_bar = DMatrix::zeros(block_rows * (n + 1), (block_rows + 1) * n);
     for b in 0..block_rows {
-        h_bar.view_mut((b * rows, b * columns), (rows, columns)).copy_from(h0);
-        h_bar.view_mut((b * rows, (b + 1) * columns), (rows, columns)).copy_from(h1);
+        h_bar.view_mut((b * (n + 1), b * n), shape).copy_from(&h0);
+        h_bar.view_mut((b * (n + 1), (b + 1) * n), shape).copy_from(&h1);
     }
     h_bar
 }
 
-/// Orthonormal rows N, a basis of all with N M = 0, by a singular value decomposition: the left
-/// singular vectors whose singular value is 0. That N M vanishes is checked; an error if it does
-/// not.
+/// Orthonormal rows N, a basis of all with N M = 0: the left singular vectors of M whose singular
+/// value is 0. An error if N M does not vanish.
 pub(super) fn left_null_space(m: &DMatrix<f64>) -> Result<DMatrix<f64>, DetectError> {
     let (rows, columns) = m.shape();
     let failed = DetectError::Decomposition { rows, columns };
-    // nalgebra's U has only as many columns as M: columns of zeros up to a square matrix make it
-    // complete
+    // nalgebra's U has only as many columns as M: zeros up to a square matrix make it complete
     let square = m.clone().resize_horizontally(columns.max(rows), 0.0);
     let svd = square.try_svd(true, true, f64::EPSILON, 10_000).ok_or(failed.clone())?;
     let (u, v_t) = svd.u.zip(svd.v_t).ok_or(failed.clone())?;
@@ -289,9 +202,7 @@ pub(super) fn left_null_space(m: &DMatrix<f64>) -> Result<DMatrix<f64>, DetectEr
     let (null, range): (Vec<usize>, Vec<usize>) = (0..rows).partition(|&i| sigma[i] <= bound);
     let mut n = DMatrix::from_fn(null.len(), rows, |i, j| u[(j, null[i])]);
 
-    // The decomposition is at times only good to 1e-12. This is repaired, twice: what is left of N
-    // M is taken back through the pseudo-inverse, N - (N M) M^+, and the rows are made orthonormal
-    // again.
+    // good to 1e-12 at times: what is left of N M is taken back through the pseudo-inverse
     for _ in 0..2 {
         let left = &n * m;
         for &k in &range {
@@ -316,6 +227,16 @@ pub(super) mod tests {
 
     const DT_S: f64 = 0.78125e-6;
     const INK: InkChannel = InkChannel::NOMINAL;
+
+    /// The monic numerator N(z)L(z) of any plant of one output.
+    fn numerator(
+        a: &DMatrix<f64>,
+        c: &DMatrix<f64>,
+        dt_s: f64,
+        degree: usize,
+    ) -> Result<Vec<f64>, DetectError> {
+        annihilator(a, c, dt_s, degree)?.offset_rejection()
+    }
 
     /// The largest |sum_k p_k y_k+j|, relative to max |y|.
     pub fn left_by(p: &[f64], y: &[f64]) -> f64 {
@@ -467,23 +388,6 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn nullity_holds_for_several_outputs() {
-        let mut rng = ChaCha8Rng::seed_from_u64(4);
-        for n in 3..=6 {
-            let (a, _, _) = random_system(n, 0, &mut rng);
-            let c = DMatrix::from_fn(2, n, |_, _| rng.random_range(-1.0..1.0));
-            for degree in n.div_ceil(2)..n + 2 {
-                let space = annihilator(&a, &c, DT_S, degree).unwrap();
-                assert_eq!(space.n_bar.nrows(), 2 * (degree + 1) - n);
-                assert!(matches!(
-                    space.offset_rejection(),
-                    Err(DetectError::OneOutputOnly { outputs: 2 })
-                ));
-            }
-        }
-    }
-
-    #[test]
     fn degree_3_gives_the_observable_poles_and_degree_4_a_root_at_1_besides() {
         let poles = crate::model::ring_down::eigenvalues(&INK);
         let observable: Vec<_> = poles.into_iter().filter(|s| s.norm() > 1.0).collect();
@@ -530,23 +434,10 @@ pub(super) mod tests {
     #[test]
     fn senseless_models_are_errors() {
         let (a, c) = (INK.a(), INK.c());
-        let nan = DMatrix::from_element(4, 4, f64::NAN);
-        assert!(matches!(numerator(&nan, &c, DT_S, 4), Err(DetectError::NotFinite { .. })));
-        assert!(matches!(
-            numerator(&a, &DMatrix::zeros(1, 3), DT_S, 4),
-            Err(DetectError::WrongShape { .. })
-        ));
-        assert!(matches!(
-            numerator(&a, &DMatrix::zeros(1, 4), DT_S, 4),
-            Err(DetectError::NothingObservable)
-        ));
         assert!(matches!(
             numerator(&a, &c, DT_S, 65),
             Err(DetectError::DegreeTooLarge { degree: 65, .. })
         ));
-        for dt_s in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            assert!(matches!(numerator(&a, &c, dt_s, 4), Err(DetectError::BadNumber { .. })));
-        }
         let growing = nalgebra::dmatrix![1e9];
         assert!(numerator(&growing, &nalgebra::dmatrix![1.0], 1.0, 1).is_err());
         let integrator = nalgebra::dmatrix![0.0]; // (z - 1): all multiples reject an offset

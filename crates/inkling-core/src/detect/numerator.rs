@@ -1,37 +1,28 @@
 //! Method III of the FD filter: extra zeros M(z) in the numerator, which raise faulty residuals
 //! above healthy ones. thesis §3-2-1 III, Appendix A.
 //!
-//! In, from `design/learned_filter.rs`: N(z)L(z), a denominator with room for M, and the deviations
-//! of healthy and of faulty signals, counts. Out: the coefficients of M(z); the filter's numerator
-//! becomes M N L. As N L annihilates healthy signals, M N L does so, too.
+//! In: N(z)L(z), a denominator with room for M, and the deviations of healthy and of faulty
+//! signals, counts. Out: the coefficients of M(z); the filter's numerator becomes M N L.
 //!
-//! The idea: the residual is linear in M's coefficients m, so its mean energy over some signals is
-//! a quadratic form m' Q m. The m sought maximises m' Q_f m / m' Q_h m (f: faulty, h: healthy
-//! signals): it is the eigenvector of the largest eigenvalue of Q_f m = ratio Q_h m.
+//! The residual is linear in M's coefficients m, so its mean energy over some signals is a quadratic
+//! form m' Q m. The m sought maximises m' Q_f m / m' Q_h m (f: faulty, h: healthy signals): it is
+//! the eigenvector of the largest eigenvalue of Q_f m = ratio Q_h m.
 //!
-//! Departs: Appendix A takes M(s) = det(Q_x - sI). Its Q_x is positive semidefinite, so such an M
-//! has only real nonnegative roots, whatever the data ([`super::appendix`] has it as written). And
-//! faulty energy is compared with healthy energy, since faulty energy alone rises with any gain.
-//!
-//! The same maximisation serves (3-3b). At the observable order (3 for the ink channel) the left
-//! null space of H-bar has one element p3, as the text says. At degree d the null space consists of
-//! M p3 with any M of degree d - 3. So the element that shows the fault most is the enhancement of
-//! p3. At degree 4 that M has degree 1; the element that rejects an offset ([`super::null_space`])
-//! has another M, z - 1.
+//! Departs: Appendix A takes M(s) = det(Q_x - sI), which has only real nonnegative roots, whatever
+//! the data ([`super::appendix`]). And faulty energy is compared with healthy energy, since faulty
+//! energy alone rises with any gain. The same maximisation serves (3-3b): at degree d the left null
+//! space of H-bar consists of M p3 with any M of degree d - 3.
 
 use super::{DetectError, ResidualGenerator};
 use nalgebra::{DMatrix, SymmetricEigen};
 
-/// What is added to the diagonal of Q_h, relative to its largest entry. Without it, a direction of
-/// m in which a small healthy set has no energy by chance would look like an infinite gain.
+/// What is added to the diagonal of Q_h, relative to its largest entry, lest a small healthy set that
+/// has no energy in some direction make its gain infinite.
 const RIDGE: f64 = 1e-9;
 
-/// The M that maximises the mean energy of the `faulty` residuals of M N L / alpha over that of the
-/// `healthy` ones: coefficients of unit norm, descending powers. Its degree is the denominator's
-/// less the numerator's, and must be 1 or more.
-///
-/// `numerator`: N L, and `denominator`: alpha, descending powers. `healthy`, `faulty`: deviations
-/// of signals from what the healthy model expects, N counts each. `dt_s`: sample period, s.
+/// The M, of unit norm, that maximises the mean energy of the `faulty` residuals of M N L / alpha over
+/// that of the `healthy` ones (deviations, N counts each). `numerator`: N L, and `denominator`: alpha,
+/// of a higher degree, descending powers.
 pub fn enhancement(
     numerator: &[f64],
     denominator: &[f64],
@@ -39,14 +30,8 @@ pub fn enhancement(
     faulty: &[Vec<f64>],
     dt_s: f64,
 ) -> Result<Vec<f64>, DetectError> {
-    if denominator.len() <= numerator.len() || numerator.is_empty() {
-        let degree = |p: &[f64]| p.len().saturating_sub(1);
-        let (numerator, denominator) = (degree(numerator), degree(denominator));
-        return Err(DetectError::NoRoom { numerator, denominator });
-    }
-
     let terms = denominator.len() - numerator.len() + 1;
-    // the residual is linear in M's coefficients: one filter z^k N L / alpha per coefficient
+    // one filter z^k N L / alpha per coefficient of M
     let shifted = |k: usize| {
         let mut p = vec![0.0; denominator.len()];
         p[k..k + numerator.len()].copy_from_slice(numerator);
@@ -64,9 +49,7 @@ pub fn enhancement(
     let factor = (q_healthy + ridge).cholesky().filter(|_| size > 0.0);
     let l = factor.ok_or(DetectError::NoHealthyEnergy)?.l();
 
-    // The generalised eigenvalue problem Q_f m = ratio Q_h m becomes an ordinary one, L^-1 Q_f L^-T
-    // v = ratio v, by m = L^-T v. Two triangular solves give the matrix; averaging with its
-    // transpose takes off rounding.
+    // by m = L^-T v an ordinary eigenvalue problem, L^-1 Q_f L^-T v = ratio v
     let failed = || DetectError::Decomposition { rows: terms, columns: terms };
     let half = l.solve_lower_triangular(&q_faulty).ok_or_else(failed)?;
     let whitened = l.solve_lower_triangular(&half.transpose()).ok_or_else(failed)?;
@@ -77,9 +60,8 @@ pub fn enhancement(
     Ok(m.iter().copied().collect())
 }
 
-/// The product of two polynomials, such as M and N; all in descending powers.
 pub fn product(m: &[f64], n: &[f64]) -> Vec<f64> {
-    let mut product = vec![0.0; (m.len() + n.len()).saturating_sub(1)];
+    let mut product = vec![0.0; m.len() + n.len() - 1];
     for (k, m) in m.iter().enumerate() {
         for (p, n) in product[k..].iter_mut().zip(n) {
             *p += m * n;
@@ -88,10 +70,7 @@ pub fn product(m: &[f64], n: &[f64]) -> Vec<f64> {
     product
 }
 
-/// The matrix Q for which m^T Q m is the mean, over the `deviations`, of the square sum of the
-/// residual by the M with coefficients m (the residual energy without its factor dt, which
-/// cancels); counts². Without deviations it is 0. `basis`: the filters z^k N L / alpha; `what`: the
-/// name of the deviations, for the error.
+/// The matrix Q by which m^T Q m is the mean square sum of the residual, counts².
 fn mean_energy(
     basis: &[ResidualGenerator],
     deviations: &[Vec<f64>],
@@ -102,7 +81,6 @@ fn mean_energy(
         if let Some(index) = d.iter().position(|v| !v.is_finite()) {
             return Err(DetectError::NotFinite { what, index });
         }
-        // one column per filter: its residual of this deviation
         let mut columns = DMatrix::zeros(d.len(), basis.len());
         for (generator, mut column) in basis.iter().zip(columns.column_iter_mut()) {
             generator.filter(d, column.as_mut_slice());
@@ -145,7 +123,7 @@ mod tests {
     fn enhancement_raises_faulty_over_healthy_energy_on_signals_it_has_not_seen() {
         let mut normal = draws(1);
         let [healthy, faulty] = deviations(300, &mut normal);
-        let n = null_space::numerator(&INK.a(), &INK.c(), DT_S, 4).unwrap();
+        let n = null_space::numerator_of(&INK, DT_S, 4).unwrap();
         let omega = 2.0 * std::f64::consts::PI * 6.47e4;
         let alpha = poles::resonance(omega, &[2e5; 6], DT_S).unwrap();
         let m = enhancement(&n, &alpha, &healthy, &faulty, DT_S).unwrap();
@@ -166,11 +144,11 @@ mod tests {
     /// Tests thesis (3-3b) at degrees above the observable order.
     #[test]
     fn the_null_space_is_every_multiple_of_p3_and_no_element_of_it_shows_the_fault_more() {
-        let p3 = null_space::numerator(&INK.a(), &INK.c(), DT_S, 3).unwrap();
+        let p3 = null_space::numerator_of(&INK, DT_S, 3).unwrap();
         let ascending = |p: &[f64]| p.iter().rev().copied().collect::<Vec<f64>>();
         for degree in [4, 5, 6] {
             let space = null_space::annihilator(&INK.a(), &INK.c(), DT_S, degree).unwrap();
-            let elements = space.polynomials().unwrap();
+            let elements = space.polynomials();
             assert_eq!(elements.nrows(), degree - 2);
             let multiples = DMatrix::from_fn(degree + 1, degree - 2, |i, k| {
                 ascending(&p3).get(i.wrapping_sub(k)).copied().unwrap_or(0.0)
@@ -202,10 +180,8 @@ mod tests {
     }
 
     #[test]
-    fn no_room_and_no_healthy_signals_are_errors() {
+    fn no_healthy_signals_are_an_error() {
         let d = [vec![1.0; 16]];
-        let no_room = enhancement(&[1.0, 0.5], &[1.0, 0.1], &d, &d, DT_S);
-        assert!(matches!(no_room, Err(DetectError::NoRoom { numerator: 1, denominator: 1 })));
         let alpha = [1.0, 0.1, 0.0];
         let none = enhancement(&[1.0, 0.5], &alpha, &[], &d, DT_S);
         assert!(matches!(none, Err(DetectError::NoHealthyEnergy)));

@@ -1,50 +1,40 @@
 //! The tail of healthy energies: a generalised Pareto distribution, and how uncertain its sample
 //! leaves it.
 //!
-//! In, from [`super::threshold::quantile`]: the largest energies, the level that they exceed, and
-//! how many independent ones they are worth. Out: the posterior of the energy that is exceeded at a
-//! given rate, which may lie far beyond the sample.
+//! In: the largest energies, the level that they exceed, and how many independent ones they are
+//! worth. Out: the posterior of the energy that is exceeded at a given rate, which may lie far
+//! beyond the sample.
 //!
 //! The method is peaks over threshold (Pickands 1975): whatever the distribution, excesses z over a
 //! high level are about generalised Pareto distributed, P(excess > z) = (1 + xi z / scale)^(-1 /
 //! xi), which at the shape xi = 0 is exponential. The steps:
 //!
-//! 1. The prior of xi is flat on a grid between the lightest and the heaviest tail that healthy
-//!    channels have; that of ln scale is flat.
+//! 1. The priors of xi (on a grid) and of ln scale are flat.
 //! 2. For each xi find the scale of maximum likelihood. Given xi, the posterior of ln scale is
 //!    Gaussian about it with variance (1 + 2 xi) / n (Laplace). Integrated over the scale, this
 //!    gives the weight of xi.
-//! 3. For each xi the excess at a given rate is scale ((1 / rate)^xi - 1) / xi. So its ln is
-//!    Gaussian, too, and its posterior is a mixture of these Gaussians. `ParetoTail::quantile`
-//!    inverts the mixture.
+//! 3. For each xi the excess at a given rate is scale ((1 / rate)^xi - 1) / xi. So the posterior of
+//!    its ln is a mixture of Gaussians, which `ParetoTail::quantile` inverts.
 //!
-//! A posterior is used, and not a standard error about an estimate, because an estimate that is too
-//! low by chance brings a standard error that is too small.
+//! A standard error about an estimate would be too small where the estimate is too low by chance.
 
 use crate::model::bisection::bisected;
 use crate::model::normal::upper_tail;
 
-/// The range of shapes xi, from the shape of scatter that ends at bounds and is widened by noise to
-/// the shape of Student's t with 4 degrees of freedom, whose squares have xi = 2/4. The heaviest
-/// tail is the same as in windows (`mixture.rs`).
+/// The range of shapes xi, from scatter that ends at bounds to Student's t with 4 degrees of freedom,
+/// whose squares have xi = 2/4, as in windows (`mixture.rs`).
 const LIGHTEST: f64 = -0.25;
 const HEAVIEST: f64 = 0.5;
-/// Number of shapes that represent the whole range.
 const SHAPES: usize = 76;
 
-/// Number of halvings of an interval until no digit changes.
 const HALVINGS: usize = 60;
 
-/// How many independent signals the signals of a tail are worth. There are two numbers, because
-/// signals of one channel are more alike in whether they lie in the tail than in how far they lie
-/// in it.
+/// How many independent signals the signals of a tail are worth.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Effective {
-    /// As to the share of all signals that lies in the tail. It determines the widths of the
-    /// posterior of a quantile, of the part from the scale, too (as the smaller number it is the
-    /// cautious choice).
+    /// As to the share of all signals that lies in the tail (the smaller, cautious number).
     pub number: f64,
-    /// As to the sizes of the excesses. It determines how sharply the shapes are told apart.
+    /// As to the sizes of the excesses, for how sharply the shapes are told apart.
     pub excesses: f64,
 }
 
@@ -56,7 +46,6 @@ pub(super) struct ParetoTail {
     of_shapes: Vec<OfShape>,
 }
 
-/// A shape, its posterior probability, and the likeliest scale given that shape.
 #[derive(Debug)]
 struct OfShape {
     shape: f64,
@@ -65,8 +54,7 @@ struct OfShape {
 }
 
 impl ParetoTail {
-    /// Fits the tail. `energies`: the tail's, none below `level`. If none lies above the level,
-    /// nothing is known of a tail, and all quantiles are the level.
+    /// Fits the tail. `energies`: none below `level`.
     pub fn fit(energies: &[f64], level: f64, effective: Effective) -> ParetoTail {
         let excesses: Vec<f64> = energies.iter().map(|e| e - level).collect();
         let n = excesses.len() as f64;
@@ -78,18 +66,14 @@ impl ParetoTail {
             .map(|i| {
                 let shape = LIGHTEST + step * i as f64;
                 let scale = likeliest_scale(&excesses, shape);
-                // excesses that depend on each other count as fewer: the ln likelihood is scaled
-                // down
+                // excesses that depend on each other count as fewer
                 let ln_likelihood = ln_likelihood(&excesses, shape, scale) * effective.excesses / n;
-                // Integrated over ln scale (Laplace), which multiplies by the width of its
-                // posterior. Until the probabilities are normalised, `weight` is their ln.
+                // integrated over ln scale (Laplace); a ln until it is normalised below
                 let weight = ln_likelihood + 0.5 * of_ln_scale(shape).ln();
                 OfShape { shape, weight, ln_scale: scale.ln() }
             })
             .collect();
 
-        // from ln probabilities to probabilities that sum to 1; the largest is taken out against
-        // underflow
         let most = of_shapes.iter().map(|of| of.weight).fold(f64::NEG_INFINITY, f64::max);
         of_shapes.iter_mut().for_each(|of| of.weight = (of.weight - most).exp());
         let sum: f64 = of_shapes.iter().map(|of| of.weight).sum();
@@ -97,26 +81,22 @@ impl ParetoTail {
         ParetoTail { level, effective, of_shapes }
     }
 
-    /// Posterior mean of the shape.
     pub fn shape(&self) -> f64 {
         self.of_shapes.iter().map(|of| of.weight * of.shape).sum()
     }
 
-    /// The upper confidence bound of a quantile. The quantile is the energy that a share `beyond`
-    /// (above 0, less than 1) of the signals above the level exceeds; with the posterior
-    /// probability `confidence` it lies below the returned energy.
+    /// What the energy that a share `beyond` of the signals above the level exceeds lies below, with
+    /// the posterior probability `confidence`.
     pub fn quantile(&self, beyond: f64, confidence: f64) -> f64 {
         if self.of_shapes.is_empty() {
             return self.level;
         }
         let further = (1.0 / beyond).ln();
-        // Per shape: its weight, the ln of the quantile's excess at the likeliest scale, and the
-        // posterior standard deviation of that ln.
+        // per shape: its weight, and mean and standard deviation of the ln of the quantile's excess
         let each: Vec<(f64, f64, f64)> = (self.of_shapes.iter())
             .map(|of| {
                 let reach = reach(of.shape, further);
-                // The share of signals above the level is a random number as well, whose ln has the
-                // variance 1 / number. The ln of the excess changes with it by this derivative.
+                // the ln of the share of signals above the level has the variance 1 / number
                 let by_share = (of.shape * further).exp() / reach;
                 let variance = of_ln_scale(of.shape) / self.effective.number
                     + by_share * by_share / self.effective.number;
@@ -124,14 +104,11 @@ impl ParetoTail {
             })
             .collect();
 
-        // posterior probability that the ln of the excess lies below a value: a mixture of Gaussians, one per
-        // shape
+        // posterior probability that the ln of the excess lies below a value
         let below = |ln: f64| -> f64 {
             each.iter().map(|(w, middle, sd)| w * upper_tail((middle - ln) / sd)).sum()
         };
 
-        // bisection for the value at which that probability is `confidence`, between ends that lie
-        // 12 standard deviations off
         const FAR: f64 = 12.0;
         let least = each.iter().map(|(_, middle, sd)| middle - FAR * sd);
         let most = each.iter().map(|(_, middle, sd)| middle + FAR * sd);
@@ -141,21 +118,18 @@ impl ParetoTail {
     }
 }
 
-/// The excess, in units of the scale, that is exceeded with probability e^-t: (e^(xi t) - 1) / xi,
-/// which is t at xi = 0.
+/// The excess, in units of the scale, that is exceeded with probability e^-t.
 fn reach(shape: f64, t: f64) -> f64 {
     if shape.abs() < 1e-9 { t } else { (shape * t).exp_m1() / shape }
 }
 
-/// Asymptotic variance of the ln of the estimated scale given the shape, times the number of
-/// excesses that the scale is estimated from: the inverse Fisher information.
+/// Asymptotic variance of the ln of the scale given the shape, times the number of excesses.
 fn of_ln_scale(shape: f64) -> f64 {
     1.0 + 2.0 * shape
 }
 
-/// The scale of largest likelihood for a shape, by bisection of its ln: there (1 + xi) times the
-/// sum of z / (1 + xi z) over z = excess / scale equals the number of excesses, and the sum falls
-/// as the scale grows.
+/// The scale of largest likelihood for a shape: there (1 + xi) times the sum of z / (1 + xi z) over
+/// z = excess / scale equals the number of excesses, and the sum falls as the scale grows.
 fn likeliest_scale(excesses: &[f64], shape: f64) -> f64 {
     let n = excesses.len() as f64;
     let largest = excesses.iter().copied().fold(0.0, f64::max);
@@ -163,8 +137,7 @@ fn likeliest_scale(excesses: &[f64], shape: f64) -> f64 {
         let each = |e: &f64| e / scale / (1.0 + shape * e / scale);
         (1.0 + shape) * excesses.iter().map(each).sum::<f64>() > n
     };
-    // A light tail ends at scale / -xi, which must lie beyond the largest excess: this bounds the scale from
-    // below.
+    // a light tail ends at scale / -xi, which must lie beyond the largest excess
     let ends = (-shape).max(1e-6) * largest;
     halved(ends.ln(), (10.0 * largest).ln(), |ln| is_too_small(&ln.exp())).exp()
 }

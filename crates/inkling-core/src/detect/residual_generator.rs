@@ -1,26 +1,21 @@
 //! The fault detection filter, ready to run: the residual r of a signal's deviation, and its energy.
 //!
-//! In: once the polynomials N(z)L(z) ([`super::null_space`], [`super::numerator`]) and alpha(z)
-//! ([`super::poles`]), which `design/fd_filter.rs` brings together; then per signal the deviation
-//! y - C e^{At} x_a_hat from what the healthy model expects, N, counts. Out: r, N, counts, its
-//! energy, counts²·s, or its largest sample. thesis r(y), e(r) (before (3-4)). In a stream, signals
-//! go through this f64 filter only where the f32 kernel ([`super::kernel`]) does not settle them.
+//! In: the polynomials N(z)L(z) ([`super::null_space`], [`super::numerator`]) and alpha(z)
+//! ([`super::poles`]); then per signal the deviation y - C e^{At} x_a_hat from what the healthy
+//! model expects, N, counts. Out: r, N, counts, its energy, counts²·s, or its largest sample. thesis
+//! r(y), e(r) (before (3-4)).
 //!
-//! The filter is an ordinary difference equation: r_k = sum of b_j d_(k-j) - sum of a_j r_(k-j),
-//! with b and a the coefficients of numerator and denominator. Over N samples it is r = F d with a
-//! lower triangular Toeplitz matrix F of the impulse response. The default statistic is an energy
-//! of the same residual with another weight than the identity: [`super::sensitivity`].
+//! r_k = sum of b_j d_(k-j) - sum of a_j r_(k-j), with b and a the coefficients of numerator and
+//! denominator. Over N samples it is r = F d with a lower triangular Toeplitz matrix F of the impulse
+//! response. The default statistic is another energy of it: [`super::sensitivity`].
 //!
-//! Departs: the thesis runs two filters, on y and on x_a_hat. Both are the same linear filter applied to the
-//! deviation, r = (N L / alpha) (y - y_hat), from zero state, so one suffices.
+//! Departs: the thesis filters y and x_a_hat; from zero state one filter of y - y_hat does the same.
 
 use super::DetectError;
 use serde::{Deserialize, Serialize};
 
-/// The filter r = (numerator / denominator) (y - y_hat). Both polynomials have finite coefficients
-/// in descending powers of z and equal lengths (a biproper filter, which is fine in discrete time),
-/// and the denominator is monic: `new` and deserialising check this. Whether the filter is stable
-/// is not checked, as the pair of method I is not. `dt_s`: sample period, s.
+/// The filter r = (numerator / denominator) (y - y_hat): finite coefficients in descending powers of
+/// z, equal lengths, the denominator monic. Stability is not checked: method I's pair is marginal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Unchecked")]
 pub struct ResidualGenerator {
@@ -29,7 +24,6 @@ pub struct ResidualGenerator {
     pub dt_s: f64,
 }
 
-/// A residual generator as it was stored, before it is checked.
 #[derive(Deserialize)]
 struct Unchecked {
     numerator: Vec<f64>,
@@ -49,13 +43,15 @@ impl TryFrom<Unchecked> for ResidualGenerator {
 const INLINE: usize = 16;
 
 impl ResidualGenerator {
-    /// Checks the polynomials and the sample period.
     pub fn new(
         numerator: Vec<f64>,
         denominator: Vec<f64>,
         dt_s: f64,
     ) -> Result<ResidualGenerator, DetectError> {
-        super::poles::check_period(dt_s)?;
+        if !(dt_s > 0.0 && dt_s.is_finite()) {
+            let (what, must) = ("sample period, s,", "positive and finite");
+            return Err(DetectError::BadNumber { what, value: dt_s, must });
+        }
         let lengths = (numerator.len(), denominator.len());
         if lengths.0 != lengths.1 || lengths.0 == 0 {
             let (numerator, denominator) = lengths;
@@ -72,22 +68,25 @@ impl ResidualGenerator {
         Ok(ResidualGenerator { numerator, denominator, dt_s })
     }
 
-    /// The degree of both polynomials: the number of the filter's poles.
     pub fn degree(&self) -> usize {
-        self.denominator.len().saturating_sub(1)
+        self.denominator.len() - 1
     }
 
-    /// Writes the residual of a deviation, thesis r(y), from zero state, into `residual`. Both: N,
-    /// counts; if their lengths differ, the shorter one counts, and the rest of `residual` stays as
-    /// it was.
+    /// Writes the residual of a deviation, thesis r(y), from zero state, counts, into `residual`.
     pub fn filter(&self, deviation: &[f64], residual: &mut [f64]) {
-        let deviation = &deviation[..deviation.len().min(residual.len())];
         let mut out = residual.iter_mut();
         self.run(deviation, |r| out.next().into_iter().for_each(|place| *place = r));
     }
 
-    /// The residual energy, thesis e(r) before (3-4): e = dt sum r², counts²·s, where the text has the
-    /// integral. `deviation`: N, counts. The residual is not stored.
+    /// The residual of a deviation, thesis r(y), from zero state; both: N, counts.
+    pub fn residual(&self, deviation: &[f64]) -> Vec<f64> {
+        let mut residual = vec![0.0; deviation.len()];
+        self.filter(deviation, &mut residual);
+        residual
+    }
+
+    /// The residual energy, thesis e(r) before (3-4): e = dt sum r², counts²·s, where the text has
+    /// the integral. `deviation`: N, counts.
     pub fn energy(&self, deviation: &[f64]) -> f64 {
         let mut sum = 0.0;
         self.run(deviation, |r| sum += r * r);
@@ -101,38 +100,26 @@ impl ResidualGenerator {
         most
     }
 
-    /// The first `n` samples of the impulse response.
     pub fn impulse_response(&self, n: usize) -> Vec<f64> {
         let mut impulse = vec![0.0; n];
-        if let Some(first) = impulse.first_mut() {
-            *first = 1.0;
-        }
-        let mut h = vec![0.0; n];
-        self.filter(&impulse, &mut h);
-        h
+        impulse.iter_mut().take(1).for_each(|first| *first = 1.0);
+        self.residual(&impulse)
     }
 
-    /// F^T x for a column x of N numbers. By it a residual r = F d can be projected on columns R
-    /// without being computed: R^T r = (F^T R)^T d. F is Toeplitz, so its transpose is F between
-    /// two reversals of the order of samples.
+    /// F^T x for a column x of N numbers, by which residuals r = F d are projected on columns R:
+    /// R^T r = (F^T R)^T d. F is Toeplitz: its transpose is F between two reversals.
     pub fn adjoint(&self, column: &[f64]) -> Vec<f64> {
         let reversed: Vec<f64> = column.iter().rev().copied().collect();
-        let mut out = vec![0.0; column.len()];
-        self.filter(&reversed, &mut out);
+        let mut out = self.residual(&reversed);
         out.reverse();
         out
     }
 
-    /// Runs the filter over a deviation, in direct form II transposed and from zero state. `emit`
-    /// gets every sample of the residual in order.
+    /// Runs the filter in direct form II transposed; `emit` gets every sample of the residual.
     fn run(&self, deviation: &[f64], mut emit: impl FnMut(f64)) {
-        let (Some((b0, b)), Some((_, a))) =
-            (self.numerator.split_first(), self.denominator.split_first())
-        else {
-            return;
-        };
+        let (b0, b, a) = (self.numerator[0], &self.numerator[1..], &self.denominator[1..]);
         let order = a.len().min(b.len());
-        // the state: one number per pole, on the stack unless there are many
+        // one number per pole, on the stack unless there are many
         let mut inline = [0.0; INLINE];
         let mut heap;
         let state = if order <= INLINE {
@@ -160,7 +147,7 @@ impl ResidualGenerator {
     pub(super) fn of_nominal(omega: f64) -> ResidualGenerator {
         use crate::detect::{null_space, poles};
         let (ink, dt_s) = (crate::model::InkChannel::NOMINAL, 0.78125e-6);
-        let numerator = null_space::numerator(&ink.a(), &ink.c(), dt_s, 4).unwrap();
+        let numerator = null_space::numerator_of(&ink, dt_s, 4).unwrap();
         let alpha = poles::resonance(omega, &[2e5, 2e5], dt_s).unwrap();
         ResidualGenerator::new(numerator, alpha, dt_s).unwrap()
     }
@@ -202,8 +189,7 @@ mod tests {
     fn recursion_toeplitz_product_and_polynomial_division_agree() {
         let g = method_one(6.47);
         let d = random_signal(1);
-        let mut r = vec![0.0; 128];
-        g.filter(&d, &mut r);
+        let r = g.residual(&d);
         let product = g.matrix(128) * nalgebra::DVector::from_column_slice(&d);
         assert!(relative(&r, product.as_slice()) < 1e-24);
         // Independent: impulse response by long division N / alpha, and a plain convolution.
@@ -222,11 +208,10 @@ mod tests {
     }
 
     #[test]
-    fn energy_and_maximum_are_those_of_what_filter_gives() {
+    fn energy_and_maximum_are_those_of_the_residual() {
         let g = method_one(6.47);
         let d = random_signal(2);
-        let mut r = vec![0.0; 128];
-        g.filter(&d, &mut r);
+        let r = g.residual(&d);
         let e = DT_S * r.iter().map(|x| x * x).sum::<f64>();
         assert!((g.energy(&d) - e).abs() <= 1e-15 * e);
         let most = g.maximum(&d);
@@ -238,8 +223,7 @@ mod tests {
     fn adjoint_is_the_transpose() {
         let g = method_one(6.47);
         let (d, x) = (random_signal(3), random_signal(4));
-        let mut r = vec![0.0; 128];
-        g.filter(&d, &mut r);
+        let r = g.residual(&d);
         let dot = |p: &[f64], q: &[f64]| p.iter().zip(q).map(|(x, y)| x * y).sum::<f64>();
         let (left, right) = (dot(&x, &r), dot(&g.adjoint(&x), &d));
         assert!((left - right).abs() <= 1e-11 * (dot(&x, &x) * dot(&r, &r)).sqrt());
@@ -257,9 +241,9 @@ mod tests {
             let n = g.degree();
             let annihilated: Vec<f64> =
                 (n..y.len()).map(|k| (0..=n).map(|j| g.numerator[j] * y[k - j]).sum()).collect();
-            let mut one = vec![0.0; n + 1];
-            one[0] = 1.0;
-            let rings = ResidualGenerator::new(one, g.denominator.clone(), DT_S).unwrap();
+            let mut rings = g.clone();
+            rings.numerator.fill(0.0);
+            rings.numerator[0] = 1.0;
             let share = rings.energy(&annihilated) / (DT_S * y.iter().map(|v| v * v).sum::<f64>());
             println!("n_o {oscillations}: relative residual energy {share:.1e}");
             assert!(share <= 1e-20, "{share}");
@@ -293,12 +277,8 @@ mod tests {
     }
 
     #[test]
-    fn no_samples_and_short_buffers_are_no_trouble() {
+    fn no_samples_are_no_trouble() {
         let g = method_one(6.47);
-        assert_eq!(g.energy(&[]), 0.0);
-        assert_eq!(g.impulse_response(0).len(), 0);
-        let mut short = [0.0; 3];
-        g.filter(&random_signal(5), &mut short);
-        assert!(short.iter().all(|r| r.is_finite()));
+        assert_eq!((g.energy(&[]), g.impulse_response(0).len()), (0.0, 0));
     }
 }

@@ -1,18 +1,14 @@
 //! Inner products of many signals' deviations with a few columns, in f32, taken from the signals as
 //! they lie in their bursts, without transposing them to a tile.
 //!
-//! In, from `src/pipeline/statistics.rs`: rows of a burst (one row is one channel's signal, N
-//! samples), the expected signal y_hat that all of them share, and M columns p_j of N numbers. Out:
-//! per row the products p_j . (y - y_hat), and the square norm |y - y_hat|², counts².
-//! [`super::lane_sensitivity`] uses three columns, and `design/detector.rs` four, for features with
-//! the phase free.
+//! In: rows of a burst (one row is one channel's signal, N samples), the expected signal y_hat that
+//! all of them share, and M columns p_j of N numbers. Out: per row the products p_j . (y - y_hat),
+//! and the square norm |y - y_hat|², counts².
 //!
 //! The arithmetic keeps the rules of [`super::kernel`]: sample k is added to partial sum k mod 16,
 //! the sixteen partial sums are added in a fixed order (`tree`), and no multiplication is fused
 //! with an addition. So the bits depend neither on the instruction set nor on a row's neighbours.
-//! Three loops do the same sums in the order in which the memory lies: int16 rows in place
-//! (`of_int16`), one row of another format (`of_f64`), and signals that lie sample by sample
-//! (`of_samples`).
+//! Three loops do the same sums in the order in which the memory lies.
 
 use crate::burst::{Burst, Layout};
 use crate::processor::for_processor;
@@ -20,12 +16,10 @@ use std::ops::Range;
 
 /// Number of signals that are judged together, one in each lane.
 pub const LANES: usize = 32;
-/// One number for each lane.
 pub type Sample = [f32; LANES];
 
 /// Number of partial sums of a sum over samples: sample k is added to number k mod 16.
 pub const PHASES: usize = 16;
-/// One number for each of sixteen consecutive samples.
 pub type Phases = [f32; PHASES];
 
 /// Splits numbers into groups of sixteen, the last of which is padded with zeros.
@@ -45,26 +39,22 @@ pub(super) fn tree(of: &Phases) -> f32 {
     (four[0] + four[2]) + (four[1] + four[3])
 }
 
-/// M columns, in groups of sixteen samples.
 #[derive(Clone, Debug)]
 pub struct Columns<const M: usize> {
-    /// Number of samples of a column, without padding; not 0.
     n: usize,
     /// Per group of sixteen samples the part of each column.
     groups: Vec<[Phases; M]>,
 }
 
 impl<const M: usize> Columns<M> {
-    /// Rounds M columns of one length to f32 and groups them.
     pub fn new(of: &[Vec<f64>; M]) -> Columns<M> {
         let columns = of.each_ref().map(|column| in_phases(column.iter().map(|&p| p as f32)));
         let group = |i: usize| columns.each_ref().map(|column| column[i]);
         Columns { n: of[0].len(), groups: (0..columns[0].len()).map(group).collect() }
     }
 
-    /// Projects rows of a burst and writes the results to the lanes from `lane` on; `lane` plus the
-    /// number of rows must not exceed [`LANES`]. `expected`: the expected signal that all rows
-    /// share, counts; `room`: buffers. The burst's signals must be as long as the columns.
+    /// Projects rows of a burst on the columns, and writes the results to the lanes from `lane` on.
+    /// `expected`: the expected signal that all rows share, counts; `room`: buffers.
     pub fn project(
         &self,
         (burst, rows): (&Burst, Range<usize>),
@@ -73,7 +63,6 @@ impl<const M: usize> Columns<M> {
         out: &mut Projections<M>,
         room: &mut Room,
     ) {
-        // int16 rows that lie channel by channel are read in place; all other formats are copied first
         let groups = (expected, self.groups.as_slice());
         if let Some(samples) = burst.int16_rows(rows.start, rows.len()) {
             project_int16(samples, self.n, groups, lane, out);
@@ -98,8 +87,7 @@ impl<const M: usize> Columns<M> {
     }
 }
 
-/// The results of up to [`LANES`] signals, one in each lane: inner products with M columns, and square norms,
-/// counts².
+/// Per lane the inner products with M columns, and the square norm, counts².
 #[derive(Clone, Debug)]
 pub struct Projections<const M: usize> {
     pub products: [Sample; M],
@@ -112,7 +100,6 @@ impl<const M: usize> Default for Projections<M> {
     }
 }
 
-/// Buffers, which are used again for the next rows.
 #[derive(Default)]
 pub struct Room {
     signal: Vec<f64>,
@@ -123,114 +110,86 @@ pub struct Room {
 type Groups<'a, const M: usize> = (&'a [Phases], &'a [[Phases; M]]);
 
 for_processor! {
-    /// Projects rows of little-endian int16 samples that lie one after the other. `n`: samples per
-    /// row; `lane`: where the first row's results go.
+    /// Projects rows of little-endian int16 samples that lie one after the other, of `n` samples
+    /// each; `lane`: where the first row's results go.
     fn project_int16<const M: usize>(
         samples: &[u8],
         n: usize,
         groups: Groups<'_, M>,
         lane: usize,
         out: &mut Projections<M>,
-    ) { of_int16 }
+    ) {
+        let (expected, columns) = groups;
+        let counts = |of: &[u8; 2 * PHASES]| -> Phases {
+            std::array::from_fn(|l| f32::from(i16::from_le_bytes([of[2 * l], of[2 * l + 1]])))
+        };
+        for (row, lane) in samples.chunks_exact(2 * n).zip(lane..) {
+            let (wholes, rest) = row.as_chunks();
+            let mut sums = Sums::default();
+            for ((whole, y_hat), p) in wholes.iter().zip(expected).zip(columns) {
+                sums.add(&counts(whole), y_hat, p);
+            }
+            if let ([.., y_hat], [.., p], false) = (expected, columns, rest.is_empty()) {
+                // the zeros that pad the last group meet zeros of the expected signal and the columns
+                let mut last = [0; 2 * PHASES];
+                last[..rest.len()].copy_from_slice(rest);
+                sums.add(&counts(&last), y_hat, p);
+            }
+            sums.end(lane, out);
+        }
+    }
 }
 
 for_processor! {
-    /// Projects one signal and writes the results to `lane`.
     fn project_f64<const M: usize>(
         signal: &[f64],
         groups: Groups<'_, M>,
         lane: usize,
         out: &mut Projections<M>,
-    ) { of_f64 }
-}
-
-for_processor! {
-    /// Projects signals that lie sample by sample: `samples[k]` holds sample k of all of them.
-    fn project_samples<const M: usize>(
-        samples: &[Sample],
-        groups: Groups<'_, M>,
-        lanes: Range<usize>,
-        out: &mut Projections<M>,
-    ) { of_samples }
-}
-
-#[inline(always)] // body of `project_int16`, compiled once per instruction set
-fn of_int16<const M: usize>(
-    samples: &[u8],
-    n: usize,
-    (expected, columns): Groups<M>,
-    lane: usize,
-    out: &mut Projections<M>,
-) {
-    let counts = |of: &[u8; 2 * PHASES]| -> Phases {
-        std::array::from_fn(|l| f32::from(i16::from_le_bytes([of[2 * l], of[2 * l + 1]])))
-    };
-    // whole groups of sixteen samples, then the rest of the row as a group that is padded with zeros
-    for (row, lane) in samples.chunks_exact(2 * n).zip(lane..) {
-        let (wholes, rest) = row.as_chunks();
+    ) {
+        let (expected, columns) = groups;
         let mut sums = Sums::default();
-        for ((whole, y_hat), p) in wholes.iter().zip(expected).zip(columns) {
-            sums.add(&counts(whole), y_hat, p);
-        }
-        if let ([.., y_hat], [.., p], false) = (expected, columns, rest.is_empty()) {
-            // The zeros that pad the last group change nothing: the expected signal and the columns are
-            // padded with zeros.
-            let mut last = [0; 2 * PHASES];
-            last[..rest.len()].copy_from_slice(rest);
-            sums.add(&counts(&last), y_hat, p);
+        for ((some, y_hat), p) in signal.chunks(PHASES).zip(expected).zip(columns) {
+            let counts = std::array::from_fn(|l| some.get(l).map_or(0.0, |y| *y as f32));
+            sums.add(&counts, y_hat, p);
         }
         sums.end(lane, out);
     }
 }
 
-#[inline(always)] // body of `project_f64`, compiled once per instruction set
-fn of_f64<const M: usize>(
-    signal: &[f64],
-    (expected, columns): Groups<M>,
-    lane: usize,
-    out: &mut Projections<M>,
-) {
-    let mut sums = Sums::default();
-    for ((some, y_hat), p) in signal.chunks(PHASES).zip(expected).zip(columns) {
-        let counts = std::array::from_fn(|l| some.get(l).map_or(0.0, |y| *y as f32));
-        sums.add(&counts, y_hat, p);
-    }
-    sums.end(lane, out);
-}
-
-/// The projection of signals that lie sample by sample: each partial sum is computed for all
-/// signals at once, one partial sum after the other. `lanes`: where the results go; signal l goes
-/// to the l-th of them.
-#[inline(always)] // body of `project_samples`, compiled once per instruction set
-fn of_samples<const M: usize>(
-    samples: &[Sample],
-    (expected, columns): Groups<M>,
-    lanes: Range<usize>,
-    out: &mut Projections<M>,
-) {
-    let mut squares = [[0.0; LANES]; PHASES];
-    let mut products = [[[0.0; LANES]; PHASES]; M];
-    // partial sum `phase` of all lanes, over samples phase, phase + 16, ..
-    for phase in 0..PHASES {
-        let (mut square, mut product) = ([0.0; LANES], [[0.0; LANES]; M]);
-        let samples = samples.iter().skip(phase).step_by(PHASES);
-        for (counts, (y_hat, p)) in samples.zip(expected.iter().zip(columns)) {
-            for l in 0..LANES {
-                let d = counts[l] - y_hat[phase];
-                square[l] += d * d;
-                for j in 0..M {
-                    product[j][l] += p[j][phase] * d;
+for_processor! {
+    /// Projects signals that lie sample by sample, one partial sum of all of them after the other:
+    /// `samples[k]` holds sample k; `lanes`: where the results go.
+    fn project_samples<const M: usize>(
+        samples: &[Sample],
+        groups: Groups<'_, M>,
+        lanes: Range<usize>,
+        out: &mut Projections<M>,
+    ) {
+        let (expected, columns) = groups;
+        let mut squares = [[0.0; LANES]; PHASES];
+        let mut products = [[[0.0; LANES]; PHASES]; M];
+        // partial sum `phase` of all lanes, over samples phase, phase + 16, ..
+        for phase in 0..PHASES {
+            let (mut square, mut product) = ([0.0; LANES], [[0.0; LANES]; M]);
+            let samples = samples.iter().skip(phase).step_by(PHASES);
+            for (counts, (y_hat, p)) in samples.zip(expected.iter().zip(columns)) {
+                for l in 0..LANES {
+                    let d = counts[l] - y_hat[phase];
+                    square[l] += d * d;
+                    for j in 0..M {
+                        product[j][l] += p[j][phase] * d;
+                    }
                 }
             }
+            squares[phase] = square;
+            (0..M).for_each(|j| products[j][phase] = product[j]);
         }
-        squares[phase] = square;
-        (0..M).for_each(|j| products[j][phase] = product[j]);
-    }
-    // per lane the sixteen partial sums are added up as for a single row
-    for (l, lane) in lanes.enumerate() {
-        out.squares[lane] = tree(&squares.each_ref().map(|of| of[l]));
-        for (out, of_column) in out.products.iter_mut().zip(&products) {
-            out[lane] = tree(&of_column.each_ref().map(|of| of[l]));
+        for (l, lane) in lanes.enumerate() {
+            out.squares[lane] = tree(&squares.each_ref().map(|of| of[l]));
+            for (out, of_column) in out.products.iter_mut().zip(&products) {
+                out[lane] = tree(&of_column.each_ref().map(|of| of[l]));
+            }
         }
     }
 }
@@ -249,8 +208,6 @@ impl<const M: usize> Default for Sums<M> {
 }
 
 impl<const M: usize> Sums<M> {
-    /// Adds sixteen samples, each to its own partial sum. `expected`, `p`: the expected signal and
-    /// the columns at the same samples.
     #[inline(always)] // compiled once per instruction set
     fn add(&mut self, counts: &Phases, expected: &Phases, p: &[Phases; M]) {
         let d: Phases = std::array::from_fn(|l| counts[l] - expected[l]);

@@ -4,39 +4,27 @@
 //! In: a signal's deviation d (N, counts) from what the healthy model expects, and its relative
 //! drive s. Out: the squared Mahalanobis distance of the signal's features (ln amplitude, ln
 //! damping, ln frequency, relative to the healthy ring) from those of healthy channels. No fault
-//! data are needed. `design/learn.rs` learns a [`Sensitivity`], `design/detector.rs` applies it to
-//! one signal, and [`super::lane_sensitivity`] to many at once.
-//!
-//! # The idea
+//! data are needed.
 //!
 //! 1. Tangent: T (N x 3) holds dy/d(ln A, ln sigma, ln f) of the healthy ring.
 //! 2. Features to first order, by least squares: x = P d / s with the projection P = (T'T)^-1 T'.
 //! 3. Covariance of healthy features: C(s) = share * spread + noise / s². `spread` is how channels
-//!    differ, `noise` what the noise of the samples does to the features at the reference drive.
-//!    The two are kept apart because noise weighs more where the drive is low.
+//!    differ, `noise` what the noise of the samples does at the reference drive.
 //! 4. Distance: (x - m)' M (x - m) with the healthy mean m and the metric M = C(s)^-1.
 //!
 //! Far from the healthy ring first-order features are wrong. So the detector fits a ring
 //! ([`crate::model::ring_fit`]) to a signal whose squared distance lies within [`SECOND_LOOK`] ..
-//! [`CLEARLY_FAR`], and takes the distance of the fitted features. (A fit is also made where the
-//! second test, [`super::misfit`], asks for one.)
+//! [`CLEARLY_FAR`], and takes the distance of the fitted features.
 //!
-//! # Why this is the thesis's statistic with another weight
-//!
-//! The FD filter is r = F d, its matrix F lower triangular with no 0 on the diagonal, so d = F^-1 r
-//! loses nothing. Inserted in the distance:
+//! The thesis's statistic has another weight: the FD filter r = F d is invertible (F is lower
+//! triangular with no 0 on the diagonal) and P T = I, so
 //!
 //! ```text
 //! (P d / s - m)' M (P d / s - m) = (r - r_m)' W (r - r_m),   W = F^-T P' M P F^-1 / s², r_m = s F T m
 //! ```
 //!
-//! since P T = I. So the squared distance is a weighted residual energy about r_m, the residual of
-//! the mean healthy channel, where the thesis's e(r) = dt r' r has the weight W = dt I and no mean
-//! residual. The second test, the square norm beside the ring, is such an energy, too: |d|² - |T P
-//! d|² = r' F^-T (I - P' (P P')^-1 P) F^-1 r. W has rank 3, and the second test's weight has the
-//! other N-3. The choice of F's denominator changes W and not the statistic; the denominator
-//! matters only to e(r), and to the residuals that isolation compares with those of classes. A test
-//! computes W from F and finds the same distance; the program itself never forms W.
+//! is a weighted residual energy about r_m, where the thesis's e(r) = dt r' r has the weight W = dt I.
+//! The second test is such an energy, too: |d|² - |T P d|² = r' F^-T (I - P' (P P')^-1 P) F^-1 r.
 
 use super::tuned;
 use crate::model::inner_product::dot;
@@ -44,33 +32,24 @@ use crate::model::median::{median, robust_sd};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// A squared distance to first order beyond this is computed again from a fitted ring, because far
-/// from the healthy ring the linear projections are no longer the ring's features. About 98 % of
-/// healthy signals stay below this value. A lower value costs time (more signals are fitted) and
-/// changes little else.
+/// A squared distance to first order beyond this, as 2 % of healthy signals have it, is computed
+/// again from a fitted ring.
 pub const SECOND_LOOK: f64 = 13.0;
-/// Squared distance, to first order, beyond which no healthy signal lies, whether judged to first
-/// order or by a fit. There the first-order value is kept, and no ring is fitted.
+/// Squared distance, to first order, beyond which no healthy signal lies, and no ring is fitted.
 pub const CLEARLY_FAR: f64 = 1e3;
 
-/// How features are computed from a deviation to first order, and how healthy features are
-/// distributed. The features are always in the order ln amplitude, ln damping, ln frequency; they
-/// have no unit.
+/// How features are computed from a deviation to first order, and how healthy ones are distributed.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Sensitivity {
-    /// The projection P: three rows of N, 1/counts. P d are the features of a deviation d at the
-    /// reference drive.
+    /// The projection P: three rows of N, 1/counts.
     pub projection: Vec<Vec<f64>>,
     /// The mean m of the healthy features. Not quite 0, as the model is identified from an average.
     pub mean: [f64; 3],
-    /// Covariance of the healthy features from signal to signal, less that of the noise: how
-    /// channels differ.
+    /// How channels differ: covariance of the healthy features less that of the noise.
     pub spread: [[f64; 3]; 3],
-    /// Covariance of the features that the samples' noise causes at the reference drive. At a
-    /// relative drive s it is 1 / s² of this.
+    /// Covariance of the features that the samples' noise causes at the reference drive.
     pub noise: [[f64; 3]; 3],
-    /// Share of `spread` that counts in the metric, above 0 and at most 1; the noise counts whole.
-    /// A stored design without this field was made when one share was used for all designs.
+    /// Share of `spread` that counts in the metric, above 0 and at most 1. An older design lacks it.
     #[serde(default = "tuned::spread_counts")]
     pub share: f64,
 }
@@ -80,7 +59,6 @@ impl Sensitivity {
     /// `tangent`: T, N x 3, dy/d(ln A, ln sigma, ln f), counts. `noise`: standard deviation of one
     /// sample, counts. `None`: the columns of T are linearly dependent.
     pub fn new(tangent: &DMatrix<f64>, noise: f64) -> Option<Sensitivity> {
-        // least squares: P = (T'T)^-1 T', and white noise gives the features the covariance noise² (T'T)^-1
         let gram = tangent.tr_mul(tangent);
         let inverse = gram.try_inverse()?;
         let projection = &inverse * tangent.transpose();
@@ -94,18 +72,11 @@ impl Sensitivity {
         new.noise.iter().flatten().all(|v| v.is_finite()).then_some(new)
     }
 
-    /// The same sensitivity with its noise covariance enlarged for coloured noise. For each feature
-    /// the variance p' R p is computed (p: the feature's row of P; R: the Toeplitz matrix of an
-    /// autocovariance), once with the measured autocovariance and once with that of white noise.
-    /// The whole noise covariance is multiplied by the largest of the three ratios of the two; a
-    /// ratio below 1 changes nothing. One factor for all features is a simplification, on the
-    /// cautious side.
-    ///
-    /// Both arguments are autocovariances of misfits beside the ring, counts², from lag 0 on.
-    /// `autocovariance`: as measured; `of_white`: what white noise of the model's noise level
-    /// leaves beside the ring.
+    /// The sensitivity with its noise covariance enlarged for coloured noise: by the largest ratio,
+    /// measured over white, of p' R p (p: row of P; R: Toeplitz matrix of the misfits' autocovariance,
+    /// counts², from lag 0 on).
     pub fn coloured(mut self, autocovariance: &[f64], of_white: &[f64]) -> Sensitivity {
-        // p' R p of a Toeplitz matrix R: every lag but 0 occurs on both sides of the diagonal
+        // every lag but 0 occurs on both sides of R's diagonal
         let along = |row: &[f64], r: &[f64]| -> f64 {
             let lagged =
                 |lag: usize| -> f64 { row.iter().zip(&row[lag..]).map(|(p, q)| p * q).sum() };
@@ -121,9 +92,8 @@ impl Sensitivity {
         self
     }
 
-    /// The same sensitivity with mean and spread learned from signals that are all healthy, by
-    /// plain moments. `features`: for each signal its features and its relative drive; at least one
-    /// signal.
+    /// The sensitivity with mean and spread by plain moments of healthy signals. `features`: of each
+    /// signal, with its relative drive; not empty.
     pub fn with_spread(self, features: &[(Vector3<f64>, f64)]) -> Sensitivity {
         let n = features.len() as f64;
         let mean = features.iter().map(|(x, _)| x).sum::<Vector3<f64>>() / n;
@@ -135,60 +105,47 @@ impl Sensitivity {
     }
 
     /// Standard deviation of one sample's noise, counts, as the noise of ln amplitude implies it.
-    /// Where the noise is coloured, it is that of white noise which would disturb ln amplitude as
-    /// much.
     pub fn noise_of_one_sample(&self) -> f64 {
         let square = self.projection[0].iter().map(|p| p * p).sum::<f64>();
         (self.noise[0][0] / square).sqrt()
     }
 
-    /// The sensitivity after a change that all channels of the head have in common, such as warmer
-    /// ink: the projection is that of the changed ring, while sample noise, mean, spread and share
-    /// stay. `tangent`: N x 3, of the changed ring. `None`: its columns are linearly dependent.
+    /// The sensitivity after a change that all channels have in common, such as warmer ink.
+    /// `tangent`: N x 3, of the changed ring.
     pub fn moved(&self, tangent: &DMatrix<f64>) -> Option<Sensitivity> {
         Some(Sensitivity::new(tangent, self.noise_of_one_sample())?.with_spread_of(self))
     }
 
-    /// The same sensitivity with mean, spread and share of another model. For a window with too few
-    /// signals to learn its own, and for a model that was moved.
     pub fn with_spread_of(self, other: &Sensitivity) -> Sensitivity {
         Sensitivity { mean: other.mean, spread: other.spread, share: other.share, ..self }
     }
 
-    /// As [`Sensitivity::with_spread`], but by robust moments (`core_of`): up to two in five of the
-    /// signals may be faulty.
+    /// As [`Sensitivity::with_spread`], but up to two in five of the signals may be faulty.
     pub fn with_core_spread(self, features: &[(Vector3<f64>, f64)]) -> Sensitivity {
         let points: Vec<Vector3<f64>> = features.iter().map(|(x, _)| *x).collect();
         let Core { mean, covariance } = core_of(&points);
         self.with_total(mean, covariance, features)
     }
 
-    /// The same sensitivity with its own mean and share, and with the spread that another model has
-    /// learned.
     pub fn scattering_like(self, other: &Sensitivity) -> Sensitivity {
         Sensitivity { spread: other.spread, ..self }
     }
 
     /// Mean squared distance, at the reference drive, of healthy signals that have this spread and
-    /// this noise: tr(M C) with C the whole covariance. It is 3 where `share` is 1, and larger
-    /// where `share` is less. NaN: the metric is singular.
+    /// this noise: tr(M C) with C the whole covariance. NaN: the metric is singular.
     pub fn mean_square(&self) -> f64 {
         let all = matrix(&self.spread) + matrix(&self.noise);
         self.metric(1.0).map_or(f64::NAN, |metric| (metric * all).trace())
     }
 
-    /// Volume of the ellipsoid of features whose squared distance from the mean is at most
-    /// `square`, at the reference drive, up to a factor (4 pi / 3) that all models share. Training
-    /// compares tests by it: of two tests with the same rate of false alarms the one that calls the
-    /// smaller volume healthy finds more faults.
+    /// Volume, up to a factor, of the features whose squared distance is at most `square`: of two tests
+    /// with one rate of false alarms the smaller one finds more faults.
     pub fn volume(&self, square: f64) -> f64 {
         let density = self.metric(1.0).map_or(0.0, |metric| metric.determinant());
         (square.powi(3) / density).sqrt()
     }
 
-    /// Sets the mean, and the spread as the features' covariance less the noise's. `total`: the
-    /// covariance of `features`, noise included; `features`: only their drives are used, for the
-    /// mean noise.
+    /// Sets the mean, and the spread as the covariance `total` less the mean noise's at these drives.
     fn with_total(
         mut self,
         mean: Vector3<f64>,
@@ -196,13 +153,11 @@ impl Sensitivity {
         features: &[(Vector3<f64>, f64)],
     ) -> Sensitivity {
         let n = features.len() as f64;
-        // the mean of 1 / drive², by which the noise's covariance at the reference drive is
-        // multiplied
+        // the mean of 1 / drive², by which the noise's covariance is multiplied
         let of_noise = features.iter().map(|(_, s)| 1.0 / (s * s)).sum::<f64>() / n;
         let beyond = total - matrix(&self.noise) * of_noise;
 
-        // By sampling error a direction may have less variance than the noise. Its spread would be
-        // negative, so negative eigenvalues are set to 0.
+        // by sampling error a direction may have less variance than the noise: it has no spread
         let eigen = beyond.symmetric_eigen();
         let kept = eigen.eigenvalues.map(|v| v.max(0.0));
         let spread =
@@ -224,23 +179,18 @@ impl Sensitivity {
         (matrix(&self.spread) * self.share + matrix(&self.noise) / (drive * drive)).try_inverse()
     }
 
-    /// Gram matrix T'T of the sensitivities, counts²: x' T'T x is the square norm of the part along
-    /// the sensitivities that a deviation with features x has at the reference drive. `None`: the
-    /// sensitivities are linearly dependent.
+    /// Gram matrix T'T of the sensitivities, counts². `None`: they are linearly dependent.
     pub fn gram(&self) -> Option<Matrix3<f64>> {
         // T itself is not stored, but P P' = (T'T)^-1
         let row = |i: usize| &self.projection[i];
         Matrix3::from_fn(|i, j| dot(row(i), row(j))).try_inverse()
     }
 
-    /// Squared distance of features from the healthy mean, by a metric ([`Sensitivity::metric`]).
     pub fn distance(&self, metric: &Matrix3<f64>, features: &Vector3<f64>) -> f64 {
         let d = features - Vector3::from(self.mean);
         d.dot(&(metric * d))
     }
 
-    /// Refuses a stored sensitivity that could not have been learned: wrong lengths for signals of
-    /// `samples` samples, numbers that are not finite, a share out of range, or a singular metric.
     pub fn check(&self, samples: usize) -> Result<(), String> {
         let finite = |v: &[f64]| v.iter().all(|x| x.is_finite());
         let whole = self.projection.len() == 3
@@ -248,38 +198,32 @@ impl Sensitivity {
             && finite(&self.mean)
             && self.spread.iter().chain(&self.noise).all(|r| finite(r))
             && self.share > 0.0
-            && self.share <= 1.0;
-        match whole && self.metric(1.0).is_some() {
-            true => Ok(()),
-            false => Err(format!(
+            && self.share <= 1.0
+            && self.metric(1.0).is_some();
+        whole.then_some(()).ok_or_else(|| {
+            format!(
                 "`sensitivity` must be three finite rows of {samples}, with a `share` in (0, 1]"
-            )),
-        }
+            )
+        })
     }
 }
 
-/// A robust mean and covariance of points, see `core_of`.
 pub(super) struct Core {
     pub mean: Vector3<f64>,
     pub covariance: Matrix3<f64>,
 }
 
-/// Robust mean and covariance of points by the minimum covariance determinant: the moments of that
-/// part of the points (`core_share`, three in five) that lies closest together. The part is found
-/// by concentration steps (Rousseeuw and Van Driessen 1999) from a single start, so it may be a
-/// local optimum. The covariance is scaled up such that it is right for a Gaussian. Up to two in
-/// five points may be outliers. At least one point is needed.
+/// Robust mean and covariance of one or more points by the minimum covariance determinant: the moments
+/// of the closest three in five, by concentration steps (Rousseeuw and Van Driessen 1999) from one
+/// start, scaled up for a Gaussian.
 pub(super) fn core_of(points: &[Vector3<f64>]) -> Core {
-    /// Covariance of the innermost .6 of a three-dimensional Gaussian over that of all of it:
-    /// P(chi²_5 < q) / .6 with P(chi²_3 < q) = .6, that is q = 2.946. It belongs to `core_share` =
-    /// .6.
+    /// Variance of the innermost .6 (`core_share`) of a three-dimensional Gaussian over that of all:
+    /// P(chi²_5 < q) / .6 with P(chi²_3 < q) = .6.
     const SHRINKS: f64 = 0.486;
-    /// Most concentration steps; the loop ends earlier where the mean stands still.
     const STEPS: usize = 30;
     let kept = ((tuned::core_share() * points.len() as f64).ceil() as usize).clamp(1, points.len());
 
-    // start from the median and the median absolute deviation of each feature, as a diagonal
-    // covariance
+    // start from the median and the median absolute deviation of each feature
     let along = |k: usize| points.iter().map(|x| x[k]).collect::<Vec<f64>>();
     let mut mean = Vector3::from_fn(|k, _| median(&mut along(k)));
     let spread =
@@ -287,8 +231,7 @@ pub(super) fn core_of(points: &[Vector3<f64>]) -> Core {
     let mut covariance = Matrix3::from_diagonal(&spread);
     let mut order: Vec<usize> = (0..points.len()).collect();
     for _ in 0..STEPS {
-        // concentration: keep the points nearest to the present mean by the present covariance, and
-        // take their mean and covariance; this never enlarges the covariance's determinant
+        // keep the points nearest to the present mean by the present covariance
         let Some(metric) = covariance.try_inverse() else { break };
         let far: Vec<f64> = points
             .iter()
@@ -297,8 +240,7 @@ pub(super) fn core_of(points: &[Vector3<f64>]) -> Core {
                 d.dot(&(metric * d))
             })
             .collect();
-        // equal distances are ordered by index, and sums are taken in order of index, so that the
-        // result has the same bits in every run
+        // ordered by index, so that the result has the same bits in every run
         order.select_nth_unstable_by(kept - 1, |&i, &j| far[i].total_cmp(&far[j]).then(i.cmp(&j)));
         let mut nearest = order[..kept].to_vec();
         nearest.sort_unstable();
@@ -320,7 +262,7 @@ fn matrix(rows: &[[f64; 3]; 3]) -> Matrix3<f64> {
     Matrix3::from_fn(|i, j| rows[i][j])
 }
 
-fn rows(m: &Matrix3<f64>) -> [[f64; 3]; 3] {
+pub(super) fn rows(m: &Matrix3<f64>) -> [[f64; 3]; 3] {
     std::array::from_fn(|i| std::array::from_fn(|j| m[(i, j)]))
 }
 

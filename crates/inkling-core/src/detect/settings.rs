@@ -1,6 +1,5 @@
 //! Settings of fault detection: `pipeline.toml` section `[detect]`, with its defaults and the check
-//! of its values. `design/learn.rs` and `design/fd_filter.rs` read them; `pipeline.toml` explains
-//! each key to users.
+//! of its values. `pipeline.toml` explains each key to users.
 
 use super::decoupling::Disturbance;
 use crate::ranges::{check, check_between};
@@ -10,16 +9,14 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DetectMethod {
-    /// The distance from the healthy channels along the model's own sensitivities, with a second
-    /// test of what lies beside the ring ([`super::sensitivity`], [`super::misfit`]).
+    /// The distance along the model's sensitivities, and what lies beside the ring.
     #[default]
     Sensitivity,
     /// The energy of the FD filter's residual, thesis e(r).
     ResidualEnergy,
     /// The largest absolute sample of that residual, thesis §3-2.
     ResidualMaximum,
-    /// The distance from the range of healthy frequencies and dampings, found by Fourier transform: the
-    /// current practice with which the thesis compares ([`super::key_numbers`]).
+    /// The distance from the healthy range of frequency and damping: the current practice.
     Practice,
 }
 
@@ -43,57 +40,44 @@ pub enum Denominator {
     Resonance,
     /// Method II: the eigenvalues of the identified model of the class `fault`.
     Eigenvalues,
-    /// Method III: numerator enhancement, learned on the class `fault` ([`super::numerator`]);
-    /// poles by method I.
+    /// Method III: numerator enhancement, for the class `fault` ([`super::numerator`]).
     Enhanced,
-    /// (3-3b) as a linear programme ([`super::linear_programme`]) for the class `fault`, poles by method I.
+    /// (3-3b) as a linear programme ([`super::linear_programme`]) for the class `fault`.
     Lp,
-    /// Method III with the numerator as Appendix A writes it ([`super::appendix`]), for the class
-    /// `fault`, poles by method I.
+    /// Method III as Appendix A writes it ([`super::appendix`]), for the class `fault`.
     AppendixA,
-    /// The pair and the other poles that miss the fewest labelled faults of all classes
-    /// ([`super::denominator_search`]).
+    /// The poles that miss the fewest labelled faults ([`super::denominator_search`]).
     Searched,
 }
 
-/// n_o that reproduces the thesis's figures, in periods of the healthy ring: 7.25 oscillations in the 100 µs
-/// of signals of the thesis's form, which ring at 64.7 kHz. Found on such signals by search: it gives the
-/// misses of its Table 4-1.
+/// n_o, in periods of the healthy ring, that reproduces the misses of the thesis's Table 4-1.
 pub const THESIS_OSCILLATIONS_OF_RING: f64 = 1.12;
 
-/// The section `[detect]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct DetectSettings {
-    /// What is compared with the threshold.
     pub method: DetectMethod,
-    /// How the threshold is learned.
     pub threshold: ThresholdMethod,
     /// Share of healthy signals that may be flagged, for `quantile` and for windows.
     pub false_alarm_rate: f64,
-    /// Probability, over the sampling of channels, that the realised rate stays below `false_alarm_rate`; for
-    /// `quantile` and for windows.
+    /// Probability, over the sampling of channels, that the realised rate stays below that.
     pub confidence: f64,
-    /// Factor on the largest healthy energy, for `max`.
     pub mu: f64,
-    /// How the denominator of the FD filter is chosen.
     pub denominator: Denominator,
     /// The fault class that all denominators but `resonance` and `searched` are made for.
     pub fault: String,
     /// Number of oscillations n_o within a signal at which method I puts the marginal pair; absent:
-    /// by `oscillations_of_ring`. It also counts for the methods that take method I's poles.
+    /// by `oscillations_of_ring`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub oscillations: Option<f64>,
-    /// n_o in periods of the healthy ring, that is n_o over f0 T; absent: 1, which puts the pair at the
-    /// resonance.
+    /// n_o in periods of the healthy ring, that is n_o over f0 T; absent: 1, at the resonance.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub oscillations_of_ring: Option<f64>,
-    /// Disturbances that must not reach the residual; with the two methods that use the residual
-    /// alone.
+    /// Disturbances that must not reach the residual; with the two methods that use it alone.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub decouple: Vec<Disturbance>,
-    /// The other poles of method I, 1/s, as positive numbers p for poles at -p: 1 to 8 of them.
-    /// Together with the pair they fix the filter's degree, with every method.
+    /// The other poles of method I, 1/s, as positive numbers p for poles at -p. Together with the
+    /// pair they fix the filter's degree, with every method.
     pub other_poles_per_s: Vec<f64>,
 }
 
@@ -116,10 +100,7 @@ impl Default for DetectSettings {
 }
 
 impl DetectSettings {
-    /// Refuses a value that is out of range, and says which key holds it. Rates and confidences have the ranges
-    /// of the quantile that thresholds are ([`super::threshold::quantile`]).
     pub fn check(&self) -> Result<(), String> {
-        // between 0 and a bound, both excluded
         let open = |key: &str, v: f64, below: f64| check_between(key, v, 0.0, below);
         open("false_alarm_rate", self.false_alarm_rate, 0.25)?;
         check("confidence", self.confidence, 0.5..=0.999, "0.5 to 0.999")?;

@@ -1,47 +1,37 @@
 //! The threshold on a detection statistic, learned from signals that are all known to be healthy.
 //!
-//! In, from `design/learn.rs`: the statistics of healthy training signals, and the channel that
-//! each came from. This file calls them *energies*, after the thesis; squared distances and other
-//! statistics are treated alike, as only their order and ratios matter. Out: a [`Threshold`], the
-//! value above which a signal counts as faulty, with how it was learned. Signals of which some may
-//! be faulty go to [`super::contamination`] instead.
+//! In: the statistics of healthy training signals (*energies*, after the thesis; only their order
+//! and ratios matter), and the channel that each came from. Out: a [`Threshold`], above which a
+//! signal counts as faulty. Signals of which some may be faulty go to [`super::contamination`].
 //!
 //! [`max`] is thesis (3-4), mu times the largest energy.
 //!
 //! Departs: the largest energy grows with the number of training signals. So the default is
 //! [`quantile`]: the energy that healthy signals exceed at a chosen rate, with a confidence bound.
-//! This energy lies where few signals or none have been seen. The steps:
 //!
 //! 1. The largest energies (a tenth by default) are the tail. Signals of one channel resemble each
 //!    other, so the tail counts as fewer, independent signals (design effect).
 //! 2. A generalised Pareto distribution is fitted to the excesses over the tail's lower end
 //!    (`pareto_tail.rs`); the result is a posterior of the quantile.
 //! 3. The threshold is that posterior's upper end at the chosen confidence.
-//!
-//! The threshold holds for channels like those of the training set.
 
 use super::DetectError;
 use super::pareto_tail::{Effective, ParetoTail};
 use crate::numbers::tuned::little;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// Smallest number of healthy signals for the estimate of a tail.
 const MIN_SIGNALS: usize = 20;
-/// The number of signals that make up the tail is `little` (a tenth) of all, but it lies between these
-/// two. It is at least twice the number expected beyond the threshold, and half of all signals at
-/// most (this bound wins).
+/// The tail is `little` (a tenth) of all signals, but lies between these two. It is at least twice
+/// the number expected beyond the threshold, and half of all signals at most (this bound wins).
 const MIN_TAIL: usize = 50;
 const MAX_TAIL: usize = 5000;
-/// A window's threshold that is raised over its estimate by more than this factor hides small
-/// faults, and gives a warning. On a squared distance the factor means 1.4 standard deviations
-/// instead of one.
+/// A window's threshold that is raised over its estimate by more than this hides small faults.
 const WIDE: f64 = 2.0;
-/// The channels are too few for a threshold if the upper end of its posterior exceeds the
-/// posterior's median by more than this factor. With such a threshold every fault would pass. The
-/// factor itself is somewhat arbitrary.
+/// The channels are too few if the upper end of the posterior exceeds its median by this factor.
 const MAX_FACTOR: f64 = 1e3;
 
-/// How a threshold was learned.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
@@ -54,34 +44,27 @@ pub enum Method {
     Window,
 }
 
-/// A threshold and where it comes from.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Threshold {
-    /// The threshold in the statistic's unit, counts²·s for a residual energy. A signal is healthy up to and
-    /// including this value.
+    /// The threshold, counts²·s for a residual energy. A signal is healthy up to and including it.
     pub value: f64,
-    /// How the threshold was learned. The default, [`Threshold::none`], counts as `max`.
     pub method: Method,
     /// Factor mu of (3-4); with method `max` only.
     pub mu: Option<f64>,
-    /// Largest share of healthy signals above `value`, which holds with the probability
-    /// `confidence`; both are `None` with method `max`.
+    /// Largest share of healthy signals above `value`, with the probability `confidence`; not for `max`.
     pub false_alarm_rate: Option<f64>,
     pub confidence: Option<f64>,
-    /// Numbers of the signals that the threshold was learned from, and of their channels.
     pub n_signals: usize,
     pub n_channels: usize,
-    /// With methods `quantile` and `max` the number of independent signals that would say as much
-    /// about the tail as these do: `n_signals` over the design effect of their channels. With
-    /// method `window` another quantity: the estimated number of healthy signals among them.
+    /// The number of independent signals that would say as much about the tail; with method `window`
+    /// the estimated number of healthy signals.
     pub n_effective: f64,
     /// Number of signals to which the tail was fitted; 0 with methods `max` and `window`.
     pub n_tail: usize,
-    /// With method `quantile` the shape xi of the tail (posterior mean): 0 is exponential, above 0
-    /// heavier, below 0 the tail ends. 0 with method `max`. With method `window` it is 1 / kappa of
-    /// the window's law, see `mixture.rs`.
+    /// Shape xi of the tail (posterior mean), above 0 heavier than exponential; with method `window` 1
+    /// / kappa (`mixture.rs`).
     pub tail_shape: f64,
-    /// With method `window`: the factor by which `value` exceeds its estimate, to hold with `confidence`.
+    /// With method `window`: the factor by which `value` exceeds its estimate.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub widened: Option<f64>,
 }
@@ -92,13 +75,11 @@ impl Threshold {
         Threshold { value: f64::INFINITY, ..Threshold::default() }
     }
 
-    /// The threshold with its value times a factor. It carries a learned tail over to a window
-    /// whose own tail cannot be trusted; the factor is then the ratio of the median statistics.
     pub fn scaled(&self, factor: f64) -> Threshold {
         Threshold { value: self.value * factor, ..self.clone() }
     }
 
-    /// A warning where a window was too small for the stated rate, and the threshold was raised much for it.
+    /// A warning where a window's threshold was raised much.
     pub fn wide_in_words(&self) -> Option<String> {
         let widened = self.widened.filter(|by| *by > WIDE)?;
         Some(format!(
@@ -109,7 +90,6 @@ impl Threshold {
         ))
     }
 
-    /// Describes in one line how the threshold was learned, for reports.
     pub fn in_words(&self) -> String {
         match (self.method, self.false_alarm_rate, self.confidence) {
             (Method::Quantile, Some(rate), Some(confidence)) => format!(
@@ -134,19 +114,14 @@ impl Threshold {
         }
     }
 
-    /// f of thesis §3-2, after (3-4): a signal is faulty above the threshold, healthy on it. An energy that
-    /// is not a number counts as faulty.
+    /// f of thesis §3-2, after (3-4): a signal is faulty above the threshold, healthy on it.
     pub fn is_faulty(&self, energy: f64) -> bool {
         energy > self.value || energy.is_nan()
     }
 }
 
-/// T = mu max(e_h), thesis (3-4). `energies`: e_h, finite and at least 0, one per signal.
-/// `channels`: the channel of each signal. One signal suffices; an error if all energies are 0.
+/// T = mu max(e_h), thesis (3-4), for energies e_h, each with its channel. An error if all are 0.
 pub fn max(energies: &[f64], channels: &[u32], mu: f64) -> Result<Threshold, DetectError> {
-    if !(mu > 0.0 && mu.is_finite()) {
-        return Err(DetectError::BadNumber { what: "mu", value: mu, must: "positive and finite" });
-    }
     let sample = Sample::new(energies, channels, 1, "max")?;
     let value = mu * sample.descending[0].0;
     Ok(Threshold {
@@ -154,59 +129,42 @@ pub fn max(energies: &[f64], channels: &[u32], mu: f64) -> Result<Threshold, Det
         method: Method::Max,
         mu: Some(mu),
         n_signals: energies.len(),
-        n_channels: sample.sizes.len(),
+        n_channels: sample.channels,
         n_effective: sample.effective(1),
         ..Threshold::default()
     })
 }
 
-/// The energy that at most `false_alarm_rate` of healthy signals exceed, with the probability
-/// `confidence`.
-///
-/// `energies`: one per signal, finite and at least 0, in any unit and order; at least 20.
-/// `channels`: the channel of each signal, numbered over all printheads together; with a single
-/// channel, or if no channel repeats, the signals count as independent. `false_alarm_rate`: above
-/// 0, at most .25; `confidence`: .5 to .999. An error if the posterior is so wide that the bound
-/// tells nothing.
+/// The energy that at most `false_alarm_rate` (up to .25) of healthy signals exceed, with the
+/// probability `confidence` (.5 to .999). `channels`: of each of the 20 or more energies, numbered over
+/// all printheads. An error if the posterior is so wide that the bound tells nothing.
 pub fn quantile(
     energies: &[f64],
     channels: &[u32],
     false_alarm_rate: f64,
     confidence: f64,
 ) -> Result<Threshold, DetectError> {
-    let checks = [
-        ("false_alarm_rate", false_alarm_rate, 0.0, 0.25, "above 0 and at most 0.25"),
-        ("confidence", confidence, 0.499_999, 0.999, "from 0.5 to 0.999"),
-    ];
-    for (what, value, above, up_to, must) in checks {
-        if !(value > above && value <= up_to) {
-            return Err(DetectError::BadNumber { what, value, must });
-        }
-    }
     let sample = Sample::new(energies, channels, MIN_SIGNALS, "quantile")?;
     let n = energies.len();
 
     // how many of the largest energies the tail is fitted to
     let tail = ((little() * n as f64) as usize)
         .clamp(MIN_TAIL, MAX_TAIL)
-        // A quantile that lies inside the sample needs signals of the tail on both sides of it.
+        // a quantile that lies inside the sample needs signals of the tail on both sides of it
         .max((2.0 * false_alarm_rate * n as f64).ceil() as usize)
         .min(n / 2);
 
-    // How many independent signals the tail is worth: as to how many signals lie in it (`number` is
-    // of all signals, and the tail has its share of them), and as to the sizes of their excesses.
-    let (number, excesses) = (sample.effective(tail), sample.effective_excesses(tail));
+    // how many independent signals the tail is worth, as a share of all and by its excesses
+    let (number, level) = (sample.effective(tail), sample.descending[tail].0);
+    let excesses = sample.independent(tail, |i| sample.descending[i].0 - level);
     let effective = Effective { number: tail as f64 * number / n as f64, excesses };
     let energies: Vec<f64> = sample.descending[..tail].iter().map(|(e, _)| *e).collect();
-    let law = ParetoTail::fit(&energies, sample.descending[tail].0, effective);
+    let law = ParetoTail::fit(&energies, level, effective);
 
-    // The threshold: the share `beyond` of the tail's signals may lie above it, which is the stated
-    // rate of all signals. The upper end of the posterior is taken, and refused where it is far
-    // above the median.
     let beyond = false_alarm_rate * n as f64 / tail as f64;
     let value = law.quantile(beyond, confidence);
     if !value.is_finite() || value > MAX_FACTOR * law.quantile(beyond, 0.5) {
-        return Err(DetectError::TooFewChannels { channels: sample.sizes.len(), confidence });
+        return Err(DetectError::TooFewChannels { channels: sample.channels, confidence });
     }
     Ok(Threshold {
         value,
@@ -214,7 +172,7 @@ pub fn quantile(
         false_alarm_rate: Some(false_alarm_rate),
         confidence: Some(confidence),
         n_signals: n,
-        n_channels: sample.sizes.len(),
+        n_channels: sample.channels,
         n_effective: number,
         n_tail: tail,
         tail_shape: law.shape(),
@@ -224,14 +182,10 @@ pub fn quantile(
 
 /// Healthy energies, sorted for both methods.
 struct Sample {
-    /// The energies, the largest first, each with the index of its channel (0 .. number of
-    /// channels). Where `alone`, each signal has an index of its own.
+    /// The energies, the largest first, each with its channel. Of a single channel every signal
+    /// counts as a channel of its own, for want of others.
     descending: Vec<(f64, u32)>,
-    /// Number of signals of each channel, by its index.
-    sizes: Vec<f64>,
-    /// Whether there is a single channel only: its signals then count as independent, for want of other
-    /// channels.
-    alone: bool,
+    channels: usize,
 }
 
 impl Sample {
@@ -242,114 +196,79 @@ impl Sample {
         needed: usize,
         method: &'static str,
     ) -> Result<Sample, DetectError> {
-        if energies.len() != channels.len() {
-            let (energies, channels) = (energies.len(), channels.len());
-            return Err(DetectError::UnequalColumns { energies, channels });
-        }
         if energies.len() < needed {
             let found = energies.len();
             return Err(DetectError::TooFewSignals { found, needed, method });
         }
-        if let Some(index) = energies.iter().position(|e| !(e.is_finite() && *e >= 0.0)) {
-            return Err(DetectError::NotAnEnergy { value: energies[index], index });
-        }
-        let numbers = distinct(channels.to_vec());
-        let mut sizes = vec![0.0; numbers.len()];
-        let mut descending: Vec<(f64, u32)> = energies
-            .iter()
-            .zip(channels)
-            .map(|(&e, channel)| {
-                // Every channel is among its own sorted numbers: the insertion point is its index.
-                let index = numbers.partition_point(|c| c < channel);
-                sizes[index] += 1.0;
-                (e, index as u32)
-            })
-            .collect();
+        check_energies(energies)?;
+        let mut descending: Vec<(f64, u32)> =
+            energies.iter().copied().zip(channels.iter().copied()).collect();
         descending.sort_unstable_by(|p, q| q.0.total_cmp(&p.0).then(p.1.cmp(&q.1)));
         if descending[0].0 == 0.0 {
             return Err(DetectError::NoEnergy { signals: energies.len() });
         }
-        let alone = sizes.len() == 1;
-        // one channel alone: every signal counts as a channel of its own
-        if alone {
-            for (i, e) in descending.iter_mut().enumerate() {
-                e.1 = i as u32;
-            }
+        let channels = distinct(channels.to_vec()).len();
+        if channels == 1 {
+            descending.iter_mut().zip(0..).for_each(|(of, i)| of.1 = i);
         }
-        Ok(Sample { descending, sizes, alone })
+        Ok(Sample { descending, channels })
     }
 
-    /// How many independent signals would say as much about the share of signals that belong to the
-    /// tail: the value of a signal is 1 if it is among the `tail` largest, else 0.
+    /// How many independent signals would say as much about the share of signals in the tail.
     fn effective(&self, tail: usize) -> f64 {
         self.independent(self.descending.len(), |i| f64::from(u8::from(i < tail)))
     }
 
-    /// How many independent excesses over the tail's level would say as much as the excesses of the
-    /// `tail` largest signals. The level is the largest energy that is not in the tail.
-    fn effective_excesses(&self, tail: usize) -> f64 {
-        let level = self.descending[tail].0;
-        self.independent(tail, |i| self.descending[i].0 - level)
-    }
-
-    /// How many independent values would say as much as the `value`s of the `n` largest signals.
-    /// `value`: of a signal by its place in descending order.
+    /// [`independent`] of the `value`s of the `n` largest signals, by their places in that order.
     fn independent(&self, n: usize, value: impl Fn(usize) -> f64) -> f64 {
-        if self.alone {
-            return n as f64;
-        }
         let channels = self.descending[..n].iter().map(|(_, channel)| *channel);
-        let values = channels.enumerate().map(|(i, channel)| (value(i), channel));
-        independent(values, self.sizes.len())
+        independent(channels.enumerate().map(|(i, channel)| (value(i), channel)))
     }
 }
 
-/// The distinct numbers, ascending.
+/// Refuses statistics that are negative or not finite.
+pub(super) fn check_energies(energies: &[f64]) -> Result<(), DetectError> {
+    let wrong = energies.iter().position(|e| !(e.is_finite() && *e >= 0.0));
+    wrong.map_or(Ok(()), |index| Err(DetectError::NotAnEnergy { value: energies[index], index }))
+}
+
 pub(super) fn distinct(mut numbers: Vec<u32>) -> Vec<u32> {
     numbers.sort_unstable();
     numbers.dedup();
     numbers
 }
 
-/// How many independent values would say as much as these: their number n over the design effect
-/// 1 + (m - 1) icc. icc is the intra-channel correlation of the values by a one-way analysis of
-/// variance, and m the mean number of values per channel, in which each channel weighs by its own
-/// number (sum n_c² / n). `values`: each with the index of its channel, which is less than
-/// `channels`. Where no correlation can be estimated (one channel, or one value per channel), n is
-/// returned.
-fn independent(values: impl Iterator<Item = (f64, u32)>, channels: usize) -> f64 {
-    /// Number, sum and square sum of one channel's values.
-    #[derive(Clone, Copy, Default)]
-    struct Sums {
-        n: f64,
-        values: f64,
-        squares: f64,
-    }
-    let mut of_channels = vec![Sums::default(); channels];
+/// Number, sum and square sum of each channel's values, in the order of channel numbers.
+pub(super) fn sums_of_channels(values: impl Iterator<Item = (f64, u32)>) -> Vec<[f64; 3]> {
+    let mut channels: BTreeMap<u32, [f64; 3]> = BTreeMap::new();
     for (value, channel) in values {
-        let of = &mut of_channels[channel as usize];
-        of.n += 1.0;
-        of.values += value;
-        of.squares += value * value;
+        let [n, sum, square] = channels.entry(channel).or_default();
+        (*n, *sum, *square) = (*n + 1.0, *sum + value, *square + value * value);
     }
-    of_channels.retain(|of| of.n > 0.0);
-    let total = |of: fn(&Sums) -> f64| of_channels.iter().map(of).sum::<f64>();
-    let (n, groups) = (total(|of| of.n), of_channels.len() as f64);
+    channels.into_values().collect()
+}
+
+/// How many independent values say as much: their number n over the design effect 1 + (m - 1) icc,
+/// with icc the intra-channel correlation by a one-way analysis of variance, and m the mean number of
+/// values per channel, weighted by itself.
+fn independent(values: impl Iterator<Item = (f64, u32)>) -> f64 {
+    let of_channels = sums_of_channels(values);
+    let total = |of: fn(&[f64; 3]) -> f64| of_channels.iter().map(of).sum::<f64>();
+    let (n, groups) = (total(|[n, ..]| *n), of_channels.len() as f64);
     let inside = n - groups;
     if inside <= 0.0 || groups < 2.0 {
         return n;
     }
 
     // mean squares between and within channels
-    let mean = total(|of| of.values) / n;
-    let off = |of: &Sums| of.n * (of.values / of.n - mean).powi(2);
+    let mean = total(|[_, sum, _]| *sum) / n;
+    let off = |[n, sum, _]: &[f64; 3]| n * (sum / n - mean).powi(2);
     let between = of_channels.iter().map(off).sum::<f64>();
-    let within = total(|of| of.squares - of.values * of.values / of.n);
+    let within = total(|[n, sum, square]| square - sum * sum / n);
     let (between, within) = (between / (groups - 1.0), within / inside);
 
-    // n_0 is the number of values per channel that the analysis of variance uses where numbers are
-    // unequal. A correlation below 0, which sampling error gives, counts as 0.
-    let squares = total(|of| of.n * of.n);
+    // n_0: the number of values per channel that the analysis uses where numbers are unequal
+    let squares = total(|[n, ..]| n * n);
     let n_0 = (n - squares / n) / (groups - 1.0);
     let icc = (between - within) / (between + (n_0 - 1.0) * within);
     let icc = if icc.is_finite() { icc.clamp(0.0, 1.0) } else { 0.0 };
@@ -523,17 +442,8 @@ mod tests {
     }
 
     #[test]
-    fn senseless_energies_and_rates_are_errors() {
+    fn senseless_energies_are_errors() {
         let (e, c) = (vec![1.0; 30], vec![0; 30]);
-        for rate in [0.0, -1.0, 0.3, f64::NAN] {
-            assert!(quantile(&e, &c, rate, 0.95).is_err());
-        }
-        for confidence in [0.0, 1.0, f64::NAN] {
-            assert!(quantile(&e, &c, 0.01, confidence).is_err());
-        }
-        for mu in [0.0, f64::NAN, f64::INFINITY] {
-            assert!(max(&e, &c, mu).is_err());
-        }
         for bad in [f64::NAN, f64::INFINITY, -1.0] {
             let mut e = e.clone();
             e[4] = bad;
@@ -546,7 +456,6 @@ mod tests {
             Err(DetectError::TooFewSignals { found: 10, .. })
         ));
         assert!(max(&[], &[], 1.0).is_err());
-        assert!(max(&e, &c[..3], 1.0).is_err());
         assert!(matches!(max(&[0.0; 5], &[0; 5], 1.0), Err(DetectError::NoEnergy { .. })));
     }
 

@@ -1,12 +1,9 @@
-//! A tile: [`LANES`] signals transposed to sample-major order, so that a SIMD vector holds one
-//! sample of many signals, one signal in each *lane*. A filter is a recursion over samples, so only
-//! signals side by side fill a vector.
+//! A tile: [`LANES`] signals transposed to sample-major order, one signal in each *lane*, so that a
+//! SIMD vector holds one sample of many signals: a filter is a recursion over samples.
 //!
-//! In: signals of one or several bursts (a *row* is one channel of a burst), in any layout and
-//! sample format, from `src/pipeline/statistics.rs`. Out, for [`super::kernel`]: their deviations
-//! from the expected signal, sample by sample, lane by lane, with their square norms, and the
-//! square sums of a filter's residuals. All arithmetic is f32 in plain loops over lanes, compiled
-//! once per instruction set; no lane depends on its neighbours.
+//! In: signals of one or several bursts, in any layout and sample format. Out, for
+//! [`super::kernel`]: their deviations from the expected signal, sample by sample, lane by lane,
+//! with their square norms, and the square sums of a filter's residuals.
 
 use super::row_projection::{LANES, PHASES, Sample, tree};
 use crate::burst::{Burst, Layout};
@@ -16,10 +13,8 @@ use std::ops::Range;
 /// Up to [`LANES`] signals, sample by sample. The values of lanes without a signal are unspecified.
 #[derive(Debug, Default)]
 pub struct Tile {
-    /// One entry per sample, which holds that sample of every lane: counts, after `subtract`
-    /// deviations.
+    /// Per sample that sample of every lane: counts, after `subtract` deviations.
     pub(super) values: Vec<Sample>,
-    /// Number of lanes that hold a signal, the first ones.
     pub(super) lanes: usize,
     /// Per lane the drive voltage over the reference voltage, which scales the expected signal, and
     /// the temperature in K above the reference.
@@ -27,14 +22,12 @@ pub struct Tile {
     pub(super) warmer: Sample,
     /// Per lane the square norm of the deviation, counts²; set by `subtract`.
     pub(super) square_sum: Sample,
-    /// Buffer for one signal.
     signal: Vec<f64>,
 }
 
 impl Tile {
-    /// Adds as many of a burst's rows as there is room for, the first ones, and returns how many.
-    /// All signals of a tile must have one length. `drive`, `warmer`: the burst's relative drive,
-    /// and K above the reference temperature.
+    /// Adds as many of a burst's rows as there is room for, and returns how many. `drive`, `warmer`:
+    /// the burst's relative drive, and K above the reference temperature.
     pub fn push(&mut self, burst: &Burst, rows: Range<usize>, drive: f64, warmer: f64) -> usize {
         let n = burst.samples_per_channel as usize;
         if self.lanes == 0 {
@@ -42,7 +35,6 @@ impl Tile {
         }
         let lanes = self.lanes..LANES.min(self.lanes + rows.len());
         let rows = rows.start..rows.start + lanes.len();
-        // the copy transposes where a channel's samples lie side by side
         match burst.layout {
             Layout::SampleMajor => {
                 for (k, sample) in self.values.iter_mut().enumerate() {
@@ -65,39 +57,33 @@ impl Tile {
         lanes.len()
     }
 
-    /// Whether every lane holds a signal.
     pub fn is_full(&self) -> bool {
         self.lanes == LANES
     }
 
-    /// Forgets the tile's signals.
     pub fn empty(&mut self) {
         self.lanes = 0;
     }
 }
 
 for_processor! {
-    /// Turns a tile's counts into deviations: subtracts drive times (expected + warmer times
-    /// response), and stores the deviations' square norms. `expected`: N, counts; `response`: N,
-    /// counts/K.
-    pub(super) fn subtract(tile: &mut Tile, expected: &[f32], response: &[f32]) { deviations }
-}
-
-#[inline(always)] // body of `subtract`, compiled once per instruction set
-fn deviations(tile: &mut Tile, expected: &[f32], response: &[f32]) {
-    // sixteen partial sums of squares per lane, as in `row_projection`
-    let mut squares = [[0.0; LANES]; PHASES];
-    let samples = tile.values.iter_mut().zip(expected.iter().zip(response));
-    for (k, (sample, (e, slope))) in samples.enumerate() {
-        let sum = &mut squares[k % PHASES];
-        for l in 0..LANES {
-            let d = sample[l] - tile.drive[l] * (e + tile.warmer[l] * slope);
-            sum[l] += d * d;
-            sample[l] = d;
+    /// Turns a tile's counts into deviations from drive times (expected + warmer times response), and
+    /// stores their square norms. `expected`: N, counts; `response`: N, counts/K.
+    pub(super) fn subtract(tile: &mut Tile, expected: &[f32], response: &[f32]) {
+        // sixteen partial sums of squares per lane, as in `row_projection`
+        let mut squares = [[0.0; LANES]; PHASES];
+        let samples = tile.values.iter_mut().zip(expected.iter().zip(response));
+        for (k, (sample, (e, slope))) in samples.enumerate() {
+            let sum = &mut squares[k % PHASES];
+            for l in 0..LANES {
+                let d = sample[l] - tile.drive[l] * (e + tile.warmer[l] * slope);
+                sum[l] += d * d;
+                sample[l] = d;
+            }
         }
-    }
-    for l in 0..LANES {
-        tile.square_sum[l] = tree(&squares.each_ref().map(|of| of[l]));
+        for l in 0..LANES {
+            tile.square_sum[l] = tree(&squares.each_ref().map(|of| of[l]));
+        }
     }
 }
 
@@ -105,71 +91,44 @@ fn deviations(tile: &mut Tile, expected: &[f32], response: &[f32]) {
 const TOGETHER: usize = 16;
 
 /// Per lane the square sum of the deviation filtered by b/a from zero state, for filters of 1 to 8
-/// poles: the residual energy without its factor dt. `b`: order + 1 coefficients, `a`: a_1 ..
-/// a_order. Other filters give NaN.
+/// poles. `b`: order + 1 coefficients, `a`: a_1 .. a_order.
 pub fn energies(b: &[f32], a: &[f32], deviations: &[Sample], out: &mut Sample) {
-    /// The filter with a number of poles that is known to the compiler, which unrolls its loops.
-    /// Returns false if the filter has another number of poles.
-    fn of<const ORDER: usize>(
-        (b, a): (&[f32], &[f32]),
-        deviations: &[Sample],
-        out: &mut Sample,
-    ) -> bool {
-        let ([b_0, fed_by @ ..], Ok(back)) = (b, <[f32; ORDER]>::try_from(a)) else {
-            return false;
-        };
-        let Ok(fed_by) = <[f32; ORDER]>::try_from(fed_by) else { return false };
-        energies_of(*b_0, fed_by, back, deviations, out);
-        true
+    fn of<const ORDER: usize>(b: &[f32], a: &[f32], deviations: &[Sample], out: &mut Sample) {
+        let fixed = |p: &[f32]| <[f32; ORDER]>::try_from(p).expect("as many as there are poles");
+        energies_of(b[0], fixed(&b[1..]), fixed(a), deviations, out);
     }
     let orders = [of::<1>, of::<2>, of::<3>, of::<4>, of::<5>, of::<6>, of::<7>, of::<8>];
-    if !orders.iter().any(|of| of((b, a), deviations, out)) {
-        out.fill(f32::NAN); // decides nothing: the reference judges
-    }
+    orders[a.len() - 1](b, a, deviations, out);
 }
 
 for_processor! {
-    /// Per lane the square sum of the filtered deviation. `b_0`: what feeds the residual; `fed_by`:
-    /// b_1 .. b_order, what feeds the states; `back`: a_1 .. a_order, by which the residual is fed
-    /// back.
+    /// Per lane the square sum of the filtered deviation, in direct form II transposed, in the same
+    /// order of operations as `ResidualGenerator::run`. `fed_by`: b_1 .. b_order; `back`: a_1 ..
+    /// a_order.
     fn energies_of<const ORDER: usize>(
         b_0: f32,
         fed_by: [f32; ORDER],
         back: [f32; ORDER],
         deviations: &[Sample],
         out: &mut Sample,
-    ) { filtered }
-}
-
-/// The filter in direct form II transposed, in the same order of operations as
-/// `ResidualGenerator::run`: per sample r = b_0 d + state_0, then state_k = state_(k+1) + b_(k+1)
-/// d - a_(k+1) r. The lanes are filtered in parts of sixteen, one part after the other over all
-/// samples.
-#[inline(always)] // body of `energies_of`, compiled once per instruction set
-fn filtered<const ORDER: usize>(
-    b_0: f32,
-    fed_by: [f32; ORDER],
-    back: [f32; ORDER],
-    deviations: &[Sample],
-    out: &mut Sample,
-) {
-    for (part, out) in out.as_chunks_mut::<TOGETHER>().0.iter_mut().enumerate() {
-        // one state per pole and lane; it starts at rest
-        let (mut state, mut sum) = ([[0.0; TOGETHER]; ORDER], [0.0; TOGETHER]);
-        for sample in deviations {
-            let d = &sample.as_chunks::<TOGETHER>().0[part];
-            let r: [f32; TOGETHER] = std::array::from_fn(|l| b_0 * d[l] + state[0][l]);
-            for k in 0..ORDER {
+    ) {
+        for (part, out) in out.as_chunks_mut::<TOGETHER>().0.iter_mut().enumerate() {
+            let (mut state, mut sum) = ([[0.0; TOGETHER]; ORDER], [0.0; TOGETHER]);
+            for sample in deviations {
+                let d = &sample.as_chunks::<TOGETHER>().0[part];
+                let r: [f32; TOGETHER] = std::array::from_fn(|l| b_0 * d[l] + state[0][l]);
+                for k in 0..ORDER {
+                    for l in 0..TOGETHER {
+                        let fed = fed_by[k] * d[l];
+                        let moved = if k + 1 < ORDER { state[k + 1][l] + fed } else { fed };
+                        state[k][l] = moved - back[k] * r[l];
+                    }
+                }
                 for l in 0..TOGETHER {
-                    let fed = fed_by[k] * d[l];
-                    let moved = if k + 1 < ORDER { state[k + 1][l] + fed } else { fed };
-                    state[k][l] = moved - back[k] * r[l];
+                    sum[l] += r[l] * r[l];
                 }
             }
-            for l in 0..TOGETHER {
-                sum[l] += r[l] * r[l];
-            }
+            *out = sum;
         }
-        *out = sum;
     }
 }

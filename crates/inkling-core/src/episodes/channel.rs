@@ -1,14 +1,11 @@
 //! Follows one channel look by look: whether an episode is on, when it began, and when it ends.
 //!
-//! In: the channel's looks in the order of time, and what isolation says of flagged ones, from
-//! `printhead`. Out: the drafts of episodes that have ended; the draft of the episode that is on
-//! stays with the channel, and `channel_episode` makes an episode of it.
+//! In: the channel's looks in the order of time, and what isolation says of flagged ones. Out: the
+//! drafts of episodes that have ended; the draft of the one that is on stays with the channel.
 //!
-//! Two tests run side by side. `evidence` (CUSUM) raises a fault that shifts the channel's looks,
-//! and ends every fault. `intermittent` raises a fault that is flagged now and then, with healthy
-//! looks between. Each has its own onset and its own draft until it raises: the draft of the first
-//! is discarded whenever its evidence falls to nothing, that of the second begins anew with a
-//! flagged look before which its evidence has fallen to nothing.
+//! Two tests run side by side, each with its own onset and draft: `evidence` (CUSUM) raises a fault
+//! that shifts the channel's looks, and ends every fault; `intermittent` raises a fault that is
+//! flagged now and then, with healthy looks between.
 
 use super::episode_draft::EpisodeDraft;
 use super::evidence::{Evidence, FIRST_IN_MEDIANS, Step};
@@ -17,14 +14,12 @@ use super::rules::Rules;
 use super::{Counts, IsolatedSignal, Looks, Untimely};
 use std::cmp::Ordering;
 
-/// The state of one channel after its last look.
 #[derive(Debug, Default)]
 pub struct Channel {
     pub number: u32,
     /// Time, ns, and statistic over threshold of the last look.
     pub last_ns: i64,
     pub last_ratio: f32,
-    /// Number of looks since the onset, the onset's own included.
     pub looks: u64,
     /// Time of the onset, ns, of the episode that is on or of what may become one.
     pub onset_ns: i64,
@@ -32,41 +27,35 @@ pub struct Channel {
     pub model: Option<u16>,
     /// The threshold of that model over the median of healthy statistics.
     in_medians: f32,
-    /// Whether the channel was last judged by its own baseline.
     pub own: bool,
     pub evidence: Evidence,
     /// The draft of the episode that is on, or of what may become one.
     pub draft: Option<Box<EpisodeDraft>>,
     /// Looks at the channel while no episode was on, and flagged ones among them.
     pub quiet: Flags,
-    /// The flagged looks that stand out from the channel's level, since the test for a fault that comes
-    /// and goes last began; `None`: there are none.
+    /// The flagged looks that stand out from the channel's level, since the second test last began.
     flagged_looks: Option<Box<FlaggedLooks>>,
 }
 
-/// Flagged looks at a channel that stand out from its level, consecutive or not: the evidence for a
-/// fault that comes and goes.
+/// Flagged looks at a channel that stand out from its level: the evidence for a fault that comes and
+/// goes.
 #[derive(Clone, Debug)]
 struct FlaggedLooks {
-    /// Number of these looks.
     flagged: u64,
-    /// Time of the first of these looks, ns, and how many looks came before it while no episode was on.
+    /// Time of the first, ns, and how many looks came before it while no episode was on.
     since_ns: i64,
     before: u64,
-    /// What isolation said of these looks, for the episode that they may become.
     draft: EpisodeDraft,
 }
 
 impl FlaggedLooks {
-    /// The looks since the first of these, and how many of them were flagged and stand out. `looks`:
-    /// number of looks while no episode was on, of which `before` came earlier.
+    /// The looks since the first of these, out of `looks` while no episode was on.
     fn flags(&self, looks: u64) -> Flags {
         Flags { looks: looks - self.before, flagged: self.flagged }
     }
 }
 
 impl Channel {
-    /// A channel of which no look was taken yet.
     pub fn new(number: u32) -> Channel {
         Channel {
             number,
@@ -77,8 +66,8 @@ impl Channel {
         }
     }
 
-    /// Whether a look is later than all looks before; then its time and ratio are kept. A look that
-    /// is not is counted instead: as too late, repeated, or one of several at one time.
+    /// Whether a look is later than all before; then its time and ratio are kept. Any other is
+    /// counted as too late, repeated, or one of several at one time.
     pub fn is_next(
         &mut self,
         t_ns: i64,
@@ -92,7 +81,6 @@ impl Channel {
                 counts.signals_too_late += 1;
                 untimely.too_late += 1;
             }
-            // the same look again
             Ordering::Equal if ratio.to_bits() == self.last_ratio.to_bits() => {
                 counts.signals_repeated += 1;
             }
@@ -105,11 +93,15 @@ impl Channel {
         order.is_gt()
     }
 
-    /// Adapts the channel's level where another model begins to judge the channel, or its own
-    /// baseline begins or ceases to. To be called before [`Channel::look`].
+    /// Adapts the channel's level where another model, or its own baseline, begins to judge it.
     pub fn judge_by(&mut self, looks: &Looks, own: bool) {
         if self.model != Some(looks.model) {
-            self.change_model(looks, own);
+            // a threshold in medians that is not known is taken to be that of the model before
+            let next = if looks.in_medians > 0.0 { looks.in_medians } else { self.in_medians };
+            // the threshold of its own baseline does not change with the model
+            let lower = if own { 1.0 } else { self.in_medians / next };
+            self.evidence.change_model(lower);
+            (self.model, self.in_medians) = (Some(looks.model), next);
         }
         if self.own != own {
             self.own = own;
@@ -121,20 +113,8 @@ impl Channel {
         }
     }
 
-    /// Tells the evidence that another model judges from here on, with another threshold. A model
-    /// whose threshold in medians is not known is taken to have that of the model before.
-    fn change_model(&mut self, looks: &Looks, own: bool) {
-        let next = if looks.in_medians > 0.0 { looks.in_medians } else { self.in_medians };
-        // a baseline of its own has a threshold of its own, which does not change with the model
-        let lower = if own { 1.0 } else { self.in_medians / next };
-        self.evidence.change_model(lower);
-        (self.model, self.in_medians) = (Some(looks.model), next);
-    }
-
-    /// Takes in the next look, and returns the draft of the episode that has ended with it.
-    /// `ratio`: statistic over threshold; `named`: what isolation says, if the look was flagged;
-    /// `of_all`: looks and flagged looks at all of the printhead's channels while no episode was on
-    /// in them.
+    /// Takes in the next look, and returns the draft of the episode that has ended with it. `named`:
+    /// of a flagged look; `of_all`: looks at all channels while no episode was on in them.
     pub fn look(
         &mut self,
         t_ns: i64,
@@ -143,11 +123,9 @@ impl Channel {
         of_all: Flags,
         rules: &Rules,
     ) -> Option<Box<EpisodeDraft>> {
-        let was_raised = self.evidence.is_raised();
+        let was_raised = self.evidence.raised;
 
-        // A healthy channel that always reads high is flagged now and then, but never far from its
-        // level. So only looks that stand out from the level count as flagged for a fault that
-        // comes and goes. That is asked before the look moves the level.
+        // a healthy channel that always reads high is flagged now and then, never far from its level
         let stands_out = self.evidence.stands_out(ratio);
         let was_quiet = self.evidence.is_quiet();
         let step = self.evidence.look(ratio, rules.bound);
@@ -156,33 +134,29 @@ impl Channel {
             self.quiet.add(ratio > 1.0);
         }
 
-        // While an episode is on, flagged looks belong to it and begin to be counted anew after it.
         if was_raised || step == Step::Raised {
             self.flagged_looks = None;
         } else if stands_out {
             let others = of_all.without(self.quiet);
             self.count_flagged(t_ns, named, others, rules);
-            // As long as the sequential test has evidence, the fault did not go: that test decides.
+            // as long as the sequential test has evidence, the fault did not go
             if was_quiet && self.is_intermittent(t_ns, others, rules) {
                 return None;
             }
         }
 
-        // What the sequential test says of this look decides what becomes of the draft.
         match step {
+            // what was suspected was chance
             Step::Quiet => {
-                // what was suspected was chance
                 self.draft = None;
                 return None;
             }
             Step::Suspect { begins: true } => {
-                // the first look that may belong to a fault: what was drafted before is discarded
                 (self.onset_ns, self.looks, self.draft) = (t_ns, 1, None);
             }
             Step::Suspect { begins: false } => {}
             Step::Raised => self.open_draft(rules).raised_at_ns = t_ns,
-            // the first look that fits the return to healthy is remembered: the episode may end
-            // there
+            // the episode may end with the first look that fits the return to healthy
             Step::Faulty { fading: true } => {
                 let before = self.looks - 1;
                 self.open_draft(rules).fading.get_or_insert((t_ns, before));
@@ -202,8 +176,7 @@ impl Channel {
         None
     }
 
-    /// Counts one more flagged look that stands out. Where nothing speaks for a fault up to this look, the
-    /// test begins anew with it, so that a long healthy past does not hide a fault that begins now.
+    /// Counts one more flagged look that stands out. Where nothing speaks for a fault the test begins anew.
     fn count_flagged(
         &mut self,
         t_ns: i64,
@@ -224,9 +197,8 @@ impl Channel {
         }
     }
 
-    /// Raises a fault that comes and goes if the flagged looks are by now too many for false alarms:
-    /// their evidence has to reach the same bound as that of the sequential test. Returns whether the fault
-    /// was raised. The episode begins with the first of these looks, and its draft is theirs.
+    /// Raises a fault that comes and goes, from its first flagged look on, if the evidence reaches the
+    /// bound, and tells whether it does.
     fn is_intermittent(&mut self, t_ns: i64, others: Flags, rules: &Rules) -> bool {
         let looks = self.quiet.looks;
         let suffices = |all: &mut Box<FlaggedLooks>| {
@@ -241,7 +213,6 @@ impl Channel {
         true
     }
 
-    /// The channel's draft; a new one if there is none.
     fn open_draft(&mut self, rules: &Rules) -> &mut EpisodeDraft {
         self.draft.get_or_insert_with(|| Box::new(EpisodeDraft::new(rules)))
     }

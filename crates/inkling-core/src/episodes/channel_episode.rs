@@ -2,14 +2,8 @@
 //!
 //! In: a [`Channel`], which counts the looks and knows the onset; an [`EpisodeDraft`], which holds
 //! what isolation said of the flagged signals; and [`Rules`], with the rule of names. Out: an
-//! [`Episode`] when it ends ([`Channel::episode`]), when the recording does, and, for whoever wants
-//! to hear of it at once, when it is raised or gets another name ([`Channel::news`]). `printhead`
-//! and `tracker` call both.
-//!
-//! The rule of names: the class with the largest filtered weight is named if that weight is
-//! certain; else the category with the largest sum of weights, if that is certain; else nothing.
-//! Where "no class" has more than half of the weight, the sentence says what the signals look like
-//! instead.
+//! [`Episode`] when it ends or the recording does ([`Channel::episode`]), and, for whoever wants to
+//! hear of it at once, when it is raised or gets another name ([`Channel::news`]).
 
 use super::Episode;
 use super::channel::Channel;
@@ -20,12 +14,8 @@ use crate::verdict::Appearance;
 use std::sync::Arc;
 
 impl Channel {
-    /// The channel's episode, if the look at hand raised it, or gave it another name than it was
-    /// announced with; it then counts as announced with the present name. An episode that only
-    /// loses its class, or its name altogether, is not announced for that.
-    ///
-    /// To be called after [`Channel::look`]. `t_ns`: time of the look; `is_isolated`: isolation
-    /// said something of its signal, without which no name changes.
+    /// The channel's episode, if the look at `t_ns` raised it or gave it another name than it was
+    /// announced with; not if it only loses a name. `is_isolated`: isolation said something of it.
     pub fn news(
         &mut self,
         printhead: &Arc<str>,
@@ -33,13 +23,13 @@ impl Channel {
         is_isolated: bool,
         rules: &Rules,
     ) -> Option<Episode> {
-        let draft = self.draft.as_ref().filter(|_| self.evidence.is_raised())?;
+        let draft = self.draft.as_ref().filter(|_| self.evidence.raised)?;
         let is_new = draft.raised_at_ns == t_ns;
         if !is_new && !is_isolated {
             return None;
         }
 
-        // the episode as it is now, and whether a name is certain now that was not announced
+        // whether a name is certain now that was not announced
         let now = self.episode(printhead, draft, rules, None);
         let is_other =
             |now: &Option<String>, before: &Option<String>| now.is_some() && now != before;
@@ -51,9 +41,8 @@ impl Channel {
         Some(now)
     }
 
-    /// The episode that a draft of this channel stands for. The channel's onset and number of looks
-    /// must still be those of this episode, so it is to be called before the channel's next look.
-    /// `ended_at_ns`: `None` if the episode is still on.
+    /// The episode that a draft of this channel stands for, to be called before the channel's next
+    /// look. `ended_at_ns`: `None` if it is still on.
     pub fn episode(
         &self,
         printhead: &Arc<str>,
@@ -61,35 +50,30 @@ impl Channel {
         rules: &Rules,
         ended_at_ns: Option<i64>,
     ) -> Episode {
-        // The name, by `Naming`: the class with the largest weight, if that is certain; else the
-        // category with the largest sum of weights, if that is certain. There is no name if "no
-        // class" has more than half of the weight, nor if none of the signals fits a class. The
-        // certainty is that of the name; without a name it is the weight of the best class.
-        let weights = draft.classes.weights();
-        let of_no_class = draft.named > 0 && draft.classes.none() > 0.5;
+        // no name if "no class" has more than half of the weight, or if none of the signals fits one;
+        // the certainty then is the weight of the best class
+        let weights = &draft.classes.weights;
+        let of_no_class = draft.named > 0 && draft.classes.none > 0.5;
         let any_fits = draft.named > draft.fits_none;
-        let said = rules.naming.name(weights, 1.0).filter(|_| any_fits);
-        let best = said.map(|said| (said.best, weights[said.best]));
-        let named = said.filter(|_| !of_no_class);
+        let likeliest = rules.naming.name(weights, 1.0).filter(|_| any_fits);
+        let best = likeliest.map(|of| (of.best, weights[of.best]));
+        let named = likeliest.filter(|_| !of_no_class);
         let certainty = named.map_or(best.map(|(_, weight)| weight), |named| Some(named.certainty));
         let class = named.and_then(|named| rules.classes.get(usize::from(named.fault?)));
         let category = named
             .and_then(|named| rules.naming.categories.get(usize::from(named.category?)).cloned());
 
-        // the severities in the quantity that the best class is sized by, even if that class is not
-        // named
+        // sizes are in the quantity that the best class is sized by, even if it is not named
         let sizes = best.and_then(|(class, _)| *draft.sizes.get(rules.quantities[class])?);
-        // An episode that has ended does not count the looks that already fit the return to
-        // healthy; one that is still on counts all looks since its onset.
+        // an episode that has ended does not count the looks that already fit the return to healthy
         let bursts = match (ended_at_ns, draft.fading) {
             (Some(_), Some((_, before))) => before,
             _ => self.looks,
         };
-
         let mut episode = Episode {
-            recording: Arc::default(),
             printhead: printhead.clone(),
             channel: self.number,
+            reason: category.is_none().then(|| draft.commonest_reason(of_no_class)),
             category,
             fault: class.map(|class| class.name.clone()),
             raised_at_ns: draft.raised_at_ns,
@@ -103,35 +87,30 @@ impl Channel {
             severity_sd: sizes.and_then(|s| s.sd).map(f64::from),
             resonance_hz: draft.resonance.map(|(f, _)| f.into()),
             damping_per_s: draft.resonance.map(|(_, damping)| damping.into()),
-            reason: None,
-            explanation: String::new(),
+            ..Episode::default()
         };
 
-        episode.reason = match episode.category {
-            Some(_) => None,
-            None => Some(draft.commonest_reason(of_no_class)),
-        };
-
-        // The sentence. What the signals look like takes the place of the class if "no class" has
-        // more than half of the weight. It stands beside the class if more than half of the signals
-        // of which isolation said something may as well be that.
         let nearest = best.map(|(class, weight)| (&rules.classes[class], weight));
-        let instead = match (&draft.appearance, of_no_class) {
-            (appearance, true) => {
-                Instead::Rather(appearance.as_ref().unwrap_or(&Appearance::Other))
-            }
-            (Some(appearance), false) if 2 * draft.as_well > draft.named => {
-                Instead::AsWell(appearance)
-            }
-            _ => Instead::Nothing,
-        };
+        let instead = instead(draft, of_no_class);
         episode.explanation =
             explanation::sentence(&episode, draft.rings.as_ref(), nearest, instead);
-        // A share is known only of a fault that was raised as one that comes and goes: that of its
-        // flagged looks up to then. From half of the looks on it is not said to come and go.
+        // what is flagged in half of the looks is not said to come and go
         if let Some(share) = draft.share.filter(|share| *share < 0.5) {
-            episode.explanation += &explanation::comes_and_goes(share);
+            let one_of = 1.0 / share;
+            episode.explanation +=
+                &format!(", comes and goes: in about 1 of {one_of:.0} of its bursts");
         }
         episode
+    }
+}
+
+/// What the signals look like instead of the class that is nearest.
+fn instead(draft: &EpisodeDraft, of_no_class: bool) -> Instead<'_> {
+    match &draft.appearance {
+        appearance if of_no_class => {
+            Instead::Rather(appearance.as_ref().unwrap_or(&Appearance::Other))
+        }
+        Some(appearance) if 2 * draft.as_well > draft.named => Instead::AsWell(appearance),
+        _ => Instead::Nothing,
     }
 }

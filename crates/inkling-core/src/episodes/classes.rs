@@ -1,13 +1,12 @@
 //! The class of a channel's fault, from the posteriors of one burst after another.
 //!
-//! In: isolation's posterior weight of each class for each flagged signal of an episode (a *look*);
-//! what the weights lack to 1 is the weight of no class. Out: the filtered weight of each class,
-//! and of no class, from which the episode is named (`channel_episode`).
+//! In: isolation's posterior weight of each class for each flagged signal of an episode; what the
+//! weights lack to 1 is the weight of no class. Out: the filtered weights.
 //!
-//! It is the forward filter of a hidden Markov model (Rabiner 1989). A fault grows and may pass
-//! through other classes on its way, so from one look to the next it becomes any class with a small
-//! probability (`changes`). With the weight w before a look, the prior q, and the look's posterior
-//! p the weight after it is
+//! It is the forward filter of a hidden Markov model (Rabiner 1989). A fault may pass through other
+//! classes as it grows, so from one look to the next it becomes any class with a small probability
+//! (`changes`). With the weight w before a look, the prior q, and the look's posterior p the weight
+//! after it is
 //!
 //! ```text
 //! w' = ((1 - changes) w + changes q) (e + (1 - e) p / q)^(1 / looks_per_one),
@@ -15,29 +14,25 @@
 //!
 //! over the sum of all w'. p / q is the look's likelihood but for a factor that all classes share.
 //! e (`least_rate`) is the probability that a look says nothing of the class. The looks of one
-//! channel are not independent, since they share the channel's own deviation: the power makes
-//! `looks_per_one` looks count as one.
+//! channel share its own deviation: the power makes `looks_per_one` of them count as one.
 
 use super::tuned;
 use crate::numbers::tuned::least_rate;
 
-/// The filtered weights of the classes and of no class; their sum is 1.
+/// The filtered weights of the classes, and of no class; their sum is 1.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ClassFilter {
-    weights: Vec<f64>,
-    none: f64,
+    pub weights: Vec<f64>,
+    pub none: f64,
 }
 
 impl ClassFilter {
-    /// A filter before any look, whose weights are the priors. `priors`: of each class; what they
-    /// lack to 1 is the prior of no class.
     pub fn new(priors: &[f64]) -> ClassFilter {
         ClassFilter { weights: priors.to_vec(), none: lacking(priors.iter().copied()) }
     }
 
-    /// Updates the weights by one look. `posterior`: of each class, under the same `priors`; what
-    /// it lacks to 1 is the posterior of no class, so an empty one says that the look is of none. A
-    /// posterior of another length, or with a weight that is not finite, is ignored.
+    /// Updates the weights by one look. `posterior`: of each class, under the same `priors`; empty: the
+    /// look is of none. One of another length, or with a weight that is not finite, is ignored.
     pub fn look(&mut self, posterior: &[f32], priors: &[f64]) {
         let n = self.weights.len();
         if posterior.len() != n && !posterior.is_empty() || posterior.iter().any(|w| !w.is_finite())
@@ -45,10 +40,6 @@ impl ClassFilter {
             return;
         }
 
-        // The weight after a look, not yet normalised: prediction (a small share returns to the
-        // prior) times likelihood (the posterior over its prior), tempered since looks are not
-        // independent. A look may be not what it seems, and then it says nothing (its likelihood is
-        // 1 for all), so no single look excludes a class.
         let after = |before: f64, posterior: f64, prior: f64| {
             let seems = if prior > 0.0 { posterior / prior } else { 0.0 };
             let likelihood = least_rate() + (1.0 - least_rate()) * seems;
@@ -60,7 +51,6 @@ impl ClassFilter {
             *weight = after(*weight, posterior, *prior);
         }
 
-        // no class likewise, then all weights such that their sum is 1
         let none = lacking(posterior.iter().map(|&w| f64::from(w)));
         self.none = after(self.none, none, lacking(priors.iter().copied()));
 
@@ -68,19 +58,8 @@ impl ClassFilter {
         self.weights.iter_mut().for_each(|w| *w /= sum);
         self.none /= sum;
     }
-
-    /// The weight of each class.
-    pub fn weights(&self) -> &[f64] {
-        &self.weights
-    }
-
-    /// The weight of no class; it adds up to 1 with the others.
-    pub fn none(&self) -> f64 {
-        self.none
-    }
 }
 
-/// What weights lack to 1, and 0 if rounding makes them exceed it.
 fn lacking(weights: impl Iterator<Item = f64>) -> f64 {
     (1.0 - weights.sum::<f64>()).max(0.0)
 }
@@ -96,16 +75,16 @@ mod tests {
         for _ in 0..8 {
             filter.look(&[0.6, 0.3, 0.1], &priors);
         }
-        assert!(filter.weights()[0] > 0.8, "{filter:?}");
+        assert!(filter.weights[0] > 0.8, "{filter:?}");
         for _ in 0..8 {
             filter.look(&[0.0, 0.05, 0.95], &priors);
         }
-        assert!(filter.weights()[2] > 0.9, "{filter:?}");
-        assert!((filter.weights().iter().sum::<f64>() + filter.none() - 1.0).abs() < 1e-12);
+        assert!(filter.weights[2] > 0.9, "{filter:?}");
+        assert!((filter.weights.iter().sum::<f64>() + filter.none - 1.0).abs() < 1e-12);
         for _ in 0..8 {
             filter.look(&[0.0, 0.01, 0.02], &priors);
         }
-        assert!(filter.none() > 0.9, "what is of no class is none in the end: {filter:?}");
+        assert!(filter.none > 0.9, "what is of no class is none in the end: {filter:?}");
     }
 
     #[test]
@@ -115,7 +94,7 @@ mod tests {
         filter.look(&[0.4, 0.3, 0.2], &priors);
         let expected =
             [1.0 - tuned::changes() * 0.6, tuned::changes() * 0.3, tuned::changes() * 0.2];
-        for (w, expected) in filter.weights().iter().zip(expected) {
+        for (w, expected) in filter.weights.iter().zip(expected) {
             assert!((w - expected).abs() < 1e-6, "{filter:?}");
         }
     }
@@ -133,20 +112,19 @@ mod tests {
         for _ in 0..30 {
             filter.look(&of_first, &priors);
         }
-        assert!(filter.weights()[0] > 0.9, "{filter:?}");
+        assert!(filter.weights[0] > 0.9, "{filter:?}");
         // but for the share that returns to the priors
-        let stay = |k: usize| {
-            (1.0 - tuned::changes()) * filter.weights()[k] + tuned::changes() * priors[k]
-        };
+        let stay =
+            |k: usize| (1.0 - tuned::changes()) * filter.weights[k] + tuned::changes() * priors[k];
         let expected = stay(0) / stay(1);
         filter.look(&[], &priors);
-        let odds = filter.weights()[0] / filter.weights()[1];
+        let odds = filter.weights[0] / filter.weights[1];
         assert!((odds / expected - 1.0).abs() < 1e-9, "{odds} {expected}");
 
         // where some class is certain beforehand, a look of none says nothing
         let mut filter = ClassFilter::new(&[0.8, 0.1, 0.1]);
         filter.look(&[], &[0.8, 0.1, 0.1]);
-        assert!((filter.weights()[0] - 0.8).abs() < 1e-9 && filter.none() == 0.0, "{filter:?}");
+        assert!((filter.weights[0] - 0.8).abs() < 1e-9 && filter.none == 0.0, "{filter:?}");
     }
 
     #[test]
@@ -158,7 +136,7 @@ mod tests {
         }
         filter.look(&[f32::NAN, 0.2, 0.1], &priors);
         filter.look(&[0.7], &priors);
-        for (w, prior) in filter.weights().iter().zip(priors) {
+        for (w, prior) in filter.weights.iter().zip(priors) {
             assert!((w - prior).abs() < 1e-6, "{filter:?}");
         }
     }

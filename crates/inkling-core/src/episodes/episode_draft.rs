@@ -1,10 +1,8 @@
 //! Gathers what a channel's flagged signals say of its episode, burst by burst.
 //!
-//! In: what isolation says of one flagged signal after another ([`EpisodeDraft::add`], called by
-//! `channel`). Out: what [`super::channel_episode`] makes an episode of: the classes' weights
-//! filtered over time, the first, largest and last size, the mean of the last rings, and counts of
-//! signals by what isolation said. A draft is begun for what may become an episode, and is
-//! discarded if nothing comes of it.
+//! In: what isolation says of one flagged signal after another ([`EpisodeDraft::add`]). Out: what
+//! [`super::channel_episode`] makes an episode of. A draft is begun for what may become an episode,
+//! and is discarded if nothing comes of it.
 
 use super::classes::ClassFilter;
 use super::rules::Rules;
@@ -12,44 +10,34 @@ use super::{IsolatedSignal, Rings};
 use crate::verdict::{Appearance, Reason};
 use std::collections::BTreeMap;
 
-/// What is known so far of an episode, or of what may become one.
 #[derive(Clone, Debug, Default)]
 pub struct EpisodeDraft {
     /// Time at which the evidence sufficed, ns; 0 until then.
     pub raised_at_ns: i64,
-    /// Time of the first of the looks that fit the return to healthy, and the number of looks
-    /// before it; `None`: the last look did not fit it.
+    /// Time of the first of the last looks that fit the return to healthy, and number of looks before.
     pub fading: Option<(i64, u64)>,
-    /// Of a fault that comes and goes, the share of looks in which it was flagged; `None`: the
-    /// fault stays.
+    /// Of a fault that comes and goes, the share of looks in which it was flagged.
     pub share: Option<f64>,
-    /// Filtered weights of the classes.
     pub classes: ClassFilter,
     /// Number of signals of which isolation said something.
     pub named: u64,
-    /// Number of these that fit no class.
+    /// Number of these that fit no class, and that are of a class, but may as well be none.
     pub fits_none: u64,
-    /// Number of these that are of a class, but may as well be what is no class.
     pub as_well: u64,
-    /// What the last signal looks like that is of no class, or may as well be.
+    /// What the last signal looks like that is of no class, or may as well be none.
     pub appearance: Option<Appearance>,
-    /// Running mean of the faulty rings with the last healthy ring, and the number of looks in that
-    /// mean, at most ten.
+    /// Running mean of the faulty rings with the last healthy ring, and its number of looks.
     pub rings: Option<Rings>,
     pub ring_looks: f64,
-    /// Resonance, Hz, and damping, 1/s, of the last signal that has them.
     pub resonance: Option<(f32, f32)>,
     /// The category and class under which the episode was announced last (`Channel::news`).
     pub announced_as: (Option<String>, Option<String>),
-    /// Number of signals without a name, by the reason.
     pub reasons: BTreeMap<Reason, u64>,
-    /// Severities by the quantity that they measure, at the index of [`Rules::quantities`]; empty
-    /// until one was stated, and `None` where none of that quantity was.
+    /// Severities by the quantity that they measure, at the index of [`Rules::quantities`].
     pub sizes: Vec<Option<Sizes>>,
 }
 
-/// The severities that were stated of one quantity: the first, the largest and the last, and the
-/// standard deviation of the last.
+/// The severities of one quantity, with the standard deviation of the last.
 #[derive(Clone, Copy, Debug)]
 pub struct Sizes {
     pub first: f32,
@@ -59,18 +47,14 @@ pub struct Sizes {
 }
 
 impl EpisodeDraft {
-    /// An empty draft, whose classes have their prior weights.
     pub fn new(rules: &Rules) -> EpisodeDraft {
         EpisodeDraft { classes: ClassFilter::new(&rules.priors), ..EpisodeDraft::default() }
     }
 
-    /// Takes in what isolation says of one more flagged signal.
     pub fn add(&mut self, named: &IsolatedSignal, rules: &Rules) {
-        // what is told of every flagged signal, also if isolation said nothing of classes
         self.resonance = named.resonance.or(self.resonance);
         named.reason.iter().for_each(|reason| *self.reasons.entry(*reason).or_default() += 1);
         if let Some(ring) = named.rings {
-            // a running mean over about ten looks: a fault may grow
             self.ring_looks = (self.ring_looks + 1.0).min(10.0);
             let mean = |of: f64, now: f64| of + (1.0 / self.ring_looks) * (now - of);
             let of = self.rings.unwrap_or(ring);
@@ -81,7 +65,6 @@ impl EpisodeDraft {
             });
         }
 
-        // What follows needs a statement of isolation: weights, or that the signal fits no class.
         if named.weights.is_empty() && !named.fits_none() {
             return;
         }
@@ -104,8 +87,7 @@ impl EpisodeDraft {
         }
     }
 
-    /// The commonest reason why signals of the episode have no name; `Uncertain` if there is none.
-    /// `fits_none`: the episode is of no known class, so only reasons that say this count.
+    /// The commonest reason why signals have no name. `fits_none`: of those that say that.
     pub fn commonest_reason(&self, fits_none: bool) -> Reason {
         let is_asked =
             |reason: &Reason| !fits_none || matches!(reason, Reason::UnknownFault | Reason::NoRing);

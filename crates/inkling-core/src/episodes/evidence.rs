@@ -1,49 +1,36 @@
-//! The sequential test for a fault of one channel. A *look* is one observation of the channel: the
-//! statistic of one signal.
+//! The sequential test for a fault of one channel.
 //!
-//! In: a channel's detection statistics over their thresholds (*ratios*), in time order, from
-//! `channel`. Out, for each look: whether the evidence for a fault suffices, since when it has
-//! grown, and when the fault is gone ([`Step`]).
+//! In: a channel's detection statistics over their thresholds (*ratios*), in time order. Out, for
+//! each look: whether the evidence for a fault suffices, since when it has grown, and when the fault
+//! is gone ([`Step`]).
 //!
 //! 1. x is the fourth root of the ratio, which is close to normal (Hawkins and Wixley 1986, for
 //!    chi-squared), and z = (x - level) / sd by the channel's own running mean (its *level*) and
-//!    spread. So a healthy channel that always reads high is no fault; only a level beyond the
-//!    threshold itself is not accepted.
+//!    spread. So a healthy channel that always reads high is no fault.
 //! 2. The gain of a look is the smaller of two log likelihood ratios of faulty against healthy:
-//!    that of a normal shifted by `shift`, shift (z - shift / 2), and that of being flagged or not
-//!    (`FLAGGED`, `NOT_FLAGGED`).
+//!    that of a normal shifted by `shift`, shift (z - shift / 2), and that of being flagged or not.
 //! 3. Page's CUSUM (1954): evidence = max(0, evidence + gain). A fault is raised where the evidence
-//!    reaches the bound, and its onset is the look at which the evidence began to grow, or a later
-//!    one that stands out from so little evidence that it was chance (`begins`).
+//!    reaches the bound, and its onset is where it began to grow (`begins`).
 //! 4. While a fault is on, its end is looked for: of a fault that stays, by a second CUSUM of
-//!    healthy against the fault's own shift (`look_at_faulty`); of one that comes and goes, by
-//!    enough looks in a row without a flag (`look_for_end`). A fault that comes and goes is not
-//!    raised here by looks: `channel` finds it (`intermittent`) and calls `raise_intermittent`.
+//!    healthy against the fault's own shift (`look_at_shift`); of one that comes and goes, which
+//!    `channel` raises, by enough looks in a row without a flag (`look_for_flags`).
 //!
-//! Why the smaller of the two: healthy signals are flagged at the stated rate however their
-//! statistics are distributed. On a healthy channel the mean of e^gain is at most 1 if that holds
-//! for either of the two ratios: if statistics are distributed as assumed (even of a channel that
-//! was always flagged often), or if flags come at their rate. So healthy looks seldom raise
-//! anything under either condition.
+//! Why the smaller of the two: healthy looks then seldom raise anything if either statistics are
+//! distributed as assumed, or flags come at their stated rate (the mean of e^gain is at most 1).
 
 use super::tuned;
 use crate::numbers::tuned::few;
 
-/// ln likelihood ratio of a flagged and of an unflagged look: for a channel of which a fifth of the
-/// looks is flagged, over a healthy one of which at most 9e-4 are. Three flagged looks in a row
-/// suffice at the default bound of 16.1, if each lies far enough above the level. The two numbers
-/// hold for rates of false alarms up to about 9e-4: up to there the mean of the likelihood ratio on
-/// a healthy channel is at most 1.
+/// ln likelihood ratio of a flagged and of an unflagged look: a fifth of the looks is flagged, against
+/// at most 9e-4 of healthy ones. Three flagged looks in a row suffice at the default bound.
 const FLAGGED: f32 = 5.4;
 const NOT_FLAGGED: f32 = -0.22;
 
 /// The threshold over the median of healthy statistics that `FIRST` is for: that of chi-squared
 /// with three degrees of freedom at a false-alarm rate of 5e-4.
 pub const FIRST_IN_MEDIANS: f32 = 7.5;
-/// Prior level and spread of a channel that was never observed, each with its weight in looks. They
-/// are about mean and standard deviation of the fourth root of chi-squared with three degrees of
-/// freedom over its upper 5e-4 point; the exact values are .601 and .133. The level counts as few
-/// looks, since channels differ.
+/// Prior level and spread of a channel that was never observed, each with its weight in looks: about
+/// those of the fourth root of chi-squared with three degrees of freedom over its upper 5e-4 point.
 const FIRST: Learned = Learned {
     level: 0.62,
     level_looks: 2.0,
@@ -51,10 +38,7 @@ const FIRST: Learned = Learned {
     variance_looks: 20.0,
     faulty: 0.0,
 };
-/// Prior level and spread of a channel that is judged by its own baseline, each with its weight in
-/// looks: mean and standard deviation of the fourth root of chi-squared with three degrees of
-/// freedom over its upper 7e-4 point. They weigh much (25 and 60 looks), since nearly every channel
-/// has about these.
+/// The same of a channel that is judged by its own baseline, over the upper 7e-4 point.
 const OWN: Learned = Learned {
     level: 0.607,
     level_looks: 25.0,
@@ -67,48 +51,39 @@ const MOST_LOWER: f32 = 16.0;
 /// The largest level that is accepted as healthy: the threshold itself.
 const LARGEST_LEVEL: f32 = 1.0;
 
-/// What a look makes of a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
     /// No fault in sight.
     Quiet,
-    /// Something may have begun: the evidence is above 0, but does not suffice yet. `begins`: this
-    /// look may be its onset. (A *suspect channel* is more: its evidence is at least
-    /// `tuned::suspicion`, 4.)
+    /// The evidence is above 0, but does not suffice yet. `begins`: this look may be the onset.
     Suspect { begins: bool },
     /// The evidence suffices from this look on.
     Raised,
-    /// The channel is still faulty. `fading`: some evidence of the return to healthy is
-    /// left (`recovered` > 0).
+    /// The channel is still faulty. `fading`: there is evidence of the return to healthy.
     Faulty { fading: bool },
-    /// The channel is healthy again, since the first of the last looks in a row that were `fading`.
+    /// The channel is healthy again, since the first of the last looks that were `fading`.
     Ended,
 }
 
-/// One channel's evidence.
 #[derive(Clone, Copy, Debug)]
 pub struct Evidence {
-    /// Level, spread, and evidence for a fault.
     learned: Learned,
-    /// ln of the likelihood ratio of healthy again against faulty, at least 0; used while a fault
-    /// is raised.
+    /// ln of the likelihood ratio of healthy again against faulty, at least 0; while one is raised.
     recovered: f32,
     /// How far the raised fault shifts looks, in standard deviations of a look: a running mean.
     shift: f32,
-    /// Whether a fault is raised.
-    raised: bool,
+    /// Whether a fault is on: from the look that raised it to the one that ended it.
+    pub raised: bool,
     /// Share of looks in which a fault that comes and goes was flagged; 0: the fault stays.
     share: f32,
 }
 
-/// What was learned of a channel: its level and spread (of fourth roots of the statistic over its
-/// threshold), and the evidence for a fault. Updated only while no fault is raised.
+/// What was learned of a channel while no fault was raised, by fourth roots of the ratio.
 #[derive(Clone, Copy, Debug)]
 struct Learned {
     /// Running mean, and the number of looks that it rests on.
     level: f32,
     level_looks: f32,
-    /// Running variance, and the number of looks that it rests on.
     variance: f32,
     variance_looks: f32,
     /// ln of the likelihood ratio of faulty since the best onset against healthy, at least 0.
@@ -131,18 +106,11 @@ impl Default for Evidence {
 pub const TOGETHER: usize = 8;
 
 impl Evidence {
-    /// Whether a fault is on: from the look that raised it to the one that ended it.
-    pub fn is_raised(&self) -> bool {
-        self.raised
-    }
-
-    /// Whether nothing speaks for a fault.
     pub fn is_quiet(&self) -> bool {
         !self.raised && self.learned.faulty <= 0.0
     }
 
-    /// Whether a look lies so far above the channel's level that its evidence alone makes a suspect
-    /// channel (`tuned::suspicion`).
+    /// Whether a look's evidence alone makes a suspect channel.
     pub fn stands_out(&self, ratio: f32) -> bool {
         evidence_of(ratio, self.learned.deviation(ratio).0) > tuned::suspicion()
     }
@@ -152,72 +120,61 @@ impl Evidence {
         (self.raised, self.recovered, self.share) = (true, 0.0, share);
     }
 
-    /// To be called where another model begins to judge, which has other statistics of the channel
-    /// and another threshold. `lower`: the threshold so far over the new one, each over the median
-    /// of its model's healthy statistics. A ratio becomes `lower` times as large, so level and
-    /// spread are rescaled by the fourth root.
+    /// To be called where another model begins to judge. `lower`: the threshold so far over the new
+    /// one, each over the median of its model's healthy statistics, by which ratios become larger.
     pub fn change_model(&mut self, lower: f32) {
         let Learned { level, variance, .. } = &mut self.learned;
-        // the level is a mean of fourth roots
         let by = lower.clamp(1.0 / MOST_LOWER, MOST_LOWER).sqrt().sqrt();
         *level = (*level * by).min(LARGEST_LEVEL);
         *variance *= by * by;
     }
 
-    /// To be called where the channel's own baseline begins to judge, or ceases to. The level so
-    /// far is that of another statistic, and is discarded; the evidence stays.
+    /// To be called where the channel's own baseline begins to judge, or ceases to.
     pub fn judge_by_own(&mut self, own: bool) {
         let begin = if own { OWN } else { FIRST };
         self.learned = Learned { faulty: self.learned.faulty, ..begin };
     }
 
-    /// Updates the channel by one look, and says what the look makes of it. `ratio`: detection
-    /// statistic over threshold, not negative and no NaN. `bound`: ln likelihood ratio at which a
-    /// fault is raised, and at which it ends.
+    /// Updates the channel by one look. `ratio`: not negative and no NaN. `bound`: ln likelihood ratio
+    /// at which a fault is raised, and at which it ends.
     pub fn look(&mut self, ratio: f32, bound: f32) -> Step {
         let (z, sd) = self.learned.deviation(ratio);
-
-        // while a fault is on, its end is looked for
         if self.raised {
-            let comes_and_goes = self.share > 0.0;
-            return if comes_and_goes {
-                self.look_for_end(ratio, bound)
-            } else {
-                self.look_at_faulty(z, bound)
-            };
+            match self.share > 0.0 {
+                true => self.look_for_flags(ratio),
+                false => self.look_at_shift(z),
+            }
+            if self.recovered >= bound {
+                (self.learned.faulty, self.recovered) = (0.0, 0.0);
+                (self.raised, self.share) = (false, 0.0);
+                return Step::Ended;
+            }
+            return Step::Faulty { fading: self.recovered > 0.0 };
         }
 
-        // Otherwise level, spread and evidence are updated. Once the evidence suffices, level and
-        // spread stay as they were before this look, and the fault's shift begins with this look's.
+        // level and spread stay as they were before this look, with which the fault's shift begins
         let before = self.learned.faulty;
         let next = self.learned.after(ratio, z, sd);
         if next.faulty >= bound {
-            self.learned.faulty = next.faulty;
-            self.raised = true;
-            self.recovered = 0.0;
+            (self.learned.faulty, self.raised, self.recovered) = (next.faulty, true, 0.0);
             self.shift = z.clamp(tuned::shift(), tuned::largest_shift());
             return Step::Raised;
         }
-
         self.learned = next;
-        if next.faulty > 0.0 {
-            Step::Suspect { begins: begins(before, evidence_of(ratio, z)) }
-        } else {
-            Step::Quiet
+        match next.faulty > 0.0 {
+            true => Step::Suspect { begins: begins(before, evidence_of(ratio, z)) },
+            false => Step::Quiet,
         }
     }
 
-    /// Updates several channels at once as [`Evidence::look`] does. `among`: the channels to
-    /// update, none of which may be raised. Returns which of these were updated (those that this
-    /// look would raise are not, and stay as they were), and for each channel whether an onset may
-    /// lie here, which is meaningful only where the channel was updated.
+    /// Updates several channels at once as [`Evidence::look`] does: those `among`, none of them raised.
+    /// Returns which were updated (not those that this look would raise), and where an onset may lie.
     pub fn look_at_quiet(
         of: [&mut Evidence; TOGETHER],
         among: [bool; TOGETHER],
         ratios: &[f32; TOGETHER],
         bound: f32,
     ) -> ([bool; TOGETHER], [bool; TOGETHER]) {
-        // everything is computed for all lanes, then kept for those that are updated
         let learned = of.each_ref().map(|of| of.learned);
         let (mut next, mut begin, mut updated) = (learned, [false; TOGETHER], [false; TOGETHER]);
         for i in 0..TOGETHER {
@@ -235,66 +192,46 @@ impl Evidence {
         (updated, begin)
     }
 
-    /// The test for the end of a fault that comes and goes: it has ended after so many looks
-    /// without a flag as its share of flagged looks makes improbable. One flagged look begins the
-    /// count anew.
-    fn look_for_end(&mut self, ratio: f32, bound: f32) -> Step {
-        if ratio > 1.0 {
-            self.recovered = 0.0;
-            return Step::Faulty { fading: false };
+    /// The test for the end of a fault that comes and goes: so many looks in a row without a flag as
+    /// its share of flagged looks makes improbable.
+    fn look_for_flags(&mut self, ratio: f32) {
+        match ratio > 1.0 {
+            true => self.recovered = 0.0,
+            // -ln of the probability that a faulty channel is not flagged; a healthy one hardly is
+            false => self.recovered -= (-self.share).ln_1p(),
         }
-        // Adds -ln of the probability that a channel with the fault is not flagged in this look,
-        // which is the log likelihood ratio of healthy, since a healthy channel is hardly ever
-        // flagged.
-        self.recovered -= (-self.share).ln_1p();
-        if self.recovered >= bound {
-            (self.learned.faulty, self.recovered, self.raised, self.share) = (0.0, 0.0, false, 0.0);
-            return Step::Ended;
-        }
-        Step::Faulty { fading: true }
     }
 
-    /// The test for the end of a fault that stays: a CUSUM of healthy (no shift) against the shift
-    /// that the episode has had so far. `z`: the look's deviation from the healthy level.
-    fn look_at_faulty(&mut self, z: f32, bound: f32) -> Step {
-        // The log likelihood ratio of two normals of unit variance, one of them shifted. No look says more than
-        // a flagged one does of the beginning of a fault, so that its end takes three looks, too.
+    /// The test for the end of a fault that stays: a CUSUM of healthy (no shift) against the shift of
+    /// the episode so far. `z`: the look's deviation from the healthy level.
+    fn look_at_shift(&mut self, z: f32) {
+        // no look says more than a flagged one does of the beginning: three looks end a fault, too
         let gain = self.shift * (self.shift / 2.0 - z.min(tuned::largest_shift()));
         self.recovered = (self.recovered + gain.clamp(-FLAGGED, FLAGGED)).max(0.0);
-        if self.recovered >= bound {
-            (self.learned.faulty, self.recovered, self.raised) = (0.0, 0.0, false);
-            return Step::Ended;
-        }
 
-        // Where the look belongs to the fault rather than to its end, the shift follows it, as a
-        // running mean of about the last eight (`few`).
+        // where the look belongs to the fault rather than to its end, the shift follows it
         if z >= self.shift / 2.0 {
             self.shift = (self.shift + (z - self.shift) / few() as f32)
                 .clamp(tuned::shift(), tuned::largest_shift());
         }
-        Step::Faulty { fading: self.recovered > 0.0 }
     }
 }
 
-/// The evidence of one look: the smaller of two ln likelihood ratios. One is that of the shift that is to be
-/// detected, of two normal distributions of unit variance, one of them shifted; the other that of being
-/// flagged or not. `z`: the look's deviation in standard deviations.
+/// The evidence of one look that deviates by `z`: the smaller of two ln likelihood ratios.
 #[inline(always)] // several channels side by side
 fn evidence_of(ratio: f32, z: f32) -> f32 {
     let by_flag = if ratio > 1.0 { FLAGGED } else { NOT_FLAGGED };
     (tuned::shift() * (z - tuned::shift() / 2.0)).min(by_flag)
 }
 
-/// Whether a look that leaves evidence may be the onset: there was no evidence before it, or too little to make the
-/// channel suspect, while this look alone makes it so. `before`: the evidence before the look; `of_look`:
-/// that of the look.
+/// Whether a look that leaves evidence may be the onset: there was too little `before` to make the
+/// channel suspect, while this look alone does.
 fn begins(before: f32, of_look: f32) -> bool {
     (before <= 0.0) | ((before < tuned::suspicion()) & (of_look > tuned::suspicion()))
 }
 
 impl Learned {
-    /// A look's deviation z from the level in standard deviations, and that standard deviation, in
-    /// which the error of the level is included (a mean of `level_looks` looks).
+    /// A look's deviation z from the level, and its standard deviation, with the level's error.
     #[inline(always)] // several channels side by side
     fn deviation(self, ratio: f32) -> (f32, f32) {
         let x = ratio.max(0.0).sqrt().sqrt().min(1e3);
@@ -302,14 +239,11 @@ impl Learned {
         ((x - self.level) / sd, sd)
     }
 
-    /// Level, spread and evidence after a look. `z`, `sd`: as `deviation` gives them. Level and
-    /// spread are robust running estimates: deviations are clamped to three standard deviations.
+    /// What is known after a look. `z`, `sd`: as `deviation` gives them.
     #[inline(always)] // as above
     fn after(self, ratio: f32, z: f32, sd: f32) -> Learned {
         let faulty = (self.faulty + evidence_of(ratio, z)).max(0.0);
 
-        // The running mean and variance. The level and spread of a suspect channel stand still, so
-        // that they do not follow a fault.
         let share = if faulty < tuned::suspicion() { 1.0 } else { 0.0 };
         let innovation = z.clamp(-3.0, 3.0) * sd;
         // the square without what the error of the level adds to it
@@ -365,7 +299,7 @@ mod tests {
         let after = |z: f32| {
             let mut evidence = Evidence { shift: 6.0, raised: true, ..Evidence::default() };
             for _ in 0..200 {
-                evidence.look_at_faulty(z, f32::INFINITY);
+                evidence.look_at_shift(z);
             }
             evidence.shift
         };

@@ -1,13 +1,8 @@
 //! One plain sentence per episode, for a technician.
 //!
 //! In: an [`Episode`], the rings of its signals, the class that is nearest or what the signals look
-//! like instead. Out: the sentence, for the episode table, the terminal and the page. The pieces
-//! that other pages use, too, are [`share`] and [`size_in_words`].
-//!
-//! The sentence says in this order: the channel; how the ring has changed; the class with its size,
-//! or the category, or that nothing is named; what else the signals may be as well; and the
-//! certainty. Signals of no class are described by their appearance instead, with the place where
-//! to look for the cause.
+//! like instead. Out: the sentence: the channel; how the ring has changed; the class with its size,
+//! the category, or where to look for the cause of what is of no class; and the certainty.
 
 use super::{Episode, Rings};
 use crate::fault::{self, Class};
@@ -15,9 +10,8 @@ use crate::model::faults::Catalogue;
 use crate::verdict::Appearance;
 
 /// The sentence of an episode: `channel 713: resonance 64.7 → 61.9 kHz, damping +31 %: partly
-/// blocked nozzle, 22 ± 3 % of the cross-section, certainty .97`. `episode`: all but its sentence
-/// is read; `rings`: `None` if no signal has a ring; `nearest`: the class with the largest weight
-/// and that weight, `None` if no signal could be named; `instead`: what else the signals look like.
+/// blocked nozzle, 22 ± 3 % of the cross-section, certainty .97`. `nearest`: the class with the
+/// largest weight and that weight; `instead`: what else the signals look like.
 pub fn sentence(
     episode: &Episode,
     rings: Option<&Rings>,
@@ -25,7 +19,6 @@ pub fn sentence(
     instead: Instead,
 ) -> String {
     let mut text = format!("channel {}: ", episode.channel);
-    // Signals of no known class are described by their appearance, without class and certainty.
     if let Instead::Rather(strange) = instead {
         if let Some(rings) = rings.filter(|_| strange.rings()) {
             text += &format!("{}: ", ring_in_words(rings));
@@ -33,7 +26,6 @@ pub fn sentence(
         return text + &in_words(strange);
     }
 
-    // what the signals may be as well as the class, and the change of the ring
     let or = match instead {
         Instead::AsWell(other) => in_short(other).map_or(String::new(), |it| format!(" or {it}")),
         _ => String::new(),
@@ -45,13 +37,10 @@ pub fn sentence(
     let certainty =
         episode.certainty.map_or(String::new(), |c| format!(", certainty {}", share(c)));
 
-    // a named class with its size, a category with its likeliest class, or the likeliest class as a
-    // guess
     match (&episode.fault, &episode.category, nearest) {
         (Some(name), ..) => {
             text += fault::in_words(name);
-            // The size in the words of the kind of fault that the class is; a class of the user's
-            // with a unit of its own has that unit after the number.
+            // the size in the words of the kind of fault that the class is, or in the user's own unit
             let laws = Catalogue::default();
             let kind = nearest.and_then(|(class, _)| laws.one_kind(&class.of)).unwrap_or(name);
             let size = size_in_words(kind, episode.severity_last, episode.severity_sd);
@@ -78,36 +67,24 @@ pub fn sentence(
     text
 }
 
-/// The end of the sentence for a fault that comes and goes: `, comes and goes: in about 1 of 10 of
-/// its bursts`. `share`: of the bursts in which the fault was flagged, above 0.
-pub fn comes_and_goes(share: f64) -> String {
-    format!(", comes and goes: in about 1 of {:.0} of its bursts", 1.0 / share)
-}
-
-/// What else an episode's signals look like.
 #[derive(Clone, Copy, Debug)]
 pub enum Instead<'a> {
-    /// Nothing else than the class.
     Nothing,
     /// The signals belong to no known class, and look like this.
     Rather(&'a Appearance),
-    /// The signals may as well be this: its probability is at least a quarter of that of the
-    /// likeliest class, or its density by the physics at least a quarter of the class's
-    /// ([`Appearance::AS_WELL`]).
+    /// The signals may as well be this ([`Appearance::AS_WELL`]).
     AsWell(&'a Appearance),
 }
 
 impl Appearance {
-    /// Whether the appearance is that of a ring with nothing beside it, so that resonance and
-    /// damping mean something.
+    /// Whether resonance and damping mean something: it is a ring with nothing beside it.
     fn rings(&self) -> bool {
         use Appearance::{AllOff, Late, Like, OtherClock, OtherGain, OtherRing};
         matches!(self, OtherGain(_) | OtherClock(_) | Late(_) | AllOff | Like(_) | OtherRing)
     }
 }
 
-/// What a signal may be as well as a class, as the words after "... or"; `None`: the appearance has
-/// no short name.
+/// What a signal may be as well as a class, as the words after "... or".
 fn in_short(other: &Appearance) -> Option<String> {
     Some(match other {
         Appearance::OtherGain(ratio) => format!("{ratio:.2} times the gain"),
@@ -122,7 +99,6 @@ fn in_short(other: &Appearance) -> Option<String> {
     })
 }
 
-/// What a signal of no class looks like, and where to look for the cause.
 fn in_words(strange: &Appearance) -> String {
     const LOOK: &str = "look at cable, connector and amplifier, not at the nozzle";
     match *strange {
@@ -197,17 +173,15 @@ pub fn share(c: f64) -> String {
     rounded.trim_start_matches('0').to_owned()
 }
 
-/// The severity of a class in words, with its standard deviation: `, 22 ± 3 % of the
-/// cross-section`. `class`: the name of a class of `faults.toml`, else it is told as "severity";
-/// `severity`, `sd`: in the class's unit, as the contract states it. Empty if no severity was
-/// estimated.
+/// The severity of a class in words, `, 22 ± 3 % of the cross-section`; "severity" for a class of the
+/// user's own; empty if none was estimated.
 pub fn size_in_words(class: &str, severity: Option<f64>, sd: Option<f64>) -> String {
     let Some(size) = severity.filter(|s| s.is_finite()) else { return String::new() };
-    // the size times `scale` (100 for percent), in as many decimals as one digit of its uncertainty
-    // has
+    let sd = sd.filter(|sd| sd.is_finite() && *sd > 0.0);
+    // the size times `scale`, in as many decimals as one digit of its uncertainty has
     let of = |scale: f64| -> String {
         let size = size * scale;
-        match sd.filter(|sd| sd.is_finite() && *sd > 0.0).map(|sd| sd * scale) {
+        match sd.map(|sd| sd * scale) {
             None => format!("{size:.0}"),
             Some(sd) => {
                 let digits = if sd >= 0.95 { 0 } else { (-sd.log10()).ceil().min(4.0) as usize };
@@ -215,11 +189,9 @@ pub fn size_in_words(class: &str, severity: Option<f64>, sd: Option<f64>) -> Str
             }
         }
     };
-
-    // a ratio, always with two decimals
     let ratio = || match sd {
-        Some(sd) if sd.is_finite() && sd > 0.0 => format!("{size:.2} ± {sd:.2}"),
-        _ => format!("{size:.2}"),
+        Some(sd) => format!("{size:.2} ± {sd:.2}"),
+        None => format!("{size:.2}"),
     };
     match class {
         "EC" => format!(", {} % of the density missing", of(100.0)),

@@ -3,8 +3,7 @@
 //!
 //! In: how many looks at a channel were flagged, of how many ([`Flags`]), and the same of the other
 //! channels of its printhead. Out: the ln likelihood ratio of "flagged for reasons of its own"
-//! against "flagged by false alarms" ([`Flags::evidence`]), which `channel` compares with the bound
-//! of the sequential test.
+//! against "flagged by false alarms" ([`Flags::evidence`]).
 //!
 //! Flags are taken for independent: with rate q on a healthy channel, and with a share p on a
 //! faulty one, which is not known. The ratio is averaged over p = 2 q, 4 q, 8 q, .. below 1:
@@ -13,17 +12,15 @@
 //! ln mean over p of (p / q)^flagged ((1 - p) / (1 - q))^not_flagged
 //! ```
 //!
-//! With a fixed q the ratio is a test martingale: on a healthy channel whose flags come no more
-//! often than at the rate q its ln passes a bound b at any time at all with a probability of at
-//! most e^-b (Ville 1939). The test begins anew with each flagged look before which the ln is negative
-//! ([`Flags::begin_anew`]), so that a long healthy past does not hide a fault that begins now; then b is
-//! passed in at most e^-b of the looks (the e-detector of Shin, Ramdas and Rinaldo, 2022). Here q is taken
-//! anew from the other channels at each look, so both hold about, not exactly.
+//! With a fixed q the ratio is a test martingale: on a healthy channel, flagged at the rate q at
+//! most, its ln passes a bound b with a probability of at most e^-b (Ville 1939). The test begins
+//! anew with each flagged look before which the ln is negative; then b is passed in at most e^-b of
+//! the looks (the e-detector of Shin, Ramdas and Rinaldo, 2022). Both hold about, as q is taken anew
+//! from the other channels at each look.
 
 use super::tuned;
 use crate::numbers::tuned::least_rate;
 
-/// A number of looks, and how many of them were flagged.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Flags {
     pub looks: u64,
@@ -31,7 +28,6 @@ pub struct Flags {
 }
 
 impl Flags {
-    /// Counts one more look.
     pub fn add(&mut self, flagged: bool) {
         self.looks += 1;
         self.flagged += u64::from(flagged);
@@ -43,29 +39,22 @@ impl Flags {
         Flags { looks, flagged: self.flagged.saturating_sub(those.flagged) }
     }
 
-    /// Share of the looks that were flagged.
     pub fn share(self) -> f64 {
         self.flagged as f64 / self.looks.max(1) as f64
     }
 
-    /// Whether the test is to begin anew with the flagged look that follows these: nothing speaks for a
-    /// fault so far. `others`: as of [`Flags::evidence`].
+    /// Whether the test is to begin anew with the flagged look that follows these.
     pub fn begin_anew(self, others: Flags) -> bool {
         self.flagged == 0 || self.evidence(others) < 0.0
     }
 
-    /// The ln likelihood ratio that a channel is flagged for reasons of its own. `self`: its looks, and those of
-    /// them that were flagged and stand out from its level; `others`: all looks, and all flagged ones, at the
-    /// other channels of its printhead while no episode was on in them.
+    /// The ln likelihood ratio that a channel is flagged for reasons of its own. `self`: its looks;
+    /// `others`: those at its printhead's other channels while no episode was on.
     pub fn evidence(self, others: Flags) -> f64 {
-        // The rate q of false alarms: `of_others` times that of the other channels, so that what
-        // all of them do is no fault of one, and at least `least_rate`. The upper bound leaves shares
-        // above the rate to compare with (somewhat arbitrary).
+        // The rate q: what all channels do is no fault of one. The upper bound is somewhat arbitrary.
         let rate = (tuned::of_others() * others.share()).clamp(least_rate(), 0.2);
         let (flagged, not) = (self.flagged as f64, (self.looks - self.flagged) as f64);
 
-        // The likelihood ratio of a share p of flagged looks against that rate, averaged over
-        // shares of 2, 4, 8, .. times the rate (in logarithms, with the largest term taken out).
         let of_share = |p: f64| flagged * (p / rate).ln() + not * ((-p).ln_1p() - (-rate).ln_1p());
         let shares = std::iter::successors(Some(2.0 * rate), |p| Some(2.0 * p));
         let lns: Vec<f64> = shares.take_while(|p| *p < 1.0).map(of_share).collect();

@@ -5,16 +5,14 @@
 //! end, a class and a sentence. Memory is bounded; what it has no room for is counted. Never
 //! changes a verdict.
 //!
-//! `src/pipeline/episodes.rs` at the writer stage feeds the bursts and writes the episodes. From
-//! the outside in: `tracker` follows a recording, `order` puts its bursts in time order,
-//! `printhead` follows the channels of one printhead and `channel` one channel. A channel's looks
-//! go through `evidence`, the sequential test (Page's CUSUM), and `intermittent`, the test for
-//! faults that come and go. What isolation says is gathered in an `episode_draft`, whose class
+//! `tracker` follows a recording, `order` puts its bursts in time order, `printhead` follows the
+//! channels of one printhead and `channel` one channel. A channel's looks go through the tests of
+//! `evidence` and `intermittent`. What isolation says is gathered in an `episode_draft`, whose class
 //! `classes` filters over time; `channel_episode` makes an [`Episode`] of it by the rules of names
 //! (`rules`), and `explanation` puts it into words. `docs/episodes.md` tells the method.
 //!
 //! A *look* is one observation of a channel: the statistic of one judged signal. *Flagged* is a
-//! look whose statistic exceeds its threshold, that is, whose ratio exceeds 1.
+//! look whose ratio, its statistic over the threshold, exceeds 1.
 
 mod channel;
 mod channel_episode;
@@ -40,8 +38,7 @@ use crate::verdict::{Appearance, Reason};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::sync::Arc;
 
-/// One fault episode of a channel: a row of the episode table (contract, "Out: verdicts"), whose
-/// columns are called as these fields are in JSON.
+/// One fault episode of a channel: a row of the episode table.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Episode {
@@ -49,8 +46,7 @@ pub struct Episode {
     pub recording: Arc<str>,
     pub printhead: Arc<str>,
     pub channel: u32,
-    /// Category and class of the fault, by name; `None`: it is not certain. A category without a
-    /// class: the classes of that category could not be told apart.
+    /// Category and class of the fault, by name; `None`: it is not certain.
     pub category: Option<String>,
     pub fault: Option<String>,
     /// t_a of the burst at which the evidence sufficed, ns since the epoch.
@@ -59,78 +55,60 @@ pub struct Episode {
     /// Best estimate of the time of the onset, ns since the epoch.
     #[serde(rename = "began_at")]
     pub began_at_ns: i64,
-    /// Time of the first burst in which the channel looked healthy again, ns since the epoch;
-    /// `None`: the fault is still on.
+    /// Time of the first burst in which the channel looked healthy again; `None`: still on.
     #[serde(rename = "ended_at")]
     pub ended_at_ns: Option<i64>,
-    /// Number of the channel's judged bursts in the episode.
     pub bursts: u64,
-    /// Weight (a posterior over time, `classes.rs`) of the named class, else of the named category,
-    /// else of the best class; `None`: there are no classes, or no signal fits one.
+    /// Weight of the named class or category, else of the best class; `None`: no signal fits one.
     pub certainty: Option<f64>,
-    /// The first, largest and last severity that was estimated, in the class's unit; `None`: none
-    /// was.
+    /// The first, largest and last severity that was estimated, in the class's unit.
     pub severity_first: Option<f64>,
     pub severity_max: Option<f64>,
     pub severity_last: Option<f64>,
-    /// Standard deviation of `severity_last`.
     pub severity_sd: Option<f64>,
-    /// Resonance, Hz, and damping, 1/s, of the last of the episode's signals that has a ring.
+    /// Resonance, Hz, and damping, 1/s, of the last signal that has a ring.
     pub resonance_hz: Option<f64>,
     pub damping_per_s: Option<f64>,
     /// Why the episode has no name; `None`: it has one.
     #[serde(deserialize_with = "known_reason")]
     pub reason: Option<Reason>,
-    /// The episode in a sentence, for a technician.
     pub explanation: String,
 }
 
-/// Reads a reason; a name that is not known, as a later release may have written, is read as no
-/// reason.
+/// Reads a reason; a name that a later release may have written is no reason.
 fn known_reason<'de, D: Deserializer<'de>>(name: D) -> Result<Option<Reason>, D::Error> {
     Ok(Option::<String>::deserialize(name)?.and_then(|name| Reason::of(&name)))
 }
 
-/// The looks at the channels of one burst: row r is the channel `first_channel` + r. `ratios`,
-/// `own` and `named` speak of the same rows.
+/// The looks at the channels of one burst: row r is the channel `first_channel` + r.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Looks {
-    /// Time of acquisition, ns since the epoch.
     pub t_ns: i64,
-    /// Number of the channel of row 0.
     pub first_channel: u32,
-    /// Number of the model that judged.
     pub model: u16,
     /// The model's threshold over the median of healthy statistics; 0: not known.
     pub in_medians: f32,
     /// Detection statistic over threshold of each channel; NaN: not judged.
     pub ratios: Vec<f32>,
-    /// Whether each channel was judged by its own baseline (about its own level); empty: none was.
+    /// Whether each channel was judged about its own level; empty: none was.
     pub own: Vec<bool>,
-    /// What isolation says of the flagged channels, one entry for each flagged row, in ascending
-    /// order of rows.
+    /// What isolation says, one entry for each flagged row, in ascending order of rows.
     pub named: Vec<IsolatedSignal>,
 }
 
 impl Looks {
-    /// Whether the channel of a row was judged by its own baseline.
     fn judged_by_own(&self, row: u32) -> bool {
         self.own.get(row as usize).is_some_and(|&own| own)
     }
 }
 
-/// What isolation says of a flagged signal.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct IsolatedSignal {
-    /// Row of the signal in its burst.
     pub row: u32,
-    /// Weight of each class; what they lack to 1 is the weight of no class. Empty: isolation said
-    /// nothing.
+    /// Weight of each class, and to 1 of no class. Empty: isolation said nothing.
     pub weights: Vec<f32>,
-    /// Why the signal has no name; `None`: it has one.
     pub reason: Option<Reason>,
-    /// What the signal looks like, if it fits no class, or if it may as well be no class; `None`:
-    /// it fits a class, or that was not looked at.
+    /// What the signal looks like, if it fits no class, or may as well be none.
     pub appearance: Option<Appearance>,
     /// Index of the class with the largest weight, to which `severity` refers.
     pub candidate: Option<u16>,
@@ -139,7 +117,7 @@ pub struct IsolatedSignal {
     pub severity_sd: Option<f32>,
     /// The signal's ring beside the healthy one of its model, if a ring was fitted.
     pub rings: Option<Rings>,
-    /// Resonance, Hz, and damping, 1/s, as the signal's row of the verdict table has them.
+    /// Resonance, Hz, and damping, 1/s, of the verdict table.
     pub resonance: Option<(f32, f32)>,
 }
 
@@ -150,7 +128,6 @@ impl IsolatedSignal {
     }
 }
 
-/// A faulty ring and the healthy one that it is compared with.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rings {
     pub frequency_hz: f64,
@@ -159,38 +136,31 @@ pub struct Rings {
     pub healthy_damping_per_s: f64,
 }
 
-/// How many of a printhead's judged signals are no evidence of anything, because they have the
-/// times of others or come too late.
+/// How many of a printhead's judged signals are no evidence, because of their times.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Untimely {
     pub printhead: Arc<str>,
-    /// Number of judged signals, timely or not.
     pub signals: u64,
-    /// Number of signals that have the time of another signal of their channel, but another
-    /// statistic.
+    /// Signals with the time of another one of their channel, but another statistic.
     pub at_one_time: u64,
-    /// Number of signals that came after later ones of their channel had been looked at.
+    /// Signals that came after later ones of their channel had been looked at.
     pub too_late: u64,
     /// The last of the times that several signals have, ns since the epoch.
     pub t_ns: i64,
 }
 
-/// What a tracker hands out at the end of a recording.
 #[derive(Debug)]
 pub struct TrackerResult {
     /// The episodes that were not yet taken; those still on come last, by printhead and channel.
     pub last: Vec<Episode>,
     pub counts: Counts,
-    /// The printheads with untimely signals, by name.
     pub untimely: Vec<Untimely>,
 }
 
 /// Numbers of episodes, and of signals that were left out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Counts {
-    /// All episodes, those that are still on included.
     pub episodes: u64,
-    /// Episodes that are still on at the end of the recording.
     pub still_on: u64,
     /// Signals that came after later ones of their channel had been looked at: beyond the window.
     pub signals_too_late: u64,

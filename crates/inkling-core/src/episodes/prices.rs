@@ -153,7 +153,7 @@ fn classes() -> [f64; 2] {
                 weights = [1e-6, 1e-6, 0.98]; // a look may be sure, and wrong
             }
             filter.look(&weights.map(|w| w as f32), &priors);
-            let best = (0..3).max_by(|&a, &b| filter.weights()[a].total_cmp(&filter.weights()[b]));
+            let best = (0..3).max_by(|&a, &b| filter.weights[a].total_cmp(&filter.weights[b]));
             let is_right = best == Some(truth);
             if k >= 30 && is_right {
                 turned = turned.min(k);

@@ -1,18 +1,14 @@
-//! Settings of evidence over time: the section `[episodes]` of `pipeline.toml`, its defaults and
-//! its checks. From the settings follows the bound that the evidence of a channel has to reach.
+//! The section `[episodes]` of `pipeline.toml`: its defaults and its checks.
 
 use crate::ranges::check;
 use serde::{Deserialize, Serialize};
 
-/// The settings of section `[episodes]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EpisodeSettings {
-    /// How many episodes without a fault a million healthy signals may give at most; the bound on
-    /// the evidence is set by it.
+    /// How many episodes without a fault a million healthy signals may give at most.
     pub false_per_million: f64,
-    /// At most so many signals of a printhead wait for earlier ones: bursts may be out of order in
-    /// the recording by so much.
+    /// At most so many signals of a printhead wait for earlier ones.
     pub reorder_signals: usize,
 }
 
@@ -23,16 +19,14 @@ impl Default for EpisodeSettings {
 }
 
 impl EpisodeSettings {
-    /// Refuses values out of their range, by the key that is wrong.
     pub fn check(&self) -> Result<(), String> {
         check("false_per_million", self.false_per_million, 1e-6..=1e4, "1e-6 to 1e4")?;
         let most = 1 << 24;
         check("reorder_signals", self.reorder_signals, 1..=most, &format!("1 to {most}"))
     }
 
-    /// The bound h on the evidence, ln of a likelihood ratio, that raises an episode: h = ln (1e6 /
-    /// `false_per_million`), 16.1 by default. On healthy signals a CUSUM of log likelihood ratios
-    /// reaches h at most once in e^h signals on average (Lorden 1971).
+    /// The bound h on the evidence, ln of a likelihood ratio: on healthy signals a CUSUM of log
+    /// likelihood ratios reaches h at most once in e^h signals on average (Lorden 1971).
     pub fn evidence_bound(&self) -> f64 {
         (1e6 / self.false_per_million).ln()
     }

@@ -1,13 +1,11 @@
 //! Follows all channels of a recording: bursts in, episodes out.
 //!
-//! In: the bursts of all printheads, in the order of the recording, from the writer stage
-//! (`src/pipeline/episodes.rs`). Out: [`Episode`]s as they end, at last those that are still on,
-//! and counts of what was left out.
+//! In: the bursts of all printheads, in the order of the recording. Out: [`Episode`]s as they end,
+//! at last those that are still on, and counts of what was left out.
 //!
 //! Each printhead's bursts wait in a bounded window (`order`), so that those that are out of order
-//! in the recording are looked at in the order of time; what the window has no room for is looked
-//! at by `printhead`. Memory is bounded whatever a recording claims: printheads, channels and
-//! waiting signals have limits.
+//! in the recording are looked at in the order of time. Memory is bounded whatever a recording
+//! claims: printheads, channels and waiting signals have limits.
 
 #[cfg(test)]
 mod tests;
@@ -24,25 +22,22 @@ const MOST_PRINTHEADS: usize = 1 << 16;
 /// At most so many signals wait for earlier ones, over all printheads.
 const MOST_WAITING: usize = 1 << 22;
 
-/// Follows every channel. Episodes leave as they end, in an order that depends on the recording
-/// only.
+/// Follows every channel.
 #[derive(Debug)]
 pub struct Tracker {
     rules: Rules,
     /// At most so many signals of a printhead wait for earlier ones.
     reorder_signals: usize,
-    /// The printheads by their names.
     printheads: HashMap<Arc<str>, Printhead>,
     /// Number of signals that wait, over all printheads.
     waiting: usize,
-    /// Episodes that nobody has taken yet, and counts.
+    /// Episodes that nobody has taken yet.
     output: TrackerOutput,
 }
 
 impl Tracker {
-    /// A tracker before the first burst. `classes`: in the order of the signals' weights; `priors`:
-    /// of each class, what they lack to 1 is that of no class; `certainty`: least weight of a class
-    /// or category that is named.
+    /// A tracker before the first burst. `classes`: in the order of the signals' weights; `priors`: of
+    /// each; `certainty`: least weight of a class or category that is named.
     pub fn new(
         classes: &[Class],
         priors: &[f64],
@@ -59,28 +54,26 @@ impl Tracker {
     }
 
     /// The same tracker for a caller who wants to hear of episodes as soon as they are raised: no
-    /// burst waits for earlier ones, so signals that come after later ones are left out.
+    /// burst waits for earlier ones, and signals that come too late are left out.
     pub fn at_once(self) -> Tracker {
         let output = TrackerOutput { raised: Some(Vec::new()), ..self.output };
         Tracker { reorder_signals: 0, output, ..self }
     }
 
-    /// Takes in one burst of a printhead, in the recording's order. The burst waits; the earliest
-    /// bursts of that printhead are looked at until no more signals wait than may.
+    /// Takes in one burst of a printhead, in the recording's order. The earliest bursts of that
+    /// printhead are looked at until no more signals wait than may.
     pub fn push(&mut self, printhead: &Arc<str>, looks: Looks) {
-        if !self.printheads.contains_key(printhead) {
-            if self.printheads.len() >= MOST_PRINTHEADS {
-                self.output.counts.signals_beyond_limit += looks.ratios.len() as u64;
-                return;
-            }
-            self.printheads.insert(printhead.clone(), Printhead::new(printhead.clone()));
+        let is_full = self.printheads.len() >= MOST_PRINTHEADS;
+        if is_full && !self.printheads.contains_key(printhead) {
+            self.output.counts.signals_beyond_limit += looks.ratios.len() as u64;
+            return;
         }
-        let Some(of) = self.printheads.get_mut(printhead) else { return };
+        let new = || Printhead::new(printhead.clone());
+        let of = self.printheads.entry(printhead.clone()).or_insert_with(new);
         self.waiting += looks.ratios.len();
         of.waiting.push(looks);
 
-        // bursts beyond the window are looked at, the earliest first
-        while of.waiting.signals() > self.reorder_signals || self.waiting > MOST_WAITING {
+        while of.waiting.signals > self.reorder_signals || self.waiting > MOST_WAITING {
             let Some(looks) = of.waiting.pop() else { break };
             self.waiting -= looks.ratios.len();
             of.look(&looks, &self.rules, &mut self.output);
@@ -92,20 +85,18 @@ impl Tracker {
         std::mem::take(&mut self.output.ended)
     }
 
-    /// The episodes that were raised, or got another name, since the last call, as they were then.
-    /// There are none unless the tracker works [`Tracker::at_once`].
+    /// The episodes that were raised, or got another name, since the last call; none unless the
+    /// tracker works [`Tracker::at_once`].
     pub fn take_raised(&mut self) -> Vec<Episode> {
         self.output.raised.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
-    /// Ends with the recording: looks at the bursts that still wait, and hands out the episodes
-    /// that are still on.
+    /// Ends with the recording.
     pub fn finish(mut self) -> TrackerResult {
         // a hash map has no order, and results must depend on the recording only
         let mut printheads: Vec<Printhead> = self.printheads.drain().map(|(_, p)| p).collect();
         printheads.sort_by(|a, b| a.name.cmp(&b.name));
 
-        // the bursts that still wait
         for of in &mut printheads {
             while let Some(looks) = of.waiting.pop() {
                 of.look(&looks, &self.rules, &mut self.output);
@@ -116,8 +107,7 @@ impl Tracker {
         for of in &mut printheads {
             of.states.sort_by_key(|channel| channel.number);
             for channel in &mut of.states {
-                let Some(draft) = channel.draft.take().filter(|_| channel.evidence.is_raised())
-                else {
+                let Some(draft) = channel.draft.take().filter(|_| channel.evidence.raised) else {
                     continue;
                 };
                 self.output.counts.still_on += 1;

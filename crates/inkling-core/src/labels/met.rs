@@ -1,12 +1,9 @@
 //! Finds labels that cover nothing of the recordings that were read, and tells which of these are
 //! mistakes: a printhead's name that is misspelt, a time in seconds where nanoseconds are due.
 //!
-//! In, from whoever reads recordings with labels (`train`, `score`, `critique`): printhead, time
-//! and channels of every burst ([`Met::see`]); then the labels. Out: sentences: an error
-//! ([`Met::mistake`], where a row was surely meant otherwise), or a warning ([`Met::unused`]).
-//!
-//! Of each printhead only the span of all its times and channels is kept. So a row that lies in a
-//! gap between two recordings counts as covering some signals.
+//! In: printhead, time and channels of every burst; then the labels. Out: an error where a row was
+//! surely meant otherwise, or a warning, in words. Of each printhead only the span of all its times
+//! and channels is kept, so that a row in a gap counts as covering some signals.
 
 use super::{Channels, EVERY_PRINTHEAD, Label, Labels, nearest};
 use chrono::{DateTime, SecondsFormat};
@@ -25,8 +22,7 @@ pub struct Met {
     heads: BTreeMap<Arc<str>, Span>,
 }
 
-/// Where and when the signals of one printhead, or of one burst, were: the first and the last time
-/// t_a, ns since the epoch, and channel, all included.
+/// The first and the last time t_a, ns since the epoch, and channel of one printhead or burst.
 #[derive(Clone, Copy, Debug)]
 pub struct Span {
     pub from_ns: i64,
@@ -35,21 +31,7 @@ pub struct Span {
     pub last_channel: u32,
 }
 
-/// A time of a label that is implausible in ns, but would be a time of `OF_THIS_AGE` in another
-/// unit.
-struct OtherUnit {
-    /// The number as it was read, taken for ns.
-    said: i64,
-    /// The unit that was probably meant.
-    unit: &'static str,
-    /// Number of zeros to append to get ns.
-    zeros: usize,
-    /// The time that was probably meant, ns since the epoch.
-    meant_ns: i64,
-}
-
 impl Met {
-    /// Takes in a burst of a printhead: the printhead's span grows by that of the burst.
     pub fn see(&mut self, printhead: &str, span: Span) {
         if let Some(known) = self.heads.get_mut(printhead) {
             known.from_ns = known.from_ns.min(span.from_ns);
@@ -61,14 +43,12 @@ impl Met {
         }
     }
 
-    /// What somebody mistyped in the labels, in words; `None`: nothing shows a mistake. A misspelt
-    /// printhead is told first, else a time in another unit.
+    /// What somebody mistyped in the labels, in words. A misspelt printhead is told first.
     pub fn mistake(&self, labels: &Labels) -> Option<String> {
         self.misspelt(labels).or_else(|| self.of_other_unit(labels))
     }
 
-    /// How many rows cover none of the signals, and which of the printheads in these rows were not
-    /// met, in words; `None`: each row covers some.
+    /// How many rows cover none of the signals, and which of their printheads were not met, in words.
     pub fn unused(&self, labels: &Labels) -> Option<String> {
         let rows = labels.rows();
         let unused: Vec<&Label> = rows.iter().filter(|row| !self.covers_any(row)).collect();
@@ -96,20 +76,17 @@ impl Met {
         printhead == EVERY_PRINTHEAD || self.heads.contains_key(printhead)
     }
 
-    /// Whether a row meets the span of any printhead that it is for.
     fn covers_any(&self, row: &Label) -> bool {
         let mut of = self.heads.iter();
         of.any(|(name, span)| [name, EVERY_PRINTHEAD].contains(&&*row.printhead) && span.meets(row))
     }
 
-    /// A sentence about the first name in the labels that no printhead has, and that is like the
-    /// name of a printhead that no row names. A printhead that has its own row was not meant: so
-    /// labels for several sets of recordings are no mistake.
+    /// A sentence about the first name that no printhead has, but that is like one without a row.
     fn misspelt(&self, labels: &Labels) -> Option<String> {
         let named: BTreeSet<&str> = labels.rows().iter().map(|row| &*row.printhead).collect();
         let unnamed = || self.heads.keys().map(|name| &**name).filter(|name| !named.contains(name));
         let strange = named.iter().filter(|name| !self.knows(name));
-        // Names that differ in digits alone, such as black-1 and black-2, are two printheads.
+        // names that differ in digits alone, such as black-1 and black-2, are two printheads
         let letters = |name: &str| name.replace(|c: char| c.is_ascii_digit(), "");
         let meant = |name: &&str| {
             let near = nearest(name, unnamed()).into_iter();
@@ -124,50 +101,39 @@ impl Met {
         ))
     }
 
-    /// A sentence about the first time in the labels that was probably written in another unit than
-    /// ns. `None` too where a recording's clock counts from its own start, so that small times are
-    /// right.
+    /// A sentence about the first time in the labels that was probably written in another unit.
     fn of_other_unit(&self, labels: &Labels) -> Option<String> {
         let is_of_this_age = |span: &Span| OF_THIS_AGE.contains(&span.from_ns);
         if self.heads.is_empty() || !self.heads.values().all(is_of_this_age) {
             return None; // a clock that counts from its own start
         }
-        let bounds = labels.rows().iter().flat_map(|row| [row.from_ns, row.to_ns]).flatten();
-        let OtherUnit { said, unit, zeros, meant_ns } = bounds.filter_map(other_unit).next()?;
+        let units = [("seconds", 9), ("milliseconds", 6), ("microseconds", 3)];
         let clock =
             |ns| DateTime::from_timestamp_nanos(ns).to_rfc3339_opts(SecondsFormat::AutoSi, true);
-        Some(format!(
-            "time {said} is {}, as whole numbers are nanoseconds; were {unit} meant? Write {} ({said} and {zeros} zeros)",
-            clock(said),
-            clock(meant_ns)
-        ))
+        // a number that is no time of `OF_THIS_AGE` in ns, but would be one in another unit
+        let mistaken = |number: i64, (unit, zeros): (&str, u32)| {
+            let meant_ns = number.checked_mul(10_i64.pow(zeros))?;
+            OF_THIS_AGE.contains(&meant_ns).then(|| {
+                format!(
+                    "time {number} is {}, as whole numbers are nanoseconds; were {unit} meant? Write {} ({number} and {zeros} zeros)",
+                    clock(number),
+                    clock(meant_ns)
+                )
+            })
+        };
+        let mut bounds = labels.rows().iter().flat_map(|row| [row.from_ns, row.to_ns]).flatten();
+        bounds.find_map(|number| units.into_iter().find_map(|unit| mistaken(number, unit)))
     }
 }
 
 impl Span {
-    /// Whether a row covers some time and channel of the span. Its printhead is not looked at.
     fn meets(&self, row: &Label) -> bool {
-        let (first, last) = match row.channel {
-            Channels::All => (0, u32::MAX),
-            Channels::One(one) => (one, one),
-            Channels::Range(first, last) => (first, last),
-        };
+        let (first, last) = row.channel.bounds();
         row.from_ns.is_none_or(|from| from <= self.to_ns)
             && row.to_ns.is_none_or(|to| to > self.from_ns)
             && first <= self.last_channel
             && last >= self.first_channel
     }
-}
-
-/// The unit in which a number would be a time of `OF_THIS_AGE`; `None`: there is none, for example
-/// because the number is such a time in ns (multiplied, it overflows or lies beyond 2100).
-fn other_unit(said: i64) -> Option<OtherUnit> {
-    // with the power of ten that turns each unit into ns
-    let units = [("seconds", 9), ("milliseconds", 6), ("microseconds", 3)];
-    units.into_iter().find_map(|(unit, zeros)| {
-        let meant_ns = said.checked_mul(10_i64.pow(zeros as u32))?;
-        OF_THIS_AGE.contains(&meant_ns).then_some(OtherUnit { said, unit, zeros, meant_ns })
-    })
 }
 
 #[cfg(test)]

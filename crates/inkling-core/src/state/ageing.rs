@@ -1,90 +1,62 @@
 //! How far the channels of a head have moved apart: what most of them do is ageing, what one does
 //! is a fault.
 //!
-//! In: for each channel of a sweep how far it has moved (`Channel::moved`): from its own level of
-//! the past, or from the level of all channels; 4 numbers, in standard deviations of what healthy
-//! channels move by. Out: the covariance of these over the channels ([`Apart`]), and each channel's
-//! squared distance by it, by which `Head::watch` decides after every sweep whether a channel is
-//! faulty.
+//! In: for each channel of a sweep how far it has moved (`Channel::moved`): 4 numbers, in standard
+//! deviations of what healthy channels move by. Out: the covariance of these over the channels
+//! ([`Apart`]), and each channel's squared distance by it.
 //!
-//! 1. A robust covariance (`robust`, minimum covariance determinant): what fewer than half of the
-//!    channels do hardly changes it. Healthy channels that do not age have the covariance 1.
-//! 2. A covariance that chance gives every other head of healthy channels is taken for 1
-//!    ([`Apart::learn`]).
-//! 3. A channel's squared distance by a covariance that was learned from few channels is as rare as
-//!    Hotelling's T² makes it, not chi-squared; it is turned into the chi-squared that is as rare
-//!    (`as_if_known`).
-//!
-//! The covariance is a full one, because ageing moves features together. If all four move as one, a
-//! channel that lies four standard deviations out along their common direction lies four out in
-//! each feature, and its distance by the four variances alone would be eight.
+//! A robust covariance is taken (`robust`): what fewer than half of the channels do hardly changes
+//! it. It is a full one, because ageing moves features together. Healthy channels that do not age
+//! have the covariance 1, and one that chance gives every other such head is taken for 1. A distance
+//! by the covariance of few channels is as rare as Hotelling's T² makes it; it is turned into the
+//! chi-squared that is as rare (`as_if_known`).
 
 use super::kind::Features;
 use super::process::DRIFTED;
 use crate::model::median::median_of;
 use nalgebra::{Matrix4, Vector4};
 
-/// A covariance is estimated from this number of channels on: twice as many as there are features.
 const FEWEST: usize = 8;
-/// The search for the half of the channels that lies closest together takes at most so many steps.
-/// On Gaussian draws of 12 to 60 channels it takes three to five on average.
 const STEPS: usize = 10;
 /// Medians of chi-squared with one and with four degrees of freedom, and the value that chi-squared
 /// with four exceeds with a probability of 2.5 %.
 const MEDIAN_1: f64 = 0.4549;
 const MEDIAN_4: f64 = 3.3567;
 const UPPER_4: f64 = 11.143;
-/// `n` healthy channels move by a covariance of 1, but the largest eigenvalue of the covariance
-/// that `robust` estimates from them exceeds (1 + c / sqrt(n))^2 in about every other draw with c =
-/// `OFTEN`, and in about one of a hundred with c = `RARELY`. Both were found by drawing. (The edge
-/// of the Marchenko-Pastur law, for sample covariances of four features, is at c = 2.)
+/// The largest eigenvalue of the covariance of `n` healthy channels exceeds (1 + c / sqrt(n))^2 in
+/// about every other draw with c = `OFTEN`, and in about one of a hundred with c = `RARELY`.
 const OFTEN: f64 = 1.15;
 const RARELY: f64 = 2.7;
-/// Efficiency of `robust`: from n channels its covariance scatters as a sample covariance of
-/// `EFFICIENCY` n channels does. Of .4 to 1, tried on Gaussian draws of 8 to 128 channels, .4 is
-/// the value with which the share of channels beyond the upper 1e-3 and 1e-4 of chi-squared is at
-/// most about what it should be: up to 1.6 times that. With twice as much, .8, the share is up to
-/// 92 times that at 20 channels and 9 times at 60.
+/// From n channels `robust`'s covariance scatters as a sample covariance of `EFFICIENCY` n channels
+/// does: chosen by Gaussian draws of 8 to 128 channels, for the upper points of chi-squared.
 const EFFICIENCY: f64 = 0.4;
-/// Channels are said to age if they move more than twice as far as healthy ones: the variance
-/// beyond which that is so.
-const TOLD: f64 = 4.0;
-/// What the mean square of the channels within `UPPER_4` is multiplied by, since it lacks the tail
-/// beyond. By normal distributions the factor would be .975 / .916, 2.6 % more; `OFTEN`, `RARELY`
-/// and `EFFICIENCY` were chosen with the factor that stands here. With the other one healthy
-/// channels are flagged as rarely, and a fault that grows while its head ages is flagged in 118
-/// instead of 137 of 160 nights (`nights_tests.rs`).
+/// Variance beyond which channels age: they move more than twice as far as healthy ones.
+const AGED: f64 = 4.0;
+/// What the mean square of the channels within `UPPER_4` is multiplied by, since it lacks the tail.
+/// Normal distributions would need .975 / .916; the numbers above were chosen with this one.
 const OF_WITHIN: f64 = 0.975 / 0.94;
 
-/// How far a head's channels have moved, or lie from all of them, as a covariance. By it each
-/// channel has a squared distance, which compares with chi-squared of four degrees of freedom.
+/// How far a head's channels have moved, or lie from all of them, as a covariance.
 pub struct Apart {
-    /// The covariance's principal directions, one in each column, and the variances along these, at
-    /// least 1.
+    /// The covariance's principal directions, in columns, and the variances along these, 1 or more.
     axes: Matrix4<f64>,
     variances: Features,
-    /// Degrees of freedom of the covariance, if it was learned from these channels; `None`: it is
-    /// that of healthy channels, 1.
+    /// Degrees of freedom of the covariance; `None`: it is that of healthy channels, 1.
     learned_from: Option<f64>,
-    /// Whether the channels age: along at least one principal direction they have moved more than
-    /// twice as far as healthy ones, and along every such direction to both sides alike. What most
-    /// channels do one way is no ageing but a fault of most.
+    /// Whether the channels age: along some direction they have moved more than twice as far as
+    /// healthy ones, and along each such direction to both sides. One way, it is a fault of most.
     pub each_its_own_way: bool,
 }
 
 impl Apart {
-    /// The covariance of healthy channels, 1.
     pub fn as_known() -> Apart {
         let (axes, variances) = (Matrix4::identity(), Vector4::repeat(1.0));
         Apart { axes, variances, learned_from: None, each_its_own_way: false }
     }
 
-    /// Learns the covariance from what channels moved by; variances below 1 are raised to 1.
-    ///
-    /// `is_known`: that healthy channels move by a covariance of 1 is certain. Then the covariance
-    /// is taken for 1 unless its largest variance exceeds what chance leads to in about every other
-    /// healthy head (`OFTEN`). The covariance is taken for 1 also where fewer than `FEWEST`
-    /// channels are known, or where what they moved by spans fewer than four dimensions.
+    /// Learns the covariance from what channels moved by, variances raised to 1. It is taken for 1
+    /// where channels are too few, and, where healthy channels surely move by that (`is_known`),
+    /// unless chance seldom leads to so large a variance.
     pub fn learn(moved: &[Features], is_known: bool) -> Apart {
         let edge = by_chance(OFTEN, moved.len());
         let eigen = robust(moved).map(|of| of.symmetric_eigen());
@@ -96,38 +68,33 @@ impl Apart {
             axes,
             variances,
             learned_from: Some(EFFICIENCY * moved.len() as f64),
-            each_its_own_way: variances.max() > TOLD
+            each_its_own_way: variances.max() > AGED
                 && (0..4)
-                    .all(|k| variances[k] <= TOLD || is_even(moved, &axes.column(k).into_owned())),
+                    .all(|k| variances[k] <= AGED || is_even(moved, &axes.column(k).into_owned())),
         }
     }
 
-    /// Variances of the four coordinates, rather than those along the principal directions: how
-    /// many times as far apart the channels lie as healthy ones, squared.
+    /// Variances of the four coordinates: how many times as far apart the channels lie as healthy
+    /// ones, squared.
     pub fn wider(&self) -> Features {
         (self.axes * Matrix4::from_diagonal(&self.variances) * self.axes.transpose()).diagonal()
     }
 
-    /// Squared distance of what a channel moved by. Its tail by chi-squared of four degrees of
-    /// freedom is the probability of so large a move among healthy and ageing channels, also if few
-    /// channels taught the covariance. `times`: the channel's past lies so many times as long ago
-    /// as the others' pasts (`Channel::times_as_long`). Ageing is taken to go on at its pace, so
-    /// that by ageing the channel has moved so many times as far.
+    /// Squared distance of what a channel moved by, as a chi-squared of four degrees of freedom.
+    /// `times`: the channel's past lies so many times as long ago as the others' pasts
+    /// (`Channel::times_as_long`), and so ageing moved it so many times as far.
     pub fn square(&self, moved: &Features, times: f64) -> f64 {
         let square = self.by_variances(moved, times);
         self.learned_from.map_or(square, |n| as_if_known(square, n))
     }
 
-    /// Whether a channel moved no further than the others did, and so may have aged. The variances
-    /// are taken as they are, however few channels taught them, and that is stricter than a bound
-    /// on [`Apart::square`]: to be healthy again takes more than not to be surely faulty. `times`:
-    /// as in [`Apart::square`].
+    /// Whether a channel moved no further than the others did, and so may have aged. This is stricter
+    /// than a bound on [`Apart::square`]: to be healthy again takes more than not to be faulty.
     pub fn holds(&self, moved: &Features, times: f64) -> bool {
         self.by_variances(moved, times) < DRIFTED
     }
 
-    /// Squared Mahalanobis distance by the variances as they are. What a variance has beyond 1 is
-    /// ageing, and is multiplied by the square of `times`.
+    /// Squared Mahalanobis distance by the variances as they are. What they have beyond 1 is ageing.
     fn by_variances(&self, moved: &Features, times: f64) -> f64 {
         let along = self.axes.transpose() * moved;
         let of = |x: f64, v: f64| x * x / (1.0 + (v - 1.0) * times * times);
@@ -135,23 +102,19 @@ impl Apart {
     }
 }
 
-/// The largest eigenvalue that chance leads to in so many healthy channels. `c`: `OFTEN` or
-/// `RARELY`, which say how often it is exceeded.
+/// The largest eigenvalue that chance leads to in so many healthy channels, as often as `c` says.
 fn by_chance(c: f64, channels: usize) -> f64 {
     (1.0 + c / (channels.max(1) as f64).sqrt()).powi(2)
 }
 
-/// By how much the standard deviation of channels' differences is overestimated by chance, as a
-/// factor: in about one of a hundred heads of so many healthy channels the overestimate is larger.
+/// The factor by which chance overestimates the standard deviation of healthy channels' differences
+/// in about one of a hundred heads.
 pub fn rarely_apart(channels: usize) -> f64 {
     by_chance(RARELY, channels).sqrt()
 }
 
-/// Whether channels moved along an axis to both sides alike: whether the square of the summed moves
-/// is less than nine times the sum of the squares, that is, the sum less than three standard
-/// deviations from zero. If half of n channels move by the same amount and the others not at all,
-/// the ratio of the two is n / 2. So n / 2 is the bound for fewer than 18 channels, whose ratio
-/// would not reach nine that way.
+/// Whether channels moved along an axis to both sides: their sum is less than three standard
+/// deviations from zero, or for few channels, less than if half of them moved by one amount.
 fn is_even(moved: &[Features], axis: &Features) -> bool {
     let along = moved.iter().map(|of| of.dot(axis));
     let (sum, squares) = along.fold((0.0, 0.0), |(sum, squares), x| (sum + x, squares + x * x));
@@ -159,10 +122,9 @@ fn is_even(moved: &[Features], axis: &Features) -> bool {
 }
 
 /// The value of chi-squared with four degrees of freedom that is exceeded as rarely as `square` is
-/// by Hotelling's T^2 of four features with a covariance of `n` degrees of freedom. Both tails have
-/// a closed form: with z = 1 / (1 + square / n) and m = (n - 3) / 2 that of T² is z^m (1 + m (1 -
-/// z)), and that of chi-squared beyond 2 x is e^-x (1 + x). So x = ln (1 + x) - ln (tail of T²),
-/// which is iterated.
+/// by Hotelling's T² of four features with a covariance of `n` degrees of freedom. With z = 1 / (1 +
+/// square / n) and m = (n - 3) / 2 the tail of T² is z^m (1 + m (1 - z)), and that of chi-squared
+/// beyond 2 x is e^-x (1 + x). So x = ln (1 + x) - ln (tail of T²), which is iterated.
 fn as_if_known(square: f64, n: f64) -> f64 {
     let half = (n - 3.0) / 2.0;
     if half <= 0.0 {
@@ -170,7 +132,6 @@ fn as_if_known(square: f64, n: f64) -> f64 {
     }
     let z = 1.0 / (1.0 + square / n);
     let ln_tail = half * z.ln() + (half * (1.0 - z)).ln_1p();
-    // thirty steps of the fixed-point iteration
     let mut x = -ln_tail;
     for _ in 0..30 {
         x = x.ln_1p() - ln_tail;
@@ -179,57 +140,47 @@ fn as_if_known(square: f64, n: f64) -> f64 {
 }
 
 /// Covariance about zero of what most channels moved by: the minimum covariance determinant
-/// (Rousseeuw 1984), reweighted. `None`: there are too few channels, or a covariance on the way has
-/// no inverse.
+/// (Rousseeuw 1984), reweighted. `None`: too few channels, or a covariance has no inverse.
 fn robust(moved: &[Features]) -> Option<Matrix4<f64>> {
     if moved.len() < FEWEST {
         return None;
     }
 
-    // the start: a diagonal covariance, by the median square of each coordinate
     let by_feature =
         Vector4::from_fn(|k, _| median_of(moved.iter().map(|m| m[k] * m[k])) / MEDIAN_1);
     let mut of = Matrix4::from_diagonal(&by_feature);
 
     // Each step takes the half of the channels that lies closest by the covariance so far, and
-    // their mean square, scaled such that the median squared distance of all channels is that of
-    // chi-squared.
+    // scales their mean square such that the median squared distance is that of chi-squared.
     let half = moved.len().div_ceil(2);
-    let mut closest: Vec<&Features> = Vec::new();
+    let mut closest = Vec::new();
     for _ in 0..STEPS {
-        let mut by_distance = with_squares(moved, &of)?;
-        by_distance.sort_by(|p, q| p.0.total_cmp(&q.0));
-        let next: Vec<&Features> = by_distance[..half].iter().map(|of| of.1).collect();
-        let scatter = mean_square(&next);
-        let squares = with_squares(moved, &scatter)?.into_iter().map(|of| of.0);
-        of = scatter * (median_of(squares) / MEDIAN_4);
-        // the same channels in the same order: a further step would change nothing
-        if next.iter().zip(&closest).filter(|(p, q)| std::ptr::eq(**p, **q)).count() == half {
+        let distances = squares(moved, &of)?;
+        let mut next: Vec<usize> = (0..moved.len()).collect();
+        next.sort_by(|&p, &q| distances[p].total_cmp(&distances[q]));
+        next.truncate(half);
+        let scatter = mean_square(next.iter().map(|&k| &moved[k]));
+        of = scatter * (median_of(squares(moved, &scatter)?.into_iter()) / MEDIAN_4);
+        if next == closest {
             break;
         }
         closest = next;
     }
 
-    // Reweighting: the mean square of all channels but those that lie far out has less scatter than
-    // that of half of them.
-    let within = with_squares(moved, &of)?.into_iter().filter(|of| of.0 < UPPER_4);
-    let within: Vec<&Features> = within.map(|of| of.1).collect();
-    Some(mean_square(&within) * OF_WITHIN)
+    // reweighting: all channels but those that lie far out have less scatter than half of them
+    let within = moved.iter().zip(squares(moved, &of)?).filter(|(_, square)| *square < UPPER_4);
+    Some(mean_square(within.map(|(m, _)| m)) * OF_WITHIN)
 }
 
-/// What each channel moved by, with its squared distance by a covariance. `None`: the covariance
-/// has no inverse.
-fn with_squares<'a>(
-    moved: &'a [Features],
-    covariance: &Matrix4<f64>,
-) -> Option<Vec<(f64, &'a Features)>> {
+fn squares(moved: &[Features], covariance: &Matrix4<f64>) -> Option<Vec<f64>> {
     let inverse = covariance.try_inverse().filter(|of| of.iter().all(|v| v.is_finite()))?;
-    Some(moved.iter().map(|m| (m.dot(&(inverse * m)), m)).collect())
+    Some(moved.iter().map(|m| m.dot(&(inverse * m))).collect())
 }
 
-/// Covariance about zero, with equal weights.
-fn mean_square(of: &[&Features]) -> Matrix4<f64> {
-    of.iter().fold(Matrix4::zeros(), |sum, m| sum + *m * m.transpose()) / of.len() as f64
+fn mean_square<'a>(of: impl Iterator<Item = &'a Features>) -> Matrix4<f64> {
+    let zero = (Matrix4::zeros(), 0.0);
+    let (sum, n) = of.fold(zero, |(sum, n), m| (sum + m * m.transpose(), n + 1.0));
+    sum / n
 }
 
 #[cfg(test)]

@@ -1,17 +1,13 @@
 //! What is known of one channel: where it lies from its head's level while it is healthy, where
-//! while it is faulty, and how probable it is that it is faulty now. Positions are in canonical
-//! coordinates (`kind.rs`).
+//! while it is faulty, and how probable it is that it is faulty now, in canonical coordinates.
 //!
-//! In: sweep by sweep a look, less the head's level, and what `level` puts it down to
-//! ([`Channel::learn`]); pauses ([`Channel::resume`]); and after each sweep how far the channel has
-//! moved compared with the others ([`Channel::watch`]). Out: the healthy mean
-//! ([`Channel::healthy`]), the faulty one, and the probability of a fault, from which the next look
-//! is expected.
+//! In: sweep by sweep a look, less the head's level, and what `level` puts it down to; pauses; and
+//! how far the channel has moved compared with the others. Out: the healthy and the faulty mean, and
+//! the probability of a fault.
 //!
-//! Healthy looks of today are one mean. When a day is over, its mean is added to three means over
-//! about 4, 16 and 64 days (`RUNG_DAYS`), as at most 1 / `between`² looks, because a channel
-//! differs by `between` from day to day however often it is looked at. So a slow fault is seen as a
-//! distance of today's mean from that of long ago, though from day to day it moved hardly at all.
+//! When a day is over, the mean of its healthy looks is added to three means over about 4, 16 and 64
+//! days (`RUNG_DAYS`), as at most 1 / `between`² looks, because a channel differs by `between` from
+//! day to day. So a slow fault is seen as a distance of today's mean from that of long ago.
 
 use super::kind::Features;
 use super::process::{self, DAY_NS, DRIFTED, ODD_ONE, RUNG_DAYS};
@@ -22,19 +18,12 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sum {
-    /// Sum of the looks' precisions, which is how many looks at the reference drive they are worth.
+    /// Sum of the looks' precisions: how many looks at the reference drive they are worth.
     pub looks: f64,
-    /// Sum of precision times position.
     pub sum: [f64; 4],
 }
 
 impl Sum {
-    /// The sum of a single look of the precision `looks`.
-    pub fn of(look: &Features, looks: f64) -> Sum {
-        Sum { looks, sum: (look * looks).into() }
-    }
-
-    /// Adds a look of the precision `looks`.
     pub fn add(&mut self, look: &Features, looks: f64) {
         self.looks += looks;
         self.sum.iter_mut().zip(look.iter()).for_each(|(sum, of)| *sum += looks * of);
@@ -45,17 +34,15 @@ impl Sum {
         Vector4::from(self.sum) / self.looks.max(f64::MIN_POSITIVE)
     }
 
-    /// Mean and variance, after these looks, of where the channel lies that was looked at. Before
-    /// them the channel was expected about zero with the variance `spread`; `noise`: variance of
-    /// one look. Coordinate by coordinate with n looks that add up to `sum`: variance 1 /
-    /// (1/spread + n/noise), and mean variance sum / noise.
+    /// Mean and variance, after these looks, of a channel that was expected about zero with the
+    /// variance `spread`. `noise`: of one look. Per coordinate, with n looks, the variance is 1 /
+    /// (1/spread + n/noise), and the mean that times sum / noise.
     pub fn posterior(&self, spread: &Features, noise: &Features) -> (Features, Features) {
         let shrunk = spread.zip_map(noise, |s2, v| s2 / (v + self.looks * s2));
         (shrunk.component_mul(&Vector4::from(self.sum)), shrunk.component_mul(noise))
     }
 
-    /// Leaves the mean as it is, and lets it count as at most `looks` looks, so that later looks
-    /// weigh more.
+    /// Lets the mean count as at most `looks` looks, so that later looks weigh more.
     fn at_most(&mut self, looks: f64) {
         if self.looks > looks {
             let by = looks / self.looks;
@@ -65,42 +52,34 @@ impl Sum {
     }
 }
 
-/// What is known of one channel. All positions are from the level that its head had at each look.
+/// What is known of one channel, all positions from the level that its head had at each look.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Channel {
-    /// The channel's healthy looks of the days before, a mean over about so many days for each of
-    /// [`RUNG_DAYS`]. However many looks a day had, it counts as few of them here.
+    /// Means of the healthy looks before today, over about so many days each as [`RUNG_DAYS`] says.
     pub past: [Sum; RUNGS],
     /// The channel's healthy looks of the day that is not over yet.
     pub today: Sum,
     /// When today's first look was, ns; `i64::MAX`: there was none yet.
     pub day_from_ns: i64,
-    /// The looks at the fault that the channel has, or had last: about the last `of_beginning` of
-    /// them.
+    /// The looks at the fault that the channel has, or had last: about the last `of_beginning`.
     pub faulty: Sum,
-    /// How many looks that fault has had since it began, those that `faulty` has forgotten
-    /// included.
+    /// How many looks that fault has had since it began.
     #[serde(default)]
     pub faulty_looks: f64,
-    /// Whole days that the channel has been faulty for, today not counted.
     #[serde(default)]
     pub faulty_days: f64,
     /// Probability that the channel is faulty before the next look.
     pub is_faulty: f64,
-    /// At least 1 while the channel is taken for faulty because its level has drifted from where it
-    /// was long ago, or lies apart from all other channels': the squared distance over the bound
-    /// for that distance. 0: the level is such as healthy channels have.
+    /// At least 1 while the channel is taken for faulty because its level has drifted, or lies apart
+    /// from all other channels': the squared distance over the bound for that distance. Else 0.
     pub off: f64,
 }
 
-/// Levels of the past that today's is compared with.
 pub const RUNGS: usize = RUNG_DAYS.len();
-/// The rung from which a look is expected: that of the fewest days, for whether a channel moves
-/// slowly is not decided by one look.
+/// The rung from which a look is expected: one look does not decide whether a channel moves slowly.
 const USUAL: usize = 0;
-/// The rung of the most days: its mean becomes a channel's healthy level once the channel turns out
-/// to drift.
+/// The rung whose mean becomes the healthy level of a channel that turns out to drift.
 const OLDEST: usize = RUNGS - 1;
 
 /// The probabilities, after a look, of what it may be put down to; their sum is 1.
@@ -115,15 +94,11 @@ pub struct Responsibility {
 /// A look at a channel, with the level of its head taken off.
 #[derive(Clone, Copy, Debug)]
 pub struct FromLevel {
-    /// Canonical position from the level.
     pub at: Features,
-    /// Precision: 1 at the reference drive, less at a smaller drive or where the level is
-    /// uncertain.
+    /// Precision: 1 at the reference drive, less at a smaller one or where the level is uncertain.
     pub looks: f64,
 }
 
-/// How many looks a day counts as, at most: a channel differs by `between` from day to day however
-/// often it is looked at.
 fn of_a_day() -> f64 {
     process::between().powi(-2)
 }
@@ -144,16 +119,15 @@ impl Default for Channel {
 }
 
 /// Variances of where faulty channels lie about the level: `wide`² times those of healthy channels,
-/// and at least `wide`² times those of one look's noise (1).
+/// and of one look's noise (1) at least.
 pub fn wide(spread: &Features) -> Features {
     let square = process::wide().powi(2);
     spread.map(|s2| (square * s2).max(square))
 }
 
 impl Channel {
-    /// Where the channel lies while it is healthy: the mean over the last days, of which today is
-    /// one. Without a past it is today's mean, which counts as all of its looks; beside a past
-    /// today counts as at most one day does.
+    /// Where the channel lies while it is healthy: the mean over the last days and today, which
+    /// counts as at most one day beside a past.
     pub fn healthy(&self) -> Sum {
         let (mut all, past) = (self.today, &self.past[USUAL]);
         if past.looks > 0.0 {
@@ -163,8 +137,7 @@ impl Channel {
         all
     }
 
-    /// Called at the first sweep after a pause, in which a fault may have come or gone. `t_ns`: the
-    /// sweep's time. If the day is over, its mean is added to the means of the past.
+    /// The first sweep after a pause, at `t_ns`: a fault may have come or gone, or the day be over.
     pub fn resume(&mut self, t_ns: i64) {
         self.is_faulty = self.is_faulty.max(process::change());
         if t_ns.saturating_sub(self.day_from_ns) < DAY_NS {
@@ -178,9 +151,7 @@ impl Channel {
             return;
         }
 
-        // The day's mean enters each rung with the precision that its looks and the difference of
-        // days leave; before that the rung forgets so much that it is a mean over about its number
-        // of days.
+        // the precision that the day's looks and the difference of days leave
         let (day, looks) = (self.today.mean(), 1.0 / (1.0 / of_a_day() + 1.0 / self.today.looks));
         for (past, days) in self.past.iter_mut().zip(RUNG_DAYS) {
             past.at_most((days - 1.0) * of_a_day());
@@ -189,15 +160,13 @@ impl Channel {
         self.today = Sum::default();
     }
 
-    /// How far the channel lies now from where it was over the days of each of [`RUNG_DAYS`], and,
-    /// last, from all channels of its head (whose level is zero here); in standard deviations of
-    /// what a healthy channel moves by, coordinate by coordinate. "Now" is the mean of today, or of
-    /// the fault if the channel stays faulty. `None`: one of the two positions is not known.
+    /// How far the mean of today (or of the fault that stays) lies from where the channel was over
+    /// the days of each of [`RUNG_DAYS`], and, last, from all channels of its head; in standard
+    /// deviations of what a healthy channel moves by. `None`: one of the positions is not known.
     pub fn moved(&self, spread: &Features, noise: &Features) -> [Option<Features>; RUNGS + 1] {
         let now = if self.stays_faulty() { self.faulty } else { self.today };
         let of_now = noise / now.looks;
 
-        // from each rung: the variances of both means, and that of days
         let mut moved = [None; RUNGS + 1];
         for (moved, past) in moved.iter_mut().zip(&self.past) {
             if past.looks > 0.0 && now.looks > 0.0 {
@@ -207,7 +176,7 @@ impl Channel {
             }
         }
 
-        // from all channels: their spread, and the variance of the mean
+        // the spread of all channels, and the variance of the mean
         let all = if self.stays_faulty() { self.faulty } else { self.healthy() };
         if all.looks > 0.0 {
             let variance = spread + noise / all.looks;
@@ -217,30 +186,24 @@ impl Channel {
     }
 
     /// How many times as long ago the channel's past at a rung is as the other channels': while a
-    /// channel is faulty nothing is added to its past. 1 for the last place of [`Channel::moved`],
-    /// which has no past.
+    /// channel is faulty nothing is added to its past. 1 for the last place of [`Channel::moved`].
     pub fn times_as_long(&self, rung: usize) -> f64 {
         1.0 + RUNG_DAYS.get(rung).map_or(0.0, |days| self.faulty_days / days)
     }
 
-    /// Whether the channel is most probably faulty, and its faulty level is known.
     fn stays_faulty(&self) -> bool {
         self.is_faulty > 0.5 && self.knows_fault()
     }
 
-    /// Decides, after each sweep, whether the channel lies where a healthy one would, which tells
-    /// slow faults:
+    /// Decides, after each sweep, whether the channel lies where a healthy one would:
     ///
-    /// * A healthy channel that lies beyond a bound becomes faulty: its present level becomes the
-    ///   fault's. Its healthy level is then what it was long ago if it has drifted from there, or
-    ///   unknown if it only lies apart from the other channels.
+    /// * A healthy channel that lies beyond a bound becomes faulty, at its present level. Its healthy
+    ///   level is then what it was long ago if it has drifted from there, or unknown.
     /// * A faulty channel is taken for healthy again, at its present level, where it has moved no
-    ///   further than the others of its head, which age; or where it has no known healthy level and
-    ///   lies within the bounds.
+    ///   further than the others of its ageing head (`is_alike`); or where it has no known healthy
+    ///   level and lies within the bounds.
     ///
-    /// `squares`: squared distances of what [`Channel::moved`] returns, by how far the other
-    /// channels moved (`Apart::square`); `is_alike`: the head's channels age, and this one has
-    /// moved no further than they have.
+    /// `squares`: squared distances of what [`Channel::moved`] returns (`Apart::square`).
     pub fn watch(&mut self, squares: [f64; RUNGS + 1], is_alike: bool) {
         // the squared distances over their bounds: beyond 1 the channel drifts, or lies apart
         let drifted = squares[..RUNGS].iter().copied().fold(0.0, f64::max) / DRIFTED;
@@ -248,11 +211,10 @@ impl Channel {
         if self.stays_faulty() {
             let has_aged = is_alike && self.faulty_days >= 1.0;
             if has_aged || !self.knows_level() && off < 1.0 {
-                // The channel begins anew: its present level is healthy, and it has no past.
-                let (today, day_from_ns) = (self.faulty, self.day_from_ns);
+                // it begins anew: its present level is healthy, and it has no past
                 *self = Channel {
-                    today,
-                    day_from_ns,
+                    today: self.faulty,
+                    day_from_ns: self.day_from_ns,
                     faulty_looks: self.faulty_looks,
                     ..Channel::default()
                 };
@@ -262,7 +224,6 @@ impl Channel {
             return;
         }
 
-        // a healthy channel beyond a bound: the present level becomes the fault's
         self.off = 0.0;
         if off >= 1.0 && self.knows_level() {
             self.off = off;
@@ -273,18 +234,16 @@ impl Channel {
         }
     }
 
-    /// Whether the channel's healthy level is known.
     fn knows_level(&self) -> bool {
         self.healthy().looks >= process::few()
     }
 
-    /// Whether the channel's faulty level is known.
     pub fn knows_fault(&self) -> bool {
         self.faulty.looks >= 1.0
     }
 
     /// Takes in a look, shared between the healthy and the faulty mean by what it is put down to.
-    /// `spread`: variances of healthy channels; `noise`: variances of one look.
+    /// `spread`: variances of healthy channels; `noise`: of one look.
     pub fn learn(
         &mut self,
         t_ns: i64,
@@ -295,18 +254,15 @@ impl Channel {
         let FromLevel { at, looks } = look;
         self.day_from_ns = self.day_from_ns.min(t_ns);
 
-        // another channel in this one's place begins anew
         if by.replaced > 0.5 {
-            let today = Sum::of(&at, looks);
-            *self = Channel { today, day_from_ns: t_ns, ..Channel::default() };
+            *self = Channel { day_from_ns: t_ns, ..Channel::default() };
+            self.today.add(&at, looks);
             return;
         }
 
-        // the share of the look that is a healthy one
         self.today.add(&at, by.healthy * looks);
 
-        // The share that is a faulty one. A fault that lies far from the known one is another one,
-        // and its mean begins anew.
+        // a fault that lies far from the known one is another one
         let (f, variance) = self.faulty.posterior(&wide(spread), noise);
         let variance = variance + noise / looks;
         let far = (at - f).zip_map(&variance, |d, v| d * d / v).sum();
@@ -326,24 +282,18 @@ impl Channel {
         }
     }
 
-    /// Exchanges the healthy and the faulty level where it is likelier that the channel's first
-    /// looks were faulty ones.
-    ///
-    /// On its first day a channel may have begun faulty and be cured by now, or have begun healthy
-    /// and be faulty now. Both leave two levels, and both are one change in so many looks. What
-    /// tells is which level a healthy channel rather has (the smaller distance from all channels),
-    /// and how long the fault would have lasted: (1 - `change`)^n for n looks.
+    /// Exchanges the healthy and the faulty level where the channel more likely began faulty and was
+    /// cured: by which level lies nearer to all channels, and by how long the fault would have
+    /// lasted, (1 - `change`)^n for n looks. Only on the channel's first day.
     fn swap_if_cured(&mut self, spread: &Features, noise: &Features) {
-        // Only on a channel's first day, for later its past tells; not if it drifts; and only once
-        // the second level has as many looks as the first one, or `of_beginning`.
+        // not if it drifts; and only once the second level has enough looks
         let Channel { past, today, faulty, faulty_looks, .. } = self;
         let lasts = *faulty_looks >= today.looks.min(process::of_beginning());
         if past[USUAL].looks > 0.0 || self.off > 0.0 || !lasts {
             return;
         }
 
-        // squared distance of a level from all channels of the head, and the log odds of "began
-        // faulty"
+        // squared distance of a level from all channels, and the log odds of "began faulty"
         let far = |of: &Sum| {
             let variance = spread + noise / of.looks.max(f64::MIN_POSITIVE);
             of.mean().zip_map(&variance, |d, v| d * d / v).sum()
@@ -358,11 +308,9 @@ impl Channel {
     }
 }
 
-/// Squared distance of a look from a known fault beyond which the look is at another fault: upper
-/// 1e-10 of chi-squared with four degrees of freedom.
+/// Squared distance from a known fault beyond which a look is at another one, and from all channels
+/// within which a level may be healthy: upper 1e-10 and 1e-3 of chi-squared, four degrees of freedom.
 const ANOTHER_FAULT: f64 = 52.4;
-/// Squared distance from all channels of a head within which a level may be a healthy channel's:
-/// upper 1e-3 of the same chi-squared.
 const WITHIN_POPULATION: f64 = 18.47;
 
 #[cfg(test)]

@@ -2,18 +2,13 @@
 //! order of time.
 //!
 //! In: a sweep, that is, looks at many channels of the head within one stretch of time ([`Look`]).
-//! Out: what the sweep tells of the level ([`SweepOutcome`]), and afterwards the channels' own
-//! levels ([`Head::own`]) and how far healthy looks scatter ([`Head::scatter`]), by which
-//! `src/pipeline/head.rs` moves the judges. A sweep ([`Head::sweep`]) has four steps:
+//! Out: what the sweep tells of the level ([`SweepOutcome`]), the channels' own levels and how far
+//! healthy looks scatter; all features, while inside positions are canonical (`kind.rs`). The steps:
 //!
 //! 1. `walk`: the level has become less certain since the last sweep.
-//! 2. `find`: the level that explains the sweep (`level.rs`), and whether it is believed or is
-//!    another head's.
+//! 2. `find`: the level that explains the sweep (`level.rs`), and whether it is believed.
 //! 3. `learn`: Kalman's update of the level, of the scatter within channels, and of each channel.
 //! 4. `watch`: which channels have drifted slowly from their past, or lie apart (`ageing.rs`).
-//!
-//! Inside, positions are canonical (`kind.rs`); what comes in and goes out are features from the
-//! base ring.
 
 use super::ageing::{Apart, rarely_apart};
 use super::channel::{Channel, FromLevel, RUNGS, Sum};
@@ -24,20 +19,16 @@ use crate::model::median::median_of;
 use nalgebra::{Matrix4, Vector4};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// One look at a channel in a sweep.
 #[derive(Clone, Copy, Debug)]
 pub struct Look {
     pub channel: u32,
     /// The signal's ring relative to the head's base ring, per unit drive.
     pub features: Features,
-    /// Drive voltage over the reference voltage.
     pub drive: f64,
 }
 
-/// The looks with their drives reduced by how much smaller most rings are than the ring whose noise
-/// is 1. `ring`: that ring's ln amplitude, from the base ring. The noise of a ring's features is
-/// that of its samples over its amplitude, so that looks at small rings say less. Larger rings are
-/// no reason to believe looks more, so drives are never raised.
+/// The looks with drives reduced by how much smaller most rings are than the ring of ln amplitude
+/// `ring`, whose noise is 1: looks at small rings say less. Drives are never raised.
 fn as_large_as_most(looks: &[Look], ring: f64) -> Vec<Look> {
     let size = (median_of(looks.iter().map(|look| look.features[0])) - ring).exp().min(1.0);
     looks.iter().map(|look| Look { drive: look.drive * size, ..*look }).collect()
@@ -47,79 +38,54 @@ fn as_large_as_most(looks: &[Look], ring: f64) -> Vec<Look> {
 #[derive(Clone, Copy, Debug)]
 pub struct OwnLevel {
     pub channel: u32,
-    /// Number of looks that the expectation rests on; 0: it is the head's level itself.
     pub looks: f64,
-    /// Where the channel is expected: features from the head's level.
     pub at: Features,
-    /// At least 1: the channel's level has drifted from that place or lies apart from all channels,
-    /// by this multiple of the bound; its signals are flagged. 0: it has not.
+    /// At least 1: the channel's level has drifted or lies apart, by this multiple of the bound. 0:
+    /// it has not.
     pub off: f64,
 }
 
 /// What is known of a printhead now; [`Head::sweep`] takes in what is heard of it next.
 #[derive(Clone, Debug)]
 pub struct Head {
-    /// The coordinates, and what a design says of such heads.
     pub(super) kind: Kind,
-    /// The level: what all channels have in common, from the base ring, and its covariance; both
-    /// canonical.
+    /// The level, what all channels have in common, and its covariance; both canonical.
     pub(super) level: Features,
     pub(super) covariance: Matrix4<f64>,
-    /// What is known of each channel, by its number.
-    pub(super) channels: BTreeMap<u32, Channel>,
-    /// How far looks scatter about their own channels.
+    /// What is known of each channel that is followed, by its number.
+    pub channels: BTreeMap<u32, Channel>,
     pub(super) within: Within,
-    /// When the head was heard last, ns; `None`: never, or what is known of it is from later than
-    /// now.
-    pub(super) heard_ns: Option<i64>,
+    /// When the head was heard last, ns; `None`: not before the recording.
+    pub heard_ns: Option<i64>,
     /// Whether only another head was heard since the last pause.
     still_paused: bool,
-    /// When it turned out that all channels are others than those that were remembered, ns.
-    swapped_ns: Option<i64>,
+    pub swapped_ns: Option<i64>,
     /// Channels heard since the last pause.
     heard: BTreeSet<u32>,
-    /// How many times as far the channels lie from each other as the design says, squared,
-    /// coordinate by coordinate (canonical): 1, and more where the channels have aged.
+    /// The variances of the channels about the level, over those that the design says, 1 or more.
     pub(super) wider: Features,
 }
 
-/// How far healthy looks lie off their own channels: noise, and what differs from drop to drop.
-/// Canonical.
-///
-/// A design knows how far healthy signals differ, noise and all, and not how much of that is a
-/// channel's own for good and how much is drawn anew for each drop. A head begins with nothing
-/// lasting: everything is taken to be drawn anew. Its looks then tell how much is, by how far looks
-/// lie from the mean of their own channel's looks.
+/// How far healthy looks lie off their own channels, canonical: noise, and what differs from drop to
+/// drop. A design does not know how much of healthy signals' differences lasts, so a head begins with
+/// nothing lasting, and learns by its looks how much is.
+/// head begins with nothing lasting, and its looks then tell how much is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Within {
-    /// Mean square, as a matrix, of healthy looks' distances from the mean of their channel's looks
-    /// before. What drops differ by, the amplitude alone for example, has its own direction in the
-    /// canonical coordinates, which the variances along these do not tell.
+    /// Mean square, as a matrix, of looks' distances from the mean of their channel's looks before.
     pub covariance: Matrix4<f64>,
-    /// Number of looks that `covariance` is the mean of.
     pub looks: f64,
 }
 
 impl Within {
-    /// What a head begins with: nothing of what healthy signals differ by is a channel's own for
-    /// good. `spread`: variances of what they differ by, noise apart.
-    fn unknown(spread: &Features) -> Within {
-        let covariance = Matrix4::from_diagonal(&spread.add_scalar(1.0));
-        Within { covariance, looks: process::of_beginning() }
-    }
-
-    /// Variance of one look about its channel: never below the noise of the design, and never
-    /// beyond what healthy signals differ by. What scatters further are faults that were taken for
-    /// healthy.
+    /// Variance of one look about its channel: between the noise of the design and what healthy
+    /// signals differ by.
     fn noise(&self, spread: &Features) -> Features {
         self.covariance.diagonal().zip_map(spread, |v, s2| v.clamp(1.0, 1.0 + s2))
     }
 
-    /// The covariance of one look about its channel, scaled such that no variance exceeds the upper
-    /// bound of `noise`, and then no less than the noise of the design in any direction.
     fn of_look(&self, spread: &Features) -> Matrix4<f64> {
-        // Factors on the standard deviations. A variance that chance made negative has no root: its
-        // factor is 1, and the lower bound makes it positive.
+        // a variance that chance made negative has no root: its factor is 1
         let all = spread.add_scalar(1.0);
         let reduced =
             self.covariance.diagonal().zip_map(&all, |v, most| (most / v).sqrt().min(1.0));
@@ -127,14 +93,12 @@ impl Within {
         at_least(1.0, &(reduced * self.covariance * reduced))
     }
 
-    /// Variance of healthy channels about their head: what is left of how far healthy signals
-    /// differ.
     fn lasting(&self, spread: &Features) -> Features {
         spread.add_scalar(1.0) - self.noise(spread)
     }
 
-    /// Takes one more look into the mean. `square`: an unbiased measurement of the covariance by
-    /// the look; `weight`: the probability that the look is a healthy one.
+    /// Takes in one more look. `square`: an unbiased measurement of the covariance; `weight`: the
+    /// probability that the look is healthy.
     fn learn(&mut self, square: Matrix4<f64>, weight: f64) {
         self.looks = (self.looks + weight).min(process::most_within());
         self.covariance += (square - self.covariance) * (weight / self.looks);
@@ -146,11 +110,9 @@ impl Within {
 pub enum SweepOutcome {
     /// The level lies there: features from the base ring, and their standard deviations.
     Level { level: Features, sd: Features },
-    /// The level is taken to be where it was expected: there are few channels, or they agree on
-    /// nothing.
+    /// There are few channels, or they agree on nothing: the level is where it was expected.
     Unknown,
-    /// The head is not the one that it was, since most of its channels lie there: features from the
-    /// base ring.
+    /// The head is not the one that it was: most channels lie there, features from the base ring.
     Strange { level: Features },
 }
 
@@ -158,12 +120,13 @@ impl Head {
     /// A head of which nothing is known but its kind: its level is expected at the base ring.
     pub fn new(kind: Kind) -> Head {
         let of_look = kind.spread.add_scalar(1.0);
-
-        let covariance = Matrix4::from_diagonal(&(of_look * process::of_heads()));
         Head {
             level: Vector4::zeros(),
-            covariance,
-            within: Within::unknown(&kind.spread),
+            covariance: Matrix4::from_diagonal(&(of_look * process::of_heads())),
+            within: Within {
+                covariance: Matrix4::from_diagonal(&of_look),
+                looks: process::of_beginning(),
+            },
             kind,
             channels: BTreeMap::new(),
             heard_ns: None,
@@ -174,45 +137,20 @@ impl Head {
         }
     }
 
-    /// Where the level is, features from the base ring.
     pub fn level(&self) -> Features {
         self.kind.from * self.level
     }
 
-    /// Called before a recording that begins at `t_ns`. If the head was heard at that time or later
-    /// (a recording is judged again), what is known of the head is used as it is, and the time is
-    /// forgotten, so that the recording's sweeps do not come too late. The first sweep then counts
-    /// as one after a pause.
+    /// Called before a recording that begins at `t_ns`. If the head was heard then or later (it is
+    /// judged again), its first sweep counts as one after a pause.
     pub fn begin(&mut self, t_ns: i64) {
         self.heard_ns = self.heard_ns.filter(|heard_ns| *heard_ns < t_ns);
     }
 
-    /// Sets the level to what a window of the same recording says, before sweeps from the time
-    /// `t_ns` on are taken in: there was no pause between the two. `at`: the window's level,
-    /// features from the base ring.
+    /// Sets the level to what a window of the same recording says, before sweeps from `t_ns` on,
+    /// without a pause.
     pub fn begin_at(&mut self, at: &Features, t_ns: i64) {
         (self.level, self.heard_ns) = (self.kind.to * at, t_ns.checked_sub(1));
-    }
-
-    /// When the head was heard last, ns; `None`: never, or not before the recording
-    /// ([`Head::begin`]).
-    pub fn heard_ns(&self) -> Option<i64> {
-        self.heard_ns
-    }
-
-    /// When all its channels turned out to be others than those that were remembered, ns.
-    pub fn swapped_ns(&self) -> Option<i64> {
-        self.swapped_ns
-    }
-
-    /// Number of channels that are followed.
-    pub fn channels(&self) -> usize {
-        self.channels.len()
-    }
-
-    /// Whether the channel is followed.
-    pub fn knows(&self, channel: u32) -> bool {
-        self.channels.contains_key(&channel)
     }
 
     /// How many looks [`Head::shot`] rests on.
@@ -220,13 +158,11 @@ impl Head {
         self.within.looks
     }
 
-    /// Takes in the next sweep, and learns from it unless it shows another head. `t_ns`: the
-    /// sweep's time, not before the last one's; `no_rings`: number of channels that were looked at,
-    /// too, and whose signals are no rings.
+    /// Takes in the next sweep, and learns from it unless it shows another head. `t_ns`: not before
+    /// the last sweep's; `no_rings`: number of further channels whose signals are no rings.
     pub fn sweep(&mut self, t_ns: i64, looks: &[Look], no_rings: usize) -> SweepOutcome {
         let looks = &as_large_as_most(looks, self.kind.ring)[..];
 
-        // where the level may have gone, and the level that explains the sweep
         let before = (self.covariance, self.wider);
         let paused = self.walk(t_ns);
         let found = match paused {
@@ -235,11 +171,10 @@ impl Head {
         };
         let Some(explained) = found else { return SweepOutcome::Unknown };
 
-        // what may be the same head, or one like it in its place: what it tells is learned
+        // what may be the same head, or one like it in its place
         if !matches!(explained.by, Move::Strange) {
             if paused && self.are_others(looks, &explained) {
-                // another head in this one's place: what was known of the channels that this sweep did
-                // not look at goes, too
+                // another head: what was known of channels that this sweep did not look at goes, too
                 self.channels.clear();
                 self.swapped_ns.get_or_insert(t_ns);
             }
@@ -247,8 +182,7 @@ impl Head {
             self.learn(t_ns, looks, &explained);
             self.watch(looks);
 
-            // How certain the level is. The mean of these few channels is off by chance from that
-            // of all channels that such heads have, which the design describes.
+            // the mean of these few channels is off by chance from that of all that such heads have
             let by_chance = self.lasting() / self.channels.len().max(1) as f64;
             let of_kind = self.covariance + Matrix4::from_diagonal(&by_chance);
             let sd = self.kind.covariance_from(&of_kind).diagonal().map(f64::sqrt);
@@ -258,15 +192,14 @@ impl Head {
             };
         }
 
-        // While another head is heard nothing is learned of where this one went, and it goes on standing still.
+        // while another head is heard nothing is learned of where this one went
         (self.covariance, self.wider) = before;
         self.still_paused = paused;
         SweepOutcome::Strange { level: self.kind.from * explained.level }
     }
 
-    /// Lets the level's covariance grow by what the level walks from one sweep to the next, however
-    /// long that is, and tells whether there was a pause before the sweep at `t_ns`. After a pause
-    /// the channels are told.
+    /// Lets the level's covariance grow by what it walks between two sweeps, however long that is,
+    /// and tells whether there was a pause.
     fn walk(&mut self, t_ns: i64) -> bool {
         let dt_ns = self.heard_ns.map_or(u64::MAX, |before| t_ns.abs_diff(before));
         self.heard_ns = Some(t_ns);
@@ -280,21 +213,15 @@ impl Head {
         paused
     }
 
-    /// Whether most of the channels of this sweep that were known before the pause are other ones
-    /// now; at least `FEWEST` have to be known.
+    /// Whether most channels that were known before the pause, `FEWEST` or more, are others now.
     fn are_others(&self, looks: &[Look], of: &Explained) -> bool {
         let known = looks.iter().zip(&of.responsibilities);
         let known = known.filter(|(look, _)| self.channels.contains_key(&look.channel));
-        let (mut all, mut others) = (0, 0);
-        for (_, r) in known {
-            all += 1;
-            others += usize::from(r.replaced > 0.5);
-        }
-        all >= FEWEST && 2 * others > all
+        let replaced: Vec<bool> = known.map(|(_, r)| r.replaced > 0.5).collect();
+        let others = replaced.iter().filter(|is| **is).count();
+        replaced.len() >= FEWEST && 2 * others > replaced.len()
     }
 
-    /// A look, prepared by what is known of its channel. `paused`: this is the first sweep after a
-    /// pause.
     fn member(&self, look: &Look, paused: bool) -> Member {
         let new = Channel::default();
         let channel = self.channels.get(&look.channel).unwrap_or(&new);
@@ -308,48 +235,38 @@ impl Head {
         Member::new(at, look.drive * look.drive, channel, &by, is_first)
     }
 
-    /// The level that explains the first sweep after a pause, in which channels may have moved
-    /// apart. Where the channels agree on no level, they are taken to lie twice, four or eight
-    /// times as far from each other as before, whichever is likeliest; `wider` keeps that.
+    /// The level that explains a sweep after a pause. Where the channels agree on none, they are taken
+    /// to lie two, four or eight times as far apart as before, whichever is likeliest.
     fn find_aged(&mut self, looks: &[Look], no_rings: usize) -> Option<Explained> {
-        let as_before = self.find(looks, no_rings, true)?;
-        let mut best = (self.wider, as_before);
-        if best.1.alike >= process::MAJORITY {
-            return Some(best.1);
+        let mut best = self.find(looks, no_rings, true)?;
+        if best.alike >= process::MAJORITY {
+            return Some(best);
         }
-        let before = self.wider;
+        let (before, mut wider) = (self.wider, self.wider);
         for times in [4.0, 16.0, 64.0] {
             self.wider = before * times;
             let found = self.find(looks, no_rings, true)?;
-            let is_likelier = found.ln_density > best.1.ln_density;
-            if found.alike >= process::MAJORITY && is_likelier {
-                best = (self.wider, found);
+            if found.alike >= process::MAJORITY && found.ln_density > best.ln_density {
+                (best, wider) = (found, self.wider);
             }
         }
-        self.wider = best.0;
-        Some(best.1)
+        self.wider = wider;
+        Some(best)
     }
 
-    /// The level that explains a sweep, and how it got there. `None`: there are too few channels to
-    /// tell.
-    ///
-    /// `explain` always finds a likeliest level. Here it is asked whether that is believed: whether
-    /// the move is larger than this head can make (another head), and, if the level has moved by
-    /// more than a walk, whether the channels have moved with it. `paused`: the sweep is the first
-    /// after a pause.
+    /// The level that explains a sweep, and how it got there. `None`: too few channels. `explain`
+    /// always finds a likeliest level; here it is asked whether the move is larger than this head can
+    /// make, and, if the level did more than walk, whether the channels have moved with it.
     fn find(&mut self, looks: &[Look], no_rings: usize, paused: bool) -> Option<Explained> {
-        let members: Vec<Member> = looks.iter().map(|look| self.member(look, paused)).collect();
-        let members = &members[..];
-        // neither this sweep nor what is known before it has enough channels for a level in common
-        let few = looks.len() < FEWEST && self.channels.len().max(looks.len()) < FEWEST;
-        let expected = Expected::new(self.level, &self.covariance, &self.kind, paused && !few)?;
-        if few || looks.is_empty() {
+        if looks.is_empty() || self.channels.len().max(looks.len()) < FEWEST {
             return None;
         }
+        let members: Vec<Member> = looks.iter().map(|look| self.member(look, paused)).collect();
+        let expected = Expected::new(self.level, &self.covariance, &self.kind, paused)?;
 
-        // The likeliest level. A channel whose signal is no ring does not agree with it.
+        // a channel whose signal is no ring does not agree with the likeliest level
         let rings = members.len() as f64 / (members.len() + no_rings) as f64;
-        let mut of = explain(&expected, members);
+        let mut of = explain(&expected, &members);
         of.alike *= rings;
 
         // a move too large for walk and leap together is another head's
@@ -359,25 +276,22 @@ impl Head {
             of.by = Move::Strange;
         }
 
-        // A head moves with all of its channels but the faulty ones, so that few may still be where
-        // it was. A move that leaves too many behind is not believed, and the sweep is explained
-        // without one.
-        let is_left = alike(members, &self.level) * rings <= 0.5 * process::MAJORITY;
+        // a head moves with all of its channels but the faulty ones, so a move that leaves too many
+        // behind is not believed
+        let is_left = alike(&members, &self.level) * rings <= 0.5 * process::MAJORITY;
         if of.by != Move::Walk && !(is_left && of.alike >= process::MAJORITY) {
-            of = explain(&expected.as_it_walks(), members);
+            of = explain(&expected.as_it_walks(), &members);
             of.alike *= rings;
             of.by = Move::Walk;
         }
         Some(of)
     }
 
-    /// Updates the level, then for each look how far looks scatter about their channels (by the
-    /// channel as it was before the look), and the look's channel. Where the level is not known
-    /// (too few looks agree), it and the scatter stay as they were.
+    /// Updates the level, then by each look the scatter about channels and the look's channel. Where
+    /// too few looks agree, level and scatter stay.
     fn learn(&mut self, t_ns: i64, looks: &[Look], of: &Explained) {
         let spread = self.kind.spread;
 
-        // the level
         if of.by == Move::Leap {
             self.covariance += self.kind.leap;
         }
@@ -391,13 +305,9 @@ impl Head {
             let precision = look.drive * look.drive;
             let channel = self.channels.entry(look.channel).or_default();
 
-            // how far looks scatter about their channels
             let own = channel.healthy();
             if is_known && own.looks >= 1.0 && r.healthy > 0.5 {
-                // The square of the distance from the mean of the channel's looks before does not
-                // depend on how far channels differ. It holds the variance of the level and what a
-                // smaller drive adds, which are taken off, and the variance of that mean, for which
-                // the rest is divided by 1 + 1 / looks.
+                // less the variances of the level, of a smaller drive, and of the mean of looks before
                 let off = at - own.mean();
                 let of_drive = 1.0 / precision - 1.0;
                 let taken_off = uncertain + Matrix4::from_diagonal_element(of_drive);
@@ -405,8 +315,7 @@ impl Head {
                 self.within.learn(square / (1.0 + 1.0 / own.looks), r.healthy);
             }
 
-            // The channel. An uncertain level makes the look's position less certain, too: its
-            // variance, over that of one look, is added.
+            // an uncertain level makes the look's position less certain
             let of_level = uncertain.diagonal().component_div(&noise).mean();
             let looks = 1.0 / (1.0 / precision + of_level);
             channel.learn(t_ns, FromLevel { at, looks }, *r, (&spread, &noise));
@@ -414,25 +323,18 @@ impl Head {
         }
     }
 
-    /// Finds out which channels of the sweep are no longer where healthy ones are, and tells them
-    /// (`Channel::watch`). What most of a head's channels do is ageing, what one does is a fault:
-    /// where a channel lies beyond a bound, it is compared with how far all have moved apart
-    /// (`Apart`).
+    /// Compares the channels with how far all have moved apart (`Apart`, `Channel::watch`).
     fn watch(&mut self, looks: &[Look]) {
         let (spread, noise) = (self.kind.spread, self.noise());
 
-        // how far each channel has moved, over each span of days
         let of = |look: &Look| self.channels.get(&look.channel).map(|of| of.moved(&spread, &noise));
         let moved: Vec<_> = looks.iter().filter_map(of).collect();
 
-        // How far all of them have moved, for each span of days (and, last, how far they lie from
-        // the level), as a covariance. It costs time, and is computed only where a channel lies
-        // beyond the bound.
+        // how far all have moved over each span of days, and, last, from the level
         let apart: [Apart; RUNGS + 1] = std::array::from_fn(|rung| {
             let known: Vec<Features> = moved.iter().filter_map(|of| of[rung]).collect();
-            // What a design says of how far channels lie from each other was itself learned from
-            // few channels. So that is learned from these as they are, while moving over days is
-            // taken for chance as long as it may be.
+            // a design's spread was itself learned from few channels; moving over days is taken for
+            // chance as long as it may be
             let is_of_head = rung == RUNGS;
             let is_aged = is_of_head && self.wider.max() > ALIKE;
             let is_asked = is_aged || known.iter().any(|of| of.norm_squared() > BOUNDS[rung]);
@@ -440,7 +342,6 @@ impl Head {
         });
         self.wider += (apart[RUNGS].wider() - self.wider) * process::of_sweep();
 
-        // each channel by these covariances
         let all_age = apart[..RUNGS].iter().any(|of| of.each_its_own_way);
         for (look, moved) in looks.iter().zip(moved) {
             let Some(channel) = self.channels.get_mut(&look.channel) else { continue };
@@ -455,9 +356,7 @@ impl Head {
         }
     }
 
-    /// Kalman's update of the level and its covariance by what the looks say of the level.
     fn update(&mut self, of: &Explained) {
-        // the looks together are one measurement: its place and its variances
         let precision = of.evidence.precision.map(|p| p.max(1e-12));
         let at = of.evidence.sum.component_div(&precision);
         let of_looks = Matrix4::from_diagonal(&precision.map(|p| 1.0 / p));
@@ -474,8 +373,7 @@ impl Head {
         self.within.noise(&self.kind.spread)
     }
 
-    /// Covariance of features of one channel's looks beyond the noise: what differs from drop to
-    /// drop.
+    /// Covariance of features of one channel's looks beyond the noise.
     pub fn shot(&self) -> Matrix4<f64> {
         self.kind.covariance_from(&(self.within.of_look(&self.kind.spread) - Matrix4::identity()))
     }
@@ -486,34 +384,30 @@ impl Head {
         self.within.lasting(spread).sum() / spread.sum().max(f64::MIN_POSITIVE)
     }
 
-    /// How many times as far the channels lie from each other as those that the design was learned
-    /// from, in the canonical coordinate in which that is most.
+    /// How many times as far the channels lie from each other as the design says, in the canonical
+    /// coordinate in which that is most.
     pub fn wider(&self) -> f64 {
         self.wider.max().sqrt()
     }
 
-    /// `Head::wider` over what so few channels, of which some may be faulty, show by chance: what
-    /// exceeds 1 is no chance.
+    /// `Head::wider` over what so few channels show by chance.
     pub fn surely_wider(&self) -> f64 {
         self.wider() / rarely_apart(self.channels.len())
     }
 
-    /// Variances of the channels' own places about the level, canonical; larger where the channels
-    /// have aged.
+    /// Variances of the channels' own places about the level, canonical.
     fn lasting(&self) -> Features {
         self.within.lasting(&self.kind.spread).component_mul(&self.wider)
     }
 
-    /// Covariance of features of a healthy look at the reference drive, noise apart, about the
-    /// place where its channel is expected: what differs from drop to drop, and how uncertain that
-    /// place is, which rests on `looks` looks.
+    /// Covariance of features of a healthy look at the reference drive, noise apart, about the place
+    /// where its channel is expected by `looks` looks.
     pub fn scatter(&self, looks: f64) -> Matrix4<f64> {
         let (noise, lasting) = (self.noise(), self.lasting());
         let (_, of_level) = Sum { looks, sum: [0.0; 4] }.posterior(&lasting, &noise);
         self.shot() + self.kind.covariance_from(&Matrix4::from_diagonal(&of_level))
     }
 
-    /// Where each followed channel is expected while it is healthy.
     pub fn own(&self) -> impl Iterator<Item = OwnLevel> {
         let (from, noise) = (self.kind.from, self.noise());
         let lasting = self.lasting();
@@ -525,8 +419,8 @@ impl Head {
     }
 }
 
-/// Squared distances beyond which a channel is compared with what all channels of its head did, in
-/// the order of [`Channel::moved`].
+/// Squared distances beyond which a channel is compared with all channels of its head, in the order
+/// of [`Channel::moved`].
 const BOUNDS: [f64; RUNGS + 1] = [DRIFTED, DRIFTED, DRIFTED, ODD_ONE];
-/// Up to this value of `Head::wider` channels count as lying from each other as the design says.
+/// Up to this value of `Head::wider` channels count as lying as the design says.
 const ALIKE: f64 = 1.01;

@@ -4,49 +4,39 @@
 //!
 //! In: three covariances of features, from a design (`Judge::kind`): N of one look's noise, S of
 //! healthy channels, L of what moves all channels at once. Out: W with W N W' = 1 and W S W' =
-//! diag(spread), and all of it in the coordinates y = W x. W is found in two steps: with N = K K'
-//! (Cholesky) and the eigenvectors V of K^-1 S K'^-1, W = V' K^-1. All of room `state` computes in
-//! y; a 1 there is a standard deviation of a look.
+//! diag(spread), and all of it in the coordinates y = W x. With N = K K' (Cholesky) and the
+//! eigenvectors V of K^-1 S K'^-1, W = V' K^-1.
 
 use nalgebra::{Matrix4, Vector4};
 
 /// ln amplitude, ln damping, ln frequency and phase in rad of a ring, relative to another; or the
-/// same in canonical coordinates, in standard deviations of one look's noise at the reference
-/// drive.
+/// same in canonical coordinates, in standard deviations of one look's noise.
 pub type Features = Vector4<f64>;
 
 /// How a kind of head scatters and moves: what a design says of it.
 #[derive(Clone, Debug)]
 pub struct Kind {
-    /// W, which leads from features to canonical coordinates: W noise W' = 1 and W spread W' =
-    /// diag(`spread`).
+    /// W, which leads from features to canonical coordinates.
     pub to: Matrix4<f64>,
-    /// The inverse of W, which leads back to features.
     pub from: Matrix4<f64>,
     /// Variances of healthy channels about their head's level, noise apart, canonical.
     pub spread: Features,
     /// Covariance of a leap of the level, canonical.
     pub(super) leap: Matrix4<f64>,
-    /// Covariance of where another head's level may be, canonical: of variance one in each feature.
+    /// Covariance of where another head's level may be, canonical.
     pub(super) anywhere: Matrix4<f64>,
-    /// ln amplitude, relative to the head's base ring, of the ring whose noise is 1. A model that a
-    /// window identified states the noise of its own ring, which may be smaller or larger than the
-    /// base ring.
+    /// ln amplitude, relative to the head's base ring, of the ring whose noise is 1.
     pub ring: f64,
 }
 
 impl Kind {
-    /// A kind by three covariances of features: of one look's noise at the reference drive, of
-    /// healthy channels (noise apart), and of what moves all channels at once (another drive,
-    /// another temperature). `ring` is 0 until the caller sets it. `None`: `noise` is no
-    /// covariance.
+    /// From the covariances N, S and L of features, N at the reference drive. `ring` is 0 until the
+    /// caller sets it. `None`: `noise` is no covariance.
     pub fn new(noise: &Matrix4<f64>, spread: &Matrix4<f64>, leap: &Matrix4<f64>) -> Option<Kind> {
-        // coordinates in which the noise is white, and the spread in these
         let root = noise.cholesky()?.l();
         let inverse = root.try_inverse()?;
         let white = inverse * spread * inverse.transpose();
 
-        // turned to the spread's principal directions, which leaves the noise white
         let eigen = ((white + white.transpose()) * 0.5).symmetric_eigen();
         let to = eigen.eigenvectors.transpose() * inverse;
         let finite = to.iter().all(|v| v.is_finite());
@@ -60,19 +50,16 @@ impl Kind {
         })
     }
 
-    /// A covariance of features, in canonical coordinates.
     pub fn covariance(&self, of: &Matrix4<f64>) -> Matrix4<f64> {
         self.to * of * self.to.transpose()
     }
 
-    /// A covariance in canonical coordinates, of features.
     pub fn covariance_from(&self, of: &Matrix4<f64>) -> Matrix4<f64> {
         self.from * of * self.from.transpose()
     }
 }
 
-/// The covariance `of` with its variances along its principal directions raised to at least
-/// `least`.
+/// A covariance with its variances along its principal directions raised to at least `least`.
 pub(super) fn at_least(least: f64, of: &Matrix4<f64>) -> Matrix4<f64> {
     let eigen = of.symmetric_eigen();
     let variances = Matrix4::from_diagonal(&eigen.eigenvalues.map(|v| v.max(least)));

@@ -3,16 +3,13 @@
 //! In: where the level is expected ([`Expected`], a mixture of three Gaussians: the level walks,
 //! leaps, or is another head's), and the sweep's looks, each prepared by what is known of its
 //! channel ([`Member`]). Out: the level h that explains the sweep best, what each look is put down
-//! to, and how many looks agree ([`Explained`]). `Head::find` calls [`explain`] and decides whether
-//! the level is believed. All positions are canonical (`kind.rs`), from the base ring.
+//! to, and how many looks agree ([`Explained`]). All positions are canonical, from the base ring.
 //!
 //! The density of a look given h is a sum of four hypotheses: its channel is healthy, has a new
 //! fault, has its old fault again, or was replaced. Expectation-maximisation alternates between (1)
-//! the probability of each hypothesis for each look at the present h, and with it how frequent
-//! faults are in this sweep ([`Odds`]), and (2) the h that is the mean of prior and looks, each
-//! look weighted by its probability of being healthy. That finds the maximum next to where it
-//! begins, so that several beginnings are tried. The formula stands in `docs/state.md` ("The
-//! model").
+//! the probability of each hypothesis for each look, and with it how frequent faults are in this
+//! sweep ([`Odds`]), and (2) the h that is the mean of prior and looks, each weighted by its
+//! probability of being healthy. The formula stands in `docs/state.md` ("The model").
 
 use super::channel::{Channel, Responsibility, wide};
 use super::kind::{Features, Kind};
@@ -33,30 +30,24 @@ pub enum Move {
 
 const MOVES: [Move; 3] = [Move::Walk, Move::Leap, Move::Strange];
 
-/// Where the level is expected before a sweep is looked at: a Gaussian for each way in which it may
-/// have moved.
+/// Where the level is expected: a Gaussian for each way in which it may have moved.
 #[derive(Clone, Debug)]
 pub struct Expected {
-    /// Where the level was, which is the mean of all three Gaussians.
     pub level: Features,
-    /// The Gaussians, in the order of `MOVES`.
     moves: [Mode; 3],
 }
 
-/// The Gaussian of one way in which the level may have moved.
 #[derive(Clone, Debug)]
 struct Mode {
     /// ln of how probable the move is, with the Gaussian's normalisation but for the power of 2 pi.
     ln_weight: f64,
-    /// Inverse of the Gaussian's covariance.
     precision: Matrix4<f64>,
 }
 
 impl Expected {
-    /// `level`: where the level was after the last sweep; `covariance`: of the level, after it has
-    /// walked on since then; `kind`: what a leap adds to the covariance, and what another head
-    /// adds, which is taken to be as rare as two leaps at once; `paused`: after a pause a leap is
-    /// as probable as a walk. `None`: a sum of these covariances is not positive definite.
+    /// `level`: after the last sweep; `covariance`: of its walk since then; `kind`: what a leap adds,
+    /// and what another head adds, which is as rare as two leaps; `paused`: a leap is as probable as
+    /// a walk. `None`: a covariance is not positive definite.
     pub fn new(
         level: Features,
         covariance: &Matrix4<f64>,
@@ -66,8 +57,7 @@ impl Expected {
         let leap = if paused { process::LEAP_IN_PAUSE } else { process::sudden() };
         let mode = |rate: f64, add: Matrix4<f64>| {
             let precision = (covariance + add).try_inverse()?;
-            let ln_det = precision.determinant().ln();
-            let ln_weight = rate.ln() + 0.5 * ln_det;
+            let ln_weight = rate.ln() + 0.5 * precision.determinant().ln();
             ln_weight.is_finite().then_some(Mode { ln_weight, precision })
         };
         let moves = [
@@ -85,9 +75,8 @@ impl Expected {
         expected
     }
 
-    /// The share of each of the moves in the prior density of a level, and the ln of that density.
+    /// The shares of the moves in the prior density of a level, and the ln of that density.
     fn shares(&self, level: &Features) -> ([f64; 3], f64) {
-        // in logarithms, with the largest one taken out
         let d = level - self.level;
         let lns = self.moves.each_ref().map(|of| of.ln_weight - 0.5 * d.dot(&(of.precision * d)));
         let most = lns.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -97,64 +86,52 @@ impl Expected {
     }
 }
 
-/// One look at a channel, prepared for being compared with many levels: what it may be put down to,
-/// with the densities of that.
 #[derive(Clone, Debug)]
 pub struct Member {
     /// The look itself, from the base ring.
     at: Features,
-    /// The look, less where its channel lies from the level while it is healthy. For a healthy
-    /// channel this scatters about the level.
+    /// The look, less where its channel lies from the level while it is healthy, or has the fault
+    /// that it had before: for such a channel this scatters about the level.
     from_own: Features,
-    /// The look, less where its channel lies from the level while it has the fault that it had
-    /// before. For a channel with that fault this scatters about the level.
     from_fault: Features,
     /// The channel is healthy: a Gaussian of `from_own` about the level.
     healthy: Hypothesis,
-    /// The channel has a fault that it never had before: a wide Student's t of `from_own` about the
-    /// level.
+    /// It has a fault that it never had before: a wide Student's t of `from_own`.
     elsewhere: Hypothesis,
-    /// The channel has the fault that it had before: a Gaussian of `from_fault` about the level.
+    /// It has the fault that it had before: a Gaussian of `from_fault`.
     back: Hypothesis,
-    /// The channel is another one than before the pause: a Gaussian of `at` about the level, as
-    /// wide as healthy channels spread.
+    /// It is another one than before the pause: a Gaussian of `at`, as wide as channels spread.
     replaced: Hypothesis,
-    /// Probability before the look that the channel is faulty.
+    /// Probabilities before the look that the channel is faulty, and that it was replaced.
     was_faulty: f64,
-    /// Probability before the look that it is another channel than before the pause.
     is_replaced: f64,
 }
 
-/// A density with diagonal covariance and a weight. The power of 2 pi that normalises four
-/// dimensions is left out of all hypotheses, for only ratios matter.
+/// A density with diagonal covariance and a weight, but for the power of 2 pi.
 #[derive(Clone, Copy, Debug)]
 struct Hypothesis {
     /// Prior probability over the square root of the covariance's determinant; 0: it is impossible.
     weight: f64,
-    /// Inverse variances.
     precision: Features,
 }
 
 impl Hypothesis {
-    /// `weight`: prior probability; `variance`: of each coordinate.
     fn new(weight: f64, variance: Features) -> Hypothesis {
         let det: f64 = variance.iter().product();
         Hypothesis { weight: weight / det.sqrt(), precision: variance.map(|v| 1.0 / v) }
     }
 
-    /// Squared distance of an offset from the hypothesis's centre, in its own standard deviations.
+    /// Squared distance from the hypothesis's centre, in its own standard deviations.
     fn square(&self, off: &Features) -> f64 {
         self.precision.iter().zip(off.iter()).map(|(p, d)| p * d * d).sum()
     }
 
-    /// Weighted density of a Gaussian.
     fn gaussian(&self, off: &Features) -> f64 {
         if self.weight > 0.0 { self.weight * (-0.5 * self.square(off)).exp() } else { 0.0 }
     }
 
     /// Weighted density of Student's t with one degree of freedom, in four dimensions: 3 det^-½
-    /// (1 + d²)^-5/2, where a Gaussian has det^-½ e^(-d²/2). Its tail leaves no size of a fault out
-    /// of the question.
+    /// (1 + d²)^-5/2. No size of a fault is out of the question.
     fn heavy(&self, off: &Features) -> f64 {
         let x = 1.0 + self.square(off);
         3.0 * self.weight / (x * x * x.sqrt())
@@ -168,16 +145,13 @@ pub struct Variances {
     pub noise: Features,
     /// Of where channels lie about their head's level.
     pub lasting: Features,
-    /// Of healthy signals of this kind of head about its level, beyond the noise that the design
-    /// states.
+    /// Of healthy signals of this kind of head about its level, beyond the design's noise.
     pub spread: Features,
 }
 
 impl Member {
-    /// Prepares a look. `at`: its features, canonical, from the base ring; `looks`: its precision,
-    /// 1 at the reference drive; `channel`: what is known of its channel; `by`: how far looks and
-    /// channels scatter; `may_be_new`: it is the first look at its channel after a pause, in which
-    /// the channel may have been replaced.
+    /// `at`: the look's features, canonical, from the base ring; `looks`: its precision, 1 at the
+    /// reference drive; `may_be_new`: since a pause the channel may have been replaced.
     pub fn new(
         at: Features,
         looks: f64,
@@ -187,12 +161,10 @@ impl Member {
     ) -> Member {
         let Variances { noise, lasting, spread } = by;
 
-        // The variance of this look about its channel. A smaller drive enlarges the noise alone (1
-        // at the reference drive); what is drawn anew for each drop does not depend on the drive.
+        // a smaller drive enlarges the noise alone, which is 1 at the reference drive
         let own = noise.add_scalar(1.0 / looks - 1.0);
 
-        // where the channel lies while healthy (c) and with its fault (f), how sure that is, and
-        // the probability z that it is faulty
+        // where the channel lies while healthy (c) and with its fault (f)
         let ((c, c_variance), z) = (channel.healthy().posterior(lasting, noise), channel.is_faulty);
         let (f, f_variance) = channel.faulty.posterior(&wide(spread), noise);
         let (known, knows_fault) = (channel.healthy().looks > 0.0, channel.knows_fault());
@@ -212,17 +184,16 @@ impl Member {
         }
     }
 
-    /// Whether the look lies as near to where it is expected at this level as the nearer three in
-    /// four of healthy looks do, for its own channel or for another one in its place.
+    /// Whether the look lies as near to this level as the nearer three in four of healthy looks do,
+    /// for its own channel or for another one in its place.
     fn lies_near(&self, level: &Features) -> bool {
         let may_be_new = self.replaced.weight > 0.0;
         self.healthy.square(&(self.from_own - level)) < NEAR
             || may_be_new && self.replaced.square(&(self.at - level)) < NEAR
     }
 
-    /// What the look is put down to if the level lies there (the expectation step for one look),
-    /// and the look's density given that level. `odds` multiply the prior probabilities of faulty
-    /// and of replaced.
+    /// What the look is put down to if the level lies there (the expectation step), and the look's
+    /// density given that level.
     fn weigh(&self, level: &Features, odds: &Odds) -> (Responsibility, f64) {
         let (own, fault, all) = (self.from_own - level, self.from_fault - level, self.at - level);
         let healthy = self.healthy.gaussian(&own);
@@ -237,23 +208,20 @@ impl Member {
         (by, sum / self.prior(odds).all)
     }
 
-    /// How probable it is before the look, by its channel's past and the sweep's odds, that the
-    /// channel is faulty, or another one.
+    /// How probable it is before the look that the channel is faulty, or another one.
     fn prior(&self, odds: &Odds) -> Prior {
         let (faulty, replaced) = (odds.faulty * self.was_faulty, odds.replaced * self.is_replaced);
         Prior { faulty, replaced, all: 1.0 - self.was_faulty + faulty + replaced }
     }
 }
 
-/// How many times as many channels of a sweep are faulty, or others than before, as their pasts
-/// say: factors on prior weights, common to all looks of the sweep.
+/// How many times as many channels of a sweep are faulty, or replaced, as their pasts say.
 #[derive(Clone, Copy, Debug)]
 struct Odds {
     faulty: f64,
     replaced: f64,
 }
 
-/// Prior weights of what a look may be put down to; `all` is their sum, healthy included.
 struct Prior {
     faulty: f64,
     replaced: f64,
@@ -263,9 +231,8 @@ struct Prior {
 impl Odds {
     const AS_THOUGHT: Odds = Odds { faulty: 1.0, replaced: 1.0 };
 
-    /// One step of expectation-maximisation: the odds by which as many channels are expected to be
-    /// faulty (or others) as were found to be. One more is added to both numbers, so that a sweep
-    /// without any does not make the odds zero.
+    /// The odds by which as many channels are expected to be faulty (or replaced) as were found to
+    /// be, one more counted each lest the odds become zero.
     fn improved(&self, members: &[Member], found: &[Responsibility]) -> Odds {
         let (mut faulty, mut replaced) = ([1.0, 1.0], [1.0, 1.0]);
         for (member, r) in members.iter().zip(found) {
@@ -280,13 +247,11 @@ impl Odds {
     }
 }
 
-/// Squared distance within which three in four healthy looks lie: chi-squared with four degrees of
-/// freedom.
+/// Squared distance within which three in four healthy looks lie.
 const NEAR: f64 = 5.385;
-/// The share of healthy looks that lie within `NEAR`.
 const OF_HEALTHY: f64 = 0.75;
 
-/// What the looks of a sweep say of the level, each weighed by how probably it is a healthy one.
+/// What the looks of a sweep say of the level.
 #[derive(Clone, Copy, Debug)]
 pub struct Evidence {
     /// Inverse variance of the level by these looks alone, coordinate by coordinate.
@@ -299,15 +264,13 @@ pub struct Evidence {
 #[derive(Clone, Debug)]
 pub struct Explained {
     pub level: Features,
-    /// The most probable way in which the level got there.
     pub by: Move,
     pub evidence: Evidence,
     /// What each look of the sweep is put down to, in the order of the looks.
     pub responsibilities: Vec<Responsibility>,
     /// About 1: the looks agree with the level as healthy looks do ([`alike`]); 0: none agrees.
     pub alike: f64,
-    /// ln of the sweep's density at this level, the prior of the level included: by it levels from
-    /// different beginnings are compared.
+    /// ln of the sweep's density at this level, the prior of the level included.
     pub ln_density: f64,
 }
 
@@ -315,14 +278,12 @@ pub struct Explained {
 const STEPS: usize = 16;
 /// A step of the level below this, in standard deviations of one look's noise, ends the steps.
 const CONVERGED: f64 = 1e-2;
-/// The positions of up to so many looks are tried as beginnings where the level is not found where
-/// it is expected.
+/// The positions of up to so many looks are tried as beginnings.
 const BEGINNINGS: usize = 6;
 
-/// The likeliest level of a sweep. Expectation-maximisation finds the maximum of the density next
-/// to where it begins. It begins where the level is expected. Unless most looks agree with what it
-/// finds from there, it begins at some looks and at the median of all looks, too, and the likeliest
-/// result counts.
+/// The likeliest level of a sweep. Expectation-maximisation begins where the level is expected.
+/// Unless most looks agree with what it finds, it begins at some looks and at the median of all
+/// looks, too, and the likeliest result counts.
 pub fn explain(expected: &Expected, members: &[Member]) -> Explained {
     let first = converged(expected, members, expected.level);
     // "most": half-way between all looks and the share below which a level is not believed
@@ -330,7 +291,6 @@ pub fn explain(expected: &Expected, members: &[Member]) -> Explained {
         return first;
     }
 
-    // other beginnings: where single looks say that the level is, and where half of them do
     let step = members.len().div_ceil(BEGINNINGS).max(1);
     let some = members.iter().step_by(step).map(|of| of.from_own);
     let middle = Vector4::from_fn(|k, _| median_of(members.iter().map(|of| of.from_own[k])));
@@ -338,9 +298,8 @@ pub fn explain(expected: &Expected, members: &[Member]) -> Explained {
     others.fold(first, |best, next| if next.ln_density > best.ln_density { next } else { best })
 }
 
-/// The share of the channels that lie near a level, over the share of healthy channels that do
-/// (three in four): about 1 where all are healthy and the level is right. Channels count by the
-/// probability that they were not faulty before.
+/// The share of the channels that lie near a level, over the share of healthy channels that do.
+/// Channels count by the probability that they were not faulty before.
 pub fn alike(members: &[Member], level: &Features) -> f64 {
     let (mut near, mut all) = (0.0, 0.0);
     for of in members {
@@ -353,7 +312,6 @@ pub fn alike(members: &[Member], level: &Features) -> f64 {
 
 /// Expectation-maximisation from one level on, and what it has found.
 fn converged(expected: &Expected, members: &[Member], mut level: Features) -> Explained {
-    // the steps
     let mut odds = Odds::AS_THOUGHT;
     for _ in 0..STEPS {
         let (next, more) = improved(expected, members, &level, &odds);
@@ -364,7 +322,6 @@ fn converged(expected: &Expected, members: &[Member], mut level: Features) -> Ex
         }
     }
 
-    // what each look is put down to at the level that was found, and the density of all looks
     let (mut responsibilities, mut ln_density) = (Vec::with_capacity(members.len()), 0.0);
     for of in members {
         let (responsibility, density) = of.weigh(&level, &odds);
@@ -373,7 +330,7 @@ fn converged(expected: &Expected, members: &[Member], mut level: Features) -> Ex
     }
     let evidence = evidence(members, &responsibilities);
 
-    // the prior of the level is a sum over the moves; the largest of these tells which move it was
+    // the largest of the prior's moves tells which one it was
     let (shares, ln_prior) = expected.shares(&level);
     ln_density += ln_prior;
     let likeliest = (0..3).max_by(|&a, &b| shares[a].total_cmp(&shares[b]));
@@ -382,21 +339,18 @@ fn converged(expected: &Expected, members: &[Member], mut level: Features) -> Ex
     Explained { level, by, evidence, responsibilities, alike, ln_density }
 }
 
-/// One step of expectation-maximisation, from a level and odds to better ones.
 fn improved(
     expected: &Expected,
     members: &[Member],
     level: &Features,
     odds: &Odds,
 ) -> (Features, Odds) {
-    // expectation: what each look is put down to; then the odds, and what healthy looks say of the
-    // level
     let responsibilities: Vec<Responsibility> =
         members.iter().map(|of| of.weigh(level, odds).0).collect();
     let odds = odds.improved(members, &responsibilities);
     let Evidence { precision, sum } = evidence(members, &responsibilities);
 
-    // the prior's precision is that of the moves, each by its share at the level as it is
+    // the prior's precision is that of the moves by their shares
     let prior = expected.moves.iter().zip(expected.shares(level).0);
     let prior = prior.fold(Matrix4::zeros(), |all, (of, share)| all + of.precision * share);
 
@@ -407,8 +361,7 @@ fn improved(
     (level, odds)
 }
 
-/// What the looks say of the level: those of healthy channels by where they are from their own
-/// place, those of replaced channels by where they are. Looks at faults say nothing.
+/// What the looks say of the level.
 fn evidence(members: &[Member], by: &[Responsibility]) -> Evidence {
     let mut of = Evidence { precision: Vector4::zeros(), sum: Vector4::zeros() };
     for (member, r) in members.iter().zip(by) {

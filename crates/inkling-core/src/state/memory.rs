@@ -1,12 +1,9 @@
-//! What is remembered of printheads from one recording to the next: the file of `--baseline`, as
-//! JSON.
+//! What is remembered of printheads from one recording to the next: the file of `--baseline`, JSON.
 //!
-//! In: the states of all heads at the end of a recording ([`Head::memory`]), or a file that this or
-//! an earlier release wrote ([`Memory::from_json`]). Out: the file's content, or the state that a
-//! head begins with ([`Head::remembered`]). In the file all positions are features relative to a
-//! ring, not canonical coordinates, so that a memory holds for a model that scatters otherwise,
-//! too. What is read is checked, since anybody may have written it: sizes, and numbers that no run
-//! writes.
+//! In: the states of all heads at the end of a recording, or a file of this or an earlier release,
+//! which is checked, since anybody may have written it. Out: the file's content, or the state that a
+//! head begins with. In the file positions are features relative to a ring, so that a memory holds
+//! for a model that scatters otherwise, too.
 
 use super::channel::{Channel, RUNGS, Sum};
 use super::head::{Head, Within};
@@ -15,21 +12,18 @@ use nalgebra::{Matrix4, Vector4};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Version of the file.
 pub const VERSION: u32 = 3;
 /// Channels of all printheads in a file, at most.
 pub const MOST_CHANNELS: usize = 1 << 20;
-/// Largest number of features or looks that a file may hold: those that runs write are far smaller.
+/// Largest number of features or looks that a file may hold.
 const MOST: f64 = 1e9;
 
-/// What `--baseline FILE` holds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Memory {
     pub version: u32,
     /// Digest of the design whose models the features are relative to; absent: there was none.
     pub design: Option<String>,
-    /// The states by the names of the printheads.
     pub printheads: BTreeMap<String, HeadMemory>,
 }
 
@@ -40,76 +34,63 @@ pub struct HeadMemory {
     /// The ring that features are relative to: amplitude in counts, damping in 1/s, frequency in
     /// Hz, phase in rad. Absent: the design's.
     pub ring: Option<[f64; 4]>,
-    /// The level, where all channels are, and its covariance: ln amplitude, ln damping, ln
-    /// frequency, phase in rad.
     pub level: [f64; 4],
     pub covariance: [[f64; 4]; 4],
-    /// When the head was heard last, ns since the epoch.
     pub heard_ns: Option<i64>,
-    /// Covariance of looks about their channels, noise included, and the number of looks that it
-    /// rests on; 0: not known yet.
+    /// Covariance of looks about their channels, noise included, and its number of looks; 0: not
+    /// known yet.
     pub within: [[f64; 4]; 4],
     pub within_looks: f64,
-    /// Covariance of the channels about the level. What is below the design's spread is raised to
-    /// that when it is read; 0: not known.
+    /// Covariance of the channels about the level, not below the design's spread; 0: not known.
     pub spread: [[f64; 4]; 4],
     /// The channels by their numbers; here their sums are of features.
     pub channels: BTreeMap<u32, Channel>,
 }
 
 impl Memory {
-    /// A memory of no printhead.
     pub fn new(design: Option<String>) -> Memory {
         Memory { version: VERSION, design, printheads: BTreeMap::new() }
     }
 
-    /// Reads what this or an earlier release wrote. The error says in words what is wrong with the
-    /// text.
     pub fn from_json(text: &[u8]) -> Result<Memory, String> {
-        // the version alone first, for it says how to read the rest
         #[derive(Deserialize)]
         struct Head {
             version: u32,
         }
         let of_parser = |e: serde_json::Error| e.to_string();
         let Head { version } = serde_json::from_slice(text).map_err(of_parser)?;
-        let memory: Memory = match version {
-            1 => {
-                serde_json::from_slice::<first_version::Baselines>(text).map_err(of_parser)?.into()
-            }
-            2 => second_version::upgraded(text).map_err(of_parser)?,
-            VERSION => serde_json::from_slice(text).map_err(of_parser)?,
+        let memory = match version {
+            1 => first_version::read(text),
+            2 => second_version::read(text),
+            VERSION => serde_json::from_slice::<Memory>(text),
             other => {
                 return Err(format!("version {other}: this inkling reads versions 1 to {VERSION}"));
             }
         };
+        let memory = memory.map_err(of_parser)?;
         memory.check()?;
         Ok(memory)
     }
 
-    /// Number of channels of all printheads.
     pub fn channels(&self) -> usize {
         self.printheads.values().map(|of| of.channels.len()).sum()
     }
 
-    /// Refuses too many channels, and printheads whose numbers are not sound.
     fn check(&self) -> Result<(), String> {
         let channels = self.channels();
         if channels > MOST_CHANNELS {
             return Err(format!("{channels} channels: at most {MOST_CHANNELS}"));
         }
-        let sound = |(name, of): (&String, &HeadMemory)| match of.is_sound() {
-            true => Ok(()),
-            false => Err(format!("printhead {name}: numbers that no run writes")),
-        };
-        self.printheads.iter().try_for_each(sound)
+        let unsound = self.printheads.iter().find(|(_, of)| !of.is_sound());
+        unsound.map_or(Ok(()), |(name, _)| {
+            Err(format!("printhead {name}: numbers that no run writes"))
+        })
     }
 }
 
 impl HeadMemory {
-    /// Whether a run may have written these numbers: they are bounded, covariances are symmetric
-    /// and have no negative variance (but for rounding), counts and probabilities are in their
-    /// ranges.
+    /// Whether a run may have written these numbers: all in range, and covariances symmetric without
+    /// a negative variance (but for rounding).
     fn is_sound(&self) -> bool {
         let bounded = |v: &f64| v.abs() <= MOST;
         let is_covariance = |of: &[[f64; 4]; 4]| {
@@ -130,9 +111,7 @@ impl HeadMemory {
         let ring = |of: &[f64; 4]| of.iter().all(bounded) && of[..3].iter().all(|v| *v > 0.0);
         self.level.iter().all(bounded)
             && (0.0..=MOST).contains(&self.within_looks)
-            && is_covariance(&self.covariance)
-            && is_covariance(&self.within)
-            && is_covariance(&self.spread)
+            && [&self.covariance, &self.within, &self.spread].into_iter().all(is_covariance)
             && self.ring.as_ref().is_none_or(ring)
             && self.channels.values().all(of_channel)
     }
@@ -155,13 +134,11 @@ fn mapped(of: &Channel, by: &Matrix4<f64>) -> Channel {
 }
 
 impl Head {
-    /// The head as it was remembered, in the coordinates of `kind`. `from`: where the ring of the
-    /// memory's time lies from the present base ring, features.
+    /// The head as it was remembered. `from`: features of the memory's ring from the present one.
     pub fn remembered(kind: Kind, of: &HeadMemory, from: &Features) -> Head {
         let mut head = Head::new(kind.clone());
 
-        // The level moves with the ring that it is counted from; channels are counted from the
-        // level.
+        // the level moves with the ring that it is counted from; channels are counted from the level
         head.level = kind.to * (Vector4::from(of.level) + from);
         head.covariance = kind.covariance(&matrix(&of.covariance));
         if of.within_looks > 0.0 {
@@ -169,9 +146,7 @@ impl Head {
             head.within = Within { covariance, looks: of.within_looks };
         }
 
-        // How many times as far the channels lay from each other as the design says, at least 1.
-        // Noise is counted in both: where channels hardly differ, the ratio of what they differ by
-        // would be chance.
+        // Noise is counted in both: where channels hardly differ, the ratio would be chance.
         let spread = kind.covariance(&matrix(&of.spread)).diagonal();
         head.wider = spread
             .zip_map(&kind.spread, |now, of_design| ((1.0 + now) / (1.0 + of_design)).max(1.0));
@@ -181,8 +156,7 @@ impl Head {
         head
     }
 
-    /// What is to be remembered of the head. `ring`: the base ring, if no design names it
-    /// ([`HeadMemory::ring`]).
+    /// What is to be remembered of the head. `ring`: the base ring, if no design names it.
     pub fn memory(&self, ring: Option<[f64; 4]>) -> HeadMemory {
         let kind = &self.kind;
         let within = at_least(0.0, &self.within.covariance);
@@ -206,15 +180,13 @@ mod second_version {
     use super::{Memory, RUNGS, VERSION};
     use serde_json::{Value, json};
 
-    /// Reads a file of version 2: what it lacks is set to "not known".
-    pub fn upgraded(text: &[u8]) -> Result<Memory, serde_json::Error> {
+    pub fn read(text: &[u8]) -> Result<Memory, serde_json::Error> {
         let mut of: Value = serde_json::from_slice(text)?;
         of["version"] = json!(VERSION);
         let heads =
             of["printheads"].as_object_mut().into_iter().flat_map(|heads| heads.values_mut());
         let channels = heads.filter_map(|head| {
-            // The file's scatter within channels is along directions that it does not name, so it
-            // is dropped.
+            // the file does not name the directions of its scatter within channels
             (head["within"], head["within_looks"]) = (json!(vec![[0.0; 4]; 4]), json!(0.0));
             head["spread"] = json!(vec![[0.0; 4]; 4]);
             head["channels"].as_object_mut()
@@ -227,8 +199,7 @@ mod second_version {
     }
 }
 
-/// Files of version 1, which hold for each channel the mean of its healthy signals, as features
-/// from the head's ring: it is taken for all rungs.
+/// Files of version 1, which hold the mean of each channel's healthy signals: taken for all rungs.
 mod first_version {
     use super::{Channel, HeadMemory, Memory, RUNGS, Sum, rows};
     use nalgebra::Matrix4;
@@ -236,7 +207,7 @@ mod first_version {
     use std::collections::BTreeMap;
 
     #[derive(Deserialize)]
-    pub struct Baselines {
+    struct Baselines {
         design: Option<String>,
         printheads: BTreeMap<String, Printhead>,
     }
@@ -252,23 +223,21 @@ mod first_version {
         features: [f64; 4],
     }
 
-    /// Variance of the level: a file of version 1 holds none, and a standard deviation of a tenth
-    /// in each feature says next to nothing.
+    /// Variance of the level, which says next to nothing: a file of version 1 holds none.
     const UNSURE: f64 = 0.01;
 
-    impl From<Baselines> for Memory {
-        fn from(of: Baselines) -> Memory {
-            let channel = |(k, of): (u32, Baseline)| {
-                let past = Sum { looks: of.signals, sum: of.features.map(|f| f * of.signals) };
-                (k, Channel { past: [past; RUNGS], ..Channel::default() })
-            };
-            let head = |(name, of): (String, Printhead)| {
-                let covariance = rows(&Matrix4::from_diagonal_element(UNSURE));
-                let channels = of.channels.into_iter().map(channel).collect();
-                (name, HeadMemory { covariance, channels, ..HeadMemory::default() })
-            };
-            let printheads = of.printheads.into_iter().map(head).collect();
-            Memory { printheads, ..Memory::new(of.design) }
-        }
+    pub fn read(text: &[u8]) -> Result<Memory, serde_json::Error> {
+        let of: Baselines = serde_json::from_slice(text)?;
+        let channel = |(k, of): (u32, Baseline)| {
+            let past = Sum { looks: of.signals, sum: of.features.map(|f| f * of.signals) };
+            (k, Channel { past: [past; RUNGS], ..Channel::default() })
+        };
+        let head = |(name, of): (String, Printhead)| {
+            let covariance = rows(&Matrix4::from_diagonal_element(UNSURE));
+            let channels = of.channels.into_iter().map(channel).collect();
+            (name, HeadMemory { covariance, channels, ..HeadMemory::default() })
+        };
+        let printheads = of.printheads.into_iter().map(head).collect();
+        Ok(Memory { printheads, ..Memory::new(of.design) })
     }
 }

@@ -268,11 +268,11 @@ fn another_head_is_told_and_teaches_nothing() {
         Vector4::from(SPREAD) * if k % 2 == 0 { 3.0 } else { -3.0 }
     });
     assert!(matches!(found, SweepOutcome::Strange { .. }), "{found:?}");
-    assert_eq!((world.head.channels(), world.head.wider()), (30, wider));
+    assert_eq!((world.head.channels.len(), world.head.wider()), (30, wider));
     let warmer = Vector4::new(0.15, 0.1, 0.0, 0.0);
     let back = world.sweep(warmer, none);
     assert!(matches!(back, SweepOutcome::Level { .. }), "{back:?}");
-    assert_eq!((world.head.channels(), world.head.swapped_ns()), (30, None));
+    assert_eq!((world.head.channels.len(), world.head.swapped_ns), (30, None));
     // from the first sweep on
     let mut world = World::new(8, 30);
     let found = world.sweep(Vector4::new(0.0, 0.0, 0.04, 0.0), none);

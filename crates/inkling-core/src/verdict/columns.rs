@@ -1,29 +1,21 @@
-//! The columns of the verdict table, as one list at the end of this file. The macro `columns!`
-//! makes two things of the list: [`VerdictColumns`], the type that holds a batch's rows column by
-//! column, and [`COLUMNS`], from which `inkling-io` makes the file's schema, its writer and its
-//! reader.
-//!
-//! A new column is a line of the list, and code that fills the column (`pipeline/rows.rs`). A test
-//! asks for a line about it in `schemas/verdicts.md`, where the meaning of each column stands.
+//! The columns of the verdict table, as one list at the end of this file. Out, by the macro
+//! `columns!`: [`VerdictColumns`], which holds a batch's rows column by column, and [`COLUMNS`],
+//! from which `inkling-io` makes the file's schema, its writer and its reader.
 //!
 //! A line of the list is `field: type, Kind "name";` with the field of [`VerdictColumns`], the type
-//! of a cell, the variant of [`Cells`], and the column's name in the file.
+//! of a cell, the variant of [`Cells`], and the column's name in the file. Their meaning stands in
+//! `schemas/verdicts.md`.
 
 use super::{Outcome, Reason, Test};
 use std::sync::Arc;
 
-/// A column of the table.
 pub struct Column {
-    /// The column's name in the file.
     pub name: &'static str,
-    /// Whether a cell may be null.
     pub nullable: bool,
-    /// What kind of column it is, and where its cells are.
     pub cells: Cells,
 }
 
-/// What a column's cells are, and where [`VerdictColumns`] has them. The kinds differ in how the
-/// writer encodes a column, and in what a healthy run gives it.
+/// What a column's cells are, and where [`VerdictColumns`] has them.
 pub enum Cells {
     /// Nanoseconds since 1970.
     Time(CellsAt<i64>),
@@ -31,7 +23,6 @@ pub enum Cells {
     Recording,
     /// Indices into the batch's `printheads`.
     Printhead(CellsAt<u32>),
-    /// Channel numbers.
     Channel(CellsAt<u32>),
     Outcome(CellsAt<Outcome>),
     /// Indices into the run's categories.
@@ -46,58 +37,48 @@ pub enum Cells {
     Statistic(CellsAt<Option<f32>>),
     /// The threshold of that test, which is the same over many rows.
     Threshold(CellsAt<Option<f32>>),
-    /// The misfit; every judged signal has one where there is a second test.
     Misfit(CellsAt<Option<f32>>),
-    /// Numbers that healthy runs do not have.
     Number(CellsAt<Option<f32>>),
     /// One number per class: `weights` from `weights_start` on.
     Weights,
 }
 
-/// Where a column's cells are: the vector of one field of [`VerdictColumns`], to read and to write.
+/// The vector of one field of [`VerdictColumns`], to read and to write.
 pub struct CellsAt<T: 'static> {
     cells: fn(&VerdictColumns) -> &[T],
     vec: fn(&mut VerdictColumns) -> &mut Vec<T>,
 }
 
 impl<T> CellsAt<T> {
-    /// The column's cells in a batch, one per row.
     pub fn of<'a>(&self, columns: &'a VerdictColumns) -> &'a [T] {
         (self.cells)(columns)
     }
 
-    /// The same cells, to be filled.
     pub fn of_mut<'a>(&self, columns: &'a mut VerdictColumns) -> &'a mut Vec<T> {
         (self.vec)(columns)
     }
 }
 
-// Defines `VerdictColumns` and `COLUMNS`. The time stands first and has a group of its own, since
-// the column of the recording's name, which no batch holds, follows it in the table.
+// The time has a group of its own, since the recording's name follows it in the table.
 macro_rules! columns {
     (
         first { $(#[$when:meta])* $first:ident: $time:ty, $of_time:ident $called:literal; }
         required { $($(#[$about:meta])* $required:ident: $type:ty, $kind:ident $name:literal;)* }
         nullable { $($(#[$of:meta])* $nullable:ident: $value:ty, $sort:ident $title:literal;)* }
     ) => {
-        /// The verdicts of one batch as columns, one entry per row, in the recording's order.
-        /// `None` is null. Texts are indices into lists, so that no row holds a string.
+        /// The verdicts of one batch as columns, one entry per row; `None` is null.
         #[derive(Clone, Debug, Default, PartialEq)]
         pub struct VerdictColumns {
             $(#[$when])* pub $first: Vec<$time>,
             $($(#[$about])* pub $required: Vec<$type>,)*
             $($(#[$of])* pub $nullable: Vec<Option<$value>>,)*
-            /// The names of this batch's printheads.
             pub printheads: Vec<Arc<str>>,
-            /// Per row the index in `weights` of the row's first weight; `None`: the row has no
-            /// weights. The list ends with the last row that has any, so it may be shorter than the
-            /// columns.
+            /// Per row the index in `weights` of its first weight, up to the last row that has any.
             pub weights_start: Vec<Option<u32>>,
             /// One weight per class of the run, row after row, of the rows that have weights.
             pub weights: Vec<f32>,
         }
 
-        /// All columns in the table's order.
         pub static COLUMNS: &[Column] = &[
             Column { name: $called, nullable: false, cells: Cells::$of_time(columns!(at $first)) },
             Column { name: "recording", nullable: false, cells: Cells::Recording },
@@ -107,7 +88,7 @@ macro_rules! columns {
         ];
 
         impl VerdictColumns {
-            /// Removes all rows, and keeps the memory for the next batch.
+            /// Removes all rows, and keeps the memory.
             pub fn clear(&mut self) {
                 self.$first.clear();
                 $(self.$required.clear();)*
@@ -117,31 +98,25 @@ macro_rules! columns {
                 self.weights.clear();
             }
 
-            /// Makes every nullable column as long as the time column: null wherever nothing was
-            /// pushed for a row. To be called after each row or group of rows.
+            /// Makes every nullable column as long as the time column, by nulls.
             pub fn fill_up(&mut self) {
                 let rows = self.len();
                 $(self.$nullable.resize(rows, None);)*
             }
 
-            /// Lengths of all columns but the recording's name and the weights; all are equal if
-            /// the rows are whole.
             pub fn lengths(&self) -> Vec<usize> {
                 vec![self.$first.len(), $(self.$required.len(),)* $(self.$nullable.len(),)*]
             }
         }
     };
-    // where the cells of a field are
     (at $field:ident) => { CellsAt { cells: |c| &c.$field, vec: |c| &mut c.$field } };
 }
 
 columns! {
     first {
-        /// Time t_a of the first sample, ns since the epoch.
         acquired_at_ns: i64, Time "acquired_at";
     }
     required {
-        /// Index into `printheads`.
         printhead: u32, Printhead "printhead";
         channel: u32, Channel "channel";
         outcome: Outcome, Outcome "outcome";
@@ -161,7 +136,6 @@ columns! {
         misfit: f32, Misfit "misfit";
         severity: f32, Number "severity";
         severity_sd: f32, Number "severity_sd";
-        /// Resonance and damping of the ring fitted to the signal.
         resonance_hz: f32, Number "resonance_hz";
         damping_per_s: f32, Number "damping_per_s";
         model: u16, Model "model";
@@ -170,7 +144,6 @@ columns! {
 }
 
 impl VerdictColumns {
-    /// Number of rows.
     pub fn len(&self) -> usize {
         self.acquired_at_ns.len()
     }

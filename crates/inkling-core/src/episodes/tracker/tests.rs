@@ -223,7 +223,7 @@ fn what_waits_is_what_is_held_and_no_more_than_it_may_be() {
     let names: [Arc<str>; 2] = ["p".into(), "q".into()];
     for (looks, name) in bursts().into_iter().zip(names.iter().cycle()) {
         tracker.push(name, looks);
-        let held: Vec<usize> = tracker.printheads.values().map(|of| of.waiting.signals()).collect();
+        let held: Vec<usize> = tracker.printheads.values().map(|of| of.waiting.signals).collect();
         assert_eq!(tracker.waiting, held.iter().sum::<usize>());
         assert!(held.iter().all(|&held| held <= 8), "{held:?}");
     }
