@@ -140,28 +140,17 @@ pub enum Shape {
     /// A damped line that scales with the drive.
     Mode,
     Motion(Motion),
-    /// What a sensor's curve, or rates that follow time, make of the ring.
-    Bent(Bend),
+    /// What a sensor's curve, or rates that follow time, make of the ring; `candidates/rivals.rs` has the
+    /// equations. `power`: as of [`Motion`].
+    Bent {
+        power: i32,
+    },
     /// A gain, or a time base, that varies periodically.
     Sways,
     /// An undamped line whose frequency changes with time.
     SweptLine,
     /// A bump or a step, wherever it fits best.
     Own,
-}
-
-/// How the ring is bent, with a strength that is relative to the unbent ring: by a loss or a
-/// frequency that changes with time; by a sensor's curve of even or odd order; by a gain that
-/// follows the amplitude; by a sensor that shows nothing about its zero. `candidates/rivals.rs` has
-/// the equations.
-#[derive(Clone, Copy, Debug)]
-pub enum Bend {
-    LossByTime,
-    FrequencyByTime,
-    EvenSensor,
-    OddSensor,
-    GainByAmplitude,
-    DeafSensor,
 }
 
 /// A term in the equation of motion.
@@ -376,14 +365,14 @@ pub static RIVALS: [Entry; 13] = [
         Shape::Motion(Motion { term: Term::Stop { at: 0.0 }, power: 1, strengths: [0.01, 1.0] })) },
     rival(CauseId::SpringWithGap, "a spring with a gap",
         Shape::Motion(Motion { term: Term::Gap, power: 0, strengths: [0.002, 0.5] })),
-    rival(CauseId::LossFollowsTime, "a damping that changes with time", Shape::Bent(Bend::LossByTime)),
+    rival(CauseId::LossFollowsTime, "a damping that changes with time", Shape::Bent { power: 1 }),
     Entry { free: 1.0, seconds: &SETTLES, ..rival(CauseId::FrequencyFollowsTime, "a frequency that changes with time",
-        Shape::Bent(Bend::FrequencyByTime)) },
-    rival(CauseId::EvenSensor, "a sensor curve of even order", Shape::Bent(Bend::EvenSensor)),
-    rival(CauseId::OddSensor, "a sensor curve of odd order", Shape::Bent(Bend::OddSensor)),
+        Shape::Bent { power: 1 }) },
+    rival(CauseId::EvenSensor, "a sensor curve of even order", Shape::Bent { power: 2 }),
+    rival(CauseId::OddSensor, "a sensor curve of odd order", Shape::Bent { power: 3 }),
     Entry { free: 1.0, seconds: &LAGS, ..rival(CauseId::GainFollowsAmplitude, "a gain that follows the amplitude",
-        Shape::Bent(Bend::GainByAmplitude)) },
-    rival(CauseId::DeafSensor, "a sensor that is deaf about its zero", Shape::Bent(Bend::DeafSensor)),
+        Shape::Bent { power: 2 }) },
+    rival(CauseId::DeafSensor, "a sensor that is deaf about its zero", Shape::Bent { power: 0 }),
     Entry { free: 1.0, ..rival(CauseId::GainSways, "a gain that sways", Shape::Sways) },
     Entry { free: 1.0, ..rival(CauseId::TimeBaseSways, "a time base that sways", Shape::Sways) },
     Entry { free: 2.0, nests: Some(CauseId::Tone), ..rival(CauseId::SweptLine, "an undamped line whose frequency changes with time",

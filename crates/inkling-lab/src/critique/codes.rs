@@ -29,23 +29,12 @@ use std::collections::BTreeMap;
 /// Floating-point values nearer to each other than this, in amplitudes of the ring, are one code.
 const FLOAT_DIGITS: f64 = 1e-6;
 
-/// The codes that were met.
-#[derive(Clone, Copy)]
-struct Codes<'a> {
-    /// How many samples have each code; the key is the sample's value over `unit`, rounded.
-    histogram: &'a BTreeMap<i64, u64>,
-    /// Distance of neighbouring keys, in the unit of the signals: 1 if samples are whole counts.
-    unit: f64,
-    /// Half of the converter's step, in the unit of the signals: what lies within it beyond the top code is
-    /// rounded to that, not clipped.
-    half: f64,
-}
-
 /// Tests clipping and a coarse step, and returns both candidates in this order; of clipping that at
 /// the more surprising end. Writes what is accepted to the model: its `rails` (of both ends); and
 /// its `lattice`, if samples are whole counts and all often met codes fit the rounded step.
 pub fn test(data: &Observations, model: &mut Model) -> Vec<Candidate> {
-    // floating-point values are told apart as far as their own digits go
+    // How many samples have each code; the key is the sample's value over `unit`, rounded. Floating-point
+    // values are told apart as far as their own digits go.
     let unit = if data.integer { 1.0 } else { FLOAT_DIGITS * model.amplitude() };
     let mut histogram: BTreeMap<i64, u64> = BTreeMap::new();
     for i in 0..data.len() {
@@ -55,12 +44,11 @@ pub fn test(data: &Observations, model: &mut Model) -> Vec<Candidate> {
     }
     let coarse = lattice(data, model, &histogram, unit);
     let step = if coarse.accepted() { coarse.value } else { 1.0 };
+    // what lies within half a step beyond the last code is rounded to that, not clipped
     let half = if data.integer { 0.5 * step } else { 0.0 };
-    let codes = Codes { histogram: &histogram, unit, half };
     let (expected, sd) = (expected(data, model), model.noise_var.sqrt());
-    let rails = [1.0, -1.0].map(|side| clipping(&expected, sd, codes, side));
-    model.rails =
-        rails.iter().filter(|(f, _)| f.accepted()).filter_map(|(_, rail)| *rail).collect();
+    let rails = [1.0, -1.0].map(|side| clipping(&expected, sd, &histogram, [unit, half], side));
+    model.rails = rails.iter().filter(|(f, _)| f.accepted()).map(|(_, rail)| *rail).collect();
     let [upper, lower] = rails.map(|(f, _)| f);
     vec![if lower.surprise > upper.surprise { lower } else { upper }, coarse]
 }
@@ -85,22 +73,20 @@ pub fn unclipped(mut data: Observations, model: &Model) -> Observations {
 /// 1 - tail(z), where z is the distance of the last code from the expected value in standard
 /// deviations of the noise; the surprise is -ln of the product over all samples.
 ///
-/// `expected`: of every sample, in the unit of the signals; `sd`: of the noise; `side`: 1 for the
-/// largest code, -1 for the smallest. Returns the candidate, whose value is the level of the last
-/// code, and the rail that the model gets if the candidate is accepted.
+/// `expected`: of every sample, in the unit of the signals; `sd`: of the noise; `unit`, `half`: distance of
+/// neighbouring keys, and half of the converter's step; `side`: 1 for the largest code, -1 for the smallest.
+/// Returns the candidate, whose value is the level of the last code, and the rail that the model gets if the
+/// candidate is accepted.
 fn clipping(
     expected: &[f64],
     sd: f64,
-    Codes { histogram, unit, half }: Codes,
+    histogram: &BTreeMap<i64, u64>,
+    [unit, half]: [f64; 2],
     side: f64,
-) -> (Candidate, Option<Rail>) {
-    let last = match side > 0.0 {
-        true => histogram.last_key_value(),
-        false => histogram.first_key_value(),
-    };
-    let Some((&last, &at_last)) = last else {
-        return (Candidate::untested(CauseId::Clipping, "no samples"), None);
-    };
+) -> (Candidate, Rail) {
+    let mut codes = histogram.iter();
+    let last = if side > 0.0 { codes.next_back() } else { codes.next() };
+    let (&last, &at_last) = last.unwrap_or((&0, &0)); // signals have samples, so there is one
     let level = last as f64 * unit;
 
     // `beyond`: number of samples that are expected beyond the last code. Clipped samples pull the
@@ -121,7 +107,7 @@ fn clipping(
     // only a share of it counts: the level is free, and scatter of the largest signals is not modelled
     let surprise: f64 = if crowded { clipped_share() * surprise } else { 0.0 };
     let f = Candidate::by_chance(CauseId::Clipping, surprise, 2.0 * surprise, level, 0.25 * unit);
-    (f, Some(Rail { side, level, from: level - side * 3.0 * sd }))
+    (f, Rail { side, level, from: level - side * 3.0 * sd })
 }
 
 /// Codes that were met, in increasing order, without those at either end that hold about 2 % of the
@@ -159,9 +145,6 @@ fn lattice(
     // floating-point values lie on a lattice if few distinct values are met often
     if !data.integer && histogram.len() as f64 > 0.2 * total as f64 {
         return Candidate::nothing(CauseId::CoarseLsb);
-    }
-    if total == 0 {
-        return Candidate::untested(CauseId::CoarseLsb, "no samples");
     }
     let met = met_often(histogram, total);
     if met.len() < 5 {

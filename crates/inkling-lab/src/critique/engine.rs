@@ -27,7 +27,7 @@
 use super::adequacy::{self, Adequacy};
 use super::candidate::Candidate;
 use super::candidates::{Scored, Setting};
-use super::catalogue::{CATALOGUE, CauseId, Needs};
+use super::catalogue::{CATALOGUE, CauseId, Entry, Needs};
 use super::extended::{self, LeftOut};
 pub use super::extended::{Extended, NotExtended};
 use super::finding::{
@@ -120,7 +120,8 @@ fn of_signals(
     // here on `data` holds the white signals; `as_it_came` holds the original ones if their noise
     // was correlated.
     let mut prepared = Prepared::of(data, real, stages)?;
-    let Picked { selected, avoid } = prepared.pick(stages);
+    let selected = prepared.pick(stages);
+    let avoid = prepared.random_tone();
     let Prepared { data, as_it_came, baseline, mut aside, .. } = prepared;
     let setting = Setting { data: &data, avoid: &avoid };
     look_again(&mut aside, &selected, as_it_came.is_some(), setting);
@@ -136,10 +137,8 @@ fn of_signals(
     stages("measuring the gain");
     let applied: Vec<_> = selected.causes.iter().map(|c| c.candidate.form.clone()).collect();
     let mut measured = gain::measure(&baseline, &applied, setting);
-    let (before, as_it_was) = (&baseline, as_it_came.as_ref());
-    let extension =
-        worth::Extension { before, causes: &applied, aside: &aside, as_it_came: as_it_was };
-    measured.gain.log_likelihood_per_signal = worth::measure(extension, setting);
+    measured.gain.log_likelihood_per_signal =
+        worth::measure(&baseline, &applied, &aside, as_it_came.as_ref(), setting);
     let detection = measured.gain.detection();
     let figures = figures::draw(&baseline, &selected.fitted.model, &data, &measured.energies);
 
@@ -217,14 +216,6 @@ struct Prepared {
     deferred: bool,
 }
 
-/// The causes that were selected, and the frequencies at which they could not be lines.
-struct Picked {
-    selected: Selected,
-    /// Frequency of the random tone that was accepted before the selection, rad per signal length; empty if
-    /// there was none. No line there is taken for a cause.
-    avoid: Vec<f64>,
-}
-
 impl Prepared {
     /// Fits the baseline, tests codes and noise, and whitens the signals if their noise is correlated.
     fn of(
@@ -250,9 +241,8 @@ impl Prepared {
         let deferred = at_the_ring(&mut aside.noise, &baseline, data.length_s());
 
         // whiten the signals if their noise is correlated
-        let rho = accepted(&aside.noise, CauseId::CorrelatedNoise);
         let prepared = Prepared { data, as_it_came: None, baseline, aside, deferred };
-        match rho {
+        match accepted(&prepared.aside.noise, CauseId::CorrelatedNoise) {
             Some(rho) => prepared.whitened(rho),
             None => Ok(prepared),
         }
@@ -315,6 +305,7 @@ impl Prepared {
     }
 
     /// Frequency of the random tone that is accepted so far, rad per signal length; empty if there is none.
+    /// No line there is taken for a cause.
     fn random_tone(&self) -> Vec<f64> {
         let hz = accepted(&self.aside.noise, CauseId::RandomTone);
         hz.map(|hz| hz * self.data.length_s() * TAU).into_iter().collect()
@@ -322,30 +313,27 @@ impl Prepared {
 
     /// Selects causes. A random tone that was deferred is then tested again beside them. If it is accepted,
     /// the causes are selected anew, with the tone known.
-    fn pick(&mut self, stages: &mut dyn FnMut(&str)) -> Picked {
-        let picked = self.select(stages);
+    fn pick(&mut self, stages: &mut dyn FnMut(&str)) -> Selected {
+        let selected = self.select(stages);
         if !self.deferred {
-            return picked;
+            return selected;
         }
         // a tone that was the ring, bent by a cause, is gone with that cause in the model
-        let again = ensemble::test(&self.data, &picked.selected.fitted.model);
+        let again = ensemble::test(&self.data, &selected.fitted.model);
         let noise = &mut self.aside.noise;
         noise.retain(|f| f.id != CauseId::RandomTone);
         noise.extend(again.into_iter().filter(|f| f.id == CauseId::RandomTone));
-        at_the_ring_beside(noise, &picked.selected.weighed());
+        at_the_ring_beside(noise, &selected.weighed());
         match accepted(noise, CauseId::RandomTone) {
             Some(_) => self.select(stages),
-            None => picked,
+            None => selected,
         }
     }
 
     /// Selects causes beside the random tone that is known so far.
-    fn select(&self, stages: &mut dyn FnMut(&str)) -> Picked {
-        let avoid = self.random_tone();
-        let setting = Setting { data: &self.data, avoid: &avoid };
-        let selected =
-            selection::select(self.baseline.clone(), setting, weighed(&self.aside), stages);
-        Picked { selected, avoid }
+    fn select(&self, stages: &mut dyn FnMut(&str)) -> Selected {
+        let setting = Setting { data: &self.data, avoid: &self.random_tone() };
+        selection::select(self.baseline.clone(), setting, weighed(&self.aside), stages)
     }
 }
 
@@ -423,12 +411,8 @@ fn all_evidence(aside: &Aside, selected: &Selected, ln_samples: f64) -> Vec<Evid
 fn not_testable(data: &Observations, real: bool) -> Vec<NotTestable> {
     // an oscillator needs no drive scan: its long decays go through all amplitudes by themselves
     let asked = CATALOGUE.iter().filter(|e| real || e.needs != Needs::DriveScan);
-    asked
-        .filter_map(|e| {
-            let needs = e.needs.lacking(data)?;
-            Some(NotTestable { id: e.id, needs: needs.into() })
-        })
-        .collect()
+    let lacking = |e: &Entry| Some(NotTestable { id: e.id, needs: e.needs.lacking(data)?.into() });
+    asked.filter_map(lacking).collect()
 }
 
 /// Remarks on the misfit that is left, and on the candidate that fits best but cannot be named, unless the

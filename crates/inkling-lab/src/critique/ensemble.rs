@@ -17,13 +17,14 @@
 use super::candidate::Candidate;
 use super::candidates::LEAST_PERIODS;
 use super::catalogue::CauseId;
-use super::chance::{THRESHOLD, maximum};
+use super::chance::{THRESHOLD, maximum, surprise};
 use super::model::{Model, PATTERNS, powers};
 use super::observations::Observations;
 use super::tuned::{line_bound, stands_out};
 use super::waves::waves;
 use inkling_core::model::free_decay::FREE;
 use inkling_core::model::inner_product::dot;
+use inkling_core::model::median::median_of;
 use inkling_core::model::normal::ln_upper_tail;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
@@ -117,11 +118,6 @@ fn mean_of(values: &[f64]) -> (f64, f64) {
     (mean, (square / n).sqrt())
 }
 
-/// -ln of the two-sided probability of a normal deviate.
-fn two_sided(z: f64) -> f64 {
-    -(ln_upper_tail(z.abs()) + 2f64.ln()).min(0.0)
-}
-
 /// Tests the three causes, in the order random tone, correlated noise, heteroscedastic noise.
 /// Values: the tone's frequency in Hz; rho at lag one; the growth h, relative to the variance where
 /// the signal is 0. With less than `FEWEST` signals all three are untested.
@@ -154,13 +150,14 @@ pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
     }
 
     let hz = |omega: f64| omega / TAU / data.length_s();
+    let of_deviate = |z: f64| surprise(z * z, 1, 1.0, f64::INFINITY);
     let tone = Property { value: hz(line.omega), sd: hz(line.sd), z: line.z };
     let h = heteroscedastic(&left, n, v);
     // noise that shrinks with the signal is no cause of the catalogue
-    let shown = if h.value > 0.0 { two_sided(h.z) } else { 0.0 };
+    let shown = if h.value > 0.0 { of_deviate(h.z) } else { 0.0 };
     vec![
         tone.found(CauseId::RandomTone, line_surprise),
-        rho.found(CauseId::CorrelatedNoise, two_sided(rho.z)),
+        rho.found(CauseId::CorrelatedNoise, of_deviate(rho.z)),
         h.found(CauseId::HeteroscedasticNoise, shown),
     ]
 }
@@ -275,14 +272,8 @@ fn pooled_line(left: &[Residual], n: usize, v: f64) -> Line {
 
 /// Median power of the neighbours of a peak, those 5 to 24 steps away.
 fn around(all: &[f64], peak: usize) -> f64 {
-    let mut near: Vec<f64> = all
-        .iter()
-        .enumerate()
-        .filter(|(j, _)| (5..=24).contains(&j.abs_diff(peak)))
-        .map(|(_, r)| *r)
-        .collect();
-    near.sort_by(f64::total_cmp);
-    near.get(near.len() / 2).copied().unwrap_or(1.0)
+    let near = all.iter().enumerate().filter(|(j, _)| (5..=24).contains(&j.abs_diff(peak)));
+    median_of(near.map(|(_, power)| *power))
 }
 
 /// Estimates the correlation rho at lag one, corrected for the correlation that the projection
@@ -336,45 +327,32 @@ pub fn beneath_rounding(t: f64, left: f64, white: f64) -> f64 {
 /// largest one. For each signal the squared residuals are regressed on x; the slopes' mean and
 /// scatter over signals give h.
 fn heteroscedastic(left: &[Residual], n: usize, v: f64) -> Property {
-    let largest = left
-        .iter()
-        .flat_map(|l| l.expected.iter())
-        .fold(0.0_f64, |m, y| m.max(y.abs()))
-        .max(1e-300);
+    let expected = || left.iter().flat_map(|l| &l.expected);
+    let largest = expected().fold(1e-300_f64, |m, y| m.max(y.abs()));
+    let x = |y: &f64| (y / largest).powi(2);
     // mean and variance of x over all samples
-    let (mut sum, mut square, mut count) = (0.0, 0.0, 0.0);
-    for l in left {
-        for y in &l.expected {
-            let x = (y / largest).powi(2);
-            sum += x;
-            square += x * x;
-            count += 1.0;
-        }
-    }
-    let centre = sum / count;
-    let spread = square / count - centre * centre;
+    let count = expected().count() as f64;
+    let centre = expected().map(x).sum::<f64>() / count;
+    let spread = expected().map(|y| x(y) * x(y)).sum::<f64>() / count - centre * centre;
 
     // Slope and level of w = u² / (v (1 - leverage)) against x less its mean. The leverage is the
     // share of a sample's variance that the projection takes.
-    let values: Vec<(f64, f64)> = left
+    let (slopes, levels): (Vec<f64>, Vec<f64>) = left
         .iter()
         .map(|l| {
             let (mut slope, mut level) = (0.0, 0.0);
             for k in 0..n {
                 let leverage: f64 = l.q.row(k).iter().map(|q| q * q).sum();
                 let w = l.u[k] * l.u[k] / (1.0 - leverage).max(0.2) / v;
-                let x = (l.expected[k] / largest).powi(2) - centre;
-                slope += (w - 1.0) * x;
+                slope += (w - 1.0) * (x(&l.expected[k]) - centre);
                 level += w;
             }
             (slope / (spread * n as f64).max(1e-300), level / n as f64)
         })
-        .collect();
+        .unzip();
 
     // h is the slope over the variance at x = 0
-    let slopes: Vec<f64> = values.iter().map(|(s, _)| *s).collect();
-    let (slope, se) = mean_of(&slopes);
-    let level = values.iter().map(|(_, l)| l).sum::<f64>() / values.len() as f64;
+    let ((slope, se), (level, _)) = (mean_of(&slopes), mean_of(&levels));
     let at_zero = (level - slope * centre).max(0.05);
     Property {
         value: slope / at_zero,

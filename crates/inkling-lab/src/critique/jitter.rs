@@ -53,9 +53,8 @@ pub fn jitter(model: &Model, data: &Observations) -> Candidate {
     let to_s = data.length_s() / model.mean[1].exp();
     let sd = excess.along.max(1e-16).sqrt();
     let error_s = excess.along_sd / (2.0 * sd) * to_s;
-    let s = surprise(excess.there, 1, 1.0, f64::INFINITY);
-    let mut found =
-        Candidate::by_chance(CauseId::TriggerJitter, s, excess.there, sd * to_s, error_s);
+    let plain = Candidate::plain(CauseId::TriggerJitter, excess.there, ());
+    let mut found = Candidate { value: sd * to_s, sd: error_s, ..plain };
     if found.accepted() && !excess.beyond_any_direction() {
         found.objection = Some(Objection::AnyDirection);
     }

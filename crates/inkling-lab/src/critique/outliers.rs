@@ -18,7 +18,7 @@ use super::covariates::POSITION;
 use super::model::Model;
 use super::observations::Observations;
 use super::tuned::{least_scatter, odd_in_a_row, outlying, stands_out};
-use inkling_core::model::median::median;
+use inkling_core::model::median::{median, robust_sd};
 use inkling_core::numbers::tuned::little;
 
 /// Largest number of channels that a trend along the head is estimated from, and fewest pairs of channels
@@ -138,8 +138,7 @@ impl Alone {
         for (j, part) in OF_DAMPING.iter().enumerate() {
             let mut values: Vec<f64> = self.features.iter().map(|f| f[j]).collect();
             let centre = median(&mut values);
-            let mut off: Vec<f64> = values.iter().map(|v| (v - centre).abs()).collect();
-            let sd = (1.4826 * median(&mut off)).max(part * least_scatter());
+            let sd = robust_sd(&values, centre).max(part * least_scatter());
             for (far, f) in far.iter_mut().zip(&self.features) {
                 let off = (f[j] - centre).abs() / sd;
                 *far |= off > outlying() || off.is_nan();

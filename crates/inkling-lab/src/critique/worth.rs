@@ -1,7 +1,7 @@
 //! What each cause that was found is worth, in one currency for all kinds of causes: the gain in ln
 //! likelihood (nats) per held-out signal.
 //!
-//! In: an [`Extension`], the baseline with all that was found. Out: [`LogLikelihood`], for `engine.rs` to
+//! In: the baseline, and all that was found. Out: [`LogLikelihood`], for `engine.rs` to
 //! report. Models are fitted to three of five blocks of time and judged on the two blocks between, where each
 //! channel is known from the fitted blocks. Where every channel was heard once, models are fitted to every
 //! other channel and judged on the others instead. The densities of signals come from `predictive.rs`.
@@ -31,18 +31,6 @@ use std::f64::consts::TAU;
 
 /// How far from its first guess a size (variance or growth) is searched for, in its logarithm.
 const REACH: f64 = 3.0;
-
-/// The baseline and all causes that were found.
-pub struct Extension<'a> {
-    /// The baseline, fitted to all signals. It knows the clipping and the step of the codes.
-    pub before: &'a Model,
-    /// Causes that move what is expected of a signal.
-    pub causes: &'a [Applied],
-    /// What was found in codes, noise and trigger.
-    pub aside: &'a Aside,
-    /// The signals before correlated noise was made white; `None` if it was white.
-    pub as_it_came: Option<&'a Observations>,
-}
 
 impl Halves {
     /// The population from which a model fitted to `train` expects the signals of a channel. `place`: the
@@ -74,7 +62,12 @@ impl Halves {
 /// What all gains are measured with: the two parts of the signals, and the models that were fitted to the
 /// training part.
 struct Measuring<'a> {
-    extension: Extension<'a>,
+    /// The baseline, fitted to all signals. It knows the clipping and the step of the codes.
+    before: &'a Model,
+    /// Causes that move what is expected of a signal.
+    causes: &'a [Applied],
+    /// What was found in codes, noise and trigger.
+    aside: &'a Aside,
     /// Training and test part, whitened if the noise was correlated.
     halves: Halves,
     /// The same parts as they were before whitening.
@@ -92,12 +85,18 @@ struct Step {
     gains: Vec<f64>,
 }
 
-/// Measures what all causes are worth, together and each. `setting`: the signals that the causes were found
-/// in, whitened if their noise was correlated. `None`: nothing was found, there are too few signals, or
-/// nothing rings in the training part.
-pub fn measure(extension: Extension, setting: Setting) -> Option<LogLikelihood> {
-    let Setting { data, avoid } = setting;
-    if extension.causes.is_empty() && extension.aside.accepted().next().is_none() {
+/// Measures what all causes are worth, together and each. `before`, `causes`, `aside`: as of `Measuring`.
+/// `as_it_came`: the signals before correlated noise was made white; `None` if it was white. `setting`: the
+/// signals that the causes were found in, whitened if their noise was correlated. `None`: nothing was found,
+/// there are too few signals, or nothing rings in the training part.
+pub fn measure(
+    before: &Model,
+    causes: &[Applied],
+    aside: &Aside,
+    as_it_came: Option<&Observations>,
+    Setting { data, avoid }: Setting,
+) -> Option<LogLikelihood> {
+    if causes.is_empty() && aside.accepted().next().is_none() {
         return None;
     }
     // split by time, so that each channel is known, unless every channel was heard once
@@ -106,10 +105,10 @@ pub fn measure(extension: Extension, setting: Setting) -> Option<LogLikelihood> 
         Halves::of(data, !by_time, by_time)
     };
     let halves = halves_of(data)?;
-    let as_it_came = extension.as_it_came.and_then(halves_of);
-    let plain = baseline(extension.before.real, Some(extension.before), halves.part(avoid))?;
-    let extended = with(&plain, extension.causes, halves.part(avoid));
-    let measuring = Measuring { extension, halves, as_it_came, plain, extended, avoid };
+    let as_it_came = as_it_came.and_then(halves_of);
+    let plain = baseline(before.real, Some(before), halves.part(avoid))?;
+    let extended = with(&plain, causes, halves.part(avoid));
+    let measuring = Measuring { before, causes, aside, halves, as_it_came, plain, extended, avoid };
     Some(measuring.log_likelihood())
 }
 
@@ -142,13 +141,13 @@ impl Measuring<'_> {
     /// all of them but this one. `ln_extended`: ln p of each held-out signal by the former.
     fn left_out(&self, ln_extended: &[f64]) -> Vec<Step> {
         let one = |index: usize| {
-            let mut others = self.extension.causes.to_vec();
+            let mut others = self.causes.to_vec();
             let id = others.remove(index).id;
             let without = with(&self.plain, &others, self.halves.part(self.avoid));
             let without = self.halves.test(&without);
             Step { id, gains: less(ln_extended, &ln(&without, &Noise::default())) }
         };
-        (0..self.extension.causes.len()).map(one).collect()
+        (0..self.causes.len()).map(one).collect()
     }
 
     /// Gains of clipping and of a coarse step, against a baseline that knows of neither. A gain has two
@@ -157,17 +156,15 @@ impl Measuring<'_> {
     /// signals, and ln p of each, by the baseline that knows the codes. Empty if codes were found in no way,
     /// or if the signals were whitened, which have no codes.
     fn codes(&self, plain: &[Signal], ln_plain: &[f64]) -> Vec<Step> {
-        let Model { rails, lattice, noise_var, .. } = self.extension.before;
-        let is = |id| accepted(&self.extension.aside.codes, id);
+        let Model { rails, lattice, noise_var, .. } = self.before;
+        let is = |id| accepted(&self.aside.codes, id);
         let (clipping, coarse) = (is(CauseId::Clipping), is(CauseId::CoarseLsb));
         if self.as_it_came.is_some() || rails.is_empty() && lattice.is_none() {
             return Vec::new();
         }
         // the baseline fitted as if there were neither clipping nor a coarse step
-        let Some(naive) = baseline(self.extension.before.real, None, self.halves.part(self.avoid))
-        else {
-            return Vec::new();
-        };
+        let naive = baseline(self.before.real, None, self.halves.part(self.avoid));
+        let Some(naive) = naive else { return Vec::new() };
         let naive = ln(&self.halves.test(&naive), &Noise::default());
         // what the knowledge adds to ln p of each signal: of its clipped samples, and of all its codes
         let sd = noise_var.sqrt();
@@ -212,9 +209,9 @@ impl Measuring<'_> {
     /// ln p of the same signals as they came in white noise, given their first sample, which whitening loses.
     /// `None`: no correlation was found.
     fn correlation(&self, ln_plain: &[f64]) -> Option<Step> {
-        accepted(&self.extension.aside.noise, CauseId::CorrelatedNoise)?;
+        accepted(&self.aside.noise, CauseId::CorrelatedNoise)?;
         let halves = self.as_it_came.as_ref()?;
-        let naive = baseline(self.extension.before.real, None, halves.part(&[]))?;
+        let naive = baseline(self.before.real, None, halves.part(&[]))?;
         let naive: Vec<f64> =
             halves.test(&naive).iter().map(Signal::ln_density_after_first).collect();
         Some(Step { id: CauseId::CorrelatedNoise, gains: less(ln_plain, &naive) })
@@ -224,7 +221,7 @@ impl Measuring<'_> {
     /// top of those before it. `test`, `ln_extended`: the held-out signals, and ln p of each, by the extended
     /// model in white noise.
     fn noise(&self, test: &[Signal], ln_extended: &[f64]) -> Vec<Step> {
-        let is = |id| accepted(&self.extension.aside.noise, id);
+        let is = |id| accepted(&self.aside.noise, id);
         let (growth, tone) = (is(CauseId::HeteroscedasticNoise), is(CauseId::RandomTone));
         let jitter = is(CauseId::TriggerJitter);
         if growth.is_none() && tone.is_none() && jitter.is_none() {

@@ -23,7 +23,7 @@ mod shapes;
 pub use lines::LEAST_PERIODS;
 
 use super::candidate::Candidate;
-use super::catalogue::{Acts, CATALOGUE, CauseId, Needs, RIVALS, Shape};
+use super::catalogue::{Acts, CATALOGUE, CauseId, Entry, Needs, RIVALS, Shape};
 use super::chance::{HINT, surprise};
 use super::clusters::Clusters;
 use super::model::{Model, RATIO_OF_RATES};
@@ -119,21 +119,17 @@ impl<'a> ScoreTests<'a> {
     /// without those that have no statistic. An entry that needs a drive scan is tested without
     /// one, too, but of ink channels it then gets an objection.
     pub fn score_all(&self) -> Vec<Scored> {
-        let mut all = Vec::new();
-        for entry in CATALOGUE.iter().chain(&RIVALS) {
-            if entry.needs.lacking(self.data).is_some() && entry.needs != Needs::DriveScan {
-                continue;
+        let lacks = |e: &Entry| e.needs.lacking(self.data).is_some();
+        let scored = |e: &Entry| {
+            let mut scored = self.score_one(e.id, None)?;
+            if self.model.real && lacks(e) {
+                scored.objection = Some(Objection::NoDriveScan);
             }
-            if let Some(mut scored) = self.score_one(entry.id, None) {
-                if entry.needs == Needs::DriveScan
-                    && !self.data.beside.drive_scan
-                    && self.model.real
-                {
-                    scored.objection = Some(Objection::NoDriveScan);
-                }
-                all.push(scored);
-            }
-        }
+            Some(scored)
+        };
+        let all = CATALOGUE.iter().chain(&RIVALS);
+        let testable = all.filter(|e| e.needs == Needs::DriveScan || !lacks(e));
+        let mut all: Vec<Scored> = testable.filter_map(scored).collect();
         withhold_lines(&mut all);
         all
     }
@@ -192,7 +188,9 @@ impl<'a> ScoreTests<'a> {
             Shape::Motion(motion) => {
                 self.best_of(id, near, |place| self.motion(id, motion, place, near))
             }
-            Shape::Bent(bend) => self.best_of(id, near, |second| self.bent(id, bend, second, near)),
+            Shape::Bent { power } => {
+                self.best_of(id, near, |second| self.bent(id, power, second, near))
+            }
             Shape::Sways => self.sways(id, near),
             Shape::SweptLine => self.swept_line(id, near),
             Shape::Own => self.own_shape(id, near),

@@ -16,7 +16,7 @@
 //! parameter of a family, also serves `shapes` and `lines`.
 
 use super::{Applied, LEAST_PERIODS, ScoreTests, Scored};
-use crate::critique::catalogue::{Bend, CauseId, RIVALS};
+use crate::critique::catalogue::{CauseId, RIVALS};
 use crate::critique::chance::{maximum, width};
 use crate::critique::space::Direction;
 use inkling_core::model::terms::lagging;
@@ -63,15 +63,15 @@ impl ScoreTests<'_> {
         let n = self.samples as f64;
         let of = |f: &dyn Fn(f64) -> f64| (0..self.samples).map(|k| f(k as f64 / n)).collect();
         let fall = |t: f64| (-seen.sigma * t).exp();
+        let wave = |a: f64, b: f64| {
+            of(&|t| {
+                let (sin, cos) = (seen.omega * t).sin_cos();
+                fall(t) * (a * cos + b * sin)
+            })
+        };
         Ring {
-            pair: of(&|t| {
-                let (sin, cos) = (seen.omega * t).sin_cos();
-                fall(t) * (seen.a * cos + seen.b * sin)
-            }),
-            quarter: of(&|t| {
-                let (sin, cos) = (seen.omega * t).sin_cos();
-                fall(t) * (seen.b * cos - seen.a * sin)
-            }),
+            pair: wave(seen.a, seen.b),
+            quarter: wave(seen.b, -seen.a),
             slow: of(&|t| seen.c * (-seen.lambda * t).exp()),
             envelope: of(&|t| fall(t) * seen.a.hypot(seen.b)),
         }
@@ -108,7 +108,7 @@ impl ScoreTests<'_> {
     pub(super) fn bent(
         &self,
         id: CauseId,
-        bend: Bend,
+        power: i32,
         second: f64,
         near: Option<&Applied>,
     ) -> Option<Scored> {
@@ -120,32 +120,29 @@ impl ScoreTests<'_> {
             let of = |k: usize| {
                 let t = k as f64 / n;
                 let (pair, y) = (s * ring.pair[k], s * (ring.pair[k] + ring.slow[k]));
-                let changed = match bend {
+                let changed = match id {
                     // sigma becomes sigma (1 + e t), omega becomes omega (1 + e t) or settles
-                    Bend::LossByTime => pair * (-0.5 * e * self.seen.sigma * t * t).exp_m1(),
-                    Bend::FrequencyByTime => {
+                    CauseId::LossFollowsTime => {
+                        pair * (-0.5 * e * self.seen.sigma * t * t).exp_m1()
+                    }
+                    CauseId::FrequencyFollowsTime => {
                         let turned = e * self.seen.omega * settling(t, second);
                         pair * (turned.cos() - 1.0) + s * ring.quarter[k] * turned.sin()
                     }
                     // y becomes y + e y²/whole, and y + e y³/whole²
-                    Bend::EvenSensor => e * y * y / whole,
-                    Bend::OddSensor => e * y * y * y / (whole * whole),
+                    CauseId::EvenSensor => e * y * y / whole,
+                    CauseId::OddSensor => e * y * y * y / (whole * whole),
                     // the gain becomes 1/(1 + e level/whole), where the level follows the envelope
                     // with a lag; 10 at most
-                    Bend::GainByAmplitude => y / (1.0 + e * s * level[k] / whole).max(0.1) - y,
-                    // y loses its part between -e whole and +e whole; a negative e adds it
-                    Bend::DeafSensor => -y.max(-whole * e.abs()).min(whole * e.abs()) * e.signum(),
+                    CauseId::GainFollowsAmplitude => {
+                        y / (1.0 + e * s * level[k] / whole).max(0.1) - y
+                    }
+                    // a deaf sensor: y loses its part between -e whole and +e whole; a negative e adds it
+                    _ => -y.max(-whole * e.abs()).min(whole * e.abs()) * e.signum(),
                 };
                 changed / e
             };
             (0..self.samples).map(of).collect()
-        };
-        // the power of the drive that the addition scales with, which is used where there is no drive scan
-        let power = match bend {
-            Bend::LossByTime | Bend::FrequencyByTime => 1,
-            Bend::EvenSensor | Bend::GainByAmplitude => 2,
-            Bend::OddSensor => 3,
-            Bend::DeafSensor => 0,
         };
         let shape = |e: f64| self.by_drive(power, |_, s| added(e, s));
         self.grown(id, STRENGTHS, shape, |e| e, near)

@@ -91,7 +91,7 @@ fn left(selected: &Selected, named: bool) -> Unexplained {
     }
     let p = gain::whiteness(&misfit, decays, |_| true);
     if p < 1e-4 && (named || predictable > MOSTLY) {
-        significant.push(not_white(p, predictable, peak(&misfit, decays)));
+        significant.push(not_white(p, predictable, &misfit, decays));
     }
     if let Some(at) = gain::uneven(&misfit, decays).filter(|_| !named) {
         let at = digits::short(at as f64 * decays.dt_s);
@@ -106,22 +106,18 @@ fn left(selected: &Selected, named: bool) -> Unexplained {
     Unexplained { significant, share: (rest / missed.max(1e-12)).min(1.0), share_allowed }
 }
 
-/// The remark on a misfit that is not white. `p`: probability by chance; `predictable`: share of
-/// the misfit; `hz`: where its spectrum peaks.
-fn not_white(p: f64, predictable: f64, hz: f64) -> String {
+/// The remark on a misfit that is not white. `p`: probability by chance; `predictable`: share of the misfit.
+/// In the spectrum, each output counts relative to its root mean square.
+fn not_white(p: f64, predictable: f64, misfit: &[f64], decays: &Decays) -> String {
+    let power = misfit_power(misfit, decays);
+    let peak = spectrum::peaks(&power, 0.0, 1e9, 1).first().copied().unwrap_or(0.0);
     format!(
         "the misfit that is left is not white ({}; {:.0} % of it follows from the samples before; its spectrum \
          peaks at {} Hz)",
         digits::p_is(p),
         100.0 * predictable,
-        digits::short(hz)
+        digits::short(peak / (TAU * decays.dt_s))
     )
-}
-
-/// Frequency at which the spectrum of a misfit peaks, each output relative to its root mean square, Hz.
-fn peak(misfit: &[f64], decays: &Decays) -> f64 {
-    let power = misfit_power(misfit, decays);
-    spectrum::peaks(&power, 0.0, 1e9, 1).first().copied().unwrap_or(0.0) / (TAU * decays.dt_s)
 }
 
 /// Remarks on what is left, and on candidates that would explain a part of what is left but cannot

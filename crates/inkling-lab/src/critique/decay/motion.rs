@@ -23,15 +23,16 @@ const RADIANS: f64 = 0.15;
 const LOST: f64 = 1e3;
 
 /// How the restoring force departs from the straight line; both forms begin as x + k x^3.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Form {
+    #[default]
     Cubic,
     /// sin(sqrt(-6k) x)/sqrt(-6k), a pendulum's; sinh for k > 0.
     Sine,
 }
 
 /// The equation of motion with its numbers; time in samples.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Motion {
     pub sigma: f64,
     /// Frequency of the undamped motion, radians per sample.
@@ -48,19 +49,6 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// A damped oscillation with nothing else in it.
-    pub fn linear(sigma: f64, omega: f64) -> Motion {
-        Motion {
-            sigma,
-            omega,
-            form: Form::Cubic,
-            stiffness: 0.0,
-            drag: 0.0,
-            stick: 0.0,
-            unnamed: Strengths::NONE,
-        }
-    }
-
     /// Whether the equation of motion is linear; rates may follow time, and sensors may bend what
     /// is seen.
     fn is_linear(&self) -> bool {
@@ -271,15 +259,9 @@ impl Motion {
 mod tests {
     use super::*;
 
-    const PLAIN: Motion = Motion {
-        sigma: 0.004,
-        omega: 0.3,
-        form: Form::Cubic,
-        stiffness: 0.0,
-        drag: 0.0,
-        stick: 0.0,
-        unnamed: Strengths::NONE,
-    };
+    fn plain() -> Motion {
+        Motion { sigma: 0.004, omega: 0.3, ..Motion::default() }
+    }
 
     fn run(motion: Motion, n: usize) -> Vec<[f64; 2]> {
         let mut out = Vec::new();
@@ -289,21 +271,21 @@ mod tests {
 
     #[test]
     fn a_term_of_no_strength_is_the_linear_decay() {
-        let linear = run(PLAIN, 600);
+        let linear = run(plain(), 600);
         let w = (0.3_f64.powi(2) - 0.004_f64.powi(2)).sqrt();
         for (k, [x, _]) in linear.iter().enumerate() {
             let t = k as f64;
             let exact = (-0.004 * t).exp() * ((w * t).cos() + 0.004 / w * (w * t).sin());
             assert!((x - exact).abs() < 1e-10);
         }
-        let almost = run(Motion { drag: 1e-14, ..PLAIN }, 600);
+        let almost = run(Motion { drag: 1e-14, ..plain() }, 600);
         assert!(linear.iter().zip(&almost).all(|(a, b)| (a[0] - b[0]).abs() < 1e-10));
     }
 
     #[test]
     fn energy_is_kept_without_loss_and_the_spring_decides_the_frequency() {
         for (form, k) in [(Form::Cubic, 0.3), (Form::Cubic, -0.3), (Form::Sine, -1.0 / 6.0)] {
-            let motion = Motion { sigma: 0.0, form, stiffness: k, ..PLAIN };
+            let motion = Motion { sigma: 0.0, form, stiffness: k, ..plain() };
             let energy = |[x, u]: [f64; 2]| {
                 let spring = match form {
                     Form::Cubic => 0.5 * x * x + 0.25 * k * x.powi(4),
@@ -315,18 +297,18 @@ mod tests {
             let first = energy(path[0]);
             assert!(path.iter().all(|y| (energy(*y) / first - 1.0).abs() < 2e-4), "{form:?}");
         }
-        let duffing = Motion { stiffness: 0.2, ..PLAIN };
+        let duffing = Motion { stiffness: 0.2, ..plain() };
         assert!(
             (duffing.frequency_ratio(0.5) - (1.0_f64 + 0.75 * 0.2 * 0.25).sqrt()).abs() < 1e-12
         );
         // a pendulum at 1 rad: 1/1.0663 of its small swings (complete elliptic integral)
-        let pendulum = Motion { form: Form::Sine, stiffness: -1.0 / 6.0, ..PLAIN };
+        let pendulum = Motion { form: Form::Sine, stiffness: -1.0 / 6.0, ..plain() };
         assert!((pendulum.frequency_ratio(1.0) - 1.0 / 1.0663).abs() < 1e-3);
     }
 
     #[test]
     fn dry_friction_takes_the_same_from_every_swing_and_ends_at_rest() {
-        let motion = Motion { sigma: 0.0, stick: 0.01, ..PLAIN };
+        let motion = Motion { sigma: 0.0, stick: 0.01, ..plain() };
         let path = run(motion, 2000);
         let peaks: Vec<f64> = path
             .windows(3)

@@ -46,7 +46,7 @@ pub fn placed(decays: &Decays, terms: &[Term]) -> impl Iterator<Item = (Term, us
 /// The equation of motion with the numbers `p`. Offsets and lines are no part of it: they are added
 /// to what the outputs show.
 pub fn motion(decays: &Decays, terms: &[Term], p: &[f64]) -> Motion {
-    let mut motion = Motion::linear(p[SIGMA], p[OMEGA]);
+    let mut motion = Motion { sigma: p[SIGMA], omega: p[OMEGA], ..Motion::default() };
     for (term, at) in placed(decays, terms) {
         match term {
             Term::Stiffness(form) => (motion.form, motion.stiffness) = (form, p[at]),

@@ -8,7 +8,7 @@
 
 use super::decays::Decays;
 use super::motion::Form;
-use super::unnamed;
+use super::unnamed::SPRINGS;
 use crate::critique::catalogue::CauseId;
 
 /// Largest number of lines in a model.
@@ -118,16 +118,22 @@ impl Term {
             Term::Line(Line::Mode | Line::FreeTone) => 2 + 2 * decays.bursts * decays.outputs,
             Term::Line(Line::Tone) => 2 + 2 * decays.outputs,
             Term::Line(Line::SideBands) => 2 + 4 * decays.bursts * decays.outputs,
-            _ => unnamed::numbers(self.id()),
+            _ => self.id().row().seconds.len().min(2),
         }
     }
 
     /// Step of a number's central difference, in decays of so many samples; `None`: the motion does not
     /// depend on the number.
     pub fn step(self, number: usize, samples: usize) -> Option<f64> {
-        match self {
-            Term::Offset | Term::Line(_) => None,
-            _ => Some(unnamed::step(self.id(), number, samples)),
+        let length = samples as f64;
+        match (self.id(), number) {
+            _ if self == Term::Offset || self.is_line() => None,
+            (CauseId::LossFollowsTime | CauseId::FrequencyFollowsTime, 0) => {
+                Some(1e-3 / (length * length))
+            }
+            (CauseId::FrequencyFollowsTime, _) => Some(1e-3 / length),
+            (CauseId::GainFollowsAmplitude, 1) => Some(1e-5 * length),
+            _ => Some(1e-6),
         }
     }
 
@@ -135,7 +141,9 @@ impl Term {
     pub fn moves_phase(self) -> bool {
         match self {
             Term::Stiffness(_) | Term::Drag | Term::Friction => true,
-            Term::Unnamed(rival) => unnamed::moves_phase(rival),
+            Term::Unnamed(rival) => {
+                SPRINGS.contains(&rival) || rival == CauseId::FrequencyFollowsTime
+            }
             Term::Offset | Term::Line(_) => false,
         }
     }

@@ -22,11 +22,6 @@ pub const RATES: [CauseId; 2] = [CauseId::LossFollowsTime, CauseId::FrequencyFol
 pub const SENSORS: [CauseId; 4] =
     [CauseId::EvenSensor, CauseId::OddSensor, CauseId::GainFollowsAmplitude, CauseId::DeafSensor];
 
-/// Whether a rival moves the phase, so that a fit must follow it from swing to swing.
-pub fn moves_phase(what: CauseId) -> bool {
-    SPRINGS.contains(&what) || what == CauseId::FrequencyFollowsTime
-}
-
 /// Second numbers from which the search begins, in decays of so many samples. A rival that has no second
 /// number gives a single value, which is not used.
 pub fn second_numbers(what: CauseId, samples: usize) -> Vec<f64> {
@@ -39,34 +34,16 @@ pub fn second_numbers(what: CauseId, samples: usize) -> Vec<f64> {
     what.row().seconds.iter().map(in_samples).collect()
 }
 
-/// How many numbers a rival has: its strength, and the second number if it has one.
-pub fn numbers(what: CauseId) -> usize {
-    what.row().seconds.len().min(2)
-}
-
-/// Step of a number's central difference, in decays of so many samples.
-pub fn step(what: CauseId, number: usize, samples: usize) -> f64 {
-    let length = samples as f64;
-    match (what, number) {
-        (CauseId::LossFollowsTime | CauseId::FrequencyFollowsTime, 0) => 1e-3 / (length * length),
-        (CauseId::FrequencyFollowsTime, _) => 1e-3 / length,
-        (CauseId::GainFollowsAmplitude, 1) => 1e-5 * length,
-        _ => 1e-6,
-    }
-}
-
 /// Strength of each rival, and its second number if it has one.
 ///
 /// Springs: k of k x^2; k of k (x - d) beyond a place d, on that side; the d within +-d of which there is no
 /// force. Rates: what is added to sigma per sample; the relative slope of omega, and the rate at which that
 /// slope falls. Sensors: c of c x^2 and c of c x^3; c of a gain 1/(1 + c a) with the amplitude a of the
 /// motion, and the number of samples by which it lags; the d within +-d of which it is deaf.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Strengths([[f64; 2]; IN_DECAYS]);
 
 impl Strengths {
-    pub const NONE: Strengths = Strengths([[0.0; 2]; IN_DECAYS]);
-
     /// Index of a rival.
     fn place(what: CauseId) -> usize {
         what as usize - CATALOGUE.len()
@@ -141,7 +118,7 @@ mod tests {
     #[test]
     fn each_strength_is_its_own_and_changes_one_thing() {
         for what in unnamed() {
-            let mut of = Strengths::NONE;
+            let mut of = Strengths::default();
             of.set(what, &[0.1]);
             let changes = [of.has(&SPRINGS), of.has(&RATES), of.has(&SENSORS)];
             assert_eq!(changes.iter().filter(|c| **c).count(), 1, "{what:?}");
@@ -154,20 +131,20 @@ mod tests {
 
     #[test]
     fn second_numbers_are_a_place_a_lag_and_a_rate() {
-        let mut of = Strengths::NONE;
+        let mut of = Strengths::default();
         of.set(CauseId::OneSidedSpring, &[2.0, 0.3]);
         assert_eq!([of.spring(0.2), of.spring(-0.9)], [0.0; 2]);
         assert!((of.spring(0.8) - 1.0).abs() < 1e-12);
         of.set(CauseId::OneSidedSpring, &[2.0, -0.3]);
         assert!((of.spring(-0.8) + 1.0).abs() < 1e-12);
 
-        let mut of = Strengths::NONE;
+        let mut of = Strengths::default();
         of.set(CauseId::FrequencyFollowsTime, &[1e-3, 0.0]);
         assert_eq!(of.frequency_after(50.0), 0.05);
         of.set(CauseId::FrequencyFollowsTime, &[1e-3, 0.1]);
         assert!((of.frequency_after(1e4) - 0.01).abs() < 1e-12, "it settles");
 
-        let mut of = Strengths::NONE;
+        let mut of = Strengths::default();
         of.set(CauseId::GainFollowsAmplitude, &[1.0, 10.0]);
         let mut path = [[1.0, 0.0]; 200];
         of.see(&mut path);
