@@ -1,23 +1,17 @@
 //! Whether what is found is told by all signals, or by what few bursts have in common.
 //!
-//! In, from `candidates`: a direction in the space of linear extensions, freed of the nuisance.
-//! Out: [`Spread`], the share of the direction's statistic that is left where bursts have more in
-//! common than independent signals would (cluster-robust variances, with bursts as clusters). How
-//! healthy bursts differ is not known (a drive that varies, a pulse that does not repeat), but it
-//! is the ring's own parameters that differ. So the evidence for a direction is split in two:
+//! In: a direction in the space of linear extensions, freed of the nuisance. Out: [`Spread`], the share of
+//! the direction's statistic that is left where bursts have more in common than independent signals would
+//! (cluster-robust variances, with bursts as clusters). How healthy bursts differ is not known, but it is the
+//! ring's own parameters that differ. So the evidence is split: along the parameters of a signal, it is
+//! judged by the spread over bursts; across them, there is noise alone, which no two signals share. What
+//! follows a covariate lies along the parameters, a shape of the mean mostly across them.
 //!
-//! - along the parameters of a signal, it is judged by the spread over bursts;
-//! - across the parameters, there is noise alone, which no two signals share.
-//!
-//! For a cause that moves parameters with a burst's covariate, all evidence lies along the
-//! parameters. For a shape of the mean, most evidence lies across them, unless it grows with
-//! another power of the drive than the ring.
-//!
-//! Steps: (1) `says`: score and information of the direction's size in each signal, in all and
-//! across; (2) `add_channel`: subtract what the channel's own parameters may explain, and sum over
-//! bursts; (3) `spread`: compare the scatter of the bursts' scores along the parameters with the
-//! information, which is their variance if signals are independent. The ratio is `excess`; if it is
-//! more than chance gives, the part along the parameters weighs 1/excess only.
+//! Steps: (1) `says`: score and information of the direction's size in each signal, in all and across; (2)
+//! `add_channel`: subtract what the channel's own parameters may explain, and sum over bursts; (3) `spread`:
+//! compare the scatter of the bursts' scores along the parameters with the information, which is their
+//! variance if signals are independent. If the ratio, `excess`, is more than chance gives, the part along the
+//! parameters weighs 1/excess only.
 
 use super::covariates::COVARIATES;
 use super::curvature::beyond_the_likeliest;
@@ -34,11 +28,10 @@ const MOST: usize = 4096;
 const REAL_POLE: usize = 4;
 /// Number of coefficients that bursts are judged about: the mean, and the direction's own.
 const FITTED: f64 = 2.0;
-/// Standard deviations of the spread over bursts beyond which it exceeds that of independent signals: by
-/// chance in one of twenty recordings.
+/// The spread over bursts exceeds that of independent signals by so many standard deviations in one of twenty
+/// recordings.
 const MORE_THAN_CHANCE: f64 = 1.645;
 
-/// A model, and the signals about it, which are grouped by burst.
 #[derive(Clone, Copy)]
 pub struct Clusters<'a> {
     pub model: &'a Model,
@@ -46,15 +39,12 @@ pub struct Clusters<'a> {
 }
 
 /// What the spread over bursts leaves of a direction's test. The caller multiplies the statistic by
-/// `statistic`, divides the standard error by the root of `information`, and takes Student's t with
-/// `dof`.
+/// `statistic`, divides the standard error by the root of `information`, and takes Student's t with `dof`.
 #[derive(Clone, Copy, Debug)]
 pub struct Spread {
-    /// Factors on the statistic and on the information; 1 where bursts have no more in common than chance.
     pub statistic: f64,
     pub information: f64,
-    /// Degrees of freedom with which the statistic's variance was estimated from bursts; infinite where it
-    /// was not.
+    /// Degrees of freedom of the variance that was estimated from bursts; infinite where it was not.
     pub dof: f64,
 }
 
@@ -63,9 +53,9 @@ impl Spread {
 }
 
 impl Additions {
-    /// What these additions put into a signal, sample by sample, counts: first the shapes; then
-    /// what the covariates `z` add by moving its parameters, to first order, and the previous ring.
-    /// `linear`: the model linearised about the signal. Samples that do not count get 0.
+    /// What these additions put into a signal, sample by sample, counts: first the shapes; then what the
+    /// covariates `z` (to first order) and the previous ring add. `linear`: the model linearised about the
+    /// signal.
     fn seen(&self, linear: &Linear, drive: f64, z: &[f64; COVARIATES]) -> [Vec<f64>; 2] {
         let powers = powers(drive);
         let by: [f64; ALL] =
@@ -82,8 +72,8 @@ impl Additions {
     }
 }
 
-/// Score and information about a direction's size: first derivative of the log-likelihood, and the
-/// negative of the second one. The score's variance is the information, if signals are independent.
+/// Score and information about a direction's size; the score's variance is the information, if signals are
+/// independent.
 #[derive(Clone, Copy, Default)]
 struct Sum {
     score: f64,
@@ -96,8 +86,7 @@ impl Sum {
         self.information += share * other.information;
     }
 
-    /// Statistic of the direction. `present`: it is in the model already with size 1, and the score is about
-    /// that.
+    /// `present`: the direction is in the model already with size 1, and the score is about that.
     fn statistic(&self, present: bool) -> f64 {
         let score = if present { self.score + self.information } else { self.score };
         score * score / self.information
@@ -111,9 +100,9 @@ struct Burst {
     across: Sum,
 }
 
-/// What one signal says of a direction u and of its channel's own parameters. u: what the direction
-/// looks like in the signal, N samples; V: covariance of the signal about its channel, i.e. noise
-/// and scatter from burst to burst; J: its tangent, with 0 in the real pole's column.
+/// What one signal says of a direction u and of its channel's own parameters. u: what the direction looks
+/// like in the signal, N samples; V: covariance of the signal about its channel; J: its tangent, with 0 in
+/// the real pole's column.
 struct OfSignal {
     burst: usize,
     /// All that it says of u's size, and the part of that across its parameters.
@@ -127,10 +116,10 @@ struct OfSignal {
 }
 
 impl Clusters<'_> {
-    /// The spread of a direction over bursts. `present`: the direction is in the model already,
-    /// with size 1, so scores are about that size.
+    /// The spread of a direction over bursts. `present`: the direction is in the model already, with size 1,
+    /// so scores are about that size.
     pub fn spread(&self, direction: &Direction, present: bool) -> Spread {
-        // of many signals only every second burst is looked at, or every third, and so on
+        // of many signals only every second burst is looked at, or every third, ..
         let stride = self.data.len().div_ceil(MOST);
         let mut change = Additions::none(self.data.samples);
         direction.add_to(&mut change, 1.0);
@@ -148,28 +137,24 @@ impl Clusters<'_> {
         spread(&bursts, present)
     }
 
-    /// Adds a channel's signals to their bursts, less what the channel's own parameters may
-    /// explain, because that tells nothing of the direction. With I and s the signals'
-    /// `information` and `score`, and c their `looks_like` (J^T V^-1 u): the signals ask for a move
-    /// of the channel's parameters by `off` = (sum I + between^-1)^-1 sum s, and u looks like a
-    /// move by `own` = (sum I + between^-1)^-1 sum c. So r is replaced by r less J `off`, and u by
-    /// u less J `own`.
+    /// Adds a channel's signals to their bursts, less what the channel's own parameters may explain. With I
+    /// and s the signals' `information` and `score`, and c their `looks_like`: the signals ask for a move of
+    /// the channel's parameters by `off` = (sum I + between^-1)^-1 sum s, and u looks like a move by `own` =
+    /// (sum I + between^-1)^-1 sum c. So r is replaced by r less J `off`, and u by u less J `own`.
     fn add_channel(&self, signals: &[OfSignal], bursts: &mut [Burst]) {
         let precision = inverse(&scaled(&self.model.between, &self.model.scale()));
         let information = signals.iter().map(|s| s.information).sum::<Matrix5>() + precision;
         let looks_like: Vector5 = signals.iter().map(|s| s.looks_like).sum();
         let inverse = inverse_or_zero(information);
         let own = inverse * looks_like;
-        // the model's parameters of a channel need not be where its signals together want them:
-        // because of their prior, or because the fit was not run to its very end
+        // `off` is not 0: because of the prior, and because the fit was not run to its very end
         let off = inverse * signals.iter().map(|s| s.score).sum::<Vector5>();
         for signal in signals {
             let burst = &mut bursts[signal.burst];
             burst.across.add(signal.across, 1.0);
             burst.along.add(signal.all, 1.0);
             burst.along.add(signal.across, -1.0);
-            // what the channel's parameters take off score and information lies along the
-            // parameters
+            // what the channel's parameters take off lies along the parameters
             burst.along.score -= signal.looks_like.dot(&off);
             burst.along.score -= own.dot(&(signal.score - signal.information * off));
             burst.along.information +=
@@ -179,29 +164,26 @@ impl Clusters<'_> {
 
     /// What signal i says of a direction, `change` being the direction as additions to the model.
     ///
-    /// The score about u's size is u^T V^-1 r, the information u^T V^-1 u, with V^-1 = 1/v - J M
-    /// J^T/v² and M = within (1 + J^T J within/v)^-1 (Woodbury). r is the residual about the
-    /// channel: what is left about the signal's own parameters, plus J times the signal's own
-    /// deviation `own`.
+    /// The score about u's size is u^T V^-1 r, the information u^T V^-1 u, with V^-1 = 1/v - J M J^T/v² and M
+    /// = within (1 + J^T J within/v)^-1 (Woodbury). r is the residual about the channel: that about the
+    /// signal's own parameters, plus J times the signal's own deviation `own`.
     fn says(&self, i: usize, change: &Additions, linear: &mut Linear) -> OfSignal {
         let Clusters { model, data } = *self;
         model.linearise(i, data, linear);
         let [shape, moved] = change.seen(linear, data.beside.drive[i], &data.beside.z[i]);
         let u: Vec<f64> = shape.iter().zip(&moved).map(|(shape, moved)| shape + moved).collect();
 
-        // products of the tangent with itself, with the residual and with u; in units of `scale`
+        // products of the tangent with itself, the residual and u; in units of `scale`
         let (v, scale) = (model.noise_var, model.scale());
         let (mut gram, mut of_residual) = free_products(linear, &scale);
         let mut own = free_part(&model.each[i], &scale);
         let mut of_u = scale.map_with_location(|j, _, s| s * dot(&linear.tangent.columns[j], &u));
-        // The real pole hardly rings, so its amplitude is none of the parameters here: what is seen
-        // along it counts as across them, and is judged by the noise alone, whatever bursts have in
-        // common.
+        // The real pole hardly rings, so its amplitude is none of the parameters here: what is seen along it
+        // is judged by the noise alone.
         gram.fill_row(REAL_POLE, 0.0);
         gram.fill_column(REAL_POLE, 0.0);
         (of_residual[REAL_POLE], own[REAL_POLE], of_u[REAL_POLE]) = (0.0, 0.0, 0.0);
 
-        // apply V^-1
         let within = scaled(&model.within, &scale);
         let inner = Matrix5::identity() + gram * within / v;
         let m = within * inverse_or_zero(inner);
@@ -237,8 +219,7 @@ impl Clusters<'_> {
     }
 }
 
-/// Judges how far the scores of bursts along parameters lie from what the direction's common size
-/// gives them. `present`: as of [`Clusters::spread`].
+/// Judges how far the scores of bursts along parameters lie from what the direction's common size gives them.
 fn spread(bursts: &[Burst], present: bool) -> Spread {
     let dof = bursts.len() as f64 - FITTED;
     let (mut along, mut across) = (Sum::default(), Sum::default());
@@ -253,7 +234,7 @@ fn spread(bursts: &[Burst], present: bool) -> Spread {
     }
 
     // mean square of the bursts' scores about the common size, over their variance if signals are
-    // independent; the factor corrects for the fitted coefficients
+    // independent; corrected for the fitted coefficients
     let size = all.score / all.information;
     let off = |burst: &Burst| burst.along.score - size * burst.along.information;
     let squares: f64 = bursts.iter().map(|burst| off(burst).powi(2)).sum();
@@ -262,10 +243,9 @@ fn spread(bursts: &[Burst], present: bool) -> Spread {
         return Spread::NONE;
     }
 
-    // Weigh each part by its own variance: the part along the parameters has `excess` times the
-    // variance that its information says. That part's share of the weighted sum, `estimated`, rests
-    // on an estimate with `dof` degrees of freedom, the rest on a known variance; so the whole has
-    // dof/estimated² (Welch and Satterthwaite).
+    // Weigh each part by its own variance. The share `estimated` of the sum rests on an estimate with `dof`
+    // degrees of freedom, the rest on a known variance; so the whole has dof/estimated² (Welch and
+    // Satterthwaite).
     let mut weighed = across;
     weighed.add(along, 1.0 / excess);
     let estimated = along.information / excess / weighed.information;

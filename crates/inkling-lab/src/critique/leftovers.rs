@@ -1,14 +1,12 @@
-//! Decides whether a weak finding beside strong ones is a cause of its own. No model of a cause is exact, so
-//! a strong cause leaves some misfit that the test of another cause may pick up.
+//! Decides whether a weak finding beside strong ones is a cause of its own: no model of a cause is exact, so
+//! a strong cause leaves some misfit that the test of another may pick up.
 //!
-//! In: all findings (in codes, noise, trigger, mean, covariates) with their likelihood-ratio statistics, from
-//! `engine.rs` and `selection.rs`. Out: whether each is beyond what the others may leave; findings in noise
-//! and trigger that are not get an objection here.
+//! In: all findings with their likelihood-ratio statistics. Out: whether each is beyond what the others may
+//! leave; findings in noise and trigger that are not get an objection here.
 //!
 //! The rule ([`Weighed::is_beyond`]): beside every other finding, a finding must have at least the share of
-//! the other's statistic that the other's model may leave to it (0, .6, 3 or 10 %, by where both show and
-//! act, `leaves_to`; a share of the statistic is the square of a relative error), and beside a stronger one
-//! also one detection limit.
+//! the other's statistic that the other's model may leave to it (`leaves_to`: 0, .6, 3 or 10 %, the square of
+//! a relative error), and beside a stronger one also one detection limit.
 
 use super::candidate::Candidate;
 use super::catalogue::{Acts, CauseId};
@@ -20,30 +18,22 @@ use super::objection::Objection;
 use super::tuned::{left_to_shapes, left_to_unlike};
 use inkling_core::numbers::tuned::little;
 
-/// Where a cause shows in the data.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Shows {
-    /// In which codes of the converter are met.
     InCodes,
     /// In the scatter of samples, signals or bursts.
     InNoise,
-    /// As a shape of the mean signal.
     InTheMean,
-    /// In how parameters follow a covariate.
     ByACovariate,
 }
 
-/// A cause that was found, with what the comparison with others needs.
 #[derive(Clone, Debug)]
 pub struct Weighed {
     pub id: CauseId,
-    /// Causes that the data cannot tell from it.
     pub tied_with: Vec<CauseId>,
-    /// Likelihood-ratio statistic.
     pub statistic: f64,
-    /// For noise that grows with the signal: its variance where signals are largest, over that where signals
-    /// are 0. The tests assume one variance, which lies between these, so chance gives statistics up to this
-    /// factor larger. 1 for any other cause.
+    /// For noise that grows with the signal: its largest variance over that where signals are 0, else 1. The
+    /// tests assume one variance, so chance gives statistics up to this factor larger.
     pub growth: f64,
 }
 
@@ -64,10 +54,9 @@ impl Weighed {
     }
 
     /// Whether both causes act through the same covariate, or one through time and the other through a
-    /// temperature that the data cannot tell from time, or both through the amplitude.
+    /// temperature that the data cannot tell from it, or both through the amplitude.
     fn is_alike(&self, other: &Weighed) -> bool {
         let by_either = |id: CauseId| matches!(id.follows(), Some(TIME | TEMPERATURE));
-        // tied with a cause that acts through another covariate, or none
         let of_tied = |x: &Weighed| x.tied_with.iter().any(|id| id.follows() != x.id.follows());
         let collinear =
             by_either(self.id) && by_either(other.id) && (of_tied(self) || of_tied(other));
@@ -83,25 +72,23 @@ impl Weighed {
             (InNoise, _) => little(),
             _ if self.is_alike(other) => little(),
             (InTheMean, InTheMean) | (ByACovariate, ByACovariate) => left_to_shapes(),
-            // what a shape leaves in the mean follows no covariate, and the other way round
             (InTheMean, ByACovariate) | (ByACovariate, InTheMean) => 0.0,
-            // a coarse step leaves out codes whatever a covariate does; but which samples are clipped depends
-            // on the amplitude, which covariates may change
+            // a coarse step leaves out codes whatever a covariate does; which samples are clipped depends on
+            // the amplitude
             (InCodes, ByACovariate) if self.id == CauseId::CoarseLsb => 0.0,
             (InCodes, _) | (_, InNoise) => left_to_unlike(),
         }
     }
 
     /// Whether the cause is more than what each of these others may leave to it. Beside a stronger cause, it
-    /// must also reach one detection limit, 20.9 (times that cause's `growth`), because less counts as chance
-    /// there. This second condition does not hold for findings in codes, nor for noise beside codes.
+    /// must also reach one detection limit (times that cause's `growth`), unless it is in codes, or in noise
+    /// beside codes.
     pub fn is_beyond<'a>(&self, others: impl IntoIterator<Item = &'a Weighed>) -> bool {
         others.into_iter().filter(|other| other.id != self.id).all(|other| {
             let chance = match (other.shows(), self.shows()) {
                 (_, Shows::InCodes) | (Shows::InCodes, Shows::InNoise) => 0.0,
                 _ => other.growth * DETECTION_LIMIT,
             };
-            // beside a weaker cause, the bound of chance is that cause's statistic, which this one has anyway
             let least = chance.min(other.statistic);
             self.statistic >= least.max(other.leaves_to(self) * other.statistic)
         })
@@ -113,8 +100,8 @@ pub fn weighed(found: &Aside) -> Vec<Weighed> {
     found.accepted().map(|f| Weighed::of(f, &[])).collect()
 }
 
-/// Withdraws findings in noise and trigger that are no more than what another finding may leave: they get an
-/// objection. `chosen`: causes that were selected.
+/// Withdraws findings in noise and trigger that are no more than what another finding, or a cause in
+/// `chosen`, may leave.
 pub fn leave_out(aside: &mut Aside, chosen: Vec<Weighed>) {
     let mut all = weighed(aside);
     all.extend(chosen);
@@ -126,8 +113,7 @@ pub fn leave_out(aside: &mut Aside, chosen: Vec<Weighed>) {
 }
 
 /// Defers an accepted random tone whose frequency is within one period per signal of the ring's own, because
-/// it may be the ring itself, bent by a cause that is not in the model yet. Random tones are tested again
-/// once causes are selected. `length_s`: length of a signal. Returns whether a tone was deferred.
+/// it may be the ring itself, bent by a cause that is not in the model yet. Returns whether one was deferred.
 pub fn at_the_ring(of_noise: &mut [Candidate], model: &Model, length_s: f64) -> bool {
     let own_hz = model.mean[1].exp() / (std::f64::consts::TAU * length_s);
     let tone = of_noise.iter_mut().find(|f| f.id == CauseId::RandomTone && f.accepted());
@@ -137,9 +123,8 @@ pub fn at_the_ring(of_noise: &mut [Candidate], model: &Model, length_s: f64) -> 
     true
 }
 
-/// After a deferral and a new test: withdraws a random tone whose statistic is at most a tenth
-/// (`little`) of that of the strongest chosen cause, which may leave so much at the ring's frequency.
-/// The frequency of the tone that the new test has found is not looked at.
+/// After a deferral and a new test: withdraws a random tone whose statistic is at most a tenth of that of the
+/// strongest chosen cause, which may leave so much at the ring's frequency.
 pub fn at_the_ring_beside(of_noise: &mut [Candidate], chosen: &[Weighed]) {
     let strongest = chosen.iter().map(|c| c.statistic).fold(0.0, f64::max);
     for f in of_noise.iter_mut().filter(|f| f.id == CauseId::RandomTone && f.accepted()) {
@@ -150,10 +135,10 @@ pub fn at_the_ring_beside(of_noise: &mut [Candidate], chosen: &[Weighed]) {
 }
 
 /// Withdraws findings in noise that are not accepted any more in `again`, the tests with the causes in the
-/// model: what the causes did to single signals had looked like noise.
+/// model.
 pub fn still_there(of_noise: &mut [Candidate], again: &[Candidate]) {
     for f in of_noise.iter_mut().filter(|f| f.accepted()) {
-        // a correlation was taken out by whitening, so the new test finds little of it anyway
+        // a correlation was taken out by whitening
         let gone =
             f.id != CauseId::CorrelatedNoise && again.iter().any(|a| a.id == f.id && !a.accepted());
         if gone {

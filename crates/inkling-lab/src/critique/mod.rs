@@ -6,8 +6,7 @@
 //! 1. `engine` runs everything for ink channels; [`decay`] does so for few long decays of an oscillator.
 //! 2. `outliers` leaves odd signals out. The baseline, a mixed-effects model ([`model`], `start`, `scatter`,
 //!    `matrices`), is fitted to single signals, never to an average alone.
-//! 3. `codes`, `ensemble` and, later, `jitter` (with `between`) test converter, noise and trigger; `found`
-//!    holds what they find.
+//! 3. `codes`, `ensemble` and, later, `jitter` (with `between`) test converter, noise and trigger (`found`).
 //! 4. All causes that move the expected signal ([`catalogue`]) are tested at once, as directions in one space
 //!    of linear extensions (`space`, `contributions`, `curvature`, `nuisance`, `candidates`, `clusters`).
 //!    Those that compete are refitted (`refit`, `selection`), and one `search`, the same for all plants,

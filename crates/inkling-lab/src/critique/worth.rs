@@ -1,16 +1,13 @@
-//! What each cause that was found is worth, in one currency for all kinds of causes: the gain in ln
-//! likelihood (nats) per held-out signal.
+//! What each cause that was found is worth: the gain in ln likelihood (nats) per held-out signal.
 //!
-//! In: the baseline, and all that was found. Out: [`LogLikelihood`], for `engine.rs` to
-//! report. Models are fitted to three of five blocks of time and judged on the two blocks between, where each
-//! channel is known from the fitted blocks. Where every channel was heard once, models are fitted to every
-//! other channel and judged on the others instead. The densities of signals come from `predictive.rs`.
-//!
-//! How the gain of a cause is measured depends on its kind:
+//! In: the baseline, and all that was found. Out: [`LogLikelihood`]. Models are fitted to three of five
+//! blocks of time and judged on the two blocks between, where each channel is known from the fitted blocks;
+//! where every channel was heard once, they are fitted to every other channel and judged on the others. The
+//! densities of signals come from `predictive.rs`. How the gain of a cause is measured depends on its kind:
 //!
 //! * a cause that moves what is expected of signals: the model with all such causes, against a refit without
 //!   this one;
-//! * clipping, a coarse step: what a baseline that knows the codes gains over one that knows neither, and the
+//! * clipping, a coarse step: what a baseline that knows the codes gains over one that does not, and the
 //!   probabilities of clipped samples and of codes;
 //! * correlation: whitened signals against the signals as they came;
 //! * growing noise, a line of random phase, the trigger's jitter: added to the extended model one after the
@@ -29,12 +26,12 @@ use super::predictive::{Noise, Signal, ln_densities_with_jitter, signals};
 use inkling_core::model::normal::ln_upper_tail;
 use std::f64::consts::TAU;
 
-/// How far from its first guess a size (variance or growth) is searched for, in its logarithm.
+/// How far from its first guess a size is searched for, in its logarithm.
 const REACH: f64 = 3.0;
 
 impl Halves {
     /// The population from which a model fitted to `train` expects the signals of a channel. `place`: the
-    /// channel's index in `train`; `None`: the model was not fitted to the channel.
+    /// channel's index in `train`; `None`: it was not fitted to.
     fn expected(&self, model: &Model, place: Option<usize>) -> Population {
         match place {
             Some(unit) => Population::heard(model, unit, self.counts[unit]),
@@ -59,8 +56,7 @@ impl Halves {
     }
 }
 
-/// What all gains are measured with: the two parts of the signals, and the models that were fitted to the
-/// training part.
+/// What all gains are measured with.
 struct Measuring<'a> {
     /// The baseline, fitted to all signals. It knows the clipping and the step of the codes.
     before: &'a Model,
@@ -68,13 +64,11 @@ struct Measuring<'a> {
     causes: &'a [Applied],
     /// What was found in codes, noise and trigger.
     aside: &'a Aside,
-    /// Training and test part, whitened if the noise was correlated.
     halves: Halves,
-    /// The same parts as they were before whitening.
+    /// The same parts before whitening.
     as_it_came: Option<Halves>,
-    /// The baseline with no cause.
+    /// Fitted to the training part: the baseline with no cause, and with all that move what is expected.
     plain: Model,
-    /// The baseline with all causes that move what is expected.
     extended: Model,
     avoid: &'a [f64],
 }
@@ -86,9 +80,9 @@ struct Step {
 }
 
 /// Measures what all causes are worth, together and each. `before`, `causes`, `aside`: as of `Measuring`.
-/// `as_it_came`: the signals before correlated noise was made white; `None` if it was white. `setting`: the
-/// signals that the causes were found in, whitened if their noise was correlated. `None`: nothing was found,
-/// there are too few signals, or nothing rings in the training part.
+/// `as_it_came`: the signals before correlated noise was made white. `setting`: the signals that the causes
+/// were found in. `None`: nothing was found, there are too few signals, or nothing rings in the training
+/// part.
 pub fn measure(
     before: &Model,
     causes: &[Applied],
@@ -99,7 +93,6 @@ pub fn measure(
     if causes.is_empty() && aside.accepted().next().is_none() {
         return None;
     }
-    // split by time, so that each channel is known, unless every channel was heard once
     let halves_of = |data: &Observations| {
         let by_time = data.len() > data.units;
         Halves::of(data, !by_time, by_time)
@@ -113,7 +106,6 @@ pub fn measure(
 }
 
 impl Measuring<'_> {
-    /// The gain of all causes together, and of each.
     fn log_likelihood(&self) -> LogLikelihood {
         let plain = self.halves.test(&self.plain);
         let extended = self.halves.test(&self.extended);
@@ -126,8 +118,8 @@ impl Measuring<'_> {
         let mut beside = self.codes(&plain, &ln_plain);
         beside.extend(self.correlation(&ln_plain));
         beside.extend(self.noise(&extended, &ln_extended));
-        // The gains in `beside` add up, since each is measured on top of those before it. The gains of
-        // `left_out` are not added: `all` holds these causes already.
+        // The gains in `beside` add up, each being measured on top of those before it. `all` holds the others
+        // already.
         for step in &beside {
             all.iter_mut().zip(&step.gains).for_each(|(sum, gain)| *sum += gain);
         }
@@ -137,8 +129,8 @@ impl Measuring<'_> {
         LogLikelihood { all: worth(&all), by_cause }
     }
 
-    /// Gain of each cause that moves what is expected: the model with all such causes, against a refit with
-    /// all of them but this one. `ln_extended`: ln p of each held-out signal by the former.
+    /// Gain of each cause that moves what is expected. `ln_extended`: ln p of each held-out signal with all
+    /// of them.
     fn left_out(&self, ln_extended: &[f64]) -> Vec<Step> {
         let one = |index: usize| {
             let mut others = self.causes.to_vec();
@@ -150,11 +142,10 @@ impl Measuring<'_> {
         (0..self.causes.len()).map(one).collect()
     }
 
-    /// Gains of clipping and of a coarse step, against a baseline that knows of neither. A gain has two
-    /// parts: what the fit gains, since the naive baseline is bent by clipped or rounded samples; and what
-    /// the knowledge adds to the probability of the samples themselves. `plain`, `ln_plain`: the held-out
-    /// signals, and ln p of each, by the baseline that knows the codes. Empty if codes were found in no way,
-    /// or if the signals were whitened, which have no codes.
+    /// Gains of clipping and of a coarse step, against a baseline that knows of neither: what the fit gains,
+    /// since the naive baseline is bent by clipped or rounded samples; and what the knowledge adds to the
+    /// probability of the samples themselves. `plain`, `ln_plain`: the held-out signals, and ln p of each, by
+    /// the baseline that knows the codes. Whitened signals have no codes.
     fn codes(&self, plain: &[Signal], ln_plain: &[f64]) -> Vec<Step> {
         let Model { rails, lattice, noise_var, .. } = self.before;
         let is = |id| accepted(&self.aside.codes, id);
@@ -162,18 +153,15 @@ impl Measuring<'_> {
         if self.as_it_came.is_some() || rails.is_empty() && lattice.is_none() {
             return Vec::new();
         }
-        // the baseline fitted as if there were neither clipping nor a coarse step
         let naive = baseline(self.before.real, None, self.halves.part(self.avoid));
         let Some(naive) = naive else { return Vec::new() };
         let naive = ln(&self.halves.test(&naive), &Noise::default());
-        // what the knowledge adds to ln p of each signal: of its clipped samples, and of all its codes
         let sd = noise_var.sqrt();
         let clipped: Vec<f64> = plain.iter().map(|signal| signal.ln_clipped(rails, sd)).collect();
         let stepped: Vec<f64> = match lattice {
             Some(lattice) => self.ln_codes(*lattice),
             None => vec![0.0; plain.len()],
         };
-        // what the fit itself gains by knowing the codes
         let model = less(ln_plain, &naive);
         let sum = |of: &[f64]| model.iter().zip(of).map(|(p, q)| p + q).collect::<Vec<f64>>();
         let mut steps = Vec::new();
@@ -181,8 +169,7 @@ impl Measuring<'_> {
             steps.push(Step { id: CauseId::Clipping, gains: sum(&clipped) });
         }
         if coarse.is_some() && lattice.is_some() {
-            // The gain of the fit is common to both causes. If there is clipping, the gain of the fit is told
-            // there, and not again here.
+            // the gain of the fit is common to both causes, and told once
             let gains = if clipping.is_some() { stepped } else { sum(&stepped) };
             steps.push(Step { id: CauseId::CoarseLsb, gains });
         }
@@ -196,7 +183,7 @@ impl Measuring<'_> {
         let on = |y: &f32| (f64::from(*y) - first).rem_euclid(step) == 0.0;
         let Halves { train, test, .. } = &self.halves;
         let all = (0..train.len()).flat_map(|i| train.signal(i));
-        // the counts start at 1 off the lattice of 2, so that neither logarithm is infinite
+        // the counts start at 1 of 2, so that neither logarithm is infinite
         let (off, count) = all
             .fold((1.0, 2.0), |(off, count), y| (off + if on(y) { 0.0 } else { 1.0 }, count + 1.0));
         let elsewhere = off / count;
@@ -206,8 +193,7 @@ impl Measuring<'_> {
     }
 
     /// Gain of knowing the correlation of the noise: ln p of the whitened held-out signals (`ln_plain`), less
-    /// ln p of the same signals as they came in white noise, given their first sample, which whitening loses.
-    /// `None`: no correlation was found.
+    /// that of the same signals as they came in white noise, given their first sample, which whitening loses.
     fn correlation(&self, ln_plain: &[f64]) -> Option<Step> {
         accepted(&self.aside.noise, CauseId::CorrelatedNoise)?;
         let halves = self.as_it_came.as_ref()?;
@@ -233,13 +219,11 @@ impl Measuring<'_> {
         let top = squares.fold(f64::MIN_POSITIVE, f64::max);
         let (mut noise, mut before, mut steps) =
             (Noise::default(), ln_extended.to_vec(), Vec::new());
-        // A size is fitted by maximising the likelihood of the training signals over its logarithm, within
-        // `REACH` of a first guess.
+        // a size is fitted by maximising the likelihood of the training signals over its logarithm
         let sum = |ln: Vec<f64>| ln.into_iter().filter(|v| v.is_finite()).sum::<f64>();
         let fitted = |near: f64, of: &dyn Fn(f64) -> Vec<f64>| {
             maximum(|x| sum(of(x.exp())), near.max(1e-12).ln(), REACH).exp()
         };
-        // notes the gain over the step before, and makes `ln` the new reference
         let mut add = |id, ln: Vec<f64>| {
             steps.push(Step { id, gains: less(&ln, &before) });
             before = ln;
@@ -275,10 +259,9 @@ fn less(with: &[f64], without: &[f64]) -> Vec<f64> {
 }
 
 impl Signal {
-    /// ln p of the samples that the model does not count because they may be clipped, which the density of
-    /// the signal leaves out. `sd`: standard deviation of the noise, counts. About the expected value f, a
-    /// sample at the rail has the probability of all values from half a count before the rail on; any other
-    /// has the normal density.
+    /// ln p of the samples that the density of the signal leaves out because they may be clipped. `sd`:
+    /// standard deviation of the noise, counts. About the expected value f, a sample at the rail has the
+    /// probability of all values from half a count before the rail on; any other has the normal density.
     fn ln_clipped(&self, rails: &[Rail], sd: f64) -> f64 {
         let each = self.counts.iter().zip(self.y.iter().zip(&self.expected));
         each.filter(|(counts, _)| **counts == 0.0)
@@ -290,9 +273,8 @@ impl Signal {
     }
 }
 
-/// Mean gain per signal, and its 95 % interval by drawing channels anew (single signals where there are few
-/// channels, see `by_channel`). `of`: the signals of the gains, whose channels are asked for. Gains that are
-/// not finite are left out.
+/// Mean gain per signal, and its 95 % interval by drawing channels anew (`by_channel`). `of`: the signals of
+/// the gains. Gains that are not finite are left out.
 fn worth(gains: &[f64], of: &[Signal]) -> Worth {
     let known = gains.iter().zip(of).filter(|(gain, _)| gain.is_finite());
     let (gains, units): (Vec<f64>, Vec<usize>) =

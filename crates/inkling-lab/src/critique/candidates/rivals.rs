@@ -1,19 +1,13 @@
-//! Rivals without a name: what a ring may do that the catalogue does not hold, but would wrongly
-//! give a name to.
+//! Rivals without a name: what a ring may do that the catalogue does not hold, but would wrongly give a name
+//! to. Terms of the equation of motion and free shapes are in `shapes.rs`; here are the others, each as what
+//! it adds to the mean ring:
 //!
-//! In: a [`ScoreTests`], whose `on_the_mean` calls the tests; `adequacy` calls `likest_rival`. Out:
-//! [`Scored`]. Rivals that are terms of the equation of motion, and free shapes, are in
-//! `shapes.rs`; here are the others, each as what it adds to the mean ring:
+//! - `bent`: the ring seen through a curve, or with rates that follow time; the strength e is searched;
+//! - `sways`: the ring, or its slope, times a cosine and a sine of a slow frequency, which is searched;
+//! - `swept_line`: a cosine and a sine whose frequency changes linearly; frequency and rate are searched.
 //!
-//! - `bent`: the ring seen through a curve, or with rates that follow time. The strength e is
-//!   searched (`grown`), with a second number where the catalogue has one (`best_of`);
-//! - `sways`: the ring, or its slope, times a cosine and a sine of a slow frequency, which is
-//!   searched;
-//! - `swept_line`: a cosine and a sine whose frequency changes linearly; frequency and rate are
-//!   searched.
-//!
-//! Time is in signal lengths, frequencies in rad per signal length. `searched`, the search for the
-//! parameter of a family, also serves `shapes` and `lines`.
+//! In: a [`ScoreTests`]. Out: [`Scored`]. Time is in signal lengths, frequencies in rad per signal length.
+//! `searched`, the search for the parameter of a family, also serves `shapes` and `lines`.
 
 use super::{Applied, LEAST_PERIODS, ScoreTests, Scored};
 use crate::critique::catalogue::{CauseId, RIVALS};
@@ -24,15 +18,14 @@ use std::f64::consts::{PI, TAU};
 
 /// Strength at which the search for a bend begins, and the largest one.
 const STRENGTHS: [f64; 2] = [0.01, 1.0];
-/// Distance of the frequencies that are tried, rad per signal length.
+/// Distance of the frequencies that are tried.
 const STEP: f64 = 0.5 * PI;
-/// Sweep rates of a line that are tried in each direction: their number, and their distance in rad per square
-/// signal length.
+/// Number and distance (rad per square signal length) of the sweep rates that are tried in each direction.
 const SWEEPS: i32 = 6;
 const SWEEP: f64 = 4.0 * PI;
 
-/// The mean ring at unit drive, counts: its damped pair, the pair's derivative by its phase (which
-/// is the pair a quarter of a period ahead), the real pole's part, and the pair's envelope.
+/// The mean ring at unit drive, counts: its damped pair, the pair's derivative by its phase, the real pole's
+/// part, and the pair's envelope.
 struct Ring {
     pair: Vec<f64>,
     quarter: Vec<f64>,
@@ -40,8 +33,7 @@ struct Ring {
     envelope: Vec<f64>,
 }
 
-/// Integral over time of a change that begins with slope 1 and settles `rate` times over in a signal length;
-/// for rate 0 it goes on along a straight line.
+/// Integral over time of a change that begins with slope 1 and settles `rate` times over in a signal length.
 fn settling(t: f64, rate: f64) -> f64 {
     match rate > 0.0 {
         true => (t + (-rate * t).exp_m1() / rate) / rate,
@@ -50,14 +42,13 @@ fn settling(t: f64, rate: f64) -> f64 {
 }
 
 impl ScoreTests<'_> {
-    /// The most surprising of all rivals but the free shape (a bump or a step).
+    /// The most surprising of all but the free shape.
     pub fn likest_rival(&self) -> Option<Scored> {
         let bent = RIVALS.iter().filter(|rival| rival.id != CauseId::OwnShape);
         let all = bent.filter_map(|rival| self.score_one(rival.id, None));
         all.max_by(|p, q| p.surprise.total_cmp(&q.surprise))
     }
 
-    /// The parts of the mean ring, sample by sample.
     fn parts(&self) -> Ring {
         let seen = &self.seen;
         let n = self.samples as f64;
@@ -77,10 +68,9 @@ impl ScoreTests<'_> {
         }
     }
 
-    /// The most significant test over a rival's second number: over all values of the catalogue's
-    /// `seconds`, or with `near` at the value that it had. The number of values is paid for as
-    /// tries. The second number is kept as the form's `damping`. `score` tests the rival with a
-    /// second number.
+    /// The most significant test over a rival's second number (kept as the form's `damping`): over all
+    /// `seconds` of the catalogue, which are paid for as tries, or with `near` at the value that it had.
+    /// `score` tests the rival with a second number.
     pub(super) fn best_of(
         &self,
         id: CauseId,
@@ -101,10 +91,10 @@ impl ScoreTests<'_> {
         Some(best)
     }
 
-    /// Tests a ring seen through a curve, or with rates that follow time. `second`: lag of the gain
-    /// in signal lengths, or how often a frequency settles within one. The value is the strength e,
-    /// the relative change at the first amplitude at unit drive (`whole`), or per signal length for
-    /// rates.
+    /// Tests a ring seen through a curve, or with rates that follow time. `power`: as of `by_drive`;
+    /// `second`: lag of the gain in signal lengths, or how often a frequency settles within one. The value is
+    /// the strength e, the relative change at the first amplitude at unit drive (`whole`), or per signal
+    /// length for rates.
     pub(super) fn bent(
         &self,
         id: CauseId,
@@ -115,7 +105,7 @@ impl ScoreTests<'_> {
         let ring = self.parts();
         let (n, whole) = (self.samples as f64, ring.envelope[0]);
         let level = lagging(ring.envelope.iter().copied(), second * n);
-        // what is added at strength e and relative drive s, per unit of e
+        // added at strength e and relative drive s, per unit of e
         let added = |e: f64, s: f64| -> Vec<f64> {
             let of = |k: usize| {
                 let t = k as f64 / n;
@@ -132,8 +122,8 @@ impl ScoreTests<'_> {
                     // y becomes y + e y²/whole, and y + e y³/whole²
                     CauseId::EvenSensor => e * y * y / whole,
                     CauseId::OddSensor => e * y * y * y / (whole * whole),
-                    // the gain becomes 1/(1 + e level/whole), where the level follows the envelope
-                    // with a lag; 10 at most
+                    // the gain becomes 1/(1 + e level/whole), 10 at most; the level follows the envelope with
+                    // a lag
                     CauseId::GainFollowsAmplitude => {
                         y / (1.0 + e * s * level[k] / whole).max(0.1) - y
                     }
@@ -148,13 +138,11 @@ impl ScoreTests<'_> {
         self.grown(id, STRENGTHS, shape, |e| e, near)
     }
 
-    /// Tests a gain, or a time base, that sways with some frequency, of the same phase in all
-    /// signals. The value is that frequency in Hz; its standard error is left in rad per signal
-    /// length.
+    /// Tests a gain, or a time base, that sways with some frequency, of the same phase in all signals. The
+    /// value is that frequency in Hz; its standard error is left in rad per signal length.
     pub(super) fn sways(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let ring = self.parts();
         let n = self.samples as f64;
-        // a gain adds some of the ring itself, a shift of the time base some of its slope
         let added = |k: usize| match id == CauseId::GainSways {
             true => ring.pair[k] + ring.slow[k],
             false => {
@@ -174,9 +162,9 @@ impl ScoreTests<'_> {
         Some(Scored { value: self.hz(scored.value), ..scored })
     }
 
-    /// Tests an undamped line that does not scale with the drive and whose frequency rises or falls
-    /// linearly. The value is the frequency in the middle of the signal, Hz; no standard error is
-    /// estimated (0). The sweep rate is kept as the form's `damping`, rad per square signal length.
+    /// Tests an undamped line that does not scale with the drive and whose frequency changes linearly. The
+    /// value is the frequency in the middle of the signal, Hz; no standard error is estimated. The sweep rate
+    /// is kept as the form's `damping`.
     pub(super) fn swept_line(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let n = self.samples as f64;
         let shapes = |omega: f64, sweep: f64| {
@@ -188,7 +176,6 @@ impl ScoreTests<'_> {
         };
         let statistic =
             |omega: f64, sweep: f64| self.nuisances.shapes.statistic(&shapes(omega, sweep));
-        // a line that sweeps over the ring's own frequency is the ring, bent
         let own =
             |omega: f64, sweep: f64| (omega - self.seen.omega).abs() < TAU + 0.5 * sweep.abs();
         let (low, high) = (LEAST_PERIODS * TAU, 0.97 * PI * n);
@@ -217,11 +204,10 @@ impl ScoreTests<'_> {
         Some(scored)
     }
 
-    /// Finds the parameter of a family that makes the likeliest shapes: the best of a grid, or
-    /// where it was before (`near`), refined within `reach` and clamped to `low` and `high`. The
-    /// parameter becomes both the shape and the value of the result, and the caller converts it to
-    /// the catalogue's unit. `shapes`: the directions of a parameter; `tried`: number of
-    /// independent shapes in the family, which is paid for.
+    /// Finds the parameter of a family that makes the likeliest shapes: the best of a grid, or where it was
+    /// before (`near`), refined within `reach` and clamped to `low` and `high`. It becomes both the shape and
+    /// the value of the result. `shapes`: the directions of a parameter; `tried`: number of independent
+    /// shapes in the family, which is paid for.
     pub(super) fn searched(
         &self,
         id: CauseId,

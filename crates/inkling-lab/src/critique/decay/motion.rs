@@ -1,12 +1,11 @@
 //! One oscillator's free motion, with what may be nonlinear in it.
 //!
 //! x'' = -2 sigma x' - omega^2 (x + k x^3, or sin) - drag |x'| x' - omega^2 stick sign(x'), and the
-//! rivals of `unnamed.rs`: more force of the spring, rates that follow time, and a sensor that
-//! shows something else than x. Time counts in samples, x in the largest deviation of the first
-//! output from its mean.
+//! rivals of `unnamed.rs`. Time counts in samples, x in the largest deviation of the first output
+//! from its mean.
 //!
-//! In, from `plant.rs`: rates, strengths, and the state at the first sample. Out: x and x'/omega at
-//! every sample ([`Motion::run`]).
+//! In: rates, strengths, and the state at the first sample. Out: x and x'/omega at every sample
+//! ([`Motion::run`]).
 //!
 //! The linear part is propagated exactly, by its matrix exponential. The rest is integrated in
 //! small steps by Lawson's Runge-Kutta of fourth order, that is in the frame of the linear motion
@@ -19,7 +18,7 @@ use nalgebra::{Matrix2, Vector2};
 
 /// Largest step, in radians of the oscillation, where something is nonlinear.
 const RADIANS: f64 = 0.15;
-/// A displacement beyond this is no decay any more; in the unit of x.
+/// A displacement beyond this is no decay any more.
 const LOST: f64 = 1e3;
 
 /// How the restoring force departs from the straight line; both forms begin as x + k x^3.
@@ -37,10 +36,8 @@ pub struct Motion {
     pub sigma: f64,
     /// Frequency of the undamped motion, radians per sample.
     pub omega: f64,
-    /// Form of the spring, and k of it, per square of the unit of x.
     pub form: Form,
     pub stiffness: f64,
-    /// Coefficient of the drag that grows with the square of the velocity, per unit of x.
     pub drag: f64,
     /// Friction over the spring's rate: the displacement within which the body may rest.
     pub stick: f64,
@@ -49,14 +46,12 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// Whether the equation of motion is linear; rates may follow time, and sensors may bend what
-    /// is seen.
+    /// Whether the equation of motion is linear, whatever rates and sensors do.
     fn is_linear(&self) -> bool {
         [self.stiffness, self.drag, self.stick] == [0.0; 3] && !self.unnamed.has(&SPRINGS)
     }
 
-    /// The propagator e^{Ah} of the linear motion: what becomes of (x, x') in a time h; under, over and
-    /// critically damped.
+    /// The propagator e^{Ah} of the linear motion: what becomes of (x, x') in a time h.
     fn turn(&self, h: f64) -> Matrix2<f64> {
         let Motion { sigma, omega, .. } = *self;
         let square = omega * omega - sigma * sigma;
@@ -71,15 +66,13 @@ impl Motion {
         Matrix2::new(fall * (c + s * sigma), to_x, to_v, fall * (c - s * sigma))
     }
 
-    /// The spring's force over its rate, less x itself: k x^3, or what a sine of the same k differs
-    /// by.
+    /// The spring's force over its rate, less x itself.
     pub fn beyond(&self, x: f64) -> f64 {
         let k = self.stiffness;
         let q = -6.0 * k;
         match self.form {
             Form::Cubic => k * x * x * x,
             Form::Sine if (q * x * x).abs() < 1e-3 => {
-                // sin(z)/sqrt(q) - x by its series
                 let z = q * x * x;
                 k * x * x * x * (1.0 - z / 20.0 + z * z / 840.0)
             }
@@ -88,7 +81,7 @@ impl Motion {
         }
     }
 
-    /// Acceleration by all that is nonlinear. `sign`: direction of the velocity, for the friction.
+    /// Acceleration by all that is nonlinear. `sign`: direction of the velocity.
     fn kick(&self, y: Vector2<f64>, sign: f64) -> f64 {
         let (x, v) = (y[0], y[1]);
         let curved = if self.stiffness == 0.0 { 0.0 } else { self.beyond(x) };
@@ -96,11 +89,9 @@ impl Motion {
         -self.omega * self.omega * (spring + self.stick * sign) - self.drag * v.abs() * v
     }
 
-    /// One step of Lawson's Runge-Kutta from the state `y` = (x, x'), of length `h`. `sign`: as of
-    /// `kick`; `half` and `full`: the propagators of `turns`. It is the classical Runge-Kutta
-    /// method for the state seen in the frame of the linear motion: each slope is taken where the
-    /// linear motion, and the kicks before, have moved the state, and is itself carried on by the
-    /// linear motion to the step's end.
+    /// One step of Lawson's Runge-Kutta from the state `y` = (x, x'), of length `h`: the classical
+    /// method for the state seen in the frame of the linear motion. `half` and `full`: the
+    /// propagators of `turns`.
     fn step(
         &self,
         y: Vector2<f64>,
@@ -122,9 +113,9 @@ impl Motion {
         [self.turn(0.5 * h), self.turn(h)]
     }
 
-    /// Computes x and x'/omega of `samples` samples as the sensor shows them, and writes them to
-    /// `out`. `start`: x and x'/omega at sample 0. A nonlinear motion that gets lost (`LOST`) is
-    /// NaN from the next sample on, so that its cost is infinite.
+    /// Writes x and x'/omega of `samples` samples, as the sensor shows them, to `out`. `start`:
+    /// both at sample 0. A motion that gets lost (`LOST`) is NaN from the next sample on, so that
+    /// its cost is infinite.
     pub fn run(&self, start: [f64; 2], samples: usize, out: &mut Vec<[f64; 2]>) {
         out.clear();
         self.moved(start, samples, out);
@@ -133,17 +124,16 @@ impl Motion {
         }
     }
 
-    /// The equation between the sample with index `samples` and the next one, where rates follow
-    /// time: with the rates in the middle.
+    /// The equation between sample `samples` and the next one, where rates follow time: with those
+    /// in the middle.
     fn after(&self, samples: usize) -> Motion {
         let time = samples as f64 + 0.5;
         let sigma = self.sigma + self.unnamed.loss_after(time);
         Motion { sigma, omega: self.omega * (1.0 + self.unnamed.frequency_after(time)), ..*self }
     }
 
-    /// The motion itself, before a sensor bends it. A linear motion is moved by its propagator from
-    /// sample to sample; any other in steps of at most `RADIANS`, with the friction's sign kept in
-    /// `sign`.
+    /// The motion itself, before a sensor bends it: a linear one by its propagator from sample to
+    /// sample, any other in steps of at most `RADIANS`.
     fn moved(&self, start: [f64; 2], samples: usize, out: &mut Vec<[f64; 2]>) {
         let mut y = Vector2::new(start[0], start[1] * self.omega);
         let changes = self.unnamed.has(&RATES);
@@ -159,7 +149,7 @@ impl Motion {
             return;
         }
 
-        // nonlinear: small steps between samples; from rest, the spring decides the direction
+        // from rest, the spring decides the direction of the friction
         let steps = (self.omega.abs() / RADIANS).ceil().clamp(1.0, 64.0);
         let h = 1.0 / steps;
         let mut now = *self;
@@ -190,9 +180,8 @@ impl Motion {
         }
     }
 
-    /// A step of length `h` from `y` in which x' passes zero under friction: moves to that instant,
-    /// then on with the other sign, unless the body stays. Returns the state at the step's end, the
-    /// sign of x' there, and whether the body rests.
+    /// A step of length `h` from `y` in which x' passes zero under friction. Returns the state at
+    /// its end, the sign of x' there, and whether the body rests.
     fn turned(&self, mut y: Vector2<f64>, mut sign: f64, h: f64) -> (Vector2<f64>, f64, bool) {
         let part = |y, sign, h| self.step(y, sign, h, &self.turns(h));
         let mut left = h;
@@ -203,7 +192,7 @@ impl Motion {
                 return (end, sign, false);
             }
 
-            // find the instant by the false position (regula falsi), kept away from the ends
+            // find the instant by false position (regula falsi), kept away from the ends
             let (mut low, mut high) = ((0.0, y[1] * sign), (left, end[1] * sign));
             for _ in 0..40 {
                 let at = low.0 + (high.0 - low.0) * (low.1 / (low.1 - high.1)).clamp(0.05, 0.95);
@@ -230,10 +219,9 @@ impl Motion {
         (part(y, sign, left), sign, false)
     }
 
-    /// Frequency at an amplitude over that of the smallest motion, by the first harmonic of the
-    /// spring's force (harmonic balance, N. M. Krylov and N. N. Bogoliubov): the square root of 2
-    /// times the mean of F(A cos phase) cos phase / A over a swing. That is sqrt(1 + 3/4 k A^2) for
-    /// the cubic spring. Rivals' springs are not included.
+    /// Frequency at an amplitude over that of the smallest motion, by harmonic balance (N. M.
+    /// Krylov and N. N. Bogoliubov): the square root of 2 times the mean of F(A cos phase) cos
+    /// phase / A over a swing. Rivals' springs are not included.
     pub fn frequency_ratio(&self, amplitude: f64) -> f64 {
         const POINTS: usize = 64;
         let mut sum = 0.0;
@@ -245,8 +233,8 @@ impl Motion {
         (2.0 * sum / (POINTS as f64 * amplitude)).max(0.0).sqrt()
     }
 
-    /// Damping rate at an amplitude, per sample, by the energy lost in one swing: a viscous damping
-    /// that loses as much. Rivals are not included.
+    /// Rate of a viscous damping, per sample, that loses as much energy in one swing. Rivals are
+    /// not included.
     pub fn damping_at(&self, amplitude: f64) -> f64 {
         use std::f64::consts::PI;
         self.sigma

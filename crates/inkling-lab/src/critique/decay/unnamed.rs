@@ -1,16 +1,13 @@
 //! Rivals without a name in a long decay: how each bends the motion, or what is seen of it.
 //!
-//! In: the first [`IN_DECAYS`] rivals of the catalogue, and their numbers, which `plant.rs` sets.
-//! Out, to `motion.rs`: forces of springs ([`Strengths::spring`]), rates at a time (`loss_after`,
-//! `frequency_after`), and what the sensor shows of a path (`see`). Each rival has a strength,
-//! which is 0 if it is absent, and three of them a second number: a place, a lag, or a rate of
-//! settling. The equations of each stand at [`Strengths`]. Time counts in samples; displacements
-//! are in the scale of the decays.
+//! In: the first [`IN_DECAYS`] rivals of the catalogue, and their numbers. Out: forces of springs
+//! ([`Strengths::spring`]), rates at a time (`loss_after`, `frequency_after`), and what the sensor shows of a
+//! path (`see`). Each rival has a strength, which is 0 if it is absent, and three of them a second number: a
+//! place, a lag, or a rate of settling. Time counts in samples; displacements are in the scale of the decays.
 
 use crate::critique::catalogue::{CATALOGUE, CauseId, IN_DECAYS, RIVALS};
 use inkling_core::model::terms::{lagging, past};
 
-/// The rivals that are tried in decays.
 pub fn unnamed() -> impl Iterator<Item = CauseId> {
     RIVALS[..IN_DECAYS].iter().map(|rival| rival.id)
 }
@@ -22,8 +19,7 @@ pub const RATES: [CauseId; 2] = [CauseId::LossFollowsTime, CauseId::FrequencyFol
 pub const SENSORS: [CauseId; 4] =
     [CauseId::EvenSensor, CauseId::OddSensor, CauseId::GainFollowsAmplitude, CauseId::DeafSensor];
 
-/// Second numbers from which the search begins, in decays of so many samples. A rival that has no second
-/// number gives a single value, which is not used.
+/// Second numbers from which the search begins; a single value, which is not used, if there are none.
 pub fn second_numbers(what: CauseId, samples: usize) -> Vec<f64> {
     let length = samples as f64;
     let in_samples = |second: &f64| match what {
@@ -44,28 +40,24 @@ pub fn second_numbers(what: CauseId, samples: usize) -> Vec<f64> {
 pub struct Strengths([[f64; 2]; IN_DECAYS]);
 
 impl Strengths {
-    /// Index of a rival.
     fn place(what: CauseId) -> usize {
         what as usize - CATALOGUE.len()
     }
 
-    /// Sets a rival's numbers: its strength, and perhaps the second one.
     pub fn set(&mut self, what: CauseId, numbers: &[f64]) {
         self.0[Strengths::place(what)][..numbers.len()].copy_from_slice(numbers);
     }
 
-    /// Strength of a rival.
     fn of(&self, what: CauseId) -> f64 {
         self.0[Strengths::place(what)][0]
     }
 
-    /// Second number of a rival; 0 if it has none.
     fn second_of(&self, what: CauseId) -> f64 {
         self.0[Strengths::place(what)][1]
     }
 
-    /// Force of the rivals' springs at the displacement x, over the rate omega² of the spring
-    /// itself; added to x. A spring with a gap loses the force within +-d.
+    /// Force of the rivals' springs at the displacement x, over the rate omega² of the spring itself; added
+    /// to x.
     pub fn spring(&self, x: f64) -> f64 {
         let gap = self.of(CauseId::SpringWithGap);
         let place = self.second_of(CauseId::OneSidedSpring);
@@ -79,29 +71,26 @@ impl Strengths {
         some.iter().any(|what| self.of(*what) != 0.0)
     }
 
-    /// What has been added to sigma by a time, in samples.
+    /// What has been added to sigma by a time.
     pub fn loss_after(&self, time: f64) -> f64 {
         self.of(CauseId::LossFollowsTime) * time
     }
 
-    /// Relative change of omega by a time, in samples: along a straight line, slope times time, or
-    /// settling, slope (1 - e^{-rate time}) / rate.
+    /// Relative change of omega by a time: slope times time, or settling, slope (1 - e^{-rate time}) / rate.
     pub fn frequency_after(&self, time: f64) -> f64 {
         let rate = self.second_of(CauseId::FrequencyFollowsTime);
         let run = if (rate * time).abs() < 1e-9 { time } else { -(-rate * time).exp_m1() / rate };
         self.of(CauseId::FrequencyFollowsTime) * run
     }
 
-    /// Replaces the displacements of a path (x and x'/omega, sample by sample) by what the sensor
-    /// shows of them; velocities stay.
+    /// Replaces the displacements of a path (x and x'/omega) by what the sensor shows of them.
     pub fn see(&self, path: &mut [[f64; 2]]) {
         let amplitudes = path.iter().map(|[x, u]| x.hypot(*u));
         let levels = lagging(amplitudes, self.second_of(CauseId::GainFollowsAmplitude));
         path.iter_mut().zip(levels).for_each(|([x, _], level)| *x = self.seen(*x, level));
     }
 
-    /// What the sensor shows of the displacement x while the amplitude of the motion, seen with the
-    /// gain's lag, is `amplitude`.
+    /// What the sensor shows of x while the amplitude of the motion, with the gain's lag, is `amplitude`.
     fn seen(&self, x: f64, amplitude: f64) -> f64 {
         let deaf = self.of(CauseId::DeafSensor);
         let even = self.of(CauseId::EvenSensor) * x * x;

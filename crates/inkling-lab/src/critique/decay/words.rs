@@ -1,9 +1,8 @@
 //! The causes of a decay in the catalogue's parameters, remarks on them, and the extended equation.
 //!
-//! In, from `decay/mod.rs`: [`Selected`], whose numbers are in samples and in the scale of the
-//! decays. Out: causes whose value and interval are in the unit of the catalogue (`value`: the
-//! parameter as a function of the fitted numbers, its standard error by linear propagation of their
-//! covariance), and texts in seconds and in the unit of the recording, here called counts.
+//! In: [`Selected`], whose numbers are in samples and in the scale of the decays. Out: causes in
+//! the unit of the catalogue, and texts in seconds and in the unit of the recording, here called
+//! counts.
 
 use super::children::Added;
 use super::fit::Fit;
@@ -20,9 +19,8 @@ use crate::critique::words::cause_sentence;
 use std::f64::consts::TAU;
 use std::fmt::Write;
 
-/// Value of a cause in the catalogue's parameter, with its standard error, by linear propagation of
-/// the fit's covariance. `index`: of the cause, and so of the term. Of several offsets the largest
-/// is told. The amplitudes that frequency and damping are compared at are held.
+/// Value of a cause in the catalogue's parameter, with its standard error by linear propagation.
+/// `index`: of the cause, and so of the term. Of several offsets the largest is told.
 fn value(selected: &Selected, index: usize) -> (f64, f64) {
     let fit = &selected.fit;
     let decays = fit.decays;
@@ -71,9 +69,8 @@ fn largest_offset(fit: &Fit) -> usize {
     (0..offsets.len()).max_by(largest).unwrap_or(0)
 }
 
-/// The named causes, the strongest first, and remarks on them. Of several lines of one kind the
-/// strongest is the cause, and the others are remarks; so are rivals in the model, and causes that
-/// are too weak beside a rival or beside others to keep their name.
+/// The named causes, the strongest first, and remarks: on further lines of one kind, rivals in the
+/// model, and causes that are too weak to keep their name.
 pub fn causes(selected: &Selected) -> (Vec<Cause>, Vec<String>) {
     let decays = selected.fit.decays;
     let mut found: Vec<Cause> = Vec::new();
@@ -148,9 +145,8 @@ fn five(x: f64) -> String {
     digits::significant(x, 5)
 }
 
-/// The fitted equation with its numbers, in counts and seconds: the equation of motion, what an
-/// output shows, and lines of a name; then all numbers but the amplitudes of lines and the shares
-/// of outputs. Rivals without a name are left out.
+/// The fitted equation: the equation of motion, what an output shows, and lines of a name; then all
+/// numbers but the amplitudes of lines and the shares of outputs.
 pub fn equation(fit: &Fit) -> String {
     let (decays, motion) = (fit.decays, fit.motion());
     let (dt, scale) = (decays.dt_s, decays.scale[0]);
