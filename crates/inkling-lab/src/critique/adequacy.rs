@@ -8,11 +8,11 @@
 //! Every test must be so surprising that all tests of its kind together pass by chance once in 1000
 //! (`without_a_name`). Where statistics of tests do not compare, twice the surprise stands for the statistic.
 
+use super::artefacts::{Artefacts, accepted};
 use super::candidates::{Applied, ScoreTests, Scored, Setting};
 use super::catalogue::{CATALOGUE, CauseId, RIVALS};
 use super::chance::without_a_name;
 use super::covariates::{DRIVE, NAMES, TEMPERATURE, TIME};
-use super::found::{Aside, accepted};
 use super::objection::Objection;
 use super::selection::Selected;
 use super::space::Direction;
@@ -25,12 +25,12 @@ const PARAMETERS: [&str; 5] = ["damping", "frequency", "amplitude", "phase", "sl
 /// What the model leaves, and the candidates that it tells of, so that no other remark has to.
 pub struct Adequacy {
     pub unexplained: Unexplained,
-    pub told: Vec<CauseId>,
+    pub mentioned: Vec<CauseId>,
 }
 
 /// Tests what is left: odd signals, missing codes, rivals and free shapes of the mean, parameters that follow
 /// covariates, and the candidates that passed but were not named. `setting`: as of the selection.
-pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Adequacy {
+pub fn check(selected: &Selected, artefacts: &Artefacts, setting: Setting) -> Adequacy {
     let mut applied: Vec<Applied> =
         selected.causes.iter().map(|c| c.candidate.form.clone()).collect();
     let samples = setting.data.samples;
@@ -40,7 +40,7 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Adequacy {
     let tests = ScoreTests::new(&selected.fitted.model, setting, &nuisances);
     // Noise that grows with the signal makes what is largest look surer than it is, since the tests assume
     // noise of one variance: divide surprises by the growth of the variance.
-    let growth = accepted(&aside.noise, CauseId::HeteroscedasticNoise).map_or(1.0, |h| 1.0 + h);
+    let growth = accepted(&artefacts.noise, CauseId::HeteroscedasticNoise).map_or(1.0, |h| 1.0 + h);
 
     // what is significant, in words, and the largest statistic among it
     let (mut significant, mut largest) = (Vec::new(), 0.0_f64);
@@ -48,12 +48,12 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Adequacy {
         significant.push(what);
         largest = largest.max(statistic);
     };
-    if aside.odd_signals > without_a_name(CATALOGUE.len() as f64) {
+    if artefacts.odd_signals > without_a_name(CATALOGUE.len() as f64) {
         let what =
             "a few signals ring like the others and have a misfit of a shape: a pulse, a step";
-        tell(what.into(), 2.0 * aside.odd_signals);
+        tell(what.into(), 2.0 * artefacts.odd_signals);
     }
-    for found in aside.all() {
+    for found in artefacts.all() {
         if found.objection == Some(Objection::NoLattice) {
             let what = "codes are missing that no coarse step would leave out";
             tell(what.into(), found.statistic);
@@ -91,7 +91,7 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Adequacy {
     }
 
     // candidates of the selection's last step that passed but could not be named
-    let mut told = Vec::new();
+    let mut mentioned = Vec::new();
     for s in &selected.unnamed {
         let s = judged_again(s, &tests);
         if s.surprise / growth > without_a_name(CATALOGUE.len() as f64)
@@ -99,20 +99,20 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Adequacy {
         {
             let what = format!("something like {} ({})", s.id, s.why_not());
             tell(what, s.statistic);
-            told.push(s.id);
+            mentioned.push(s.id);
         }
     }
 
     // codes count as explained, too: the model of clipped or coarse codes is not exact, and bends the mean
-    let by_others = aside.accepted().map(|f| f.statistic);
+    let by_others = artefacts.accepted().map(|f| f.statistic);
     let explained: f64 =
         selected.causes.iter().map(|c| c.candidate.statistic).chain(by_others).sum();
     let unexplained = Unexplained {
         significant,
         share: largest / (largest + explained).max(1e-300),
-        share_allowed: share_allowed(selected, aside),
+        share_allowed: share_allowed(selected, artefacts),
     };
-    Adequacy { unexplained, told }
+    Adequacy { unexplained, mentioned }
 }
 
 /// Covariates through which a cause acts, which explains whatever they do.
@@ -154,8 +154,8 @@ fn is_relative(s: &Scored, selected: &Selected) -> bool {
 /// Largest share of the misfit that may be left. One cause may leave a share s (`left_by_all`) of what it
 /// explains; a second cause must explain that but for s of it, so two may leave s², and so on. Without this,
 /// nearly any curve could be made of several causes.
-fn share_allowed(selected: &Selected, aside: &Aside) -> f64 {
-    let causes = selected.causes.len() + aside.accepted().count();
+fn share_allowed(selected: &Selected, artefacts: &Artefacts) -> f64 {
+    let causes = selected.causes.len() + artefacts.accepted().count();
     left_by_all().powi(causes.max(1) as i32)
 }
 

@@ -30,13 +30,13 @@ pub struct Candidate<Form = ()> {
 }
 
 impl Candidate {
-    /// A finding whose surprise is not that of the statistic's chi-squared distribution.
-    pub fn by_chance(id: CauseId, surprise: f64, statistic: f64, value: f64, sd: f64) -> Candidate {
-        Candidate { surprise, value, sd, ..Candidate::plain(id, statistic, ()) }
+    /// A finding whose surprise is not that of a chi-squared statistic; twice the surprise stands for that.
+    pub fn by_chance(id: CauseId, surprise: f64, value: f64, sd: f64) -> Candidate {
+        Candidate { surprise, value, sd, ..Candidate::plain(id, 2.0 * surprise, ()) }
     }
 
     pub fn nothing(id: CauseId) -> Candidate {
-        Candidate::by_chance(id, 0.0, 0.0, f64::NAN, f64::NAN)
+        Candidate::by_chance(id, 0.0, f64::NAN, f64::NAN)
     }
 
     pub fn untested(id: CauseId, why: &'static str) -> Candidate {

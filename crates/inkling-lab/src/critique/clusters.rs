@@ -14,7 +14,7 @@
 //! parameters weighs 1/excess only.
 
 use super::covariates::COVARIATES;
-use super::curvature::beyond_the_likeliest;
+use super::curvature::posterior_mean;
 use super::matrices::{Matrix5, Vector5, free_part, inverse, inverse_or_zero, scaled, unscaled};
 use super::model::{Additions, Linear, Model, free_products, powers};
 use super::observations::Observations;
@@ -75,13 +75,13 @@ impl Additions {
 /// Score and information about a direction's size; the score's variance is the information, if signals are
 /// independent.
 #[derive(Clone, Copy, Default)]
-struct Sum {
+struct ScoreSum {
     score: f64,
     information: f64,
 }
 
-impl Sum {
-    fn add(&mut self, other: Sum, share: f64) {
+impl ScoreSum {
+    fn add(&mut self, other: ScoreSum, share: f64) {
         self.score += share * other.score;
         self.information += share * other.information;
     }
@@ -96,18 +96,18 @@ impl Sum {
 /// What one burst says of a direction: along the ring's parameters, and across them.
 #[derive(Clone, Copy, Default)]
 struct Burst {
-    along: Sum,
-    across: Sum,
+    along: ScoreSum,
+    across: ScoreSum,
 }
 
 /// What one signal says of a direction u and of its channel's own parameters. u: what the direction looks
 /// like in the signal, N samples; V: covariance of the signal about its channel; J: its tangent, with 0 in
 /// the real pole's column.
-struct OfSignal {
+struct SignalSums {
     burst: usize,
     /// All that it says of u's size, and the part of that across its parameters.
-    all: Sum,
-    across: Sum,
+    all: ScoreSum,
+    across: ScoreSum,
     /// Information J^T V^-1 J of the channel's parameters, and their score.
     information: Matrix5,
     score: Vector5,
@@ -141,7 +141,7 @@ impl Clusters<'_> {
     /// and s the signals' `information` and `score`, and c their `looks_like`: the signals ask for a move of
     /// the channel's parameters by `off` = (sum I + between^-1)^-1 sum s, and u looks like a move by `own` =
     /// (sum I + between^-1)^-1 sum c. So r is replaced by r less J `off`, and u by u less J `own`.
-    fn add_channel(&self, signals: &[OfSignal], bursts: &mut [Burst]) {
+    fn add_channel(&self, signals: &[SignalSums], bursts: &mut [Burst]) {
         let precision = inverse(&scaled(&self.model.between, &self.model.scale()));
         let information = signals.iter().map(|s| s.information).sum::<Matrix5>() + precision;
         let looks_like: Vector5 = signals.iter().map(|s| s.looks_like).sum();
@@ -167,7 +167,7 @@ impl Clusters<'_> {
     /// The score about u's size is u^T V^-1 r, the information u^T V^-1 u, with V^-1 = 1/v - J M J^T/v² and M
     /// = within (1 + J^T J within/v)^-1 (Woodbury). r is the residual about the channel: that about the
     /// signal's own parameters, plus J times the signal's own deviation `own`.
-    fn says(&self, i: usize, change: &Additions, linear: &mut Linear) -> OfSignal {
+    fn says(&self, i: usize, change: &Additions, linear: &mut Linear) -> SignalSums {
         let Clusters { model, data } = *self;
         model.linearise(i, data, linear);
         let [shape, moved] = change.seen(linear, data.beside.drive[i], &data.beside.z[i]);
@@ -193,8 +193,8 @@ impl Clusters<'_> {
         // a shape's score is that of y - E[f], not of y - f (`curvature.rs`)
         let posterior = unscaled(&m, &scale);
         let theta = model.theta(i, data);
-        let beyond = beyond_the_likeliest(&theta, linear, data.beside.drive[i], &posterior, v);
-        let all = Sum {
+        let beyond = posterior_mean(&theta, linear, data.beside.drive[i], &posterior, v);
+        let all = ScoreSum {
             score: (dot(&u, &linear.residual) + of_u.dot(&own) - dot(&shape, &beyond.expected)) / v
                 - of_u.dot(&(m * of_r)) / (v * v),
             information: dot(&u, &u) / v - of_u.dot(&(m * of_u)) / (v * v),
@@ -202,11 +202,11 @@ impl Clusters<'_> {
 
         // across the tangent there is noise alone: u and r less their projections on J
         let along = inverse(&gram) * of_u;
-        let across = Sum {
+        let across = ScoreSum {
             score: (dot(&u, &linear.residual) - along.dot(&of_residual)) / v,
             information: (dot(&u, &u) - along.dot(&of_u)).max(0.0) / v,
         };
-        OfSignal {
+        SignalSums {
             burst: data.rows[i].burst,
             all,
             across,
@@ -222,7 +222,7 @@ impl Clusters<'_> {
 /// Judges how far the scores of bursts along parameters lie from what the direction's common size gives them.
 fn spread(bursts: &[Burst], present: bool) -> Spread {
     let dof = bursts.len() as f64 - FITTED;
-    let (mut along, mut across) = (Sum::default(), Sum::default());
+    let (mut along, mut across) = (ScoreSum::default(), ScoreSum::default());
     for burst in bursts {
         along.add(burst.along, 1.0);
         across.add(burst.across, 1.0);

@@ -101,7 +101,7 @@ fn clipping(
     let crowded = at_last as f64 > 4.0 + 0.5 * beyond;
     // only a share counts: the level is free, and scatter of the largest signals is not modelled
     let surprise: f64 = if crowded { clipped_share() * surprise } else { 0.0 };
-    let f = Candidate::by_chance(CauseId::Clipping, surprise, 2.0 * surprise, level, 0.25 * unit);
+    let f = Candidate::by_chance(CauseId::Clipping, surprise, level, 0.25 * unit);
     (f, Rail { side, level, from: level - side * 3.0 * sd })
 }
 
@@ -132,9 +132,8 @@ fn lattice(
     histogram: &BTreeMap<i64, u64>,
     unit: f64,
 ) -> Candidate {
-    let coarse = |surprise: f64, value: f64, sd: f64| {
-        Candidate::by_chance(CauseId::CoarseLsb, surprise, 2.0 * surprise, value, sd)
-    };
+    let coarse =
+        |surprise, value, sd| Candidate::by_chance(CauseId::CoarseLsb, surprise, value, sd);
     let total: u64 = histogram.values().sum();
     // floating-point values lie on a lattice if few distinct values are met often
     if !data.integer && histogram.len() as f64 > 0.2 * total as f64 {

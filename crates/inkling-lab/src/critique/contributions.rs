@@ -9,11 +9,11 @@
 //! variance v of the noise and the derivatives J of a signal by its FREE own parameters.
 //!
 //! V^-1 is applied by Woodbury's identity, with inverses of FREE x FREE matrices only: per signal for the
-//! scatter within channels (`Weighed`), then per channel for that between them (`Sums::close_channel`). The
+//! scatter within channels (`Whitened`), then per channel for that between them (`Sums::close_channel`). The
 //! low-rank products that this takes off K are collected and subtracted many at a time, which is faster.
 
 use super::covariates::COVARIATES;
-use super::curvature::beyond_the_likeliest;
+use super::curvature::posterior_mean;
 use super::matrices::{Matrix5, Vector5, inverse_or_zero, scaled};
 use super::model::{Linear, Model, PATTERNS, powers};
 use super::observations::Observations;
@@ -78,12 +78,12 @@ impl Part {
         let mut first = rows.start;
         for channel in data.rows[rows].chunk_by(|p, q| p.unit == q.unit) {
             let unit = channel[0].unit;
-            let mut sums_of_channel = [0, 1].map(|_| OfChannel::new(dimension(data.samples)));
+            let mut sums_of_channel = [0, 1].map(|_| ChannelSums::new(dimension(data.samples)));
             for row in first..first + channel.len() {
                 model.linearise(row, data, &mut linear);
                 let off = model.units[unit] + model.each[row] - model.mean;
                 let s = data.beside.drive[row];
-                let signal = Weighed::of(&linear, &model.theta(row, data), &off, s, model);
+                let signal = Whitened::of(&linear, &model.theta(row, data), &off, s, model);
                 for (sums, channel) in all.iter_mut().zip(&mut sums_of_channel) {
                     sums.add_signal(&signal, powers(s), &data.beside.z[row], channel);
                     if sums.tells_scatter(unit) {
@@ -125,7 +125,7 @@ impl Part {
 
 /// One signal in the metric of its noise and of the scatter from burst to burst: V^-1 = 1/v - L L^T. J: the
 /// signal's tangent, N x ALL.
-struct Weighed {
+struct Whitened {
     /// L, N x FREE.
     l: OMatrix<f64, Dyn, Const<FREE>>,
     /// V^-1 J, N x ALL, and J^T V^-1 J.
@@ -149,10 +149,10 @@ struct Weighed {
     square: f64,
 }
 
-impl Weighed {
+impl Whitened {
     /// `linear`: about the signal's own parameters `theta`. `off`: the deviation of these from the mean of
     /// all channels, as far as it is not due to covariates. `drive`: relative to the mean drive.
-    fn of(linear: &Linear, theta: &Theta, off: &Theta, drive: f64, model: &Model) -> Weighed {
+    fn of(linear: &Linear, theta: &Theta, off: &Theta, drive: f64, model: &Model) -> Whitened {
         let (n, v) = (linear.residual.len(), model.noise_var);
 
         // the residual about the mean channel, to first order: V accounts for the deviation of the signal's
@@ -178,10 +178,10 @@ impl Weighed {
         let of_residual = solve(&r);
 
         // the curvature of the decay: M is the posterior covariance of the signal's own parameters
-        let beyond = beyond_the_likeliest(theta, linear, drive, &m, v);
+        let beyond = posterior_mean(theta, linear, drive, &m, v);
         let of_mean = inverse * beyond.slope;
         let tail = DVector::from_column_slice(&linear.tail);
-        Weighed {
+        Whitened {
             h: Matrix6::from_fn(|a, b| j6.column(a).dot(&w.column(b))),
             // Without curvature, the score of the mean's parameters, J^T V^-1 r, is within^-1 times the
             // posterior mean of the signal's deviation. Curvature moves that mean by M slope, so the score by
@@ -223,7 +223,7 @@ struct Sums<'a> {
 }
 
 /// Sums over one channel's signals, with V the covariance of a signal about its channel.
-struct OfChannel {
+struct ChannelSums {
     /// Information J^T V^-1 J of the channel's own parameters, and their score J^T V^-1 r.
     info: Matrix5,
     score: Vector5,
@@ -232,9 +232,9 @@ struct OfChannel {
     g: DVector<f64>,
 }
 
-impl OfChannel {
-    fn new(dimension: usize) -> OfChannel {
-        OfChannel {
+impl ChannelSums {
+    fn new(dimension: usize) -> ChannelSums {
+        ChannelSums {
             info: Matrix5::zeros(),
             score: Vector5::zeros(),
             cross: DMatrix::zeros(dimension, FREE),
@@ -291,16 +291,16 @@ impl<'a> Sums<'a> {
     /// are left to `diagonal` (the noise) and to `hide_behind_signal` (the scatter).
     fn add_signal(
         &mut self,
-        signal: &Weighed,
+        signal: &Whitened,
         powers: [f64; PATTERNS],
         z: &[f64; COVARIATES],
-        channel: &mut OfChannel,
+        channel: &mut ChannelSums,
     ) {
         const MOVED: usize = COVARIATES * ALL;
         let (shapes, of_shapes) = (PATTERNS * self.data.samples, self.patterns * self.data.samples);
         let Part { k, deviance, diagonal, .. } = &mut self.part;
-        let OfChannel { info, score, cross, g } = channel;
-        let Weighed { w, h, .. } = signal;
+        let ChannelSums { info, score, cross, g } = channel;
+        let Whitened { w, h, .. } = signal;
         let drive = DVector::from_column_slice(&powers[..self.patterns]);
         let z = DVector::from_column_slice(z);
         let tail = k.nrows() - 1;
@@ -342,7 +342,7 @@ impl<'a> Sums<'a> {
 
     /// Collects what the scatter from burst to burst hides of shapes: the columns of L for each power of the
     /// drive.
-    fn hide_behind_signal(&mut self, signal: &Weighed, powers: [f64; PATTERNS]) {
+    fn hide_behind_signal(&mut self, signal: &Whitened, powers: [f64; PATTERNS]) {
         let (shapes, scale) = (PATTERNS * self.data.samples, self.inflate);
         for column in signal.l.column_iter() {
             for power in powers {
@@ -355,8 +355,8 @@ impl<'a> Sums<'a> {
     /// Accounts for the scatter between channels once all of a channel's signals are in, by Woodbury's
     /// identity: K -= B S B^T and g -= B S `score`, where B is `cross`, and S = between (1 + H between)^-1
     /// with H = `info`.
-    fn close_channel(&mut self, channel: OfChannel, tells_scatter: bool) {
-        let OfChannel { info, score, cross, g: mut g_unit } = channel;
+    fn close_channel(&mut self, channel: ChannelSums, tells_scatter: bool) {
+        let ChannelSums { info, score, cross, g: mut g_unit } = channel;
         let d = g_unit.len();
         let shapes = PATTERNS * self.data.samples;
         let inner = Matrix5::identity() + info * self.between;

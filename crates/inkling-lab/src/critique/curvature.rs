@@ -38,7 +38,7 @@ fn second(theta: &Theta, drive: f64, counts: &[f64]) -> Vec<[[f64; 4]; 4]> {
     counts.iter().enumerate().map(at).collect()
 }
 
-pub struct Beyond {
+pub struct PosteriorMean {
     /// E[f] - f, sample by sample, counts.
     pub expected: Vec<f64>,
     /// The posterior's mean less the likeliest parameters is the posterior covariance times this.
@@ -47,13 +47,13 @@ pub struct Beyond {
 
 /// `theta`: the signal's likeliest parameters, about which `linear` is linearised; `posterior`: covariance P,
 /// in the parameters' own units; `noise_var`: counts².
-pub fn beyond_the_likeliest(
+pub fn posterior_mean(
     theta: &Theta,
     linear: &Linear,
     drive: f64,
     posterior: &Matrix5,
     noise_var: f64,
-) -> Beyond {
+) -> PosteriorMean {
     let second = second(theta, drive, &linear.counts);
     let columns = &linear.tangent.columns;
     let curved = |h: &[[f64; 4]; 4]| -> f64 {
@@ -79,7 +79,7 @@ pub fn beyond_the_likeliest(
         let moved: f64 = (0..FREE).map(|j| columns[j][at] * shift[j]).sum();
         *expected = 0.5 * *expected + moved;
     }
-    Beyond { expected, slope }
+    PosteriorMean { expected, slope }
 }
 
 #[cfg(test)]
@@ -106,7 +106,7 @@ mod tests {
         linear.tangent.at(&theta, 0.0, false, N);
         let (gram, _) = free_products(&linear, &Vector5::repeat(1.0));
         let posterior = inverse(&(gram / noise_var + within.try_inverse().unwrap()));
-        let beyond = beyond_the_likeliest(&theta, &linear, 1.0, &posterior, noise_var);
+        let beyond = posterior_mean(&theta, &linear, 1.0, &posterior, noise_var);
         let root = posterior.cholesky().unwrap().l();
         let decay = |theta: &Theta| {
             let mut y = vec![0.0; N];

@@ -20,16 +20,16 @@
 //! them, because what a cause does to single signals may look like noise.
 
 use super::adequacy::{self, Adequacy};
+use super::artefacts::{Artefacts, accepted};
 use super::candidate::Candidate;
 use super::candidates::{Scored, Setting};
 use super::catalogue::{CATALOGUE, CauseId, Entry, Needs};
-use super::extended::{self, LeftOut};
+use super::extended::{self, OutlierCount};
 pub use super::extended::{Extended, NotExtended};
 use super::finding::{
     Cause, Critique, Detection, Evidence, NotTestable, Signals, VERSION, Verdict,
 };
-use super::found::{Aside, accepted};
-use super::leftovers::{at_the_ring, at_the_ring_beside, leave_out, still_there, weighed};
+use super::leftovers::{at_the_ring, at_the_ring_beside, leave_out, still_there};
 use super::model::Model;
 use super::observations::Observations;
 pub use super::outcome::{CritiqueError, Outcome};
@@ -92,10 +92,10 @@ fn of_signals(
     }
     stages("fitting the baseline");
     // Outliers are looked for among ink channels' signals only. Signals that labels call healthy stay in, but
-    // `shaped` still says whether a few of them have a misfit with a shape.
-    let Outliers { out: mut outlier, shaped } = match real {
+    // `shape_surprise` still says whether a few of them have a misfit with a shape.
+    let Outliers { out: mut outlier, shape_surprise } = match real {
         true => outliers(all, &Model::start(all, true).ok_or(CritiqueError::NoRing)?),
-        false => Outliers { out: vec![false; all.len()], shaped: 0.0 },
+        false => Outliers { out: vec![false; all.len()], shape_surprise: 0.0 },
     };
     if labelled {
         outlier.fill(false);
@@ -103,18 +103,18 @@ fn of_signals(
     let data = all.select(|i| !outlier[i]).standardised();
     check_enough(data.len(), real)?;
 
-    // From here on `data` holds the white signals; `as_it_came` the original ones if their noise was
+    // From here on `data` holds the white signals; `unwhitened` the original ones if their noise was
     // correlated.
     let mut prepared = Prepared::of(data, real, stages)?;
     let selected = prepared.pick(stages);
     let avoid = prepared.random_tone();
-    let Prepared { data, as_it_came, baseline, mut aside, .. } = prepared;
+    let Prepared { data, unwhitened, baseline, mut artefacts, .. } = prepared;
     let setting = Setting { data: &data, avoid: &avoid };
-    look_again(&mut aside, &selected, as_it_came.is_some(), setting);
-    aside.odd_signals = shaped;
+    look_again(&mut artefacts, &selected, unwhitened.is_some(), setting);
+    artefacts.odd_signals = shape_surprise;
 
     stages("checking what is left");
-    let left = adequacy::check(&selected, &aside, setting);
+    let left = adequacy::check(&selected, &artefacts, setting);
 
     // Measure what the causes are worth on signals that nothing was fitted to: detection and misfit for the
     // causes of the selection, the likelihood also for those of codes, noise and trigger.
@@ -122,15 +122,16 @@ fn of_signals(
     let applied: Vec<_> = selected.causes.iter().map(|c| c.candidate.form.clone()).collect();
     let mut measured = gain::measure(&baseline, &applied, setting);
     measured.gain.log_likelihood_per_signal =
-        worth::measure(&baseline, &applied, &aside, as_it_came.as_ref(), setting);
+        worth::measure(&baseline, &applied, &artefacts, unwhitened.as_ref(), setting);
     let detection = measured.gain.detection();
     let figures = figures::draw(&baseline, &selected.fitted.model, &data, &measured.energies);
 
     // Decide the verdict, and whether a design may be extended: not where the verdict is `Unknown`, since the
     // causes then only resemble what is wrong.
     let ln_samples = data.ln_samples();
-    let mut causes = causes(&aside, &selected, detection == Detection::Better, ln_samples);
-    let of_outliers = LeftOut { signals: outlier.iter().filter(|o| **o).count(), all: all.len() };
+    let mut causes = causes(&artefacts, &selected, detection == Detection::Better, ln_samples);
+    let of_outliers =
+        OutlierCount { signals: outlier.iter().filter(|o| **o).count(), all: all.len() };
     let allowed = match real {
         true => extended::check(&applied, of_outliers, &measured.gain),
         false => Err(NotExtended::NoInkChannel),
@@ -161,13 +162,13 @@ fn of_signals(
             channels: data.units,
             rejected: 0,
         },
-        evidence: all_evidence(&aside, &selected, ln_samples),
+        evidence: all_evidence(&artefacts, &selected, ln_samples),
         figures,
     };
 
     // An extended design has to expect signals as they come. So where the noise was made white, the causes
     // are fitted once more to the original signals.
-    let extended = allowed.and_then(|()| match as_it_came {
+    let extended = allowed.and_then(|()| match unwhitened {
         None => Ok(Extended::new(selected.fitted.model, &applied, &data.beside)),
         Some(coloured) => {
             let setting = Setting { data: &coloured, avoid: &avoid };
@@ -188,9 +189,9 @@ struct Prepared {
     /// The signals with white noise; one sample shorter than they came if they had to be whitened.
     data: Observations,
     /// The signals before correlated noise was made white; `None` if it was white.
-    as_it_came: Option<Observations>,
+    unwhitened: Option<Observations>,
     baseline: Model,
-    aside: Aside,
+    artefacts: Artefacts,
     /// Whether a random tone was found at the ring's own frequency. It may be the ring itself, changed by a
     /// cause, so it is tested again once causes are selected.
     deferred: bool,
@@ -213,13 +214,13 @@ impl Prepared {
             baseline.fit(&data, 2);
         }
         let noise = ensemble::test(&data, &baseline);
-        let mut aside = Aside { codes, noise, odd_signals: 0.0 };
+        let mut artefacts = Artefacts { codes, noise, odd_signals: 0.0 };
 
-        leave_out(&mut aside, Vec::new());
-        let deferred = at_the_ring(&mut aside.noise, &baseline, data.length_s());
+        leave_out(&mut artefacts, Vec::new());
+        let deferred = at_the_ring(&mut artefacts.noise, &baseline, data.length_s());
 
-        let prepared = Prepared { data, as_it_came: None, baseline, aside, deferred };
-        match accepted(&prepared.aside.noise, CauseId::CorrelatedNoise) {
+        let prepared = Prepared { data, unwhitened: None, baseline, artefacts, deferred };
+        match accepted(&prepared.artefacts.noise, CauseId::CorrelatedNoise) {
             Some(rho) => prepared.whitened(rho),
             None => Ok(prepared),
         }
@@ -232,18 +233,18 @@ impl Prepared {
     /// whitens the original signals by the estimate so far, fits a baseline, and adds the correlation that is
     /// left, enlarged by extrapolation, to the estimate.
     fn whitened(self, rho: f64) -> Result<Prepared, CritiqueError> {
-        let Prepared { data, aside, baseline, .. } = self;
+        let Prepared { data, artefacts, baseline, .. } = self;
         // Whitened samples are no codes of the converter any more, so samples that may be clipped are marked
         // as lost before.
-        let (as_it_came, real) = (codes::unclipped(data, &baseline), baseline.real);
-        let Aside { codes, mut noise, .. } = aside;
+        let (unwhitened, real) = (codes::unclipped(data, &baseline), baseline.real);
+        let Artefacts { codes, mut noise, .. } = artefacts;
         // the estimate so far, and the correlation that the round before had still found
         let mut total = rho;
         let mut round = 0;
         let mut last = f64::INFINITY;
         let (data, baseline, again) = loop {
             total = total.clamp(-0.97, 0.97);
-            let data = as_it_came.whitened(total);
+            let data = unwhitened.whitened(total);
             let mut baseline = Model::start(&data, real).ok_or(CritiqueError::NoRing)?;
             baseline.fit(&data, 2);
             let again = ensemble::test(&data, &baseline);
@@ -266,20 +267,20 @@ impl Prepared {
         // white noise of variance step²/12.
         noise.retain(|f| f.id == CauseId::CorrelatedNoise);
         let step = accepted(&codes, CauseId::CoarseLsb).unwrap_or(1.0);
-        let rounding = if as_it_came.integer { step * step / 12.0 } else { 0.0 };
+        let rounding = if unwhitened.integer { step * step / 12.0 } else { 0.0 };
         for f in &mut noise {
             f.value = ensemble::beneath_rounding(total, baseline.noise_var, rounding);
         }
         noise.extend(again.into_iter().filter(|f| f.id != CauseId::CorrelatedNoise));
         let deferred = at_the_ring(&mut noise, &baseline, data.length_s());
-        let aside = Aside { codes, noise, odd_signals: 0.0 };
-        Ok(Prepared { data, as_it_came: Some(as_it_came), baseline, aside, deferred })
+        let artefacts = Artefacts { codes, noise, odd_signals: 0.0 };
+        Ok(Prepared { data, unwhitened: Some(unwhitened), baseline, artefacts, deferred })
     }
 
     /// Frequency of the random tone that is accepted so far, rad per signal length; empty if there is none.
     /// No line there is taken for a cause.
     fn random_tone(&self) -> Vec<f64> {
-        let hz = accepted(&self.aside.noise, CauseId::RandomTone);
+        let hz = accepted(&self.artefacts.noise, CauseId::RandomTone);
         hz.map(|hz| hz * self.data.length_s() * TAU).into_iter().collect()
     }
 
@@ -291,10 +292,10 @@ impl Prepared {
             return selected;
         }
         let again = ensemble::test(&self.data, &selected.fitted.model);
-        let noise = &mut self.aside.noise;
+        let noise = &mut self.artefacts.noise;
         noise.retain(|f| f.id != CauseId::RandomTone);
         noise.extend(again.into_iter().filter(|f| f.id == CauseId::RandomTone));
-        at_the_ring_beside(noise, &selected.weighed());
+        at_the_ring_beside(noise, &selected.findings());
         match accepted(noise, CauseId::RandomTone) {
             Some(_) => self.select(stages),
             None => selected,
@@ -304,33 +305,33 @@ impl Prepared {
     /// Selects causes beside the random tone that is known so far.
     fn select(&self, stages: &mut dyn FnMut(&str)) -> Selected {
         let setting = Setting { data: &self.data, avoid: &self.random_tone() };
-        selection::select(self.baseline.clone(), setting, weighed(&self.aside), stages)
+        selection::select(self.baseline.clone(), setting, self.artefacts.findings(), stages)
     }
 }
 
 /// Step 5. Withdraws noise that is not found any more, and noise or trigger that is no more than what a
 /// stronger finding leaves. `whitened`: the signals were whitened, so they have no codes to be tested.
-fn look_again(aside: &mut Aside, selected: &Selected, whitened: bool, setting: Setting) {
+fn look_again(artefacts: &mut Artefacts, selected: &Selected, whitened: bool, setting: Setting) {
     let Setting { data, .. } = setting;
-    if !whitened && accepted(&aside.codes, CauseId::Clipping).is_none() {
+    if !whitened && accepted(&artefacts.codes, CauseId::Clipping).is_none() {
         // Clipping shows where samples are missing that the model expects beyond the last code; without the
         // causes that follow a covariate it may expect none there.
         let again = codes::test(data, &mut selected.fitted.model.clone());
         let clipped = again.into_iter().filter(|f| f.id == CauseId::Clipping && f.accepted());
-        aside.codes.extend(clipped);
+        artefacts.codes.extend(clipped);
     }
-    aside.noise.push(jitter::jitter(&selected.fitted.model, data));
-    let noisy = aside.noise.iter().any(|f| f.accepted());
+    artefacts.noise.push(jitter::jitter(&selected.fitted.model, data));
+    let noisy = artefacts.noise.iter().any(|f| f.accepted());
     if noisy && !selected.causes.is_empty() {
-        still_there(&mut aside.noise, &ensemble::test(data, &selected.fitted.model));
+        still_there(&mut artefacts.noise, &ensemble::test(data, &selected.fitted.model));
     }
-    leave_out(aside, selected.weighed());
+    leave_out(artefacts, selected.findings());
 }
 
 /// All causes that get a name, with their sentences: those in codes, noise and trigger first. `better`:
 /// whether faults are detected better with the selected causes.
-fn causes(aside: &Aside, selected: &Selected, better: bool, ln_samples: f64) -> Vec<Cause> {
-    let of_aside = aside.accepted().map(|found| found.cause(found.delta_bic(ln_samples)));
+fn causes(artefacts: &Artefacts, selected: &Selected, better: bool, ln_samples: f64) -> Vec<Cause> {
+    let of_artefacts = artefacts.accepted().map(|found| found.cause(found.delta_bic(ln_samples)));
     let of_selection = selected.causes.iter().map(|chosen| Cause {
         // only a cause that follows a covariate moves signals by different amounts
         matters_for_detection: better && chosen.candidate.id.follows().is_some(),
@@ -338,14 +339,14 @@ fn causes(aside: &Aside, selected: &Selected, better: bool, ln_samples: f64) -> 
     });
     let with_sentence =
         |cause: Cause| Cause { sentence: cause_sentence(&cause, cause.id.row().words), ..cause };
-    of_aside.chain(of_selection).map(with_sentence).collect()
+    of_artefacts.chain(of_selection).map(with_sentence).collect()
 }
 
 /// Remarks on signals that were left out or not drawn, and on why no extended design is written.
 /// `nothing_found`: no cause was found, so that no such design is missed.
 fn caveats(
     all: &Observations,
-    left_out: LeftOut,
+    left_out: OutlierCount,
     allowed: &Result<(), NotExtended>,
     nothing_found: bool,
 ) -> Vec<String> {
@@ -362,16 +363,16 @@ fn caveats(
 }
 
 /// Rows of evidence of all tests: codes, noise and trigger first, then the selection's.
-fn all_evidence(aside: &Aside, selected: &Selected, ln_samples: f64) -> Vec<Evidence> {
+fn all_evidence(artefacts: &Artefacts, selected: &Selected, ln_samples: f64) -> Vec<Evidence> {
     // codes, noise and trigger are accepted by their significance alone
     let row = |found: &Candidate| Evidence {
         why_not: (!found.accepted()).then(|| found.why_not()),
         ..found.evidence(0, ln_samples)
     };
-    let mut evidence: Vec<Evidence> = aside.all().map(row).collect();
-    let of_aside = evidence.len();
+    let mut evidence: Vec<Evidence> = artefacts.all().map(row).collect();
+    let of_artefacts = evidence.len();
     evidence.extend(selected.evidence.iter().cloned());
-    evidence::tidy(&mut evidence, of_aside);
+    evidence::tidy(&mut evidence, of_artefacts);
     evidence
 }
 
@@ -386,7 +387,7 @@ fn not_testable(data: &Observations, real: bool) -> Vec<NotTestable> {
 /// Remarks on the misfit that is left, and on the candidate that fits best but cannot be named.
 fn unexplained(unnamed: &[Scored], left: &Adequacy) -> Vec<String> {
     let mut remarks = left.unexplained.remarks();
-    if let Some(s) = unnamed.first().filter(|s| !left.told.contains(&s.id)) {
+    if let Some(s) = unnamed.first().filter(|s| !left.mentioned.contains(&s.id)) {
         remarks.push(format!("{} fits best but {}: it is not named", s.id, s.why_not()));
     }
     remarks

@@ -57,12 +57,12 @@ pub enum NotExtended {
 }
 
 #[derive(Clone, Copy, Debug)]
-pub struct LeftOut {
+pub struct OutlierCount {
     pub signals: usize,
     pub all: usize,
 }
 
-impl LeftOut {
+impl OutlierCount {
     /// Whether so many were left out that the rest cannot be trusted to be healthy.
     pub fn is_mixture(self) -> bool {
         self.signals as f64 > little() * self.all as f64
@@ -89,7 +89,7 @@ impl LeftOut {
 }
 
 /// Whether anything speaks against a design of a model with these causes.
-pub fn check(causes: &[Applied], left_out: LeftOut, gain: &Gain) -> Result<(), NotExtended> {
+pub fn check(causes: &[Applied], left_out: OutlierCount, gain: &Gain) -> Result<(), NotExtended> {
     if causes.is_empty() {
         return Err(NotExtended::NothingExpected);
     }
@@ -143,11 +143,11 @@ mod tests {
     fn a_mixture_makes_no_design_nor_does_what_detects_worse() {
         let causes = [Applied::rigid(CauseId::Tone, vec![], vec![])];
         let check = |left_out, gain: &Gain| check(&causes, left_out, gain);
-        let few = LeftOut { signals: 40, all: 1000 };
+        let few = OutlierCount { signals: 40, all: 1000 };
         assert_eq!(check(few, &gain(0.1)), Ok(()));
         assert_eq!(check(few, &gain(0.0)), Ok(()));
         assert!(matches!(check(few, &gain(-0.1)), Err(NotExtended::DetectsWorse { .. })));
-        let mixture = LeftOut { signals: 397, all: 1140 };
+        let mixture = OutlierCount { signals: 397, all: 1140 };
         let refused = Err(NotExtended::Mixture { left_out: 397, all: 1140 });
         assert_eq!(check(mixture, &gain(0.1)), refused);
         assert_eq!(super::check(&[], few, &gain(0.1)), Err(NotExtended::NothingExpected));

@@ -20,11 +20,11 @@
 use super::candidates::{Applied, Setting};
 use super::chance::{interval, interval_of, resampled};
 use super::finding::{Energies, FAULT, Gain, GainFigures, HeldOut, Misfit};
-use super::held_out::{Halves, baseline, by_channel, with};
+use super::held_out::{TrainTestSplit, baseline, by_channel, with};
 use super::matrices::{Matrix5, Vector5, inverse_or_zero};
 use super::model::Model;
 use super::observations::Observations;
-use super::population::{AtRest, FEWEST_UNITS, Population, Predictor, SHRINKAGE, population};
+use super::population::{FEWEST_UNITS, MostProbable, Population, Predictor, SHRINKAGE, population};
 use super::whiteness::{Lags, whiteness_p};
 use inkling_core::model::free_decay::FREE;
 use inkling_core::model::inner_product::dot;
@@ -113,7 +113,7 @@ fn judge(model: &Model, data: &Observations, known: bool, lags: bool) -> Vec<Jud
     let n = data.samples;
     (0..data.len())
         .map(|i| {
-            let AtRest { linear, gram, product, about, square } = predictor.at_rest(i);
+            let MostProbable { linear, gram, product, about, square } = predictor.most_probable(i);
             let spread = predictor.spread(i);
             let precision = inverse_or_zero(spread);
             let r = &linear.residual;
@@ -257,8 +257,8 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
     let by_channel = data.units >= FEWEST_UNITS;
     // where every channel was heard once, a split by time would add nothing
     let by_time = data.len() > data.units;
-    let halves = Halves::of(data, by_channel, by_time);
-    let Some(Halves { train, test, .. }) = halves else { return measured };
+    let split = TrainTestSplit::of(data, by_channel, by_time);
+    let Some(TrainTestSplit { train, test, .. }) = split else { return measured };
     let part = Setting { data: &train, avoid: setting.avoid };
     let Some(plain) = baseline(before.real, Some(before), part) else { return measured };
     let extended = with(&plain, causes, part);

@@ -1,4 +1,4 @@
-//! Splits signals into a part that models are fitted to and a part that they are judged on ([`Halves`], by
+//! Splits signals into a part that models are fitted to and a part that they are judged on ([`TrainTestSplit`], by
 //! channel, by time or by both), and fits models to a part.
 
 use super::candidates::{Applied, Setting};
@@ -22,21 +22,21 @@ fn between(data: &Observations) -> Vec<bool> {
 }
 
 /// The two parts; in both, channels and bursts are numbered anew.
-pub struct Halves {
+pub struct TrainTestSplit {
     pub train: Observations,
     pub test: Observations,
     /// For each channel of `test`, its place among the channels of `train`; `None` if it is not there.
-    pub heard: Vec<Option<usize>>,
+    pub in_train: Vec<Option<usize>>,
     /// Number of signals of each channel in `train`.
     pub counts: Vec<f64>,
 }
 
-impl Halves {
+impl TrainTestSplit {
     /// Splits the signals. `by_channel`: every other channel is held out. `by_time`: the second and the
     /// fourth of five blocks of time are, so that what drifts is judged between the times that it was learned
     /// at. With both, signals of a held-out channel or time that are not both belong to neither part. `None`:
     /// fewer than eight signals in a part.
-    pub fn of(data: &Observations, by_channel: bool, by_time: bool) -> Option<Halves> {
+    pub fn of(data: &Observations, by_channel: bool, by_time: bool) -> Option<TrainTestSplit> {
         let between = between(data);
         let is_in = |test: bool, i: usize| {
             (!by_channel || (data.rows[i].unit % 2 == 1) == test)
@@ -50,11 +50,11 @@ impl Halves {
         // `select` numbers channels in the order of rows, so a place in this list is the new number
         let fitted = channels(false);
         let place = |unit: usize| fitted.iter().position(|(known, _)| *known == unit);
-        let heard = channels(true).into_iter().map(|(unit, _)| place(unit)).collect();
+        let in_train = channels(true).into_iter().map(|(unit, _)| place(unit)).collect();
         let counts = fitted.iter().map(|(_, count)| *count).collect();
         let [train, test] = [false, true].map(|test| data.select(|i| is_in(test, i)));
         let enough = train.len() >= FEWEST && test.len() >= FEWEST;
-        enough.then_some(Halves { train, test, heard, counts })
+        enough.then_some(TrainTestSplit { train, test, in_train, counts })
     }
 }
 

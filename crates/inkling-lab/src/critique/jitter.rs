@@ -8,7 +8,7 @@
 //! varies), in any direction of the state. So two questions are asked:
 //!
 //! 1. Do bursts vary along the shift at all, beyond the scatter of single signals? (likelihood ratio
-//!    `Excess::there`, which must pass the threshold of all causes)
+//!    `Excess::statistic`, which must pass the threshold of all causes)
 //! 2. Is their variance along the shift clearly larger than that across the shift, in amplitude? (likelihood
 //!    ratio `Excess::ratio`, which must be a hint). Variances are compared in radians of the ring, or in
 //!    multiples of the single signals' own scatter, whichever asks for more (`healthy_ratio`).
@@ -50,7 +50,7 @@ pub fn jitter(model: &Model, data: &Observations) -> Candidate {
     let to_s = data.length_s() / model.mean[1].exp();
     let sd = excess.along.max(1e-16).sqrt();
     let error_s = excess.along_sd / (2.0 * sd) * to_s;
-    let plain = Candidate::plain(CauseId::TriggerJitter, excess.there, ());
+    let plain = Candidate::plain(CauseId::TriggerJitter, excess.statistic, ());
     let mut found = Candidate { value: sd * to_s, sd: error_s, ..plain };
     if found.accepted() && !excess.beyond_any_direction() {
         found.objection = Some(Objection::AnyDirection);
@@ -175,7 +175,7 @@ fn contrasts(each: &[Scatter]) -> Option<[Contrasts; 2]> {
 /// The variance of bursts along the shift, compared with none and with that across it.
 struct Excess {
     /// Likelihood-ratio statistic of a variance along the shift against none.
-    there: f64,
+    statistic: f64,
     /// Likelihood-ratio statistic of two free variances against two whose ratio is at most that of healthy
     /// bursts.
     ratio: f64,
@@ -199,7 +199,7 @@ impl Excess {
             }
         };
         Excess {
-            there: along.deviance(0.0) - along.deviance(best),
+            statistic: along.deviance(0.0) - along.deviance(best),
             ratio: ratio.max(0.0),
             along: best,
             along_sd: 1.0 / along.information(best).max(1e-300).sqrt(),
@@ -275,7 +275,7 @@ mod tests {
     fn found_in(spread: Spread, runs: u64) -> usize {
         let passes = |seed| {
             let excess = excess(spread, seed);
-            let s = surprise(excess.there, 1, 1.0, f64::INFINITY);
+            let s = surprise(excess.statistic, 1, 1.0, f64::INFINITY);
             s > THRESHOLD && excess.beyond_any_direction()
         };
         (0..runs).filter(|seed| passes(*seed)).count()

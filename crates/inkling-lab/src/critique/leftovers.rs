@@ -4,15 +4,15 @@
 //! In: all findings with their likelihood-ratio statistics. Out: whether each is beyond what the others may
 //! leave; findings in noise and trigger that are not get an objection here.
 //!
-//! The rule ([`Weighed::is_beyond`]): beside every other finding, a finding must have at least the share of
+//! The rule ([`Finding::is_beyond`]): beside every other finding, a finding must have at least the share of
 //! the other's statistic that the other's model may leave to it (`leaves_to`: 0, .6, 3 or 10 %, the square of
 //! a relative error), and beside a stronger one also one detection limit.
 
+use super::artefacts::Artefacts;
 use super::candidate::Candidate;
 use super::catalogue::{Acts, CauseId};
 use super::chance::DETECTION_LIMIT;
 use super::covariates::{TEMPERATURE, TIME};
-use super::found::Aside;
 use super::model::Model;
 use super::objection::Objection;
 use super::tuned::{left_to_shapes, left_to_unlike};
@@ -28,7 +28,7 @@ enum Shows {
 }
 
 #[derive(Clone, Debug)]
-pub struct Weighed {
+pub struct Finding {
     pub id: CauseId,
     pub tied_with: Vec<CauseId>,
     pub statistic: f64,
@@ -37,11 +37,11 @@ pub struct Weighed {
     pub growth: f64,
 }
 
-impl Weighed {
-    pub fn of<Form>(candidate: &Candidate<Form>, tied_with: &[CauseId]) -> Weighed {
+impl Finding {
+    pub fn of<Form>(candidate: &Candidate<Form>, tied_with: &[CauseId]) -> Finding {
         let Candidate { id, statistic, value, .. } = *candidate;
         let growth = if id == CauseId::HeteroscedasticNoise { 1.0 + value } else { 1.0 };
-        Weighed { id, tied_with: tied_with.to_vec(), statistic, growth }
+        Finding { id, tied_with: tied_with.to_vec(), statistic, growth }
     }
 
     fn shows(&self) -> Shows {
@@ -55,9 +55,9 @@ impl Weighed {
 
     /// Whether both causes act through the same covariate, or one through time and the other through a
     /// temperature that the data cannot tell from it, or both through the amplitude.
-    fn is_alike(&self, other: &Weighed) -> bool {
+    fn is_alike(&self, other: &Finding) -> bool {
         let by_either = |id: CauseId| matches!(id.follows(), Some(TIME | TEMPERATURE));
-        let of_tied = |x: &Weighed| x.tied_with.iter().any(|id| id.follows() != x.id.follows());
+        let of_tied = |x: &Finding| x.tied_with.iter().any(|id| id.follows() != x.id.follows());
         let collinear =
             by_either(self.id) && by_either(other.id) && (of_tied(self) || of_tied(other));
         let followed = self.id.follows().is_some() && self.id.follows() == other.id.follows();
@@ -65,7 +65,7 @@ impl Weighed {
     }
 
     /// The share of this cause's statistic that its model may leave to another.
-    fn leaves_to(&self, other: &Weighed) -> f64 {
+    fn leaves_to(&self, other: &Finding) -> f64 {
         use Shows::{ByACovariate, InCodes, InNoise, InTheMean};
         match (self.shows(), other.shows()) {
             (_, InCodes) | (InCodes, InNoise) => 0.0,
@@ -83,7 +83,7 @@ impl Weighed {
     /// Whether the cause is more than what each of these others may leave to it. Beside a stronger cause, it
     /// must also reach one detection limit (times that cause's `growth`), unless it is in codes, or in noise
     /// beside codes.
-    pub fn is_beyond<'a>(&self, others: impl IntoIterator<Item = &'a Weighed>) -> bool {
+    pub fn is_beyond<'a>(&self, others: impl IntoIterator<Item = &'a Finding>) -> bool {
         others.into_iter().filter(|other| other.id != self.id).all(|other| {
             let chance = match (other.shows(), self.shows()) {
                 (_, Shows::InCodes) | (Shows::InCodes, Shows::InNoise) => 0.0,
@@ -95,18 +95,13 @@ impl Weighed {
     }
 }
 
-/// The findings that were accepted in codes, noise and trigger.
-pub fn weighed(found: &Aside) -> Vec<Weighed> {
-    found.accepted().map(|f| Weighed::of(f, &[])).collect()
-}
-
 /// Withdraws findings in noise and trigger that are no more than what another finding, or a cause in
 /// `chosen`, may leave.
-pub fn leave_out(aside: &mut Aside, chosen: Vec<Weighed>) {
-    let mut all = weighed(aside);
+pub fn leave_out(artefacts: &mut Artefacts, chosen: Vec<Finding>) {
+    let mut all = artefacts.findings();
     all.extend(chosen);
-    for f in aside.noise.iter_mut().filter(|f| f.accepted()) {
-        if !Weighed::of(f, &[]).is_beyond(&all) {
+    for f in artefacts.noise.iter_mut().filter(|f| f.accepted()) {
+        if !Finding::of(f, &[]).is_beyond(&all) {
             f.objection = Some(Objection::LeftByAStronger);
         }
     }
@@ -125,7 +120,7 @@ pub fn at_the_ring(of_noise: &mut [Candidate], model: &Model, length_s: f64) -> 
 
 /// After a deferral and a new test: withdraws a random tone whose statistic is at most a tenth of that of the
 /// strongest chosen cause, which may leave so much at the ring's frequency.
-pub fn at_the_ring_beside(of_noise: &mut [Candidate], chosen: &[Weighed]) {
+pub fn at_the_ring_beside(of_noise: &mut [Candidate], chosen: &[Finding]) {
     let strongest = chosen.iter().map(|c| c.statistic).fold(0.0, f64::max);
     for f in of_noise.iter_mut().filter(|f| f.id == CauseId::RandomTone && f.accepted()) {
         if f.statistic <= little() * strongest {
@@ -152,8 +147,8 @@ mod tests {
     use super::CauseId::*;
     use super::*;
 
-    fn one(id: CauseId, statistic: f64) -> Weighed {
-        Weighed { id, tied_with: vec![], statistic, growth: 1.0 }
+    fn one(id: CauseId, statistic: f64) -> Finding {
+        Finding { id, tied_with: vec![], statistic, growth: 1.0 }
     }
 
     /// Which of these findings are beyond what the others leave.
@@ -188,7 +183,7 @@ mod tests {
 
     #[test]
     fn beside_a_temperature_that_follows_time_both_are_one() {
-        let tied = Weighed { tied_with: vec![Ageing], ..one(Temperature, 1000.0) };
+        let tied = Finding { tied_with: vec![Ageing], ..one(Temperature, 1000.0) };
         assert!(!one(ClockDrift, 80.0).is_beyond([&tied]));
         assert!(one(ClockDrift, 80.0).is_beyond([&one(Temperature, 1000.0)]));
     }
@@ -196,7 +191,7 @@ mod tests {
     /// Where the signal is largest, the noise has twice the variance that it has without a signal.
     #[test]
     fn beside_noise_that_grows_more_is_asked() {
-        let growing = Weighed { growth: 2.0, ..one(HeteroscedasticNoise, 100.0) };
+        let growing = Finding { growth: 2.0, ..one(HeteroscedasticNoise, 100.0) };
         assert!(!one(Offset, 1.9 * DETECTION_LIMIT).is_beyond([&growing]));
         assert!(one(Offset, 2.1 * DETECTION_LIMIT).is_beyond([&growing]));
     }
@@ -204,7 +199,7 @@ mod tests {
     #[test]
     fn noise_that_the_causes_explain_is_none() {
         let all = |each: &[(CauseId, f64)]| -> Vec<Candidate> {
-            each.iter().map(|(id, x)| Candidate::by_chance(*id, x / 2.0, *x, 1.0, 0.1)).collect()
+            each.iter().map(|(id, x)| Candidate::by_chance(*id, x / 2.0, 1.0, 0.1)).collect()
         };
         let mut noise = all(&[(RandomTone, 90.0), (CorrelatedNoise, 90.0)]);
         still_there(&mut noise, &all(&[(RandomTone, 3.0), (CorrelatedNoise, 1.0)]));

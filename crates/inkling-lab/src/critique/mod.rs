@@ -6,7 +6,7 @@
 //! 1. `engine` runs everything for ink channels; [`decay`] does so for few long decays of an oscillator.
 //! 2. `outliers` leaves odd signals out. The baseline, a mixed-effects model ([`model`], `start`, `scatter`,
 //!    `matrices`), is fitted to single signals, never to an average alone.
-//! 3. `codes`, `ensemble` and, later, `jitter` (with `between`) test converter, noise and trigger (`found`).
+//! 3. `codes`, `ensemble` and, later, `jitter` (with `between`) test converter, noise and trigger (`artefacts`).
 //! 4. All causes that move the expected signal ([`catalogue`]) are tested at once, as directions in one space
 //!    of linear extensions (`space`, `contributions`, `curvature`, `nuisance`, `candidates`, `clusters`).
 //!    Those that compete are refitted (`refit`, `selection`), and one `search`, the same for all plants,
@@ -21,6 +21,7 @@
 //! [`tuned`] holds every tuned number, `chance` turns statistics into probabilities.
 
 mod adequacy;
+mod artefacts;
 mod between;
 mod candidate;
 mod candidates;
@@ -39,7 +40,6 @@ mod evidence;
 mod extended;
 mod figures;
 pub mod finding;
-mod found;
 mod gain;
 #[cfg(test)]
 mod generator;

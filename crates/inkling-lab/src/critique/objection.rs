@@ -66,12 +66,12 @@ pub enum Objection {
     #[error("it lies on {0} times the frequency of the ring, folded")]
     Folded(i32),
     #[error("it cannot be told from a line that is in the model")]
-    Known,
+    KnownLine,
     #[error("it does not oscillate")]
     Overdamped,
     /// In a coloured misfit anything takes some of it: a line must take a tenth, another cause 3 %.
     #[error("it is little of what is left")]
-    Little,
+    TooWeak,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]

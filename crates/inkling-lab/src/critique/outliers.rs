@@ -70,13 +70,13 @@ pub struct Outliers {
     pub out: Vec<bool>,
     /// -ln of the probability that noise, however heavy its tails, gives such misfits to signals that ring
     /// like the others but leave more.
-    pub shaped: f64,
+    pub shape_surprise: f64,
 }
 
 /// Of the signals that `some` selects, counts those whose misfit has a run of odd samples of one sign;
 /// returns -ln of the probability of so many if odd samples are independent, given how often they are odd in
 /// all signals. `sd`: root mean square of the typical misfit, counts.
-fn shaped(misfits: &[Vec<f64>], sd: f64, some: impl Fn(usize) -> bool) -> f64 {
+fn shape_surprise(misfits: &[Vec<f64>], sd: f64, some: impl Fn(usize) -> bool) -> f64 {
     // sign of each odd sample, 0 for any other
     let sign = |x: &f64| if x.abs() > outlying() * sd { x.signum() as i32 } else { 0 };
     let signs: Vec<Vec<i32>> = misfits.iter().map(|r| r.iter().map(sign).collect()).collect();
@@ -93,16 +93,16 @@ fn shaped(misfits: &[Vec<f64>], sd: f64, some: impl Fn(usize) -> bool) -> f64 {
 }
 
 /// All signals, each fitted alone.
-struct Alone {
+struct SingleFits {
     /// ln damping, ln frequency and ln amplitude of each signal, without the trend along the head.
     features: Vec<[f64; 3]>,
     /// What the fit leaves of each signal, N samples, counts.
     misfits: Vec<Vec<f64>>,
 }
 
-impl Alone {
+impl SingleFits {
     /// Fits every signal as if it were a channel of its own.
-    fn of(data: &Observations, model: &Model) -> Alone {
+    fn of(data: &Observations, model: &Model) -> SingleFits {
         let mut alone = data.clone();
         alone.rows.iter_mut().enumerate().for_each(|(i, row)| row.unit = i);
         alone.units = alone.len();
@@ -119,7 +119,7 @@ impl Alone {
                 feature[j] -= slope * z[POSITION];
             }
         }
-        Alone { misfits: each.of_each(&alone, |_, linear| linear.residual.clone()), features }
+        SingleFits { misfits: each.of_each(&alone, |_, linear| linear.residual.clone()), features }
     }
 
     /// For each signal whether a feature lies beyond [`outlying`] robust standard deviations of the median. A
@@ -141,7 +141,7 @@ impl Alone {
 
 /// `model`: the first model of these signals, where the fits start.
 pub fn outliers(data: &Observations, model: &Model) -> Outliers {
-    let alone = Alone::of(data, model);
+    let alone = SingleFits::of(data, model);
     let far = alone.far();
     let left: Vec<f64> = alone.misfits.iter().map(|r| r.iter().map(|r| r * r).sum()).collect();
     let typical = median(&mut left.clone());
@@ -151,8 +151,9 @@ pub fn outliers(data: &Observations, model: &Model) -> Outliers {
     let of_faulty = |i: usize| faulty[data.rows[i].unit];
     // does the misfit of those that ring like the others have a shape?
     let sd = (typical / data.samples as f64).sqrt();
-    let shaped = shaped(&alone.misfits, sd, |i| noisier(i) && !far[i] && !of_faulty(i));
-    Outliers { out: (0..data.len()).map(|i| odd[i] || of_faulty(i)).collect(), shaped }
+    let shape_surprise =
+        shape_surprise(&alone.misfits, sd, |i| noisier(i) && !far[i] && !of_faulty(i));
+    Outliers { out: (0..data.len()).map(|i| odd[i] || of_faulty(i)).collect(), shape_surprise }
 }
 
 #[cfg(test)]
@@ -212,7 +213,7 @@ mod tests {
 
     #[test]
     fn pulses_of_few_signals_have_a_shape_and_heavy_tails_have_none() {
-        let of = |odd: &[(usize, f64)]| shaped(&misfits(odd), 1.0, |i| i < odd.len());
+        let of = |odd: &[(usize, f64)]| shape_surprise(&misfits(odd), 1.0, |i| i < odd.len());
         assert!(of(&[(4, 9.0), (4, 9.0)]) > 20.0);
         assert!(of(&[(4, -9.0)]) > 9.8);
         assert_eq!(of(&[(1, 30.0), (2, 9.0), (1, -12.0)]), 0.0);

@@ -2,11 +2,11 @@
 //! Gaussian, the population), and where these are most probable once a signal was measured.
 //!
 //! In: a model that was fitted to other signals. Out: the [`Population`] that a signal's parameters are drawn
-//! from, and [`Predictor::at_rest`], the signal linearised at its most probable parameters.
+//! from, and [`Predictor::most_probable`], the signal linearised at its most probable parameters.
 //!
 //! For a channel that was never heard, the population is N(mean, between + within), with `between` shrunk
 //! because it is known from few channels (`population`); for one that was heard it is N(the channel's own
-//! parameters, within + what is unknown of these) ([`Population::heard`]). All vectors and matrices are over
+//! parameters, within + what is unknown of these) ([`Population::of_channel`]). All vectors and matrices are over
 //! the five free parameters in units of `Model::scale`.
 
 use super::matrices::{Matrix5, Vector5, floored, free_part, inverse, inverse_or_zero, scaled};
@@ -23,7 +23,7 @@ pub const SHRINKAGE: f64 = FREE as f64 + 1.0;
 /// Largest number of Gauss-Newton steps to a signal's own parameters, and the squared length, in standard
 /// errors, below which none is taken.
 const MOST_STEPS: usize = 6;
-const AT_REST: f64 = 1e-3;
+const LEAST_STEP: f64 = 1e-3;
 
 /// Distribution of a signal's parameters.
 #[derive(Clone, Copy)]
@@ -68,7 +68,7 @@ pub fn population(model: &Model, without: Option<usize>) -> Population {
 }
 
 /// A signal linearised at its most probable parameters, given the population of its channel.
-pub struct AtRest {
+pub struct MostProbable {
     pub linear: Linear,
     /// J^T J and J^T r there, not divided by the noise.
     pub gram: Matrix5,
@@ -108,7 +108,7 @@ impl Predictor<'_> {
     /// Linearises signal i at its most probable parameters, by Gauss-Newton from the model's mean on. They
     /// minimise |r|²/v + about^T spread^-1 about, with the noise variance v. Channels differ by per cents, so
     /// that one linear step would not be enough.
-    pub fn at_rest(&mut self, i: usize) -> AtRest {
+    pub fn most_probable(&mut self, i: usize) -> MostProbable {
         let Population { shift, spread } = self.of_unit[self.data.rows[i].unit];
         let precision = inverse_or_zero(spread);
         let v = self.mean.noise_var;
@@ -126,10 +126,10 @@ impl Predictor<'_> {
             let hessian = gram / v + precision;
             let by = hessian.try_inverse().map(|m| m * (product / v - precision * about));
             // At the end, put the signal back to the mean, so that the model is as it was.
-            let on = by.filter(|by| step < MOST_STEPS && by.dot(&(hessian * by)) >= AT_REST);
+            let on = by.filter(|by| step < MOST_STEPS && by.dot(&(hessian * by)) >= LEAST_STEP);
             let Some(by) = on else {
                 self.mean.each[i] = Default::default();
-                return AtRest { linear, gram, product, about, square };
+                return MostProbable { linear, gram, product, about, square };
             };
             for (j, step) in one_step(by.component_mul(&self.scale).as_slice()) {
                 self.mean.each[i][j] += step;
@@ -141,7 +141,7 @@ impl Predictor<'_> {
 
 impl Population {
     /// The population of further signals of a channel that the model was fitted to with so many `signals`.
-    pub fn heard(model: &Model, unit: usize, signals: f64) -> Population {
+    pub fn of_channel(model: &Model, unit: usize, signals: f64) -> Population {
         let scale = model.scale();
         let shift = free_part(&(model.units[unit] - model.mean), &scale);
         // The covariance is the scatter from burst to burst, and the posterior covariance of the channel's

@@ -35,7 +35,7 @@ struct OneSignal {
 /// Information and score of all signals about ln lambda/sigma, once each signal's own parameters are free;
 /// still to be divided by the noise variance.
 #[derive(Default)]
-struct OfPole {
+struct PoleSums {
     information: f64,
     score: f64,
 }
@@ -47,7 +47,7 @@ struct Estimate {
     within: Matrix5,
 }
 
-impl OfPole {
+impl PoleSums {
     /// Adds a signal by the Schur complement: what its own columns explain of the pole's column p tells
     /// nothing about the rate. `product`: J^T r over the own parameters; `along`: J^T p; `solved`: (J^T J)^-1
     /// J^T p.
@@ -105,7 +105,7 @@ impl Model {
         let mut linear = Linear::default();
         let mut signals = Vec::with_capacity(data.len());
         let mut left = Vec::with_capacity(data.len());
-        let mut of_pole = OfPole::default();
+        let mut of_pole = PoleSums::default();
         for i in 0..data.len() {
             self.linearise(i, data, &mut linear);
             let (gram, product) = free_products(&linear, scale);

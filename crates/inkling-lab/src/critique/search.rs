@@ -6,7 +6,7 @@
 //! One step: (1) test all candidates about the present model; (2) the system refits those that compete, each
 //! in a model of its own, and says how likely each is (`penalised`: -2 ln likelihood plus the price of its
 //! parameters, lower is better); (3) the likeliest rival with a name wins, unless something without a name is
-//! better by `tie` or more; then the latter enters, if the system allows it, or the search ends; (4) rivals
+//! better by `tie` or more; then the latter enters, if the system allows it, or the search ends; (4) contenders
 //! within `tie` of the winner are tied with it; (5) the system refits the model with the winner and drops
 //! causes that have become superfluous.
 
@@ -50,7 +50,7 @@ pub trait System {
 }
 
 /// A candidate that was fitted beside all causes that are there already.
-pub struct Rival<Model, Form> {
+pub struct Contender<Model, Form> {
     /// The candidate; its statistic compares this model with the one without it.
     pub candidate: Candidate<Form>,
     pub model: Model,
@@ -61,7 +61,7 @@ pub struct Rival<Model, Form> {
 }
 
 pub struct Round<Model, Form> {
-    pub rivals: Vec<Rival<Model, Form>>,
+    pub contenders: Vec<Contender<Model, Form>>,
     /// The smallest `penalised` of anything that competes.
     pub least: f64,
 }
@@ -71,7 +71,7 @@ impl<Model, Form> Round<Model, Form> {
     /// likeliest without a name.
     fn winner(&self) -> Option<usize> {
         let likeliest = |named: bool| {
-            let all = self.rivals.iter().enumerate();
+            let all = self.contenders.iter().enumerate();
             all.filter(|(_, r)| r.may_enter && r.candidate.has_name() == named)
                 .min_by(|(_, p), (_, q)| p.penalised.total_cmp(&q.penalised))
         };
@@ -81,7 +81,7 @@ impl<Model, Form> Round<Model, Form> {
 
     /// Writes the outcome of the round into the evidence rows of this step.
     fn tell(&self, winner: usize, rows: &mut [Evidence], ln_samples: f64) {
-        for (place, Rival { candidate, .. }) in self.rivals.iter().enumerate() {
+        for (place, Contender { candidate, .. }) in self.contenders.iter().enumerate() {
             if let Some(row) = rows.iter_mut().find(|row| row.id == candidate.id) {
                 row.delta_bic = candidate.delta_bic(ln_samples);
                 row.why_not = (place != winner).then_some(WhyNot::AnotherExplainsMore);
@@ -89,13 +89,13 @@ impl<Model, Form> Round<Model, Form> {
         }
     }
 
-    /// The winner's model, and the winner as a cause together with the rivals that are tied with it.
+    /// The winner's model, and the winner as a cause together with the contenders that are tied with it.
     fn won(mut self, winner: usize, ln_samples: f64) -> (Model, Chosen<Form>) {
-        let Rival { candidate, model, penalised, .. } = self.rivals.remove(winner);
-        let is_close = |r: &&Rival<Model, Form>| r.penalised - penalised < tie();
+        let Contender { candidate, model, penalised, .. } = self.contenders.remove(winner);
+        let is_close = |r: &&Contender<Model, Form>| r.penalised - penalised < tie();
         // a rival that contains the winner as a special case is no tie: it explains at least as much
-        let nests = |r: &&Rival<Model, Form>| r.candidate.id.row().nests == Some(candidate.id);
-        let close = self.rivals.iter().filter(is_close).filter(|r| !nests(r));
+        let nests = |r: &&Contender<Model, Form>| r.candidate.id.row().nests == Some(candidate.id);
+        let close = self.contenders.iter().filter(is_close).filter(|r| !nests(r));
         let (tied_with, tied_unnamed) = close.map(|r| r.candidate.id).partition(|id| id.has_name());
         let delta_bic = candidate.delta_bic(ln_samples);
         (model, Chosen { candidate, delta_bic, tied_with, tied_unnamed })
@@ -140,7 +140,7 @@ pub fn search<S: System>(
         let round = system.round(&now, &tried, &causes, stages);
         let Some(winner) = round.winner() else {
             // a named candidate that had passed, where none survived its refit, is significant but no cause
-            if round.rivals.iter().all(|r| !r.candidate.has_name()) {
+            if round.contenders.iter().all(|r| !r.candidate.has_name()) {
                 let lost = tried.into_iter().find(|t| t.has_name() && t.accepted());
                 let objection = Some(Objection::LeadsNowhere);
                 unnamed.extend(lost.map(|lost| Candidate { objection, ..lost }));
@@ -167,16 +167,16 @@ mod tests {
     use super::super::catalogue::CauseId::{self, *};
     use super::*;
 
-    /// The winner of a round, and what is tied with it. `rivals`: identifier, penalised -2 ln likelihood, and
+    /// The winner of a round, and what is tied with it. `contenders`: identifier, penalised -2 ln likelihood, and
     /// whether it may enter.
-    fn won(rivals: &[(CauseId, f64, bool)], least: f64) -> Option<(CauseId, Vec<CauseId>)> {
-        let rival = |&(id, penalised, may_enter): &(CauseId, f64, bool)| Rival {
+    fn won(contenders: &[(CauseId, f64, bool)], least: f64) -> Option<(CauseId, Vec<CauseId>)> {
+        let rival = |&(id, penalised, may_enter): &(CauseId, f64, bool)| Contender {
             candidate: Candidate::plain(id, -penalised, ()),
             model: (),
             penalised,
             may_enter,
         };
-        let round = Round { rivals: rivals.iter().map(rival).collect(), least };
+        let round = Round { contenders: contenders.iter().map(rival).collect(), least };
         let winner = round.winner()?;
         let ((), Chosen { candidate, tied_with, tied_unnamed, .. }) = round.won(winner, 1.0);
         Some((candidate.id, [tied_with, tied_unnamed].concat()))

@@ -14,10 +14,10 @@
 use super::candidate::Chosen;
 use super::candidates::{Applied, ScoreTests, Scored, Setting};
 use super::chance::{HINT, surprise};
-use super::leftovers::Weighed;
+use super::leftovers::Finding;
 use super::model::Model;
 use super::refit::{Refit, apply, follow, refit};
-use super::search::{ExplainedModel, Rival, Round, System, search};
+use super::search::{Contender, ExplainedModel, Round, System, search};
 use super::tuned::tie;
 use nalgebra::DVector;
 use std::ops::ControlFlow;
@@ -30,13 +30,13 @@ const MOST_UNNAMED: usize = 3;
 pub type Selected = ExplainedModel<Refit, Applied>;
 
 impl Selected {
-    pub fn weighed(&self) -> Vec<Weighed> {
-        weighed(&self.causes)
+    pub fn findings(&self) -> Vec<Finding> {
+        findings(&self.causes)
     }
 }
 
-fn weighed(chosen: &[Chosen<Applied>]) -> Vec<Weighed> {
-    chosen.iter().map(|c| Weighed::of(&c.candidate, &c.tied_with)).collect()
+fn findings(chosen: &[Chosen<Applied>]) -> Vec<Finding> {
+    chosen.iter().map(|c| Finding::of(&c.candidate, &c.tied_with)).collect()
 }
 
 /// `baseline`: the model without causes, fitted to the signals of `setting`. `found`: what was found in codes
@@ -44,7 +44,7 @@ fn weighed(chosen: &[Chosen<Applied>]) -> Vec<Weighed> {
 pub fn select(
     baseline: Model,
     setting: Setting,
-    found: Vec<Weighed>,
+    found: Vec<Finding>,
     stages: &mut dyn FnMut(&str),
 ) -> Selected {
     let baseline = refit(baseline, Vec::new(), setting, 3, true);
@@ -55,12 +55,12 @@ pub fn select(
     stages("measuring the causes");
     let mut last = refit(now.model, now.causes, setting, 3, true);
     measure(&mut causes, &last, setting);
-    let mut all = weighed(&causes);
+    let mut all = findings(&causes);
     all.extend(found);
 
     // A cause entered because of a test about a model that lacked those that entered later. It stays only if
     // it is still significant, and more than what the others and codes and noise may leave.
-    let stands = |(cause, own): (&Chosen<Applied>, &Weighed)| {
+    let stands = |(cause, own): (&Chosen<Applied>, &Finding)| {
         cause.candidate.is_significant() && own.is_beyond(&all)
     };
     let kept: Vec<bool> = causes.iter().zip(&all).map(stands).collect();
@@ -101,24 +101,26 @@ impl System for Setting<'_> {
     ) -> Round<Refit, Applied> {
         // without an accepted name there is nothing to compete with
         let best = tried.iter().find(|s| s.has_name() && s.accepted());
-        let Some(best) = best else { return Round { rivals: Vec::new(), least: f64::INFINITY } };
+        let Some(best) = best else {
+            return Round { contenders: Vec::new(), least: f64::INFINITY };
+        };
         stages("refitting what competes");
-        let mut rivals = refitted(now, tried, best, *self);
-        let place = |named: bool| rivals.iter().position(|r| r.candidate.has_name() == named);
+        let mut contenders = refitted(now, tried, best, *self);
+        let place = |named: bool| contenders.iter().position(|r| r.candidate.has_name() == named);
         if let (Some(named), Some(unnamed)) = (place(true), place(false))
-            && rivals[named].penalised > rivals[unnamed].penalised + tie()
+            && contenders[named].penalised > contenders[unnamed].penalised + tie()
         {
             // Replace the difference of the two by that of the pairs; other rivals were not compared in
             // pairs.
-            let behind =
-                with_the_next(&rivals[unnamed], *self) - with_the_next(&rivals[named], *self);
-            rivals[unnamed].penalised = rivals[named].penalised + behind;
-            let strongest = rivals[unnamed].candidate.id;
-            rivals.retain(|r| r.candidate.has_name() || r.candidate.id == strongest);
-            rivals.sort_by(|p, q| p.penalised.total_cmp(&q.penalised));
+            let behind = with_the_next(&contenders[unnamed], *self)
+                - with_the_next(&contenders[named], *self);
+            contenders[unnamed].penalised = contenders[named].penalised + behind;
+            let strongest = contenders[unnamed].candidate.id;
+            contenders.retain(|r| r.candidate.has_name() || r.candidate.id == strongest);
+            contenders.sort_by(|p, q| p.penalised.total_cmp(&q.penalised));
         }
-        let least = rivals.first().map_or(f64::INFINITY, |r| r.penalised);
-        Round { rivals, least }
+        let least = contenders.first().map_or(f64::INFINITY, |r| r.penalised);
+        Round { contenders, least }
     }
 
     /// Refits the model with noise and scatter free, and takes out causes that are no longer significant.
@@ -137,7 +139,7 @@ fn refitted(
     tried: &[Scored],
     best: &Scored,
     setting: Setting,
-) -> Vec<Rival<Refit, Applied>> {
+) -> Vec<Contender<Refit, Applied>> {
     let before = now.deviance(best.id);
     let competing = |named: bool, most: usize| {
         let those = tried.iter().filter(move |s| s.has_name() == named);
@@ -145,33 +147,33 @@ fn refitted(
     };
     let all = competing(true, MOST_NAMED).chain(competing(false, MOST_UNNAMED));
     let refitted = |scored: &Scored| {
-        let rival = with(now, &scored.form, setting);
-        let deviance = rival.deviance(best.id);
+        let contender = with(now, &scored.form, setting);
+        let deviance = contender.deviance(best.id);
         // A candidate that has an objection once it is refitted is dropped. The price is that of Akaike, 2
         // for each free parameter, plus 2 ln of the number of independent shapes among which it was the best.
-        (rival.last_is_able(setting) && deviance < before).then(|| Rival {
-            model: rival,
+        (contender.last_is_able(setting) && deviance < before).then(|| Contender {
+            model: contender,
             penalised: deviance + 2.0 * (parameters(scored) + scored.tried.ln()),
             may_enter: scored.has_name(),
             candidate: Scored { statistic: before - deviance, ..scored.clone() },
         })
     };
-    let mut rivals: Vec<Rival<Refit, Applied>> = all.filter_map(refitted).collect();
-    rivals.sort_by(|p, q| p.penalised.total_cmp(&q.penalised));
-    rivals
+    let mut contenders: Vec<Contender<Refit, Applied>> = all.filter_map(refitted).collect();
+    contenders.sort_by(|p, q| p.penalised.total_cmp(&q.penalised));
+    contenders
 }
 
-/// Penalised -2 ln likelihood of a rival together with the named candidate that explains most beside it, if
+/// Penalised -2 ln likelihood of a contender together with the named candidate that explains most beside it, if
 /// one is accepted and improves it.
-fn with_the_next(rival: &Rival<Refit, Applied>, setting: Setting) -> f64 {
-    let mut tried = setting.tried(&rival.model);
+fn with_the_next(contender: &Contender<Refit, Applied>, setting: Setting) -> f64 {
+    let mut tried = setting.tried(&contender.model);
     tried.retain(Scored::has_name);
-    let next = tried.iter().find(|s| s.accepted() && competes(s, &rival.candidate)).cloned();
-    // the price of the rival's own parameters
-    let paid = rival.penalised - rival.model.deviance(rival.candidate.id);
-    let beside = next.map(|next| refitted(&rival.model, &tried, &next, setting));
+    let next = tried.iter().find(|s| s.accepted() && competes(s, &contender.candidate)).cloned();
+    // the price of its own parameters
+    let paid = contender.penalised - contender.model.deviance(contender.candidate.id);
+    let beside = next.map(|next| refitted(&contender.model, &tried, &next, setting));
     let least = beside.and_then(|all| Some(all.first()?.penalised + paid));
-    least.map_or(rival.penalised, |both| both.min(rival.penalised))
+    least.map_or(contender.penalised, |both| both.min(contender.penalised))
 }
 
 /// The model with one more cause, refitted with scatter and noise held; first the mean is shifted by what the

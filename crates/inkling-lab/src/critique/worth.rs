@@ -13,12 +13,12 @@
 //! * growing noise, a line of random phase, the trigger's jitter: added to the extended model one after the
 //!   other, each with its size fitted to the training part.
 
+use super::artefacts::{Artefacts, accepted};
 use super::candidates::{Applied, Setting};
 use super::catalogue::CauseId;
 use super::chance::{interval, maximum, resampled};
 use super::finding::{LogLikelihood, Worth};
-use super::found::{Aside, accepted};
-use super::held_out::{Halves, baseline, by_channel, with};
+use super::held_out::{TrainTestSplit, baseline, by_channel, with};
 use super::model::{Model, Rail};
 use super::observations::Observations;
 use super::population::{Population, population};
@@ -29,19 +29,19 @@ use std::f64::consts::TAU;
 /// How far from its first guess a size is searched for, in its logarithm.
 const REACH: f64 = 3.0;
 
-impl Halves {
+impl TrainTestSplit {
     /// The population from which a model fitted to `train` expects the signals of a channel. `place`: the
     /// channel's index in `train`; `None`: it was not fitted to.
     fn expected(&self, model: &Model, place: Option<usize>) -> Population {
         match place {
-            Some(unit) => Population::heard(model, unit, self.counts[unit]),
+            Some(unit) => Population::of_channel(model, unit, self.counts[unit]),
             None => population(model, None),
         }
     }
 
     /// The held-out signals, with what a model expects of them.
     fn test(&self, model: &Model) -> Vec<Signal> {
-        let of_unit = self.heard.iter().map(|place| self.expected(model, *place)).collect();
+        let of_unit = self.in_train.iter().map(|place| self.expected(model, *place)).collect();
         signals(model, &self.test, of_unit)
     }
 
@@ -63,10 +63,10 @@ struct Measuring<'a> {
     /// Causes that move what is expected of a signal.
     causes: &'a [Applied],
     /// What was found in codes, noise and trigger.
-    aside: &'a Aside,
-    halves: Halves,
+    artefacts: &'a Artefacts,
+    split: TrainTestSplit,
     /// The same parts before whitening.
-    as_it_came: Option<Halves>,
+    unwhitened: Option<TrainTestSplit>,
     /// Fitted to the training part: the baseline with no cause, and with all that move what is expected.
     plain: Model,
     extended: Model,
@@ -79,36 +79,37 @@ struct Step {
     gains: Vec<f64>,
 }
 
-/// Measures what all causes are worth, together and each. `before`, `causes`, `aside`: as of `Measuring`.
-/// `as_it_came`: the signals before correlated noise was made white. `setting`: the signals that the causes
+/// Measures what all causes are worth, together and each. `before`, `causes`, `artefacts`: as of `Measuring`.
+/// `unwhitened`: the signals before correlated noise was made white. `setting`: the signals that the causes
 /// were found in. `None`: nothing was found, there are too few signals, or nothing rings in the training
 /// part.
 pub fn measure(
     before: &Model,
     causes: &[Applied],
-    aside: &Aside,
-    as_it_came: Option<&Observations>,
+    artefacts: &Artefacts,
+    unwhitened: Option<&Observations>,
     Setting { data, avoid }: Setting,
 ) -> Option<LogLikelihood> {
-    if causes.is_empty() && aside.accepted().next().is_none() {
+    if causes.is_empty() && artefacts.accepted().next().is_none() {
         return None;
     }
-    let halves_of = |data: &Observations| {
+    let split_of = |data: &Observations| {
         let by_time = data.len() > data.units;
-        Halves::of(data, !by_time, by_time)
+        TrainTestSplit::of(data, !by_time, by_time)
     };
-    let halves = halves_of(data)?;
-    let as_it_came = as_it_came.and_then(halves_of);
-    let plain = baseline(before.real, Some(before), halves.part(avoid))?;
-    let extended = with(&plain, causes, halves.part(avoid));
-    let measuring = Measuring { before, causes, aside, halves, as_it_came, plain, extended, avoid };
+    let split = split_of(data)?;
+    let unwhitened = unwhitened.and_then(split_of);
+    let plain = baseline(before.real, Some(before), split.part(avoid))?;
+    let extended = with(&plain, causes, split.part(avoid));
+    let measuring =
+        Measuring { before, causes, artefacts, split, unwhitened, plain, extended, avoid };
     Some(measuring.log_likelihood())
 }
 
 impl Measuring<'_> {
     fn log_likelihood(&self) -> LogLikelihood {
-        let plain = self.halves.test(&self.plain);
-        let extended = self.halves.test(&self.extended);
+        let plain = self.split.test(&self.plain);
+        let extended = self.split.test(&self.extended);
         let (ln_plain, ln_extended) =
             (ln(&plain, &Noise::default()), ln(&extended, &Noise::default()));
         // the causes that move what is expected: together, and each by leaving it out
@@ -135,8 +136,8 @@ impl Measuring<'_> {
         let one = |index: usize| {
             let mut others = self.causes.to_vec();
             let id = others.remove(index).id;
-            let without = with(&self.plain, &others, self.halves.part(self.avoid));
-            let without = self.halves.test(&without);
+            let without = with(&self.plain, &others, self.split.part(self.avoid));
+            let without = self.split.test(&without);
             Step { id, gains: less(ln_extended, &ln(&without, &Noise::default())) }
         };
         (0..self.causes.len()).map(one).collect()
@@ -148,27 +149,24 @@ impl Measuring<'_> {
     /// the baseline that knows the codes. Whitened signals have no codes.
     fn codes(&self, plain: &[Signal], ln_plain: &[f64]) -> Vec<Step> {
         let Model { rails, lattice, noise_var, .. } = self.before;
-        let is = |id| accepted(&self.aside.codes, id);
+        let is = |id| accepted(&self.artefacts.codes, id);
         let (clipping, coarse) = (is(CauseId::Clipping), is(CauseId::CoarseLsb));
-        if self.as_it_came.is_some() || rails.is_empty() && lattice.is_none() {
+        if self.unwhitened.is_some() || rails.is_empty() && lattice.is_none() {
             return Vec::new();
         }
-        let naive = baseline(self.before.real, None, self.halves.part(self.avoid));
+        let naive = baseline(self.before.real, None, self.split.part(self.avoid));
         let Some(naive) = naive else { return Vec::new() };
-        let naive = ln(&self.halves.test(&naive), &Noise::default());
+        let naive = ln(&self.split.test(&naive), &Noise::default());
         let sd = noise_var.sqrt();
         let clipped: Vec<f64> = plain.iter().map(|signal| signal.ln_clipped(rails, sd)).collect();
-        let stepped: Vec<f64> = match lattice {
-            Some(lattice) => self.ln_codes(*lattice),
-            None => vec![0.0; plain.len()],
-        };
         let model = less(ln_plain, &naive);
         let sum = |of: &[f64]| model.iter().zip(of).map(|(p, q)| p + q).collect::<Vec<f64>>();
         let mut steps = Vec::new();
         if clipping.is_some() {
             steps.push(Step { id: CauseId::Clipping, gains: sum(&clipped) });
         }
-        if coarse.is_some() && lattice.is_some() {
+        if let (Some(_), Some(lattice)) = (coarse, lattice) {
+            let stepped = self.ln_codes(*lattice);
             // the gain of the fit is common to both causes, and told once
             let gains = if clipping.is_some() { stepped } else { sum(&stepped) };
             steps.push(Step { id: CauseId::CoarseLsb, gains });
@@ -181,7 +179,7 @@ impl Measuring<'_> {
     /// knowledge, and one off it step e / (step - 1) times. e is estimated from the training signals.
     fn ln_codes(&self, [step, first]: [f64; 2]) -> Vec<f64> {
         let on = |y: &f32| (f64::from(*y) - first).rem_euclid(step) == 0.0;
-        let Halves { train, test, .. } = &self.halves;
+        let TrainTestSplit { train, test, .. } = &self.split;
         let all = (0..train.len()).flat_map(|i| train.signal(i));
         // the counts start at 1 of 2, so that neither logarithm is infinite
         let (off, count) = all
@@ -195,11 +193,11 @@ impl Measuring<'_> {
     /// Gain of knowing the correlation of the noise: ln p of the whitened held-out signals (`ln_plain`), less
     /// that of the same signals as they came in white noise, given their first sample, which whitening loses.
     fn correlation(&self, ln_plain: &[f64]) -> Option<Step> {
-        accepted(&self.aside.noise, CauseId::CorrelatedNoise)?;
-        let halves = self.as_it_came.as_ref()?;
-        let naive = baseline(self.before.real, None, halves.part(&[]))?;
+        accepted(&self.artefacts.noise, CauseId::CorrelatedNoise)?;
+        let split = self.unwhitened.as_ref()?;
+        let naive = baseline(self.before.real, None, split.part(&[]))?;
         let naive: Vec<f64> =
-            halves.test(&naive).iter().map(Signal::ln_density_after_first).collect();
+            split.test(&naive).iter().map(Signal::ln_density_after_first).collect();
         Some(Step { id: CauseId::CorrelatedNoise, gains: less(ln_plain, &naive) })
     }
 
@@ -207,13 +205,13 @@ impl Measuring<'_> {
     /// top of those before it. `test`, `ln_extended`: the held-out signals, and ln p of each, by the extended
     /// model in white noise.
     fn noise(&self, test: &[Signal], ln_extended: &[f64]) -> Vec<Step> {
-        let is = |id| accepted(&self.aside.noise, id);
+        let is = |id| accepted(&self.artefacts.noise, id);
         let (growth, tone) = (is(CauseId::HeteroscedasticNoise), is(CauseId::RandomTone));
         let jitter = is(CauseId::TriggerJitter);
         if growth.is_none() && tone.is_none() && jitter.is_none() {
             return Vec::new();
         }
-        let train = self.halves.train(&self.extended);
+        let train = self.split.train(&self.extended);
         // the growth is relative to the largest expected sample
         let squares = train.iter().flat_map(|signal| signal.expected.iter().map(|f| f * f));
         let top = squares.fold(f64::MIN_POSITIVE, f64::max);
@@ -239,7 +237,7 @@ impl Measuring<'_> {
             add(CauseId::RandomTone, ln(test, &noise));
         }
         if let Some(sd) = jitter {
-            let data = &self.halves.train;
+            let data = &self.split.train;
             let guess = (sd / (data.length_s())).powi(2);
             let variance = fitted(guess, &|var| ln_densities_with_jitter(&train, &noise, var));
             add(CauseId::TriggerJitter, ln_densities_with_jitter(test, &noise, variance));

@@ -65,8 +65,8 @@ impl ScoreTests<'_> {
             if gamma > 0.0 {
                 gamma = maximum(|x| test(omega, x.exp()), gamma.ln(), 0.4)
                     .exp()
-                    .max(0.1 * self.seen.sigma)
-                    .min(6.0 * self.seen.sigma);
+                    .max(0.1 * self.decay.sigma)
+                    .min(6.0 * self.decay.sigma);
             }
         }
         let directions = self.waves(pattern, omega, gamma);
@@ -120,7 +120,7 @@ impl ScoreTests<'_> {
 
     /// Whether what is at a frequency may be the ring's own doing, or a random tone that was found.
     fn is_own(&self, pattern: usize, omega: f64, gamma: f64) -> bool {
-        let own = self.seen.omega;
+        let own = self.decay.omega;
         let within = |reach: f64, of: f64| (omega - of).abs() < reach;
         // a damped line is as broad as its damping, in addition to the resolution
         let near = |of: f64| within(RESOLUTION + 0.5 * gamma, of);

@@ -79,7 +79,7 @@ pub struct ScoreTests<'a> {
     /// The mean channel's decay; and the rates and the state inside the channel (volume and flows)
     /// that explain it.
     samples: usize,
-    seen: ObservedDecay,
+    decay: ObservedDecay,
     interior: Option<Interior>,
 }
 
@@ -90,7 +90,7 @@ impl<'a> ScoreTests<'a> {
         nuisances: &'a Both<Nuisance<'a>>,
     ) -> ScoreTests<'a> {
         let t = model.decay();
-        let seen = ObservedDecay {
+        let decay = ObservedDecay {
             sigma: t[0].exp(),
             omega: t[1].exp(),
             lambda: t[5].exp(),
@@ -99,11 +99,11 @@ impl<'a> ScoreTests<'a> {
             c: if model.real { t[4] } else { 0.0 },
         };
         let interior = match model.real {
-            true => Interior::ink(&seen, RATIO_OF_RATES),
-            false => Some(Interior::oscillator(&seen)),
+            true => Interior::ink(&decay, RATIO_OF_RATES),
+            false => Some(Interior::oscillator(&decay)),
         };
         let samples = data.samples;
-        ScoreTests { model, data, avoid, nuisances, samples, seen, interior }
+        ScoreTests { model, data, avoid, nuisances, samples, decay, interior }
     }
 
     /// Tests all causes and rivals that the data can test, in the catalogue's order. An entry that
@@ -167,7 +167,7 @@ impl<'a> ScoreTests<'a> {
             Shape::Transient => self.transient(id, near),
             Shape::Tone => self.line(id, 0, &[0.0], near),
             Shape::Mode => {
-                let sigma = self.seen.sigma;
+                let sigma = self.decay.sigma;
                 self.line(id, 1, &[0.4 * sigma, sigma, 2.0 * sigma], near)
             }
             Shape::Motion(motion) => {

@@ -50,21 +50,21 @@ impl ScoreTests<'_> {
     }
 
     fn parts(&self) -> Ring {
-        let seen = &self.seen;
+        let decay = &self.decay;
         let n = self.samples as f64;
         let of = |f: &dyn Fn(f64) -> f64| (0..self.samples).map(|k| f(k as f64 / n)).collect();
-        let fall = |t: f64| (-seen.sigma * t).exp();
+        let fall = |t: f64| (-decay.sigma * t).exp();
         let wave = |a: f64, b: f64| {
             of(&|t| {
-                let (sin, cos) = (seen.omega * t).sin_cos();
+                let (sin, cos) = (decay.omega * t).sin_cos();
                 fall(t) * (a * cos + b * sin)
             })
         };
         Ring {
-            pair: wave(seen.a, seen.b),
-            quarter: wave(seen.b, -seen.a),
-            slow: of(&|t| seen.c * (-seen.lambda * t).exp()),
-            envelope: of(&|t| fall(t) * seen.a.hypot(seen.b)),
+            pair: wave(decay.a, decay.b),
+            quarter: wave(decay.b, -decay.a),
+            slow: of(&|t| decay.c * (-decay.lambda * t).exp()),
+            envelope: of(&|t| fall(t) * decay.a.hypot(decay.b)),
         }
     }
 
@@ -113,10 +113,10 @@ impl ScoreTests<'_> {
                 let changed = match id {
                     // sigma becomes sigma (1 + e t), omega becomes omega (1 + e t) or settles
                     CauseId::LossFollowsTime => {
-                        pair * (-0.5 * e * self.seen.sigma * t * t).exp_m1()
+                        pair * (-0.5 * e * self.decay.sigma * t * t).exp_m1()
                     }
                     CauseId::FrequencyFollowsTime => {
-                        let turned = e * self.seen.omega * settling(t, second);
+                        let turned = e * self.decay.omega * settling(t, second);
                         pair * (turned.cos() - 1.0) + s * ring.quarter[k] * turned.sin()
                     }
                     // y becomes y + e y²/whole, and y + e y³/whole²
@@ -146,16 +146,16 @@ impl ScoreTests<'_> {
         let added = |k: usize| match id == CauseId::GainSways {
             true => ring.pair[k] + ring.slow[k],
             false => {
-                self.seen.omega * ring.quarter[k]
-                    - self.seen.sigma * ring.pair[k]
-                    - self.seen.lambda * ring.slow[k]
+                self.decay.omega * ring.quarter[k]
+                    - self.decay.sigma * ring.pair[k]
+                    - self.decay.lambda * ring.slow[k]
             }
         };
         let y: Vec<f64> = (0..self.samples).map(added).collect();
         let shapes =
             |omega: f64| Direction::waves(1, self.samples, |k| (y[k], omega * k as f64 / n));
         // slower swaying is a damping or a frequency that changes with time
-        let (low, high) = (LEAST_PERIODS * TAU, self.seen.omega.min(0.5 * PI * n));
+        let (low, high) = (LEAST_PERIODS * TAU, self.decay.omega.min(0.5 * PI * n));
         let grid = (0..).map(|k| low + STEP * f64::from(k)).take_while(|omega| *omega < high);
         let near = near.map(|near| near.shape);
         let scored = self.searched(id, n, near, (grid, STEP, [low, high]), shapes)?;
@@ -177,7 +177,7 @@ impl ScoreTests<'_> {
         let statistic =
             |omega: f64, sweep: f64| self.nuisances.shapes.statistic(&shapes(omega, sweep));
         let own =
-            |omega: f64, sweep: f64| (omega - self.seen.omega).abs() < TAU + 0.5 * sweep.abs();
+            |omega: f64, sweep: f64| (omega - self.decay.omega).abs() < TAU + 0.5 * sweep.abs();
         let (low, high) = (LEAST_PERIODS * TAU, 0.97 * PI * n);
         let mut best = match near {
             Some(near) => (near.shape, near.damping),

@@ -104,7 +104,7 @@ impl ScoreTests<'_> {
         let term = if let Term::Stop { .. } = term { Term::Stop { at: place } } else { term };
         // the secant at the strength e: the decay with the term less the decay without it, over e
         let inside = self.interior?;
-        let decay = |with, s| inside.decay(&self.seen, with, s, self.samples);
+        let decay = |with, s| inside.decay(&self.decay, with, s, self.samples);
         let without: Vec<Vec<f64>> = self.nodes().iter().map(|s| decay(None, *s)).collect();
         let shape = |e: f64| {
             self.by_drive(power, |node, s| {
@@ -190,17 +190,11 @@ impl ScoreTests<'_> {
         }
         // the coefficients of the cubic through the four nodes, sample by sample
         let inverse = Matrix4::from_fn(|j, p| nodes[j].powi(p as i32)).try_inverse()?;
-        let mut blocks = Vec::new();
-        for p in 0..PATTERNS {
-            let shape: Vec<f64> = (0..n)
-                .map(|k| {
-                    let values = Vector4::from_fn(|j, _| at[j][k]);
-                    (inverse.row(p) * values)[0]
-                })
-                .collect();
-            blocks.push((p * n, shape));
-        }
-        finite(Direction(blocks))
+        let of_power = |p: usize| {
+            let coefficient = |k| (inverse.row(p) * Vector4::from_fn(|j, _| at[j][k]))[0];
+            (p * n, (0..n).map(coefficient).collect())
+        };
+        finite(Direction((0..PATTERNS).map(of_power).collect()))
     }
 
     /// Tests a droop: a charge amplifier that leaks, hence a first-order high-pass, which begins at t_a. Its
@@ -251,7 +245,7 @@ impl ScoreTests<'_> {
             let y: Vec<f64> = (0..self.samples).map(|k| (-w * k as f64 / n).exp()).collect();
             Direction::shape(1, y)
         };
-        let (low, high) = ((4.0 * self.seen.sigma).max(6.0), 2.0 * n);
+        let (low, high) = ((4.0 * self.decay.sigma).max(6.0), 2.0 * n);
         let grid = (0..24).map(|i| (low * (high / low).powf(f64::from(i) / 23.0)).ln());
         let near = near.map(|near| near.shape.ln());
         // All is in ln w. The reach of .12 is more than half of a step of the grid up to 512 samples (.16 to

@@ -47,7 +47,7 @@ pub fn misfit_power(misfit: &[f64], decays: &Decays) -> Vec<f64> {
 /// Fits the damped oscillation that explains most, in white noise. It is searched beside an offset,
 /// so that it does not slow down to stand in for one; the offset is then taken out.
 pub fn baseline(decays: &Decays) -> Fit<'_> {
-    let plain = Fit::at_rest(decays);
+    let plain = Fit::zero(decays);
     let white = Noise::white(&vec![1.0; decays.outputs]);
     let resolution = TAU / decays.samples as f64;
     let power = misfit_power(&decays.y, decays);
@@ -116,14 +116,14 @@ fn line_starts<'a>(parent: &Fit<'a>, line: Line) -> Vec<Fit<'a>> {
 /// followed.
 pub fn children<'a>(parent: &Fit<'a>, term: Term, noise: &Noise) -> Vec<Fit<'a>> {
     let starts = starts(parent, term);
-    let looks = || starts.iter().map(|start| start.look(noise));
+    let tries = || starts.iter().map(|start| start.few_steps(noise));
     if term.is_line() {
-        return looks().collect();
+        return tries().collect();
     }
-    let look = (starts.len() > 1)
-        .then(looks)
+    let best_start = (starts.len() > 1)
+        .then(tries)
         .and_then(|all| all.min_by(|p: &Fit, q: &Fit| p.cost.total_cmp(&q.cost)));
-    let start = look.as_ref().unwrap_or(&starts[0]);
+    let start = best_start.as_ref().unwrap_or(&starts[0]);
     let best = start.descend(noise);
     if !term.moves_phase() {
         return vec![best];

@@ -152,7 +152,7 @@ pub struct Fit<'a> {
 
 impl<'a> Fit<'a> {
     /// The plain oscillator with all numbers 0, not compared with the decays yet.
-    pub fn at_rest(decays: &'a Decays) -> Fit<'a> {
+    pub fn zero(decays: &'a Decays) -> Fit<'a> {
         let p = vec![0.0; plain_numbers(decays)];
         Fit { decays, terms: Vec::new(), p, cost: f64::INFINITY }
     }
@@ -196,7 +196,7 @@ impl<'a> Fit<'a> {
 
     /// Without those of its terms for whose index `goes` is true; not fitted anew.
     pub fn without(&self, goes: impl Fn(usize) -> bool) -> Fit<'a> {
-        let mut left = Fit::at_rest(self.decays);
+        let mut left = Fit::zero(self.decays);
         left.p.clone_from_slice(&self.p[..plain_numbers(self.decays)]);
         let stays = self.placed().enumerate().filter(|(i, _)| !goes(*i));
         for (_, (term, at)) in stays {
@@ -245,7 +245,7 @@ impl<'a> Fit<'a> {
     }
 
     /// Descends by a few steps only, to compare starts.
-    pub fn look(&self, noise: &Noise) -> Fit<'a> {
+    pub fn few_steps(&self, noise: &Noise) -> Fit<'a> {
         self.steps(noise, self.decays.samples, FEW_STEPS)
     }
 

@@ -120,7 +120,7 @@ impl Motion {
         out.clear();
         self.moved(start, samples, out);
         if self.unnamed.has(&SENSORS) {
-            self.unnamed.see(out);
+            self.unnamed.through_sensor(out);
         }
     }
 

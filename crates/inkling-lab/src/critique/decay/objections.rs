@@ -74,7 +74,7 @@ fn line_objection(
     for (other, known) in before {
         let reach = resolution.max(0.5 * (sigma.abs() + fit.p[*other].abs()));
         if frequencies.iter().any(|omega| known.iter().any(|k| (omega - k).abs() < reach)) {
-            return Some(Objection::Known);
+            return Some(Objection::KnownLine);
         }
     }
     (sigma * 0.5 > frequencies[0]).then_some(Objection::Overdamped)

@@ -23,7 +23,7 @@ use crate::critique::candidate::{Candidate, Chosen};
 use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
 use crate::critique::finding::Evidence;
 use crate::critique::objection::Objection;
-use crate::critique::search::{ExplainedModel, Rival, Round, System, search};
+use crate::critique::search::{Contender, ExplainedModel, Round, System, search};
 use crate::critique::tuned::{MOSTLY, left_by_all, left_to_shapes, tie};
 use inkling_core::numbers::tuned::little;
 use inkling_core::side_by_side::{cores, side_by_side};
@@ -133,7 +133,7 @@ fn judged<'a>(mut t: Tried<'a>, parent: &Fit<'a>, noise: &Noise) -> Tried<'a> {
             false => t.statistic < left_to_shapes() * parent.cost,
         };
     t.objection = objection(fit, parent.terms.len(), &fit.covariance(noise))
-        .or(little.then_some(Objection::Little));
+        .or(little.then_some(Objection::TooWeak));
     t
 }
 
@@ -169,15 +169,15 @@ impl<'a> System for &'a Decays {
     ) -> Round<Fit<'a>, Added<'a>> {
         let strongest = chosen.iter().map(|c| c.candidate.statistic).fold(0.0, f64::max);
         let least = (left_by_all() * strongest).max(DETECTION_LIMIT);
-        let rival = |t: &Tried<'a>| Rival {
+        let contender = |t: &Tried<'a>| Contender {
             candidate: t.clone(),
             model: t.form.fit.clone(),
             penalised: -t.delta_bic(self.ln_samples()),
             may_enter: t.has_name() || t.statistic >= least,
         };
-        let rivals: Vec<_> = tried.iter().filter(|t| t.accepted()).map(rival).collect();
-        let may_enter = rivals.iter().filter(|r| r.may_enter).map(|r| r.penalised);
-        Round { least: may_enter.fold(f64::INFINITY, f64::min), rivals }
+        let contenders: Vec<_> = tried.iter().filter(|t| t.accepted()).map(contender).collect();
+        let may_enter = contenders.iter().filter(|r| r.may_enter).map(|r| r.penalised);
+        Round { least: may_enter.fold(f64::INFINITY, f64::min), contenders }
     }
 
     /// The search breaks where the newcomer itself is gone again: it would come back for ever.

@@ -2,7 +2,7 @@
 //!
 //! In: the first [`IN_DECAYS`] rivals of the catalogue, and their numbers. Out: forces of springs
 //! ([`Strengths::spring`]), rates at a time (`loss_after`, `frequency_after`), and what the sensor shows of a
-//! path (`see`). Each rival has a strength, which is 0 if it is absent, and three of them a second number: a
+//! path (`through_sensor`). Each rival has a strength, which is 0 if it is absent, and three of them a second number: a
 //! place, a lag, or a rate of settling. Time counts in samples; displacements are in the scale of the decays.
 
 use crate::critique::catalogue::{CATALOGUE, CauseId, IN_DECAYS, RIVALS};
@@ -48,54 +48,50 @@ impl Strengths {
         self.0[Strengths::place(what)][..numbers.len()].copy_from_slice(numbers);
     }
 
-    fn of(&self, what: CauseId) -> f64 {
-        self.0[Strengths::place(what)][0]
-    }
-
-    fn second_of(&self, what: CauseId) -> f64 {
-        self.0[Strengths::place(what)][1]
+    /// A rival's numbers.
+    fn of(&self, what: CauseId) -> [f64; 2] {
+        self.0[Strengths::place(what)]
     }
 
     /// Force of the rivals' springs at the displacement x, over the rate omega² of the spring itself; added
     /// to x.
     pub fn spring(&self, x: f64) -> f64 {
-        let gap = self.of(CauseId::SpringWithGap);
-        let place = self.second_of(CauseId::OneSidedSpring);
-        let stop = self.of(CauseId::OneSidedSpring) * past(x, place);
-        let even = self.of(CauseId::EvenSpring) * x * x;
-        even + stop - x.max(-gap.abs()).min(gap.abs()) * gap.signum()
+        let [gap, _] = self.of(CauseId::SpringWithGap);
+        let [stop, place] = self.of(CauseId::OneSidedSpring);
+        let [even, _] = self.of(CauseId::EvenSpring);
+        even * x * x + stop * past(x, place) - x.max(-gap.abs()).min(gap.abs()) * gap.signum()
     }
 
     /// Whether some of these rivals are there.
     pub fn has(&self, some: &[CauseId]) -> bool {
-        some.iter().any(|what| self.of(*what) != 0.0)
+        some.iter().any(|what| self.of(*what)[0] != 0.0)
     }
 
     /// What has been added to sigma by a time.
     pub fn loss_after(&self, time: f64) -> f64 {
-        self.of(CauseId::LossFollowsTime) * time
+        self.of(CauseId::LossFollowsTime)[0] * time
     }
 
     /// Relative change of omega by a time: slope times time, or settling, slope (1 - e^{-rate time}) / rate.
     pub fn frequency_after(&self, time: f64) -> f64 {
-        let rate = self.second_of(CauseId::FrequencyFollowsTime);
+        let [slope, rate] = self.of(CauseId::FrequencyFollowsTime);
         let run = if (rate * time).abs() < 1e-9 { time } else { -(-rate * time).exp_m1() / rate };
-        self.of(CauseId::FrequencyFollowsTime) * run
+        slope * run
     }
 
     /// Replaces the displacements of a path (x and x'/omega) by what the sensor shows of them.
-    pub fn see(&self, path: &mut [[f64; 2]]) {
+    pub fn through_sensor(&self, path: &mut [[f64; 2]]) {
         let amplitudes = path.iter().map(|[x, u]| x.hypot(*u));
-        let levels = lagging(amplitudes, self.second_of(CauseId::GainFollowsAmplitude));
-        path.iter_mut().zip(levels).for_each(|([x, _], level)| *x = self.seen(*x, level));
+        let levels = lagging(amplitudes, self.of(CauseId::GainFollowsAmplitude)[1]);
+        path.iter_mut().zip(levels).for_each(|([x, _], level)| *x = self.sensed(*x, level));
     }
 
     /// What the sensor shows of x while the amplitude of the motion, with the gain's lag, is `amplitude`.
-    fn seen(&self, x: f64, amplitude: f64) -> f64 {
-        let deaf = self.of(CauseId::DeafSensor);
-        let even = self.of(CauseId::EvenSensor) * x * x;
-        let odd = self.of(CauseId::OddSensor) * x * x * x;
-        let gain = 1.0 / (1.0 + self.of(CauseId::GainFollowsAmplitude) * amplitude);
+    fn sensed(&self, x: f64, amplitude: f64) -> f64 {
+        let [deaf, _] = self.of(CauseId::DeafSensor);
+        let even = self.of(CauseId::EvenSensor)[0] * x * x;
+        let odd = self.of(CauseId::OddSensor)[0] * x * x * x;
+        let gain = 1.0 / (1.0 + self.of(CauseId::GainFollowsAmplitude)[0] * amplitude);
         gain * x + even + odd - x.max(-deaf.abs()).min(deaf.abs()) * deaf.signum()
     }
 }
@@ -113,7 +109,7 @@ mod tests {
             assert_eq!(changes.iter().filter(|c| **c).count(), 1, "{what:?}");
             assert_eq!(of.spring(0.5) != 0.0, of.has(&SPRINGS), "{what:?}");
             let mut path = [[0.5, 0.2]];
-            of.see(&mut path);
+            of.through_sensor(&mut path);
             assert_eq!(path[0][0] != 0.5, of.has(&SENSORS), "{what:?}");
         }
     }
@@ -136,11 +132,11 @@ mod tests {
         let mut of = Strengths::default();
         of.set(CauseId::GainFollowsAmplitude, &[1.0, 10.0]);
         let mut path = [[1.0, 0.0]; 200];
-        of.see(&mut path);
+        of.through_sensor(&mut path);
         assert!(path[0][0] > 0.9 && (path[199][0] - 0.5).abs() < 1e-6, "it falls with a lag");
         of.set(CauseId::GainFollowsAmplitude, &[1.0, -10.0]);
         let mut path = [[1.0, 0.0]; 2];
-        of.see(&mut path);
+        of.through_sensor(&mut path);
         assert!((path[0][0] - 0.5).abs() < 1e-12, "it has settled before");
     }
 }

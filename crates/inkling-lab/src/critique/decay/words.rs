@@ -16,6 +16,7 @@ use crate::critique::catalogue::InDecays;
 use crate::critique::digits;
 use crate::critique::finding::Cause;
 use crate::critique::words::cause_sentence;
+use nalgebra::DVector;
 use std::f64::consts::TAU;
 use std::fmt::Write;
 
@@ -47,17 +48,15 @@ fn value(selected: &Selected, index: usize) -> (f64, f64) {
     };
 
     // gradient of the value by the numbers, by central differences of a hundredth of their errors
-    let mut gradient = vec![0.0; fit.p.len()];
-    for (j, g) in gradient.iter_mut().enumerate() {
+    let gradient = DVector::from_fn(fit.p.len(), |j, _| {
         let h = 0.01 * selected.covariance[(j, j)].max(0.0).sqrt();
-        if h > 0.0 && h.is_finite() {
-            let (mut up, mut down) = (fit.p.clone(), fit.p.clone());
-            up[j] += h;
-            down[j] -= h;
-            *g = (of(&up) - of(&down)) / (2.0 * h);
-        }
-    }
-    let gradient = nalgebra::DVector::from_vec(gradient);
+        let moved = |by: f64| {
+            let mut p = fit.p.clone();
+            p[j] += by;
+            of(&p)
+        };
+        if h > 0.0 && h.is_finite() { (moved(h) - moved(-h)) / (2.0 * h) } else { 0.0 }
+    });
     let variance = gradient.dot(&(&selected.covariance * &gradient));
     (of(&fit.p), variance.max(0.0).sqrt())
 }
@@ -95,14 +94,13 @@ pub fn causes(selected: &Selected) -> (Vec<Cause>, Vec<String>) {
             ));
             continue;
         }
-        let (value, sd) = value(selected, index);
         let mut chosen = chosen.clone();
-        (chosen.candidate.value, chosen.candidate.sd) = (value, sd);
+        (chosen.candidate.value, chosen.candidate.sd) = value(selected, index);
         chosen.delta_bic = chosen.candidate.delta_bic(decays.ln_samples());
         let mut cause = chosen.cause();
         // the strongest of several lines is the cause already: the others are remarks
         if found.iter().any(|c| c.id == id) {
-            let size = digits::measured(value, cause.ci95, &cause.unit);
+            let size = digits::measured(cause.value, cause.ci95, &cause.unit);
             remarks.push(format!("one more {id}: {} = {size}", cause.parameter));
             continue;
         }

@@ -3,6 +3,7 @@
 
 use super::candidate::Candidate;
 use super::catalogue::CauseId;
+use super::leftovers::Finding;
 
 /// The value of a cause if it is among `found` and accepted.
 pub fn accepted(found: &[Candidate], id: CauseId) -> Option<f64> {
@@ -11,20 +12,25 @@ pub fn accepted(found: &[Candidate], id: CauseId) -> Option<f64> {
 
 /// What was tested in codes, and in noise and trigger, accepted or not.
 #[derive(Clone, Debug, Default)]
-pub struct Aside {
+pub struct Artefacts {
     pub codes: Vec<Candidate>,
     pub noise: Vec<Candidate>,
-    /// `Outliers::shaped`: -ln of the probability that noise gives such misfits to a few signals; 0: nothing
+    /// `Outliers::shape_surprise`: -ln of the probability that noise gives such misfits to a few signals; 0: nothing
     /// odd.
     pub odd_signals: f64,
 }
 
-impl Aside {
+impl Artefacts {
     pub fn all(&self) -> impl Iterator<Item = &Candidate> {
         self.codes.iter().chain(&self.noise)
     }
 
     pub fn accepted(&self) -> impl Iterator<Item = &Candidate> {
         self.all().filter(|f| f.accepted())
+    }
+
+    /// What was accepted, for the comparison with what other findings may leave.
+    pub fn findings(&self) -> Vec<Finding> {
+        self.accepted().map(|f| Finding::of(f, &[])).collect()
     }
 }
