@@ -119,11 +119,9 @@ pub fn check(selected: &Selected, artefacts: &Artefacts, setting: Setting) -> Ad
 fn owned_covariates(selected: &Selected) -> Vec<usize> {
     let named = || selected.causes.iter().map(|c| c.candidate.id);
     let mut owned: Vec<usize> = named().filter_map(CauseId::follows).collect();
-    // tied causes own each other's covariates
     let tied = selected.causes.iter().flat_map(|c| &c.tied_with);
     let of_tied = tied.filter_map(|id| id.follows());
     owned.extend(of_tied.filter(|which| matches!(*which, TIME | TEMPERATURE)));
-    // and what acts through the amplitude owns the drive
     if named().any(CauseId::by_amplitude) {
         owned.push(DRIVE);
     }

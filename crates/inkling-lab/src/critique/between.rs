@@ -27,7 +27,6 @@ const FEWEST: usize = 8;
 pub struct Scatter {
     /// Shift in time, rad of the ring; relative amplitude; ln sigma; ln omega.
     pub x: Vector4<f64>,
-    /// Covariance that the noise gives `x`.
     pub noise: Matrix4<f64>,
     /// Index of its channel, without a gap.
     pub unit: usize,
@@ -43,7 +42,6 @@ pub struct Contrasts {
     own: f64,
 }
 
-/// One contrast, scaled such that single signals give it the variance `own`.
 struct Contrast {
     value: f64,
     /// About the number of signals of a burst over the variance of one.
@@ -58,7 +56,6 @@ impl Contrasts {
         sums.contrasts(&sums.followed())
     }
 
-    /// -2 ln likelihood of the common variance, up to a constant.
     pub fn deviance(&self, common: f64) -> f64 {
         let of = |c: &Contrast| {
             let var = self.own + c.weight * common;
@@ -67,7 +64,6 @@ impl Contrasts {
         self.each.iter().map(of).sum()
     }
 
-    /// Fisher information of the common variance.
     pub fn information(&self, common: f64) -> f64 {
         let of = |c: &Contrast| 0.5 * (c.weight / (self.own + c.weight * common)).powi(2);
         self.each.iter().map(of).sum()
@@ -146,7 +142,6 @@ impl Sums {
         out
     }
 
-    /// The contrasts with some covariates taken out.
     fn contrasts(&self, out: &[usize]) -> Option<Contrasts> {
         let (left, taken) = self.without(out);
         let Basis { axes, weights } = Basis::of(&left, self.bursts);

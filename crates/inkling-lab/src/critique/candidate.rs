@@ -18,7 +18,6 @@ pub struct Candidate<Form = ()> {
     /// less after corrections. Chi-squared with `degrees` where there is no effect.
     pub statistic: f64,
     pub degrees: usize,
-    /// Number of independent shapes among which this one is the best.
     pub tried: f64,
     /// -ln of the probability of that statistic by chance, corrected for the shapes tried.
     pub surprise: f64,
@@ -115,7 +114,6 @@ impl<Form> Candidate<Form> {
     }
 }
 
-/// A candidate that is in the model.
 #[derive(Clone, Debug)]
 pub struct Chosen<Form> {
     /// Its statistic compares the model with it and the model without it.

@@ -12,11 +12,10 @@ use rand_chacha::ChaCha8Rng;
 /// -ln of the probability that one candidate passes on data of the model itself: once in 4000. So one of 22
 /// independent candidates passes in about half a per cent of such data.
 pub const THRESHOLD: f64 = 8.3;
-/// A candidate that is less surprising than this is not examined further, and leaves a model that it is in.
+/// Below this surprise a candidate is not examined further, and leaves a model that it is in.
 pub const HINT: f64 = THRESHOLD / 2.0;
 /// The same of the tests without the catalogue, all of one kind together: one in 1000.
 const WITHOUT_A_NAME: f64 = 6.9;
-/// The normal deviate whose magnitude is exceeded once in 100.
 pub const ONCE_IN_100: f64 = 2.576;
 /// Noncentrality of a chi-squared statistic at one detection limit: it is found with a probability of 90 % by
 /// a test of one degree of freedom and size 0.001.

@@ -22,9 +22,8 @@ use super::space::Direction;
 use inkling_core::model::free_decay::{ALL, FREE};
 use inkling_core::model::inner_product::dot;
 
-/// About so many signals are looked at, in whole bursts.
+/// About so many signals are looked at, in whole bursts, of many only every second, third, ..
 const MOST: usize = 4096;
-/// Place of the real pole's amplitude among a signal's own parameters.
 const REAL_POLE: usize = 4;
 /// Number of coefficients that bursts are judged about: the mean, and the direction's own.
 const FITTED: f64 = 2.0;
@@ -93,7 +92,6 @@ impl ScoreSum {
     }
 }
 
-/// What one burst says of a direction: along the ring's parameters, and across them.
 #[derive(Clone, Copy, Default)]
 struct Burst {
     along: ScoreSum,
@@ -119,7 +117,6 @@ impl Clusters<'_> {
     /// The spread of a direction over bursts. `present`: the direction is in the model already, with size 1,
     /// so scores are about that size.
     pub fn spread(&self, direction: &Direction, present: bool) -> Spread {
-        // of many signals only every second burst is looked at, or every third, ..
         let stride = self.data.len().div_ceil(MOST);
         let mut change = Additions::none(self.data.samples);
         direction.add_to(&mut change, 1.0);
@@ -128,7 +125,6 @@ impl Clusters<'_> {
         let rows: Vec<usize> = (0..self.data.len())
             .filter(|&i| self.data.rows[i].burst.is_multiple_of(stride))
             .collect();
-        // rows are sorted by channel
         for of_channel in rows.chunk_by(|&i, &j| self.data.rows[i].unit == self.data.rows[j].unit) {
             let says = |&i: &usize| self.says(i, &change, &mut linear);
             self.add_channel(&of_channel.iter().map(says).collect::<Vec<_>>(), &mut bursts);
@@ -190,7 +186,6 @@ impl Clusters<'_> {
         let of_r = of_residual + gram * own;
         let weighed = |x: &Vector5| (x - gram * (m * x) / v) / v;
 
-        // a shape's score is that of y - E[f], not of y - f (`curvature.rs`)
         let posterior = unscaled(&m, &scale);
         let theta = model.theta(i, data);
         let beyond = posterior_mean(&theta, linear, data.beside.drive[i], &posterior, v);
@@ -200,7 +195,6 @@ impl Clusters<'_> {
             information: dot(&u, &u) / v - of_u.dot(&(m * of_u)) / (v * v),
         };
 
-        // across the tangent there is noise alone: u and r less their projections on J
         let along = inverse(&gram) * of_u;
         let across = ScoreSum {
             score: (dot(&u, &linear.residual) - along.dot(&of_residual)) / v,

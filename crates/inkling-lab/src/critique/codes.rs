@@ -24,7 +24,7 @@ use inkling_core::model::normal::ln_upper_tail;
 use inkling_core::numbers::tuned::little;
 use std::collections::BTreeMap;
 
-/// Floating-point values nearer to each other than this, in amplitudes of the ring, are one code.
+/// Floating-point values nearer than this, in amplitudes of the ring, are one code.
 const FLOAT_DIGITS: f64 = 1e-6;
 
 /// Tests clipping (at the more surprising end) and a coarse step, and returns both candidates in this order.
@@ -119,7 +119,6 @@ fn met_often(histogram: &BTreeMap<i64, u64>, total: u64) -> Vec<i64> {
             high = code;
         }
     }
-    // one code may hold nearly all samples
     histogram.range(low..=high.max(low)).map(|(&code, _)| code).collect()
 }
 
@@ -205,7 +204,6 @@ fn expected_counts(data: &Observations, model: &Model, first: i64, codes: usize)
             *place += 1.0;
         }
     }
-    // spread the histogram by the noise's normal density
     let norm = 1.0 / (sd * std::f64::consts::TAU.sqrt());
     let near = 2 * reach * PER_CODE;
     let bell: Vec<f64> = (0..=near)

@@ -50,7 +50,6 @@ fn freed(between: &Matrix5) -> Matrix5 {
 pub struct Part {
     /// Information K without `diagonal`, d x d; only its lower triangle is filled.
     pub k: DMatrix<f64>,
-    /// Score g, of length d.
     pub g: DVector<f64>,
     /// -2 ln likelihood up to a constant, without the priors of the real pole.
     pub deviance: f64,
@@ -142,7 +141,6 @@ struct Whitened {
     tail: DVector<f64>,
     of_tail: DVector<f64>,
     along_tail: SMatrix<f64, ALL, 1>,
-    /// 1 for every sample that counts, 0 where it may be clipped.
     counts: Vec<f64>,
     /// ln |V| and r^T V^-1 r.
     ln_determinant: f64,
@@ -177,7 +175,6 @@ impl Whitened {
         let w = &j6 / v - &l * (l.tr_mul(&j6));
         let of_residual = solve(&r);
 
-        // the curvature of the decay: M is the posterior covariance of the signal's own parameters
         let beyond = posterior_mean(theta, linear, drive, &m, v);
         let of_mean = inverse * beyond.slope;
         let tail = DVector::from_column_slice(&linear.tail);
@@ -204,7 +201,6 @@ impl Whitened {
     }
 }
 
-/// A [`Part`] while it grows, channel by channel.
 struct Sums<'a> {
     model: &'a Model,
     data: &'a Observations,
@@ -278,7 +274,6 @@ impl<'a> Sums<'a> {
         part
     }
 
-    /// Whether a channel tells how the scatter hides shapes.
     fn tells_scatter(&self, unit: usize) -> bool {
         unit.is_multiple_of(self.stride) && self.patterns > 0
     }
@@ -306,7 +301,6 @@ impl<'a> Sums<'a> {
         let tail = k.nrows() - 1;
         *deviance += signal.ln_determinant + signal.square;
 
-        // shapes, and their products with what covariates and the tail move
         if self.patterns > 0 {
             let counts = DVector::from_column_slice(&signal.counts) / self.model.noise_var;
             *diagonal += drive.kronecker(&drive) * counts.transpose();
@@ -321,7 +315,6 @@ impl<'a> Sums<'a> {
             rows += drive.kronecker(&w.columns(0, FREE));
         }
 
-        // the products of what covariates move with each other and with the tail
         let mut block = k.view_mut((shapes, shapes), (MOVED, MOVED));
         block += (&z * z.transpose()).kronecker(h);
         let mut row = k.view_mut((tail, shapes), (1, MOVED));
@@ -331,7 +324,6 @@ impl<'a> Sums<'a> {
         let mut rows = cross.rows_mut(shapes, MOVED);
         rows += z.kronecker(&h.fixed_columns::<FREE>(0));
 
-        // the tail by itself, and the channel's own parameters
         g[tail] += signal.tail.dot(&signal.of_residual);
         k[(tail, tail)] += signal.tail.dot(&signal.of_tail);
         let mut row = cross.row_mut(tail);
@@ -371,7 +363,6 @@ impl<'a> Sums<'a> {
         let f = &cross * DMatrix::from_fn(FREE, FREE, |a, b| root[(a, b)]);
         g_unit -= &cross * DVector::from_column_slice((s * score).as_slice());
 
-        // the rows of shapes are many: their columns are collected
         if tells_scatter {
             let scale = self.inflate;
             for column in f.column_iter() {

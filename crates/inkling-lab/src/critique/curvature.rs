@@ -39,7 +39,6 @@ fn second(theta: &Theta, drive: f64, counts: &[f64]) -> Vec<[[f64; 4]; 4]> {
 }
 
 pub struct PosteriorMean {
-    /// E[f] - f, sample by sample, counts.
     pub expected: Vec<f64>,
     /// The posterior's mean less the likeliest parameters is the posterior covariance times this.
     pub slope: Vector5,
@@ -59,7 +58,6 @@ pub fn posterior_mean(
     let curved = |h: &[[f64; 4]; 4]| -> f64 {
         (0..4).map(|j| (0..4).map(|k| posterior[(j, k)] * h[j][k]).sum::<f64>()).sum()
     };
-    // sum over j and k of P_jk H_jk, at each sample
     let mut expected: Vec<f64> = second.iter().map(curved).collect();
 
     // The shift is minus half of P times the third derivatives of U = |y - f|²/(2 noise_var), contracted with
@@ -72,7 +70,6 @@ pub fn posterior_mean(
         }
     }
 
-    // half of the curvature's part, and the part of the shift
     let slope = third * (-0.5 / noise_var);
     let shift = posterior * slope;
     for (at, expected) in expected.iter_mut().enumerate() {

@@ -2,7 +2,6 @@
 //! its unit. Out: text. Without an interval a number has four significant digits; with one, the last digit is
 //! the second digit of the interval's half-width (`alike`). A value that is not finite becomes "–".
 
-/// Probabilities below this are not told apart.
 const LEAST_P: f64 = 1e-16;
 
 pub fn short(x: f64) -> String {
@@ -18,7 +17,7 @@ pub fn significant(x: f64, digits: i32) -> String {
     if x == 0.0 {
         return "0".to_owned();
     }
-    // rounded first: 9.9996 becomes 10.00, which has one digit more before the point
+    // rounded first: 9.9996 becomes 10.00, with one digit more before the point
     let rounded: f64 = format!("{x:.*e}", (digits - 1).max(0) as usize).parse().unwrap_or(x);
     let power = rounded.abs().log10().floor() as i32;
     if !(-4..6).contains(&power) {
@@ -28,7 +27,6 @@ pub fn significant(x: f64, digits: i32) -> String {
     trimmed(&format!("{rounded:.*}", (digits - 1 - power).max(0) as usize))
 }
 
-/// A number without zeros at its end.
 fn trimmed(text: &str) -> String {
     let cut = text.trim_end_matches('0').trim_end_matches('.');
     if text.contains('.') { cut.into() } else { text.into() }
@@ -55,12 +53,10 @@ pub fn measured(value: f64, [low, high]: [f64; 2], unit: &str) -> String {
     format!("{value}{unit} ({low} to {high})")
 }
 
-/// Value and interval as texts with the same number of decimal places.
 fn alike(value: f64, [low, high]: [f64; 2]) -> [String; 3] {
     let all = [value, low, high];
     let half = 0.5 * (high - low).abs();
     let largest = all.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
-    // no interval tells how many digits are known
     if !all.iter().all(|x| x.is_finite()) || half <= 1e-9 * largest {
         return all.map(short);
     }

@@ -49,7 +49,6 @@ const NEARLY_WHITE: f64 = 0.003;
 /// channel's must be cut by whoever reads them.
 pub const MOST_SAMPLES: usize = 512;
 
-/// The plant that the signals come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rings {
     /// Thesis (2-2): a damped pair and a real pole.

@@ -27,7 +27,6 @@ use inkling_core::model::normal::ln_upper_tail;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 
-/// Fewest signals whose spread can be told.
 const FEWEST: usize = 16;
 
 /// Number of directions that are projected out: a signal's own parameters, and what all have in common.
@@ -38,7 +37,6 @@ const TAKEN: usize = FREE + 1;
 struct Residual {
     u: Vec<f64>,
     q: DMatrix<f64>,
-    /// The model's output, counts.
     expected: Vec<f64>,
 }
 
@@ -53,7 +51,6 @@ fn residuals(model: &Model, data: &Observations) -> Vec<Residual> {
         expected: linear.expected(data.signal(i)),
     });
 
-    // what signals have in common: regress the residuals on the powers of the drive
     let powers = |i: usize| powers(data.beside.drive[i]);
     let used = if data.beside.drive_scan { PATTERNS } else { 1 };
     let mut gram = DMatrix::<f64>::identity(used, used) * 1e-9;
@@ -102,7 +99,6 @@ pub fn shifted(q: &DMatrix<f64>, lag: usize) -> DMatrix<f64> {
     })
 }
 
-/// Mean and its standard error.
 fn mean_of(values: &[f64]) -> (f64, f64) {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;
@@ -152,12 +148,10 @@ fn found(id: CauseId, z: f64, value: f64, sd: f64) -> Candidate {
     Candidate { value, sd, ..Candidate::plain(id, z * z, ()) }
 }
 
-/// The strongest line in the mean periodogram.
 struct Line {
     /// Its frequency, and the standard error of that; rad per signal length.
     omega: f64,
     sd: f64,
-    /// Normal deviate of its power.
     z: f64,
     /// -ln of the probability that white noise has such a line at any frequency.
     surprise: f64,
@@ -185,7 +179,6 @@ fn mean_power(left: &[Residual], v: f64, omega: f64) -> (f64, f64) {
     let values: Vec<f64> = left
         .iter()
         .map(|l| {
-            // white noise has v N in cosine and sine together, less what lies in the columns of Q
             let lost: f64 = l.q.column_iter().map(|q| power(q.as_slice())).sum();
             power(&l.u) / (v * (n as f64 - lost).max(1.0))
         })

@@ -9,7 +9,6 @@ use super::objection::{Objection, WhyNot};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Version of `critique.json`.
 pub const VERSION: u32 = 1;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -38,7 +37,6 @@ impl Verdict {
 
 #[derive(Clone, Debug, Serialize)]
 pub struct Critique {
-    /// [`VERSION`].
     pub version: u32,
     pub verdict: Verdict,
     pub causes: Vec<Cause>,
@@ -48,13 +46,11 @@ pub struct Critique {
     /// File name of the extended design, beside this document; absent where none was made.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub extended_model: Option<String>,
-    /// What is wrong, how large it is, and whether it matters, in plain sentences.
     pub sentence: String,
     /// What remains unexplained, which outliers were left out, which experiment would settle a tie.
     pub remarks: Vec<String>,
     pub equation: String,
     pub signals: Signals,
-    /// One row for each candidate and step of the selection.
     #[serde(skip)]
     pub evidence: Vec<Evidence>,
     #[serde(skip)]
@@ -131,7 +127,6 @@ pub struct NotTestable {
 pub struct Misfit {
     /// Square of the misfit in its expected covariance, per degree of freedom: 1 if the model is right.
     pub chi2_per_dof: f64,
-    /// Root mean square of the misfit in per cent of the signals' own.
     pub nrmse_percent: f64,
     pub whiteness_p: f64,
 }
@@ -170,7 +165,6 @@ pub struct Worth {
 }
 
 impl Worth {
-    /// Whether the gain is positive, as far as its interval tells.
     pub fn is_sure(self) -> bool {
         self.ci95[0] > 0.0
     }
@@ -228,7 +222,6 @@ pub struct GainFigures {
     pub detection_auc_interval: Option<[f64; 2]>,
 }
 
-/// How signals were held out.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct HeldOut {
     /// `channel+time`, `channel` where every channel was heard once, or `time` where there are few channels;
@@ -240,7 +233,6 @@ pub struct HeldOut {
     pub fitted_channels: usize,
 }
 
-/// Numbers of signals.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Signals {
     /// Usable signals that the recordings hold.
@@ -260,7 +252,6 @@ pub struct Evidence {
     /// Number of causes that had entered the model before; 0: the baseline.
     pub step: u32,
     pub id: CauseId,
-    /// Likelihood-ratio statistic.
     pub statistic: f64,
     /// What the statistic must exceed, by its distribution without effect; NaN where not testable.
     pub threshold: f64,
@@ -292,7 +283,6 @@ impl Evidence {
 /// The numbers behind the report's pictures; `residuals.parquet` holds the curves.
 #[derive(Clone, Debug, Default)]
 pub struct Figures {
-    /// Unit of the signals: counts, or whatever the converted table had.
     pub unit: String,
     /// Mean of measured minus simulated by time, s, with its 95 % band.
     pub mean_misfit: Compared,
@@ -319,7 +309,6 @@ impl Curve {
     }
 }
 
-/// A curve before the extension and after it, at the same places.
 #[derive(Clone, Debug, Default)]
 pub struct Compared {
     pub x: Vec<f64>,
@@ -341,7 +330,6 @@ pub struct CovariateFigure {
     pub means: Compared,
 }
 
-/// Histograms of the detection statistic on held-out healthy signals.
 #[derive(Clone, Debug, Default)]
 pub struct Energies {
     pub edges: Vec<f64>,

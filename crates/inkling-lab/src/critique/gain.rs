@@ -53,7 +53,6 @@ pub struct Squares {
     pub misfit: f64,
     /// Sum of squares of the signal about its mean, counts²; of a decay, about 0.
     pub signal: f64,
-    /// Number of samples.
     pub samples: f64,
 }
 
@@ -76,9 +75,7 @@ impl Sum for Squares {
     }
 }
 
-/// One signal judged by a model.
 struct Judged {
-    /// The signal's channel.
     unit: usize,
     squares: Squares,
     /// The signal's own free parameters by least squares, relative to the population's mean, in units of
@@ -165,7 +162,6 @@ fn threshold(of_left_out: &[f64], units: usize) -> f64 {
     // degrees of freedom of the predictive t, under the inverse Wishart prior of weight SHRINKAGE
     let known = units as f64 + SHRINKAGE + 1.0;
     let mean = of_left_out.iter().sum::<f64>() / of_left_out.len().max(1) as f64;
-    // the mean of F is known / (known - 2)
     mean * (known - 2.0) / known * quantile_of_f(q, known)
 }
 
@@ -175,23 +171,20 @@ fn threshold(of_left_out: &[f64], units: usize) -> f64 {
 fn quantile_of_f(p: f64, q: f64) -> f64 {
     const NORMAL: f64 = 2.3263; // of 1 - ALARMS
     let (a, b) = (2.0 / (9.0 * p), 2.0 / (9.0 * q));
-    // solve ((1 - b) x - (1 - a))^2 = NORMAL^2 (b x^2 + a) for x, the cube root of F
     let z2 = NORMAL * NORMAL;
     let (s, half, t) =
         ((1.0 - b).powi(2) - z2 * b, (1.0 - a) * (1.0 - b), (1.0 - a).powi(2) - z2 * a);
     ((half + (half * half - s * t).max(0.0).sqrt()) / s).powi(3)
 }
 
-/// p-value of white noise for all misfits; NaN if no signal was looked at.
 fn whiteness(judged: &[Judged]) -> f64 {
     whiteness_p(judged.iter().filter_map(|j| j.white.as_ref()))
 }
 
 struct HeldOutFigures {
     figures: GainFigures,
-    /// Detection statistic of every healthy signal.
     healthy: Vec<f64>,
-    /// Area under the ROC curve in each resampling of the channels.
+    /// Area under the ROC curve in each resampling.
     aucs: Vec<f64>,
 }
 
@@ -206,7 +199,6 @@ fn figures(model: &Model, known: &[Judged], test: &Observations, fault: f64) -> 
     // gain by it.
     let faulty: Vec<[f64; 2]> =
         judged.iter().map(|j| [fault, -fault].map(|fault| j.statistic(fault))).collect();
-    // the figures of some of the held-out signals
     let of_some = |chosen: &[usize]| -> [f64; 4] {
         let alarms = chosen.iter().filter(|&&i| healthy[i] > threshold).count() as f64;
         let squares: Squares = chosen.iter().map(|&i| judged[i].squares).sum();

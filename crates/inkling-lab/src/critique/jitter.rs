@@ -127,7 +127,6 @@ fn freed_of_frequency(each: &mut [Scatter]) {
     }
 }
 
-/// Each signal's parameters relative to its channel's mean.
 fn centred(each: &[Scatter]) -> Vec<Vector4<f64>> {
     about_their_means(each.iter().map(|one| one.x).collect(), |i| each[i].unit)
 }
@@ -179,7 +178,7 @@ struct Excess {
     /// Likelihood-ratio statistic of two free variances against two whose ratio is at most that of healthy
     /// bursts.
     ratio: f64,
-    /// Most likely variance along the shift, and its standard error, rad².
+    /// Most likely variance along the shift, rad².
     along: f64,
     along_sd: f64,
 }

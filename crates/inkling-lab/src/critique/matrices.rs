@@ -24,7 +24,6 @@ pub fn inverse(m: &Matrix5) -> Matrix5 {
     inverse_or_zero(floored(m))
 }
 
-/// Inverse of a matrix; 0 if it has none.
 pub fn inverse_or_zero(m: Matrix5) -> Matrix5 {
     m.try_inverse().unwrap_or_else(Matrix5::zeros)
 }

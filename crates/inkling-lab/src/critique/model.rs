@@ -29,12 +29,10 @@ use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 use std::iter::repeat;
 
-/// Number of powers of the drive (0 to 3) with which a shape may scale.
 pub const PATTERNS: usize = 4;
 /// Largest number of trial steps of a descent. Long rings whose frequency scatters by per cents need a dozen,
 /// since each step is bounded.
 const STEPS: usize = 20;
-/// Damping of a descent's steps (Levenberg and Marquardt).
 const DAMPING: Damping = Damping { first: 1e-4, down: 0.2, least: 1e-9, up: 20.0, most: 1e8 };
 /// Largest changes of ln damping (and ln lambda/sigma) and of ln frequency in one step of `one_step`,
 /// `Model::shift` and `Model::shift_lambda`.
@@ -55,7 +53,6 @@ pub const RATIO_OF_RATES: f64 = 0.2;
 /// length), the amplitudes a, b, c (counts at mean drive), and a sixth one for the real pole.
 #[derive(Clone, Debug)]
 pub struct Model {
-    /// Whether there is a real pole (ink channel) or none (oscillator).
     pub real: bool,
     /// Parameters of the mean channel. As [`Theta`], but the last one is ln lambda/sigma and not ln lambda: a
     /// change of the losses moves both poles by the same factor.
@@ -68,7 +65,6 @@ pub struct Model {
     pub estimated: bool,
     /// Variance of the white noise of a sample, counts².
     pub noise_var: f64,
-    /// What causes add to the free decays.
     pub added: Additions,
     /// Parameters of each channel, by `Row::unit`; the last one is not used, it is always the mean's.
     pub units: Vec<Theta>,
@@ -80,7 +76,6 @@ pub struct Model {
     pub lattice: Option<[f64; 2]>,
 }
 
-/// What causes add to the free decays, or change in them.
 #[derive(Clone, Debug)]
 pub struct Additions {
     /// Shapes that are added to every signal, counts at mean drive: N samples for each power of the drive.
@@ -92,7 +87,6 @@ pub struct Additions {
 }
 
 impl Additions {
-    /// The additions that change nothing.
     pub fn none(samples: usize) -> Additions {
         Additions {
             shapes: std::array::from_fn(|_| vec![0.0; samples]),
@@ -107,12 +101,10 @@ impl Additions {
     }
 }
 
-/// A limit of the converter.
 #[derive(Clone, Copy, Debug)]
 pub struct Rail {
     /// 1 for the upper limit, -1 for the lower one.
     pub side: f64,
-    /// The limit itself, counts.
     pub level: f64,
     /// Value from which on a sample may be clipped: three standard deviations of the noise before `level`.
     pub from: f64,
@@ -139,7 +131,6 @@ pub struct Linear {
 }
 
 impl Linear {
-    /// Number of samples that count.
     pub fn counted(&self) -> f64 {
         self.counts.iter().sum()
     }
@@ -156,7 +147,6 @@ impl Linear {
     }
 }
 
-/// The powers 0 to 3 of the relative drive.
 pub fn powers(drive: f64) -> [f64; PATTERNS] {
     [1.0, drive, drive * drive, drive * drive * drive]
 }
@@ -175,7 +165,6 @@ pub fn with_its_pole(mut theta: Theta) -> Theta {
 }
 
 impl Model {
-    /// Amplitude of the mean channel's damped pair at mean drive, counts.
     pub fn amplitude(&self) -> f64 {
         self.mean[2].hypot(self.mean[3])
     }
@@ -211,7 +200,6 @@ impl Model {
         self.mean[5] - LAMBDA_OVER_SIGMA.ln()
     }
 
-    /// Parameters of the mean channel's free decay, ln lambda last.
     pub fn decay(&self) -> Theta {
         self.sampled(with_its_pole(self.mean))
     }
@@ -250,7 +238,6 @@ impl Model {
     /// Parameters of signal i's free decay, ln lambda last.
     pub fn theta(&self, i: usize, data: &Observations) -> Theta {
         let mut theta = self.units[data.rows[i].unit] + self.each[i];
-        // all channels share the ratio lambda/sigma
         theta[5] = self.mean[5];
         for (beta, z) in self.added.beta.iter().zip(data.beside.z[i]) {
             theta += beta * z;
@@ -277,13 +264,12 @@ impl Model {
         out.tail.resize(n, 0.0);
         let idle_s = data.rows[i].beside.idle_s;
         if idle_s.is_finite() && idle_s > 0.0 {
-            // age of the previous ring when this signal begins, in signal lengths
             let shift = idle_s / data.length_s();
             free_decay::add(&theta, self.real, shift, 1.0, &mut out.tail);
         }
 
-        // Scale the decay by the drive, add tail, shapes and rounding, and subtract the sum from what was
-        // measured. Where a sample may be clipped, all of its numbers become 0.
+        // Sample by sample, measured minus the sum of decay, tail, shapes and rounding. Where a sample may be
+        // clipped, all of its numbers become 0.
         out.residual.clear();
         out.counts.clear();
         out.counts.resize(n, 1.0);
@@ -365,7 +351,6 @@ impl Model {
     /// caller must store the result: the model is left at the point that was tried last.
     fn descend(&mut self, of: usize, rows: &[usize], descent: &Descent) -> Theta {
         let Descent { own, centre, scale, precision, .. } = descent;
-        // deviation from the centre of the prior, in units of `scale`
         let off = |theta: &Theta| free_part(&(theta - centre), scale);
         let (noise_var, start) = (self.noise_var, *own(self, of));
         let mut linear = Linear::default();
@@ -438,15 +423,12 @@ type Own = fn(&mut Model, usize) -> &mut Theta;
 struct Descent<'a> {
     data: &'a Observations,
     own: Own,
-    /// Mean of the prior of the moved parameters.
+    /// Mean and inverse covariance of the prior of the moved parameters; units (`Model::scale`).
     centre: Theta,
-    /// Units of the parameters, from `Model::scale`.
     scale: Vector5,
-    /// Inverse covariance of that prior, in units of `scale`.
     precision: Matrix5,
     /// Largest changes of ln sigma and of ln omega in one step.
     most: [f64; 2],
-    /// Largest number of trial steps.
     steps: usize,
 }
 

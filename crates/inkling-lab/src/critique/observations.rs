@@ -13,7 +13,6 @@ use xxhash_rust::xxh3::xxh3_64;
 #[derive(Clone, Copy, Debug)]
 pub struct Row {
     pub beside: Beside,
-    /// Index of the signal's printhead in `printheads`.
     pub printhead: usize,
     /// Index of the signal's channel among those of all printheads, without gaps; rows are sorted by it.
     pub unit: usize,
@@ -23,7 +22,6 @@ pub struct Row {
 
 #[derive(Clone, Debug)]
 pub struct Observations {
-    /// Sampling period.
     pub dt_s: f64,
     /// Number of samples of each signal, N.
     pub samples: usize,
@@ -33,16 +31,13 @@ pub struct Observations {
     pub rows: Vec<Row>,
     /// What was recorded beside the rows; whoever changes it must call [`Observations::standardised`].
     pub beside: Covariates,
-    /// The samples, signal after signal; counts.
     y: Vec<f32>,
     /// For each element of `y` whether it counts for nothing, because it may be clipped; empty if all count.
     pub lost: Vec<bool>,
-    /// Number of channels, and of acquisitions.
     pub units: usize,
     pub bursts: usize,
     /// Number of signals that were offered.
     pub found: u64,
-    /// Names of the printheads, sorted.
     pub printheads: Vec<String>,
 }
 
@@ -137,7 +132,6 @@ struct Held {
 #[derive(Debug)]
 pub struct Sampler {
     dt_s: f64,
-    /// Largest number of signals that are held.
     capacity: usize,
     /// Whether all samples of all signals offered so far are whole counts.
     integer: bool,

@@ -64,7 +64,6 @@ fn faulty_channels(data: &Observations, odd: &[bool]) -> Vec<bool> {
     counts.into_iter().map(faulty).collect()
 }
 
-/// The signals that ring unlike the others.
 #[derive(Clone, Debug, Default)]
 pub struct Outliers {
     pub out: Vec<bool>,
@@ -77,7 +76,6 @@ pub struct Outliers {
 /// returns -ln of the probability of so many if odd samples are independent, given how often they are odd in
 /// all signals. `sd`: root mean square of the typical misfit, counts.
 fn shape_surprise(misfits: &[Vec<f64>], sd: f64, some: impl Fn(usize) -> bool) -> f64 {
-    // sign of each odd sample, 0 for any other
     let sign = |x: &f64| if x.abs() > outlying() * sd { x.signum() as i32 } else { 0 };
     let signs: Vec<Vec<i32>> = misfits.iter().map(|r| r.iter().map(sign).collect()).collect();
     let samples: usize = signs.iter().map(Vec::len).sum();
@@ -92,11 +90,10 @@ fn shape_surprise(misfits: &[Vec<f64>], sd: f64, some: impl Fn(usize) -> bool) -
     surprise_of_count(found, expected)
 }
 
-/// All signals, each fitted alone.
 struct SingleFits {
     /// ln damping, ln frequency and ln amplitude of each signal, without the trend along the head.
     features: Vec<[f64; 3]>,
-    /// What the fit leaves of each signal, N samples, counts.
+    /// What the fit leaves of each signal, counts.
     misfits: Vec<Vec<f64>>,
 }
 
@@ -149,7 +146,6 @@ pub fn outliers(data: &Observations, model: &Model) -> Outliers {
     let odd: Vec<bool> = (0..data.len()).map(|i| far[i] || noisier(i)).collect();
     let faulty = faulty_channels(data, &odd);
     let of_faulty = |i: usize| faulty[data.rows[i].unit];
-    // does the misfit of those that ring like the others have a shape?
     let sd = (typical / data.samples as f64).sqrt();
     let shape_surprise =
         shape_surprise(&alone.misfits, sd, |i| noisier(i) && !far[i] && !of_faulty(i));

@@ -15,7 +15,7 @@ use super::observations::Observations;
 use inkling_core::model::free_decay::FREE;
 use inkling_core::model::inner_product::dot;
 
-/// With fewer channels than this, held-out signals are split off by time alone.
+/// With fewer channels, held-out signals are split off by time alone.
 pub const FEWEST_UNITS: usize = 6;
 /// Weight, in channels, of the guess that the parameters scatter independently: the smallest with which an
 /// inverse Wishart prior has a mean.
@@ -28,9 +28,7 @@ const LEAST_STEP: f64 = 1e-3;
 /// Distribution of a signal's parameters.
 #[derive(Clone, Copy)]
 pub struct Population {
-    /// Mean of the parameters, relative to the model's mean.
     shift: Vector5,
-    /// Covariance of a signal's parameters.
     spread: Matrix5,
 }
 
@@ -51,7 +49,7 @@ pub fn population(model: &Model, without: Option<usize>) -> Population {
         shift = -off / (units - 1.0);
         units -= 1.0;
     }
-    // turn (a, b) to (amplitude, phase), shrink towards the diagonal there, and turn back
+    // turn (a, b) to (amplitude, phase) and shrink towards the diagonal there
     if units >= (FEWEST_UNITS - 1) as f64 {
         let mut turn = Matrix5::identity();
         let (a, b) = (model.mean[2], model.mean[3]);

@@ -43,7 +43,6 @@ pub fn apply(model: &mut Model, applied: &Applied, sign: f64, setting: Setting) 
 /// that theta of every signal stays the same, and no phase is lost that a descent would not find again. `by`:
 /// change of theta per unit of covariate `which`.
 fn give_up(model: &mut Model, which: usize, mut by: Theta, Setting { data, .. }: Setting) {
-    // ln lambda/sigma belongs to no channel or signal
     by[ALL - 1] = 0.0;
     // the covariate's mean over its signals is taken off a channel, the rest off each signal
     let rows = data.rows.iter().zip(&data.beside.z);
@@ -55,7 +54,6 @@ fn give_up(model: &mut Model, which: usize, mut by: Theta, Setting { data, .. }:
     }
 }
 
-/// A model with its causes after a refit.
 pub struct Refit {
     pub model: Model,
     /// The causes in `model`, in the order in which they entered.

@@ -245,7 +245,6 @@ fn of_detection(gain: &Gain, one: bool) -> String {
     notes
 }
 
-/// Name of the row whose value is a probability and is written as one.
 const WHITENESS: &str = "chance that white noise looks like the misfit, p";
 
 /// How the signals were held out that the gain is measured on.

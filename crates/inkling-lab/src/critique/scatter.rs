@@ -24,9 +24,7 @@ use inkling_core::model::inner_product::dot;
 
 /// Information and score of one signal about its channel's parameters.
 struct OneSignal {
-    /// The signal's channel.
     unit: usize,
-    /// J^T J / noise variance.
     gram: Matrix5,
     /// J^T r / noise variance, with the residual r about the parameters of the channel, not the signal's own.
     product: Vector5,
@@ -91,7 +89,6 @@ impl Model {
             now.step(&signals, &offset, repeated);
         }
 
-        // back to the parameters' own units
         let back = |m| unscaled(&floored(m), &scale);
         self.between = back(&now.between);
         self.within = if repeated { back(&now.within) } else { Matrix5::zeros() };

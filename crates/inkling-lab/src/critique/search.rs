@@ -122,7 +122,6 @@ pub fn search<S: System>(
     let mut causes: Vec<Chosen<S::Form>> = Vec::new();
     let (mut evidence, mut unnamed) = (Vec::new(), Vec::new());
     for step in 0..=S::MOST_CAUSES {
-        // test all candidates, and note each named one in the evidence
         stages(S::TRYING);
         let mut tried = system.tried(&now);
         let rows = evidence.len();

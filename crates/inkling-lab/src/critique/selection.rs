@@ -26,7 +26,6 @@ use std::ops::ControlFlow;
 const MOST_NAMED: usize = 5;
 const MOST_UNNAMED: usize = 3;
 
-/// The model with the causes that were selected.
 pub type Selected = ExplainedModel<Refit, Applied>;
 
 impl Selected {
@@ -51,7 +50,6 @@ pub fn select(
     let ExplainedModel { fitted: now, mut causes, evidence, unnamed } =
         search(&setting, baseline, setting.data.ln_samples(), stages);
 
-    // refit all causes together, and measure each one beside all others
     stages("measuring the causes");
     let mut last = refit(now.model, now.causes, setting, 3, true);
     measure(&mut causes, &last, setting);
@@ -99,7 +97,6 @@ impl System for Setting<'_> {
         _: &[Chosen<Applied>],
         stages: &mut dyn FnMut(&str),
     ) -> Round<Refit, Applied> {
-        // without an accepted name there is nothing to compete with
         let best = tried.iter().find(|s| s.has_name() && s.accepted());
         let Some(best) = best else {
             return Round { contenders: Vec::new(), least: f64::INFINITY };

@@ -170,7 +170,6 @@ impl Space {
         out
     }
 
-    /// All indices of the space, as one block.
     pub fn everywhere(&self) -> Places {
         Places(BTreeMap::from([(0, self.k.nrows())]))
     }

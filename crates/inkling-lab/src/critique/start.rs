@@ -19,7 +19,7 @@ use inkling_core::model::median::median;
 use inkling_core::numbers::tuned::little;
 use nalgebra::{DMatrix, DVector, Matrix3};
 
-/// Ratio of the ring's amplitude to the noise's standard deviation with which a fit starts.
+/// Ratio of the ring's amplitude to the noise with which a fit starts.
 const START_OVER_NOISE: f64 = 300.0;
 /// Largest change of ln omega from its channel's that is searched for a signal.
 const MOST_DRIFT: f64 = 0.1;
@@ -28,7 +28,6 @@ impl Model {
     /// `real`: whether the ring has a real pole, as an ink channel's has. `None`: nothing rings in the
     /// signals.
     pub fn start(data: &Observations, real: bool) -> Option<Model> {
-        // average of the signals per unit drive, by least squares: sum s y / sum s²
         let n = data.samples;
         let mut average = vec![0.0; n];
         let mut weight = 0.0;

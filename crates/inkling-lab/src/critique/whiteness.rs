@@ -23,11 +23,9 @@ use nalgebra::{DMatrix, DVector};
 /// Largest number of lags; short signals have a quarter of their length.
 const LAGS: usize = 10;
 
-/// One signal's autocorrelations at lags 1, 2, ..., compared with white noise.
 pub struct Lags {
     /// The autocorrelations less their mean under white noise.
     off: DVector<f64>,
-    /// Their covariance under white noise.
     covariance: DMatrix<f64>,
 }
 
@@ -40,7 +38,6 @@ impl Lags {
         let lags = LAGS.min(n / 4);
         let left = (n - q.ncols()).max(1) as f64;
         let power = u.iter().map(|u| u * u).sum::<f64>().max(f64::MIN_POSITIVE);
-        // A_l Q and Q^T A_l Q for each lag
         let shifted: Vec<DMatrix<f64>> = (1..=lags).map(|lag| shifted(q, lag)).collect();
         let inner: Vec<DMatrix<f64>> = shifted.iter().map(|s| q.tr_mul(s)).collect();
         // tr M A = tr A - tr Q^T A Q, and a shift has no diagonal, so that tr A = 0

@@ -39,13 +39,11 @@ impl TrainTestSplit {
         }
     }
 
-    /// The held-out signals, with what a model expects of them.
     fn test(&self, model: &Model) -> Vec<Signal> {
         let of_unit = self.in_train.iter().map(|place| self.expected(model, *place)).collect();
         signals(model, &self.test, of_unit)
     }
 
-    /// The training signals, with what a model expects of them.
     fn train(&self, model: &Model) -> Vec<Signal> {
         let of_unit = (0..self.counts.len()).map(|unit| self.expected(model, Some(unit))).collect();
         signals(model, &self.train, of_unit)
@@ -246,12 +244,10 @@ impl Measuring<'_> {
     }
 }
 
-/// ln density (nats) of each signal, given the noise; NaN where there is none.
 fn ln(all: &[Signal], noise: &Noise) -> Vec<f64> {
     all.iter().map(|signal| signal.ln_density(noise)).collect()
 }
 
-/// Differences with - without, signal by signal.
 fn less(with: &[f64], without: &[f64]) -> Vec<f64> {
     with.iter().zip(without).map(|(with, without)| with - without).collect()
 }

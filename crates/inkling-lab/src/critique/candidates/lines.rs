@@ -30,7 +30,7 @@ const RESOLUTION: f64 = TAU;
 struct Scan {
     omega: f64,
     gamma: f64,
-    /// The largest statistic at frequencies where a line may be none: slow ones, and the ring's own.
+    /// The largest statistic at frequencies where a line may be none.
     own: f64,
 }
 
@@ -122,7 +122,6 @@ impl ScoreTests<'_> {
     fn is_own(&self, pattern: usize, omega: f64, gamma: f64) -> bool {
         let own = self.decay.omega;
         let within = |reach: f64, of: f64| (omega - of).abs() < reach;
-        // a damped line is as broad as its damping, in addition to the resolution
         let near = |of: f64| within(RESOLUTION + 0.5 * gamma, of);
         let multiple = within(little() * own, (omega / own).round().max(1.0) * own);
         // if every second sample had a gain of its own, the ring would have a mirror image

@@ -229,7 +229,6 @@ impl ScoreTests<'_> {
             .collect()
     }
 
-    /// The mean signal at unit drive.
     fn ring(&self) -> Vec<f64> {
         let mut y = vec![0.0; self.samples];
         free_decay::add(&self.model.decay(), self.model.real, 0.0, 1.0, &mut y);

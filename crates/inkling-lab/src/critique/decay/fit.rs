@@ -17,7 +17,6 @@ use inkling_core::model::descent::{Damping, descend};
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::{PI, TAU};
 
-/// Highest order of the autoregression that is tried.
 const MOST_ORDER: usize = 12;
 /// Damping of a descent's steps, and largest numbers of them: to converge, and to compare starts.
 const DAMPING: Damping = Damping { first: 1e-3, down: 0.1, least: 1e-12, up: 10.0, most: 3e8 };
@@ -92,7 +91,6 @@ impl Colour {
         }
     }
 
-    /// ln density of each misfit, given those before it.
     pub fn ln_densities(&self, series: &[f64]) -> Vec<f64> {
         let mut ln = series.to_vec();
         self.whiten(&mut ln);
@@ -113,7 +111,6 @@ pub fn sizes(misfit: &[f64], decays: &Decays) -> Vec<f64> {
 
 #[derive(Clone, Debug)]
 pub struct Noise {
-    /// Noise of each output.
     pub colours: Vec<Colour>,
     /// For each sample of a series whether it counts for nothing; empty if all count.
     pub held_out: Vec<bool>,
@@ -139,14 +136,12 @@ impl Noise {
     }
 }
 
-/// The oscillator with some terms, and the values that were fitted.
 #[derive(Clone, Debug)]
 pub struct Fit<'a> {
     pub decays: &'a Decays,
     pub terms: Vec<Term>,
     /// Numbers (parameters), in the order of `plant.rs`.
     pub p: Vec<f64>,
-    /// Sum of squares in the metric of the noise.
     pub cost: f64,
 }
 
@@ -273,7 +268,6 @@ impl<'a> Fit<'a> {
             let step = damped.cholesky()?.solve(product);
             Some(p.iter().zip(step.iter()).map(|(p, s)| p + s).collect())
         };
-        // two steps in a row that gain next to nothing end the descent
         let (mut taken, mut calm) = (0, 0);
         let rests = |gained: f64, left: f64| {
             taken += 1;

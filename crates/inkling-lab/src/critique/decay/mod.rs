@@ -208,7 +208,6 @@ fn nearest(selected: &Selected) -> Option<Cause> {
     })
 }
 
-/// Causes of the catalogue that decays of a single oscillator cannot test.
 fn not_testable() -> Vec<NotTestable> {
     let needs = CATALOGUE.iter().filter_map(|e| match e.in_decays {
         InDecays::Fitted(_) => None,

@@ -30,18 +30,15 @@ pub enum Form {
     Sine,
 }
 
-/// The equation of motion with its numbers; time in samples.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Motion {
     pub sigma: f64,
-    /// Frequency of the undamped motion, radians per sample.
     pub omega: f64,
     pub form: Form,
     pub stiffness: f64,
     pub drag: f64,
     /// Friction over the spring's rate: the displacement within which the body may rest.
     pub stick: f64,
-    /// Rivals without a name.
     pub unnamed: Strengths,
 }
 
@@ -89,9 +86,8 @@ impl Motion {
         -self.omega * self.omega * (spring + self.stick * sign) - self.drag * v.abs() * v
     }
 
-    /// One step of Lawson's Runge-Kutta from the state `y` = (x, x'), of length `h`: the classical
-    /// method for the state seen in the frame of the linear motion. `half` and `full`: the
-    /// propagators of `turns`.
+    /// One step of Lawson's Runge-Kutta from the state `y` = (x, x'): the classical method for the
+    /// state seen in the frame of the linear motion. `half` and `full`: the propagators of `turns`.
     fn step(
         &self,
         y: Vector2<f64>,
@@ -108,7 +104,6 @@ impl Motion {
         end + (full * pushed(k1) + half * pushed(2.0 * (k2 + k3)) + pushed(k4)) * (h / 6.0)
     }
 
-    /// The propagators of half a step of length h and of a whole one.
     fn turns(&self, h: f64) -> [Matrix2<f64>; 2] {
         [self.turn(0.5 * h), self.turn(h)]
     }

@@ -15,7 +15,6 @@ use crate::critique::tuned::harmonic;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 
-/// Lowest frequency of a line, rad per sample.
 pub fn lowest_line(decays: &Decays) -> f64 {
     TAU * LEAST_PERIODS / decays.samples as f64
 }

@@ -98,7 +98,6 @@ impl<'a> Plant<'a> {
         (0..self.decays.bursts * outputs).map(move |i| (i / outputs, i % outputs, i * upto))
     }
 
-    /// The measured samples, series by series.
     pub fn measured(&self) -> Vec<f64> {
         let of = |(burst, output, _)| &self.decays.series(burst, output)[..self.upto];
         self.series().flat_map(of).copied().collect()
@@ -123,7 +122,6 @@ impl<'a> Plant<'a> {
         self.series().filter(move |(of, ..)| *of == burst).map(|(_, output, at)| (output, at))
     }
 
-    /// Index of the shares of an output other than the first.
     fn share(&self, output: usize) -> usize {
         shares(self.decays) + 2 * (output - 1)
     }
@@ -211,7 +209,6 @@ impl<'a> Plant<'a> {
                 }
             }
 
-            // shares of the outputs: displacement and velocity themselves
             path(&motion(self.decays, self.terms, p), p, burst, self.upto, &mut up);
             for (output, at) in self.of_burst(burst).skip(1) {
                 for j in [0, 1] {

@@ -33,9 +33,7 @@ use std::ops::ControlFlow;
 /// A candidate; its statistic is measured in the noise that the best candidate leaves.
 pub type Tried<'a> = Candidate<Added<'a>>;
 
-/// The outcome of the selection.
 pub struct Selected<'a> {
-    /// The plain damped oscillation.
     pub baseline: Fit<'a>,
     /// The final model; the noise that it leaves, and the covariance of its numbers.
     pub fit: Fit<'a>,
@@ -51,7 +49,6 @@ pub struct Selected<'a> {
 }
 
 impl<'a> Selected<'a> {
-    /// The strongest rival without a name in the model.
     pub fn strongest_rival(&self) -> Option<&Tried<'a>> {
         let rivals = self.causes.iter().map(|c| &c.candidate).filter(|c| !c.has_name());
         rivals.max_by(|p, q| p.statistic.total_cmp(&q.statistic))
@@ -197,7 +194,6 @@ impl<'a> System for &'a Decays {
     }
 }
 
-/// Selects the terms, then fits and measures the final model.
 pub fn select<'a>(decays: &'a Decays, stages: &mut dyn FnMut(&str)) -> Selected<'a> {
     stages("fitting one damped oscillation");
     let baseline = baseline(decays);

@@ -9,7 +9,6 @@ use crate::critique::catalogue::CauseId;
 
 const MOST_LINES: usize = 8;
 
-/// Kinds of added oscillations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Line {
     /// A damped mode, which every burst starts anew.
@@ -39,17 +38,13 @@ impl Line {
     }
 }
 
-/// A term of the model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Term {
-    /// What each output shows at rest.
     Offset,
     /// A spring that is not linear.
     Stiffness(Form),
     Drag,
-    /// Dry friction.
     Friction,
-    /// An added oscillation.
     Line(Line),
     /// A rival without a name (`unnamed.rs`).
     Unnamed(CauseId),
@@ -78,7 +73,6 @@ impl Term {
         }
     }
 
-    /// The term in words.
     pub fn words(self) -> &'static str {
         match self {
             // a single decay does not tell which of the two

@@ -27,7 +27,6 @@ fn value(selected: &Selected, index: usize) -> (f64, f64) {
     let decays = fit.decays;
     let (largest, smallest) = amplitudes(fit);
     let output = largest_offset(fit);
-    // the catalogue's parameter as a function of the numbers
     let of = |p: &[f64]| -> f64 {
         let motion = motion(decays, &fit.terms, p);
         let Some((term, at)) = fit.placed().nth(index) else { return f64::NAN };
@@ -47,7 +46,7 @@ fn value(selected: &Selected, index: usize) -> (f64, f64) {
         }
     };
 
-    // gradient of the value by the numbers, by central differences of a hundredth of their errors
+    // by central differences of a hundredth of the numbers' errors
     let gradient = DVector::from_fn(fit.p.len(), |j, _| {
         let h = 0.01 * selected.covariance[(j, j)].max(0.0).sqrt();
         let moved = |by: f64| {
@@ -138,7 +137,6 @@ fn sentence(cause: &Cause) -> String {
     cause_sentence(cause, words)
 }
 
-/// A number with five significant digits.
 fn five(x: f64) -> String {
     digits::significant(x, 5)
 }
