@@ -9,7 +9,7 @@
 //! (`without_a_name`). Where statistics of tests do not compare, twice the surprise stands for the statistic.
 
 use super::artefacts::{Artefacts, accepted};
-use super::candidates::{Applied, ScoreTests, Scored, Setting};
+use super::candidates::{Applied, ParameterTest, ScoreTests, Scored, Setting};
 use super::catalogue::{CATALOGUE, CauseId, RIVALS};
 use super::chance::without_a_name;
 use super::covariates::{DRIVE, NAMES, TEMPERATURE, TIME};
@@ -42,54 +42,9 @@ pub fn check(selected: &Selected, artefacts: &Artefacts, setting: Setting) -> Ad
     // noise of one variance: divide surprises by the growth of the variance.
     let growth = accepted(&artefacts.noise, CauseId::HeteroscedasticNoise).map_or(1.0, |h| 1.0 + h);
 
-    // what is significant, in words, and the largest statistic among it
-    let (mut significant, mut largest) = (Vec::new(), 0.0_f64);
-    let mut tell = |what: String, statistic: f64| {
-        significant.push(what);
-        largest = largest.max(statistic);
-    };
-    if artefacts.odd_signals > without_a_name(CATALOGUE.len() as f64) {
-        let what =
-            "a few signals ring like the others and have a misfit of a shape: a pulse, a step";
-        tell(what.into(), 2.0 * artefacts.odd_signals);
-    }
-    for found in artefacts.all() {
-        if found.objection == Some(Objection::NoLattice) {
-            let what = "codes are missing that no coarse step would leave out";
-            tell(what.into(), found.statistic);
-        }
-    }
-
-    // the mean misfit: a free shape (a bump or a step), or a rival if one is more surprising
-    let local = tests.own_shape(CauseId::OwnShape, None).map_or(0.0, |s| s.surprise / growth);
-    let like = tests.likest_rival().filter(|s| {
-        let surprise = s.surprise / growth;
-        surprise > local.max(without_a_name(RIVALS.len() as f64))
-    });
-    match like {
-        Some(s) => {
-            // beside a cause, a rival takes what the cause's own model leaves; so the free shape tells how
-            // much is left
-            let statistic = if applied.is_empty() { s.statistic } else { 2.0 * local };
-            tell(format!("something like {}", s.id.row().words), statistic);
-        }
-        None if local > without_a_name(1.0) => {
-            tell("the mean misfit has a shape of its own".into(), 2.0 * local);
-        }
-        None => {}
-    }
-
-    // parameters that follow a covariate which no cause owns
-    let owned = owned_covariates(selected);
-    let looks = tests.covariate_scan();
-    let asked = without_a_name(looks.len() as f64);
-    for found in looks {
-        if !owned.contains(&found.covariate) && found.surprise > asked {
-            let (parameter, covariate) = (PARAMETERS[found.parameter], NAMES[found.covariate]);
-            tell(format!("{parameter} follows {covariate}"), 2.0 * found.surprise);
-        }
-    }
-
+    let mut significant = of_artefacts(artefacts);
+    significant.extend(of_the_mean(&tests, growth, applied.is_empty()));
+    significant.extend(following_covariates(&tests, &owned_covariates(selected)));
     // candidates of the selection's last step that passed but could not be named
     let mut mentioned = Vec::new();
     for s in &selected.unnamed {
@@ -98,7 +53,7 @@ pub fn check(selected: &Selected, artefacts: &Artefacts, setting: Setting) -> Ad
             && !is_relative(&s, selected)
         {
             let what = format!("something like {} ({})", s.id, s.why_not());
-            tell(what, s.statistic);
+            significant.push((what, s.statistic));
             mentioned.push(s.id);
         }
     }
@@ -107,12 +62,58 @@ pub fn check(selected: &Selected, artefacts: &Artefacts, setting: Setting) -> Ad
     let by_others = artefacts.accepted().map(|f| f.statistic);
     let explained: f64 =
         selected.causes.iter().map(|c| c.candidate.statistic).chain(by_others).sum();
+    let largest = significant.iter().map(|(_, statistic)| *statistic).fold(0.0, f64::max);
     let unexplained = Unexplained {
-        significant,
+        significant: significant.into_iter().map(|(what, _)| what).collect(),
         share: largest / (largest + explained).max(1e-300),
         share_allowed: share_allowed(selected, artefacts),
     };
     Adequacy { unexplained, mentioned }
+}
+
+/// What is significant in what is left, in words, and its statistic.
+type Significant = (String, f64);
+
+/// Odd signals, and codes that are missing otherwise than a coarse step would have it.
+fn of_artefacts(artefacts: &Artefacts) -> Vec<Significant> {
+    let mut significant = Vec::new();
+    if artefacts.odd_signals > without_a_name(CATALOGUE.len() as f64) {
+        let what =
+            "a few signals ring like the others and have a misfit of a shape: a pulse, a step";
+        significant.push((what.into(), 2.0 * artefacts.odd_signals));
+    }
+    for found in artefacts.all().filter(|f| f.objection == Some(Objection::NoLattice)) {
+        let what = "codes are missing that no coarse step would leave out";
+        significant.push((what.into(), found.statistic));
+    }
+    significant
+}
+
+/// The mean misfit: a free shape (a bump or a step), or a rival if one is more surprising. `growth`: of the
+/// noise's variance; `alone`: no cause is in the model.
+fn of_the_mean(tests: &ScoreTests, growth: f64, alone: bool) -> Option<Significant> {
+    let local = tests.own_shape(CauseId::OwnShape, None).map_or(0.0, |s| s.surprise / growth);
+    let asked = local.max(without_a_name(RIVALS.len() as f64));
+    if let Some(s) = tests.likest_rival().filter(|s| s.surprise / growth > asked) {
+        // beside a cause, a rival takes what the cause's own model leaves; so the free shape tells how much is
+        // left
+        let statistic = if alone { s.statistic } else { 2.0 * local };
+        return Some((format!("something like {}", s.id.row().words), statistic));
+    }
+    let has_shape = local > without_a_name(1.0);
+    has_shape.then(|| ("the mean misfit has a shape of its own".into(), 2.0 * local))
+}
+
+/// Parameters that follow a covariate which no cause owns.
+fn following_covariates(tests: &ScoreTests, owned: &[usize]) -> Vec<Significant> {
+    let looks = tests.covariate_scan();
+    let asked = without_a_name(looks.len() as f64);
+    let beyond = looks.iter().filter(|l| !owned.contains(&l.covariate) && l.surprise > asked);
+    let in_words = |l: &ParameterTest| {
+        let (parameter, covariate) = (PARAMETERS[l.parameter], NAMES[l.covariate]);
+        (format!("{parameter} follows {covariate}"), 2.0 * l.surprise)
+    };
+    beyond.map(in_words).collect()
 }
 
 /// Covariates through which a cause acts, which explains whatever they do.

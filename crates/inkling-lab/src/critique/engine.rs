@@ -90,15 +90,7 @@ fn of_signals(
         return Err(CritiqueError::TooShort { samples: all.samples });
     }
     stages("fitting the baseline");
-    // Outliers are looked for among ink channels' signals only. Signals that labels call healthy stay in, but
-    // `shape_surprise` still says whether a few of them have a misfit with a shape.
-    let Outliers { out: mut outlier, shape_surprise } = match real {
-        true => outliers(all, &Model::start(all, true).ok_or(CritiqueError::NoRing)?),
-        false => Outliers { out: vec![false; all.len()], shape_surprise: 0.0 },
-    };
-    if labelled {
-        outlier.fill(false);
-    }
+    let Outliers { out: outlier, shape_surprise } = left_out(all, real, labelled)?;
     let data = all.select(|i| !outlier[i]).standardised();
     check_enough(data.len(), real)?;
 
@@ -125,22 +117,19 @@ fn of_signals(
     let detection = measured.gain.detection();
     let figures = figures::draw(&baseline, &selected.fitted.model, &data, &measured.energies);
 
-    // Decide the verdict, and whether a design may be extended: not where the verdict is `Unknown`, since the
-    // causes then only resemble what is wrong.
+    // decide the verdict, and whether a design may be extended
     let ln_samples = data.ln_samples();
     let mut causes = causes(&artefacts, &selected, detection == Detection::Better, ln_samples);
-    let of_outliers =
-        OutlierCount { signals: outlier.iter().filter(|o| **o).count(), all: all.len() };
+    let count = outlier.iter().filter(|o| **o).count();
+    let outliers = OutlierCount { signals: count, all: all.len() };
+    let verdict = Verdict::of(&mut causes, &left.unexplained);
     let allowed = match real {
-        true => extended::check(&applied, of_outliers, &measured.gain),
+        true => extended::check(&applied, outliers, &measured.gain, verdict),
         false => Err(NotExtended::NoInkChannel),
     };
-    let verdict = Verdict::of(&mut causes, &left.unexplained);
     let mut remarks = unexplained(&selected.unnamed, &left);
-    let has_no_name = verdict == Verdict::Unknown && allowed.is_ok();
-    let allowed = if has_no_name { Err(NotExtended::NoName) } else { allowed };
     remarks.extend(not_worth(&causes, &measured.gain));
-    remarks.extend(caveats(all, of_outliers, &allowed, causes.is_empty()));
+    remarks.extend(caveats(all, outliers, &allowed, causes.is_empty()));
     remarks.extend(ties(&causes));
 
     let critique = Critique {
@@ -157,7 +146,7 @@ fn of_signals(
         signals: Signals {
             found: all.found,
             used: data.len(),
-            outliers: of_outliers.signals,
+            outliers: outliers.signals,
             channels: data.units,
             rejected: 0,
         },
@@ -175,6 +164,19 @@ fn of_signals(
         }
     });
     Ok(Outcome { critique, outlier, extended })
+}
+
+/// Step 1. Outliers are looked for among ink channels' signals only. Signals that labels call healthy stay in,
+/// but `shape_surprise` still says whether a few of them have a misfit with a shape.
+fn left_out(all: &Observations, real: bool, labelled: bool) -> Result<Outliers, CritiqueError> {
+    let mut found = match real {
+        true => outliers(all, &Model::start(all, true).ok_or(CritiqueError::NoRing)?),
+        false => Outliers { out: vec![false; all.len()], shape_surprise: 0.0 },
+    };
+    if labelled {
+        found.out.fill(false);
+    }
+    Ok(found)
 }
 
 /// An error if there are too few signals.

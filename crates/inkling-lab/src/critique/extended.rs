@@ -7,7 +7,7 @@
 use super::candidates::{Applied, Setting};
 use super::catalogue::CauseId;
 use super::covariates::Covariates;
-use super::finding::{Detection, Gain};
+use super::finding::{Detection, Gain, Verdict};
 use super::model::Model;
 use super::refit::{apply, refit};
 use inkling_core::numbers::tuned::little;
@@ -89,7 +89,12 @@ impl OutlierCount {
 }
 
 /// Whether anything speaks against a design of a model with these causes.
-pub fn check(causes: &[Applied], left_out: OutlierCount, gain: &Gain) -> Result<(), NotExtended> {
+pub fn check(
+    causes: &[Applied],
+    left_out: OutlierCount,
+    gain: &Gain,
+    verdict: Verdict,
+) -> Result<(), NotExtended> {
     if causes.is_empty() {
         return Err(NotExtended::NothingExpected);
     }
@@ -107,6 +112,10 @@ pub fn check(causes: &[Applied], left_out: OutlierCount, gain: &Gain) -> Result<
             before: gain.before.detection_auc,
             after: gain.after.detection_auc,
         });
+    }
+    // causes of an unknown misfit only resemble what is wrong
+    if verdict == Verdict::Unknown {
+        return Err(NotExtended::NoName);
     }
     Ok(())
 }
@@ -142,7 +151,7 @@ mod tests {
     #[test]
     fn a_mixture_makes_no_design_nor_does_what_detects_worse() {
         let causes = [Applied::rigid(CauseId::Tone, vec![], vec![])];
-        let check = |left_out, gain: &Gain| check(&causes, left_out, gain);
+        let check = |left_out, gain: &Gain| check(&causes, left_out, gain, Verdict::Named);
         let few = OutlierCount { signals: 40, all: 1000 };
         assert_eq!(check(few, &gain(0.1)), Ok(()));
         assert_eq!(check(few, &gain(0.0)), Ok(()));
@@ -150,6 +159,8 @@ mod tests {
         let mixture = OutlierCount { signals: 397, all: 1140 };
         let refused = Err(NotExtended::Mixture { left_out: 397, all: 1140 });
         assert_eq!(check(mixture, &gain(0.1)), refused);
-        assert_eq!(super::check(&[], few, &gain(0.1)), Err(NotExtended::NothingExpected));
+        let unnamed = |causes| super::check(causes, few, &gain(0.1), Verdict::Unknown);
+        assert_eq!(unnamed(&causes), Err(NotExtended::NoName));
+        assert_eq!(unnamed(&[]), Err(NotExtended::NothingExpected));
     }
 }

@@ -18,6 +18,7 @@ mod lines;
 mod rivals;
 mod shapes;
 
+pub use follows::ParameterTest;
 pub use lines::LEAST_PERIODS;
 
 use super::candidate::Candidate;
