@@ -4,7 +4,7 @@
 //! and the extended model. `docs/critique.md` describes the method for users. The way through this room:
 //!
 //! 1. `engine` runs everything for ink channels; [`decay`] does so for few long decays of an oscillator.
-//! 2. `outliers` leaves odd signals out. The baseline, a mixed-effects model ([`model`], `start`, `scatter`,
+//! 2. `outliers` leaves odd signals out. The baseline, a mixed-effects model ([`model`], `settle`, `start`, `scatter`,
 //!    `matrices`), is fitted to single signals, never to an average alone.
 //! 3. `codes`, `ensemble` and, later, `jitter` (with `between`) test converter, noise and trigger (`artefacts`).
 //! 4. All causes that move the expected signal ([`catalogue`]) are tested at once, as directions in one space
@@ -61,6 +61,7 @@ pub mod report;
 mod scatter;
 mod search;
 mod selection;
+mod settle;
 mod space;
 mod start;
 pub mod tuned;

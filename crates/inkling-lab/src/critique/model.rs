@@ -1,9 +1,10 @@
-//! The mixed-effects model of all signals (thesis (2-2) as it shows in the output), its linearisation about
-//! each signal, and the descent that moves its channels and signals to their most probable parameters.
+//! The mixed-effects model of all signals (thesis (2-2) as it shows in the output), and its linearisation
+//! about each signal.
 //!
 //! In: `Observations`. Out: `Model`, whose `Model::linearise` gives one signal's residual and Jacobian to
-//! every other file of this room. `start.rs` makes the first model, `scatter.rs` estimates covariances, mean
-//! and noise (`Model::fit`), and `refit.rs` adds causes.
+//! every other file of this room. `start.rs` makes the first model, `settle.rs` moves channels and signals to
+//! their most probable parameters, `scatter.rs` estimates covariances, mean and noise (`Model::fit`), and
+//! `refit.rs` adds causes.
 //!
 //! The model expects of signal i, in counts at time t after t_a:
 //!
@@ -18,22 +19,17 @@
 //! signal's own theta_i, since channels' frequencies scatter by per cents.
 
 use super::covariates::COVARIATES;
-use super::matrices::{Matrix5, Vector5, free_part, inverse, scaled};
+use super::matrices::{Matrix5, Vector5};
 use super::observations::Observations;
-use inkling_core::model::descent::{Damping, descend};
 use inkling_core::model::free_decay::{self, ALL, FREE, Tangent, Theta};
 use inkling_core::model::inner_product::dot;
 use inkling_core::numbers::tuned::little;
-use inkling_core::side_by_side::side_by_side;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 use std::iter::repeat;
 
+/// Number of powers of the drive (0 to 3) with which a shape may scale.
 pub const PATTERNS: usize = 4;
-/// Largest number of trial steps of a descent. Long rings whose frequency scatters by per cents need a dozen,
-/// since each step is bounded.
-const STEPS: usize = 20;
-const DAMPING: Damping = Damping { first: 1e-4, down: 0.2, least: 1e-9, up: 20.0, most: 1e8 };
 /// Largest changes of ln damping (and ln lambda/sigma) and of ln frequency in one step of `one_step`,
 /// `Model::shift` and `Model::shift_lambda`.
 const MOST_OF_DAMPING: f64 = 0.3;
@@ -53,6 +49,7 @@ pub const RATIO_OF_RATES: f64 = 0.2;
 /// length), the amplitudes a, b, c (counts at mean drive), and a sixth one for the real pole.
 #[derive(Clone, Debug)]
 pub struct Model {
+    /// Whether there is a real pole (ink channel) or none (oscillator).
     pub real: bool,
     /// Parameters of the mean channel. As [`Theta`], but the last one is ln lambda/sigma and not ln lambda: a
     /// change of the losses moves both poles by the same factor.
@@ -305,138 +302,12 @@ impl Model {
         (0..data.len()).map(each).collect()
     }
 
-    /// Moves every channel's parameters (`units`) to their most probable values, given all signals of the
-    /// channel together, the signals' present own deviations, and the prior N(mean, `between`). `steps`:
-    /// largest number of trial steps.
-    pub fn fit_units(&mut self, data: &Observations, steps: usize) {
-        let mut rows = vec![Vec::new(); data.units];
-        (0..data.len()).for_each(|i| rows[data.rows[i].unit].push(i));
-        let scale = self.scale();
-        let precision = inverse(&scaled(&self.between, &scale));
-        let (own, centre): (Own, Theta) = (|model, unit| &mut model.units[unit], self.mean);
-        let descent = Descent { data, own, centre, scale, precision, most: [0.5, 0.5], steps };
-        let moved = |model: &mut Model, unit| model.descend(unit, &rows[unit], &descent);
-        self.units = self.by_halves(self.units.len(), moved);
-    }
-
-    /// Moves each signal's own deviation (`each`) to its most probable value, under the prior N(0, `within`).
-    fn fit_each(&mut self, data: &Observations, steps: usize) {
-        if data.len() == data.units {
-            return; // every channel was heard once, so its parameters are those of its signal
-        }
-        let scale = self.scale();
-        let precision = inverse(&scaled(&self.within, &scale));
-        let (own, centre): (Own, Theta) = (|model, i| &mut model.each[i], Theta::zeros());
-        let descent = Descent { data, own, centre, scale, precision, most: [0.2, 0.02], steps };
-        self.each = self.by_halves(data.len(), |model, i| model.descend(i, &[i], &descent));
-    }
-
-    /// What `moved` makes of each of `count` channels or signals, in their order. Two threads do half of the
-    /// work each on a copy of the model: the descent of one does not depend on where another one's ends.
-    pub(super) fn by_halves(
-        &self,
-        count: usize,
-        moved: impl Fn(&mut Model, usize) -> Theta + Sync,
-    ) -> Vec<Theta> {
-        let half = |rows: std::ops::Range<usize>| -> Vec<Theta> {
-            let mut model = self.clone();
-            rows.map(|i| moved(&mut model, i)).collect()
-        };
-        side_by_side(2, vec![0..count / 2, count / 2..count], half).concat()
-    }
-
-    /// The most probable parameters of one channel, or one signal, by a damped Gauss-Newton descent of -2 ln
-    /// posterior = |residual|²/noise_var + (theta - centre)^T precision (theta - centre), from the present
-    /// parameters on. `of`: index of the channel or the signal; `rows`: the signals that tell about it. The
-    /// caller must store the result: the model is left at the point that was tried last.
-    fn descend(&mut self, of: usize, rows: &[usize], descent: &Descent) -> Theta {
-        let Descent { own, centre, scale, precision, .. } = descent;
-        let off = |theta: &Theta| free_part(&(theta - centre), scale);
-        let (noise_var, start) = (self.noise_var, *own(self, of));
-        let mut linear = Linear::default();
-        // the cost, and the sums from which the slope at the same point follows
-        let cost = |theta: &Theta| {
-            *own(self, of) = *theta;
-            let normal = self.normal(rows, descent, &mut linear);
-            let of_prior = off(theta).dot(&(precision * off(theta)));
-            (normal.square / noise_var + of_prior, normal)
-        };
-        // half of the negative gradient of the cost, and half of its Gauss-Newton Hessian
-        let slope = |theta: &Theta, normal: Normal| {
-            let gradient = normal.product / noise_var - precision * off(theta);
-            Some((gradient, normal.gram / noise_var + precision))
-        };
-        // the steps of ln damping and ln frequency are clamped, since the linearisation says nothing of
-        // places far away
-        let step = |theta: &Theta, (gradient, hessian): &(Vector5, Matrix5), damping: f64| {
-            let damped = hessian + Matrix5::from_diagonal(&(hessian.diagonal() * damping));
-            let step = damped.cholesky()?.solve(gradient);
-            let mut trial = *theta;
-            for j in 0..FREE {
-                let most = descent.most.get(j).copied().unwrap_or(f64::INFINITY);
-                trial[j] += (step[j] * scale[j]).clamp(-most, most);
-            }
-            Some(trial)
-        };
-        let rests = |gained: f64, _| gained < 1e-6;
-        descend(start, DAMPING, descent.steps, cost, slope, step, rests).0
-    }
-
-    /// Sums over some signals at the present parameters; `linear` is used as memory.
-    fn normal(
-        &self,
-        rows: &[usize],
-        Descent { data, scale, .. }: &Descent,
-        linear: &mut Linear,
-    ) -> Normal {
-        let mut sum = Normal { gram: Matrix5::zeros(), product: Vector5::zeros(), square: 0.0 };
-        for &i in rows {
-            self.linearise(i, data, linear);
-            let (gram, product) = free_products(linear, scale);
-            sum.gram += gram;
-            sum.product += product;
-            sum.square += dot(&linear.residual, &linear.residual);
-        }
-        sum
-    }
-
     /// Units that make the free parameters numbers of similar size: 1 for the two logarithms, the mean
     /// channel's amplitude (counts) for a, b, c.
     pub fn scale(&self) -> Vector5 {
         let a = self.amplitude();
         Vector5::from([1.0, 1.0, a, a, a])
     }
-
-    /// Moves channels and single signals, in turn and twice, to their most probable parameters.
-    pub fn settle(&mut self, data: &Observations) {
-        for _ in 0..2 {
-            self.fit_units(data, STEPS);
-            self.fit_each(data, STEPS);
-        }
-    }
-}
-
-/// Selects the parameters that a descent moves: those of a channel, or one signal's own deviation.
-type Own = fn(&mut Model, usize) -> &mut Theta;
-
-/// What a descent needs beside the model: the data, the parameters that move, their prior, and bounds.
-struct Descent<'a> {
-    data: &'a Observations,
-    own: Own,
-    /// Mean and inverse covariance of the prior of the moved parameters; units (`Model::scale`).
-    centre: Theta,
-    scale: Vector5,
-    precision: Matrix5,
-    /// Largest changes of ln sigma and of ln omega in one step.
-    most: [f64; 2],
-    steps: usize,
-}
-
-/// J^T J, J^T r and r^T r over signals, with the Jacobian J in units of `scale`, not divided by the noise.
-struct Normal {
-    gram: Matrix5,
-    product: Vector5,
-    square: f64,
 }
 
 /// J^T J and J^T r of one signal over the free parameters in units of `scale`, not divided by the noise.
@@ -452,52 +323,4 @@ pub fn free_products(linear: &Linear, scale: &Vector5) -> (Matrix5, Vector5) {
         }
     }
     (gram, product)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::generator::{Run, draw};
-    use super::*;
-
-    /// The descent starts far off, where a plain Gauss-Newton step overshoots; it must improve every signal
-    /// whatever the number of steps.
-    #[test]
-    fn no_step_is_kept_that_makes_a_signal_less_probable() {
-        let data = draw(&Run { channels: 6, bursts: 4, ..Run::default() }, 31);
-        let mut fitted = Model::start(&data, true).unwrap();
-        fitted.fit(&data, 1);
-        let scale = fitted.scale();
-        let precision = inverse(&scaled(&fitted.within, &scale));
-        let (own, centre): (Own, Theta) = (|model, i| &mut model.each[i], Theta::zeros());
-        let most = [0.2, 0.02];
-        let descent = Descent { data: &data, own, centre, scale, precision, most, steps: 0 };
-        let costs = |model: &Model| -> Vec<f64> {
-            let mut linear = Linear::default();
-            let cost = |i: usize| {
-                let off = free_part(&model.each[i], &scale);
-                let square = model.normal(&[i], &descent, &mut linear).square;
-                square / model.noise_var + off.dot(&(precision * off))
-            };
-            (0..data.len()).map(cost).collect()
-        };
-        let best = costs(&fitted);
-        for (i, each) in fitted.each.iter_mut().enumerate() {
-            let sign = if i % 2 == 0 { 1.0 } else { -1.0 };
-            each[0] += sign;
-            each[1] += 0.06 * sign;
-        }
-        let mut last = costs(&fitted);
-        for steps in [1, 2, 3, 40] {
-            let mut model = fitted.clone();
-            model.fit_each(&data, steps);
-            let now = costs(&model);
-            assert!(now.iter().zip(&last).all(|(now, last)| now <= last), "{steps} steps");
-            last = now;
-        }
-        // in the end it must get back to the best fit
-        assert!(
-            last.iter().zip(&best).all(|(last, best)| last < &(best + 1e-3)),
-            "{last:?} {best:?}"
-        );
-    }
 }
