@@ -205,8 +205,7 @@ impl Prepared {
         real: bool,
         stages: &mut dyn FnMut(&str),
     ) -> Result<Prepared, CritiqueError> {
-        let mut baseline = Model::start(&data, real).ok_or(CritiqueError::NoRing)?;
-        baseline.fit(&data, 2);
+        let mut baseline = Model::fitted(&data, real, 2).ok_or(CritiqueError::NoRing)?;
 
         // codes first: what is accepted of them becomes part of the baseline (rails, lattice)
         stages("looking at codes and noise");
@@ -246,8 +245,7 @@ impl Prepared {
         let (data, baseline, again) = loop {
             total = total.clamp(-0.97, 0.97);
             let data = unwhitened.whitened(total);
-            let mut baseline = Model::start(&data, real).ok_or(CritiqueError::NoRing)?;
-            baseline.fit(&data, 2);
+            let baseline = Model::fitted(&data, real, 2).ok_or(CritiqueError::NoRing)?;
             let again = ensemble::test(&data, &baseline);
             round += 1;
             let more = again.iter().find(|f| f.id == CauseId::CorrelatedNoise);

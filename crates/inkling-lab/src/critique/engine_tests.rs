@@ -2,7 +2,7 @@
 //! before it looks for causes: clipped samples must not spoil this, and a random tone at the ring's
 //! own frequency must be deferred until causes are selected.
 
-use super::super::generator::{Run, draw};
+use super::super::generator::{Run, criticised, draw};
 use super::super::observations::Sampler;
 use super::CauseId::{CorrelatedNoise, RandomTone};
 use super::*;
@@ -26,7 +26,7 @@ fn coloured(seed: u64, converted: impl Fn(usize, f64, f64) -> f64) -> Observatio
 
 /// The causes that are named, sorted; `None`: too much is left to name any.
 fn named(data: &Observations) -> Option<Vec<&'static str>> {
-    let of = critique(data, Rings::InkChannel, false, &mut |_| {}).unwrap().critique;
+    let of = criticised(data);
     let mut names: Vec<&str> = of.causes.iter().map(|cause| cause.id.name()).collect();
     names.sort_unstable();
     (of.verdict == Verdict::Named).then_some(names)

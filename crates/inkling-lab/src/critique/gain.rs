@@ -344,8 +344,7 @@ mod tests {
                 let spread = [[0.004, 0.06, 0.025], [0.02, 0.06, 0.025]][seed as usize % 2];
                 let data =
                     draw(&Run { channels: 12, bursts: 8, spread, ..Run::default() }, 700 + seed);
-                let mut model = Model::start(&data, true).unwrap();
-                model.fit(&data, 2);
+                let model = Model::fitted(&data, true, 2).unwrap();
                 let setting = Setting { data: &data, avoid: &[] };
                 let measured = measure(&model, &[], setting);
                 let gain = measured.gain;

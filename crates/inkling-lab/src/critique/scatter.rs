@@ -63,6 +63,13 @@ impl PoleSums {
 }
 
 impl Model {
+    /// The first model of these signals, fitted in so many `rounds`; `None` where nothing rings.
+    pub fn fitted(data: &Observations, real: bool, rounds: usize) -> Option<Model> {
+        let mut model = Model::start(data, real)?;
+        model.fit(data, rounds);
+        Some(model)
+    }
+
     /// Alternates linearisation (`settle`) and 30 steps of EM, `rounds` times.
     pub fn fit(&mut self, data: &Observations, rounds: usize) {
         for _ in 0..rounds {

@@ -286,8 +286,7 @@ fn worth(gains: &[f64], of: &[Signal]) -> Worth {
 
 #[cfg(test)]
 mod tests {
-    use super::super::engine::{Rings, critique};
-    use super::super::generator::{Run, draw};
+    use super::super::generator::{Run, criticised, draw};
     use super::CauseId::*;
 
     /// For each kind of cause whose gain is measured in a way of its own, one cause that is clearly there.
@@ -304,8 +303,7 @@ mod tests {
         ];
         for (seed, (id, size)) in planted.into_iter().enumerate() {
             let run = Run { channels: 12, bursts: 16, effect: Some(id), size, ..Run::default() };
-            let data = draw(&run, 9000 + seed as u64);
-            let critique = critique(&data, Rings::InkChannel, false, &mut |_| {}).unwrap().critique;
+            let critique = criticised(&draw(&run, 9000 + seed as u64));
             let named: Vec<_> = critique.causes.iter().map(|c| c.id.name()).collect();
             let worth = critique.gain.worth(id);
             println!("{id}: {named:?} {worth:?} {:?}", critique.remarks);
