@@ -54,32 +54,27 @@ struct Residuals {
     /// of white noise of variance one after the same projection.
     power: Vec<f64>,
     of_white: Vec<f64>,
+    /// Number of periodograms.
+    spectra: f64,
 }
 
 fn residuals(model: &Model, data: &Observations) -> Residuals {
     let n = data.samples;
     let (mut sum, mut square) = (vec![0.0; n], vec![0.0; n]);
-    let mut linear = Linear::default();
-    let (mut within, mut about_mean) = (Vec::new(), Vec::new());
     let (mut power, mut of_white) = (vec![0.0; n / 2], vec![0.0; n / 2]);
     let every = data.len().div_ceil(MOST_SPECTRA).max(1);
-    let mut spectra = 0.0;
     let scale = model.scale();
-    for i in 0..data.len() {
-        model.linearise(i, data, &mut linear);
+    let each = model.of_each(data, |i, linear| {
         // amplitude, damping and frequency
         let unit = &model.units[data.rows[i].unit];
-        let relative = about_channel(unit, &model.each[i], &linear, &scale);
+        let relative = about_channel(unit, &model.each[i], linear, &scale);
         let off = about_population(unit, &model.mean, &scale);
-        within.push(relative);
-        about_mean.push(std::array::from_fn(|j| relative[j] + off[j]));
         for k in 0..n {
             let r = linear.residual[k];
             sum[k] += r;
             square[k] += r * r;
         }
         if i % every == 0 {
-            spectra += 1.0;
             // the ring's tangent is projected out; what this takes from white noise at a frequency is the sum
             // of the periodograms of the orthonormal columns
             let q = linear.by_free(&scale).qr().q();
@@ -91,16 +86,17 @@ fn residuals(model: &Model, data: &Observations) -> Residuals {
                 *of_white += (1.0 - taken).max(0.0);
             }
         }
-    }
+        let about_mean: [f64; 3] = std::array::from_fn(|j| relative[j] + off[j]);
+        (relative, about_mean)
+    });
+    let (within, about_mean) = each.into_iter().unzip();
     let m = data.len() as f64;
     let mean: Vec<f64> = sum.iter().map(|s| s / m).collect();
-    let se = square
-        .iter()
-        .zip(&mean)
-        .map(|(q, mean)| ((q / m - mean * mean).max(0.0) / m).sqrt())
-        .collect();
-    power.iter_mut().chain(&mut of_white).for_each(|p| *p /= f64::max(spectra, 1.0));
-    Residuals { mean, se, within, about_mean, power, of_white }
+    let variances = square.iter().zip(&mean).map(|(q, mean)| (q / m - mean * mean).max(0.0));
+    let se = variances.map(|variance| (variance / m).sqrt()).collect();
+    let spectra = data.len().div_ceil(every) as f64;
+    power.iter_mut().chain(&mut of_white).for_each(|p| *p /= spectra);
+    Residuals { mean, se, within, about_mean, power, of_white, spectra }
 }
 
 /// Periodogram of y at j + 1 periods per signal; that of white noise of variance one is 1 on average.
@@ -125,8 +121,7 @@ pub fn draw(before: &Model, after: &Model, data: &Observations, energies: &Energ
         before: mean(&b),
         after: mean(&a),
     };
-    let spectra = data.len().div_ceil(data.len().div_ceil(MOST_SPECTRA).max(1)) as f64;
-    let [low, high] = band_of_means(spectra);
+    let [low, high] = band_of_means(a.spectra);
     let edge = |by: f64| a.of_white.iter().map(|w| after.noise_var * w * by).collect();
     let power = |r: &Residuals| Curve { y: r.power.clone(), low: edge(low), high: edge(high) };
     let spectrum = Compared {

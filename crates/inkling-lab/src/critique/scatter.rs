@@ -106,13 +106,9 @@ impl Model {
 
     /// Steps 1 and 2. Returns every signal's information and score.
     fn signals_and_noise(&mut self, data: &Observations, scale: &Vector5) -> Vec<OneSignal> {
-        let mut linear = Linear::default();
-        let mut signals = Vec::with_capacity(data.len());
-        let mut left = Vec::with_capacity(data.len());
         let mut of_pole = PoleSums::default();
-        for i in 0..data.len() {
-            self.linearise(i, data, &mut linear);
-            let (gram, product) = free_products(&linear, scale);
+        let each = self.of_each(data, |i, linear| {
+            let (gram, product) = free_products(linear, scale);
             let square = dot(&linear.residual, &linear.residual);
             // the tiny ridge keeps the matrix invertible where a parameter moves nothing
             let ridge = gram + Matrix5::identity() * (1e-9 * gram.trace());
@@ -122,13 +118,14 @@ impl Model {
             // the square that is left per degree of freedom estimates the noise variance
             let [of_residual, of_along] = solved.unwrap_or_default();
             let explained = product.dot(&of_residual).min(square);
-            of_pole.add(&linear, &product, &along, &of_along);
-            left.push((square - explained) / (linear.counted() - FREE as f64).max(1.0));
+            of_pole.add(linear, &product, &along, &of_along);
+            let left = (square - explained) / (linear.counted() - FREE as f64).max(1.0);
             // adding J times the own deviation gives the residual about the channel alone, to first order
             let own = free_part(&self.each[i], scale);
             let product = product + gram * own;
-            signals.push(OneSignal { unit: data.rows[i].unit, gram, product });
-        }
+            (OneSignal { unit: data.rows[i].unit, gram, product }, left)
+        });
+        let (mut signals, mut left): (Vec<OneSignal>, Vec<f64>) = each.into_iter().unzip();
 
         // the noisiest hundredth of the signals may have more than noise
         left.sort_by(f64::total_cmp);

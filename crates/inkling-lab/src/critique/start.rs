@@ -40,14 +40,9 @@ impl Model {
         let mut mean = first_guess(&average, real)?;
         mean[5] = LAMBDA_OVER_SIGMA.ln(); // a model holds ln lambda/sigma, not ln lambda
         let amplitude = mean[2].hypot(mean[3]).max(f64::MIN_POSITIVE);
-        // variances of ln damping, ln frequency, a, b and c, wide enough for channels to move freely
-        let wide = Matrix5::from_diagonal(&Vector5::from([
-            0.5 * 0.5,
-            0.1 * 0.1,
-            amplitude * amplitude,
-            amplitude * amplitude,
-            (0.3 * amplitude).powi(2),
-        ]));
+        // scatter of ln damping, ln frequency, a, b and c, wide enough for channels to move freely
+        let sds = Vector5::from([0.5, 0.1, amplitude, amplitude, 0.3 * amplitude]);
+        let wide = Matrix5::from_diagonal(&sds.map(|sd| sd * sd));
         let mut model = Model {
             real,
             mean,

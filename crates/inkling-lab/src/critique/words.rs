@@ -42,10 +42,6 @@ pub fn not_worth(causes: &[Cause], gain: &Gain) -> Vec<String> {
 
 /// The model's equation followed by the catalogue's term for each cause.
 pub fn equation(causes: &[Cause]) -> String {
-    let mut text = String::from("y = s C e^{A t} x_a + e");
-    for cause in causes {
-        text.push(' ');
-        text.push_str(cause.id.row().equation);
-    }
-    text
+    let terms: String = causes.iter().map(|c| format!(" {}", c.id.row().equation)).collect();
+    format!("y = s C e^{{A t}} x_a + e{terms}")
 }

@@ -90,22 +90,19 @@ fn place_objection(fit: &Fit, omega: f64, sigma: f64, width: f64) -> Option<Obje
     // a frequency that changes with amplitude sweeps this share of itself during a decay
     let largest = amplitudes(fit).0;
     let swept = (fit.motion().frequency_ratio(largest) - 1.0).abs();
-    for multiple in 1..=8 {
+    let near_ring = resolution.max(sigma.abs() + fit.p[SIGMA].abs()).max(swept * own);
+    if (omega - own).abs() < near_ring {
+        return Some(Objection::NearTheRing);
+    }
+    for multiple in 2..=8 {
         let m = f64::from(multiple);
-        let off = (omega - m * own).abs();
-        let near = match multiple {
-            1 => resolution.max(sigma.abs() + fit.p[SIGMA].abs()).max(swept * own),
-            // a harmonic is as wide as a line: a line that is no farther off than its own width may be either
-            _ => (0.35 * resolution).max(harmonic() * m * own).max(swept * m * own).max(width),
-        };
-        if off < near {
-            return Some(match multiple {
-                1 => Objection::NearTheRing,
-                m => Objection::Multiple(m),
-            });
+        // a harmonic is as wide as a line: a line that is no farther off than its own width may be either
+        let near = (0.35 * resolution).max(harmonic() * m * own).max(swept * m * own).max(width);
+        if (omega - m * own).abs() < near {
+            return Some(Objection::Multiple(multiple));
         }
         // the multiple may lie above half the sampling rate, and be seen at its mirror image
-        if multiple > 1 && (TAU - omega - m * own).abs() < near {
+        if (TAU - omega - m * own).abs() < near {
             return Some(Objection::Folded(multiple));
         }
     }
