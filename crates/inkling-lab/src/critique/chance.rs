@@ -16,6 +16,7 @@ pub const THRESHOLD: f64 = 8.3;
 pub const HINT: f64 = THRESHOLD / 2.0;
 /// The same of the tests without the catalogue, all of one kind together: one in 1000.
 const WITHOUT_A_NAME: f64 = 6.9;
+/// The normal deviate whose magnitude is exceeded once in 100.
 pub const ONCE_IN_100: f64 = 2.576;
 /// Noncentrality of a chi-squared statistic at one detection limit: it is found with a probability of 90 % by
 /// a test of one degree of freedom and size 0.001.

@@ -13,7 +13,7 @@ const FEWEST: usize = 8;
 /// Number of blocks of time, of equally many signals each.
 const BLOCKS: usize = 5;
 
-fn between(data: &Observations) -> Vec<bool> {
+fn held_out_by_time(data: &Observations) -> Vec<bool> {
     let mut times: Vec<i64> = data.rows.iter().map(|r| r.beside.t_acq_ns).collect();
     times.sort_unstable();
     let bounds: Vec<i64> = (1..BLOCKS).map(|block| times[times.len() * block / BLOCKS]).collect();
@@ -37,10 +37,10 @@ impl TrainTestSplit {
     /// at. With both, signals of a held-out channel or time that are not both belong to neither part. `None`:
     /// fewer than eight signals in a part.
     pub fn of(data: &Observations, by_channel: bool, by_time: bool) -> Option<TrainTestSplit> {
-        let between = between(data);
+        let held_out = held_out_by_time(data);
         let is_in = |test: bool, i: usize| {
             (!by_channel || (data.rows[i].unit % 2 == 1) == test)
-                && (!by_time || between[i] == test)
+                && (!by_time || held_out[i] == test)
         };
         let channels = |test: bool| -> Vec<(usize, f64)> {
             let rows = (0..data.len()).filter(|i| is_in(test, *i));

@@ -150,7 +150,7 @@ fn refitted(
         // for each free parameter, plus 2 ln of the number of independent shapes among which it was the best.
         (contender.last_is_able(setting) && deviance < before).then(|| Contender {
             model: contender,
-            penalised: deviance + 2.0 * (parameters(scored) + scored.tried.ln()),
+            penalised: deviance + 2.0 * (free_parameters(scored) + scored.tried.ln()),
             may_enter: scored.has_name(),
             candidate: Scored { statistic: before - deviance, ..scored.clone() },
         })
@@ -241,6 +241,6 @@ fn necessary(now: &Refit) -> Vec<bool> {
         .collect()
 }
 
-fn parameters(s: &Scored) -> f64 {
+fn free_parameters(s: &Scored) -> f64 {
     s.degrees as f64 + s.id.row().free
 }

@@ -111,7 +111,7 @@ impl Measuring<'_> {
         let (ln_plain, ln_extended) =
             (ln(&plain, &Noise::default()), ln(&extended, &Noise::default()));
         // the causes that move what is expected: together, and each by leaving it out
-        let mut all = less(&ln_extended, &ln_plain);
+        let mut all = differences(&ln_extended, &ln_plain);
         let mut steps = self.left_out(&ln_extended);
         // codes, noise and trigger
         let mut beside = self.codes(&plain, &ln_plain);
@@ -136,7 +136,7 @@ impl Measuring<'_> {
             let id = others.remove(index).id;
             let without = with(&self.plain, &others, self.split.part(self.avoid));
             let without = self.split.test(&without);
-            Step { id, gains: less(ln_extended, &ln(&without, &Noise::default())) }
+            Step { id, gains: differences(ln_extended, &ln(&without, &Noise::default())) }
         };
         (0..self.causes.len()).map(one).collect()
     }
@@ -157,7 +157,7 @@ impl Measuring<'_> {
         let naive = ln(&self.split.test(&naive), &Noise::default());
         let sd = noise_var.sqrt();
         let clipped: Vec<f64> = plain.iter().map(|signal| signal.ln_clipped(rails, sd)).collect();
-        let model = less(ln_plain, &naive);
+        let model = differences(ln_plain, &naive);
         let sum = |of: &[f64]| model.iter().zip(of).map(|(p, q)| p + q).collect::<Vec<f64>>();
         let mut steps = Vec::new();
         if clipping.is_some() {
@@ -196,7 +196,7 @@ impl Measuring<'_> {
         let naive = baseline(self.before.real, None, split.part(&[]))?;
         let naive: Vec<f64> =
             split.test(&naive).iter().map(Signal::ln_density_after_first).collect();
-        Some(Step { id: CauseId::CorrelatedNoise, gains: less(ln_plain, &naive) })
+        Some(Step { id: CauseId::CorrelatedNoise, gains: differences(ln_plain, &naive) })
     }
 
     /// Gains of growing noise, of a line of random phase and of the trigger's jitter, in this order, each on
@@ -221,7 +221,7 @@ impl Measuring<'_> {
             maximum(|x| sum(of(x.exp())), near.max(1e-12).ln(), REACH).exp()
         };
         let mut add = |id, ln: Vec<f64>| {
-            steps.push(Step { id, gains: less(&ln, &before) });
+            steps.push(Step { id, gains: differences(&ln, &before) });
             before = ln;
         };
         if let Some(h) = growth {
@@ -248,7 +248,7 @@ fn ln(all: &[Signal], noise: &Noise) -> Vec<f64> {
     all.iter().map(|signal| signal.ln_density(noise)).collect()
 }
 
-fn less(with: &[f64], without: &[f64]) -> Vec<f64> {
+fn differences(with: &[f64], without: &[f64]) -> Vec<f64> {
     with.iter().zip(without).map(|(with, without)| with - without).collect()
 }
 

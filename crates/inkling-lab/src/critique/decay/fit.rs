@@ -164,7 +164,7 @@ impl<'a> Fit<'a> {
         })
     }
 
-    pub fn free(&self) -> f64 {
+    pub fn degrees_of_freedom(&self) -> f64 {
         self.decays.y.len() as f64 - self.p.len() as f64
     }
 

@@ -119,7 +119,7 @@ fn judged<'a>(mut t: Tried<'a>, parent: &Fit<'a>, noise: &Noise) -> Tried<'a> {
         }
     }
     t.statistic = (parent.cost - fit.cost).max(0.0);
-    t.surprise = surprise(t.statistic, t.degrees, t.tried, fit.free());
+    t.surprise = surprise(t.statistic, t.degrees, t.tried, fit.degrees_of_freedom());
 
     // where more than half of the misfit can be predicted from itself, any term takes some of it: a little (a
     // tenth of the squares for a line, 3 % of the cost else) is not enough
@@ -223,7 +223,7 @@ fn eliminate<'a>(now: &mut Fit<'a>, causes: &mut Vec<Chosen<Added<'a>>>) {
             let Candidate { statistic, degrees, tried, .. } = *candidate;
             let surprise = match objection(now, i, &covariance) {
                 Some(_) => 0.0,
-                None => surprise(statistic, degrees, tried, now.free()),
+                None => surprise(statistic, degrees, tried, now.degrees_of_freedom()),
             };
             if surprise <= THRESHOLD && weakest.as_ref().is_none_or(|w| surprise < w.2) {
                 weakest = Some((i, parent, surprise));

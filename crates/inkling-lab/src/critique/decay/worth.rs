@@ -13,6 +13,7 @@ use super::stretches::Stretches;
 use crate::critique::finding::{LogLikelihood, Worth};
 use std::collections::BTreeMap;
 
+/// ln p of the held-out samples, one vector for each stretch of each series.
 struct Judged(Vec<Vec<f64>>);
 
 /// The gain of all that was found, and of each named cause (all lines of one name together).
