@@ -107,19 +107,16 @@ pub enum Acts {
     /// It adds a shape in time to the mean signal.
     Mean(Shape),
     /// A covariate moves damping, frequency or all rates of a signal.
-    Rates {
-        covariate: usize,
-        which: Rates,
-        per: Per,
-    },
+    Rates { covariate: usize, which: Rates, per: Per },
     /// A covariate moves the amplitude of a signal.
-    Gain {
-        covariate: usize,
-    },
+    Gain { covariate: usize },
     /// A later part of the previous ring is added to the signal.
     PreviousRing,
+    /// It changes the noise of single signals.
     Noise,
+    /// It shifts all signals of a burst in time.
     Trigger,
+    /// The converter changes samples.
     Codes,
 }
 
@@ -139,9 +136,7 @@ pub enum Shape {
     Motion(Motion),
     /// What a sensor's curve, or rates that follow time, make of the ring (`candidates/rivals.rs` has the
     /// equations). `power`: as of [`Motion`].
-    Bent {
-        power: i32,
-    },
+    Bent(i32),
     Sways,
     /// An undamped line whose frequency changes with time.
     SweptLine,
@@ -349,14 +344,14 @@ pub static RIVALS: [Entry; 13] = [
         Shape::Motion(Motion { term: Term::Stop { at: 0.0 }, power: 1, strengths: [0.01, 1.0] })) },
     rival(CauseId::SpringWithGap, "a spring with a gap",
         Shape::Motion(Motion { term: Term::Gap, power: 0, strengths: [0.002, 0.5] })),
-    rival(CauseId::LossFollowsTime, "a damping that changes with time", Shape::Bent { power: 1 }),
+    rival(CauseId::LossFollowsTime, "a damping that changes with time", Shape::Bent(1)),
     Entry { free: 1.0, seconds: &SETTLES, ..rival(CauseId::FrequencyFollowsTime, "a frequency that changes with time",
-        Shape::Bent { power: 1 }) },
-    rival(CauseId::EvenSensor, "a sensor curve of even order", Shape::Bent { power: 2 }),
-    rival(CauseId::OddSensor, "a sensor curve of odd order", Shape::Bent { power: 3 }),
+        Shape::Bent(1)) },
+    rival(CauseId::EvenSensor, "a sensor curve of even order", Shape::Bent(2)),
+    rival(CauseId::OddSensor, "a sensor curve of odd order", Shape::Bent(3)),
     Entry { free: 1.0, seconds: &LAGS, ..rival(CauseId::GainFollowsAmplitude, "a gain that follows the amplitude",
-        Shape::Bent { power: 2 }) },
-    rival(CauseId::DeafSensor, "a sensor that is deaf about its zero", Shape::Bent { power: 0 }),
+        Shape::Bent(2)) },
+    rival(CauseId::DeafSensor, "a sensor that is deaf about its zero", Shape::Bent(0)),
     Entry { free: 1.0, ..rival(CauseId::GainSways, "a gain that sways", Shape::Sways) },
     Entry { free: 1.0, ..rival(CauseId::TimeBaseSways, "a time base that sways", Shape::Sways) },
     Entry { free: 2.0, nests: Some(CauseId::Tone), ..rival(CauseId::SweptLine, "an undamped line whose frequency changes with time",

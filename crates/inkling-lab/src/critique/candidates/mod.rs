@@ -174,7 +174,7 @@ impl<'a> ScoreTests<'a> {
             Shape::Motion(motion) => {
                 self.best_of(id, near, |place| self.motion(id, motion, place, near))
             }
-            Shape::Bent { power } => {
+            Shape::Bent(power) => {
                 self.best_of(id, near, |second| self.bent(id, power, second, near))
             }
             Shape::Sways => self.sways(id, near),

@@ -191,7 +191,7 @@ impl ScoreTests<'_> {
         // the coefficients of the cubic through the four nodes, sample by sample
         let inverse = Matrix4::from_fn(|j, p| nodes[j].powi(p as i32)).try_inverse()?;
         let of_power = |p: usize| {
-            let coefficient = |k| (inverse.row(p) * Vector4::from_fn(|j, _| at[j][k]))[0];
+            let coefficient = |k: usize| (inverse.row(p) * Vector4::from_fn(|j, _| at[j][k]))[0];
             (p * n, (0..n).map(coefficient).collect())
         };
         finite(Direction((0..PATTERNS).map(of_power).collect()))
