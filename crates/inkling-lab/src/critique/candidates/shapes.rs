@@ -21,6 +21,29 @@ use inkling_core::model::terms::Term;
 use nalgebra::{Matrix4, Vector4};
 use std::f64::consts::PI;
 
+/// The catalogue's parameter of a term in the equation of motion. `e`: the term's strength; `low`, `high`:
+/// smallest and largest drive in the data.
+fn value_of(term: Term, e: f64, [low, high]: [f64; 2]) -> f64 {
+    match term {
+        // the change of frequency at the largest amplitude in the data
+        Term::CubicStiffness => e * high * high,
+        // The damping at the largest amplitude in the data relative to that at the smallest, less 1. Over the
+        // viscous one it is 1 + e s at the drive s with drag of strength e, and 1 + e/s with friction. Where
+        // drives differ by less than 2 %, compare with no amplitude for drag, with a tenth for friction,
+        // which at none would be infinite. Dampings below .05 count as .05, as a negative e may leave none to
+        // divide by.
+        Term::QuadraticDrag => {
+            let small = if high > 1.02 * low { low } else { 0.0 };
+            (1.0 + e * high) / (1.0 + e * small).max(0.05) - 1.0
+        }
+        Term::DryFriction => {
+            let small = if high > 1.02 * low { low } else { 0.1 * high };
+            (1.0 + e / high) / (1.0 + e / small).max(0.05) - 1.0
+        }
+        _ => e,
+    }
+}
+
 impl ScoreTests<'_> {
     /// Tests an effect that is not proportional to its strength e: finds the e of the largest likelihood.
     ///
@@ -112,27 +135,8 @@ impl ScoreTests<'_> {
                 with.iter().zip(&without[node]).map(|(w, o)| (w - o) / e).collect()
             })
         };
-        let [low, high] = self.data.beside.drives();
-        let value = |e: f64| -> f64 {
-            match term {
-                // the change of frequency at the largest amplitude in the data
-                Term::CubicStiffness => e * high * high,
-                // The damping at the largest amplitude in the data relative to that at the smallest, less 1.
-                // Over the viscous one it is 1 + e s at the drive s with drag of strength e, and 1 + e/s with
-                // friction. Where drives differ by less than 2 %, compare with no amplitude for drag, with a
-                // tenth for friction, which at none would be infinite. Dampings below .05 count as .05, as a
-                // negative e may leave none to divide by.
-                Term::QuadraticDrag => {
-                    let small = if high > 1.02 * low { low } else { 0.0 };
-                    (1.0 + e * high) / (1.0 + e * small).max(0.05) - 1.0
-                }
-                Term::DryFriction => {
-                    let small = if high > 1.02 * low { low } else { 0.1 * high };
-                    (1.0 + e / high) / (1.0 + e / small).max(0.05) - 1.0
-                }
-                _ => e,
-            }
-        };
+        let drives = self.data.beside.drives();
+        let value = |e: f64| value_of(term, e, drives);
 
         let mut scored = self.grown(id, strengths, shape, value, near)?;
         // The scatter of the acquisition state alone may look like a half-order loss up to `eta_floor`. So
