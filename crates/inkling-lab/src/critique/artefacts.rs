@@ -3,7 +3,6 @@
 
 use super::candidate::Candidate;
 use super::catalogue::CauseId;
-use super::leftovers::Finding;
 
 /// The value of a cause if it is among `found` and accepted.
 pub fn accepted(found: &[Candidate], id: CauseId) -> Option<f64> {
@@ -27,10 +26,5 @@ impl Artefacts {
 
     pub fn accepted(&self) -> impl Iterator<Item = &Candidate> {
         self.all().filter(|f| f.accepted())
-    }
-
-    /// What was accepted, for the comparison with what other findings may leave.
-    pub fn findings(&self) -> Vec<Finding> {
-        self.accepted().map(|f| Finding::of(f, &[])).collect()
     }
 }

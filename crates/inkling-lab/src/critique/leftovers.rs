@@ -95,6 +95,13 @@ impl Finding {
     }
 }
 
+impl Artefacts {
+    /// What was accepted, for the comparison with what other findings may leave.
+    pub fn findings(&self) -> Vec<Finding> {
+        self.accepted().map(|f| Finding::of(f, &[])).collect()
+    }
+}
+
 /// Withdraws findings in noise and trigger that are no more than what another finding, or a cause in
 /// `chosen`, may leave.
 pub fn leave_out(artefacts: &mut Artefacts, chosen: Vec<Finding>) {
