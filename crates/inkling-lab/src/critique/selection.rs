@@ -98,26 +98,23 @@ impl System for Setting<'_> {
         stages: &mut dyn FnMut(&str),
     ) -> Round<Refit, Applied> {
         let best = tried.iter().find(|s| s.has_name() && s.accepted());
-        let Some(best) = best else {
-            return Round { contenders: Vec::new(), least: f64::INFINITY };
-        };
+        let Some(best) = best else { return Round { contenders: vec![], least: f64::INFINITY } };
         stages("refitting what competes");
-        let mut contenders = refitted(now, tried, best, *self);
-        let place = |named: bool| contenders.iter().position(|r| r.candidate.has_name() == named);
+        let mut all = refitted(now, tried, best, *self);
+        let place = |named: bool| all.iter().position(|r| r.candidate.has_name() == named);
         if let (Some(named), Some(unnamed)) = (place(true), place(false))
-            && contenders[named].penalised > contenders[unnamed].penalised + tie()
+            && all[named].penalised > all[unnamed].penalised + tie()
         {
             // Replace the difference of the two by that of the pairs; other rivals were not compared in
             // pairs.
-            let behind = with_the_next(&contenders[unnamed], *self)
-                - with_the_next(&contenders[named], *self);
-            contenders[unnamed].penalised = contenders[named].penalised + behind;
-            let strongest = contenders[unnamed].candidate.id;
-            contenders.retain(|r| r.candidate.has_name() || r.candidate.id == strongest);
-            contenders.sort_by(|p, q| p.penalised.total_cmp(&q.penalised));
+            let behind = with_the_next(&all[unnamed], *self) - with_the_next(&all[named], *self);
+            all[unnamed].penalised = all[named].penalised + behind;
+            let strongest = all[unnamed].candidate.id;
+            all.retain(|r| r.candidate.has_name() || r.candidate.id == strongest);
+            all.sort_by(|p, q| p.penalised.total_cmp(&q.penalised));
         }
-        let least = contenders.first().map_or(f64::INFINITY, |r| r.penalised);
-        Round { contenders, least }
+        let least = all.first().map_or(f64::INFINITY, |r| r.penalised);
+        Round { contenders: all, least }
     }
 
     /// Refits the model with noise and scatter free, and takes out causes that are no longer significant.
