@@ -8,6 +8,7 @@
 use super::covariates::Covariates;
 use inkling_core::burst::Beside;
 use std::collections::{BTreeMap, BinaryHeap};
+use std::ops::Range;
 use xxhash_rust::xxh3::xxh3_64;
 
 #[derive(Clone, Copy, Debug)]
@@ -61,6 +62,15 @@ impl Observations {
 
     pub fn signal(&self, i: usize) -> &[f32] {
         &self.y[i * self.samples..(i + 1) * self.samples]
+    }
+
+    /// The rows of each channel, by `Row::unit`.
+    pub fn channels(&self) -> impl Iterator<Item = Range<usize>> {
+        let each = self.rows.chunk_by(|p, q| p.unit == q.unit);
+        each.scan(0, |next, rows| {
+            *next += rows.len();
+            Some(*next - rows.len()..*next)
+        })
     }
 
     /// The same, with what was recorded beside them standardised anew, over these rows alone.

@@ -17,8 +17,9 @@ use super::covariates::POSITION;
 use super::model::Model;
 use super::observations::Observations;
 use super::tuned::{least_scatter, odd_in_a_row, outlying, stands_out};
-use inkling_core::model::median::{median, robust_sd};
+use inkling_core::model::median::{median, median_of, robust_sd};
 use inkling_core::numbers::tuned::little;
+use std::ops::Range;
 
 /// Largest number of channels that a trend is estimated from, and fewest pairs of channels that this takes.
 const MOST_CHANNELS: usize = 256;
@@ -30,19 +31,11 @@ const OF_DAMPING: [f64; 3] = [1.0, 0.16, 0.6];
 /// Slope of feature j along the head, per unit of the standardised position: the median, over pairs of
 /// channels, of the slope between their medians (Theil and Sen). 0 if there are too few pairs.
 fn trend(data: &Observations, features: &[[f64; 3]], j: usize) -> f64 {
-    let mut of_unit = vec![Vec::new(); data.units];
-    let mut place = vec![0.0; data.units];
-    for (i, row) in data.rows.iter().enumerate() {
-        of_unit[row.unit].push(features[i][j]);
-        place[row.unit] = data.beside.z[i][POSITION];
-    }
-    let at: Vec<(f64, f64)> = of_unit
-        .iter_mut()
-        .zip(place)
-        .filter(|(values, _)| !values.is_empty())
-        .map(|(values, z)| (z, median(values)))
-        .step_by(data.units.div_ceil(MOST_CHANNELS).max(1))
-        .collect();
+    let of_channel = |rows: Range<usize>| {
+        (data.beside.z[rows.start][POSITION], median_of(rows.map(|i| features[i][j])))
+    };
+    let channels = data.channels().step_by(data.units.div_ceil(MOST_CHANNELS).max(1));
+    let at: Vec<(f64, f64)> = channels.map(of_channel).collect();
     let mut slopes = Vec::new();
     for (k, p) in at.iter().enumerate() {
         let later = at[k + 1..].iter().filter(|q| q.0 != p.0);
@@ -55,13 +48,11 @@ fn trend(data: &Observations, features: &[[f64; 3]], j: usize) -> f64 {
 /// as faulty at times. Its other signals may belong to a fault that begins or ends, and are not trusted
 /// either.
 fn faulty_channels(data: &Observations, odd: &[bool]) -> Vec<bool> {
-    let mut counts = vec![(0_usize, 0_usize); data.units];
-    for (row, odd) in data.rows.iter().zip(odd) {
-        counts[row.unit].0 += usize::from(*odd);
-        counts[row.unit].1 += 1;
-    }
-    let faulty = |(odd, all): (usize, usize)| odd > 1 && odd as f64 > little() * all as f64;
-    counts.into_iter().map(faulty).collect()
+    let faulty = |rows: Range<usize>| {
+        let (all, count) = (rows.len() as f64, odd[rows].iter().filter(|odd| **odd).count());
+        count > 1 && count as f64 > little() * all
+    };
+    data.channels().map(faulty).collect()
 }
 
 #[derive(Clone, Debug, Default)]

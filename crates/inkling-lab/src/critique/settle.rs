@@ -28,13 +28,12 @@ impl Model {
     /// channel together, the signals' present own deviations, and the prior N(mean, `between`). `steps`:
     /// largest number of trial steps.
     pub fn fit_units(&mut self, data: &Observations, steps: usize) {
-        let mut rows = vec![Vec::new(); data.units];
-        (0..data.len()).for_each(|i| rows[data.rows[i].unit].push(i));
+        let rows: Vec<Range<usize>> = data.channels().collect();
         let scale = self.scale();
         let precision = inverse(&scaled(&self.between, &scale));
         let (own, centre): (Own, Theta) = (|model, unit| &mut model.units[unit], self.mean);
         let descent = Descent { data, own, centre, scale, precision, most: [0.5, 0.5], steps };
-        let moved = |model: &mut Model, unit| model.descend(unit, &rows[unit], &descent);
+        let moved = |model: &mut Model, unit| model.descend(unit, rows[unit].clone(), &descent);
         self.units = self.by_halves(self.units.len(), moved);
     }
 
@@ -47,7 +46,7 @@ impl Model {
         let precision = inverse(&scaled(&self.within, &scale));
         let (own, centre): (Own, Theta) = (|model, i| &mut model.each[i], Theta::zeros());
         let descent = Descent { data, own, centre, scale, precision, most: [0.2, 0.02], steps };
-        self.each = self.by_halves(data.len(), |model, i| model.descend(i, &[i], &descent));
+        self.each = self.by_halves(data.len(), |model, i| model.descend(i, i..i + 1, &descent));
     }
 
     /// What `moved` makes of each of `count` channels or signals, in their order. Two threads do half of the
@@ -68,7 +67,7 @@ impl Model {
     /// posterior = |residual|²/noise_var + (theta - centre)^T precision (theta - centre), from the present
     /// parameters on. `of`: index of the channel or the signal; `rows`: the signals that tell about it. The
     /// caller must store the result: the model is left at the point that was tried last.
-    fn descend(&mut self, of: usize, rows: &[usize], descent: &Descent) -> Theta {
+    fn descend(&mut self, of: usize, rows: Range<usize>, descent: &Descent) -> Theta {
         let Descent { own, centre, scale, precision, .. } = descent;
         let off = |theta: &Theta| free_part(&(theta - centre), scale);
         let (noise_var, start) = (self.noise_var, *own(self, of));
@@ -76,7 +75,7 @@ impl Model {
         // the cost, and the sums from which the slope at the same point follows
         let cost = |theta: &Theta| {
             *own(self, of) = *theta;
-            let normal = self.normal(rows, descent, &mut linear);
+            let normal = self.normal(rows.clone(), descent, &mut linear);
             let of_prior = off(theta).dot(&(precision * off(theta)));
             (normal.square / noise_var + of_prior, normal)
         };
@@ -104,12 +103,12 @@ impl Model {
     /// Sums over some signals at the present parameters; `linear` is used as memory.
     fn normal(
         &self,
-        rows: &[usize],
+        rows: Range<usize>,
         Descent { data, scale, .. }: &Descent,
         linear: &mut Linear,
     ) -> Normal {
         let mut sum = Normal { gram: Matrix5::zeros(), product: Vector5::zeros(), square: 0.0 };
-        for &i in rows {
+        for i in rows {
             self.linearise(i, data, linear);
             let (gram, product) = free_products(linear, scale);
             sum.gram += gram;
@@ -163,7 +162,7 @@ mod tests {
             let mut linear = Linear::default();
             let cost = |i: usize| {
                 let off = free_part(&model.each[i], &scale);
-                let square = model.normal(&[i], &descent, &mut linear).square;
+                let square = model.normal(i..i + 1, &descent, &mut linear).square;
                 square / model.noise_var + off.dot(&(precision * off))
             };
             (0..data.len()).map(cost).collect()
