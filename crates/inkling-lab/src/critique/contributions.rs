@@ -74,11 +74,10 @@ impl Part {
             Sums::new(model, data, 0, model.between),
         ];
         let mut linear = Linear::default();
-        let mut first = rows.start;
-        for channel in data.rows[rows].chunk_by(|p, q| p.unit == q.unit) {
-            let unit = channel[0].unit;
+        for channel in data.channels().filter(|channel| rows.contains(&channel.start)) {
+            let unit = data.rows[channel.start].unit;
             let mut sums_of_channel = [0, 1].map(|_| ChannelSums::new(dimension(data.samples)));
-            for row in first..first + channel.len() {
+            for row in channel {
                 model.linearise(row, data, &mut linear);
                 let off = model.units[unit] + model.each[row] - model.mean;
                 let s = data.beside.drive[row];
@@ -93,7 +92,6 @@ impl Part {
             for (sums, channel) in all.iter_mut().zip(sums_of_channel) {
                 sums.close_channel(channel, sums.tells_scatter(unit));
             }
-            first += channel.len();
         }
         all.map(Sums::finish)
     }

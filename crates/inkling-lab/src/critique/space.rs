@@ -125,10 +125,8 @@ impl Space {
     /// channels each; the split does not depend on the number of processors, so the sums do not either.
     pub fn of(model: &Model, data: &Observations) -> [Space; 2] {
         // a channel must not be split
-        let mut middle = data.len() / 2;
-        while middle > 0 && data.rows[middle].unit == data.rows[middle - 1].unit {
-            middle -= 1;
-        }
+        let starts = data.channels().map(|channel| channel.start);
+        let middle = starts.take_while(|start| *start <= data.len() / 2).last().unwrap_or(0);
         let part = |rows: Range<usize>| Part::of(model, data, rows);
         let parts = side_by_side(2, vec![0..middle, middle..data.len()], part);
         let sum = |[free, scattered]: [Part; 2], [other_free, other]: [Part; 2]| {
