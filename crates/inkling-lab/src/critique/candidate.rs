@@ -1,56 +1,43 @@
-//! A candidate for a cause after its test, whatever it acts on: the mean signal, codes, noise, or a
-//! decay.
+//! A candidate for a cause after its test, whatever it acts on: the mean signal, codes, noise, or a decay.
 //!
-//! In: a test's statistic, from `candidates`, `codes`, `ensemble`, `jitter` or `decay/selection`.
-//! Out, to `search` and `engine`: whether the candidate can be the cause, its row of the evidence,
-//! and the cause that it becomes. Two things decide: its `surprise` must exceed `THRESHOLD`, and
-//! nothing may speak against it (`objection`). The size in detection limits is sqrt(statistic /
-//! 20.9).
+//! In: a test's statistic. Out: whether the candidate can be the cause, its row of the evidence, and the
+//! cause that it becomes. Two things decide: its `surprise` must exceed `THRESHOLD`, and nothing may speak
+//! against it (`objection`).
 
 use super::catalogue::CauseId;
 use super::chance::{DETECTION_LIMIT, THRESHOLD, statistic_of, surprise};
 use super::finding::{Cause, Evidence};
 use super::objection::{Objection, WhyNot};
 
-/// A tested candidate. `Form`: its representation in the model; () for codes, noise and trigger,
-/// `Applied` for signals (`candidates`), `Added` for decays.
+/// `Form`: the candidate's representation in the model; () for codes, noise and trigger, `Applied` for
+/// signals, `Added` for decays.
 #[derive(Clone, Debug)]
 pub struct Candidate<Form = ()> {
     pub id: CauseId,
-    /// Likelihood-ratio statistic: by how much -2 ln likelihood falls if the candidate is in the
-    /// model; after corrections it may be less. Chi-squared with `degrees` where there is no
-    /// effect.
+    /// Likelihood-ratio statistic: by how much -2 ln likelihood falls if the candidate is in the model, or
+    /// less after corrections. Chi-squared with `degrees` where there is no effect.
     pub statistic: f64,
-    /// Degrees of freedom of the statistic.
     pub degrees: usize,
-    /// Number of independent shapes among which this one is the best.
     pub tried: f64,
     /// -ln of the probability of that statistic by chance, corrected for the shapes tried.
     pub surprise: f64,
-    /// Size of the effect, as the parameter that the catalogue names, in its unit; NaN where it was not
-    /// estimated.
+    /// Size of the effect, as the parameter that the catalogue names; NaN where it was not estimated.
     pub value: f64,
-    /// Standard error of `value`.
     pub sd: f64,
-    /// Why it cannot be the cause although it fits; `None` if it can.
     pub objection: Option<Objection>,
     pub form: Form,
 }
 
 impl Candidate {
-    /// A finding in codes, noise or trigger, whose surprise is not that of the statistic's
-    /// chi-squared distribution. `surprise`: -ln of the probability by chance; `value` and its
-    /// standard error are in the catalogue's unit.
-    pub fn by_chance(id: CauseId, surprise: f64, statistic: f64, value: f64, sd: f64) -> Candidate {
-        Candidate { surprise, value, sd, ..Candidate::plain(id, statistic, ()) }
+    /// A finding whose surprise is not that of a chi-squared statistic; twice the surprise stands for that.
+    pub fn by_chance(id: CauseId, surprise: f64, value: f64, sd: f64) -> Candidate {
+        Candidate { surprise, value, sd, ..Candidate::plain(id, 2.0 * surprise, ()) }
     }
 
-    /// A finding that says nothing.
     pub fn nothing(id: CauseId) -> Candidate {
-        Candidate::by_chance(id, 0.0, 0.0, f64::NAN, f64::NAN)
+        Candidate::by_chance(id, 0.0, f64::NAN, f64::NAN)
     }
 
-    /// A finding that could not be tested, with the reason.
     pub fn untested(id: CauseId, why: &'static str) -> Candidate {
         Candidate { objection: Some(Objection::Untested(why)), ..Candidate::nothing(id) }
     }
@@ -76,34 +63,29 @@ impl<Form> Candidate<Form> {
         self.id.has_name()
     }
 
-    /// Whether nothing speaks against its being the cause.
     pub fn able(&self) -> bool {
         self.objection.is_none()
     }
 
-    /// Whether chance gives its statistic less often than the threshold allows.
     pub fn is_significant(&self) -> bool {
         self.surprise > THRESHOLD
     }
 
-    /// Whether it is the cause by its significance alone; so it is decided for codes, noise and trigger.
+    /// Whether it is the cause by its significance alone, as decided for codes, noise and trigger.
     pub fn accepted(&self) -> bool {
         self.is_significant() && self.able()
     }
 
-    /// Why it is not accepted.
     pub fn why_not(&self) -> WhyNot {
         self.objection.map_or(WhyNot::NotSignificant, WhyNot::Objection)
     }
 
-    /// Size of the effect in detection limits.
     pub fn strength_dl(&self) -> f64 {
         (self.statistic.max(0.0) / DETECTION_LIMIT).sqrt()
     }
 
-    /// BIC of the model without it minus BIC with it (Bayesian information criterion: each
-    /// parameter costs the logarithm of the number of samples, `ln_samples`). Positive speaks for
-    /// the candidate.
+    /// BIC of the model without it minus BIC with it (each parameter costs the logarithm of the number of
+    /// samples, `ln_samples`).
     pub fn delta_bic(&self, ln_samples: f64) -> f64 {
         self.statistic - self.degrees as f64 * ln_samples
     }
@@ -113,8 +95,8 @@ impl<Form> Candidate<Form> {
         Cause::new(self.id, self.value, self.sd, self.strength_dl(), delta_bic)
     }
 
-    /// Its row of the evidence, before anything is accepted: as long as it is not chosen, the row
-    /// says why not. `step`: number of causes that had entered the model before.
+    /// Its row of the evidence, before anything is accepted. `step`: number of causes that had entered
+    /// before.
     pub fn evidence(&self, step: u32, ln_samples: f64) -> Evidence {
         let plain = |x: f64| surprise(x, self.degrees, self.tried, f64::INFINITY);
         Evidence {
@@ -132,16 +114,14 @@ impl<Form> Candidate<Form> {
     }
 }
 
-/// A candidate that is in the model.
 #[derive(Clone, Debug)]
 pub struct Chosen<Form> {
-    /// The candidate; its statistic compares the model with it and the model without it.
+    /// Its statistic compares the model with it and the model without it.
     pub candidate: Candidate<Form>,
-    /// [`Candidate::delta_bic`] when it entered.
+    /// When it entered.
     pub delta_bic: f64,
-    /// Named candidates that cannot be told apart from it.
+    /// Candidates that cannot be told apart from it: with a name, and without.
     pub tied_with: Vec<CauseId>,
-    /// Rivals without a name that cannot be told apart from it.
     pub tied_unnamed: Vec<CauseId>,
 }
 

@@ -1,13 +1,10 @@
-//! The catalogue of causes: one row for each, with all that this room knows of a cause by its name;
-//! and the rivals without a name that compete with them. There is no algorithm here, only data and
-//! look-ups.
+//! The catalogue of causes: one row for each, with all that this room knows of a cause by its name; and the
+//! rivals without a name that compete with them. There is no algorithm here, only data and look-ups.
 //!
-//! The other files read a row by [`CauseId::row`]: `candidates` and `decay` decide by `acts` and
-//! `in_decays` how a cause is tested, `search` and `selection` by `free` and `nests` what it costs
-//! and ties with, and `words`, the reports and `critique.json` take the texts. Names, parameters
-//! and units are the contract's (`schemas/critique.md`): they appear in files, so a change of them
-//! breaks the readers of these files. Texts refer to causes by name, code refers to them by
-//! [`CauseId`].
+//! The other files read a row by [`CauseId::row`]: `candidates` and `decay` decide by `acts` and `in_decays`
+//! how a cause is tested, `search` and `selection` by `free` and `nests` what it costs and ties with, and the
+//! reports take the texts. Names, parameters and units are the contract's (`schemas/critique.md`): a change
+//! of them breaks the readers of the files.
 
 use super::covariates::{Covariates, IDLE, NEIGHBOURS, POSITION, TEMPERATURE, TIME};
 use super::observations::Observations;
@@ -67,24 +64,22 @@ pub struct Entry {
     /// Name of the parameter that tells the cause's size, and its unit (`1`: none).
     pub parameter: &'static str,
     pub unit: &'static str,
-    /// What the data must hold for a test.
     pub needs: Needs,
-    /// What is wrong, in words; the parameter and its value follow them.
+    /// What is wrong; the parameter and its value follow these words.
     pub words: &'static str,
     /// The term that it adds to y = s C e^{A t} x_a + e, or changes in it.
     pub equation: &'static str,
-    /// What it acts through; this also decides how it is tested.
+    /// What it acts through, and so how it is tested.
     pub acts: Acts,
-    /// Number of free parameters beside the coefficients of its shapes: rates, frequency, damping.
-    /// Each costs 2 where refitted models are compared.
+    /// Number of free parameters beside the coefficients of its shapes; each costs 2 where refitted models
+    /// are compared.
     pub free: f64,
-    /// The cause that it contains as a special case. It is no tie of that one, since it is always
-    /// as likely.
+    /// The cause that it contains as a special case, and so is no tie of: it is always as likely.
     pub nests: Option<CauseId>,
-    /// Values of its second number (place of a stop, lag, rate of settling) that are tried, in
-    /// signals, or from which its search begins, in decays; a single 0 if it has none.
+    /// Values of its second number (place of a stop, lag, rate of settling) that are tried, or, in decays,
+    /// from which its search begins; a single 0 if it has none.
     pub seconds: &'static [f64],
-    /// Class of causes that cannot always be told apart: two of one class may honestly end as a tie.
+    /// Class of causes that cannot always be told apart.
     pub class: Option<Class>,
     /// The experiment that tells it from what it may be tied with.
     pub split_by: Experiment,
@@ -92,7 +87,7 @@ pub struct Entry {
     pub in_decays: InDecays,
 }
 
-/// What the data must hold for a test; [`Needs::lacking`] says in words what is missing.
+/// What the data must hold for a test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Needs {
     Nothing,
@@ -117,11 +112,11 @@ pub enum Acts {
     Gain { covariate: usize },
     /// A later part of the previous ring is added to the signal.
     PreviousRing,
-    /// It changes the noise of single signals (`ensemble`).
+    /// It changes the noise of single signals.
     Noise,
-    /// It shifts all signals of a burst in time (`jitter`).
+    /// It shifts all signals of a burst in time.
     Trigger,
-    /// The converter changes samples (`codes`).
+    /// The converter changes samples.
     Codes,
 }
 
@@ -137,12 +132,11 @@ pub enum Shape {
     Transient,
     /// An undamped line that does not scale with the drive.
     Tone,
-    /// A damped line that scales with the drive.
     Mode,
     Motion(Motion),
-    /// What a sensor's curve, or rates that follow time, make of the ring.
-    Bent(Bend),
-    /// A gain, or a time base, that varies periodically.
+    /// What a sensor's curve, or rates that follow time, make of the ring (`candidates/rivals.rs` has the
+    /// equations). `power`: as of [`Motion`].
+    Bent(i32),
     Sways,
     /// An undamped line whose frequency changes with time.
     SweptLine,
@@ -150,33 +144,17 @@ pub enum Shape {
     Own,
 }
 
-/// How the ring is bent, with a strength that is relative to the unbent ring: by a loss or a
-/// frequency that changes with time; by a sensor's curve of even or odd order; by a gain that
-/// follows the amplitude; by a sensor that shows nothing about its zero. `candidates/rivals.rs` has
-/// the equations.
-#[derive(Clone, Copy, Debug)]
-pub enum Bend {
-    LossByTime,
-    FrequencyByTime,
-    EvenSensor,
-    OddSensor,
-    GainByAmplitude,
-    DeafSensor,
-}
-
 /// A term in the equation of motion.
 #[derive(Clone, Copy, Debug)]
 pub struct Motion {
-    /// The term that is added.
     pub term: Term,
-    /// Power of the drive that the added signal scales with; used where there is no drive scan. 1:
-    /// the term is linear, so it does not act through the amplitude.
+    /// Power of the drive that the added signal scales with where there is no drive scan. 1: the term is
+    /// linear, so it does not act through the amplitude.
     pub power: i32,
-    /// Strength at which its search begins, and the largest one; in the units of [`Term`].
+    /// Strength at which its search begins, and the largest one.
     pub strengths: [f64; 2],
 }
 
-/// Which rates of the ring change.
 #[derive(Clone, Copy, Debug)]
 pub enum Rates {
     /// All losses by one share.
@@ -187,7 +165,6 @@ pub enum Rates {
     All,
 }
 
-/// What a change is told per.
 #[derive(Clone, Copy, Debug)]
 pub enum Per {
     /// Per unit of the covariate.
@@ -205,8 +182,7 @@ pub enum Class {
     Early,
 }
 
-/// The experiment that would split a tie. Of the experiments of two causes the first in this order is
-/// proposed.
+/// The experiment that would split a tie. Of those of two causes the first in this order is proposed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Experiment {
     HeatTheInk,
@@ -218,9 +194,8 @@ pub enum Experiment {
 /// What becomes of a cause in long decays.
 #[derive(Clone, Copy, Debug)]
 pub enum InDecays {
-    /// It is fitted. The words say what is wrong, where the catalogue's own do not suit a decay.
+    /// It is fitted; with words of its own where the catalogue's do not suit a decay.
     Fitted(Option<&'static str>),
-    /// It cannot be told; the words say what that would need.
     Needs(&'static str),
 }
 
@@ -242,12 +217,10 @@ const MOST: Entry = Entry {
     in_decays: InDecays::Fitted(None),
 };
 
-/// A cause that is a term in the equation of motion, with the fields of [`Motion`].
 const fn motion(term: Term, power: i32, strengths: [f64; 2]) -> Acts {
     Acts::Mean(Shape::Motion(Motion { term, power, strengths }))
 }
 
-/// A cause by which a covariate, given by its index, moves rates of the ring.
 const fn rates(covariate: usize, which: Rates, per: Per) -> Acts {
     Acts::Rates { covariate, which, per }
 }
@@ -259,13 +232,11 @@ const WHOLE_COUNTS: InDecays = InDecays::Needs("many bursts of whole counts");
 
 /// All causes that have a name.
 ///
-/// To add a cause, add: its identifier and its row, here; its test, in the file of what it acts
-/// through (`candidates/shapes.rs`, `lines.rs` or `follows.rs`, `ensemble`, `jitter`, `codes`); if
-/// it acts in a way that no other cause does, the arm of that way in `candidates/mod.rs`, or for a
-/// new term of motion the term in `model/terms.rs` instead; and a signal that has it in
-/// `generator.rs`, for the tests. These are four files at most, and a line of
-/// `docs/critique_assumptions.md`. Nothing has to be added for long decays (`decay/`) if the row's
-/// `in_decays` says what these lack.
+/// To add a cause, add: its identifier and its row, here; its test, in the file of what it acts through
+/// (`candidates/shapes.rs`, `lines.rs` or `follows.rs`, `ensemble`, `jitter`, `codes`); if it acts in a way
+/// of its own, the arm of that way in `candidates/mod.rs`, or the term in `model/terms.rs`; a signal that has
+/// it in `generator.rs`, for the tests; and a line of `docs/critique_assumptions.md`. Long decays (`decay/`)
+/// need nothing if the row's `in_decays` says what these lack.
 #[rustfmt::skip]
 pub static CATALOGUE: [Entry; 22] = [
     Entry { id: CauseId::Offset, name: "offset", parameter: "offset", unit: "counts",
@@ -357,17 +328,14 @@ pub static CATALOGUE: [Entry; 22] = [
         equation: "; var e = v (1 + h f^2/max f^2)", acts: Acts::Noise, in_decays: MANY_BURSTS, ..MOST },
 ];
 
-/// A row for a rival without a name: no file holds its identifier, and readers see its words alone.
+/// A rival: no file holds its identifier, and readers see its words alone.
 const fn rival(id: CauseId, words: &'static str, shape: Shape) -> Entry {
     Entry { id, words, acts: Acts::Mean(shape), ..MOST }
 }
 
-/// What signals may hold that is not in the catalogue, and that some cause of the catalogue
-/// resembles, so that it would wrongly get that cause's name. Each rival competes with the names on
-/// the same scale; where a rival is clearly likelier, the misfit gets no name, and the reader is
-/// told what the misfit is like.
-///
-/// Decays of an oscillator are tested for the first [`IN_DECAYS`] of them.
+/// What signals may hold that is not in the catalogue, and that would wrongly get the name of a cause that
+/// resembles it. Where a rival is clearly likelier, the misfit gets no name, and the reader is told what the
+/// misfit is like.
 #[rustfmt::skip]
 pub static RIVALS: [Entry; 13] = [
     rival(CauseId::EvenSpring, "a spring of even order",
@@ -376,30 +344,28 @@ pub static RIVALS: [Entry; 13] = [
         Shape::Motion(Motion { term: Term::Stop { at: 0.0 }, power: 1, strengths: [0.01, 1.0] })) },
     rival(CauseId::SpringWithGap, "a spring with a gap",
         Shape::Motion(Motion { term: Term::Gap, power: 0, strengths: [0.002, 0.5] })),
-    rival(CauseId::LossFollowsTime, "a damping that changes with time", Shape::Bent(Bend::LossByTime)),
+    rival(CauseId::LossFollowsTime, "a damping that changes with time", Shape::Bent(1)),
     Entry { free: 1.0, seconds: &SETTLES, ..rival(CauseId::FrequencyFollowsTime, "a frequency that changes with time",
-        Shape::Bent(Bend::FrequencyByTime)) },
-    rival(CauseId::EvenSensor, "a sensor curve of even order", Shape::Bent(Bend::EvenSensor)),
-    rival(CauseId::OddSensor, "a sensor curve of odd order", Shape::Bent(Bend::OddSensor)),
+        Shape::Bent(1)) },
+    rival(CauseId::EvenSensor, "a sensor curve of even order", Shape::Bent(2)),
+    rival(CauseId::OddSensor, "a sensor curve of odd order", Shape::Bent(3)),
     Entry { free: 1.0, seconds: &LAGS, ..rival(CauseId::GainFollowsAmplitude, "a gain that follows the amplitude",
-        Shape::Bent(Bend::GainByAmplitude)) },
-    rival(CauseId::DeafSensor, "a sensor that is deaf about its zero", Shape::Bent(Bend::DeafSensor)),
+        Shape::Bent(2)) },
+    rival(CauseId::DeafSensor, "a sensor that is deaf about its zero", Shape::Bent(0)),
     Entry { free: 1.0, ..rival(CauseId::GainSways, "a gain that sways", Shape::Sways) },
     Entry { free: 1.0, ..rival(CauseId::TimeBaseSways, "a time base that sways", Shape::Sways) },
     Entry { free: 2.0, nests: Some(CauseId::Tone), ..rival(CauseId::SweptLine, "an undamped line whose frequency changes with time",
         Shape::SweptLine) },
     rival(CauseId::OwnShape, "a shape of its own", Shape::Own),
 ];
-/// Number of rivals, the first ones, that decays of one oscillator are tested for.
+/// The first so many rivals are tried in decays, too.
 pub const IN_DECAYS: usize = 9;
 
 impl CauseId {
-    /// The cause's row.
     pub fn row(self) -> &'static Entry {
         CATALOGUE.get(self as usize).unwrap_or_else(|| &RIVALS[self as usize - CATALOGUE.len()])
     }
 
-    /// Whether it is a cause of the catalogue; rivals have no name.
     pub fn has_name(self) -> bool {
         (self as usize) < CATALOGUE.len()
     }
@@ -408,13 +374,12 @@ impl CauseId {
         self.row().name
     }
 
-    /// Whether both causes are of one class, so that they may honestly end as a tie. A cause of no
-    /// class has none in common, not even with itself.
+    /// Whether both causes are of one class; a cause of no class has none in common, not even with itself.
     pub fn same_class(self, other: CauseId) -> bool {
         self.row().class.is_some() && self.row().class == other.row().class
     }
 
-    /// The index of the covariate that it acts through; `None` if it acts through none.
+    /// The index of the covariate that it acts through.
     pub fn follows(self) -> Option<usize> {
         match self.row().acts {
             Acts::Rates { covariate, .. } | Acts::Gain { covariate } => Some(covariate),
@@ -423,13 +388,11 @@ impl CauseId {
         }
     }
 
-    /// Whether it adds a shape to the mean signal.
     pub fn is_shape(self) -> bool {
         matches!(self.row().acts, Acts::Mean(_))
     }
 
-    /// Whether it acts through the amplitude, as a nonlinear term of the motion does: a term whose
-    /// addition does not scale with the drive as the ring itself does.
+    /// Whether its addition does not scale with the drive as the ring itself does.
     pub fn by_amplitude(self) -> bool {
         matches!(self.row().acts, Acts::Mean(Shape::Motion(Motion { power, .. })) if power != 1)
     }
@@ -441,13 +404,8 @@ impl fmt::Display for CauseId {
     }
 }
 
-/// The names of causes, joined by a separator.
-pub fn joined(ids: &[CauseId], between: &str) -> String {
-    ids.iter().map(|id| id.name()).collect::<Vec<&str>>().join(between)
-}
-
 impl Needs {
-    /// What the data lack for a test, in words; `None` if they hold all.
+    /// What the data lack for a test, in words.
     pub fn lacking(self, data: &Observations) -> Option<&'static str> {
         let Covariates { present, drive_scan, idle, shared_bursts, .. } = data.beside;
         let (there, what) = match self {
@@ -467,7 +425,6 @@ impl Needs {
     }
 }
 
-/// The experiment that would split a tie of two causes, in words for the reader.
 pub fn experiment(p: CauseId, q: CauseId) -> &'static str {
     match p.row().split_by.min(q.row().split_by) {
         Experiment::HeatTheInk => {

@@ -1,34 +1,30 @@
-//! Small statistical tools of this room: how surprising a statistic is and must be; intervals by
-//! resampling; and where a likelihood is largest, and how wide it is there.
+//! Small statistical tools of this room: how surprising a statistic is and must be; intervals by resampling;
+//! and where a likelihood is largest, and how wide it is there.
 //!
-//! A *surprise* is -ln of the probability by chance, corrected for the number of tries, and at
-//! least 0. It is used in place of the probability, which may be too small for a floating-point
-//! number. Nearly all other files call these functions; none of them knows anything of signals.
+//! A *surprise* is -ln of the probability by chance, corrected for the number of tries, and at least 0. It is
+//! used in place of the probability, which may be too small for a floating-point number.
 
 use inkling_core::model::bisection::bisected;
 use inkling_core::model::normal::ln_upper_tail;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// -ln of the probability that one candidate passes on data of the model itself: once in 4000. With
-/// this threshold, one of 22 independent candidates passes in about half a per cent of such data.
+/// -ln of the probability that one candidate passes on data of the model itself: once in 4000. So one of 22
+/// independent candidates passes in about half a per cent of such data.
 pub const THRESHOLD: f64 = 8.3;
-/// A candidate that is less surprising than this is not examined further, does not compete, and leaves a
-/// model that it is in: half of [`THRESHOLD`].
+/// Below this surprise a candidate is not examined further, and leaves a model that it is in.
 pub const HINT: f64 = THRESHOLD / 2.0;
-/// -ln of the probability that the tests without the catalogue, all of one kind together, pass on data of the
-/// model itself: one in 1000.
+/// The same of the tests without the catalogue, all of one kind together: one in 1000.
 const WITHOUT_A_NAME: f64 = 6.9;
 /// The normal deviate whose magnitude is exceeded once in 100.
 pub const ONCE_IN_100: f64 = 2.576;
-/// Noncentrality of a chi-squared statistic at one detection limit: an effect of this size is found
-/// with a probability of 90 % by a test of one degree of freedom and size 0.001.
+/// Noncentrality of a chi-squared statistic at one detection limit: it is found with a probability of 90 % by
+/// a test of one degree of freedom and size 0.001.
 pub const DETECTION_LIMIT: f64 = 20.9;
 
-/// -ln p of a chi-squared statistic with so many `degrees` of freedom, where p is multiplied by the
-/// number of independent tries, `tried`. `dof`: degrees of freedom with which the statistic's scale
-/// was estimated, so that it is a squared Student's t (with one degree); infinite where the scale
-/// is known.
+/// -ln p of a chi-squared statistic with so many `degrees` of freedom, where p is multiplied by the number of
+/// independent tries, `tried`. `dof`: degrees of freedom with which the statistic's scale was estimated, so
+/// that it is a squared Student's t; infinite where the scale is known.
 pub fn surprise(statistic: f64, degrees: usize, tried: f64, dof: f64) -> f64 {
     let x = statistic.max(0.0);
     let x = if dof.is_finite() {
@@ -50,54 +46,48 @@ pub fn surprise(statistic: f64, degrees: usize, tried: f64, dof: f64) -> f64 {
     (-ln_p - tried.ln()).max(0.0)
 }
 
-/// -ln of the probability of `found` or more cases where fewer are expected; 0 where as many or
-/// more are expected. Poisson's distribution, of which only the largest term of the sum,
-/// e^-expected expected^found / found!, is taken.
+/// -ln of the probability of `found` or more cases where fewer are expected, by the largest term of Poisson's
+/// sum, e^-expected expected^found / found!; 0 where as many or more are expected.
 pub fn surprise_of_count(found: f64, expected: f64) -> f64 {
     let ln_factorial: f64 = (1..=found as u32).map(|k| f64::from(k).ln()).sum();
     if found > expected { expected - found * expected.ln() + ln_factorial } else { 0.0 }
 }
 
-/// How surprising one of `looks` tests without the catalogue must be, so that all of them together
-/// pass once in 1000.
+/// How surprising one of `looks` tests without the catalogue must be.
 pub fn without_a_name(looks: f64) -> f64 {
     WITHOUT_A_NAME + looks.max(1.0).ln()
 }
 
-/// The statistic at which `surprise`, which must grow with the statistic, reaches `asked`; by
-/// bisection between 0 and a statistic that is larger than any that is asked for.
+/// The statistic at which `surprise`, which must grow with the statistic, reaches `asked`, by bisection.
 pub fn statistic_of(asked: f64, surprise: impl Fn(f64) -> f64) -> f64 {
     let reaches = |statistic: f64| surprise(statistic) > asked;
     let [_, high] = bisected(0.0, 4.0 * asked + 2000.0, 60, |statistic| !reaches(statistic));
     high
 }
 
-/// Interval that holds 95 % of the values; `None` if there are none. Sorts them.
+/// Interval that holds 95 % of the values, which it sorts.
 pub fn interval(values: &mut [f64]) -> Option<[f64; 2]> {
     values.sort_by(f64::total_cmp);
     let at = |share: f64| values[((values.len() - 1) as f64 * share).round() as usize];
     (!values.is_empty()).then(|| [at(0.025), at(0.975)])
 }
 
-/// How often groups are drawn for an interval.
 const RESAMPLINGS: usize = 200;
 
-/// Bootstrap: draws as many groups as there are, with repetition, and returns what `of` makes of each
-/// drawing.
+/// Bootstrap: what `of` makes of each drawing of as many groups as there are, with repetition.
 pub fn resampled<T>(groups: usize, seed: u64, of: impl Fn(&[usize]) -> T) -> Vec<T> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut draw = || (0..groups).map(|_| rng.random_range(0..groups)).collect::<Vec<usize>>();
     (0..RESAMPLINGS).map(|_| of(&draw())).collect()
 }
 
-/// The 95 % interval of the figure `which` of several that were computed from the same drawings (of
-/// [`resampled`]).
+/// The 95 % interval of one of several figures that were computed from the same drawings.
 pub fn interval_of<const N: usize>(drawn: &[[f64; N]], which: usize) -> Option<[f64; 2]> {
     interval(&mut drawn.iter().map(|of| of[which]).collect::<Vec<f64>>())
 }
 
-/// Where a function that is unimodal within `reach` of `near` is largest; by 18 steps of golden
-/// section, which leave 2e-4 of the interval. The ends of the interval cannot be left.
+/// Where a function that is unimodal within `reach` of `near` is largest; by 18 steps of golden section,
+/// which leave 2e-4 of the interval.
 pub fn maximum(f: impl Fn(f64) -> f64, near: f64, reach: f64) -> f64 {
     let golden = 0.618_034;
     let (mut low, mut high) = (near - reach, near + reach);
@@ -117,10 +107,9 @@ pub fn maximum(f: impl Fn(f64) -> f64, near: f64, reach: f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// Standard deviation of a parameter, from the curvature of twice the log-likelihood `f` at its
-/// maximum `at`. A normal likelihood falls in `f` by (h/sd)² at the distance h, so sd = h /
-/// sqrt(drop). `step`: the first h that is tried; it is adapted until the drop lies between .5 and
-/// 4. If 12 trials do not suffice, as where `f` is flat, the last h is returned.
+/// Standard deviation of a parameter, from the curvature of twice the log-likelihood `f` at its maximum `at`:
+/// a normal likelihood falls in `f` by (h/sd)² at the distance h. `step`: the first h that is tried; it is
+/// adapted until the drop lies between .5 and 4, in 12 trials at most.
 pub fn width(f: impl Fn(f64) -> f64, at: f64, step: f64) -> f64 {
     let mut h = step;
     let top = f(at);

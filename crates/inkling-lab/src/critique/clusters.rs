@@ -1,26 +1,20 @@
 //! Whether what is found is told by all signals, or by what few bursts have in common.
 //!
-//! In, from `candidates`: a direction in the space of linear extensions, freed of the nuisance.
-//! Out: [`Spread`], the share of the direction's statistic that is left where bursts have more in
-//! common than independent signals would (cluster-robust variances, with bursts as clusters). How
-//! healthy bursts differ is not known (a drive that varies, a pulse that does not repeat), but it
-//! is the ring's own parameters that differ. So the evidence for a direction is split in two:
+//! In: a direction in the space of linear extensions, freed of the nuisance. Out: [`Spread`], the share of
+//! the direction's statistic that is left where bursts have more in common than independent signals would
+//! (cluster-robust variances, with bursts as clusters). How healthy bursts differ is not known, but it is the
+//! ring's own parameters that differ. So the evidence is split: along the parameters of a signal, it is
+//! judged by the spread over bursts; across them, there is noise alone, which no two signals share. What
+//! follows a covariate lies along the parameters, a shape of the mean mostly across them.
 //!
-//! - along the parameters of a signal, it is judged by the spread over bursts;
-//! - across the parameters, there is noise alone, which no two signals share.
-//!
-//! For a cause that moves parameters with a burst's covariate, all evidence lies along the
-//! parameters. For a shape of the mean, most evidence lies across them, unless it grows with
-//! another power of the drive than the ring.
-//!
-//! Steps: (1) `says`: score and information of the direction's size in each signal, in all and
-//! across; (2) `add_channel`: subtract what the channel's own parameters may explain, and sum over
-//! bursts; (3) `spread`: compare the scatter of the bursts' scores along the parameters with the
-//! information, which is their variance if signals are independent. The ratio is `excess`; if it is
-//! more than chance gives, the part along the parameters weighs 1/excess only.
+//! Steps: (1) `says`: score and information of the direction's size in each signal, in all and across; (2)
+//! `add_channel`: subtract what the channel's own parameters may explain, and sum over bursts; (3) `spread`:
+//! compare the scatter of the bursts' scores along the parameters with the information, which is their
+//! variance if signals are independent. If the ratio, `excess`, is more than chance gives, the part along the
+//! parameters weighs 1/excess only.
 
 use super::covariates::COVARIATES;
-use super::curvature::beyond_the_likeliest;
+use super::curvature::posterior_mean;
 use super::matrices::{Matrix5, Vector5, free_part, inverse, inverse_or_zero, scaled, unscaled};
 use super::model::{Additions, Linear, Model, free_products, powers};
 use super::observations::Observations;
@@ -28,17 +22,15 @@ use super::space::Direction;
 use inkling_core::model::free_decay::{ALL, FREE};
 use inkling_core::model::inner_product::dot;
 
-/// About so many signals are looked at, in whole bursts.
+/// About so many signals are looked at, in whole bursts, of many only every second, third, ..
 const MOST: usize = 4096;
-/// Place of the real pole's amplitude among a signal's own parameters.
 const REAL_POLE: usize = 4;
 /// Number of coefficients that bursts are judged about: the mean, and the direction's own.
 const FITTED: f64 = 2.0;
-/// Standard deviations of the spread over bursts beyond which it exceeds that of independent signals: by
-/// chance in one of twenty recordings.
+/// The spread over bursts exceeds that of independent signals by so many standard deviations in one of twenty
+/// recordings.
 const MORE_THAN_CHANCE: f64 = 1.645;
 
-/// A model, and the signals about it, which are grouped by burst.
 #[derive(Clone, Copy)]
 pub struct Clusters<'a> {
     pub model: &'a Model,
@@ -46,15 +38,12 @@ pub struct Clusters<'a> {
 }
 
 /// What the spread over bursts leaves of a direction's test. The caller multiplies the statistic by
-/// `statistic`, divides the standard error by the root of `information`, and takes Student's t with
-/// `dof`.
+/// `statistic`, divides the standard error by the root of `information`, and takes Student's t with `dof`.
 #[derive(Clone, Copy, Debug)]
 pub struct Spread {
-    /// Factors on the statistic and on the information; 1 where bursts have no more in common than chance.
     pub statistic: f64,
     pub information: f64,
-    /// Degrees of freedom with which the statistic's variance was estimated from bursts; infinite where it
-    /// was not.
+    /// Degrees of freedom of the variance that was estimated from bursts; infinite where it was not.
     pub dof: f64,
 }
 
@@ -63,9 +52,9 @@ impl Spread {
 }
 
 impl Additions {
-    /// What these additions put into a signal, sample by sample, counts: first the shapes; then
-    /// what the covariates `z` add by moving its parameters, to first order, and the previous ring.
-    /// `linear`: the model linearised about the signal. Samples that do not count get 0.
+    /// What these additions put into a signal, sample by sample, counts: first the shapes; then what the
+    /// covariates `z` (to first order) and the previous ring add. `linear`: the model linearised about the
+    /// signal.
     fn seen(&self, linear: &Linear, drive: f64, z: &[f64; COVARIATES]) -> [Vec<f64>; 2] {
         let powers = powers(drive);
         let by: [f64; ALL] =
@@ -82,43 +71,41 @@ impl Additions {
     }
 }
 
-/// Score and information about a direction's size: first derivative of the log-likelihood, and the
-/// negative of the second one. The score's variance is the information, if signals are independent.
+/// Score and information about a direction's size; the score's variance is the information, if signals are
+/// independent.
 #[derive(Clone, Copy, Default)]
-struct Sum {
+struct ScoreSum {
     score: f64,
     information: f64,
 }
 
-impl Sum {
-    fn add(&mut self, other: Sum, share: f64) {
+impl ScoreSum {
+    fn add(&mut self, other: ScoreSum, share: f64) {
         self.score += share * other.score;
         self.information += share * other.information;
     }
 
-    /// Statistic of the direction. `present`: it is in the model already with size 1, and the score is about
-    /// that.
+    /// `present`: the direction is in the model already with size 1, and the score is about that.
     fn statistic(&self, present: bool) -> f64 {
         let score = if present { self.score + self.information } else { self.score };
         score * score / self.information
     }
 }
 
-/// What one burst says of a direction: along the ring's parameters, and across them.
 #[derive(Clone, Copy, Default)]
 struct Burst {
-    along: Sum,
-    across: Sum,
+    along: ScoreSum,
+    across: ScoreSum,
 }
 
-/// What one signal says of a direction u and of its channel's own parameters. u: what the direction
-/// looks like in the signal, N samples; V: covariance of the signal about its channel, i.e. noise
-/// and scatter from burst to burst; J: its tangent, with 0 in the real pole's column.
-struct OfSignal {
+/// What one signal says of a direction u and of its channel's own parameters. u: what the direction looks
+/// like in the signal, N samples; V: covariance of the signal about its channel; J: its tangent, with 0 in
+/// the real pole's column.
+struct SignalSums {
     burst: usize,
     /// All that it says of u's size, and the part of that across its parameters.
-    all: Sum,
-    across: Sum,
+    all: ScoreSum,
+    across: ScoreSum,
     /// Information J^T V^-1 J of the channel's parameters, and their score.
     information: Matrix5,
     score: Vector5,
@@ -127,10 +114,9 @@ struct OfSignal {
 }
 
 impl Clusters<'_> {
-    /// The spread of a direction over bursts. `present`: the direction is in the model already,
-    /// with size 1, so scores are about that size.
+    /// The spread of a direction over bursts. `present`: the direction is in the model already, with size 1,
+    /// so scores are about that size.
     pub fn spread(&self, direction: &Direction, present: bool) -> Spread {
-        // of many signals only every second burst is looked at, or every third, and so on
         let stride = self.data.len().div_ceil(MOST);
         let mut change = Additions::none(self.data.samples);
         direction.add_to(&mut change, 1.0);
@@ -139,7 +125,6 @@ impl Clusters<'_> {
         let rows: Vec<usize> = (0..self.data.len())
             .filter(|&i| self.data.rows[i].burst.is_multiple_of(stride))
             .collect();
-        // rows are sorted by channel
         for of_channel in rows.chunk_by(|&i, &j| self.data.rows[i].unit == self.data.rows[j].unit) {
             let says = |&i: &usize| self.says(i, &change, &mut linear);
             self.add_channel(&of_channel.iter().map(says).collect::<Vec<_>>(), &mut bursts);
@@ -148,28 +133,24 @@ impl Clusters<'_> {
         spread(&bursts, present)
     }
 
-    /// Adds a channel's signals to their bursts, less what the channel's own parameters may
-    /// explain, because that tells nothing of the direction. With I and s the signals'
-    /// `information` and `score`, and c their `looks_like` (J^T V^-1 u): the signals ask for a move
-    /// of the channel's parameters by `off` = (sum I + between^-1)^-1 sum s, and u looks like a
-    /// move by `own` = (sum I + between^-1)^-1 sum c. So r is replaced by r less J `off`, and u by
-    /// u less J `own`.
-    fn add_channel(&self, signals: &[OfSignal], bursts: &mut [Burst]) {
+    /// Adds a channel's signals to their bursts, less what the channel's own parameters may explain. With I
+    /// and s the signals' `information` and `score`, and c their `looks_like`: the signals ask for a move of
+    /// the channel's parameters by `off` = (sum I + between^-1)^-1 sum s, and u looks like a move by `own` =
+    /// (sum I + between^-1)^-1 sum c. So r is replaced by r less J `off`, and u by u less J `own`.
+    fn add_channel(&self, signals: &[SignalSums], bursts: &mut [Burst]) {
         let precision = inverse(&scaled(&self.model.between, &self.model.scale()));
         let information = signals.iter().map(|s| s.information).sum::<Matrix5>() + precision;
         let looks_like: Vector5 = signals.iter().map(|s| s.looks_like).sum();
         let inverse = inverse_or_zero(information);
         let own = inverse * looks_like;
-        // the model's parameters of a channel need not be where its signals together want them:
-        // because of their prior, or because the fit was not run to its very end
+        // `off` is not 0: because of the prior, and because the fit was not run to its very end
         let off = inverse * signals.iter().map(|s| s.score).sum::<Vector5>();
         for signal in signals {
             let burst = &mut bursts[signal.burst];
             burst.across.add(signal.across, 1.0);
             burst.along.add(signal.all, 1.0);
             burst.along.add(signal.across, -1.0);
-            // what the channel's parameters take off score and information lies along the
-            // parameters
+            // what the channel's parameters take off lies along the parameters
             burst.along.score -= signal.looks_like.dot(&off);
             burst.along.score -= own.dot(&(signal.score - signal.information * off));
             burst.along.information +=
@@ -179,52 +160,47 @@ impl Clusters<'_> {
 
     /// What signal i says of a direction, `change` being the direction as additions to the model.
     ///
-    /// The score about u's size is u^T V^-1 r, the information u^T V^-1 u, with V^-1 = 1/v - J M
-    /// J^T/v² and M = within (1 + J^T J within/v)^-1 (Woodbury). r is the residual about the
-    /// channel: what is left about the signal's own parameters, plus J times the signal's own
-    /// deviation `own`.
-    fn says(&self, i: usize, change: &Additions, linear: &mut Linear) -> OfSignal {
+    /// The score about u's size is u^T V^-1 r, the information u^T V^-1 u, with V^-1 = 1/v - J M J^T/v² and M
+    /// = within (1 + J^T J within/v)^-1 (Woodbury). r is the residual about the channel: that about the
+    /// signal's own parameters, plus J times the signal's own deviation `own`.
+    fn says(&self, i: usize, change: &Additions, linear: &mut Linear) -> SignalSums {
         let Clusters { model, data } = *self;
         model.linearise(i, data, linear);
         let [shape, moved] = change.seen(linear, data.beside.drive[i], &data.beside.z[i]);
         let u: Vec<f64> = shape.iter().zip(&moved).map(|(shape, moved)| shape + moved).collect();
 
-        // products of the tangent with itself, with the residual and with u; in units of `scale`
+        // products of the tangent with itself, the residual and u; in units of `scale`
         let (v, scale) = (model.noise_var, model.scale());
         let (mut gram, mut of_residual) = free_products(linear, &scale);
         let mut own = free_part(&model.each[i], &scale);
         let mut of_u = scale.map_with_location(|j, _, s| s * dot(&linear.tangent.columns[j], &u));
-        // The real pole hardly rings, so its amplitude is none of the parameters here: what is seen
-        // along it counts as across them, and is judged by the noise alone, whatever bursts have in
-        // common.
+        // The real pole hardly rings, so its amplitude is none of the parameters here: what is seen along it
+        // is judged by the noise alone.
         gram.fill_row(REAL_POLE, 0.0);
         gram.fill_column(REAL_POLE, 0.0);
         (of_residual[REAL_POLE], own[REAL_POLE], of_u[REAL_POLE]) = (0.0, 0.0, 0.0);
 
-        // apply V^-1
         let within = scaled(&model.within, &scale);
         let inner = Matrix5::identity() + gram * within / v;
         let m = within * inverse_or_zero(inner);
         let of_r = of_residual + gram * own;
         let weighed = |x: &Vector5| (x - gram * (m * x) / v) / v;
 
-        // a shape's score is that of y - E[f], not of y - f (`curvature.rs`)
         let posterior = unscaled(&m, &scale);
         let theta = model.theta(i, data);
-        let beyond = beyond_the_likeliest(&theta, linear, data.beside.drive[i], &posterior, v);
-        let all = Sum {
+        let beyond = posterior_mean(&theta, linear, data.beside.drive[i], &posterior, v);
+        let all = ScoreSum {
             score: (dot(&u, &linear.residual) + of_u.dot(&own) - dot(&shape, &beyond.expected)) / v
                 - of_u.dot(&(m * of_r)) / (v * v),
             information: dot(&u, &u) / v - of_u.dot(&(m * of_u)) / (v * v),
         };
 
-        // across the tangent there is noise alone: u and r less their projections on J
         let along = inverse(&gram) * of_u;
-        let across = Sum {
+        let across = ScoreSum {
             score: (dot(&u, &linear.residual) - along.dot(&of_residual)) / v,
             information: (dot(&u, &u) - along.dot(&of_u)).max(0.0) / v,
         };
-        OfSignal {
+        SignalSums {
             burst: data.rows[i].burst,
             all,
             across,
@@ -237,11 +213,10 @@ impl Clusters<'_> {
     }
 }
 
-/// Judges how far the scores of bursts along parameters lie from what the direction's common size
-/// gives them. `present`: as of [`Clusters::spread`].
+/// Judges how far the scores of bursts along parameters lie from what the direction's common size gives them.
 fn spread(bursts: &[Burst], present: bool) -> Spread {
     let dof = bursts.len() as f64 - FITTED;
-    let (mut along, mut across) = (Sum::default(), Sum::default());
+    let (mut along, mut across) = (ScoreSum::default(), ScoreSum::default());
     for burst in bursts {
         along.add(burst.along, 1.0);
         across.add(burst.across, 1.0);
@@ -253,7 +228,7 @@ fn spread(bursts: &[Burst], present: bool) -> Spread {
     }
 
     // mean square of the bursts' scores about the common size, over their variance if signals are
-    // independent; the factor corrects for the fitted coefficients
+    // independent; corrected for the fitted coefficients
     let size = all.score / all.information;
     let off = |burst: &Burst| burst.along.score - size * burst.along.information;
     let squares: f64 = bursts.iter().map(|burst| off(burst).powi(2)).sum();
@@ -262,10 +237,9 @@ fn spread(bursts: &[Burst], present: bool) -> Spread {
         return Spread::NONE;
     }
 
-    // Weigh each part by its own variance: the part along the parameters has `excess` times the
-    // variance that its information says. That part's share of the weighted sum, `estimated`, rests
-    // on an estimate with `dof` degrees of freedom, the rest on a known variance; so the whole has
-    // dof/estimated² (Welch and Satterthwaite).
+    // Weigh each part by its own variance. The share `estimated` of the sum rests on an estimate with `dof`
+    // degrees of freedom, the rest on a known variance; so the whole has dof/estimated² (Welch and
+    // Satterthwaite).
     let mut weighed = across;
     weighed.add(along, 1.0 / excess);
     let estimated = along.information / excess / weighed.information;
@@ -296,8 +270,7 @@ mod tests {
         }
         data.bursts = BURSTS;
         let data = data.standardised();
-        let mut model = Model::start(&data, true).unwrap();
-        model.fit(&data, 2);
+        let mut model = Model::fitted(&data, true, 2).unwrap();
         for of_channel in model.units.iter_mut().step_by(2) {
             of_channel[0] += moved[0];
             of_channel[1] += moved[1];

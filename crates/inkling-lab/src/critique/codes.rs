@@ -1,17 +1,15 @@
-//! Tests what the analogue-digital converter does to the numbers: clipping and missing codes. A
-//! code is one of the values that a sample can have.
+//! Tests what the analogue-digital converter does to the numbers: clipping and missing codes (a code is one
+//! of the values that a sample can have).
 //!
-//! In, from `engine.rs`: signals and the fitted model. Out: one [`Candidate`] for `clipping` and
-//! one for `coarse_lsb`; and, where one is accepted, a change of the model: samples that may be
-//! clipped are left out of what is fitted afterwards (`Model::rails`), and what is expected is
-//! rounded to a coarse step (`Model::lattice`). Both tests compare the histogram of codes with what
-//! the model expects in normal noise:
+//! In: signals and the fitted model. Out: one [`Candidate`] for `clipping` and one for `coarse_lsb`; and,
+//! where one is accepted, a change of the model: samples that may be clipped are left out of what is fitted
+//! afterwards (`Model::rails`), and what is expected is rounded to a coarse step (`Model::lattice`). Both
+//! tests compare the histogram of codes with what the model expects in normal noise:
 //!
-//! - clipping: the probability that no sample lies beyond the largest (or smallest) code, although
-//!   the model expects samples there; the code itself must hold those that are missing
-//!   (`clipping`);
-//! - coarse step: the probability that some codes are never met, although the model expects each of
-//!   them often (`lattice`); the codes that are met must be multiples of one step.
+//! - clipping: the probability that no sample lies beyond the largest (or smallest) code, although the model
+//!   expects samples there; the code itself must hold those that are missing;
+//! - coarse step: the probability that some codes are never met, although the model expects each of them
+//!   often; the codes that are met must be multiples of one step.
 //!
 //! Floating-point samples have codes, too, where few distinct values are met.
 
@@ -26,26 +24,14 @@ use inkling_core::model::normal::ln_upper_tail;
 use inkling_core::numbers::tuned::little;
 use std::collections::BTreeMap;
 
-/// Floating-point values nearer to each other than this, in amplitudes of the ring, are one code.
+/// Floating-point values nearer than this, in amplitudes of the ring, are one code.
 const FLOAT_DIGITS: f64 = 1e-6;
 
-/// The codes that were met.
-#[derive(Clone, Copy)]
-struct Codes<'a> {
-    /// How many samples have each code; the key is the sample's value over `unit`, rounded.
-    histogram: &'a BTreeMap<i64, u64>,
-    /// Distance of neighbouring keys, in the unit of the signals: 1 if samples are whole counts.
-    unit: f64,
-    /// Half of the converter's step, in the unit of the signals: what lies within it beyond the top code is
-    /// rounded to that, not clipped.
-    half: f64,
-}
-
-/// Tests clipping and a coarse step, and returns both candidates in this order; of clipping that at
-/// the more surprising end. Writes what is accepted to the model: its `rails` (of both ends); and
-/// its `lattice`, if samples are whole counts and all often met codes fit the rounded step.
+/// Tests clipping (at the more surprising end) and a coarse step, and returns both candidates in this order.
+/// Writes what is accepted to the model.
 pub fn test(data: &Observations, model: &mut Model) -> Vec<Candidate> {
-    // floating-point values are told apart as far as their own digits go
+    // how many samples have each code, in units of `unit`; floating-point values are told apart as far as
+    // their own digits go
     let unit = if data.integer { 1.0 } else { FLOAT_DIGITS * model.amplitude() };
     let mut histogram: BTreeMap<i64, u64> = BTreeMap::new();
     for i in 0..data.len() {
@@ -55,22 +41,20 @@ pub fn test(data: &Observations, model: &mut Model) -> Vec<Candidate> {
     }
     let coarse = lattice(data, model, &histogram, unit);
     let step = if coarse.accepted() { coarse.value } else { 1.0 };
+    // what lies within half a step beyond the last code is rounded to that, not clipped
     let half = if data.integer { 0.5 * step } else { 0.0 };
-    let codes = Codes { histogram: &histogram, unit, half };
     let (expected, sd) = (expected(data, model), model.noise_var.sqrt());
-    let rails = [1.0, -1.0].map(|side| clipping(&expected, sd, codes, side));
-    model.rails =
-        rails.iter().filter(|(f, _)| f.accepted()).filter_map(|(_, rail)| *rail).collect();
+    let rails = [1.0, -1.0].map(|side| clipping(&expected, sd, &histogram, [unit, half], side));
+    model.rails = rails.iter().filter(|(f, _)| f.accepted()).map(|(_, rail)| *rail).collect();
     let [upper, lower] = rails.map(|(f, _)| f);
     vec![if lower.surprise > upper.surprise { lower } else { upper }, coarse]
 }
 
-/// What the model expects of every sample, signal by signal, counts.
 fn expected(data: &Observations, model: &Model) -> Vec<f64> {
     model.of_each(data, |i, linear| linear.expected(data.signal(i))).concat()
 }
 
-/// The signals without samples that may be clipped, nor the one after each, which whitening mixes with it.
+/// Marks the samples that may be clipped, and those after them, which whitening mixes with them, as lost.
 pub fn unclipped(mut data: Observations, model: &Model) -> Observations {
     let lost = model.of_each(&data, |_, Linear { counts, .. }| -> Vec<bool> {
         let clipped = |k: usize| counts[k] == 0.0;
@@ -80,31 +64,28 @@ pub fn unclipped(mut data: Observations, model: &Model) -> Observations {
     data
 }
 
-/// Tests whether samples are clipped at the last code: how probable is it that none lies beyond,
-/// although so much is expected there? Without clipping, each sample stays below with probability
-/// 1 - tail(z), where z is the distance of the last code from the expected value in standard
-/// deviations of the noise; the surprise is -ln of the product over all samples.
+/// Tests whether samples are clipped at the last code: how probable is it that none lies beyond, although so
+/// much is expected there? Each sample stays below with probability 1 - tail(z), with the distance z of the
+/// last code from the expected value in standard deviations of the noise; the surprise is -ln of the product
+/// over all samples.
 ///
-/// `expected`: of every sample, in the unit of the signals; `sd`: of the noise; `side`: 1 for the
-/// largest code, -1 for the smallest. Returns the candidate, whose value is the level of the last
-/// code, and the rail that the model gets if the candidate is accepted.
+/// `expected`: of every sample; `sd`: of the noise; `unit`, `half`: distance of neighbouring codes, and half
+/// of the converter's step; `side`: 1 for the largest code, -1 for the smallest. Returns the candidate, whose
+/// value is the level of the last code, and the rail for the model.
 fn clipping(
     expected: &[f64],
     sd: f64,
-    Codes { histogram, unit, half }: Codes,
+    histogram: &BTreeMap<i64, u64>,
+    [unit, half]: [f64; 2],
     side: f64,
-) -> (Candidate, Option<Rail>) {
-    let last = match side > 0.0 {
-        true => histogram.last_key_value(),
-        false => histogram.first_key_value(),
-    };
-    let Some((&last, &at_last)) = last else {
-        return (Candidate::untested(CauseId::Clipping, "no samples"), None);
-    };
+) -> (Candidate, Rail) {
+    let mut codes = histogram.iter();
+    let last = if side > 0.0 { codes.next_back() } else { codes.next() };
+    let (&last, &at_last) = last.unwrap_or((&0, &0)); // signals have samples, so there is one
     let level = last as f64 * unit;
 
-    // `beyond`: number of samples that are expected beyond the last code. Clipped samples pull the
-    // fit towards zero, so what the fit expects there is rather too small.
+    // `beyond`: number of samples that are expected beyond the last code; clipped samples pull the fit
+    // towards zero, so it is rather too small
     let (mut surprise, mut beyond) = (0.0, 0.0);
     for expected in expected {
         let z = (side * (level - expected) + half) / sd;
@@ -115,17 +96,17 @@ fn clipping(
         }
     }
 
-    // if samples are clipped, the last code alone holds those that should lie beyond it: it must
-    // hold more than half of the number that is expected there, and four (a rule of thumb)
+    // if samples are clipped, the last code alone holds those that should lie beyond it: it must hold more
+    // than half of that number, and four (a rule of thumb)
     let crowded = at_last as f64 > 4.0 + 0.5 * beyond;
-    // only a share of it counts: the level is free, and scatter of the largest signals is not modelled
+    // only a share counts: the level is free, and scatter of the largest signals is not modelled
     let surprise: f64 = if crowded { clipped_share() * surprise } else { 0.0 };
-    let f = Candidate::by_chance(CauseId::Clipping, surprise, 2.0 * surprise, level, 0.25 * unit);
-    (f, Some(Rail { side, level, from: level - side * 3.0 * sd }))
+    let f = Candidate::by_chance(CauseId::Clipping, surprise, level, 0.25 * unit);
+    (f, Rail { side, level, from: level - side * 3.0 * sd })
 }
 
-/// Codes that were met, in increasing order, without those at either end that hold about 2 % of the
-/// `total` samples: there, codes are missing by chance.
+/// Codes that were met, without those at either end that hold about 2 % of the `total` samples: there, codes
+/// are missing by chance.
 fn met_often(histogram: &BTreeMap<i64, u64>, total: u64) -> Vec<i64> {
     let (mut low, mut high, mut run) = (0, 0, 0_u64);
     let from = total / 50;
@@ -138,38 +119,30 @@ fn met_often(histogram: &BTreeMap<i64, u64>, total: u64) -> Vec<i64> {
             high = code;
         }
     }
-    // one code may hold nearly all samples
     histogram.range(low..=high.max(low)).map(|(&code, _)| code).collect()
 }
 
-/// Tests for a coarse step: codes that are never met although the model expects them often. The
-/// step is the mean distance of the codes that are met, and the candidate's value. Of
-/// floating-point samples no such expectation is made: their step is coarse if its rounding makes
-/// more than half of the noise.
+/// Tests for a coarse step: codes that are never met although the model expects them often. The value is the
+/// step, the mean distance of the codes that are met. The step of floating-point samples is coarse if its
+/// rounding makes more than half of the noise.
 fn lattice(
     data: &Observations,
     model: &mut Model,
     histogram: &BTreeMap<i64, u64>,
     unit: f64,
 ) -> Candidate {
-    let coarse = |surprise: f64, value: f64, sd: f64| {
-        Candidate::by_chance(CauseId::CoarseLsb, surprise, 2.0 * surprise, value, sd)
-    };
+    let coarse =
+        |surprise, value, sd| Candidate::by_chance(CauseId::CoarseLsb, surprise, value, sd);
     let total: u64 = histogram.values().sum();
     // floating-point values lie on a lattice if few distinct values are met often
     if !data.integer && histogram.len() as f64 > 0.2 * total as f64 {
         return Candidate::nothing(CauseId::CoarseLsb);
-    }
-    if total == 0 {
-        return Candidate::untested(CauseId::CoarseLsb, "no samples");
     }
     let met = met_often(histogram, total);
     if met.len() < 5 {
         return Candidate::nothing(CauseId::CoarseLsb);
     }
 
-    // the codes between the lowest and the highest one that is met often; their mean distance is
-    // the step
     let codes = ((met[met.len() - 1] - met[0]) as f64).max(1.0);
     let step = codes / (met.len() - 1) as f64;
     let inside: u64 = histogram.range(met[0]..=met[met.len() - 1]).map(|(_, n)| n).sum();
@@ -177,17 +150,16 @@ fn lattice(
     if !data.integer {
         let value = step * unit;
         let sd = model.noise_var.sqrt();
-        // Every converter has a step: it is coarse where rounding, of variance step²/12, makes more
-        // than half of the noise. The surprise of 50 only means "certain".
+        // rounding has the variance step²/12; the surprise of 50 only means "certain"
         let is_coarse = value * value / 12.0 > 0.5 * sd * sd;
         let surprise = if is_coarse && per_code < 0.5 { 50.0 } else { 0.0 };
         return coarse(surprise, value, 1e-3 * value);
     }
 
-    // A code that should be met `often` times is missed with a probability of e^-often (Poisson),
-    // so the surprise of several is the sum of `often`; three must be missing, and only half of the
-    // sum counts, as an allowance for errors of the expectation (heuristic). The expectation is the
-    // model's, because steep flanks of signals that are all alike leave codes out, too.
+    // A code that should be met `often` times is missed with a probability of e^-often (Poisson), so the
+    // surprise of several is the sum of `often`; three must be missing, and only half of the sum counts, for
+    // errors of the expectation (heuristic). The expectation is the model's, because steep flanks of signals
+    // that are all alike leave codes out, too.
     let often = expected_counts(data, model, met[0], codes as usize + 1);
     let missed = often
         .iter()
@@ -196,8 +168,7 @@ fn lattice(
     let (missing, chances) = missed.fold((0, 0.0), |(n, sum), (often, _)| (n + 1, sum + often));
     let surprise = if missing > 2 { 0.5 * chances } else { 0.0 };
 
-    // the codes met must be those of a lattice; the model learns of it where its step is a whole
-    // number
+    // the model learns of the lattice where its step is a whole number
     let whole = step.round().max(1.0);
     let mut f = coarse(surprise, step * unit, step / codes.max(1.0));
     if f.accepted() && !is_lattice(&met, step) {
@@ -209,9 +180,8 @@ fn lattice(
     f
 }
 
-/// Whether codes are the rounded multiples of one step. Two neighbours then lie a gap apart that is
-/// the step rounded down or up, so it differs from the step by less than 1. A few other gaps are
-/// allowed, since a code may be missed by chance; fewer if the step is near 1, where nearly every
+/// Whether codes are the rounded multiples of one step: all gaps between neighbours differ from it by less
+/// than 1, but a few, since a code may be missed by chance; fewer if the step is near 1, where nearly every
 /// gap passes.
 fn is_lattice(met: &[i64], step: f64) -> bool {
     let gaps = met.windows(2).map(|pair| (pair[1] - pair[0]) as f64);
@@ -219,15 +189,13 @@ fn is_lattice(met: &[i64], step: f64) -> bool {
     odd as f64 <= little() * (met.len() - 1) as f64 * (step - 1.0).min(1.0)
 }
 
-/// How many times the model expects each of so many `codes` from `first` on: the histogram of all
-/// expected samples, in quarters of a code, convolved with the noise's normal density. For whole
-/// counts only.
+/// How many times the model expects each of so many `codes` from `first` on (whole counts only): the
+/// histogram of all expected samples, in quarters of a code, convolved with the noise's normal density.
 fn expected_counts(data: &Observations, model: &Model, first: i64, codes: usize) -> Vec<f64> {
     const PER_CODE: usize = 4;
     let sd = model.noise_var.sqrt();
     let reach = (4.0 * sd).ceil() as usize + 1;
-    // histogram of where the signals are expected, in quarters of a code; it begins `reach` codes
-    // before `first`
+    // it begins `reach` codes before `first`
     let mut places = vec![0.0; (codes + 2 * reach) * PER_CODE];
     for expected in expected(data, model) {
         let from_edge = expected - first as f64 + reach as f64;
@@ -236,7 +204,6 @@ fn expected_counts(data: &Observations, model: &Model, first: i64, codes: usize)
             *place += 1.0;
         }
     }
-    // spread the histogram by the noise's normal density
     let norm = 1.0 / (sd * std::f64::consts::TAU.sqrt());
     let near = 2 * reach * PER_CODE;
     let bell: Vec<f64> = (0..=near)
@@ -261,8 +228,7 @@ mod tests {
     fn tested(effect: Option<CauseId>, size: f64) -> (Vec<Candidate>, Model) {
         let run = Run { channels: 12, bursts: 4, effect, size, ..Run::default() };
         let data = draw(&run, 12);
-        let mut model = Model::start(&data, true).unwrap();
-        model.fit(&data, 1);
+        let mut model = Model::fitted(&data, true, 1).unwrap();
         (test(&data, &mut model), model)
     }
 
@@ -314,8 +280,7 @@ mod tests {
             let keep = data.rows.iter().map(|r| r.beside.drive_v).fold(0.0, f64::max);
             let rows: Vec<bool> = data.rows.iter().map(|r| r.beside.drive_v == keep).collect();
             data = data.select(|i| rows[i]).standardised();
-            let mut model = Model::start(&data, true).unwrap();
-            model.fit(&data, 1);
+            let mut model = Model::fitted(&data, true, 1).unwrap();
             accepted += test(&data, &mut model).iter().filter(|f| f.accepted()).count();
         }
         assert_eq!(accepted, 0);

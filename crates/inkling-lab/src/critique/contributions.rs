@@ -1,22 +1,19 @@
 //! What each signal, and each channel, adds to the information and score of every linear extension.
 //!
-//! In, from `space.rs`: signals about a model. Out: [`Part`], the sums over some channels, which
-//! `space.rs` adds up and completes. Each channel adds X^T V^-1 X to the information K and
-//! X^T V^-1 r to the score g: X is what the extensions look like in its signals (samples x
-//! `dimension`), r their residual about the mean channel, and V their covariance, which holds the
-//! noise and both scatters:
+//! In: signals about a model. Out: [`Part`], the sums over some channels, which `space.rs` adds up and
+//! completes. Each channel adds X^T V^-1 X to the information K and X^T V^-1 r to the score g: X is what the
+//! extensions look like in its signals (samples x `dimension`), r their residual about the mean channel, and
+//! V their covariance:
 //!
-//! V = v 1 + J within J^T (in each signal) + J between J^T (over all signals of the channel), where
-//! v is the variance of the noise and J the tangent, i.e. the derivatives of a signal by its FREE
-//! own parameters.
+//! V = v 1 + J within J^T (in each signal) + J between J^T (over all signals of the channel), with the
+//! variance v of the noise and the derivatives J of a signal by its FREE own parameters.
 //!
-//! V^-1 is applied by Woodbury's identity, which replaces inverses of N x N by inverses of FREE x
-//! FREE matrices: per signal for the scatter within channels (`Weighed`), then per channel for that
-//! between them (`Sums::close_channel`). All of X^T V^-1 X is the product for the noise alone less
-//! low-rank products, which are collected and subtracted many at a time, because that is faster.
+//! V^-1 is applied by Woodbury's identity, with inverses of FREE x FREE matrices only: per signal for the
+//! scatter within channels (`Whitened`), then per channel for that between them (`Sums::close_channel`). The
+//! low-rank products that this takes off K are collected and subtracted many at a time, which is faster.
 
 use super::covariates::COVARIATES;
-use super::curvature::beyond_the_likeliest;
+use super::curvature::posterior_mean;
 use super::matrices::{Matrix5, Vector5, inverse_or_zero, scaled};
 use super::model::{Linear, Model, PATTERNS, powers};
 use super::observations::Observations;
@@ -26,26 +23,22 @@ use std::ops::Range;
 
 type Matrix6 = SMatrix<f64, ALL, ALL>;
 
-/// What so many signals, or channels, take off K is collected before it is subtracted as one
-/// product. This and the next number only decide the speed.
+/// What so many signals, or channels, take off K is subtracted as one product; only the speed depends on it.
 const AT_A_TIME: usize = 64;
-/// Number of columns of K that a product is subtracted from at once.
+/// Number of columns of K that a product is subtracted from at once; only the speed depends on it.
 const STRIP: usize = 64;
-/// To compute what the scatter hides of shapes costs most of the time. So of larger sets only about
-/// so many signals (whole channels, evenly chosen) are used for it, and stand for the others: an
-/// approximation.
+/// What the scatter hides of shapes costs most of the time. So of larger sets only about so many signals
+/// (whole channels, evenly chosen) tell it, and stand for the others: an approximation.
 const MOST_FOR_SCATTER: usize = 1024;
 
-/// Dimension of the space of extensions, for signals of so many samples. In this order: a shape's N
-/// samples for each of the PATTERNS powers of the drive, ALL parameters for each of the COVARIATES,
-/// and one place for the tail of the previous ring.
+/// Dimension of the space of extensions: a shape's N samples for each of the PATTERNS powers of the drive,
+/// ALL parameters for each of the COVARIATES, and one place for the tail of the previous ring.
 pub fn dimension(samples: usize) -> usize {
     PATTERNS * samples + COVARIATES * ALL + 1
 }
 
 /// Standard deviations of a free channel's parameters over those of a scattered one. The real pole's
-/// amplitude is not freed: its tangent does not turn from channel to channel, and free it would swallow what
-/// is slow.
+/// amplitude is not freed: it would swallow what is slow.
 const FREEDOM: [f64; FREE] = [100.0, 100.0, 100.0, 100.0, 1.0];
 
 /// The scatter between channels, widened until channels are as good as free.
@@ -57,46 +50,38 @@ fn freed(between: &Matrix5) -> Matrix5 {
 pub struct Part {
     /// Information K without `diagonal`, d x d; only its lower triangle is filled.
     pub k: DMatrix<f64>,
-    /// Score g, of length d.
     pub g: DVector<f64>,
     /// -2 ln likelihood up to a constant, without the priors of the real pole.
     pub deviance: f64,
-    /// What the noise alone gives K: it connects a sample of a shape with the same sample alone.
-    /// One row for each pair (p, q) of powers of the drive, at p PATTERNS + q; one column for each
-    /// sample.
+    /// What the noise alone gives K, which connects a sample of a shape with the same sample alone. One row
+    /// for each pair (p, q) of powers of the drive, at p PATTERNS + q; one column for each sample.
     pub diagonal: DMatrix<f64>,
 }
 
 impl Part {
-    /// Sums over `rows`, which must hold whole channels. The own parameters of channels are treated
-    /// in two ways, and each way gives one `Part`.
+    /// Sums over `rows`, which must hold whole channels, with the own parameters of channels treated in two
+    /// ways.
     ///
-    /// The first takes channels to be as good as free, for tests of shapes in time. This loses
-    /// little: what a shape does to a channel's parameters it does to the mean of all channels,
-    /// too, which is free anyway. And it avoids a bias: to know a channel's parameters from the
-    /// population would be wrong, to first order, by as much as the tangent turns from channel to
-    /// channel.
+    /// First, channels are as good as free, for tests of shapes in time. This loses little, since what a
+    /// shape does to a channel's parameters it does to the mean of all channels, too, which is free anyway;
+    /// and it avoids a bias as large, to first order, as the tangent turns from channel to channel.
     ///
-    /// The second takes channels to be drawn from the population, for tests of covariates, which
-    /// must be told from differences between channels. Shapes are left out there: K and g are 0 for
-    /// them.
+    /// Second, channels are drawn from the population, for tests of covariates, which must be told from
+    /// differences between channels. K and g are 0 for shapes there.
     pub fn of(model: &Model, data: &Observations, rows: Range<usize>) -> [Part; 2] {
         let mut all = [
             Sums::new(model, data, PATTERNS, freed(&model.between)),
             Sums::new(model, data, 0, model.between),
         ];
         let mut linear = Linear::default();
-        // channel by channel, whose rows are neighbours
-        let mut first = rows.start;
-        for channel in data.rows[rows].chunk_by(|p, q| p.unit == q.unit) {
-            let unit = channel[0].unit;
-            let mut sums_of_channel = [0, 1].map(|_| OfChannel::new(dimension(data.samples)));
-            for row in first..first + channel.len() {
+        for channel in data.channels().filter(|channel| rows.contains(&channel.start)) {
+            let unit = data.rows[channel.start].unit;
+            let mut sums_of_channel = [0, 1].map(|_| ChannelSums::new(dimension(data.samples)));
+            for row in channel {
                 model.linearise(row, data, &mut linear);
-                // how far the signal's own parameters lie from those of the mean channel
                 let off = model.units[unit] + model.each[row] - model.mean;
                 let s = data.beside.drive[row];
-                let signal = Weighed::of(&linear, &model.theta(row, data), &off, s, model);
+                let signal = Whitened::of(&linear, &model.theta(row, data), &off, s, model);
                 for (sums, channel) in all.iter_mut().zip(&mut sums_of_channel) {
                     sums.add_signal(&signal, powers(s), &data.beside.z[row], channel);
                     if sums.tells_scatter(unit) {
@@ -107,12 +92,10 @@ impl Part {
             for (sums, channel) in all.iter_mut().zip(sums_of_channel) {
                 sums.close_channel(channel, sums.tells_scatter(unit));
             }
-            first += channel.len();
         }
         all.map(Sums::finish)
     }
 
-    /// The sum of two parts.
     pub fn with(mut self, other: Part) -> Part {
         self.k += other.k;
         self.g += other.g;
@@ -121,9 +104,9 @@ impl Part {
         self
     }
 
-    /// Subtracts M M^T from K, where M has the collected `columns` of so many `rows` each, and
-    /// empties the collection. Does nothing as long as there are less than `fewest` columns. The
-    /// product is made a strip of columns after the other, since the upper triangle is not needed.
+    /// Subtracts M M^T from K, where M has the collected `columns` of so many `rows` each, and empties the
+    /// collection; does nothing with less than `fewest` columns. The upper triangle is not needed, so the
+    /// product is made a strip of columns after the other.
     fn take_off(&mut self, columns: &mut Vec<f64>, rows: usize, fewest: usize) {
         if columns.len() >= fewest * rows {
             let m = DMatrix::from_vec(rows, columns.len() / rows, std::mem::take(columns));
@@ -137,10 +120,9 @@ impl Part {
     }
 }
 
-/// One signal in the metric of its noise and of the scatter from burst to burst: V^-1
-/// = 1/v - L L^T, where V is the signal's covariance about its channel. J: the signal's tangent, N
-/// x ALL.
-struct Weighed {
+/// One signal in the metric of its noise and of the scatter from burst to burst: V^-1 = 1/v - L L^T. J: the
+/// signal's tangent, N x ALL.
+struct Whitened {
     /// L, N x FREE.
     l: OMatrix<f64, Dyn, Const<FREE>>,
     /// V^-1 J, N x ALL, and J^T V^-1 J.
@@ -148,8 +130,8 @@ struct Weighed {
     h: Matrix6,
     /// V^-1 r of the residual r about the mean channel.
     of_residual: DVector<f64>,
-    /// The same for shapes, which stay where they are when a signal's parameters move: the output f is
-    /// replaced by its mean E[f] over the signal's posterior (`curvature.rs`).
+    /// The same for shapes: the output f is replaced by its mean E[f] over the signal's posterior
+    /// (`curvature.rs`).
     of_shapes: DVector<f64>,
     /// Score of the parameters: J^T V^-1 r, and what the curvature adds to it.
     along_residual: SMatrix<f64, ALL, 1>,
@@ -157,30 +139,27 @@ struct Weighed {
     tail: DVector<f64>,
     of_tail: DVector<f64>,
     along_tail: SMatrix<f64, ALL, 1>,
-    /// 1 for every sample that counts, 0 where it may be clipped.
     counts: Vec<f64>,
     /// ln |V| and r^T V^-1 r.
     ln_determinant: f64,
     square: f64,
 }
 
-impl Weighed {
-    /// `linear`: the model linearised about the signal's own parameters `theta`. `off`: the
-    /// deviation of these from the mean of all channels, as far as it is the channel's and the
-    /// signal's own, and not due to covariates. `drive`: relative to the mean drive.
-    fn of(linear: &Linear, theta: &Theta, off: &Theta, drive: f64, model: &Model) -> Weighed {
+impl Whitened {
+    /// `linear`: about the signal's own parameters `theta`. `off`: the deviation of these from the mean of
+    /// all channels, as far as it is not due to covariates. `drive`: relative to the mean drive.
+    fn of(linear: &Linear, theta: &Theta, off: &Theta, drive: f64, model: &Model) -> Whitened {
         let (n, v) = (linear.residual.len(), model.noise_var);
 
-        // The residual about the mean channel, to first order: `linear.residual` is about the
-        // signal's own parameters, so J times their deviation is added back. V accounts for that
-        // deviation.
+        // the residual about the mean channel, to first order: V accounts for the deviation of the signal's
+        // own parameters, so it is added back
         let t = &linear.tangent.columns;
         let r = DVector::from_fn(n, |k, _| {
             linear.residual[k] + (0..FREE).map(|j| t[j][k] * off[j]).sum::<f64>()
         });
 
-        // Woodbury: (v + J within J^T)^-1 = 1/v - J M J^T / v² with M = within (1 + G within)^-1
-        // and G = J^T J/v, where J has the FREE columns only; so L = J M^1/2 / v
+        // Woodbury: (v + J within J^T)^-1 = 1/v - J M J^T / v² with M = within (1 + G within)^-1 and G = J^T
+        // J/v over the FREE columns; so L = J M^1/2 / v
         let j6 = DMatrix::from_fn(n, ALL, |k, j| t[j][k]);
         let gram = j6.tr_mul(&j6) / v;
         let gram5: Matrix5 = gram.fixed_view::<FREE, FREE>(0, 0).into_owned();
@@ -194,15 +173,14 @@ impl Weighed {
         let w = &j6 / v - &l * (l.tr_mul(&j6));
         let of_residual = solve(&r);
 
-        // the curvature of the decay: M is the posterior covariance of the signal's own parameters
-        let beyond = beyond_the_likeliest(theta, linear, drive, &m, v);
+        let beyond = posterior_mean(theta, linear, drive, &m, v);
         let of_mean = inverse * beyond.slope;
         let tail = DVector::from_column_slice(&linear.tail);
-        Weighed {
+        Whitened {
             h: Matrix6::from_fn(|a, b| j6.column(a).dot(&w.column(b))),
-            // Without curvature, the score of the mean's parameters is J^T V^-1 r. It equals
-            // within^-1 times the posterior mean of the signal's deviation. Curvature moves that
-            // mean by M slope, so the score by within^-1 M slope = (1 + G within)^-1 slope.
+            // Without curvature, the score of the mean's parameters, J^T V^-1 r, is within^-1 times the
+            // posterior mean of the signal's deviation. Curvature moves that mean by M slope, so the score by
+            // within^-1 M slope = (1 + G within)^-1 slope.
             along_residual: SMatrix::from_fn(|a, _| {
                 w.column(a).dot(&r) + of_mean.get(a).copied().unwrap_or(0.0)
             }),
@@ -221,28 +199,25 @@ impl Weighed {
     }
 }
 
-/// A [`Part`] while it grows, channel by channel.
 struct Sums<'a> {
     model: &'a Model,
     data: &'a Observations,
-    /// Covariance between channels: that of the model, or one so wide that channels are as good as
-    /// free.
+    /// Covariance between channels: that of the model, or the freed one.
     between: Matrix5,
     /// Number of powers of the drive that shapes may scale with; 0: covariates alone.
     patterns: usize,
-    /// One of `stride` channels tells what the scatter hides of shapes; its columns are multiplied by
-    /// `inflate`, so that it stands for the others.
+    /// One of `stride` channels tells what the scatter hides of shapes; `inflate` scales its columns up to
+    /// all.
     stride: usize,
     inflate: f64,
     part: Part,
-    /// Columns over the shapes whose products the scatter within channels, and that between them, take off K;
-    /// collected until a product is worth it.
+    /// Columns over the shapes whose products the scatter within channels, and that between them, take off K.
     of_signals: Vec<f64>,
     of_channels: Vec<f64>,
 }
 
 /// Sums over one channel's signals, with V the covariance of a signal about its channel.
-struct OfChannel {
+struct ChannelSums {
     /// Information J^T V^-1 J of the channel's own parameters, and their score J^T V^-1 r.
     info: Matrix5,
     score: Vector5,
@@ -251,9 +226,9 @@ struct OfChannel {
     g: DVector<f64>,
 }
 
-impl OfChannel {
-    fn new(dimension: usize) -> OfChannel {
-        OfChannel {
+impl ChannelSums {
+    fn new(dimension: usize) -> ChannelSums {
+        ChannelSums {
             info: Matrix5::zeros(),
             score: Vector5::zeros(),
             cross: DMatrix::zeros(dimension, FREE),
@@ -278,7 +253,6 @@ impl<'a> Sums<'a> {
             between,
             patterns,
             stride,
-            // the chosen channels stand for all: their columns are scaled up to the number of channels
             inflate: (data.units as f64 / chosen_units as f64).sqrt(),
             part: Part {
                 k: DMatrix::zeros(d, d),
@@ -291,7 +265,6 @@ impl<'a> Sums<'a> {
         }
     }
 
-    /// The sums, with what was collected last.
     fn finish(self) -> Part {
         let Sums { mut part, mut of_signals, mut of_channels, data, .. } = self;
         part.take_off(&mut of_signals, PATTERNS * data.samples, 1);
@@ -299,37 +272,33 @@ impl<'a> Sums<'a> {
         part
     }
 
-    /// Whether a channel tells how the scatter hides shapes.
     fn tells_scatter(&self, unit: usize) -> bool {
         unit.is_multiple_of(self.stride) && self.patterns > 0
     }
 
-    /// Adds one signal to K, to g and to its channel's sums, with V the covariance of a signal
-    /// about its channel. `powers`: of its drive; `z`: its covariates.
+    /// Adds one signal to K, to g and to its channel's sums, with V the covariance of a signal about its
+    /// channel. `powers`: of its drive; `z`: its covariates.
     ///
-    /// What an extension looks like in the signal is a Kronecker product: the powers of the drive
-    /// times a shape, or the covariates times J. So all products of extensions are Kronecker
-    /// products, too, of powers and covariates with the few products that `Weighed` holds. The
-    /// products of shapes with each other are left to `diagonal` (the noise) and to
-    /// `hide_behind_signal` (the scatter).
+    /// What an extension looks like in the signal is a Kronecker product: the powers of the drive times a
+    /// shape, or the covariates times J. So are the products of extensions. Those of shapes with each other
+    /// are left to `diagonal` (the noise) and to `hide_behind_signal` (the scatter).
     fn add_signal(
         &mut self,
-        signal: &Weighed,
+        signal: &Whitened,
         powers: [f64; PATTERNS],
         z: &[f64; COVARIATES],
-        channel: &mut OfChannel,
+        channel: &mut ChannelSums,
     ) {
         const MOVED: usize = COVARIATES * ALL;
         let (shapes, of_shapes) = (PATTERNS * self.data.samples, self.patterns * self.data.samples);
         let Part { k, deviance, diagonal, .. } = &mut self.part;
-        let OfChannel { info, score, cross, g } = channel;
-        let Weighed { w, h, .. } = signal;
+        let ChannelSums { info, score, cross, g } = channel;
+        let Whitened { w, h, .. } = signal;
         let drive = DVector::from_column_slice(&powers[..self.patterns]);
         let z = DVector::from_column_slice(z);
         let tail = k.nrows() - 1;
         *deviance += signal.ln_determinant + signal.square;
 
-        // shapes, and their products with what covariates and the tail move
         if self.patterns > 0 {
             let counts = DVector::from_column_slice(&signal.counts) / self.model.noise_var;
             *diagonal += drive.kronecker(&drive) * counts.transpose();
@@ -344,7 +313,6 @@ impl<'a> Sums<'a> {
             rows += drive.kronecker(&w.columns(0, FREE));
         }
 
-        // the products of what covariates move with each other and with the tail
         let mut block = k.view_mut((shapes, shapes), (MOVED, MOVED));
         block += (&z * z.transpose()).kronecker(h);
         let mut row = k.view_mut((tail, shapes), (1, MOVED));
@@ -354,7 +322,6 @@ impl<'a> Sums<'a> {
         let mut rows = cross.rows_mut(shapes, MOVED);
         rows += z.kronecker(&h.fixed_columns::<FREE>(0));
 
-        // the tail by itself, and the channel's own parameters
         g[tail] += signal.tail.dot(&signal.of_residual);
         k[(tail, tail)] += signal.tail.dot(&signal.of_tail);
         let mut row = cross.row_mut(tail);
@@ -363,9 +330,9 @@ impl<'a> Sums<'a> {
         *info += h.fixed_view::<FREE, FREE>(0, 0);
     }
 
-    /// Collects what the scatter from burst to burst hides of shapes: the columns of L for each
-    /// power of the drive, whose product with itself is the L L^T of V^-1 = 1/v - L L^T.
-    fn hide_behind_signal(&mut self, signal: &Weighed, powers: [f64; PATTERNS]) {
+    /// Collects what the scatter from burst to burst hides of shapes: the columns of L for each power of the
+    /// drive.
+    fn hide_behind_signal(&mut self, signal: &Whitened, powers: [f64; PATTERNS]) {
         let (shapes, scale) = (PATTERNS * self.data.samples, self.inflate);
         for column in signal.l.column_iter() {
             for power in powers {
@@ -375,19 +342,17 @@ impl<'a> Sums<'a> {
         self.part.take_off(&mut self.of_signals, shapes, AT_A_TIME * FREE);
     }
 
-    /// Accounts for the scatter between channels once all of a channel's signals are in, by
-    /// Woodbury's identity: K -= B S B^T and g -= B S `score`, where B is `cross`, and S = between
-    /// (1 + H between)^-1 with H = `info`. `tells_scatter`: whether this channel is one of those
-    /// whose share of K is computed for shapes.
-    fn close_channel(&mut self, channel: OfChannel, tells_scatter: bool) {
-        let OfChannel { info, score, cross, g: mut g_unit } = channel;
+    /// Accounts for the scatter between channels once all of a channel's signals are in, by Woodbury's
+    /// identity: K -= B S B^T and g -= B S `score`, where B is `cross`, and S = between (1 + H between)^-1
+    /// with H = `info`.
+    fn close_channel(&mut self, channel: ChannelSums, tells_scatter: bool) {
+        let ChannelSums { info, score, cross, g: mut g_unit } = channel;
         let d = g_unit.len();
         let shapes = PATTERNS * self.data.samples;
         let inner = Matrix5::identity() + info * self.between;
         let s = self.between * inverse_or_zero(inner);
         let s = (s + s.transpose()) * 0.5;
 
-        // ln of the determinant of the covariance, and what S takes off the square
         self.part.deviance += inner.determinant().max(f64::MIN_POSITIVE).ln();
         self.part.deviance -= score.dot(&(s * score));
 
@@ -396,7 +361,6 @@ impl<'a> Sums<'a> {
         let f = &cross * DMatrix::from_fn(FREE, FREE, |a, b| root[(a, b)]);
         g_unit -= &cross * DVector::from_column_slice((s * score).as_slice());
 
-        // the rows of shapes are many: their columns are collected
         if tells_scatter {
             let scale = self.inflate;
             for column in f.column_iter() {
@@ -405,7 +369,7 @@ impl<'a> Sums<'a> {
             self.part.take_off(&mut self.of_channels, shapes, AT_A_TIME * FREE);
         }
 
-        // all other rows of K are few: their product is subtracted at once, for every channel
+        // all other rows of K are few: their product is subtracted at once
         let low = f.rows(shapes, d - shapes).into_owned();
         let mut block = self.part.k.view_mut((shapes, 0), (d - shapes, d));
         block.gemm(-1.0, &low, &f.transpose(), 1.0);

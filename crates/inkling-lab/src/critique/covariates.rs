@@ -1,18 +1,16 @@
 //! The covariates of signals, standardised: what was recorded beside them.
 //!
-//! In, from `observations.rs`: what was recorded beside each signal ([`Beside`]). Out:
-//! [`Covariates`], which all tests read: per signal its drive relative to the mean drive, and a row
-//! z of COVARIATES numbers: z = (x - mean) / sd over all signals. Beside these stand the constant
-//! 1, and the squares of two of them less their mean, z² - 1. A covariate that does not vary, or
-//! was not recorded of at least nine tenths of the signals, is absent, and z is 0 for all signals;
-//! a single signal of which it is unknown has z = 0 as well.
+//! In: what was recorded beside each signal ([`Beside`]). Out: [`Covariates`]: per signal its drive relative
+//! to the mean drive, and a row of z = (x - mean) / sd; beside these the constant 1, and the squares of two
+//! of them, z² - 1. A covariate that does not vary, or was not recorded of at least nine tenths of the
+//! signals, is absent, and z is 0 for all signals; a single signal of which it is unknown has z = 0 as well.
 
 use super::tuned::drive_scan;
 use inkling_core::burst::Beside;
 use inkling_core::numbers::tuned::little;
 
-/// Indices of the covariates. `ONE` is the constant, which moves all channels alike; `POSITION` is
-/// the channel's number; `IDLE` is the logarithm of the time since the previous actuation.
+/// Indices of the covariates. `POSITION` is the channel's number, `IDLE` the logarithm of the time since the
+/// previous actuation.
 pub const ONE: usize = 0;
 pub const TIME: usize = 1;
 pub const TEMPERATURE: usize = 2;
@@ -20,8 +18,8 @@ pub const POSITION: usize = 3;
 pub const NEIGHBOURS: usize = 4;
 pub const IDLE: usize = 5;
 pub const DRIVE: usize = 6;
-/// Squares of covariates, less their mean. They are no candidates of their own, but what a cause that follows
-/// time or temperature leaves where it is not quite linear.
+/// Squares of covariates: no candidates of their own, but what a cause leaves that is not quite linear in
+/// them.
 pub const TIME_SQUARED: usize = 7;
 pub const TEMPERATURE_SQUARED: usize = 8;
 pub const COVARIATES: usize = 9;
@@ -37,44 +35,37 @@ pub const NAMES: [&str; COVARIATES] = [
     "time squared",
     "temperature squared",
 ];
-/// Units for readers. That of `IDLE` is the unit of the time, although its logarithm is
-/// standardised.
+/// Units for readers; that of `IDLE` is the unit of the time itself.
 pub const UNITS: [&str; COVARIATES] = ["1", "s", "°C", "1", "1", "s", "V", "s²", "°C²"];
 const SQUARES: [(usize, usize); 2] = [(TIME, TIME_SQUARED), (TEMPERATURE, TEMPERATURE_SQUARED)];
 
-/// The square of a covariate, if it is modelled.
 pub fn square_of(which: usize) -> Option<usize> {
     SQUARES.iter().find(|(of, _)| *of == which).map(|(_, square)| *square)
 }
 
 /// Covariates of all signals.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Covariates {
-    /// Drive relative to the mean drive, one value per signal; 1 where it was not recorded.
+    /// Drive relative to the mean drive; 1 where it was not recorded.
     pub drive: Vec<f64>,
-    /// Mean drive, V; `None` where less than nine tenths of the signals have one.
+    /// Mean drive, V; `None` where too few signals have one.
     pub drive_mean_v: Option<f64>,
     /// Standardised values, one row per signal.
     pub z: Vec<[f64; COVARIATES]>,
-    /// Whether a covariate was recorded and varies; false for the squares, which are none of their
-    /// own.
+    /// Whether a covariate was recorded and varies; false for the squares.
     pub present: [bool; COVARIATES],
-    /// Mean and standard deviation that were used to standardise, in the covariate's unit (idle
-    /// time: of the logarithm of seconds).
+    /// Mean and standard deviation that were used to standardise, in the covariate's unit.
     pub mean: [f64; COVARIATES],
     pub sd: [f64; COVARIATES],
-    /// Largest value minus smallest, in the covariate's unit.
     pub span: [f64; COVARIATES],
     /// Whether the drive varies enough to tell what scales with it from what does not.
     pub drive_scan: bool,
-    /// Whether the time since the previous actuation was recorded.
     pub idle: bool,
     /// Whether bursts hold two channels or more on average.
     pub shared_bursts: bool,
 }
 
-/// The value of a covariate that was recorded beside a signal, in its unit; NaN if it was not
-/// recorded. `first_ns`: the time of the first signal, from which time counts.
+/// The value of a covariate, NaN if it was not recorded. `first_ns`: the time of the first signal.
 fn value(which: usize, beside: &Beside, first_ns: i64) -> f64 {
     match which {
         ONE => 1.0,
@@ -88,7 +79,7 @@ fn value(which: usize, beside: &Beside, first_ns: i64) -> f64 {
 }
 
 impl Covariates {
-    /// Some rows, in the same units and about the same means: they are not standardised anew.
+    /// Some rows, not standardised anew.
     pub fn select(&self, keep: impl Fn(usize) -> bool) -> Covariates {
         let rows: Vec<usize> = (0..self.z.len()).filter(|&i| keep(i)).collect();
         Covariates {
@@ -98,14 +89,12 @@ impl Covariates {
         }
     }
 
-    /// Smallest and largest relative drive.
     pub fn drives(&self) -> [f64; 2] {
         let all = || self.drive.iter().copied();
         [all().fold(f64::INFINITY, f64::min), all().fold(0.0, f64::max)]
     }
 
-    /// Standardises one covariate, whose values `of` returns, if it was recorded of enough signals and
-    /// varies.
+    /// Standardises one covariate, whose values `of` returns, if enough are known and it varies.
     fn standardise(&mut self, which: usize, of: impl Fn(usize) -> f64) {
         let known: Vec<usize> = (0..self.z.len()).filter(|&i| of(i).is_finite()).collect();
         let count = known.len() as f64;
@@ -131,10 +120,11 @@ impl Covariates {
     /// Standardises what was recorded beside the signals of so many bursts.
     pub fn of(recorded: &[Beside], bursts: usize) -> Covariates {
         let n = recorded.len().max(1) as f64;
+        let enough = |count: usize| count as f64 >= (1.0 - little()) * n;
         let first_ns = recorded.iter().map(|of| of.t_acq_ns).min().unwrap_or(0);
         let drives = || recorded.iter().map(|of| of.drive_v).filter(|v| *v > 0.0);
-        let known = drives().count() as f64 >= (1.0 - little()) * n;
-        let drive_mean_v = known.then(|| drives().sum::<f64>() / drives().count() as f64);
+        let drive_mean_v =
+            enough(drives().count()).then(|| drives().sum::<f64>() / drives().count() as f64);
         let drive: Vec<f64> = recorded
             .iter()
             .map(|of| match drive_mean_v {
@@ -142,32 +132,27 @@ impl Covariates {
                 _ => 1.0,
             })
             .collect();
+        let spread = drive.iter().map(|s| (s - 1.0).powi(2)).sum::<f64>() / n;
         let mut new = Covariates {
             drive,
             drive_mean_v,
             z: vec![[0.0; COVARIATES]; recorded.len()],
-            present: [false; COVARIATES],
-            mean: [0.0; COVARIATES],
             sd: [1.0; COVARIATES],
-            span: [0.0; COVARIATES],
-            drive_scan: false,
-            idle: recorded.iter().filter(|of| !of.idle_s.is_nan()).count() as f64
-                >= (1.0 - little()) * n,
+            drive_scan: spread.sqrt() > drive_scan(),
+            idle: enough(recorded.iter().filter(|of| !of.idle_s.is_nan()).count()),
             shared_bursts: recorded.len() >= 2 * bursts,
+            ..Covariates::default()
         };
         new.z.iter_mut().for_each(|z| z[ONE] = 1.0);
         new.present[ONE] = true;
         for which in ONE + 1..TIME_SQUARED {
             new.standardise(which, |i| value(which, &recorded[i], first_ns));
         }
-        // squares of the standardised values, less their mean of 1
         for (which, square) in SQUARES {
             if new.present[which] {
                 new.z.iter_mut().for_each(|z| z[square] = z[which] * z[which] - 1.0);
             }
         }
-        let spread = new.drive.iter().map(|s| (s - 1.0).powi(2)).sum::<f64>() / n;
-        new.drive_scan = spread.sqrt() > drive_scan();
         new
     }
 }

@@ -1,27 +1,24 @@
-//! What the curvature of the decay adds to the expected signal, given that a signal's own
-//! parameters are known no better than its noise allows.
+//! What the curvature of the decay adds to the expected signal, given that a signal's own parameters are
+//! known no better than its noise allows.
 //!
-//! In, from `contributions` and `clusters`: a signal's likeliest parameters theta, the tangent J of
-//! its decay f there, and the posterior covariance P of the parameters. Out: E[f] - f over that
-//! posterior, to second order:
+//! In: a signal's likeliest parameters theta, the tangent J of its decay f there, and the posterior
+//! covariance P of the parameters. Out: E[f] - f over that posterior, to second order (Laplace's method):
 //!
-//! E[f] - f = 1/2 sum_jk P_jk H_jk + J shift, with H the second derivatives of f, and shift = P
-//! slope the distance of the posterior's mean from theta (Laplace's method).
+//! E[f] - f = 1/2 sum_jk P_jk H_jk + J shift, with H the second derivatives of f, and shift = P slope the
+//! distance of the posterior's mean from theta.
 //!
-//! Why: the score of the marginal likelihood is that of y - E[f] (Fisher's identity), not of y - f
-//! at the likeliest parameters. The difference is not the same share of all rings: the noise leaves
-//! the parameters of a small ring less certain. Left out, it looks like damping that grows with the
-//! amplitude, the more surely the more signals there are.
+//! Why: the score of the marginal likelihood is that of y - E[f] (Fisher's identity), not of y - f. The noise
+//! leaves the parameters of a small ring less certain, so the difference looks like damping that grows with
+//! the amplitude, the more surely the more signals there are.
 
 use super::matrices::{Matrix5, Vector5};
 use super::model::Linear;
 use inkling_core::model::free_decay::{FREE, Theta};
 use inkling_core::model::inner_product::dot;
 
-/// Second derivatives H of the decay by ln damping, ln frequency and the two amplitudes of the
-/// pair, one 4 x 4 matrix per sample, counts. All others are 0, or as small as the real pole's part
-/// of the decay. `drive`: relative to the mean drive; `counts`: 1 for each sample that counts, else
-/// 0.
+/// Second derivatives H of the decay by ln damping, ln frequency and the two amplitudes of the pair, one 4 x
+/// 4 matrix per sample, counts; all others are 0, or as small as the real pole's part. `counts`: 1 for each
+/// sample that counts, else 0.
 fn second(theta: &Theta, drive: f64, counts: &[f64]) -> Vec<[[f64; 4]; 4]> {
     let n = counts.len() as f64;
     let (sigma, omega) = (theta[0].exp(), theta[1].exp());
@@ -41,36 +38,30 @@ fn second(theta: &Theta, drive: f64, counts: &[f64]) -> Vec<[[f64; 4]; 4]> {
     counts.iter().enumerate().map(at).collect()
 }
 
-/// How a signal's posterior differs from a Gaussian about its likeliest parameters.
-pub struct Beyond {
-    /// E[f] - f, sample by sample, counts.
+pub struct PosteriorMean {
     pub expected: Vec<f64>,
-    /// The posterior's mean differs from the likeliest parameters by the posterior covariance times this.
+    /// The posterior's mean less the likeliest parameters is the posterior covariance times this.
     pub slope: Vector5,
 }
 
-/// Computes E[f] - f. `theta`: the signal's likeliest parameters, about which `linear` is
-/// linearised; `posterior`: covariance P of the signal's own parameters, in their own units;
-/// `noise_var`: counts².
-pub fn beyond_the_likeliest(
+/// `theta`: the signal's likeliest parameters, about which `linear` is linearised; `posterior`: covariance P,
+/// in the parameters' own units; `noise_var`: counts².
+pub fn posterior_mean(
     theta: &Theta,
     linear: &Linear,
     drive: f64,
     posterior: &Matrix5,
     noise_var: f64,
-) -> Beyond {
+) -> PosteriorMean {
     let second = second(theta, drive, &linear.counts);
     let columns = &linear.tangent.columns;
     let curved = |h: &[[f64; 4]; 4]| -> f64 {
         (0..4).map(|j| (0..4).map(|k| posterior[(j, k)] * h[j][k]).sum::<f64>()).sum()
     };
-    // sum over j and k of P_jk H_jk, at each sample
     let mut expected: Vec<f64> = second.iter().map(curved).collect();
 
-    // Shift of the posterior's mean from its maximum: minus half of P times the third derivatives
-    // of U = |y - f|²/(2 noise_var), contracted with P. Those are sums of first times second
-    // derivatives of f: U_mjk = (J_m H_jk + J_j H_mk + J_k H_mj) / noise_var, where the last two
-    // give the same.
+    // The shift is minus half of P times the third derivatives of U = |y - f|²/(2 noise_var), contracted with
+    // P: U_mjk = (J_m H_jk + J_j H_mk + J_k H_mj) / noise_var, where the last two give the same.
     let mut third = Vector5::from_fn(|m, _| dot(&columns[m], &expected));
     for (at, h) in second.iter().enumerate() {
         for k in 0..4 {
@@ -79,14 +70,13 @@ pub fn beyond_the_likeliest(
         }
     }
 
-    // half of the curvature's part, and the part of the shift
     let slope = third * (-0.5 / noise_var);
     let shift = posterior * slope;
     for (at, expected) in expected.iter_mut().enumerate() {
         let moved: f64 = (0..FREE).map(|j| columns[j][at] * shift[j]).sum();
         *expected = 0.5 * *expected + moved;
     }
-    Beyond { expected, slope }
+    PosteriorMean { expected, slope }
 }
 
 #[cfg(test)]
@@ -113,7 +103,7 @@ mod tests {
         linear.tangent.at(&theta, 0.0, false, N);
         let (gram, _) = free_products(&linear, &Vector5::repeat(1.0));
         let posterior = inverse(&(gram / noise_var + within.try_inverse().unwrap()));
-        let beyond = beyond_the_likeliest(&theta, &linear, 1.0, &posterior, noise_var);
+        let beyond = posterior_mean(&theta, &linear, 1.0, &posterior, noise_var);
         let root = posterior.cholesky().unwrap().l();
         let decay = |theta: &Theta| {
             let mut y = vec![0.0; N];

@@ -1,20 +1,15 @@
-//! Numbers for readers, with as many digits as say something.
-//!
-//! In, from all files that write sentences, tables or reports: a value, perhaps with its 95 %
-//! interval and its unit. Out: text. Without an interval a number has four significant digits; with
-//! one, the last digit is the second digit of the interval's half-width (`alike`). A value that is
-//! not finite becomes "–".
+//! Numbers for readers, with as many digits as say something. In: a value, perhaps with its 95 % interval and
+//! its unit. Out: text. Without an interval a number has four significant digits; with one, the last digit is
+//! the second digit of the interval's half-width (`alike`). A value that is not finite becomes "–".
 
-/// Probabilities below this are not told apart.
 const LEAST_P: f64 = 1e-16;
 
-/// The number with four significant digits.
 pub fn short(x: f64) -> String {
     significant(x, 4)
 }
 
-/// The number with so many significant digits, without trailing zeros; in exponential form below
-/// 1e-4 and from 1e6 on.
+/// The number with so many significant digits, without trailing zeros; exponential below 1e-4 and from 1e6
+/// on.
 pub fn significant(x: f64, digits: i32) -> String {
     if !x.is_finite() {
         return "–".to_owned();
@@ -22,7 +17,7 @@ pub fn significant(x: f64, digits: i32) -> String {
     if x == 0.0 {
         return "0".to_owned();
     }
-    // rounded first: 9.9996 becomes 10.00, which has one digit more before the point
+    // rounded first: 9.9996 becomes 10.00, with one digit more before the point
     let rounded: f64 = format!("{x:.*e}", (digits - 1).max(0) as usize).parse().unwrap_or(x);
     let power = rounded.abs().log10().floor() as i32;
     if !(-4..6).contains(&power) {
@@ -32,15 +27,12 @@ pub fn significant(x: f64, digits: i32) -> String {
     trimmed(&format!("{rounded:.*}", (digits - 1 - power).max(0) as usize))
 }
 
-/// A number without zeros at its end.
 fn trimmed(text: &str) -> String {
-    match text.contains('.') {
-        true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
-        false => text.to_owned(),
-    }
+    let cut = text.trim_end_matches('0').trim_end_matches('.');
+    if text.contains('.') { cut.into() } else { text.into() }
 }
 
-/// A probability: two digits, and below 1e-16 no more than that it is below.
+/// A probability: two digits, and below 1e-16 only that it is below.
 pub fn chance(p: f64) -> String {
     if p < LEAST_P { "< 1e-16".to_owned() } else { significant(p, 2) }
 }
@@ -51,8 +43,8 @@ pub fn p_is(p: f64) -> String {
     if text.starts_with('<') { format!("p {text}") } else { format!("p = {text}") }
 }
 
-/// A value with its 95 % interval and its unit: 77.0 kHz (75.4 to 78.6). It has as many digits as make two of
-/// the interval's half-width; s and Hz get a prefix, and a unit of 1 is left out.
+/// A value with its 95 % interval and its unit: 77.0 kHz (75.4 to 78.6). s and Hz get a prefix, and a unit of
+/// 1 is left out.
 pub fn measured(value: f64, [low, high]: [f64; 2], unit: &str) -> String {
     let (by, unit) = prefixed(value, unit);
     let [value, low, high] = [value, low, high].map(|x| x * by);
@@ -61,25 +53,23 @@ pub fn measured(value: f64, [low, high]: [f64; 2], unit: &str) -> String {
     format!("{value}{unit} ({low} to {high})")
 }
 
-/// Value and interval as texts with the same number of decimal places.
 fn alike(value: f64, [low, high]: [f64; 2]) -> [String; 3] {
     let all = [value, low, high];
     let half = 0.5 * (high - low).abs();
     let largest = all.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
-    // no interval tells how many digits are known
     if !all.iter().all(|x| x.is_finite()) || half <= 1e-9 * largest {
         return all.map(short);
     }
 
-    // power of ten of the half-width's second digit; where it is far from 1, exponential form may
-    // be needed, and significant digits are counted instead of decimal places
+    // power of ten of the half-width's second digit; where it is far from 1, significant digits are counted
+    // instead of decimal places
     let last = half.log10().floor() as i32 - 1;
     if !(-6..=5).contains(&last) || !(1e-4..1e7).contains(&largest) {
         let digits = (largest.log10().floor() as i32 - last + 1).clamp(2, 6);
         return all.map(|x| significant(x, digits));
     }
 
-    // round to that power where it is above 1, and give a zero no sign and no decimal places
+    // round to that power where it is above 1, and give a zero no sign
     let to_grain = |x: f64| match last {
         1.. => (x / 10f64.powi(last)).round() * 10f64.powi(last),
         _ => x,
@@ -88,10 +78,9 @@ fn alike(value: f64, [low, high]: [f64; 2]) -> [String; 3] {
         .map(|x| if x.trim_matches(['-', '0', '.']).is_empty() { "0".into() } else { x })
 }
 
-/// The factor that the value is multiplied by, and the name of the unit with the prefix that suits
-/// the value. Only s and Hz have prefixes; the unit 1 has an empty name.
+/// The factor for the value, and the name of the unit with the prefix that suits it.
 fn prefixed(value: f64, unit: &str) -> (f64, String) {
-    // the least value of each prefix, and its factor; the last one is taken for whatever is smaller
+    // the least value of each prefix, and its factor
     let steps: &[(f64, f64, &str)] = match unit {
         "s" => &[(1.0, 1.0, "s"), (1e-3, 1e3, "ms"), (1e-6, 1e6, "µs"), (0.0, 1e9, "ns")],
         "Hz" => &[(1e6, 1e-6, "MHz"), (1e3, 1e-3, "kHz"), (0.0, 1.0, "Hz")],

@@ -1,40 +1,35 @@
 //! The critique of signals each of which is one ring, from observations to findings; and the choice between
-//! it and the critique of an oscillator's decays (`decay`). Ink channels always come here, an oscillator
-//! only where the critique of decays cannot use its recording.
+//! it and the critique of an oscillator's decays (`decay`). Ink channels always come here, an oscillator only
+//! where the critique of decays cannot use its recording.
 //!
-//! In, from `src/cli/critique.rs`: [`Observations`] of healthy signals, counts. Out, to the same
-//! caller: an [`Outcome`]: the findings (`Critique`), which signals were left out, and the model
-//! that a design's extension is made from.
+//! In: [`Observations`] of healthy signals, counts. Out: an [`Outcome`]: the findings (`Critique`), which
+//! signals were left out, and the model that a design's extension is made from.
 //!
-//! This file only puts the steps in order; each step is the work of another file:
+//! This file only puts the steps in order; each is the work of another file:
 //!
 //! 1. outliers are left out, unless labels say that all signals are healthy (`outliers`);
-//! 2. the baseline is fitted (`start`, `scatter`), and the converter's codes and the noise are
-//!    tested (`codes`, `ensemble`);
-//! 3. if the noise is correlated, the signals are made white, and their baseline and noise tested
-//!    anew;
+//! 2. the baseline is fitted (`start`, `scatter`), and codes and noise are tested (`codes`, `ensemble`);
+//! 3. if the noise is correlated, the signals are made white, and their baseline and noise tested anew;
 //! 4. causes that move the expected signal are selected (`selection`);
-//! 5. clipping and noise are tested again beside these causes, and the trigger for the first time
-//!    (`jitter`);
+//! 5. clipping and noise are tested again beside these causes, and the trigger for the first time (`jitter`);
 //! 6. what is left is judged without the catalogue (`adequacy`);
 //! 7. the gain is measured on held-out signals (`gain`, `worth`);
 //! 8. verdict, remarks and sentences are written.
 //!
-//! Codes and noise come before the causes, because the tests of causes assume white noise. They come again
-//! after them, because what a cause does to single signals may look like noise. What is found in codes,
-//! noise and trigger is kept apart from the causes, as `Aside`.
+//! Codes and noise come before the causes, because the tests of causes assume white noise; and again after
+//! them, because what a cause does to single signals may look like noise.
 
 use super::adequacy::{self, Adequacy};
+use super::artefacts::{Artefacts, accepted};
 use super::candidate::Candidate;
 use super::candidates::{Scored, Setting};
-use super::catalogue::{CATALOGUE, CauseId, Needs};
-use super::extended::{self, LeftOut};
+use super::catalogue::{CATALOGUE, CauseId, Entry, Needs};
+use super::extended::{self, OutlierCount};
 pub use super::extended::{Extended, NotExtended};
 use super::finding::{
     Cause, Critique, Detection, Evidence, NotTestable, Signals, VERSION, Verdict,
 };
-use super::found::{Aside, accepted};
-use super::leftovers::{at_the_ring, at_the_ring_beside, leave_out, still_there, weighed};
+use super::leftovers::{at_the_ring, at_the_ring_beside, leave_out, still_there};
 use super::model::Model;
 use super::observations::Observations;
 pub use super::outcome::{CritiqueError, Outcome};
@@ -45,34 +40,26 @@ use super::words::{cause_sentence, equation, not_worth, ties};
 use super::{codes, decay, ensemble, evidence, figures, gain, jitter, worth};
 use std::f64::consts::TAU;
 
-/// Largest number of times that the signals are made white, each time by a better estimate of the
-/// correlation of their noise.
+/// Largest number of times that the signals are made white, each time by a better estimate.
 const MOST_WHITENINGS: usize = 10;
 /// Correlation at lag 1 that may be left after whitening: about a tenth of the detection limit of a
-/// correlation in 200 signals of 128 samples, which is √20.9 standard errors of 1/√25 600 each.
+/// correlation in 200 signals of 128 samples (√20.9 standard errors of 1/√25 600).
 const NEARLY_WHITE: f64 = 0.003;
-/// Largest number of samples of a signal in this critique; of longer signals only the first samples are
-/// used. An oscillator's signals are cut here, an ink channel's must be cut by whoever reads them.
+/// Largest number of samples of a signal in this critique. An oscillator's signals are cut here, an ink
+/// channel's must be cut by whoever reads them.
 pub const MOST_SAMPLES: usize = 512;
 
-/// The plant that the signals come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rings {
     /// Thesis (2-2): a damped pair and a real pole.
     InkChannel,
-    /// A damped oscillator whose displacement is measured (a pendulum, a beam, a circuit): one damped pair
-    /// and no real pole. Its recordings hold few, long decays.
+    /// A damped oscillator whose displacement is measured: one damped pair, no real pole; few, long decays.
     Oscillator,
 }
 
-/// Criticises the model of signals; the entry point of the whole room. `labelled`: labels said that
-/// all of them are healthy, so none is left out as an outlier. `stages` is called with the name of
-/// each step as it begins. The row order of `Outcome::outlier` is that of `all`. Errors: too few or
-/// too short signals, or none that rings.
-///
-/// An oscillator's recording goes to the critique of decays if that can use it: if it has few bursts of one
-/// printhead, and not too many samples. Otherwise its signals, cut to [`MOST_SAMPLES`], are criticised one
-/// by one, as an ink channel's are.
+/// Criticises the model of signals; the entry point of the whole room. `labelled`: labels said that all of
+/// them are healthy, so none is left out as an outlier. `stages` is called with the name of each step as it
+/// begins. Errors: too few or too short signals, or none that rings.
 pub fn critique(
     all: &Observations,
     rings: Rings,
@@ -90,8 +77,8 @@ pub fn critique(
     of_signals(all, rings == Rings::InkChannel, labelled, stages)
 }
 
-/// Criticises signals each of which is one ring: all steps of the header. `real`: the ring has a
-/// real pole, as an ink channel's has; if not, the plant is an oscillator.
+/// All steps of the header. `real`: the ring has a real pole, as an ink channel's has; if not, the plant is
+/// an oscillator.
 fn of_signals(
     all: &Observations,
     real: bool,
@@ -103,61 +90,46 @@ fn of_signals(
         return Err(CritiqueError::TooShort { samples: all.samples });
     }
     stages("fitting the baseline");
-    // Outliers are looked for among ink channels' signals, not among an oscillator's. Signals that
-    // labels call healthy stay in, but `shaped` (-ln of a probability by chance) still says whether
-    // a few of them have a misfit with a shape; `adequacy` tells the reader.
-    let Outliers { out: mut outlier, shaped } = match real {
-        true => outliers(all, &Model::start(all, true).ok_or(CritiqueError::NoRing)?),
-        false => Outliers { out: vec![false; all.len()], shaped: 0.0 },
-    };
-    if labelled {
-        outlier.fill(false);
-    }
+    let Outliers { out: outlier, shape_surprise } = left_out(all, real, labelled)?;
     let data = all.select(|i| !outlier[i]).standardised();
     check_enough(data.len(), real)?;
 
-    // Test codes and noise, select causes, then test codes and noise again beside the causes. From
-    // here on `data` holds the white signals; `as_it_came` holds the original ones if their noise
-    // was correlated.
+    // From here on `data` holds the white signals; `unwhitened` the original ones if their noise was
+    // correlated.
     let mut prepared = Prepared::of(data, real, stages)?;
-    let Picked { selected, avoid } = prepared.pick(stages);
-    let Prepared { data, as_it_came, baseline, mut aside, .. } = prepared;
+    let selected = prepared.pick(stages);
+    let avoid = prepared.random_tone();
+    let Prepared { data, unwhitened, baseline, mut artefacts, .. } = prepared;
     let setting = Setting { data: &data, avoid: &avoid };
-    look_again(&mut aside, &selected, as_it_came.is_some(), setting);
-    aside.odd_signals = shaped;
+    look_again(&mut artefacts, &selected, unwhitened.is_some(), setting);
+    artefacts.odd_signals = shape_surprise;
 
-    // judge what is left
     stages("checking what is left");
-    let left = adequacy::check(&selected, &aside, setting);
+    let left = adequacy::check(&selected, &artefacts, setting);
 
-    // measure what the causes are worth on signals that nothing was fitted to: detection and misfit
-    // for the causes of the selection, the likelihood for these and for those of codes, noise and
-    // trigger
+    // Measure what the causes are worth on signals that nothing was fitted to: detection and misfit for the
+    // causes of the selection, the likelihood also for those of codes, noise and trigger.
     stages("measuring the gain");
     let applied: Vec<_> = selected.causes.iter().map(|c| c.candidate.form.clone()).collect();
     let mut measured = gain::measure(&baseline, &applied, setting);
-    let (before, as_it_was) = (&baseline, as_it_came.as_ref());
-    let extension =
-        worth::Extension { before, causes: &applied, aside: &aside, as_it_came: as_it_was };
-    measured.gain.log_likelihood_per_signal = worth::measure(extension, setting);
+    measured.gain.log_likelihood_per_signal =
+        worth::measure(&baseline, &applied, &artefacts, unwhitened.as_ref(), setting);
     let detection = measured.gain.detection();
     let figures = figures::draw(&baseline, &selected.fitted.model, &data, &measured.energies);
 
-    // Decide the verdict, and whether a design may be extended. It may not be where the verdict is
-    // `Unknown`: then the causes only resemble what is wrong, and explain a part of it.
+    // decide the verdict, and whether a design may be extended
     let ln_samples = data.ln_samples();
-    let mut causes = causes(&aside, &selected, detection == Detection::Better, ln_samples);
-    let of_outliers = LeftOut { signals: outlier.iter().filter(|o| **o).count(), all: all.len() };
+    let mut causes = causes(&artefacts, &selected, detection == Detection::Better, ln_samples);
+    let count = outlier.iter().filter(|o| **o).count();
+    let outliers = OutlierCount { signals: count, all: all.len() };
+    let verdict = Verdict::of(&mut causes, &left.unexplained);
     let allowed = match real {
-        true => extended::check(&applied, of_outliers, &measured.gain),
+        true => extended::check(&applied, outliers, &measured.gain, verdict),
         false => Err(NotExtended::NoInkChannel),
     };
-    let verdict = Verdict::of(&mut causes, &left.unexplained);
     let mut remarks = unexplained(&selected.unnamed, &left);
-    let has_no_name = verdict == Verdict::Unknown && allowed.is_ok();
-    let allowed = if has_no_name { Err(NotExtended::NoName) } else { allowed };
     remarks.extend(not_worth(&causes, &measured.gain));
-    remarks.extend(caveats(all, of_outliers, &allowed, causes.is_empty()));
+    remarks.extend(caveats(all, outliers, &allowed, causes.is_empty()));
     remarks.extend(ties(&causes));
 
     let critique = Critique {
@@ -174,18 +146,17 @@ fn of_signals(
         signals: Signals {
             found: all.found,
             used: data.len(),
-            outliers: of_outliers.signals,
+            outliers: outliers.signals,
             channels: data.units,
             rejected: 0,
         },
-        evidence: all_evidence(&aside, &selected, ln_samples),
+        evidence: all_evidence(&artefacts, &selected, ln_samples),
         figures,
     };
 
-    // An extended design has to expect signals as they come. So where the noise was made white for
-    // the critique, the causes are fitted once more to the original signals. Causes that add a
-    // shape to the mean are dropped there, because whitening has changed their shapes.
-    let extended = allowed.and_then(|()| match as_it_came {
+    // An extended design has to expect signals as they come. So where the noise was made white, the causes
+    // are fitted once more to the original signals.
+    let extended = allowed.and_then(|()| match unwhitened {
         None => Ok(Extended::new(selected.fitted.model, &applied, &data.beside)),
         Some(coloured) => {
             let setting = Setting { data: &coloured, avoid: &avoid };
@@ -195,34 +166,36 @@ fn of_signals(
     Ok(Outcome { critique, outlier, extended })
 }
 
-/// An error if there are too few signals: an ink channel needs [`FEWEST_SIGNALS`], an oscillator one.
-fn check_enough(found: usize, real: bool) -> Result<(), CritiqueError> {
-    match found < if real { FEWEST_SIGNALS } else { 1 } {
-        true => Err(CritiqueError::TooFew { found }),
-        false => Ok(()),
+/// Step 1. Outliers are looked for among ink channels' signals only. Signals that labels call healthy stay in,
+/// but `shape_surprise` still says whether a few of them have a misfit with a shape.
+fn left_out(all: &Observations, real: bool, labelled: bool) -> Result<Outliers, CritiqueError> {
+    let mut found = match real {
+        true => outliers(all, &Model::start(all, true).ok_or(CritiqueError::NoRing)?),
+        false => Outliers { out: vec![false; all.len()], shape_surprise: 0.0 },
+    };
+    if labelled {
+        found.out.fill(false);
     }
+    Ok(found)
 }
 
-/// Signals with white noise, the baseline fitted to them, and what was found in codes and noise:
-/// what steps 2 and 3 give to the selection.
+/// An error if there are too few signals.
+fn check_enough(found: usize, real: bool) -> Result<(), CritiqueError> {
+    let fewest = if real { FEWEST_SIGNALS } else { 1 };
+    (found >= fewest).then_some(()).ok_or(CritiqueError::TooFew { found })
+}
+
+/// What steps 2 and 3 give to the selection.
 struct Prepared {
     /// The signals with white noise; one sample shorter than they came if they had to be whitened.
     data: Observations,
     /// The signals before correlated noise was made white; `None` if it was white.
-    as_it_came: Option<Observations>,
+    unwhitened: Option<Observations>,
     baseline: Model,
-    aside: Aside,
+    artefacts: Artefacts,
     /// Whether a random tone was found at the ring's own frequency. It may be the ring itself, changed by a
     /// cause, so it is tested again once causes are selected.
     deferred: bool,
-}
-
-/// The causes that were selected, and the frequencies at which they could not be lines.
-struct Picked {
-    selected: Selected,
-    /// Frequency of the random tone that was accepted before the selection, rad per signal length; empty if
-    /// there was none. No line there is taken for a cause.
-    avoid: Vec<f64>,
 }
 
 impl Prepared {
@@ -232,57 +205,47 @@ impl Prepared {
         real: bool,
         stages: &mut dyn FnMut(&str),
     ) -> Result<Prepared, CritiqueError> {
-        let mut baseline = Model::start(&data, real).ok_or(CritiqueError::NoRing)?;
-        baseline.fit(&data, 2);
+        let mut baseline = Model::fitted(&data, real, 2).ok_or(CritiqueError::NoRing)?;
 
-        // codes first: what is accepted of them is written to the baseline (rails, lattice), which
-        // is fitted again, and changes what is left for the noise
+        // codes first: what is accepted of them becomes part of the baseline (rails, lattice)
         stages("looking at codes and noise");
         let codes = codes::test(&data, &mut baseline);
         if !codes.is_empty() {
             baseline.fit(&data, 2);
         }
         let noise = ensemble::test(&data, &baseline);
-        let mut aside = Aside { codes, noise, odd_signals: 0.0 };
+        let mut artefacts = Artefacts { codes, noise, odd_signals: 0.0 };
 
-        // no cause is selected yet: noise is weighed against codes and other noise alone
-        leave_out(&mut aside, Vec::new());
-        let deferred = at_the_ring(&mut aside.noise, &baseline, data.length_s());
+        leave_out(&mut artefacts, Vec::new());
+        let deferred = at_the_ring(&mut artefacts.noise, &baseline, data.length_s());
 
-        // whiten the signals if their noise is correlated
-        let rho = accepted(&aside.noise, CauseId::CorrelatedNoise);
-        let prepared = Prepared { data, as_it_came: None, baseline, aside, deferred };
-        match rho {
+        let prepared = Prepared { data, unwhitened: None, baseline, artefacts, deferred };
+        match accepted(&prepared.artefacts.noise, CauseId::CorrelatedNoise) {
             Some(rho) => prepared.whitened(rho),
             None => Ok(prepared),
         }
     }
 
-    /// Takes the correlation of the noise out of the signals, and tests the noise anew. `rho`:
-    /// first estimate of the correlation at lag 1.
+    /// Takes the correlation of the noise out of the signals, and tests the noise anew. `rho`: first estimate
+    /// of the correlation at lag 1.
     ///
-    /// The noise is taken for an AR(1) process, so the signals y_k - rho y_{k-1} have white noise.
-    /// The estimate is improved until the whitened signals have no more correlation than
-    /// `NEARLY_WHITE`: whiten the original signals by the estimate so far, fit a baseline, measure
-    /// the correlation that is left, and add it to the estimate, enlarged by extrapolation.
+    /// The noise is taken for an AR(1) process, so the signals y_k - rho y_{k-1} have white noise. Each round
+    /// whitens the original signals by the estimate so far, fits a baseline, and adds the correlation that is
+    /// left, enlarged by extrapolation, to the estimate.
     fn whitened(self, rho: f64) -> Result<Prepared, CritiqueError> {
-        let Prepared { data, aside, baseline, .. } = self;
-        // Whitened samples are no codes of the converter any more, and the model knows no rails of
-        // them. So samples that may be clipped are marked as lost before.
-        let (as_it_came, real) = (codes::unclipped(data, &baseline), baseline.real);
-        let Aside { codes, mut noise, .. } = aside;
-        // `total`: the estimate so far; `last`: the correlation that the round before had still
-        // found
+        let Prepared { data, artefacts, baseline, .. } = self;
+        // Whitened samples are no codes of the converter any more, so samples that may be clipped are marked
+        // as lost before.
+        let (unwhitened, real) = (codes::unclipped(data, &baseline), baseline.real);
+        let Artefacts { codes, mut noise, .. } = artefacts;
+        // the estimate so far, and the correlation that the round before had still found
         let mut total = rho;
         let mut round = 0;
         let mut last = f64::INFINITY;
-        // Whitened signals can be judged by the same tests; the correlation that these still find tells how
-        // far off rho was.
         let (data, baseline, again) = loop {
             total = total.clamp(-0.97, 0.97);
-            let data = as_it_came.whitened(total);
-            let mut baseline = Model::start(&data, real).ok_or(CritiqueError::NoRing)?;
-            baseline.fit(&data, 2);
+            let data = unwhitened.whitened(total);
+            let baseline = Model::fitted(&data, real, 2).ok_or(CritiqueError::NoRing)?;
             let again = ensemble::test(&data, &baseline);
             round += 1;
             let more = again.iter().find(|f| f.id == CauseId::CorrelatedNoise);
@@ -290,106 +253,99 @@ impl Prepared {
             if round >= MOST_WHITENINGS || more.is_nan() || more.abs() <= NEARLY_WHITE {
                 break (data, baseline, again);
             }
-            // A fit to a signal swallows slow noise, so each estimate falls short by about the same
-            // share (more/last), and the steps are a geometric series: extrapolate it to its limit.
-            // In the first round `last` is infinite, so nothing is extrapolated.
+            // A fit to a signal swallows slow noise, so each estimate falls short by about the same share
+            // (more/last), and the steps are a geometric series: extrapolate it to its limit (not in the
+            // first round, where `last` is infinite).
             let share = (more / last).clamp(0.0, 0.8);
             total += more / (1.0 - share);
             last = more;
         };
 
-        // The finding of correlated noise stays that of the first test, since whitened signals have
-        // hardly any correlation left; all other findings are those of the last test. The value of
-        // the former becomes the correlation that the noise had before the converter's rounding,
-        // which adds white noise of variance step²/12.
+        // The finding of correlated noise stays that of the first test, all others are those of the last one.
+        // Its value becomes the correlation that the noise had before the converter's rounding, which adds
+        // white noise of variance step²/12.
         noise.retain(|f| f.id == CauseId::CorrelatedNoise);
         let step = accepted(&codes, CauseId::CoarseLsb).unwrap_or(1.0);
-        let rounding = if as_it_came.integer { step * step / 12.0 } else { 0.0 };
+        let rounding = if unwhitened.integer { step * step / 12.0 } else { 0.0 };
         for f in &mut noise {
             f.value = ensemble::beneath_rounding(total, baseline.noise_var, rounding);
         }
         noise.extend(again.into_iter().filter(|f| f.id != CauseId::CorrelatedNoise));
         let deferred = at_the_ring(&mut noise, &baseline, data.length_s());
-        let aside = Aside { codes, noise, odd_signals: 0.0 };
-        Ok(Prepared { data, as_it_came: Some(as_it_came), baseline, aside, deferred })
+        let artefacts = Artefacts { codes, noise, odd_signals: 0.0 };
+        Ok(Prepared { data, unwhitened: Some(unwhitened), baseline, artefacts, deferred })
     }
 
     /// Frequency of the random tone that is accepted so far, rad per signal length; empty if there is none.
+    /// No line there is taken for a cause.
     fn random_tone(&self) -> Vec<f64> {
-        let hz = accepted(&self.aside.noise, CauseId::RandomTone);
+        let hz = accepted(&self.artefacts.noise, CauseId::RandomTone);
         hz.map(|hz| hz * self.data.length_s() * TAU).into_iter().collect()
     }
 
-    /// Selects causes. A random tone that was deferred is then tested again beside them. If it is accepted,
+    /// Selects causes. A random tone that was deferred is then tested again beside them; if it is accepted,
     /// the causes are selected anew, with the tone known.
-    fn pick(&mut self, stages: &mut dyn FnMut(&str)) -> Picked {
-        let picked = self.select(stages);
+    fn pick(&mut self, stages: &mut dyn FnMut(&str)) -> Selected {
+        let selected = self.select(stages);
         if !self.deferred {
-            return picked;
+            return selected;
         }
-        // a tone that was the ring, bent by a cause, is gone with that cause in the model
-        let again = ensemble::test(&self.data, &picked.selected.fitted.model);
-        let noise = &mut self.aside.noise;
+        let again = ensemble::test(&self.data, &selected.fitted.model);
+        let noise = &mut self.artefacts.noise;
         noise.retain(|f| f.id != CauseId::RandomTone);
         noise.extend(again.into_iter().filter(|f| f.id == CauseId::RandomTone));
-        at_the_ring_beside(noise, &picked.selected.weighed());
+        at_the_ring_beside(noise, &selected.findings());
         match accepted(noise, CauseId::RandomTone) {
             Some(_) => self.select(stages),
-            None => picked,
+            None => selected,
         }
     }
 
     /// Selects causes beside the random tone that is known so far.
-    fn select(&self, stages: &mut dyn FnMut(&str)) -> Picked {
-        let avoid = self.random_tone();
-        let setting = Setting { data: &self.data, avoid: &avoid };
-        let selected =
-            selection::select(self.baseline.clone(), setting, weighed(&self.aside), stages);
-        Picked { selected, avoid }
+    fn select(&self, stages: &mut dyn FnMut(&str)) -> Selected {
+        let setting = Setting { data: &self.data, avoid: &self.random_tone() };
+        selection::select(self.baseline.clone(), setting, self.artefacts.findings(), stages)
     }
 }
 
-/// Tests clipping and noise again, now that the causes are in the model, and the trigger for the
-/// first time. Withdraws noise that is not found any more, and noise or trigger that is no more
-/// than what a stronger finding leaves. `whitened`: the signals were whitened, so they have no
-/// codes to be tested.
-fn look_again(aside: &mut Aside, selected: &Selected, whitened: bool, setting: Setting) {
+/// Step 5. Withdraws noise that is not found any more, and noise or trigger that is no more than what a
+/// stronger finding leaves. `whitened`: the signals were whitened, so they have no codes to be tested.
+fn look_again(artefacts: &mut Artefacts, selected: &Selected, whitened: bool, setting: Setting) {
     let Setting { data, .. } = setting;
-    if !whitened && accepted(&aside.codes, CauseId::Clipping).is_none() {
-        // Clipping shows where samples are missing that the model expects beyond the last code. A model
-        // without the causes that follow a covariate may expect none there.
+    if !whitened && accepted(&artefacts.codes, CauseId::Clipping).is_none() {
+        // Clipping shows where samples are missing that the model expects beyond the last code; without the
+        // causes that follow a covariate it may expect none there.
         let again = codes::test(data, &mut selected.fitted.model.clone());
         let clipped = again.into_iter().filter(|f| f.id == CauseId::Clipping && f.accepted());
-        aside.codes.extend(clipped);
+        artefacts.codes.extend(clipped);
     }
-    // a shift in time can be told from drifts only once these are in the model
-    aside.noise.push(jitter::jitter(&selected.fitted.model, data));
-    let noisy = aside.noise.iter().any(|f| f.accepted());
+    artefacts.noise.push(jitter::jitter(&selected.fitted.model, data));
+    let noisy = artefacts.noise.iter().any(|f| f.accepted());
     if noisy && !selected.causes.is_empty() {
-        still_there(&mut aside.noise, &ensemble::test(data, &selected.fitted.model));
+        still_there(&mut artefacts.noise, &ensemble::test(data, &selected.fitted.model));
     }
-    leave_out(aside, selected.weighed());
+    leave_out(artefacts, selected.findings());
 }
 
-/// All causes that get a name, with their sentences: what was accepted in codes, noise and trigger first.
-/// `better`: whether faults are detected better with the selected causes.
-fn causes(aside: &Aside, selected: &Selected, better: bool, ln_samples: f64) -> Vec<Cause> {
-    let of_aside = aside.accepted().map(|found| found.cause(found.delta_bic(ln_samples)));
+/// All causes that get a name, with their sentences: those in codes, noise and trigger first. `better`:
+/// whether faults are detected better with the selected causes.
+fn causes(artefacts: &Artefacts, selected: &Selected, better: bool, ln_samples: f64) -> Vec<Cause> {
+    let of_artefacts = artefacts.accepted().map(|found| found.cause(found.delta_bic(ln_samples)));
     let of_selection = selected.causes.iter().map(|chosen| Cause {
-        // only a cause that follows a covariate moves signals by different amounts, not all of them alike
+        // only a cause that follows a covariate moves signals by different amounts
         matters_for_detection: better && chosen.candidate.id.follows().is_some(),
         ..chosen.cause()
     });
     let with_sentence =
         |cause: Cause| Cause { sentence: cause_sentence(&cause, cause.id.row().words), ..cause };
-    of_aside.chain(of_selection).map(with_sentence).collect()
+    of_artefacts.chain(of_selection).map(with_sentence).collect()
 }
 
-/// Remarks on signals that were left out, or that are a sample of those found, and on why no extended design
-/// is written. `nothing_found`: no cause was found, so that no such design is missed.
+/// Remarks on signals that were left out or not drawn, and on why no extended design is written.
+/// `nothing_found`: no cause was found, so that no such design is missed.
 fn caveats(
     all: &Observations,
-    left_out: LeftOut,
+    left_out: OutlierCount,
     allowed: &Result<(), NotExtended>,
     nothing_found: bool,
 ) -> Vec<String> {
@@ -406,16 +362,16 @@ fn caveats(
 }
 
 /// Rows of evidence of all tests: codes, noise and trigger first, then the selection's.
-fn all_evidence(aside: &Aside, selected: &Selected, ln_samples: f64) -> Vec<Evidence> {
-    // what was found in codes, noise and trigger is accepted by its significance alone, as of the first step
+fn all_evidence(artefacts: &Artefacts, selected: &Selected, ln_samples: f64) -> Vec<Evidence> {
+    // codes, noise and trigger are accepted by their significance alone
     let row = |found: &Candidate| Evidence {
         why_not: (!found.accepted()).then(|| found.why_not()),
         ..found.evidence(0, ln_samples)
     };
-    let mut evidence: Vec<Evidence> = aside.all().map(row).collect();
-    let of_aside = evidence.len();
+    let mut evidence: Vec<Evidence> = artefacts.all().map(row).collect();
+    let of_artefacts = evidence.len();
     evidence.extend(selected.evidence.iter().cloned());
-    evidence::tidy(&mut evidence, of_aside);
+    evidence::tidy(&mut evidence, of_artefacts);
     evidence
 }
 
@@ -423,19 +379,14 @@ fn all_evidence(aside: &Aside, selected: &Selected, ln_samples: f64) -> Vec<Evid
 fn not_testable(data: &Observations, real: bool) -> Vec<NotTestable> {
     // an oscillator needs no drive scan: its long decays go through all amplitudes by themselves
     let asked = CATALOGUE.iter().filter(|e| real || e.needs != Needs::DriveScan);
-    asked
-        .filter_map(|e| {
-            let needs = e.needs.lacking(data)?;
-            Some(NotTestable { id: e.id, needs: needs.into() })
-        })
-        .collect()
+    let lacking = |e: &Entry| Some(NotTestable { id: e.id, needs: e.needs.lacking(data)?.into() });
+    asked.filter_map(lacking).collect()
 }
 
-/// Remarks on the misfit that is left, and on the candidate that fits best but cannot be named, unless the
-/// former tell of it already.
+/// Remarks on the misfit that is left, and on the candidate that fits best but cannot be named.
 fn unexplained(unnamed: &[Scored], left: &Adequacy) -> Vec<String> {
     let mut remarks = left.unexplained.remarks();
-    if let Some(s) = unnamed.first().filter(|s| !left.told.contains(&s.id)) {
+    if let Some(s) = unnamed.first().filter(|s| !left.mentioned.contains(&s.id)) {
         remarks.push(format!("{} fits best but {}: it is not named", s.id, s.why_not()));
     }
     remarks

@@ -2,7 +2,7 @@
 //! before it looks for causes: clipped samples must not spoil this, and a random tone at the ring's
 //! own frequency must be deferred until causes are selected.
 
-use super::super::generator::{Run, draw};
+use super::super::generator::{Run, criticised, draw};
 use super::super::observations::Sampler;
 use super::CauseId::{CorrelatedNoise, RandomTone};
 use super::*;
@@ -26,7 +26,7 @@ fn coloured(seed: u64, converted: impl Fn(usize, f64, f64) -> f64) -> Observatio
 
 /// The causes that are named, sorted; `None`: too much is left to name any.
 fn named(data: &Observations) -> Option<Vec<&'static str>> {
-    let of = critique(data, Rings::InkChannel, false, &mut |_| {}).unwrap().critique;
+    let of = criticised(data);
     let mut names: Vec<&str> = of.causes.iter().map(|cause| cause.id.name()).collect();
     names.sort_unstable();
     (of.verdict == Verdict::Named).then_some(names)
@@ -51,7 +51,7 @@ fn a_random_tone_at_the_rings_frequency_is_deferred_where_noise_is_made_white() 
         let phase = |signal: usize| 1.7 * (signal * signal) as f64;
         let data = coloured(seed, |i, t, y| y + 2.5 * (40.65 * t + phase(i)).cos());
         let prepared = Prepared::of(data, true, &mut |_| {}).unwrap();
-        assert_eq!(accepted(&prepared.aside.noise, RandomTone), None);
-        assert!(prepared.as_it_came.is_some() && prepared.deferred);
+        assert_eq!(accepted(&prepared.artefacts.noise, RandomTone), None);
+        assert!(prepared.unwhitened.is_some() && prepared.deferred);
     }
 }

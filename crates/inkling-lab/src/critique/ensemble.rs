@@ -1,18 +1,16 @@
-//! Tests causes that show in the noise of single signals, not in their mean: random tone,
-//! correlated and heteroscedastic noise (which grows with the signal).
+//! Tests causes that show in the noise of single signals, not in their mean: random tone, correlated and
+//! heteroscedastic noise (which grows with the signal).
 //!
-//! In, from `engine.rs`: signals, and a fitted model. Out: one [`Candidate`] for each of the three
-//! causes. First each signal's residual r is freed of what its own ring explains and of what all
-//! signals have in common: u = (1 - Q Q^T) r (`residuals`, which also serves the figures). Then:
+//! In: signals, and a fitted model. Out: one [`Candidate`] for each. First each signal's residual r is freed
+//! of what its own ring explains and of what all signals have in common: u = (1 - Q Q^T) r (`residuals`).
+//! Then:
 //!
-//! - random tone: the frequency at which the mean of all periodograms of u is largest
-//!   (`pooled_line`);
-//! - correlation: the mean of u_k u_{k-1}, less what the projection itself causes (`lag_one`);
+//! - random tone: the frequency at which the mean of all periodograms of u is largest (`pooled_line`);
+//! - correlation: the mean of u_k u_{k-1} (`lag_one`);
 //! - growth: the slope of u_k² against the squared expected sample (`heteroscedastic`).
 //!
-//! The projection takes more of some frequencies, lags and samples than of others, so each test
-//! allows for what Q takes. Standard errors come from the scatter over signals, so heavy tails
-//! widen those of correlation and growth, and lower the deviate of a tone.
+//! The projection takes more of some frequencies, lags and samples than of others, so each test allows for
+//! what Q takes. Standard errors come from the scatter over signals, so heavy tails widen them.
 
 use super::candidate::Candidate;
 use super::candidates::LEAST_PERIODS;
@@ -24,30 +22,27 @@ use super::tuned::{line_bound, stands_out};
 use super::waves::waves;
 use inkling_core::model::free_decay::FREE;
 use inkling_core::model::inner_product::dot;
+use inkling_core::model::median::median_of;
 use inkling_core::model::normal::ln_upper_tail;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 
-/// Fewest signals whose spread can be told.
 const FEWEST: usize = 16;
 
-/// Number of directions that are projected out of a signal: its own parameters, and what all signals have in
-/// common.
+/// Number of directions that are projected out: a signal's own parameters, and what all have in common.
 const TAKEN: usize = FREE + 1;
 
-/// One signal's residual u = (1 - Q Q^T) r, counts, and the orthonormal basis Q of what was
-/// projected out, N x TAKEN. Samples that may be clipped have r = 0.
-pub struct Residual {
-    pub u: Vec<f64>,
-    pub q: DMatrix<f64>,
-    /// The model's output, counts.
-    pub expected: Vec<f64>,
+/// One signal's residual u, counts, and the orthonormal basis Q of what was projected out, N x TAKEN. Samples
+/// that may be clipped have r = 0.
+struct Residual {
+    u: Vec<f64>,
+    q: DMatrix<f64>,
+    expected: Vec<f64>,
 }
 
-/// Residuals of all signals, each freed of its tangent and of the mean misfit over all signals.
-/// At each sample that mean is a cubic in the drive if there is a drive scan, and a constant
-/// otherwise.
-pub fn residuals(model: &Model, data: &Observations) -> Vec<Residual> {
+/// Residuals of all signals, each freed of its tangent and of the mean misfit over all signals, at each
+/// sample a cubic in the drive if there is a drive scan, and a constant otherwise.
+fn residuals(model: &Model, data: &Observations) -> Vec<Residual> {
     let n = data.samples;
     let scale = model.scale();
     let mut all = model.of_each(data, |i, linear| Residual {
@@ -56,8 +51,6 @@ pub fn residuals(model: &Model, data: &Observations) -> Vec<Residual> {
         expected: linear.expected(data.signal(i)),
     });
 
-    // what signals have in common: regress the residuals on the powers of the drive, sample by
-    // sample
     let powers = |i: usize| powers(data.beside.drive[i]);
     let used = if data.beside.drive_scan { PATTERNS } else { 1 };
     let mut gram = DMatrix::<f64>::identity(used, used) * 1e-9;
@@ -75,9 +68,8 @@ pub fn residuals(model: &Model, data: &Observations) -> Vec<Residual> {
     }
     let mean = gram.cholesky().map_or(DMatrix::zeros(used, n), |c| c.solve(&sums));
 
-    // Project the tangent and the common part out of each signal. The common part is one more
-    // column of Q, and is not subtracted as it is, because each signal has an amount of its own of
-    // it, as it has an amplitude of its own.
+    // The common part is one more column of Q, and is not subtracted as it is, because each signal has an
+    // amount of its own of it.
     for (i, left) in all.iter_mut().enumerate() {
         let p = powers(i);
         let common = |k: usize, _| (0..used).map(|a| p[a] * mean[(a, k)]).sum::<f64>();
@@ -89,8 +81,7 @@ pub fn residuals(model: &Model, data: &Observations) -> Vec<Residual> {
     all
 }
 
-/// Projects an orthonormal basis `q` (N x any number of columns) out of u, in place. `figures.rs`
-/// and `whiteness.rs` use this as well.
+/// Projects an orthonormal basis `q` (N x any number of columns) out of u, in place.
 pub fn project(q: &DMatrix<f64>, u: &mut [f64]) {
     for column in q.column_iter() {
         let share: f64 = column.iter().zip(u.iter()).map(|(q, u)| q * u).sum();
@@ -98,9 +89,8 @@ pub fn project(q: &DMatrix<f64>, u: &mut [f64]) {
     }
 }
 
-/// The symmetric shift by a lag of each column: the mean of the column shifted down and shifted up
-/// by so many samples, with zeros from outside. Then y^T shifted(y) is the sum of products y_k
-/// y_{k-lag}.
+/// The mean of each column shifted down and up by so many samples, with zeros from outside. Then y^T
+/// shifted(y) is the sum of products y_k y_{k-lag}.
 pub fn shifted(q: &DMatrix<f64>, lag: usize) -> DMatrix<f64> {
     DMatrix::from_fn(q.nrows(), q.ncols(), |k, a| {
         let back = if k >= lag { q[(k - lag, a)] } else { 0.0 };
@@ -109,7 +99,6 @@ pub fn shifted(q: &DMatrix<f64>, lag: usize) -> DMatrix<f64> {
     })
 }
 
-/// Mean and its standard error.
 fn mean_of(values: &[f64]) -> (f64, f64) {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;
@@ -117,14 +106,9 @@ fn mean_of(values: &[f64]) -> (f64, f64) {
     (mean, (square / n).sqrt())
 }
 
-/// -ln of the two-sided probability of a normal deviate.
-fn two_sided(z: f64) -> f64 {
-    -(ln_upper_tail(z.abs()) + 2f64.ln()).min(0.0)
-}
-
-/// Tests the three causes, in the order random tone, correlated noise, heteroscedastic noise.
-/// Values: the tone's frequency in Hz; rho at lag one; the growth h, relative to the variance where
-/// the signal is 0. With less than `FEWEST` signals all three are untested.
+/// Tests random tone (value: its frequency, Hz), correlated noise (rho at lag one) and heteroscedastic noise
+/// (the growth h, relative to the variance where the signal is 0), in this order. With less than `FEWEST`
+/// signals all three are untested.
 pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
     if data.len() < FEWEST {
         return [CauseId::RandomTone, CauseId::CorrelatedNoise, CauseId::HeteroscedasticNoise]
@@ -133,16 +117,14 @@ pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
     }
     let mut left = residuals(model, data);
     let n = data.samples;
-    // variance of the noise, by what the projection leaves
     let v = left.iter().map(|l| dot(&l.u, &l.u)).sum::<f64>()
         / (left.len() * (n - TAKEN).max(1)) as f64;
     let line = pooled_line(&left, n, v);
     let mut rho = lag_one(&left, n, v);
 
-    // A line correlates the noise, and correlated noise is a broad hump in the spectrum. So the
-    // line counts only if it is significant and stands out of its neighbourhood in the spectrum;
-    // the correlation is then measured again without the line. Otherwise a hump is the cause, and
-    // the line is none.
+    // A line correlates the noise, and correlated noise is a broad hump in the spectrum. So the line counts
+    // only if it is significant and stands out of its neighbourhood; the correlation is then measured without
+    // it. Otherwise the hump is the cause.
     let mut line_surprise = line.surprise;
     if line_surprise > 0.0 {
         left.iter_mut().for_each(|left| notch(left, line.omega, n));
@@ -154,46 +136,30 @@ pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
     }
 
     let hz = |omega: f64| omega / TAU / data.length_s();
-    let tone = Property { value: hz(line.omega), sd: hz(line.sd), z: line.z };
-    let h = heteroscedastic(&left, n, v);
+    let tone = found(CauseId::RandomTone, line.z, hz(line.omega), hz(line.sd));
+    let growth = heteroscedastic(&left, n, v);
     // noise that shrinks with the signal is no cause of the catalogue
-    let shown = if h.value > 0.0 { two_sided(h.z) } else { 0.0 };
-    vec![
-        tone.found(CauseId::RandomTone, line_surprise),
-        rho.found(CauseId::CorrelatedNoise, two_sided(rho.z)),
-        h.found(CauseId::HeteroscedasticNoise, shown),
-    ]
+    let surprise = if growth.value > 0.0 { growth.surprise } else { 0.0 };
+    vec![Candidate { surprise: line_surprise, ..tone }, rho, Candidate { surprise, ..growth }]
 }
 
-/// A property of the noise, its standard error, and a normal deviate that tells how surely it is there.
-struct Property {
-    value: f64,
-    sd: f64,
-    z: f64,
+/// A property of the noise with its standard error; the normal deviate `z` tells how surely it is there.
+fn found(id: CauseId, z: f64, value: f64, sd: f64) -> Candidate {
+    Candidate { value, sd, ..Candidate::plain(id, z * z, ()) }
 }
 
-impl Property {
-    fn found(&self, id: CauseId, surprise: f64) -> Candidate {
-        Candidate::by_chance(id, surprise, self.z * self.z, self.value, self.sd)
-    }
-}
-
-/// The strongest line in the mean periodogram.
 struct Line {
-    /// Its frequency, and the standard error of that by the Cramér-Rao bound, widened where the line is weak;
-    /// rad per signal length.
+    /// Its frequency, and the standard error of that; rad per signal length.
     omega: f64,
     sd: f64,
-    /// Normal deviate of its power.
     z: f64,
     /// -ln of the probability that white noise has such a line at any frequency.
     surprise: f64,
-    /// How many times its excess over white noise is as large as that of the neighbouring frequencies.
+    /// Its excess over white noise, over that of the neighbouring frequencies.
     contrast: f64,
 }
 
-/// Projects cosine and sine at a frequency (rad per signal length) out of a residual, in addition to what was
-/// projected out before.
+/// Projects cosine and sine at a frequency (rad per signal length) out of a residual, too.
 fn notch(left: &mut Residual, omega: f64, n: usize) {
     let mut q = left.q.clone().resize_horizontally(TAKEN + 2, 0.0);
     for (column, wave) in waves(0.0, omega / n as f64, n).iter().enumerate() {
@@ -204,9 +170,8 @@ fn notch(left: &mut Residual, omega: f64, n: usize) {
     project(&q, &mut left.u);
 }
 
-/// Mean over signals of the periodogram at one frequency (rad per signal length), relative to what
-/// white noise of variance `v` has there after the projection: 1 if there is noise alone. And its
-/// standard error.
+/// Mean over signals, with its standard error, of the periodogram at one frequency (rad per signal length),
+/// relative to what white noise of variance `v` has there after the projection.
 fn mean_power(left: &[Residual], v: f64, omega: f64) -> (f64, f64) {
     let n = left[0].u.len();
     let [c, s] = waves(0.0, omega / n as f64, n);
@@ -214,7 +179,6 @@ fn mean_power(left: &[Residual], v: f64, omega: f64) -> (f64, f64) {
     let values: Vec<f64> = left
         .iter()
         .map(|l| {
-            // white noise has v N in cosine and sine together, less what lies in the columns of Q
             let lost: f64 = l.q.column_iter().map(|q| power(q.as_slice())).sum();
             power(&l.u) / (v * (n as f64 - lost).max(1.0))
         })
@@ -222,24 +186,21 @@ fn mean_power(left: &[Residual], v: f64, omega: f64) -> (f64, f64) {
     mean_of(&values)
 }
 
-/// The frequency with the largest mean power, and how significant that is. `v`: variance of the
-/// noise.
+/// The frequency with the largest mean power, and how significant that is. `v`: variance of the noise.
 ///
-/// In white noise a periodogram relative to its mean is exponentially distributed, so the mean over
-/// m signals is nearly normal after its cube root is taken. The largest of n independent
-/// frequencies is looked at, which adds ln n to the logarithm of its probability.
+/// In white noise a periodogram is exponentially distributed, so the cube root of the mean over m signals is
+/// nearly normal. The largest of n independent frequencies is looked at, which adds ln n to the logarithm of
+/// its probability.
 fn pooled_line(left: &[Residual], n: usize, v: f64) -> Line {
     let ratio = |omega: f64| mean_power(left, v, omega);
     let m = left.len() as f64;
     // the mean of m exponentials as a normal deviate, by the approximation of Wilson and Hilferty
     let z_of = |r: f64| 3.0 * m.sqrt() * (r.max(1e-9).cbrt() - (1.0 - 1.0 / (9.0 * m)));
 
-    // scan up to half the sampling rate, in steps of a quarter of a period per signal length;
-    // `all[j]` is at (j + 1) steps
+    // scan in steps of a quarter of a period per signal length; `all[j]` is at (j + 1) steps
     let count = 2 * n;
     let step = PI * n as f64 / count as f64;
     let all: Vec<f64> = (1..count - 1).map(|j| ratio(j as f64 * step).0).collect();
-    // a line has LEAST_PERIODS at least; the last two frequencies lie too near to half the sampling rate
     let first = (LEAST_PERIODS * TAU / step).ceil() as usize;
     let mut best = first.min(all.len() - 1);
     for j in first..all.len().saturating_sub(2) {
@@ -248,23 +209,22 @@ fn pooled_line(left: &[Residual], n: usize, v: f64) -> Line {
         }
     }
 
-    // refine the frequency, and turn the power there into a normal deviate; the latter is bounded
-    // by the spread over signals, since with heavy tails the exponential distribution is too
-    // optimistic
+    // The deviate is bounded by the spread over signals, since with heavy tails the exponential distribution
+    // is too optimistic.
     let omega = maximum(|omega| ratio(omega).0, (best + 1) as f64 * step, step);
     let (r, se) = ratio(omega);
     let z = z_of(r).min((r - 1.0) / se.max(1e-9) * line_bound());
 
-    // r - 1 is amplitude² N / (4 v), the signal-to-noise ratio s of one signal. By the Cramér-Rao
-    // bound the variance of the frequency is 6 / (s m) in (rad per signal length)²; the factor 1 +
-    // 1/s widens it where the line is weak.
+    // r - 1 is amplitude² N / (4 v), the signal-to-noise ratio s of one signal. By the Cramér-Rao bound the
+    // variance of the frequency is 6 / (s m) in (rad per signal length)²; 1 + 1/s widens it where the line is
+    // weak.
     let snr = (r - 1.0).max(1e-6);
     let var = 6.0 / (n as f64 * n as f64) / (snr * m) * (1.0 + 1.0 / snr) * (n * n) as f64;
     Line {
         omega,
         sd: var.sqrt(),
         z,
-        // if the refined frequency lies below the slowest line, the power is that of slow noise
+        // below the slowest line, the power is that of slow noise
         surprise: match omega < LEAST_PERIODS * TAU {
             true => 0.0,
             false => (-(ln_upper_tail(z)) - (n as f64).ln()).max(0.0),
@@ -275,23 +235,16 @@ fn pooled_line(left: &[Residual], n: usize, v: f64) -> Line {
 
 /// Median power of the neighbours of a peak, those 5 to 24 steps away.
 fn around(all: &[f64], peak: usize) -> f64 {
-    let mut near: Vec<f64> = all
-        .iter()
-        .enumerate()
-        .filter(|(j, _)| (5..=24).contains(&j.abs_diff(peak)))
-        .map(|(_, r)| *r)
-        .collect();
-    near.sort_by(f64::total_cmp);
-    near.get(near.len() / 2).copied().unwrap_or(1.0)
+    let near = all.iter().enumerate().filter(|(j, _)| (5..=24).contains(&j.abs_diff(peak)));
+    median_of(near.map(|(_, power)| *power))
 }
 
-/// Estimates the correlation rho at lag one, corrected for the correlation that the projection
-/// makes: solves for rho, signal by signal, and takes the mean.
+/// Mean over signals of the correlation rho at lag one, corrected for what the projection makes.
 ///
-/// With S = (shift + its transpose)/2 and P = Q Q^T: E[u^T S u] = v (-tr(S P) + 2 rho (tr(S²) - 2
-/// tr(S² P) + tr(S P S P))) to first order in rho. In the code `products` is u^T S u, `lost` is
-/// tr(S P), and `slope` is 2 (...), where 2 tr(S²) = n - 1.
-fn lag_one(left: &[Residual], n: usize, v: f64) -> Property {
+/// With S = (shift + its transpose)/2 and P = Q Q^T: E[u^T S u] = v (-tr(S P) + 2 rho (tr(S²) - 2 tr(S² P) +
+/// tr(S P S P))) to first order in rho. In the code `products` is u^T S u, `lost` is tr(S P), and `slope` is
+/// 2 (...), where 2 tr(S²) = n - 1.
+fn lag_one(left: &[Residual], n: usize, v: f64) -> Candidate {
     let values: Vec<f64> = left
         .iter()
         .map(|l| {
@@ -305,18 +258,16 @@ fn lag_one(left: &[Residual], n: usize, v: f64) -> Property {
         })
         .collect();
     let (mean, se) = mean_of(&values);
-    Property { value: mean, sd: se, z: mean / se.max(1e-12) }
+    found(CauseId::CorrelatedNoise, mean / se.max(1e-12), mean, se)
 }
 
-/// rho of AR(1) noise to which digitising adds white noise of variance `white`, counts². `t` is the
-/// number for which the sum n of both noises makes n_k - t n_{k-1} free of correlation at lag one,
-/// and `left` the variance of this difference. With S (`own`) the variance of the AR(1) noise
-/// alone,
+/// rho of AR(1) noise to which digitising adds white noise of variance `white`, counts². `t`: the number for
+/// which the sum n of both noises makes n_k - t n_{k-1} free of correlation at lag one; `left`: the variance
+/// of this difference. With the variance S (`own`) of the AR(1) noise alone,
 ///
-/// S (rho - t)(1 - rho t) = t white and left = (1 + t²)(S + white) - 2 t rho S.
+/// S (rho - t)(1 - rho t) = t white and left = (1 + t²)(S + white) - 2 t rho S,
 ///
-/// Both are solved for rho and S by fixed-point iteration, with half steps. Without rounding noise
-/// t is rho.
+/// which are solved by fixed-point iteration, with half steps.
 pub fn beneath_rounding(t: f64, left: f64, white: f64) -> f64 {
     let mut rho = t;
     for _ in 0..50 {
@@ -331,56 +282,38 @@ pub fn beneath_rounding(t: f64, left: f64, white: f64) -> f64 {
     rho
 }
 
-/// Estimates the growth h of the noise's variance, relative to that at zero, up to the largest
-/// expected sample: variance = v0 (1 + h x), where x is the squared expected sample over the
-/// largest one. For each signal the squared residuals are regressed on x; the slopes' mean and
-/// scatter over signals give h.
-fn heteroscedastic(left: &[Residual], n: usize, v: f64) -> Property {
-    let largest = left
-        .iter()
-        .flat_map(|l| l.expected.iter())
-        .fold(0.0_f64, |m, y| m.max(y.abs()))
-        .max(1e-300);
-    // mean and variance of x over all samples
-    let (mut sum, mut square, mut count) = (0.0, 0.0, 0.0);
-    for l in left {
-        for y in &l.expected {
-            let x = (y / largest).powi(2);
-            sum += x;
-            square += x * x;
-            count += 1.0;
-        }
-    }
-    let centre = sum / count;
-    let spread = square / count - centre * centre;
+/// Estimates the growth h of the noise's variance v0 (1 + h x), where x is the squared expected sample over
+/// the largest one. For each signal the squared residuals are regressed on x; the slopes' mean and scatter
+/// over signals give h.
+fn heteroscedastic(left: &[Residual], n: usize, v: f64) -> Candidate {
+    let expected = || left.iter().flat_map(|l| &l.expected);
+    let largest = expected().fold(1e-300_f64, |m, y| m.max(y.abs()));
+    let x = |y: &f64| (y / largest).powi(2);
+    let count = expected().count() as f64;
+    let centre = expected().map(x).sum::<f64>() / count;
+    let spread = expected().map(|y| x(y) * x(y)).sum::<f64>() / count - centre * centre;
 
-    // Slope and level of w = u² / (v (1 - leverage)) against x less its mean. The leverage is the
-    // share of a sample's variance that the projection takes.
-    let values: Vec<(f64, f64)> = left
+    // Slope and level of w = u² / (v (1 - leverage)) against x less its mean. The leverage is the share of a
+    // sample's variance that the projection takes.
+    let (slopes, levels): (Vec<f64>, Vec<f64>) = left
         .iter()
         .map(|l| {
             let (mut slope, mut level) = (0.0, 0.0);
             for k in 0..n {
                 let leverage: f64 = l.q.row(k).iter().map(|q| q * q).sum();
                 let w = l.u[k] * l.u[k] / (1.0 - leverage).max(0.2) / v;
-                let x = (l.expected[k] / largest).powi(2) - centre;
-                slope += (w - 1.0) * x;
+                slope += (w - 1.0) * (x(&l.expected[k]) - centre);
                 level += w;
             }
             (slope / (spread * n as f64).max(1e-300), level / n as f64)
         })
-        .collect();
+        .unzip();
 
-    // h is the slope over the variance at x = 0
-    let slopes: Vec<f64> = values.iter().map(|(s, _)| *s).collect();
-    let (slope, se) = mean_of(&slopes);
-    let level = values.iter().map(|(_, l)| l).sum::<f64>() / values.len() as f64;
+    let ((slope, se), (level, _)) = (mean_of(&slopes), mean_of(&levels));
     let at_zero = (level - slope * centre).max(0.05);
-    Property {
-        value: slope / at_zero,
-        sd: se / at_zero * (1.0 + slope / at_zero * centre),
-        z: slope / se.max(1e-12),
-    }
+    let h = slope / at_zero;
+    let sd = se / at_zero * (1.0 + h * centre);
+    found(CauseId::HeteroscedasticNoise, slope / se.max(1e-12), h, sd)
 }
 
 #[cfg(test)]
@@ -401,8 +334,7 @@ mod tests {
                 ..Run::default()
             };
             let data = draw(&run, seed);
-            let mut model = Model::start(&data, true).unwrap();
-            model.fit(&data, 2);
+            let model = Model::fitted(&data, true, 2).unwrap();
             let found = test(&data, &model);
             let own = &found.iter().find(|f| f.id == CauseId::CorrelatedNoise).unwrap();
             assert!((own.value - rho).abs() < 3.5 * own.sd, "{rho}: {} +- {}", own.value, own.sd);

@@ -1,20 +1,16 @@
-//! Makes the evidence of a selection readable, once the selection is over. (The rows themselves are
-//! made by `Candidate::evidence`.)
+//! Makes the evidence of a selection readable, once the selection is over.
 //!
-//! In, from `engine.rs`: the rows [`Evidence`] as tests and selection left them. Out, in place: the
-//! same rows, with two changes. Findings in codes, noise and trigger get the threshold that was in
-//! fact asked of their statistic. And reasons name what was chosen instead: "another cause explains
-//! more" becomes "tone explains more", and "not significant" of a row beyond its threshold becomes
-//! "explained by tone", if a tone entered in the same step.
+//! In: the rows [`Evidence`] as tests and selection left them. Out, in place: findings in codes, noise and
+//! trigger get the threshold that was in fact asked of their statistic. And reasons name what was chosen
+//! instead: "another cause explains more" becomes "tone explains more", and "not significant" of a row beyond
+//! its threshold becomes "explained by tone", if a tone entered in the same step.
 
 use super::chance::{THRESHOLD, statistic_of, surprise};
 use super::finding::Evidence;
 use super::objection::WhyNot;
 
-/// Tidies the rows. The first `by_chance` of them (codes, noise and trigger) were judged by their
-/// probability by chance alone, in which the shapes tried and heavy tails are included. So their
-/// threshold is the statistic at which that probability would just have sufficed; NaN where a row
-/// was not tested.
+/// Tidies the rows. The first `by_chance` of them (codes, noise and trigger) were judged by their probability
+/// by chance alone: their threshold is the statistic at which it would just have sufficed.
 pub fn tidy(rows: &mut [Evidence], by_chance: usize) {
     let count = rows.len().min(by_chance);
     for row in &mut rows[..count] {
@@ -22,8 +18,7 @@ pub fn tidy(rows: &mut [Evidence], by_chance: usize) {
     }
 
     for k in 0..rows.len() {
-        // codes and noise explain nothing of the mean, so only a selected cause of the same step can be the
-        // reason
+        // codes and noise explain nothing of the mean: only a selected cause can be the reason
         let mut chosen = rows[count..].iter().filter(|r| k >= count && r.step == rows[k].step);
         let chosen = chosen.find(|r| r.accepted()).map(|r| r.id);
         let row = &mut rows[k];
@@ -37,10 +32,8 @@ pub fn tidy(rows: &mut [Evidence], by_chance: usize) {
     }
 }
 
-/// The statistic that would just have been significant, if corrections reduced its surprise as much
-/// as they did here. The reduction is the plain surprise of `statistic`, -ln of its chi-squared
-/// probability, less the surprise -ln `p` that counted; the statistic's plain surprise must reach
-/// `THRESHOLD` plus that.
+/// The statistic that would just have been significant, if corrections reduced its plain surprise, -ln of its
+/// chi-squared probability, as much as they did here.
 fn by_its_chance(statistic: f64, p: f64) -> f64 {
     let plain = |statistic: f64| surprise(statistic, 1, 1.0, f64::INFINITY);
     if !statistic.is_finite() || p.is_nan() || p <= 0.0 {

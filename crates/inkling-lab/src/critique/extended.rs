@@ -1,34 +1,26 @@
-//! The model with its causes, where it may become a design.
-//!
-//! In, from `engine.rs`: the selected causes, how many signals were left out as outliers, and what
-//! the causes buy on signals that nothing was fitted to. Out: [`Extended`], from which
-//! `src/cli/extended_design.rs` makes the extension of a design; or why there is none
-//! ([`NotExtended`], whose texts the reader gets). A design must not learn from a mixture of
-//! healthy and faulty signals, nor detect worse than the one without its extension. `check` asks in
-//! this order: are there causes, are few signals left out, is one cause worth it, does detection
-//! not suffer?
+//! The model with its causes, where it may become a design. In: the selected causes, how many
+//! signals were left out as outliers, and what the causes buy on held-out signals. Out:
+//! [`Extended`], from which the command line makes the extension of a design; or why there is none.
+//! A design must not learn from a mixture of healthy and faulty signals, nor detect worse than the
+//! one without its extension.
 
 use super::candidates::{Applied, Setting};
 use super::catalogue::CauseId;
 use super::covariates::Covariates;
-use super::finding::{Detection, Gain};
+use super::finding::{Detection, Gain, Verdict};
 use super::model::Model;
 use super::refit::{apply, refit};
 use inkling_core::numbers::tuned::little;
 use thiserror::Error;
 
-/// The model with its causes, and what its covariates are standardised by.
 pub struct Extended {
-    /// The causes in the model.
     pub causes: Vec<CauseId>,
-    /// The fitted model, with what the causes add.
     pub model: Model,
-    /// Covariates of the signals that were kept, in the order of these.
+    /// Covariates of the signals that were kept.
     pub beside: Covariates,
 }
 
 impl Extended {
-    /// `model` must hold the `causes` already.
     pub fn new(model: Model, causes: &[Applied], beside: &Covariates) -> Extended {
         let causes = causes.iter().map(|cause| cause.id).collect();
         Extended { causes, model, beside: beside.clone() }
@@ -64,21 +56,18 @@ pub enum NotExtended {
     DetectsWorse { before: f64, after: f64 },
 }
 
-/// Number of signals that were left out, and of all.
 #[derive(Clone, Copy, Debug)]
-pub struct LeftOut {
+pub struct OutlierCount {
     pub signals: usize,
     pub all: usize,
 }
 
-impl LeftOut {
-    /// Whether so many were left out, more than a tenth, that the rest cannot be trusted to be
-    /// healthy.
+impl OutlierCount {
+    /// Whether so many were left out that the rest cannot be trusted to be healthy.
     pub fn is_mixture(self) -> bool {
         self.signals as f64 > little() * self.all as f64
     }
 
-    /// Remarks for the reader.
     pub fn remarks(self) -> Vec<String> {
         let mut remarks = Vec::new();
         if self.signals > 0 {
@@ -99,9 +88,13 @@ impl LeftOut {
     }
 }
 
-/// Whether anything speaks against a design of a model with these causes. `gain`: what the causes
-/// buy on held-out signals. The texts of [`NotExtended`] say what each answer means.
-pub fn check(causes: &[Applied], left_out: LeftOut, gain: &Gain) -> Result<(), NotExtended> {
+/// Whether anything speaks against a design of a model with these causes.
+pub fn check(
+    causes: &[Applied],
+    left_out: OutlierCount,
+    gain: &Gain,
+    verdict: Verdict,
+) -> Result<(), NotExtended> {
     if causes.is_empty() {
         return Err(NotExtended::NothingExpected);
     }
@@ -114,29 +107,28 @@ pub fn check(causes: &[Applied], left_out: LeftOut, gain: &Gain) -> Result<(), N
     if !worth_it && gain.detection() != Detection::Better {
         return Err(NotExtended::NotWorth);
     }
-    // it must not detect surely worse, even if only by a little
     if gain.detection_gain_interval.is_some_and(|[_, high]| high < 0.0) {
         return Err(NotExtended::DetectsWorse {
             before: gain.before.detection_auc,
             after: gain.after.detection_auc,
         });
     }
+    // causes of an unknown misfit only resemble what is wrong
+    if verdict == Verdict::Unknown {
+        return Err(NotExtended::NoName);
+    }
     Ok(())
 }
 
-/// The model of signals whose noise is correlated and was not whitened, with those causes that are
-/// the same in these and in whitened signals: those that move the free decay, or add a later part
-/// of it. Shapes of the mean are dropped, since whitening has changed them. `setting`: the signals
-/// as they came. A baseline is fitted anew, the causes are added with the sizes that they had in
-/// whitened signals, and all is refitted.
+/// The model of signals as they came, whose noise is correlated (`setting`), with those causes that
+/// are the same in these and in whitened signals: shapes of the mean are dropped. Fitted anew, with
+/// the sizes in whitened signals as the start.
 pub fn in_colour(mut causes: Vec<Applied>, setting: Setting) -> Result<Extended, NotExtended> {
     causes.retain(|cause| !cause.id.is_shape());
     if causes.is_empty() {
         return Err(NotExtended::NothingExpected);
     }
-    let start = Model::start(setting.data, true);
-    let mut model = start.ok_or(NotExtended::Unfit)?;
-    model.fit(setting.data, 2);
+    let mut model = Model::fitted(setting.data, true, 2).ok_or(NotExtended::Unfit)?;
     causes.iter().for_each(|cause| apply(&mut model, cause, 1.0, setting));
     let refit = refit(model, causes, setting, 2, true);
     Ok(Extended::new(refit.model, &refit.causes, &setting.data.beside))
@@ -157,14 +149,16 @@ mod tests {
     #[test]
     fn a_mixture_makes_no_design_nor_does_what_detects_worse() {
         let causes = [Applied::rigid(CauseId::Tone, vec![], vec![])];
-        let check = |left_out, gain: &Gain| check(&causes, left_out, gain);
-        let few = LeftOut { signals: 40, all: 1000 };
+        let check = |left_out, gain: &Gain| check(&causes, left_out, gain, Verdict::Named);
+        let few = OutlierCount { signals: 40, all: 1000 };
         assert_eq!(check(few, &gain(0.1)), Ok(()));
         assert_eq!(check(few, &gain(0.0)), Ok(()));
         assert!(matches!(check(few, &gain(-0.1)), Err(NotExtended::DetectsWorse { .. })));
-        let mixture = LeftOut { signals: 397, all: 1140 };
+        let mixture = OutlierCount { signals: 397, all: 1140 };
         let refused = Err(NotExtended::Mixture { left_out: 397, all: 1140 });
         assert_eq!(check(mixture, &gain(0.1)), refused);
-        assert_eq!(super::check(&[], few, &gain(0.1)), Err(NotExtended::NothingExpected));
+        let unnamed = |causes| super::check(causes, few, &gain(0.1), Verdict::Unknown);
+        assert_eq!(unnamed(&causes), Err(NotExtended::NoName));
+        assert_eq!(unnamed(&[]), Err(NotExtended::NothingExpected));
     }
 }

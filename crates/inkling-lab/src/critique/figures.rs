@@ -2,98 +2,81 @@
 //! recorded covariate, before and after the extension.
 //!
 //! In: the baseline and the extended model, the signals that both were fitted to, and the histograms of
-//! `gain.rs`. Out: [`Figures`], which `pictures.rs` draws and which is written to `residuals.parquet`.
-//! `engine.rs` calls `draw`.
-//!
-//! Three views of the misfit are computed for each model in one pass over the signals (`residuals`): the
-//! mean residual at each sample with its standard error; the mean periodogram of single signals, with what
-//! white noise would have after the same fit; and each signal's amplitude, damping and frequency, which are
-//! then averaged in bins of each covariate (`against`).
+//! `gain.rs`. Out: [`Figures`]. Three views are computed for each model in one pass over the signals
+//! (`residuals`): the mean residual at each sample with its standard error; the mean periodogram of single
+//! signals, with what white noise would have after the same fit; and each signal's amplitude, damping and
+//! frequency, which are then averaged in bins of each covariate (`against`).
 
 use super::covariates::{COVARIATES, IDLE, NAMES, POSITION, UNITS};
 use super::ensemble::project;
 use super::finding::{Compared, CovariateFigure, Curve, Energies, Figures};
-use super::matrices::{Matrix5, Vector5};
+use super::matrices::{Matrix5, Vector5, inverse_or_zero};
 use super::model::{Linear, Model, free_products};
 use super::observations::Observations;
 use super::waves::power_at;
 use inkling_core::model::free_decay::Theta;
 use std::f64::consts::TAU;
 
-/// Number of bins of a covariate that has many values.
+const PARAMETERS: [&str; 3] = ["amplitude", "damping", "frequency"];
+/// Number of bins of a covariate; up to so many distinct values get a bin each instead.
 const BINS: usize = 8;
-/// Up to so many distinct values of a covariate get a bin each instead.
 const MOST_DISTINCT: usize = 16;
-/// Largest number of signals whose spectra are averaged. Of more, every second or third and so on is taken.
+/// Largest number of signals whose spectra are averaged, evenly chosen.
 const MOST_SPECTRA: usize = 512;
 
-/// Relative amplitude, ln damping and ln frequency of a signal, less its channel's: its own deviation in the
-/// model (`own`) plus the least-squares step that its residual still asks for (from `missed`). What a
-/// covariate's cause adds is in neither, so an explained effect vanishes. `unit`: the channel's parameters;
-/// `scale`: `Model::scale`.
+/// Relative amplitude, ln damping and ln frequency of a signal, less its channel's (`unit`): its own
+/// deviation in the model (`own`) plus the least-squares step that its residual still asks for (from
+/// `missed`). What a covariate's cause adds is in neither, so an explained effect vanishes.
 fn about_channel(unit: &Theta, own: &Theta, missed: &Linear, scale: &Vector5) -> [f64; 3] {
     let (gram, product) = free_products(missed, scale);
-    let ridge = gram + Matrix5::identity() * 1e-12;
-    let x = ridge.try_inverse().map_or_else(Vector5::zeros, |m| m * product);
+    let x = inverse_or_zero(gram + Matrix5::identity() * 1e-12) * product;
     let (a, b) = (unit[2] / scale[2], unit[3] / scale[2]);
     let size = a.hypot(b).max(1e-9);
     let moved = [own[2] / scale[2] + x[2], own[3] / scale[2] + x[3]];
-    // the part of the change of (a, b) along (a, b) is the change of the amplitude
     let along = (a * moved[0] + b * moved[1]) / (size * size);
     [along, own[0] + x[0], own[1] + x[1]]
 }
 
-/// The same three numbers of a channel, less those of the population's mean; the amplitude in units of the
-/// mean's.
+/// The same three numbers of a channel, less those of the population's mean.
 fn about_population(unit: &Theta, mean: &Theta, scale: &Vector5) -> [f64; 3] {
     let size = |of: &Theta| (of[2] / scale[2]).hypot(of[3] / scale[2]);
     [size(unit).max(1e-9) - size(mean), unit[0] - mean[0], unit[1] - mean[1]]
 }
 
-/// The misfit of all signals about one model, in the three views of the module's doc.
 struct Residuals {
-    /// Mean residual at each sample, counts, about each signal's own parameters; and its standard error.
+    /// Mean residual at each sample, counts, and its standard error.
     mean: Vec<f64>,
     se: Vec<f64>,
-    /// Amplitude, damping and frequency of each signal less its channel's, relative.
+    /// Amplitude, damping and frequency of each signal, relative to its channel's and to the population's.
     within: Vec<[f64; 3]>,
-    /// The same three less those of the population's mean.
     about_mean: Vec<[f64; 3]>,
-    /// Mean periodogram of the misfits beside the signals' own rings, counts², at N/2 frequencies.
+    /// Mean periodogram of the misfits beside the signals' own rings, counts², at N/2 frequencies; and that
+    /// of white noise of variance one after the same projection.
     power: Vec<f64>,
-    /// Mean periodogram that white noise of variance one would have after the same projection.
     of_white: Vec<f64>,
+    /// Number of periodograms.
+    spectra: f64,
 }
 
-/// Computes the three views about a model.
 fn residuals(model: &Model, data: &Observations) -> Residuals {
     let n = data.samples;
     let (mut sum, mut square) = (vec![0.0; n], vec![0.0; n]);
-    let mut linear = Linear::default();
-    let (mut within, mut about_mean) = (Vec::new(), Vec::new());
     let (mut power, mut of_white) = (vec![0.0; n / 2], vec![0.0; n / 2]);
     let every = data.len().div_ceil(MOST_SPECTRA).max(1);
-    let mut spectra = 0.0;
     let scale = model.scale();
-    for i in 0..data.len() {
-        model.linearise(i, data, &mut linear);
+    let each = model.of_each(data, |i, linear| {
         // amplitude, damping and frequency
         let unit = &model.units[data.rows[i].unit];
-        let relative = about_channel(unit, &model.each[i], &linear, &scale);
+        let relative = about_channel(unit, &model.each[i], linear, &scale);
         let off = about_population(unit, &model.mean, &scale);
-        within.push(relative);
-        about_mean.push(std::array::from_fn(|j| relative[j] + off[j]));
-        // sums for the mean misfit and its scatter
         for k in 0..n {
             let r = linear.residual[k];
             sum[k] += r;
             square[k] += r * r;
         }
         if i % every == 0 {
-            spectra += 1.0;
-            // The spectrum is that of the misfit beside the signal's own ring: project the ring's tangent
-            // out. What this takes from white noise at a frequency is the sum of the periodograms of the
-            // orthonormal columns, so that the expected spectrum is known exactly.
+            // the ring's tangent is projected out; what this takes from white noise at a frequency is the sum
+            // of the periodograms of the orthonormal columns
             let q = linear.by_free(&scale).qr().q();
             let mut left = linear.residual.clone();
             project(&q, &mut left);
@@ -103,48 +86,42 @@ fn residuals(model: &Model, data: &Observations) -> Residuals {
                 *of_white += (1.0 - taken).max(0.0);
             }
         }
-    }
-    // from sums to means and the standard error of the mean
+        let about_mean: [f64; 3] = std::array::from_fn(|j| relative[j] + off[j]);
+        (relative, about_mean)
+    });
+    let (within, about_mean) = each.into_iter().unzip();
     let m = data.len() as f64;
     let mean: Vec<f64> = sum.iter().map(|s| s / m).collect();
-    let se = square
-        .iter()
-        .zip(&mean)
-        .map(|(q, mean)| ((q / m - mean * mean).max(0.0) / m).sqrt())
-        .collect();
-    power.iter_mut().chain(&mut of_white).for_each(|p| *p /= f64::max(spectra, 1.0));
-    Residuals { mean, se, within, about_mean, power, of_white }
+    let variances = square.iter().zip(&mean).map(|(q, mean)| (q / m - mean * mean).max(0.0));
+    let se = variances.map(|variance| (variance / m).sqrt()).collect();
+    let spectra = data.len().div_ceil(every) as f64;
+    power.iter_mut().chain(&mut of_white).for_each(|p| *p /= spectra);
+    Residuals { mean, se, within, about_mean, power, of_white, spectra }
 }
 
-/// Periodogram of y at j + 1 periods per signal, |sum y e^{-i omega k}|² / N; white noise of variance one has
-/// 1 on average.
+/// Periodogram of y at j + 1 periods per signal; that of white noise of variance one is 1 on average.
 fn of_bin(j: usize, y: &[f64]) -> f64 {
     power_at(TAU * (j + 1) as f64 / y.len() as f64, y) / y.len() as f64
 }
 
 /// Factors on the expected power between which the mean of `count` periodograms of white noise stays in 95 of
-/// 100 cases. Each periodogram is an exponential variable, so the mean is a chi-squared of 2 `count` degrees
-/// of freedom over these, whose cube root is nearly normal (Wilson and Hilferty 1931).
+/// 100 cases: a chi-squared of 2 `count` degrees of freedom over these (Wilson and Hilferty 1931).
 pub fn band_of_means(count: f64) -> [f64; 2] {
     let third = 1.0 / (9.0 * count);
     [-1.96, 1.96].map(|z| (1.0 - third + z * third.sqrt()).powi(3).max(1e-3))
 }
 
-/// Computes all figures of a critique. `before`: the baseline; `after`: the model with its causes;
-/// `energies`: the histograms from `gain.rs`, which are passed on.
+/// All figures of a critique, with the histograms `energies`.
 pub fn draw(before: &Model, after: &Model, data: &Observations, energies: &Energies) -> Figures {
     let (b, a) = (residuals(before, data), residuals(after, data));
     let n = data.samples;
-    // mean misfit, with its 95 % band about itself
     let mean = |r: &Residuals| Curve::about(r.mean.clone(), r.se.iter().map(|se| 1.96 * se));
     let mean_misfit = Compared {
         x: (0..n).map(|k| k as f64 * data.dt_s).collect(),
         before: mean(&b),
         after: mean(&a),
     };
-    // spectrum, with the band that holds 95 % of a right model's
-    let spectra = data.len().div_ceil(data.len().div_ceil(MOST_SPECTRA).max(1)) as f64;
-    let [low, high] = band_of_means(spectra);
+    let [low, high] = band_of_means(a.spectra);
     let edge = |by: f64| a.of_white.iter().map(|w| after.noise_var * w * by).collect();
     let power = |r: &Residuals| Curve { y: r.power.clone(), low: edge(low), high: edge(high) };
     let spectrum = Compared {
@@ -152,29 +129,22 @@ pub fn draw(before: &Model, after: &Model, data: &Observations, energies: &Energ
         before: power(&b),
         after: power(&a),
     };
-    // every covariate that varies, but for the constant, against each of the three parameters
-    let mut covariates = Vec::new();
-    for which in 1..COVARIATES {
-        if data.beside.present[which] {
-            for (j, parameter) in ["amplitude", "damping", "frequency"].iter().enumerate() {
-                covariates.push(against(which, (j, parameter), (&b, &a), data));
-            }
-        }
-    }
+    let present = (1..COVARIATES).filter(|which| data.beside.present[*which]);
+    let pairs = present.flat_map(|which| (0..PARAMETERS.len()).map(move |j| (which, j)));
+    let covariates = pairs.map(|(which, j)| against(which, j, [&b, &a], data)).collect();
     Figures { unit: "counts".into(), mean_misfit, spectrum, covariates, energies: energies.clone() }
 }
 
-/// Mean of one parameter's misfit in bins of covariate `which`, before and after the extension, with 95 %
-/// bars. `j`: 0 amplitude, 1 damping, 2 frequency, which `parameter` names. No bins are returned where there
-/// would be fewer than two.
+/// Mean of the misfit of `PARAMETERS[j]` in bins of covariate `which`, with 95 % bars; empty where there
+/// would be fewer than two bins.
 fn against(
     which: usize,
-    (j, parameter): (usize, &str),
-    (before, after): (&Residuals, &Residuals),
+    j: usize,
+    [before, after]: [&Residuals; 2],
     data: &Observations,
 ) -> CovariateFigure {
-    // The signals, in the order of the covariate. A signal that no actuation came before, or whose idle time
-    // was not recorded, has no place on the axis of idle times.
+    // A signal that no actuation came before, or whose idle time was not recorded, has no place on the axis
+    // of idle times.
     let known = |i: &usize| which != IDLE || data.rows[*i].beside.idle_s.is_finite();
     let mut order: Vec<usize> = (0..data.len()).filter(known).collect();
     order.sort_by(|p, q| data.beside.z[*p][which].total_cmp(&data.beside.z[*q][which]));
@@ -182,7 +152,7 @@ fn against(
         covariate: NAMES[which].into(),
         decades: which == IDLE,
         unit: UNITS[which].into(),
-        parameter: parameter.into(),
+        parameter: PARAMETERS[j].into(),
         ..CovariateFigure::default()
     };
     // one bin per distinct value where there are few, else bins with equally many signals
@@ -196,7 +166,7 @@ fn against(
         return figure;
     }
     let mean_of_bin = |r: &Residuals, bin: &[usize]| -> [f64; 2] {
-        // position differs between channels only, so there the channels' own deviations are counted in
+        // position differs between channels only, so there their own deviations count
         let of = if which == POSITION { &r.about_mean } else { &r.within };
         let count = bin.len() as f64;
         let m = bin.iter().map(|&i| of[i][j]).sum::<f64>() / count;
@@ -207,8 +177,7 @@ fn against(
         let each: Vec<[f64; 2]> = bins.iter().map(|bin| mean_of_bin(r, bin)).collect();
         Curve::about(each.iter().map(|of| of[0]).collect(), each.iter().map(|of| of[1]))
     };
-    // place of a bin: its mean, back from standardised values to the covariate's unit; idle times are kept as
-    // logarithms
+    // place of a bin: its mean in the covariate's unit (of the logarithm for idle times)
     let centre = |bin: &&[usize]| {
         let z = bin.iter().map(|&i| data.beside.z[i][which]).sum::<f64>() / bin.len() as f64;
         let value = data.beside.mean[which] + z * data.beside.sd[which];

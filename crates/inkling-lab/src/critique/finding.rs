@@ -1,20 +1,16 @@
 //! The findings of a critique: plain data that is written to files. There is no algorithm here.
 //!
-//! `engine.rs` fills them for ink channels, `decay/mod.rs` for an oscillator's decays; the JSON
-//! writer and the tables (`src/cli/critique.rs`) and the report (`report.rs`) only read them.
-//! `critique.json` is [`Critique`] serialised, without the fields marked `skip`
-//! (`schemas/critique.md`); the evidence and the figures go to tables of their own
-//! (`evidence.parquet`, `residuals.parquet`) and to the report.
+//! `engine.rs` and `decay/mod.rs` fill them; the command line and `report.rs` only read them. `critique.json`
+//! is [`Critique`] serialised, without the fields marked `skip` (`schemas/critique.md`); the evidence and the
+//! figures go to tables of their own (`evidence.parquet`, `residuals.parquet`) and to the report.
 
 use super::catalogue::CauseId;
 use super::objection::{Objection, WhyNot};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Version of `critique.json`.
 pub const VERSION: u32 = 1;
 
-/// The verdict of a critique.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
@@ -39,27 +35,22 @@ impl Verdict {
     }
 }
 
-/// All findings of a critique.
 #[derive(Clone, Debug, Serialize)]
 pub struct Critique {
-    /// [`VERSION`].
     pub version: u32,
     pub verdict: Verdict,
     pub causes: Vec<Cause>,
     pub not_testable: Vec<NotTestable>,
     pub misfit: Misfit,
     pub gain: Gain,
-    /// File name of the extended design, beside this document; absent where none could be made.
+    /// File name of the extended design, beside this document; absent where none was made.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub extended_model: Option<String>,
-    /// What is wrong, how large it is, and whether it matters, in plain sentences.
     pub sentence: String,
-    /// Remarks: what remains unexplained, which outliers were left out, which experiment would settle a tie.
+    /// What remains unexplained, which outliers were left out, which experiment would settle a tie.
     pub remarks: Vec<String>,
-    /// The equation of the model with its causes, plain text.
     pub equation: String,
     pub signals: Signals,
-    /// One row for each candidate and step of the selection.
     #[serde(skip)]
     pub evidence: Vec<Evidence>,
     #[serde(skip)]
@@ -70,8 +61,7 @@ pub struct Critique {
 #[derive(Clone, Debug, Serialize)]
 pub struct Cause {
     pub id: CauseId,
-    /// Name and unit of the catalogue's parameter; its value in that unit, and the ends of its 95 %
-    /// interval.
+    /// Name and unit of the catalogue's parameter; its value in that unit, with its 95 % interval.
     pub parameter: String,
     pub unit: String,
     pub value: f64,
@@ -85,19 +75,16 @@ pub struct Cause {
     /// Rivals without a name that explain the signals as well.
     #[serde(skip)]
     pub tied_unnamed: Vec<CauseId>,
-    /// Whether faults are detected better with the cause in the model, as far as this was measured.
     pub matters_for_detection: bool,
-    /// With verdict `unknown`: the share of the misfit that all causes together explain, the same number in
-    /// each of them; or, where no cause entered a decay's model, the share that the nearest one explains.
+    /// With verdict `unknown`: the share of the misfit that all causes together explain, the same in each of
+    /// them; or, where no cause entered a decay's model, the share that the nearest one explains.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub explains: Option<f64>,
-    /// What is wrong and how large it is, in words.
     pub sentence: String,
 }
 
 impl Cause {
-    /// A cause of the catalogue with its 95 % interval (normal, from the standard error `sd`), tied
-    /// with none, whose sentence is still to be written.
+    /// A cause with its normal 95 % interval, tied with none, whose sentence is still to be written.
     pub fn new(id: CauseId, value: f64, sd: f64, strength_dl: f64, delta_bic: f64) -> Cause {
         let entry = id.row();
         Cause {
@@ -120,7 +107,6 @@ impl Cause {
         !self.tied_with.is_empty() || !self.tied_unnamed.is_empty()
     }
 
-    /// What explains the signals as well, in words.
     pub fn tied_words(&self) -> String {
         let named = self.tied_with.iter().map(|id| id.name());
         let all: Vec<&str> =
@@ -136,15 +122,12 @@ pub struct NotTestable {
     pub needs: String,
 }
 
-/// Misfit of the baseline model on all signals that the critique rests on (`gain.rs`).
+/// Misfit of the baseline model on all signals that the critique rests on.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Misfit {
-    /// Square of the misfit in its expected covariance, per degree of freedom: 1 if the model is
-    /// right.
+    /// Square of the misfit in its expected covariance, per degree of freedom: 1 if the model is right.
     pub chi2_per_dof: f64,
-    /// Root mean square of the misfit in per cent of the signals' own.
     pub nrmse_percent: f64,
-    /// p-value of the misfit being white noise.
     pub whiteness_p: f64,
 }
 
@@ -153,21 +136,19 @@ pub struct Misfit {
 pub struct Gain {
     pub before: GainFigures,
     pub after: GainFigures,
-    /// Detection AUC after the extension minus before; the interval draws the same channels for both.
-    /// None where nothing was extended or detection was not measured.
+    /// Detection AUC after the extension minus before: its interval, drawing the same channels for both. None
+    /// where nothing was extended or detection was not measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub detection_gain_interval: Option<[f64; 2]>,
-    /// The difference of which this is the interval; 0 where there is none.
+    /// The difference itself; 0 where there is no interval.
     #[serde(skip)]
     pub detection_gain: f64,
-    /// Gain in ln likelihood; absent where nothing was found.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub log_likelihood_per_signal: Option<LogLikelihood>,
     pub held_out: HeldOut,
 }
 
-/// Gain of a model's ln likelihood per held-out signal, by all causes together and by each one,
-/// whose name is the key.
+/// Gain of a model's ln likelihood per held-out signal, by all causes together and by each, keyed by name.
 #[derive(Clone, Debug, Serialize)]
 pub struct LogLikelihood {
     #[serde(flatten)]
@@ -175,8 +156,8 @@ pub struct LogLikelihood {
     pub by_cause: BTreeMap<&'static str, Worth>,
 }
 
-/// A gain in ln likelihood: the mean over the signals, in nats (natural logarithm), and its 95 %
-/// interval. The interval comes from resampling channels, or of decays from the scatter of samples.
+/// Mean gain in ln likelihood over the signals, nats, and its 95 % interval by resampling channels (of
+/// decays, from the scatter of samples).
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Worth {
     pub gain: f64,
@@ -184,25 +165,20 @@ pub struct Worth {
 }
 
 impl Worth {
-    /// Whether the gain is positive, as far as its interval tells.
     pub fn is_sure(self) -> bool {
         self.ci95[0] > 0.0
     }
 }
 
-/// Size of the small nozzle fault that detection is measured with: a change of ln damping, in
-/// standard deviations of the extended model's healthy signals. This and the next number are
-/// conventions.
+/// Size of the small nozzle fault that detection is measured with: a change of ln damping, in standard
+/// deviations of the extended model's healthy signals. A convention, like the next number.
 pub const FAULT: f64 = 2.5;
-/// Share of the healthy signals of channels never heard before that is meant to exceed the detection
-/// threshold.
+/// Share of the healthy signals of channels never heard before that is meant to exceed the threshold.
 pub const ALARMS: f64 = 0.01;
 
-/// Smallest difference in detection AUC that matters: the goal is to be within it of a model that knows the
-/// truth.
+/// Smallest difference in detection AUC that matters.
 const MATTERS: f64 = 0.01;
 
-/// What the extension does to the detection of a small fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Detection {
     Better,
@@ -213,13 +189,11 @@ pub enum Detection {
 }
 
 impl Gain {
-    /// What a cause is worth; `None` if this was not measured.
     pub fn worth(&self, id: CauseId) -> Option<Worth> {
         self.log_likelihood_per_signal.as_ref()?.by_cause.get(id.name()).copied()
     }
 
-    /// What the extension does to detection: better or worse only if the interval excludes 0 and
-    /// the difference is large enough to matter.
+    /// Better or worse only if the interval excludes 0 and the difference is large enough to matter.
     pub fn detection(&self) -> Detection {
         match self.detection_gain_interval {
             None => Detection::NotMeasured,
@@ -230,9 +204,9 @@ impl Gain {
     }
 }
 
-/// Figures of one model on held-out signals; the first ones are those of [`Misfit`]. Intervals are
-/// 95 %, by resampling channels (of decays: stretches of time); absent where there is nothing to
-/// resample. What concerns detection is NaN where it was not measured.
+/// Figures of one model on held-out signals; the first ones are those of [`Misfit`]. Intervals are 95 %, by
+/// resampling channels (of decays: stretches of time). What concerns detection is NaN where it was not
+/// measured.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct GainFigures {
     pub chi2_per_dof: f64,
@@ -240,9 +214,7 @@ pub struct GainFigures {
     pub nrmse_percent: f64,
     pub nrmse_percent_interval: Option<[f64; 2]>,
     pub whiteness_p: f64,
-    /// Detection threshold, on the scale of `figures.energies`.
     pub threshold: f64,
-    /// Share of held-out healthy signals beyond the threshold.
     pub false_alarms: f64,
     pub false_alarms_interval: Option<[f64; 2]>,
     /// Area under the ROC curve of a small nozzle fault put into held-out signals.
@@ -250,7 +222,6 @@ pub struct GainFigures {
     pub detection_auc_interval: Option<[f64; 2]>,
 }
 
-/// How signals were held out.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct HeldOut {
     /// `channel+time`, `channel` where every channel was heard once, or `time` where there are few channels;
@@ -258,51 +229,39 @@ pub struct HeldOut {
     pub by: String,
     pub signals: usize,
     pub channels: usize,
-    /// Number of signals, and of their channels, that the models were fitted to.
     pub fitted_signals: usize,
     pub fitted_channels: usize,
 }
 
-/// Numbers of signals.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Signals {
     /// Usable signals that the recordings hold.
     pub found: u64,
-    /// Those of them that the critique rests on: drawn at random where there were too many for the memory,
-    /// outliers left out.
+    /// Those that the critique rests on: drawn at random where there were too many, outliers left out.
     pub used: usize,
-    /// Signals that were left out because they ring unlike the others.
     pub outliers: usize,
     /// Channels of the used signals; of decays, outputs.
     pub channels: usize,
-    /// Signals that could not be used, or had another sample period; the engine says 0,
-    /// `src/cli/critique.rs` fills it in.
+    /// Signals that could not be used; the engine says 0, the command line fills it in.
     pub rejected: u64,
 }
 
-/// The test of one candidate in one step of the selection: a row of the evidence.
+/// The test of one candidate in one step of the selection.
 #[derive(Clone, Debug)]
 pub struct Evidence {
-    /// Number of causes that had entered the model before it was tested; 0: the baseline.
+    /// Number of causes that had entered the model before; 0: the baseline.
     pub step: u32,
     pub id: CauseId,
-    /// Likelihood-ratio statistic: the squared distance of the strength from none, in its own standard
-    /// errors.
     pub statistic: f64,
-    /// Threshold that the statistic must exceed, by the statistic's distribution without effect; NaN where
-    /// not testable.
+    /// What the statistic must exceed, by its distribution without effect; NaN where not testable.
     pub threshold: f64,
-    /// Probability of so large a statistic by chance, with all corrections (tries, heavy tails).
+    /// Probability of so large a statistic by chance, with all corrections.
     pub p: f64,
-    /// BIC without the candidate minus BIC with it.
     pub delta_bic: f64,
-    /// Size in detection limits: sqrt(statistic / 20.9).
     pub strength_dl: f64,
-    /// Size as the catalogue's parameter, in its unit, with its standard error; NaN where it was
-    /// not estimated.
+    /// Size as the catalogue's parameter, with its standard error; NaN where it was not estimated.
     pub value: f64,
     pub sd: f64,
-    /// Why it was not accepted; `None`: it was.
     pub why_not: Option<WhyNot>,
 }
 
@@ -311,33 +270,30 @@ impl Evidence {
         self.why_not.is_none()
     }
 
-    /// Why it was not accepted; empty where it was.
+    /// Empty where it was accepted.
     pub fn why_not_in_words(&self) -> String {
         self.why_not.map_or_else(String::new, |why| why.to_string())
     }
 
-    /// Whether the data could test it.
     pub fn tested(&self) -> bool {
         !matches!(self.why_not, Some(WhyNot::Objection(Objection::Untested(_))))
     }
 }
 
-/// The numbers behind the report's pictures. `residuals.parquet` holds the curves.
+/// The numbers behind the report's pictures; `residuals.parquet` holds the curves.
 #[derive(Clone, Debug, Default)]
 pub struct Figures {
-    /// Unit of the signals: counts, or whatever the converted table had.
     pub unit: String,
-    /// Mean of measured minus simulated at each sample, by its time in s, with its 95 % band.
+    /// Mean of measured minus simulated by time, s, with its 95 % band.
     pub mean_misfit: Compared,
-    /// Mean periodogram of single signals' misfits beside their own rings, unit² per bin, by the frequency in
-    /// Hz; the band holds 95 % if the model is right.
+    /// Mean periodogram of single signals' misfits beside their own rings, unit² per bin, by frequency, Hz;
+    /// the band holds 95 % if the model is right.
     pub spectrum: Compared,
     pub covariates: Vec<CovariateFigure>,
     pub energies: Energies,
 }
 
-/// A curve with a band, `low` to `high`: an interval of the curve itself, or the range in which the
-/// curve lies if the model is right.
+/// A curve with a band: an interval of the curve itself, or where it lies if the model is right.
 #[derive(Clone, Debug, Default)]
 pub struct Curve {
     pub y: Vec<f64>,
@@ -346,7 +302,6 @@ pub struct Curve {
 }
 
 impl Curve {
-    /// A curve with a band about it of the given half-widths.
     pub fn about(y: Vec<f64>, half_widths: impl IntoIterator<Item = f64>) -> Curve {
         let edges = y.iter().zip(half_widths).map(|(y, half)| (y - half, y + half));
         let (low, high) = edges.unzip();
@@ -354,7 +309,6 @@ impl Curve {
     }
 }
 
-/// A curve before the extension and after it, at the same places.
 #[derive(Clone, Debug, Default)]
 pub struct Compared {
     pub x: Vec<f64>,
@@ -365,22 +319,19 @@ pub struct Compared {
 /// Misfit of a model parameter against a recorded covariate, in bins.
 #[derive(Clone, Debug, Default)]
 pub struct CovariateFigure {
-    /// Name of the covariate, as in `covariates::NAMES`: `temperature`, `time`, `channel`, ...
+    /// As in `covariates::NAMES`.
     pub covariate: String,
-    /// Whether its values may spread over decades, so that a logarithmic axis suits them.
+    /// Whether its values may spread over decades.
     pub decades: bool,
     pub unit: String,
-    /// `amplitude`, `damping` or `frequency`, relative.
+    /// `amplitude`, `damping` or `frequency`.
     pub parameter: String,
-    /// Mean misfit of the parameter in each bin (relative, not per cent), with its 95 % bar; x is the bin's
-    /// centre in `unit`.
+    /// Mean relative misfit of the parameter in each bin, with its 95 % bar; x is the bin's centre.
     pub means: Compared,
 }
 
-/// Histograms of the detection statistic on held-out healthy signals.
 #[derive(Clone, Debug, Default)]
 pub struct Energies {
-    /// Bin edges, one more than there are counts.
     pub edges: Vec<f64>,
     pub before: Vec<u64>,
     pub after: Vec<u64>,

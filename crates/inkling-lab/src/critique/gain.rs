@@ -1,15 +1,14 @@
 //! What the extension buys on signals that nothing was fitted to: misfit, whiteness, false alarms, and the
 //! detection of a small fault, before and after.
 //!
-//! In: the baseline, and the causes that extend it (from `engine.rs`). Out: [`Measured`], the numbers of the
-//! report's table of gains. The steps:
+//! In: the baseline, and the causes that extend it. Out: [`Measured`]. The steps:
 //!
-//! 1. split the signals: both models, the baseline and the extended one, are fitted to every other channel in
-//!    three of five blocks of time, and judged on the other channels in the two blocks between (with too few
-//!    channels, the split is by time alone; where every channel was heard once, by channel alone);
-//! 2. judge each held-out signal by its deviation from the population (`population.rs`), since the parameters
-//!    of a channel that was never heard are unknown: chi-squared of its samples, and the squared Mahalanobis
-//!    distance of its fitted parameters, which is the detection statistic;
+//! 1. split the signals: both models are fitted to every other channel in three of five blocks of time, and
+//!    judged on the other channels in the two blocks between (with too few channels, the split is by time
+//!    alone; where every channel was heard once, by channel alone);
+//! 2. judge each held-out signal by its deviation from the population (`population.rs`): chi-squared of its
+//!    samples, and the squared Mahalanobis distance of its fitted parameters, which is the detection
+//!    statistic;
 //! 3. learn the threshold of that statistic from the training signals;
 //! 4. plant a small fault, a change of ln damping, in each held-out signal, and compute the area under the
 //!    ROC curve (AUC) between faulty and healthy ones;
@@ -21,22 +20,21 @@
 use super::candidates::{Applied, Setting};
 use super::chance::{interval, interval_of, resampled};
 use super::finding::{Energies, FAULT, Gain, GainFigures, HeldOut, Misfit};
-use super::held_out::{Halves, baseline, by_channel, with};
+use super::held_out::{TrainTestSplit, baseline, by_channel, with};
 use super::matrices::{Matrix5, Vector5, inverse_or_zero};
 use super::model::Model;
 use super::observations::Observations;
-use super::population::{AtRest, FEWEST_UNITS, Population, Predictor, SHRINKAGE, population};
+use super::population::{FEWEST_UNITS, MostProbable, Population, Predictor, SHRINKAGE, population};
 use super::whiteness::{Lags, whiteness_p};
 use inkling_core::model::free_decay::FREE;
 use inkling_core::model::inner_product::dot;
 use std::iter::Sum;
 
-/// Largest number of signals whose misfit is tested for whiteness. Of more signals, every second one is
-/// tested, or every third, and so on.
+/// Of more signals than this only every second, third, .. is tested for whiteness.
 const MOST_WHITENED: usize = 2048;
 
-/// The result: the gain on held-out signals, the baseline's misfit on all signals, and histograms of the
-/// detection statistic. Where too few signals can be held out, gain and histograms are empty.
+/// The gain on held-out signals, the baseline's misfit on all signals, and histograms of the detection
+/// statistic. With too few signals, gain and histograms are empty.
 #[derive(Default)]
 pub struct Measured {
     pub gain: Gain,
@@ -47,21 +45,19 @@ pub struct Measured {
 /// Sums over the samples of signals, or of parts of an oscillator's decays (`decay/gain.rs`).
 #[derive(Clone, Copy, Default)]
 pub struct Squares {
-    /// Chi-squared: the square of the misfit in the metric of the covariance that the model expects, which
-    /// holds the noise and, for a signal, the scatter of its parameters. No parameter is free, so there are
-    /// as many degrees of freedom as samples.
+    /// Chi-squared: the square of the misfit in the covariance that the model expects, which holds the noise
+    /// and, for a signal, the scatter of its parameters. No parameter is free, so there are as many degrees
+    /// of freedom as samples.
     pub chi2: f64,
-    /// Sum of squares of the misfit, counts²; for a signal, the misfit about the model's mean.
+    /// Sum of squares of the misfit, counts²; for a signal, about the model's mean.
     pub misfit: f64,
     /// Sum of squares of the signal about its mean, counts²; of a decay, about 0.
     pub signal: f64,
-    /// Number of samples.
     pub samples: f64,
 }
 
 impl Squares {
-    /// Chi-squared per sample, and NRMSE: the root mean square of the misfit in per cent of that of the
-    /// signal.
+    /// Chi-squared per sample, and NRMSE in per cent.
     pub fn chi2_and_nrmse(self) -> [f64; 2] {
         let share = self.misfit / self.signal.max(1e-300);
         [self.chi2 / self.samples.max(1.0), 100.0 * share.sqrt()]
@@ -79,25 +75,20 @@ impl Sum for Squares {
     }
 }
 
-/// One signal judged by a model.
 struct Judged {
-    /// The signal's channel.
     unit: usize,
     squares: Squares,
     /// The signal's own free parameters by least squares, relative to the population's mean, in units of
-    /// [`Model::scale`]: ln damping comes first.
+    /// [`Model::scale`].
     off: Vector5,
-    /// Inverse of the covariance of `off`, which is the sum of the population's scatter and the error of the
-    /// estimate: the detection statistic is off^T metric off.
+    /// Inverse of the covariance of `off`: the population's scatter and the error of the estimate.
     metric: Matrix5,
-    /// Autocorrelations of that part of the misfit which the signal's own parameters do not explain; `None`
-    /// where they were not asked for.
+    /// Autocorrelations of what the signal's own parameters leave, where asked for.
     white: Option<Lags>,
 }
 
 impl Judged {
-    /// Detection statistic (squared Mahalanobis distance), as if the signal's ln damping were larger by
-    /// `fault`.
+    /// Detection statistic off^T metric off, as if ln damping were larger by `fault`.
     fn statistic(&self, fault: f64) -> f64 {
         let mut off = self.off;
         off[0] += fault;
@@ -105,9 +96,9 @@ impl Judged {
     }
 }
 
-/// Judges all signals about the population. `known`: whether the model was fitted to these very signals; if
-/// so, a signal's channel is left out of the population that the signal is compared with, as if the channel
-/// had not been heard. `lags`: whether misfits are to be tested for whiteness.
+/// Judges all signals about the population. `known`: the model was fitted to these very signals; each
+/// signal's channel is then left out of its population. `lags`: whether misfits are to be tested for
+/// whiteness.
 fn judge(model: &Model, data: &Observations, known: bool, lags: bool) -> Vec<Judged> {
     let of_unit: Vec<Population> = match known {
         true => (0..model.units.len()).map(|unit| population(model, Some(unit))).collect(),
@@ -119,19 +110,18 @@ fn judge(model: &Model, data: &Observations, known: bool, lags: bool) -> Vec<Jud
     let n = data.samples;
     (0..data.len())
         .map(|i| {
-            let AtRest { linear, gram, product, about, square } = predictor.at_rest(i);
+            let MostProbable { linear, gram, product, about, square } = predictor.most_probable(i);
             let spread = predictor.spread(i);
             let precision = inverse_or_zero(spread);
             let r = &linear.residual;
             // Chi-squared is r0^T (v + J S J^T)^-1 r0, with the residual r0 about the population's mean, its
-            // Jacobian J, the noise variance v and the population's covariance S. To first order this equals
-            // the minimum of |r|²/v + about^T S^-1 about over the parameters, which is reached where `linear`
-            // was computed, at the most probable ones.
+            // Jacobian J, the noise variance v and the population's covariance S. To first order this is the
+            // minimum over the parameters of |r|²/v + about^T S^-1 about, reached at the most probable ones,
+            // where `linear` was computed.
             let chi2 = dot(r, r) / v + about.dot(&(precision * about));
             let ridge = Matrix5::identity() * (1e-9 * gram.trace());
             let inverse = inverse_or_zero(gram + ridge);
-            // the least-squares estimate of the parameters: one Gauss-Newton step, without the prior, from
-            // the most probable ones
+            // least squares: one Gauss-Newton step, without the prior, from the most probable parameters
             let off = about + inverse * product;
             let metric = inverse_or_zero(inverse * v + spread);
             let white = (lags && i.is_multiple_of(every))
@@ -145,13 +135,12 @@ fn judge(model: &Model, data: &Observations, known: bool, lags: bool) -> Vec<Jud
         .collect()
 }
 
-/// Area under the ROC curve: the share of pairs of a healthy and a faulty signal in which the faulty one has
-/// the larger statistic.
+/// Area under the ROC curve: the share of pairs in which the faulty signal has the larger statistic.
 fn auc(healthy: &[f64], faulty: &[f64]) -> f64 {
     let mut all: Vec<(f64, bool)> = healthy.iter().map(|v| (*v, false)).collect();
     all.extend(faulty.iter().map(|v| (*v, true)));
     all.sort_by(|p, q| p.0.total_cmp(&q.0));
-    // Mann and Whitney: count, for each faulty signal, the healthy ones below it
+    // Mann and Whitney: count the healthy ones below each faulty one
     let (mut below, mut sum) = (0.0, 0.0);
     for (_, is_faulty) in all {
         if is_faulty {
@@ -163,63 +152,53 @@ fn auc(healthy: &[f64], faulty: &[f64]) -> f64 {
     sum / (healthy.len() as f64 * faulty.len() as f64).max(1.0)
 }
 
-/// The detection threshold: the level that a share `ALARMS` (1 %) of healthy signals of channels never heard
-/// before is expected to exceed. Because the scatter is known from few channels, the statistic of such
-/// signals is distributed as a multiple of F with (5, `known`) degrees of freedom, and not as a chi-squared.
-/// F gives the shape of the distribution; its size comes from `of_left_out`, the statistics of training
-/// signals whose channel was left out. `units`: number of channels that the scatter is known from.
+/// The detection threshold, which a share `ALARMS` (1 %) of healthy signals of channels never heard before is
+/// expected to exceed. Because the scatter is known from few channels, their statistic is distributed as a
+/// multiple of F with (5, `known`) degrees of freedom, and not as a chi-squared. Its size comes from
+/// `of_left_out`, the statistics of training signals whose channel was left out. `units`: number of channels
+/// that the scatter is known from.
 fn threshold(of_left_out: &[f64], units: usize) -> f64 {
     let q = FREE as f64;
-    // degrees of freedom of the predictive t, under the inverse Wishart prior whose mean weighs SHRINKAGE
-    // channels
+    // degrees of freedom of the predictive t, under the inverse Wishart prior of weight SHRINKAGE
     let known = units as f64 + SHRINKAGE + 1.0;
     let mean = of_left_out.iter().sum::<f64>() / of_left_out.len().max(1) as f64;
-    // the mean of F is known / (known - 2)
     mean * (known - 2.0) / known * quantile_of_f(q, known)
 }
 
-/// The value that F with (p, q) degrees of freedom exceeds in a share [`super::finding::ALARMS`] of all
-/// cases, by the approximation of Paulson 1942: ((1 - b) x - (1 - a)) / sqrt(b x² + a) is nearly standard
-/// normal, with x the cube root of F, a = 2/(9 p) and b = 2/(9 q).
+/// The value that F with (p, q) degrees of freedom exceeds in a share [`super::finding::ALARMS`] of all cases
+/// (Paulson 1942): ((1 - b) x - (1 - a)) / sqrt(b x² + a) is nearly standard normal, with x the cube root of
+/// F, a = 2/(9 p) and b = 2/(9 q).
 fn quantile_of_f(p: f64, q: f64) -> f64 {
     const NORMAL: f64 = 2.3263; // of 1 - ALARMS
     let (a, b) = (2.0 / (9.0 * p), 2.0 / (9.0 * q));
-    // solve ((1 - b) x - (1 - a))^2 = NORMAL^2 (b x^2 + a) for x, the cube root of F
     let z2 = NORMAL * NORMAL;
     let (s, half, t) =
         ((1.0 - b).powi(2) - z2 * b, (1.0 - a) * (1.0 - b), (1.0 - a).powi(2) - z2 * a);
     ((half + (half * half - s * t).max(0.0).sqrt()) / s).powi(3)
 }
 
-/// p-value of white noise for what the signals' own parameters leave of the misfits; NaN if no signal was
-/// looked at.
 fn whiteness(judged: &[Judged]) -> f64 {
     whiteness_p(judged.iter().filter_map(|j| j.white.as_ref()))
 }
 
-/// How a model performs on signals that it was not fitted to.
 struct HeldOutFigures {
     figures: GainFigures,
-    /// Detection statistic of every healthy signal.
     healthy: Vec<f64>,
-    /// Area under the ROC curve in each resampling of the channels.
+    /// Area under the ROC curve in each resampling.
     aucs: Vec<f64>,
 }
 
 /// Figures of a model on held-out signals, with intervals. `known`: the signals that the model was fitted to,
-/// judged with their channels left out; `test`: the held-out signals; `fault`: size of the planted fault, a
-/// change of ln damping.
+/// judged with their channels left out; `fault`: size of the planted fault.
 fn figures(model: &Model, known: &[Judged], test: &Observations, fault: f64) -> HeldOutFigures {
     let of = |judged: &[Judged]| judged.iter().map(|j| j.statistic(0.0)).collect::<Vec<f64>>();
     let threshold = threshold(&of(known), model.units.len());
     let judged = judge(model, test, false, true);
     let healthy = of(&judged);
-    // Each signal is counted twice, with the planted fault in either direction: a model whose error shifts
-    // all signals one way must not gain by it.
+    // The planted fault goes in either direction: a model whose error shifts all signals one way must not
+    // gain by it.
     let faulty: Vec<[f64; 2]> =
         judged.iter().map(|j| [fault, -fault].map(|fault| j.statistic(fault))).collect();
-    // chi-squared per sample, misfit in per cent, share of false alarms and area under the ROC curve of some
-    // of the held-out signals
     let of_some = |chosen: &[usize]| -> [f64; 4] {
         let alarms = chosen.iter().filter(|&&i| healthy[i] > threshold).count() as f64;
         let squares: Squares = chosen.iter().map(|&i| judged[i].squares).sum();
@@ -230,7 +209,6 @@ fn figures(model: &Model, known: &[Judged], test: &Observations, fault: f64) -> 
         );
         [chi2, nrmse, alarms / chosen.len().max(1) as f64, auc]
     };
-    // the same figures in each resampling of the channels, and of all signals
     let groups = by_channel(judged.iter().map(|j| j.unit));
     let drawn = resampled(groups.len(), 1, |drawn| {
         of_some(&drawn.iter().flat_map(|k| groups[*k].iter().copied()).collect::<Vec<usize>>())
@@ -238,7 +216,7 @@ fn figures(model: &Model, known: &[Judged], test: &Observations, fault: f64) -> 
     let [chi2_per_dof, nrmse_percent, false_alarms, detection_auc] =
         of_some(&(0..judged.len()).collect::<Vec<usize>>());
     // Resampling gives no alarm at all an interval of length zero. So the upper end is at least the 95 %
-    // upper bound of the rate where none was seen among so many independent signals.
+    // upper bound of the rate where none was seen in so many independent signals.
     let none = 1.0 - 0.05_f64.powf(1.0 / healthy.len() as f64);
     let figures = GainFigures {
         chi2_per_dof,
@@ -256,9 +234,9 @@ fn figures(model: &Model, known: &[Judged], test: &Observations, fault: f64) -> 
     HeldOutFigures { figures, healthy, aucs }
 }
 
-/// Measures what the causes buy. `before`: the baseline, fitted to all signals. `causes`: as they were found
-/// in all signals; their sizes and shapes are fitted again to the training part. With too few signals only
-/// the misfit of `before` is measured.
+/// Measures what the causes buy. `before`: the baseline, fitted to all signals. `causes`: as found in all
+/// signals; they are fitted again to the training part. With too few signals only the misfit of `before` is
+/// measured.
 pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured {
     let data = setting.data;
     // the baseline's misfit on all signals
@@ -268,12 +246,11 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
     let misfit = Misfit { chi2_per_dof, nrmse_percent, whiteness_p: whiteness(&all) };
     let mut measured = Measured { misfit, ..Measured::default() };
 
-    // fit both models to the training part
     let by_channel = data.units >= FEWEST_UNITS;
-    // where every channel was heard once, a split by time would add nothing to the split by channel
+    // where every channel was heard once, a split by time would add nothing
     let by_time = data.len() > data.units;
-    let halves = Halves::of(data, by_channel, by_time);
-    let Some(Halves { train, test, .. }) = halves else { return measured };
+    let split = TrainTestSplit::of(data, by_channel, by_time);
+    let Some(TrainTestSplit { train, test, .. }) = split else { return measured };
     let part = Setting { data: &train, avoid: setting.avoid };
     let Some(plain) = baseline(before.real, Some(before), part) else { return measured };
     let extended = with(&plain, causes, part);
@@ -284,7 +261,7 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
     let fault = FAULT * damping_sd(&known_extended);
     let first = figures(&plain, &known, &test, fault);
     let second = figures(&extended, &known_extended, &test, fault);
-    // differences of AUC per resampling: both models drew the same channels, since the seed is the same
+    // both models drew the same channels, since the seed is the same
     let mut gains: Vec<f64> = second.aucs.iter().zip(&first.aucs).map(|(a, b)| a - b).collect();
     measured.energies = energies(&first, &second);
     let by = match (by_channel, by_time) {
@@ -309,15 +286,15 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
     measured
 }
 
-/// Standard deviation of a healthy signal's estimated ln damping about the population's mean, from scatter
-/// and noise. The signal in the middle of the rows stands for all; 0.1 if its covariance has no inverse.
+/// Standard deviation of a healthy signal's estimated ln damping about the population's mean. The signal in
+/// the middle of the rows stands for all.
 fn damping_sd(judged: &[Judged]) -> f64 {
     let typical = &judged[judged.len() / 2];
     typical.metric.try_inverse().map_or(0.1, |c| c[(0, 0)].max(0.0).sqrt())
 }
 
 /// Histograms of both models' detection statistic on held-out healthy signals, in the same 40 bins from 0 to
-/// the largest value, but at most to four times the larger threshold. The last bin also holds what lies
+/// the largest value, but at most to four times the larger threshold; the last bin also holds what lies
 /// beyond.
 fn energies(before: &HeldOutFigures, after: &HeldOutFigures) -> Energies {
     const BINS: usize = 40;
@@ -367,8 +344,7 @@ mod tests {
                 let spread = [[0.004, 0.06, 0.025], [0.02, 0.06, 0.025]][seed as usize % 2];
                 let data =
                     draw(&Run { channels: 12, bursts: 8, spread, ..Run::default() }, 700 + seed);
-                let mut model = Model::start(&data, true).unwrap();
-                model.fit(&data, 2);
+                let model = Model::fitted(&data, true, 2).unwrap();
                 let setting = Setting { data: &data, avoid: &[] };
                 let measured = measure(&model, &[], setting);
                 let gain = measured.gain;

@@ -215,11 +215,15 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
     sampler.finish()
 }
 
+/// The critique of an ink channel's signals.
+pub fn criticised(data: &Observations) -> super::finding::Critique {
+    let rings = super::engine::Rings::InkChannel;
+    super::engine::critique(data, rings, false, &mut |_| {}).unwrap().critique
+}
+
 /// Verdict and causes that the critique gives to a run.
 fn names(run: &Run, seed: u64) -> (super::finding::Verdict, Vec<super::finding::Cause>) {
-    let data = draw(run, seed);
-    let rings = super::engine::Rings::InkChannel;
-    let critique = super::engine::critique(&data, rings, false, &mut |_| {}).unwrap().critique;
+    let critique = criticised(&draw(run, seed));
     (critique.verdict, critique.causes)
 }
 
@@ -250,8 +254,6 @@ fn covariates_that_follow_each_other_tie() {
     for row in &mut data.rows {
         row.beside.temperature_c = 20.0 + row.beside.t_acq_ns as f64 * 1e-9;
     }
-    let data = data.standardised();
-    let rings = super::engine::Rings::InkChannel;
-    let critique = super::engine::critique(&data, rings, false, &mut |_| {}).unwrap().critique;
+    let critique = criticised(&data.standardised());
     assert_eq!(critique.verdict, super::finding::Verdict::Tie, "{:?}", critique.causes);
 }

@@ -1,8 +1,5 @@
-//! Splits signals into a part that models are fitted to and a part that they are judged on, and fits models
-//! to a part.
-//!
-//! In: signals, and whether to split by channel, by time or by both. Out: [`Halves`], and models. `gain.rs`
-//! measures detection on the held-out part, `worth.rs` the gain in likelihood.
+//! Splits signals into a part that models are fitted to and a part that they are judged on ([`TrainTestSplit`], by
+//! channel, by time or by both), and fits models to a part.
 
 use super::candidates::{Applied, Setting};
 use super::model::Model;
@@ -13,12 +10,10 @@ use std::collections::BTreeMap;
 
 /// Fewest signals that a model can be fitted to, or judged on.
 const FEWEST: usize = 8;
-/// Number of blocks of time. Each block holds equally many signals, except that signals of one time stay
-/// together.
+/// Number of blocks of time, of equally many signals each.
 const BLOCKS: usize = 5;
 
-/// For each signal whether it lies in the second or the fourth of the five blocks of time.
-fn between(data: &Observations) -> Vec<bool> {
+fn held_out_by_time(data: &Observations) -> Vec<bool> {
     let mut times: Vec<i64> = data.rows.iter().map(|r| r.beside.t_acq_ns).collect();
     times.sort_unstable();
     let bounds: Vec<i64> = (1..BLOCKS).map(|block| times[times.len() * block / BLOCKS]).collect();
@@ -26,51 +21,45 @@ fn between(data: &Observations) -> Vec<bool> {
     data.rows.iter().map(|row| block(row.beside.t_acq_ns) % 2 == 1).collect()
 }
 
-/// The two parts of the signals. In both, channels and bursts are numbered anew.
-pub struct Halves {
-    /// The signals that models are fitted to.
+/// The two parts; in both, channels and bursts are numbered anew.
+pub struct TrainTestSplit {
     pub train: Observations,
-    /// The signals that models are judged on.
     pub test: Observations,
-    /// For each channel of `test`, its place among the channels of `train`; `None` if it was not fitted to.
-    pub heard: Vec<Option<usize>>,
+    /// For each channel of `test`, its place among the channels of `train`; `None` if it is not there.
+    pub in_train: Vec<Option<usize>>,
     /// Number of signals of each channel in `train`.
     pub counts: Vec<f64>,
 }
 
-impl Halves {
+impl TrainTestSplit {
     /// Splits the signals. `by_channel`: every other channel is held out. `by_time`: the second and the
-    /// fourth of five blocks of time are held out, so that what drifts is judged between the times that it
-    /// was learned at. With both, the test signals are those of the held-out channels at the held-out times,
-    /// and the signals of a held-out channel or time that are not both belong to neither part. `None`: fewer
-    /// than eight signals in a part.
-    pub fn of(data: &Observations, by_channel: bool, by_time: bool) -> Option<Halves> {
-        let between = between(data);
+    /// fourth of five blocks of time are, so that what drifts is judged between the times that it was learned
+    /// at. With both, signals of a held-out channel or time that are not both belong to neither part. `None`:
+    /// fewer than eight signals in a part.
+    pub fn of(data: &Observations, by_channel: bool, by_time: bool) -> Option<TrainTestSplit> {
+        let held_out = held_out_by_time(data);
         let is_in = |test: bool, i: usize| {
             (!by_channel || (data.rows[i].unit % 2 == 1) == test)
-                && (!by_time || between[i] == test)
+                && (!by_time || held_out[i] == test)
         };
-        // the channels of a half with their numbers of signals; rows are sorted by channel
         let channels = |test: bool| -> Vec<(usize, f64)> {
             let rows = (0..data.len()).filter(|i| is_in(test, *i));
             let units: Vec<usize> = rows.map(|i| data.rows[i].unit).collect();
             units.chunk_by(usize::eq).map(|same| (same[0], same.len() as f64)).collect()
         };
-        // `select` numbers channels in the order of rows, so that a channel's place in this list is its new
-        // number
+        // `select` numbers channels in the order of rows, so a place in this list is the new number
         let fitted = channels(false);
         let place = |unit: usize| fitted.iter().position(|(known, _)| *known == unit);
-        let heard = channels(true).into_iter().map(|(unit, _)| place(unit)).collect();
+        let in_train = channels(true).into_iter().map(|(unit, _)| place(unit)).collect();
         let counts = fitted.iter().map(|(_, count)| *count).collect();
         let [train, test] = [false, true].map(|test| data.select(|i| is_in(test, i)));
         let enough = train.len() >= FEWEST && test.len() >= FEWEST;
-        enough.then_some(Halves { train, test, heard, counts })
+        enough.then_some(TrainTestSplit { train, test, in_train, counts })
     }
 }
 
-/// Groups of signals that are drawn together where an interval is estimated by resampling: all signals of a
-/// channel, or, with fewer than `FEWEST_UNITS` channels, each signal alone. `units`: the channel of each
-/// signal. Returns the indices of the signals of each group.
+/// Groups of signals that are drawn together in resampling, by their indices: those of a channel, or, with
+/// few channels, each signal alone. `units`: the channel of each signal.
 pub fn by_channel(units: impl Iterator<Item = usize>) -> Vec<Vec<usize>> {
     let mut groups = BTreeMap::<usize, Vec<usize>>::new();
     units.enumerate().for_each(|(i, unit)| groups.entry(unit).or_default().push(i));
@@ -81,8 +70,7 @@ pub fn by_channel(units: impl Iterator<Item = usize>) -> Vec<Vec<usize>> {
 }
 
 /// Fits the baseline, a model without causes, to a part. `real`: whether the ring has a real pole. `codes`: a
-/// model whose clipping and coarse step are taken over; `None`: the baseline knows of neither. Returns `None`
-/// where nothing rings.
+/// model whose clipping and coarse step are taken over. `None`: nothing rings.
 pub fn baseline(real: bool, codes: Option<&Model>, part: Setting) -> Option<Model> {
     let mut start = Model::start(part.data, real)?;
     if let Some(codes) = codes {
@@ -92,8 +80,7 @@ pub fn baseline(real: bool, codes: Option<&Model>, part: Setting) -> Option<Mode
     Some(refit(start, Vec::new(), part, 2, true).model)
 }
 
-/// Fits the baseline `plain` of a part again, with causes: their sizes and shapes start at the given ones and
-/// are refitted to the part.
+/// Fits the baseline `plain` of a part again, with causes that start at the given sizes and shapes.
 pub fn with(plain: &Model, causes: &[Applied], part: Setting) -> Model {
     let mut model = plain.clone();
     if causes.is_empty() {

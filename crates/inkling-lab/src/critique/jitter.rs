@@ -1,20 +1,17 @@
 //! Tests `trigger_jitter`: a shift in time that is common to all channels of a burst, which share the
 //! trigger.
 //!
-//! In: signals about a fitted model that holds the causes found so far (`engine.rs` calls `jitter` after it
-//! has selected them). Out: one [`Candidate`].
+//! In: signals about a fitted model that holds the causes found so far. Out: one [`Candidate`].
 //!
-//! How the acquisition states of healthy signals scatter is not known, so the test assumes no size, direction
-//! or correlation of this scatter: a shift of one signal alone is healthy scatter. A jitter shows in what the
-//! channels of one burst have in common. But bursts may have something in common without a jitter (for
-//! example a drive that varies), in any direction of the state. So two questions are asked:
+//! How the acquisition states of healthy signals scatter is not known, so a shift of one signal alone is
+//! healthy scatter, and bursts may have something in common without a jitter (for example a drive that
+//! varies), in any direction of the state. So two questions are asked:
 //!
 //! 1. Do bursts vary along the shift at all, beyond the scatter of single signals? (likelihood ratio
-//!    `Excess::there`, which must pass the threshold of all causes)
-//! 2. Is their variance along the shift clearly larger than that across the shift, in amplitude? If not, a
-//!    state that varies by burst in all directions explains it as well. (likelihood ratio `Excess::ratio`,
-//!    which must be a hint). Variances are compared in radians of the ring, or in multiples of the single
-//!    signals' own scatter, whichever asks for more (`healthy_ratio`).
+//!    `Excess::statistic`, which must pass the threshold of all causes)
+//! 2. Is their variance along the shift clearly larger than that across the shift, in amplitude? (likelihood
+//!    ratio `Excess::ratio`, which must be a hint). Variances are compared in radians of the ring, or in
+//!    multiples of the single signals' own scatter, whichever asks for more (`healthy_ratio`).
 //!
 //! The steps: (a) fit shift, gain, damping and frequency of each signal by least squares (`scattered`); (b)
 //! take out what follows the frequency; (c) form contrasts between bursts, free of channels' means and of
@@ -33,13 +30,13 @@ use inkling_core::numbers::tuned::little;
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, Vector2, Vector4};
 use std::collections::BTreeMap;
 
-/// Approximate largest number of signals, and largest number of bursts, that are looked at. Of larger
-/// recordings every second burst is looked at, or every third, and so on, with all of its signals.
+/// Largest number of signals (about), and of bursts, that are looked at; of more, every second burst or
+/// third, ..
 const MOST: usize = 4096;
 const MOST_BURSTS: usize = 400;
 
-/// Tests for jitter. The candidate's value is the standard deviation of the shift in s. It is `untested`
-/// where bursts hold one channel, signals do not ring, or fewer contrasts are left than `between.rs` needs.
+/// The candidate's value is the standard deviation of the shift in s. It is `untested` where bursts hold one
+/// channel, signals do not ring, or too few contrasts are left.
 pub fn jitter(model: &Model, data: &Observations) -> Candidate {
     let lack = |why| Candidate::untested(CauseId::TriggerJitter, why);
     if !data.beside.shared_bursts {
@@ -53,26 +50,23 @@ pub fn jitter(model: &Model, data: &Observations) -> Candidate {
     let to_s = data.length_s() / model.mean[1].exp();
     let sd = excess.along.max(1e-16).sqrt();
     let error_s = excess.along_sd / (2.0 * sd) * to_s;
-    let s = surprise(excess.there, 1, 1.0, f64::INFINITY);
-    let mut found =
-        Candidate::by_chance(CauseId::TriggerJitter, s, excess.there, sd * to_s, error_s);
+    let plain = Candidate::plain(CauseId::TriggerJitter, excess.statistic, ());
+    let mut found = Candidate { value: sd * to_s, sd: error_s, ..plain };
     if found.accepted() && !excess.beyond_any_direction() {
         found.objection = Some(Objection::AnyDirection);
     }
     found
 }
 
-/// Derivatives of the amplitudes (a, b) of a damped pair: in the first column by a shift of the time of
-/// acquisition, per radian of the ring; in the second by a relative growth of the amplitude. Later by t, the
-/// pair is e^{-sigma t} times (a, b) turned by omega t.
+/// Derivatives of the amplitudes (a, b) of a damped pair by a shift of the time of acquisition, per radian of
+/// the ring, and by a relative growth. Later by t, the pair is e^{-sigma t} times (a, b) turned by omega t.
 fn polar(a: f64, b: f64, sigma: f64, omega: f64) -> Matrix2<f64> {
     let r = sigma / omega;
     Matrix2::new(b - r * a, a, -(a + r * b), b)
 }
 
 /// Each signal's own shift (rad), gain, ln damping and ln frequency by least squares, relative to its
-/// channel's parameters in the model, with the covariance of their errors. `None`: a signal does not ring, so
-/// that these cannot be told apart.
+/// channel's parameters in the model. `None`: a signal does not ring.
 fn scattered(model: &Model, data: &Observations) -> Option<Vec<Scatter>> {
     let of_signals = data.len().div_ceil(MOST);
     let stride = of_signals.max(data.bursts.div_ceil(MOST_BURSTS));
@@ -85,7 +79,6 @@ fn scattered(model: &Model, data: &Observations) -> Option<Vec<Scatter>> {
         }
         model.linearise(i, data, &mut linear);
         let theta = model.theta(i, data);
-        // columns of the tangent by shift, gain, ln damping and ln frequency
         let turn = polar(theta[2], theta[3], theta[0].exp(), theta[1].exp());
         let c = &linear.tangent.columns;
         let columns = DMatrix::from_fn(data.samples, 4, |k, j| match j {
@@ -94,12 +87,11 @@ fn scattered(model: &Model, data: &Observations) -> Option<Vec<Scatter>> {
         });
         let inverse = columns.tr_mul(&columns).try_inverse()?;
         let x = &inverse * columns.tr_mul(&DVector::from_column_slice(&linear.residual));
-        // The residual is about channel plus own deviation, so the fit finds only what that deviation has
-        // missed: add the deviation, turned to (shift, gain).
+        // the fit finds only what the model's own deviation of the signal has missed: add that, turned to
+        // (shift, gain)
         let own = model.each[i];
         let taken = turn.try_inverse()? * Vector2::new(own[2], own[3]);
-        // between.rs takes out whatever stands in this list. The constant would be of no use there, so its
-        // place takes the square of the drive.
+        // the constant would be of no use there, so its place takes the square of the drive
         let mut of_beside = data.beside.z[i];
         of_beside[0] = data.beside.z[i][DRIVE].powi(2);
         each.push(Scatter {
@@ -113,22 +105,19 @@ fn scattered(model: &Model, data: &Observations) -> Option<Vec<Scatter>> {
     Some(each)
 }
 
-/// Takes that part out of all signals' shifts and gains which follows their frequency within channels, by
-/// linear regression: a signal that rings faster arrives at t_a with another phase, and this is no shift of
-/// the trigger.
+/// Takes out of all signals' shifts and gains what follows their frequency within channels, by linear
+/// regression: a signal that rings faster arrives at t_a with another phase.
 fn freed_of_frequency(each: &mut [Scatter]) {
     let centred = centred(each);
-    // Sums of products with the frequency. `real` has the covariance of the errors subtracted: errors of
-    // shift and frequency are correlated, and would otherwise look like a regression.
+    // Sums of products with the frequency; in `real` the covariance of the errors is subtracted, which would
+    // otherwise look like a regression.
     let (mut seen, mut real) = (0.0, Vector4::zeros());
     for (x, one) in centred.iter().zip(each.iter()) {
         seen += x[3] * x[3];
         real += x * x[3] - one.noise.column(3);
     }
-    // at least a tenth of the square that is seen, so that a frequency that hardly scatters gives no wild
-    // slope
+    // at least a tenth of the square, so that a frequency that hardly scatters gives no wild slope
     let var = real[3].max(little() * seen).max(1e-300);
-    // shift and gain less slope times frequency, as a linear map of all four parameters and of their errors
     let mut turn = Matrix4::identity();
     turn[(0, 3)] = -real[0] / var;
     turn[(1, 3)] = -real[1] / var;
@@ -138,12 +127,11 @@ fn freed_of_frequency(each: &mut [Scatter]) {
     }
 }
 
-/// Each signal's parameters relative to its channel's mean.
 fn centred(each: &[Scatter]) -> Vec<Vector4<f64>> {
     about_their_means(each.iter().map(|one| one.x).collect(), |i| each[i].unit)
 }
 
-/// Each vector relative to the mean of its group; `group` returns the group's number of a vector's index.
+/// Each vector relative to the mean of its group.
 fn about_their_means(
     mut of: Vec<Vector4<f64>>,
     group: impl Fn(usize) -> usize,
@@ -155,9 +143,8 @@ fn about_their_means(
     of
 }
 
-/// Variance that single signals have beyond the noise in a direction (0: along the shift, 1: in amplitude):
-/// the mean of squares of `of` (parameters relative to some mean) less the noise's variance, but at least the
-/// standard error of this mean.
+/// Variance that single signals have beyond the noise in a direction (0: along the shift, 1: in amplitude),
+/// but at least its standard error. `of`: parameters relative to some mean.
 fn beyond_noise(each: &[Scatter], of: &[Vector4<f64>], direction: usize) -> f64 {
     let n = each.len() as f64;
     let beyond: Vec<f64> = of
@@ -170,38 +157,35 @@ fn beyond_noise(each: &[Scatter], of: &[Vector4<f64>], direction: usize) -> f64 
     mean.max((square / n).sqrt()) // a smaller variance cannot be told from none
 }
 
-/// Ratio of single signals' variances along the shift and across it, each relative to the means of its
-/// channel and of its burst; at least 1. Healthy bursts are granted the same ratio.
+/// Ratio of single signals' variances along the shift and across it, about the means of channel and burst; at
+/// least 1. Healthy bursts are granted the same ratio.
 fn healthy_ratio(each: &[Scatter]) -> f64 {
     let of = about_their_means(centred(each), |i| each[i].burst);
     (beyond_noise(each, &of, 0) / beyond_noise(each, &of, 1)).max(1.0)
 }
 
-/// Contrasts between bursts, along the shift and across it, free of channels' own means and of what follows a
-/// covariate. `None`: too few contrasts are left.
+/// Contrasts between bursts along the shift and across it. `None`: too few are left.
 fn contrasts(each: &[Scatter]) -> Option<[Contrasts; 2]> {
     let centred = centred(each);
     let of = |direction| Contrasts::of(each, direction, beyond_noise(each, &centred, direction));
     Some([of(0)?, of(1)?])
 }
 
-/// The variance of bursts along the shift, compared with no variance and with the variance across the shift.
+/// The variance of bursts along the shift, compared with none and with that across it.
 struct Excess {
     /// Likelihood-ratio statistic of a variance along the shift against none.
-    there: f64,
-    /// Likelihood-ratio statistic of two free variances against two whose ratio (along over across) is at
-    /// most that of healthy bursts; 0 if the free ones have such a ratio.
+    statistic: f64,
+    /// Likelihood-ratio statistic of two free variances against two whose ratio is at most that of healthy
+    /// bursts.
     ratio: f64,
-    /// Most likely variance along the shift, and its standard error, rad².
+    /// Most likely variance along the shift, rad².
     along: f64,
     along_sd: f64,
 }
 
 impl Excess {
-    /// `most`: the largest ratio of the variance along the shift to that across it that healthy bursts may
-    /// have.
+    /// `most`: the largest ratio, along over across, that healthy bursts may have.
     fn of(along: &Contrasts, across: &Contrasts, most: f64) -> Excess {
-        // both variances free
         let best = least(|v| along.deviance(v));
         let best_across = least(|v| across.deviance(v));
         let free = along.deviance(best) + across.deviance(best_across);
@@ -214,15 +198,14 @@ impl Excess {
             }
         };
         Excess {
-            there: along.deviance(0.0) - along.deviance(best),
+            statistic: along.deviance(0.0) - along.deviance(best),
             ratio: ratio.max(0.0),
             along: best,
             along_sd: 1.0 / along.information(best).max(1e-300).sqrt(),
         }
     }
 
-    /// Whether the variance along the shift exceeds what healthy bursts may have, by more than a hint
-    /// (question 2 of the module's doc).
+    /// Question 2 of the module's doc.
     fn beyond_any_direction(&self) -> bool {
         surprise(self.ratio, 1, 1.0, f64::INFINITY) > HINT
     }
@@ -291,7 +274,7 @@ mod tests {
     fn found_in(spread: Spread, runs: u64) -> usize {
         let passes = |seed| {
             let excess = excess(spread, seed);
-            let s = surprise(excess.there, 1, 1.0, f64::INFINITY);
+            let s = surprise(excess.statistic, 1, 1.0, f64::INFINITY);
             s > THRESHOLD && excess.beyond_any_direction()
         };
         (0..runs).filter(|seed| passes(*seed)).count()

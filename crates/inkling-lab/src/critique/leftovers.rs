@@ -1,57 +1,47 @@
-//! Decides whether a weak finding beside strong ones is a cause of its own. No model of a cause is exact, so
-//! a strong cause leaves some misfit that the test of another cause may pick up.
+//! Decides whether a weak finding beside strong ones is a cause of its own: no model of a cause is exact, so
+//! a strong cause leaves some misfit that the test of another may pick up.
 //!
-//! In: all findings (in codes, noise, trigger, mean, covariates) with their likelihood-ratio statistics, from
-//! `engine.rs` and `selection.rs`. Out: whether each is beyond what the others may leave; findings in noise
-//! and trigger that are not get an objection here.
+//! In: all findings with their likelihood-ratio statistics. Out: whether each is beyond what the others may
+//! leave; findings in noise and trigger that are not get an objection here.
 //!
-//! The rule ([`Weighed::is_beyond`]): beside every other finding, a finding must have at least the share of
-//! the other's statistic that the other's model may leave to it (0, .6, 3 or 10 %, by where both show and
-//! act, `leaves_to`; a share of the statistic is the square of a relative error), and beside a stronger one
-//! also one detection limit.
+//! The rule ([`Finding::is_beyond`]): beside every other finding, a finding must have at least the share of
+//! the other's statistic that the other's model may leave to it (`leaves_to`: 0, .6, 3 or 10 %, the square of
+//! a relative error), and beside a stronger one also one detection limit.
 
+use super::artefacts::Artefacts;
 use super::candidate::Candidate;
 use super::catalogue::{Acts, CauseId};
 use super::chance::DETECTION_LIMIT;
 use super::covariates::{TEMPERATURE, TIME};
-use super::found::Aside;
 use super::model::Model;
 use super::objection::Objection;
 use super::tuned::{left_to_shapes, left_to_unlike};
 use inkling_core::numbers::tuned::little;
 
-/// Where a cause shows in the data.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Shows {
-    /// In which codes of the converter are met.
     InCodes,
     /// In the scatter of samples, signals or bursts.
     InNoise,
-    /// As a shape of the mean signal.
     InTheMean,
-    /// In how parameters follow a covariate.
     ByACovariate,
 }
 
-/// A cause that was found, with what the comparison with others needs.
 #[derive(Clone, Debug)]
-pub struct Weighed {
+pub struct Finding {
     pub id: CauseId,
-    /// Causes that the data cannot tell from it.
     pub tied_with: Vec<CauseId>,
-    /// Likelihood-ratio statistic.
     pub statistic: f64,
-    /// For noise that grows with the signal: its variance where signals are largest, over that where signals
-    /// are 0. The tests assume one variance, which lies between these, so chance gives statistics up to this
-    /// factor larger. 1 for any other cause.
+    /// For noise that grows with the signal: its largest variance over that where signals are 0, else 1. The
+    /// tests assume one variance, so chance gives statistics up to this factor larger.
     pub growth: f64,
 }
 
-impl Weighed {
-    pub fn of<Form>(candidate: &Candidate<Form>, tied_with: &[CauseId]) -> Weighed {
+impl Finding {
+    pub fn of<Form>(candidate: &Candidate<Form>, tied_with: &[CauseId]) -> Finding {
         let Candidate { id, statistic, value, .. } = *candidate;
         let growth = if id == CauseId::HeteroscedasticNoise { 1.0 + value } else { 1.0 };
-        Weighed { id, tied_with: tied_with.to_vec(), statistic, growth }
+        Finding { id, tied_with: tied_with.to_vec(), statistic, growth }
     }
 
     fn shows(&self) -> Shows {
@@ -64,11 +54,10 @@ impl Weighed {
     }
 
     /// Whether both causes act through the same covariate, or one through time and the other through a
-    /// temperature that the data cannot tell from time, or both through the amplitude.
-    fn is_alike(&self, other: &Weighed) -> bool {
+    /// temperature that the data cannot tell from it, or both through the amplitude.
+    fn is_alike(&self, other: &Finding) -> bool {
         let by_either = |id: CauseId| matches!(id.follows(), Some(TIME | TEMPERATURE));
-        // tied with a cause that acts through another covariate, or none
-        let of_tied = |x: &Weighed| x.tied_with.iter().any(|id| id.follows() != x.id.follows());
+        let of_tied = |x: &Finding| x.tied_with.iter().any(|id| id.follows() != x.id.follows());
         let collinear =
             by_either(self.id) && by_either(other.id) && (of_tied(self) || of_tied(other));
         let followed = self.id.follows().is_some() && self.id.follows() == other.id.follows();
@@ -76,58 +65,57 @@ impl Weighed {
     }
 
     /// The share of this cause's statistic that its model may leave to another.
-    fn leaves_to(&self, other: &Weighed) -> f64 {
+    fn leaves_to(&self, other: &Finding) -> f64 {
         use Shows::{ByACovariate, InCodes, InNoise, InTheMean};
         match (self.shows(), other.shows()) {
             (_, InCodes) | (InCodes, InNoise) => 0.0,
             (InNoise, _) => little(),
             _ if self.is_alike(other) => little(),
             (InTheMean, InTheMean) | (ByACovariate, ByACovariate) => left_to_shapes(),
-            // what a shape leaves in the mean follows no covariate, and the other way round
             (InTheMean, ByACovariate) | (ByACovariate, InTheMean) => 0.0,
-            // a coarse step leaves out codes whatever a covariate does; but which samples are clipped depends
-            // on the amplitude, which covariates may change
+            // a coarse step leaves out codes whatever a covariate does; which samples are clipped depends on
+            // the amplitude
             (InCodes, ByACovariate) if self.id == CauseId::CoarseLsb => 0.0,
             (InCodes, _) | (_, InNoise) => left_to_unlike(),
         }
     }
 
     /// Whether the cause is more than what each of these others may leave to it. Beside a stronger cause, it
-    /// must also reach one detection limit, 20.9 (times that cause's `growth`), because less counts as chance
-    /// there. This second condition does not hold for findings in codes, nor for noise beside codes.
-    pub fn is_beyond<'a>(&self, others: impl IntoIterator<Item = &'a Weighed>) -> bool {
+    /// must also reach one detection limit (times that cause's `growth`), unless it is in codes, or in noise
+    /// beside codes.
+    pub fn is_beyond<'a>(&self, others: impl IntoIterator<Item = &'a Finding>) -> bool {
         others.into_iter().filter(|other| other.id != self.id).all(|other| {
             let chance = match (other.shows(), self.shows()) {
                 (_, Shows::InCodes) | (Shows::InCodes, Shows::InNoise) => 0.0,
                 _ => other.growth * DETECTION_LIMIT,
             };
-            // beside a weaker cause, the bound of chance is that cause's statistic, which this one has anyway
             let least = chance.min(other.statistic);
             self.statistic >= least.max(other.leaves_to(self) * other.statistic)
         })
     }
 }
 
-/// The findings that were accepted in codes, noise and trigger.
-pub fn weighed(found: &Aside) -> Vec<Weighed> {
-    found.accepted().map(|f| Weighed::of(f, &[])).collect()
+impl Artefacts {
+    /// What was accepted, for the comparison with what other findings may leave.
+    pub fn findings(&self) -> Vec<Finding> {
+        self.accepted().map(|f| Finding::of(f, &[])).collect()
+    }
 }
 
-/// Withdraws findings in noise and trigger that are no more than what another finding may leave: they get an
-/// objection. `chosen`: causes that were selected.
-pub fn leave_out(aside: &mut Aside, chosen: Vec<Weighed>) {
-    let mut all = weighed(aside);
+/// Withdraws findings in noise and trigger that are no more than what another finding, or a cause in
+/// `chosen`, may leave.
+pub fn leave_out(artefacts: &mut Artefacts, chosen: Vec<Finding>) {
+    let mut all = artefacts.findings();
     all.extend(chosen);
-    for f in aside.noise.iter_mut().filter(|f| f.accepted()) {
-        if !Weighed::of(f, &[]).is_beyond(&all) {
+    for f in artefacts.noise.iter_mut().filter(|f| f.accepted()) {
+        if !Finding::of(f, &[]).is_beyond(&all) {
             f.objection = Some(Objection::LeftByAStronger);
         }
     }
 }
 
 /// Defers an accepted random tone whose frequency is within one period per signal of the ring's own, because
-/// it may be the ring itself, bent by a cause that is not in the model yet. Random tones are tested again
-/// once causes are selected. `length_s`: length of a signal. Returns whether a tone was deferred.
+/// it may be the ring itself, bent by a cause that is not in the model yet. Returns whether one was deferred.
 pub fn at_the_ring(of_noise: &mut [Candidate], model: &Model, length_s: f64) -> bool {
     let own_hz = model.mean[1].exp() / (std::f64::consts::TAU * length_s);
     let tone = of_noise.iter_mut().find(|f| f.id == CauseId::RandomTone && f.accepted());
@@ -137,10 +125,9 @@ pub fn at_the_ring(of_noise: &mut [Candidate], model: &Model, length_s: f64) -> 
     true
 }
 
-/// After a deferral and a new test: withdraws a random tone whose statistic is at most a tenth
-/// (`little`) of that of the strongest chosen cause, which may leave so much at the ring's frequency.
-/// The frequency of the tone that the new test has found is not looked at.
-pub fn at_the_ring_beside(of_noise: &mut [Candidate], chosen: &[Weighed]) {
+/// After a deferral and a new test: withdraws a random tone whose statistic is at most a tenth of that of the
+/// strongest chosen cause, which may leave so much at the ring's frequency.
+pub fn at_the_ring_beside(of_noise: &mut [Candidate], chosen: &[Finding]) {
     let strongest = chosen.iter().map(|c| c.statistic).fold(0.0, f64::max);
     for f in of_noise.iter_mut().filter(|f| f.id == CauseId::RandomTone && f.accepted()) {
         if f.statistic <= little() * strongest {
@@ -150,10 +137,10 @@ pub fn at_the_ring_beside(of_noise: &mut [Candidate], chosen: &[Weighed]) {
 }
 
 /// Withdraws findings in noise that are not accepted any more in `again`, the tests with the causes in the
-/// model: what the causes did to single signals had looked like noise.
+/// model.
 pub fn still_there(of_noise: &mut [Candidate], again: &[Candidate]) {
     for f in of_noise.iter_mut().filter(|f| f.accepted()) {
-        // a correlation was taken out by whitening, so the new test finds little of it anyway
+        // a correlation was taken out by whitening
         let gone =
             f.id != CauseId::CorrelatedNoise && again.iter().any(|a| a.id == f.id && !a.accepted());
         if gone {
@@ -167,8 +154,8 @@ mod tests {
     use super::CauseId::*;
     use super::*;
 
-    fn one(id: CauseId, statistic: f64) -> Weighed {
-        Weighed { id, tied_with: vec![], statistic, growth: 1.0 }
+    fn one(id: CauseId, statistic: f64) -> Finding {
+        Finding { id, tied_with: vec![], statistic, growth: 1.0 }
     }
 
     /// Which of these findings are beyond what the others leave.
@@ -203,7 +190,7 @@ mod tests {
 
     #[test]
     fn beside_a_temperature_that_follows_time_both_are_one() {
-        let tied = Weighed { tied_with: vec![Ageing], ..one(Temperature, 1000.0) };
+        let tied = Finding { tied_with: vec![Ageing], ..one(Temperature, 1000.0) };
         assert!(!one(ClockDrift, 80.0).is_beyond([&tied]));
         assert!(one(ClockDrift, 80.0).is_beyond([&one(Temperature, 1000.0)]));
     }
@@ -211,7 +198,7 @@ mod tests {
     /// Where the signal is largest, the noise has twice the variance that it has without a signal.
     #[test]
     fn beside_noise_that_grows_more_is_asked() {
-        let growing = Weighed { growth: 2.0, ..one(HeteroscedasticNoise, 100.0) };
+        let growing = Finding { growth: 2.0, ..one(HeteroscedasticNoise, 100.0) };
         assert!(!one(Offset, 1.9 * DETECTION_LIMIT).is_beyond([&growing]));
         assert!(one(Offset, 2.1 * DETECTION_LIMIT).is_beyond([&growing]));
     }
@@ -219,7 +206,7 @@ mod tests {
     #[test]
     fn noise_that_the_causes_explain_is_none() {
         let all = |each: &[(CauseId, f64)]| -> Vec<Candidate> {
-            each.iter().map(|(id, x)| Candidate::by_chance(*id, x / 2.0, *x, 1.0, 0.1)).collect()
+            each.iter().map(|(id, x)| Candidate::by_chance(*id, x / 2.0, 1.0, 0.1)).collect()
         };
         let mut noise = all(&[(RandomTone, 90.0), (CorrelatedNoise, 90.0)]);
         still_there(&mut noise, &all(&[(RandomTone, 3.0), (CorrelatedNoise, 1.0)]));

@@ -1,7 +1,6 @@
 //! Operations on vectors and covariances of the five free parameters of a decay (ln damping, ln frequency,
-//! and the amplitudes a, b, c), shared by the files of this room. "In units of `scale`" means that the
-//! amplitudes are divided by the ring's amplitude (`Model::scale`), so that all five numbers are of similar
-//! size.
+//! and the amplitudes a, b, c). "In units of `scale`" means that the amplitudes are divided by the ring's
+//! amplitude (`Model::scale`), so that all five numbers are of similar size.
 
 use inkling_core::model::free_decay::{FREE, Theta};
 use nalgebra::{SMatrix, SVector};
@@ -9,8 +8,8 @@ use nalgebra::{SMatrix, SVector};
 pub type Matrix5 = SMatrix<f64, FREE, FREE>;
 pub type Vector5 = SVector<f64, FREE>;
 
-/// Least eigenvalue of a covariance that is in units of `scale`: a relative scatter of 1e-5, squared. Smaller
-/// scatter counts as none; the floor keeps covariances invertible.
+/// Least eigenvalue of a covariance in units of `scale`, so that it can be inverted: a relative scatter of
+/// 1e-5, squared.
 const LEAST_SCATTER: f64 = 1e-10;
 
 /// A matrix made symmetric, with its eigenvalues raised to [`LEAST_SCATTER`] at least; in units of `scale`.
@@ -20,18 +19,16 @@ pub fn floored(m: &Matrix5) -> Matrix5 {
     eigen.eigenvectors * Matrix5::from_diagonal(&values) * eigen.eigenvectors.transpose()
 }
 
-/// Inverse of a covariance in units of `scale`, floored before: the precision of a prior.
+/// Inverse of a floored covariance: the precision of a prior.
 pub fn inverse(m: &Matrix5) -> Matrix5 {
     inverse_or_zero(floored(m))
 }
 
-/// Inverse of a matrix; 0 if it has none.
 pub fn inverse_or_zero(m: Matrix5) -> Matrix5 {
     m.try_inverse().unwrap_or_else(Matrix5::zeros)
 }
 
-/// Mean of each group's vectors; 0 for an empty group. `members`: the number of its group (below `groups`)
-/// and the vector of each member.
+/// Mean of each group's vectors; 0 for an empty group. `members`: group and vector of each.
 pub fn means_of_groups<const N: usize>(
     groups: usize,
     members: impl Iterator<Item = (usize, SVector<f64, N>)>,
@@ -44,17 +41,17 @@ pub fn means_of_groups<const N: usize>(
     sums.into_iter().map(|(sum, count)| sum / count.max(1.0)).collect()
 }
 
-/// The five free parameters (all but the real pole's rate) in units of `scale`.
+/// The five free parameters in units of `scale`.
 pub fn free_part(theta: &Theta, scale: &Vector5) -> Vector5 {
     theta.fixed_rows::<FREE>(0).component_div(scale)
 }
 
-/// Converts a covariance from the parameters' own units to units of `scale`.
+/// A covariance in units of `scale`, from the parameters' own.
 pub fn scaled(m: &Matrix5, scale: &Vector5) -> Matrix5 {
     Matrix5::from_fn(|i, j| m[(i, j)] / (scale[i] * scale[j]))
 }
 
-/// Converts a covariance from units of `scale` to the parameters' own units.
+/// The inverse of `scaled`.
 pub fn unscaled(m: &Matrix5, scale: &Vector5) -> Matrix5 {
     Matrix5::from_fn(|i, j| m[(i, j)] * scale[i] * scale[j])
 }

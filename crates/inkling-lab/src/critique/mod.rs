@@ -4,10 +4,9 @@
 //! and the extended model. `docs/critique.md` describes the method for users. The way through this room:
 //!
 //! 1. `engine` runs everything for ink channels; [`decay`] does so for few long decays of an oscillator.
-//! 2. `outliers` leaves odd signals out. The baseline, a mixed-effects model ([`model`], `start`, `scatter`,
+//! 2. `outliers` leaves odd signals out. The baseline, a mixed-effects model ([`model`], `settle`, `start`, `scatter`,
 //!    `matrices`), is fitted to single signals, never to an average alone.
-//! 3. `codes`, `ensemble` and, later, `jitter` (with `between`) test converter, noise and trigger; `found`
-//!    holds what they find.
+//! 3. `codes`, `ensemble` and, later, `jitter` (with `between`) test converter, noise and trigger (`artefacts`).
 //! 4. All causes that move the expected signal ([`catalogue`]) are tested at once, as directions in one space
 //!    of linear extensions (`space`, `contributions`, `curvature`, `nuisance`, `candidates`, `clusters`).
 //!    Those that compete are refitted (`refit`, `selection`), and one `search`, the same for all plants,
@@ -22,6 +21,7 @@
 //! [`tuned`] holds every tuned number, `chance` turns statistics into probabilities.
 
 mod adequacy;
+mod artefacts;
 mod between;
 mod candidate;
 mod candidates;
@@ -40,7 +40,6 @@ mod evidence;
 mod extended;
 mod figures;
 pub mod finding;
-mod found;
 mod gain;
 #[cfg(test)]
 mod generator;
@@ -62,6 +61,7 @@ pub mod report;
 mod scatter;
 mod search;
 mod selection;
+mod settle;
 mod space;
 mod start;
 pub mod tuned;

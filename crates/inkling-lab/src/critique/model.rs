@@ -1,9 +1,10 @@
-//! The mixed-effects model of all signals (thesis (2-2) as it shows in the output), its linearisation about
-//! each signal, and the descent that moves its channels and signals to their most probable parameters.
+//! The mixed-effects model of all signals (thesis (2-2) as it shows in the output), and its linearisation
+//! about each signal.
 //!
 //! In: `Observations`. Out: `Model`, whose `Model::linearise` gives one signal's residual and Jacobian to
-//! every other file of this room. `start.rs` makes the first model, `scatter.rs` estimates covariances, mean
-//! and noise (`Model::fit`), and `refit.rs` adds causes.
+//! every other file of this room. `start.rs` makes the first model, `settle.rs` moves channels and signals to
+//! their most probable parameters, `scatter.rs` estimates covariances, mean and noise (`Model::fit`), and
+//! `refit.rs` adds causes.
 //!
 //! The model expects of signal i, in counts at time t after t_a:
 //!
@@ -13,97 +14,76 @@
 //! ```
 //!
 //! s: drive over the mean drive; f: the free decay (`free_decay.rs`); shapes, g and beta: what causes add
-//! (`Additions`); z: standardised covariates. A healthy channel's own parameters are constant over its
-//! bursts, so the scatter is split: `units` of a channel ~ N(mean, `between`), `each` of a signal ~ N(0,
-//! `within`) from burst to burst.
-//!
-//! The model is linearised about each signal's own present theta_i and not about the mean, so that channels
-//! whose frequency scatters by per cents are each judged by their own decay.
+//! (`Additions`); z: standardised covariates. The scatter is split: `units` of a channel ~ N(mean,
+//! `between`), `each` of a signal ~ N(0, `within`) from burst to burst. The model is linearised about each
+//! signal's own theta_i, since channels' frequencies scatter by per cents.
 
 use super::covariates::COVARIATES;
-use super::matrices::{Matrix5, Vector5, free_part, inverse, scaled};
+use super::matrices::{Matrix5, Vector5};
 use super::observations::Observations;
-use inkling_core::model::descent::{Damping, descend};
 use inkling_core::model::free_decay::{self, ALL, FREE, Tangent, Theta};
 use inkling_core::model::inner_product::dot;
 use inkling_core::numbers::tuned::little;
-use inkling_core::side_by_side::side_by_side;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 use std::iter::repeat;
 
-/// Number of powers of the drive with which a shape may scale: 0, 1, 2, 3.
+/// Number of powers of the drive (0 to 3) with which a shape may scale.
 pub const PATTERNS: usize = 4;
-/// Largest number of trial steps of a descent, which otherwise ends where a step gains nothing. Long rings of
-/// high quality, whose frequency scatters by per cents, need a dozen steps, since each step is bounded.
-const STEPS: usize = 20;
-/// How the steps of a descent are damped (Levenberg and Marquardt, `descent.rs`).
-const DAMPING: Damping = Damping { first: 1e-4, down: 0.2, least: 1e-9, up: 20.0, most: 1e8 };
-/// Largest changes in one step of `one_step`, `Model::shift` and `Model::shift_lambda`: that of ln damping
-/// and of ln lambda/sigma, and that of ln frequency. (`Model::descend` has bounds of its own.)
+/// Largest changes of ln damping (and ln lambda/sigma) and of ln frequency in one step of `one_step`,
+/// `Model::shift` and `Model::shift_lambda`.
 const MOST_OF_DAMPING: f64 = 0.3;
 const MOST_OF_FREQUENCY: f64 = 0.05;
 /// Least variance of the noise before a coarse converter rounds it, counts².
 const LEAST_BEFORE_ROUNDING: f64 = 0.09;
-/// Rate of the real pole over the damping, lambda/sigma, that is expected of an ink channel: this ratio
-/// follows from the cross-sections and the ratio of inertances, thesis (2-3), (2-4).
+/// Rate of the real pole over the damping, lambda/sigma, that is expected of an ink channel: it follows from
+/// the cross-sections and the ratio of inertances, thesis (2-3), (2-4).
 pub const LAMBDA_OVER_SIGMA: f64 = 1.27;
-/// Bounds of lambda/sigma: lambda lies between R_r/I_r and R_n/I_n, which are here divided by a typical
-/// sigma.
+/// Bounds of lambda/sigma: lambda lies between R_r/I_r and R_n/I_n, here over a typical sigma.
 const LAMBDA_BOUNDS: (f64, f64) = (0.55, 2.7);
 /// Ratio g/d of the resistive rates R_r/I_r and R_n/I_n, which is A_n/A_r by thesis (2-3), (2-4). The output
-/// does not tell it, so it is held at this value wherever flows inside the channel are needed (`candidates`).
+/// does not tell it, so it is held wherever flows inside the channel are needed.
 pub const RATIO_OF_RATES: f64 = 0.2;
 
-/// The fitted model of all signals; the symbols are those of the module's equation. Parameters are a `Theta`:
-/// ln sigma and ln omega (rates per signal length), the amplitudes a, b, c (counts at mean drive), and a
-/// sixth one for the real pole.
+/// The fitted model of all signals. Parameters are a `Theta`: ln sigma and ln omega (rates per signal
+/// length), the amplitudes a, b, c (counts at mean drive), and a sixth one for the real pole.
 #[derive(Clone, Debug)]
 pub struct Model {
     /// Whether there is a real pole (ink channel) or none (oscillator).
     pub real: bool,
     /// Parameters of the mean channel. As [`Theta`], but the last one is ln lambda/sigma and not ln lambda: a
-    /// change of the losses moves both poles of a channel by the same factor, so the ratio stays.
+    /// change of the losses moves both poles by the same factor.
     pub mean: Theta,
-    /// Covariance of the five free parameters (all but the last) from channel to channel, in the parameters'
-    /// own units.
+    /// Covariance of the five free parameters from channel to channel, in the parameters' own units.
     pub between: Matrix5,
-    /// Covariance of the free parameters from burst to burst within a channel; zero where every channel was
-    /// heard once.
+    /// The same from burst to burst within a channel; zero where every channel was heard once.
     pub within: Matrix5,
-    /// Whether `between` and `within` were estimated (true), or are still the wide guesses of the start.
+    /// Whether both were estimated, or are still the wide guesses of the start.
     pub estimated: bool,
     /// Variance of the white noise of a sample, counts².
     pub noise_var: f64,
-    /// What causes add to the free decays.
     pub added: Additions,
-    /// Parameters of each channel, by `Row::unit`. Only the five free ones are used: the last one is always
-    /// the mean's.
+    /// Parameters of each channel, by `Row::unit`; the last one is not used, it is always the mean's.
     pub units: Vec<Theta>,
-    /// Deviation of each signal's own parameters from its channel's, by row; its last element is not used.
+    /// Deviation of each signal's own parameters from its channel's, by row; the last one is not used.
     pub each: Vec<Theta>,
-    /// Limits of the converter: samples that are expected or measured beyond `Rail::from` may be clipped, and
-    /// count for nothing.
+    /// Limits of the converter: samples that are expected or measured beyond `Rail::from` count for nothing.
     pub rails: Vec<Rail>,
     /// `[step, first]` of a coarse converter, counts: all codes are `first` plus a multiple of `step`.
-    /// `None`: no coarse step of whole counts was found.
     pub lattice: Option<[f64; 2]>,
 }
 
-/// What causes add to the free decays, or change in them.
 #[derive(Clone, Debug)]
 pub struct Additions {
-    /// Shapes that are added to every signal, in counts at mean drive: N samples for each power of the drive.
+    /// Shapes that are added to every signal, counts at mean drive: N samples for each power of the drive.
     pub shapes: [Vec<f64>; PATTERNS],
-    /// Change of theta per unit of each covariate, which is a standard deviation but for the constant and for
-    /// squares ([`super::covariates`]).
+    /// Change of theta per unit of each covariate ([`super::covariates`]).
     pub beta: [Theta; COVARIATES],
-    /// Share g with which the previous ring, as it goes on in this signal, is added; 0: it has died away.
+    /// Share g of the previous ring, as it goes on in this signal, that is added.
     pub tail_gain: f64,
 }
 
 impl Additions {
-    /// The additions that change nothing, for signals of so many samples.
     pub fn none(samples: usize) -> Additions {
         Additions {
             shapes: std::array::from_fn(|_| vec![0.0; samples]),
@@ -112,37 +92,32 @@ impl Additions {
         }
     }
 
-    /// What all shapes together add to one sample, counts. `powers`: of the signal's drive, from the function
-    /// `powers`.
+    /// What all shapes together add to one sample, counts. `powers`: of the signal's drive.
     pub fn shape(&self, powers: &[f64; PATTERNS], sample: usize) -> f64 {
         powers.iter().zip(&self.shapes).map(|(power, shape)| power * shape[sample]).sum()
     }
 }
 
-/// A limit of the converter.
 #[derive(Clone, Copy, Debug)]
 pub struct Rail {
     /// 1 for the upper limit, -1 for the lower one.
     pub side: f64,
-    /// The limit itself, counts.
     pub level: f64,
     /// Value from which on a sample may be clipped: three standard deviations of the noise before `level`.
     pub from: f64,
 }
 
 impl Rail {
-    /// Whether a value (counts) lies in the region where samples may be clipped.
     pub fn clips(&self, y: f64) -> bool {
         self.side * (y - self.from) > 0.0
     }
 }
 
-/// The model linearised about one signal's parameters: all that a fit or a test needs of that signal. Every
-/// vector has N samples; a sample that may be clipped has 0 in all of them (but for `tangent.y`).
+/// The model linearised about one signal's parameters. Every vector has N samples; a sample that may be
+/// clipped has 0 in all of them (but for `tangent.y`).
 #[derive(Debug, Default)]
 pub struct Linear {
-    /// Jacobian of the signal by its parameters, times the drive (counts per unit of a parameter);
-    /// `tangent.y` is the decay itself per unit drive.
+    /// Jacobian of the signal by its parameters, times the drive; `tangent.y` is the decay per unit drive.
     pub tangent: Tangent,
     /// Measured minus expected, counts.
     pub residual: Vec<f64>,
@@ -153,7 +128,6 @@ pub struct Linear {
 }
 
 impl Linear {
-    /// Number of samples that count.
     pub fn counted(&self) -> f64 {
         self.counts.iter().sum()
     }
@@ -170,44 +144,40 @@ impl Linear {
     }
 }
 
-/// The powers 0 to 3 of the drive (relative to the mean drive) that a shape may scale with.
 pub fn powers(drive: f64) -> [f64; PATTERNS] {
     [1.0, drive, drive * drive, drive * drive * drive]
 }
 
-/// Yields the index and the step of each parameter, where the steps of the first two (ln damping, ln
-/// frequency) are clamped so that a linear step cannot leave the range in which it means something.
+/// Index and step of each parameter; the steps of the first two (ln damping, ln frequency) are clamped so
+/// that a linear step cannot leave the range in which it means something.
 pub fn one_step(step: &[f64]) -> impl Iterator<Item = (usize, f64)> {
     let most = [MOST_OF_DAMPING, MOST_OF_FREQUENCY].into_iter().chain(repeat(f64::INFINITY));
     step.iter().zip(most).map(|(step, most)| step.clamp(-most, most)).enumerate()
 }
 
-/// Turns a model's parameters into those of a decay: adds ln sigma to the last one, which turns ln
-/// lambda/sigma into ln lambda.
+/// Turns a model's parameters into those of a decay: ln lambda/sigma becomes ln lambda.
 pub fn with_its_pole(mut theta: Theta) -> Theta {
     theta[5] += theta[0];
     theta
 }
 
 impl Model {
-    /// Amplitude of the mean channel's damped pair at mean drive, counts.
     pub fn amplitude(&self) -> f64 {
         self.mean[2].hypot(self.mean[3])
     }
 
     /// Prior standard deviation of the real pole's mean amplitude about 0, counts: a tenth of the ring
-    /// (`little`). The amplitude depends on how the pulse moves both flows at the end of the actuation, of which
-    /// thesis (2-2) says nothing. Without this bound the real pole would swallow offset, droop and
-    /// transients. The prior is used in tests and refits (`space.rs`, `nuisance.rs`), not in the descents
-    /// here.
+    /// (`little`). The amplitude depends on how the pulse moves both flows at the end of the actuation, of
+    /// which thesis (2-2) says nothing; without this bound it would swallow offset, droop and transients.
+    /// Used in tests and refits (`space.rs`, `nuisance.rs`), not in the descents here.
     pub fn slow_sd(&self) -> f64 {
         little() * self.amplitude().max(f64::MIN_POSITIVE)
     }
 
     /// Mean of what rounding to a coarse step adds to a sample whose mean before rounding is `expected`;
     /// counts. The rounding error of a value u is a sawtooth with the Fourier series q sum (-1)^k sin(2 pi k
-    /// u/q) / (pi k), q the step. Its mean over Gaussian noise of variance v attenuates term k by e^{-2 (pi
-    /// k/q)² v}, so that six terms suffice. 0 without a coarse step.
+    /// u/q) / (pi k), q the step; Gaussian noise of variance v attenuates term k by e^{-2 (pi k/q)² v}, so
+    /// that six terms suffice.
     fn rounding(&self, expected: f64) -> f64 {
         let Some([step, first]) = self.lattice else { return 0.0 };
         // the variance before rounding: the fitted one includes that of uniform rounding errors, step²/12
@@ -227,20 +197,19 @@ impl Model {
         self.mean[5] - LAMBDA_OVER_SIGMA.ln()
     }
 
-    /// Parameters of the mean channel's free decay, ln lambda last.
     pub fn decay(&self) -> Theta {
         self.sampled(with_its_pole(self.mean))
     }
 
     /// Limits the frequency to half of the sampling rate, omega <= pi N: a ring above cannot be told from one
-    /// below. A fit that runs away (for example if each signal rings at a frequency of its own) ends there.
+    /// below.
     fn sampled(&self, mut theta: Theta) -> Theta {
         theta[1] = theta[1].min((PI * self.added.shapes[0].len() as f64).ln());
         theta
     }
 
-    /// Moves the mean and all channels by the same step; changes of ln damping, ln frequency and ln
-    /// lambda/sigma are bounded. A step that is not finite is ignored: the data did not determine it.
+    /// Moves the mean and all channels by the same bounded step. One that is not finite is ignored: the data
+    /// did not determine it.
     pub fn shift(&mut self, step: &[f64; ALL]) {
         if !step.iter().all(|v| v.is_finite()) {
             return;
@@ -252,8 +221,8 @@ impl Model {
         self.shift_lambda(step[ALL - 1]);
     }
 
-    /// Moves ln lambda/sigma of all channels by a bounded step, and keeps the ratio within `LAMBDA_BOUNDS`. A
-    /// step that is not finite is ignored.
+    /// Moves ln lambda/sigma of all channels by a bounded step, within `LAMBDA_BOUNDS`; ignores one that is
+    /// not finite.
     pub fn shift_lambda(&mut self, step: f64) {
         if !step.is_finite() {
             return;
@@ -263,11 +232,9 @@ impl Model {
         self.mean[5] = moved.min(high.ln()).max(low.ln());
     }
 
-    /// Parameters of signal i's free decay, ln lambda last: those of its channel, its own deviation, and what
-    /// the covariates add.
+    /// Parameters of signal i's free decay, ln lambda last.
     pub fn theta(&self, i: usize, data: &Observations) -> Theta {
         let mut theta = self.units[data.rows[i].unit] + self.each[i];
-        // all channels share the ratio lambda/sigma
         theta[5] = self.mean[5];
         for (beta, z) in self.added.beta.iter().zip(data.beside.z[i]) {
             theta += beta * z;
@@ -275,35 +242,31 @@ impl Model {
         self.sampled(with_its_pole(theta))
     }
 
-    /// Writes the residual (measured minus expected) and the Jacobian of signal i to `out`, both in counts,
-    /// that is, for the signal's own drive. `out` is passed in so that its memory is used again.
+    /// Writes residual and Jacobian of signal i to `out`, both in counts, that is, for the signal's own
+    /// drive. `out` is passed in so that its memory is used again.
     pub fn linearise(&self, i: usize, data: &Observations, out: &mut Linear) {
         let theta = self.theta(i, data);
         let n = data.samples;
         let s = data.beside.drive[i];
         out.tangent.at(&theta, self.mean[4], self.real, n);
-        // The model holds ln lambda/sigma, so a step of ln sigma moves lambda, too. By the chain rule the
-        // column of ln sigma is the decay's own column of ln sigma plus its column of ln lambda. The latter
-        // is computed with the mean amplitude of the real pole (`weak`), because a single signal's amplitude
-        // is mostly noise.
+        // The model holds ln lambda/sigma, so a step of ln sigma moves lambda, too: by the chain rule the
+        // pole's column is added. It is computed with the mean amplitude of the real pole, because a single
+        // signal's is mostly noise.
         let [of_damping, .., of_pole] = &mut out.tangent.columns;
         of_damping.iter_mut().zip(of_pole).for_each(|(damping, pole)| *damping += *pole);
 
-        // What the previous ring adds to this signal per unit of `tail_gain`: the same decay, taken from the
-        // idle time on. Where there was no actuation before (infinite), or none was recorded (NaN), nothing
-        // is added.
+        // What the previous ring adds per unit of `tail_gain`: the same decay from the idle time on. Nothing
+        // where there was no actuation before (infinite), or none was recorded (NaN).
         out.tail.clear();
         out.tail.resize(n, 0.0);
         let idle_s = data.rows[i].beside.idle_s;
         if idle_s.is_finite() && idle_s > 0.0 {
-            // age of the previous ring when this signal begins, in signal lengths
             let shift = idle_s / data.length_s();
             free_decay::add(&theta, self.real, shift, 1.0, &mut out.tail);
         }
 
-        // Sample by sample: scale the decay by the drive, add tail, shapes and rounding, and subtract the sum
-        // from what was measured. Where a sample may be clipped, because it is expected or measured near a
-        // rail or is marked as lost, all of its numbers become 0, so that sums over samples ignore it.
+        // Sample by sample, measured minus the sum of decay, tail, shapes and rounding. Where a sample may be
+        // clipped, all of its numbers become 0.
         out.residual.clear();
         out.counts.clear();
         out.counts.resize(n, 1.0);
@@ -325,8 +288,7 @@ impl Model {
         }
     }
 
-    /// Linearises the model about each signal in turn, and collects what `of` makes of the signal's row and
-    /// its linearisation.
+    /// What `of` makes of each signal's row and its linearisation.
     pub fn of_each<T>(
         &self,
         data: &Observations,
@@ -340,147 +302,12 @@ impl Model {
         (0..data.len()).map(each).collect()
     }
 
-    /// Moves every channel's parameters (`units`) to their most probable values, given all signals of the
-    /// channel together, the signals' present own deviations, and the prior N(mean, `between`). `steps`:
-    /// largest number of trial steps of a channel's descent.
-    pub fn fit_units(&mut self, data: &Observations, steps: usize) {
-        let mut rows = vec![Vec::new(); data.units];
-        (0..data.len()).for_each(|i| rows[data.rows[i].unit].push(i));
-        let scale = self.scale();
-        let precision = inverse(&scaled(&self.between, &scale));
-        let (own, centre): (Own, Theta) = (|model, unit| &mut model.units[unit], self.mean);
-        let descent = Descent { data, own, centre, scale, precision, most: [0.5, 0.5], steps };
-        let moved = |model: &mut Model, unit| model.descend(unit, &rows[unit], &descent);
-        self.units = self.by_halves(self.units.len(), moved);
-    }
-
-    /// Moves each signal's own deviation (`each`) to its most probable value, given its channel's parameters
-    /// and the prior N(0, `within`).
-    fn fit_each(&mut self, data: &Observations, steps: usize) {
-        if data.len() == data.units {
-            return; // every channel was heard once, so its parameters are those of its signal
-        }
-        let scale = self.scale();
-        let precision = inverse(&scaled(&self.within, &scale));
-        let (own, centre): (Own, Theta) = (|model, i| &mut model.each[i], Theta::zeros());
-        let descent = Descent { data, own, centre, scale, precision, most: [0.2, 0.02], steps };
-        self.each = self.by_halves(data.len(), |model, i| model.descend(i, &[i], &descent));
-    }
-
-    /// Returns what `moved` makes of each of `count` channels or signals, in their order. Two threads do half
-    /// of the work each on a copy of the model. This is allowed because the descent of one channel or signal
-    /// does not depend on where another one's ends.
-    pub(super) fn by_halves(
-        &self,
-        count: usize,
-        moved: impl Fn(&mut Model, usize) -> Theta + Sync,
-    ) -> Vec<Theta> {
-        let half = |rows: std::ops::Range<usize>| -> Vec<Theta> {
-            let mut model = self.clone();
-            rows.map(|i| moved(&mut model, i)).collect()
-        };
-        side_by_side(2, vec![0..count / 2, count / 2..count], half).concat()
-    }
-
-    /// Returns the most probable parameters of one channel, or one signal, by a damped Gauss-Newton descent
-    /// of -2 ln posterior = |residual|²/noise_var + (theta - centre)^T precision (theta - centre), which
-    /// starts at the present parameters. `of`: index of the channel or the signal; `rows`: the signals that
-    /// tell about it. The caller must store the result: in this model, the parameters are left at the point
-    /// that the descent tried last.
-    fn descend(&mut self, of: usize, rows: &[usize], descent: &Descent) -> Theta {
-        let Descent { own, centre, scale, precision, .. } = descent;
-        // deviation from the centre of the prior, in units of `scale`
-        let off = |theta: &Theta| free_part(&(theta - centre), scale);
-        let (noise_var, start) = (self.noise_var, *own(self, of));
-        let mut linear = Linear::default();
-        // -2 ln posterior, up to a constant, and the sums from which the slope at the same point follows
-        let cost = |theta: &Theta| {
-            *own(self, of) = *theta;
-            let normal = self.normal(rows, descent, &mut linear);
-            let of_prior = off(theta).dot(&(precision * off(theta)));
-            (normal.square / noise_var + of_prior, normal)
-        };
-        // half of the negative gradient of the cost, and half of its Gauss-Newton Hessian
-        let slope = |theta: &Theta, normal: Normal| {
-            let gradient = normal.product / noise_var - precision * off(theta);
-            Some((gradient, normal.gram / noise_var + precision))
-        };
-        // A Gauss-Newton step with the diagonal of the Hessian increased by the damping. The steps of ln
-        // damping and ln frequency are clamped, since the linearisation says nothing of places far away.
-        let step = |theta: &Theta, (gradient, hessian): &(Vector5, Matrix5), damping: f64| {
-            let damped = hessian + Matrix5::from_diagonal(&(hessian.diagonal() * damping));
-            let step = damped.cholesky()?.solve(gradient);
-            let mut trial = *theta;
-            for j in 0..FREE {
-                let most = descent.most.get(j).copied().unwrap_or(f64::INFINITY);
-                trial[j] += (step[j] * scale[j]).clamp(-most, most);
-            }
-            Some(trial)
-        };
-        let rests = |gained: f64, _| gained < 1e-6;
-        descend(start, DAMPING, descent.steps, cost, slope, step, rests).0
-    }
-
-    /// Sums of the normal equations over some signals, at the present parameters; `linear` is used as memory.
-    fn normal(
-        &self,
-        rows: &[usize],
-        Descent { data, scale, .. }: &Descent,
-        linear: &mut Linear,
-    ) -> Normal {
-        let mut sum = Normal { gram: Matrix5::zeros(), product: Vector5::zeros(), square: 0.0 };
-        for &i in rows {
-            self.linearise(i, data, linear);
-            let (gram, product) = free_products(linear, scale);
-            sum.gram += gram;
-            sum.product += product;
-            sum.square += dot(&linear.residual, &linear.residual);
-        }
-        sum
-    }
-
     /// Units that make the free parameters numbers of similar size: 1 for the two logarithms, the mean
     /// channel's amplitude (counts) for a, b, c.
     pub fn scale(&self) -> Vector5 {
         let a = self.amplitude();
         Vector5::from([1.0, 1.0, a, a, a])
     }
-
-    /// Moves the points of linearisation: channels and single signals, in turn and twice, go to their most
-    /// probable values under the present mean, scatter, noise and additions.
-    pub fn settle(&mut self, data: &Observations) {
-        for _ in 0..2 {
-            self.fit_units(data, STEPS);
-            self.fit_each(data, STEPS);
-        }
-    }
-}
-
-/// Selects the parameters that a descent moves, by index: those of a channel, or one signal's own deviation.
-type Own = fn(&mut Model, usize) -> &mut Theta;
-
-/// What a descent needs beside the model: the data, the parameters that move, their prior, and bounds.
-struct Descent<'a> {
-    data: &'a Observations,
-    own: Own,
-    /// Mean of the prior of the moved parameters.
-    centre: Theta,
-    /// Units of the parameters, from `Model::scale`.
-    scale: Vector5,
-    /// Inverse covariance of that prior, in units of `scale`.
-    precision: Matrix5,
-    /// Largest changes of ln sigma and of ln omega in one step.
-    most: [f64; 2],
-    /// Largest number of trial steps.
-    steps: usize,
-}
-
-/// Sums over signals that a Gauss-Newton step needs: J^T J (`gram`), J^T r (`product`) and r^T r (`square`),
-/// with the Jacobian J in units of `scale`, not divided by the noise.
-struct Normal {
-    gram: Matrix5,
-    product: Vector5,
-    square: f64,
 }
 
 /// J^T J and J^T r of one signal over the free parameters in units of `scale`, not divided by the noise.
@@ -496,52 +323,4 @@ pub fn free_products(linear: &Linear, scale: &Vector5) -> (Matrix5, Vector5) {
         }
     }
     (gram, product)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::generator::{Run, draw};
-    use super::*;
-
-    /// The descent starts far off, where a plain Gauss-Newton step overshoots; it must improve every signal
-    /// whatever the number of steps.
-    #[test]
-    fn no_step_is_kept_that_makes_a_signal_less_probable() {
-        let data = draw(&Run { channels: 6, bursts: 4, ..Run::default() }, 31);
-        let mut fitted = Model::start(&data, true).unwrap();
-        fitted.fit(&data, 1);
-        let scale = fitted.scale();
-        let precision = inverse(&scaled(&fitted.within, &scale));
-        let (own, centre): (Own, Theta) = (|model, i| &mut model.each[i], Theta::zeros());
-        let most = [0.2, 0.02];
-        let descent = Descent { data: &data, own, centre, scale, precision, most, steps: 0 };
-        let costs = |model: &Model| -> Vec<f64> {
-            let mut linear = Linear::default();
-            let cost = |i: usize| {
-                let off = free_part(&model.each[i], &scale);
-                let square = model.normal(&[i], &descent, &mut linear).square;
-                square / model.noise_var + off.dot(&(precision * off))
-            };
-            (0..data.len()).map(cost).collect()
-        };
-        let best = costs(&fitted);
-        for (i, each) in fitted.each.iter_mut().enumerate() {
-            let sign = if i % 2 == 0 { 1.0 } else { -1.0 };
-            each[0] += sign;
-            each[1] += 0.06 * sign;
-        }
-        let mut last = costs(&fitted);
-        for steps in [1, 2, 3, 40] {
-            let mut model = fitted.clone();
-            model.fit_each(&data, steps);
-            let now = costs(&model);
-            assert!(now.iter().zip(&last).all(|(now, last)| now <= last), "{steps} steps");
-            last = now;
-        }
-        // in the end it must get back to the best fit
-        assert!(
-            last.iter().zip(&best).all(|(last, best)| last < &(best + 1e-3)),
-            "{last:?} {best:?}"
-        );
-    }
 }

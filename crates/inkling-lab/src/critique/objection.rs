@@ -1,9 +1,6 @@
 //! Why a candidate is not the cause, as values with their words: an [`Objection`] is a property of a
-//! candidate that fits but cannot be the cause; a [`WhyNot`] is the reason that a row of the evidence tells,
-//! which may also be that the candidate is not significant or that another one was chosen.
-//!
-//! The tests of candidates set objections (`candidates`, `codes`, `jitter`, `leftovers`,
-//! `decay/objections.rs`); `search.rs` and `evidence.rs` set the reasons; the report prints their words.
+//! candidate that fits but cannot be the cause; a [`WhyNot`] is the reason that a row of the evidence tells.
+//! Tests set objections, `search.rs` and `evidence.rs` the reasons.
 
 use super::catalogue::CauseId;
 use thiserror::Error;
@@ -11,7 +8,7 @@ use thiserror::Error;
 /// Why a candidate cannot be the cause although it fits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum Objection {
-    /// The data cannot test it; the words say what would be needed.
+    /// The data cannot test it; the words say what it needs.
     #[error("{0}")]
     Untested(&'static str),
     #[error("its coefficient has the unphysical sign")]
@@ -20,35 +17,28 @@ pub enum Objection {
     /// It shows in how a shape scales with the drive, which did not vary enough.
     #[error("needs a drive scan")]
     NoDriveScan,
-    /// Its own parameter (damping, frequency) does not follow the covariate significantly; only the
-    /// amplitudes at t_a do.
+    /// Its own parameter does not follow the covariate significantly; only the amplitudes at t_a do.
     #[error("what follows is the acquisition state alone")]
     StateAlone,
-    /// A line that may be the ring itself, or a harmonic of it.
     #[error("its line lies at the model's own frequency or a multiple of it")]
     OwnLine,
-    /// A line with less than two periods in the signal.
     #[error("it is so slow that it may be no line")]
     SlowLine,
-    /// The best size is an end of the range that is searched, so it is no estimate.
     #[error("its best size lies where the range ends that is looked at")]
     AtTheEnd,
-    /// It passed the linear test, but no refitted model with a name was better.
+    /// It passed the linear test, but no refit was better.
     #[error("its refit leads nowhere")]
     LeadsNowhere,
     // objections to findings in codes, noise and trigger
     #[error("codes are missing, but not those between the multiples of a step")]
     NoLattice,
-    /// It is no more than the share of a stronger finding's statistic which that one's model may leave.
     #[error("what a stronger cause leaves")]
     LeftByAStronger,
-    /// Noise that is not found any more once the causes are in the model.
     #[error("what other causes leave in single signals")]
     LeftInSignals,
-    /// A random tone at the ring's frequency, before causes are selected: it is tested again afterwards.
+    /// A random tone at the ring's frequency, before causes are selected.
     #[error("it is looked for beside the causes")]
     LookedForLater,
-    /// A random tone that is little beside a selected cause.
     #[error("what bends the ring leaves so much at its frequency")]
     LeftAtTheRing,
     /// A jitter whose bursts may vary as much across the shift in time as along it.
@@ -76,28 +66,26 @@ pub enum Objection {
     #[error("it lies on {0} times the frequency of the ring, folded")]
     Folded(i32),
     #[error("it cannot be told from a line that is in the model")]
-    Known,
+    KnownLine,
     #[error("it does not oscillate")]
     Overdamped,
     /// In a coloured misfit anything takes some of it: a line must take a tenth, another cause 3 %.
     #[error("it is little of what is left")]
-    Little,
+    TooWeak,
 }
 
-/// Why a candidate was not accepted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum WhyNot {
     #[error("not significant")]
     NotSignificant,
     #[error("{0}")]
     Objection(Objection),
-    /// It was refitted and lost; `evidence.rs` replaces this by `ExplainsMore`, which names the winner.
+    /// It was refitted and lost; `evidence.rs` names the winner.
     #[error("another cause explains more")]
     AnotherExplainsMore,
     #[error("{0} explains more")]
     ExplainsMore(CauseId),
-    /// Its statistic is beyond the threshold, but this cause was chosen in the same step without a refit of
-    /// it.
+    /// Its statistic is beyond the threshold, but this cause was chosen without a refit of it.
     #[error("explained by {0}")]
     ExplainedBy(CauseId),
     /// Its statistic is beyond the threshold in a step in which nothing was chosen.

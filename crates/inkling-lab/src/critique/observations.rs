@@ -1,56 +1,44 @@
 //! The data of a critique: healthy signals, and what was recorded beside each.
 //!
-//! In: signals one by one, in any order, offered to a [`Sampler`] by the pipeline that reads recordings. Out:
-//! [`Observations`], on which all of this room works: signals of one length, sorted by printhead, channel and
-//! time, as a matrix of rows x samples.
-//!
-//! The sampler keeps at most `capacity` signals. Which ones does not depend on the order: those with the
-//! lowest hashes of printhead, channel and time stay. So memory is bounded, the sample is random, and reruns
-//! agree.
+//! In: signals one by one, in any order, offered to a [`Sampler`]. Out: [`Observations`]: signals of one
+//! length, sorted by printhead, channel and time, as a matrix of rows x samples. The sampler keeps at most
+//! `capacity` signals, those with the lowest hashes of printhead, channel and time. So memory is bounded, the
+//! sample is random, and reruns agree.
 
 use super::covariates::Covariates;
 use inkling_core::burst::Beside;
 use std::collections::{BTreeMap, BinaryHeap};
+use std::ops::Range;
 use xxhash_rust::xxh3::xxh3_64;
 
-/// Where one signal belongs among the others, and what was recorded beside it.
 #[derive(Clone, Copy, Debug)]
 pub struct Row {
     pub beside: Beside,
-    /// Index of the signal's printhead in `printheads`.
     pub printhead: usize,
-    /// Index of the signal's channel among all channels of all printheads, without gaps; rows are sorted by
-    /// it.
+    /// Index of the signal's channel among those of all printheads, without gaps; rows are sorted by it.
     pub unit: usize,
-    /// Index of the acquisition, without gaps: all signals of one printhead and time share it.
+    /// Index of the acquisition, without gaps: signals of one printhead and time share it.
     pub burst: usize,
 }
 
-/// Signals of one length and one sampling period, with what was recorded beside them.
 #[derive(Clone, Debug)]
 pub struct Observations {
-    /// Sampling period.
     pub dt_s: f64,
     /// Number of samples of each signal, N.
     pub samples: usize,
-    /// Whether all samples are whole counts, as an analogue-digital converter gives them.
+    /// Whether all samples are whole counts.
     pub integer: bool,
     /// One row per signal, sorted by printhead, channel and time.
     pub rows: Vec<Row>,
-    /// What was recorded beside the rows, standardised. Whoever changes what rows have recorded must call
-    /// [`Observations::standardised`].
+    /// What was recorded beside the rows; whoever changes it must call [`Observations::standardised`].
     pub beside: Covariates,
-    /// The samples, signal after signal; counts.
     y: Vec<f32>,
-    /// For each element of `y` whether that sample counts for nothing, because it may be clipped; empty if
-    /// all count.
+    /// For each element of `y` whether it counts for nothing, because it may be clipped; empty if all count.
     pub lost: Vec<bool>,
-    /// Number of channels, and of acquisitions.
     pub units: usize,
     pub bursts: usize,
-    /// Number of signals that were offered to the sampler.
+    /// Number of signals that were offered.
     pub found: u64,
-    /// Names of the printheads, sorted.
     pub printheads: Vec<String>,
 }
 
@@ -63,32 +51,37 @@ impl Observations {
         self.rows.is_empty()
     }
 
-    /// Length of a signal, s.
     pub fn length_s(&self) -> f64 {
         self.dt_s * self.samples as f64
     }
 
-    /// Logarithm of the number of samples of all signals: the price of a parameter in the Bayesian
-    /// information criterion.
+    /// The price of a parameter in the Bayesian information criterion.
     pub fn ln_samples(&self) -> f64 {
         (self.len() as f64 * self.samples as f64).ln()
     }
 
-    /// The N samples of signal i, counts.
     pub fn signal(&self, i: usize) -> &[f32] {
         &self.y[i * self.samples..(i + 1) * self.samples]
     }
 
-    /// The same signals, with what was recorded beside them standardised anew, over these rows alone.
+    /// The rows of each channel, by `Row::unit`.
+    pub fn channels(&self) -> impl Iterator<Item = Range<usize>> {
+        let each = self.rows.chunk_by(|p, q| p.unit == q.unit);
+        each.scan(0, |next, rows| {
+            *next += rows.len();
+            Some(*next - rows.len()..*next)
+        })
+    }
+
+    /// The same, with what was recorded beside them standardised anew, over these rows alone.
     pub fn standardised(mut self) -> Observations {
         let recorded: Vec<Beside> = self.rows.iter().map(|row| row.beside).collect();
         self.beside = Covariates::of(&recorded, self.bursts);
         self
     }
 
-    /// Some of the rows: those whose index `keep` accepts. Channels and bursts are numbered anew. The
-    /// standardised covariates keep their values, so a model that was fitted to all rows can be used with
-    /// these.
+    /// Those rows whose index `keep` accepts. Channels and bursts are numbered anew. The standardised
+    /// covariates keep their values, so a model that was fitted to all rows can be used with these.
     pub fn select(&self, keep: impl Fn(usize) -> bool) -> Observations {
         let (mut rows, mut y, mut lost) = (Vec::new(), Vec::new(), Vec::new());
         let (mut units, mut bursts) = (BTreeMap::new(), BTreeMap::new());
@@ -111,9 +104,8 @@ impl Observations {
         }
     }
 
-    /// The signals with AR(1) noise made white: sample k becomes y_k - rho y_{k-1}. A sum of exponentials
-    /// stays one with the same rates under this filter, so a ring stays a ring with other amplitudes. The
-    /// first sample is lost.
+    /// The signals with AR(1) noise made white: y_k - rho y_{k-1}. A sum of exponentials stays one with the
+    /// same rates, so a ring stays a ring. The first sample is lost.
     pub fn whitened(&self, rho: f64) -> Observations {
         let white = |i| self.signal(i).windows(2).map(|w| w[1] - rho as f32 * w[0]);
         let y = (0..self.len()).flat_map(white).collect();
@@ -121,12 +113,10 @@ impl Observations {
         Observations { samples: self.samples - 1, integer: false, y, lost, ..self.clone() }
     }
 
-    /// Whether sample k of signal i counts for nothing, because it may be clipped.
     pub fn is_lost(&self, i: usize, k: usize) -> bool {
         self.lost.get(i * self.samples + k).is_some_and(|lost| *lost)
     }
 
-    /// The signals cut to their first samples.
     pub fn first(&self, samples: usize) -> Observations {
         let samples = samples.min(self.samples);
         let y = (0..self.len()).flat_map(|i| self.signal(i)[..samples].iter().copied()).collect();
@@ -136,13 +126,12 @@ impl Observations {
     }
 }
 
-/// The number of a key; keys are numbered from 0 in the order in which they first come.
+/// The number of a key, from 0 in the order in which they first come.
 pub fn numbered<Key: Ord>(known: &mut BTreeMap<Key, usize>, key: Key) -> usize {
     let next = known.len();
     *known.entry(key).or_insert(next)
 }
 
-/// A signal of the sample, before all are sorted.
 #[derive(Debug)]
 struct Held {
     printhead: usize,
@@ -150,18 +139,14 @@ struct Held {
     y: Vec<f32>,
 }
 
-/// Draws a bounded sample of signals from any number of them: the `capacity` lowest hashes stay.
 #[derive(Debug)]
 pub struct Sampler {
     dt_s: f64,
-    /// Largest number of signals that are held.
     capacity: usize,
     /// Whether all samples of all signals offered so far are whole counts.
     integer: bool,
-    /// Number of each printhead, in the order in which they first came.
     printheads: BTreeMap<String, usize>,
-    /// Hash and index in `held` of each signal of the sample. The largest hash, whose signal is replaced
-    /// next, is on top.
+    /// Hash and index in `held` of each signal. The largest hash, whose signal is replaced next, is on top.
     heap: BinaryHeap<(u64, usize)>,
     held: Vec<Held>,
     found: u64,
@@ -180,7 +165,6 @@ impl Sampler {
         }
     }
 
-    /// Number of signals in the sample.
     pub fn len(&self) -> usize {
         self.held.len()
     }
@@ -189,8 +173,8 @@ impl Sampler {
         self.held.is_empty()
     }
 
-    /// The length N at which most samples are kept in all, if longer signals are cut to N and shorter ones
-    /// are left out.
+    /// The length N at which most samples are kept, if longer signals are cut to it and shorter ones left
+    /// out.
     fn common_length(&self) -> usize {
         let mut lengths: Vec<usize> = self.held.iter().map(|h| h.y.len()).collect();
         lengths.sort_unstable_by(|p, q| q.cmp(p));
@@ -198,8 +182,7 @@ impl Sampler {
         kept.max().map_or(0, |(_, n)| n)
     }
 
-    /// Offers a healthy signal of finite samples, counts. The signal enters the sample if the sample is not
-    /// full yet or its hash is below the largest one, whose signal it then replaces.
+    /// Offers a healthy signal of finite samples, counts.
     pub fn offer(&mut self, printhead: &str, beside: Beside, signal: &[f64]) {
         self.found += 1;
         self.integer &= signal.iter().all(|y| y.fract() == 0.0);
@@ -226,11 +209,10 @@ impl Sampler {
         self.heap.push((hash, slot));
     }
 
-    /// Makes the observations of the sample: brings all signals to one length, sorts them by printhead,
-    /// channel and time, numbers channels and bursts, and standardises the covariates.
+    /// Brings all signals to one length, sorts them by printhead, channel and time, and numbers channels and
+    /// bursts.
     pub fn finish(self) -> Observations {
-        // from numbers in the order of coming to numbers in the order of names, which does not depend on the
-        // order of the signals
+        // from numbers in the order of coming to numbers in the order of names
         let by_name: BTreeMap<usize, usize> =
             self.printheads.values().enumerate().map(|(k, &number)| (number, k)).collect();
         let samples = self.common_length();

@@ -1,12 +1,10 @@
-//! What a critique returns: an [`Outcome`], or a [`CritiqueError`] that says why there is none. `engine.rs`
-//! and `decay` make them; the command line reports them and writes the files.
+//! What a critique returns: an [`Outcome`], or a [`CritiqueError`] that says why there is none.
 
 use super::extended::{Extended, NotExtended};
 use super::finding::Critique;
 use thiserror::Error;
 
-/// Fewest signals that a critique of ink channels needs, and fewest samples that any critique needs of each
-/// signal.
+/// Fewest signals of an ink channel, and fewest samples of each signal of any plant, that a critique needs.
 pub const FEWEST_SIGNALS: usize = 8;
 pub const FEWEST_SAMPLES: usize = 16;
 
@@ -26,11 +24,10 @@ pub enum CritiqueError {
     NoRing,
 }
 
-/// A critique, with the model that it ended with.
 pub struct Outcome {
     pub critique: Critique,
-    /// For each row of the observations that were given whether the signal was left out as unlike the others.
+    /// For each row of the given observations whether the signal was left out as unlike the others.
     pub outlier: Vec<bool>,
-    /// The model that a design's extension is made from (ink channels only), or why there is none.
+    /// The model for a design's extension (ink channels only), or why there is none.
     pub extended: Result<Extended, NotExtended>,
 }

@@ -1,12 +1,11 @@
 //! Finds signals that ring unlike the others, such as those of faulty channels in a recording that nobody
-//! labelled, so that the critique can leave them out.
+//! labelled.
 //!
-//! In: signals, and the first model (`Model::start`). Out: [`Outliers`], for `engine.rs`. The steps:
+//! In: signals, and the first model (`Model::start`). Out: [`Outliers`]. The steps:
 //!
 //! 1. fit every signal alone, and take a trend of its features along the head away, which is no fault;
-//! 2. a signal is odd if its ln amplitude, ln damping or ln frequency lies beyond [`outlying`] (7) robust
-//!    standard deviations of the median, or if the square of its misfit is more than three times the median
-//!    one;
+//! 2. a signal is odd if its ln amplitude, ln damping or ln frequency lies beyond [`outlying`] robust
+//!    standard deviations of the median, or if the square of its misfit is far more than the median one;
 //! 3. a channel with several odd signals is left out altogether;
 //! 4. of the signals that ring like the others but leave more, ask whether the misfit has a shape: odd
 //!    samples of one sign in a row come from heavy-tailed noise only as seldom as chance puts them there.
@@ -18,34 +17,25 @@ use super::covariates::POSITION;
 use super::model::Model;
 use super::observations::Observations;
 use super::tuned::{least_scatter, odd_in_a_row, outlying, stands_out};
-use inkling_core::model::median::median;
+use inkling_core::model::median::{median, median_of, robust_sd};
 use inkling_core::numbers::tuned::little;
+use std::ops::Range;
 
-/// Largest number of channels that a trend along the head is estimated from, and fewest pairs of channels
-/// that this takes.
+/// Largest number of channels that a trend is estimated from, and fewest pairs of channels that this takes.
 const MOST_CHANNELS: usize = 256;
 const FEWEST_SLOPES: usize = 15;
-/// Least scatter that healthy channels are granted in ln damping, ln frequency and ln amplitude, as a
-/// multiple of `least_scatter`. (Nobody wrote down what these were tuned on.)
+/// Least scatter of healthy channels in ln damping, ln frequency and ln amplitude, as a multiple of
+/// `least_scatter`. (Nobody wrote down what these were tuned on.)
 const OF_DAMPING: [f64; 3] = [1.0, 0.16, 0.6];
 
 /// Slope of feature j along the head, per unit of the standardised position: the median, over pairs of
-/// channels, of the slope between the two channels' medians (Theil and Sen), which a few faulty channels do
-/// not move. 0 if there are too few pairs.
+/// channels, of the slope between their medians (Theil and Sen). 0 if there are too few pairs.
 fn trend(data: &Observations, features: &[[f64; 3]], j: usize) -> f64 {
-    let mut of_unit = vec![Vec::new(); data.units];
-    let mut place = vec![0.0; data.units];
-    for (i, row) in data.rows.iter().enumerate() {
-        of_unit[row.unit].push(features[i][j]);
-        place[row.unit] = data.beside.z[i][POSITION];
-    }
-    let at: Vec<(f64, f64)> = of_unit
-        .iter_mut()
-        .zip(place)
-        .filter(|(values, _)| !values.is_empty())
-        .map(|(values, z)| (z, median(values)))
-        .step_by(data.units.div_ceil(MOST_CHANNELS).max(1))
-        .collect();
+    let of_channel = |rows: Range<usize>| {
+        (data.beside.z[rows.start][POSITION], median_of(rows.map(|i| features[i][j])))
+    };
+    let channels = data.channels().step_by(data.units.div_ceil(MOST_CHANNELS).max(1));
+    let at: Vec<(f64, f64)> = channels.map(of_channel).collect();
     let mut slopes = Vec::new();
     for (k, p) in at.iter().enumerate() {
         let later = at[k + 1..].iter().filter(|q| q.0 != p.0);
@@ -54,35 +44,29 @@ fn trend(data: &Observations, features: &[[f64; 3]], j: usize) -> f64 {
     if slopes.len() < FEWEST_SLOPES { 0.0 } else { median(&mut slopes) }
 }
 
-/// For each channel whether more than one of its signals, and more than a tenth of them, are `odd`: the channel
-/// then counts as faulty at times. Its other signals may belong to a fault that begins or ends, and are not
-/// trusted either.
+/// For each channel whether more than one of its signals, and more than a tenth of them, are `odd`: it counts
+/// as faulty at times. Its other signals may belong to a fault that begins or ends, and are not trusted
+/// either.
 fn faulty_channels(data: &Observations, odd: &[bool]) -> Vec<bool> {
-    let mut counts = vec![(0_usize, 0_usize); data.units];
-    for (row, odd) in data.rows.iter().zip(odd) {
-        counts[row.unit].0 += usize::from(*odd);
-        counts[row.unit].1 += 1;
-    }
-    let faulty = |(odd, all): (usize, usize)| odd > 1 && odd as f64 > little() * all as f64;
-    counts.into_iter().map(faulty).collect()
+    let faulty = |rows: Range<usize>| {
+        let (all, count) = (rows.len() as f64, odd[rows].iter().filter(|odd| **odd).count());
+        count > 1 && count as f64 > little() * all
+    };
+    data.channels().map(faulty).collect()
 }
 
-/// The signals that ring unlike the others.
 #[derive(Clone, Debug, Default)]
 pub struct Outliers {
-    /// For each row whether the signal is odd, or belongs to a channel with several odd signals.
     pub out: Vec<bool>,
     /// -ln of the probability that noise, however heavy its tails, gives such misfits to signals that ring
-    /// like the others.
-    pub shaped: f64,
+    /// like the others but leave more.
+    pub shape_surprise: f64,
 }
 
-/// Counts the signals, of those that `some` selects, whose misfit has a run of odd samples of one sign, and
-/// returns -ln of the probability of so many if odd samples are independent, given how often single samples
-/// are odd in all signals. `misfits`: of all signals, counts; `sd`: root mean square of the typical misfit,
-/// counts.
-fn shaped(misfits: &[Vec<f64>], sd: f64, some: impl Fn(usize) -> bool) -> f64 {
-    // sign of each odd sample, 0 for any other
+/// Of the signals that `some` selects, counts those whose misfit has a run of odd samples of one sign;
+/// returns -ln of the probability of so many if odd samples are independent, given how often they are odd in
+/// all signals. `sd`: root mean square of the typical misfit, counts.
+fn shape_surprise(misfits: &[Vec<f64>], sd: f64, some: impl Fn(usize) -> bool) -> f64 {
     let sign = |x: &f64| if x.abs() > outlying() * sd { x.signum() as i32 } else { 0 };
     let signs: Vec<Vec<i32>> = misfits.iter().map(|r| r.iter().map(sign).collect()).collect();
     let samples: usize = signs.iter().map(Vec::len).sum();
@@ -91,34 +75,30 @@ fn shaped(misfits: &[Vec<f64>], sd: f64, some: impl Fn(usize) -> bool) -> f64 {
     let run = |w: &[i32]| w[0] != 0 && w.iter().all(|s| *s == w[0]);
     let runs = |signs: &Vec<i32>| signs.windows(odd_in_a_row() as usize).any(run);
     let found = signs.iter().enumerate().filter(|(i, s)| some(*i) && runs(s)).count() as f64;
-    // Expected number of runs: at each of `samples` places the first sample of a run is odd with probability
-    // `share`, with either sign; each of the others must be odd with the same sign, `share`/2.
+    // Expected number of runs: at each of `samples` places the first sample is odd with probability `share`,
+    // with either sign; each of the others with the same sign, `share`/2.
     let expected = samples as f64 * share * (share / 2.0).powi(odd_in_a_row() as i32 - 1);
     surprise_of_count(found, expected)
 }
 
-/// All signals, each fitted alone.
-struct Alone {
+struct SingleFits {
     /// ln damping, ln frequency and ln amplitude of each signal, without the trend along the head.
     features: Vec<[f64; 3]>,
-    /// What the fit leaves of each signal, N samples, counts.
+    /// What the fit leaves of each signal, counts.
     misfits: Vec<Vec<f64>>,
 }
 
-impl Alone {
+impl SingleFits {
     /// Fits every signal as if it were a channel of its own.
-    fn of(data: &Observations, model: &Model) -> Alone {
-        // pretend that every signal comes from a channel of its own
+    fn of(data: &Observations, model: &Model) -> SingleFits {
         let mut alone = data.clone();
         alone.rows.iter_mut().enumerate().for_each(|(i, row)| row.unit = i);
         alone.units = alone.len();
-        // start each fit where the model has the signal: its channel plus its own deviation
         let mut each = model.clone();
         each.each = vec![Default::default(); data.len()];
         each.units =
             data.rows.iter().zip(&model.each).map(|(r, own)| model.units[r.unit] + own).collect();
         each.fit_units(&alone, 6);
-        // features without their trend along the head
         let mut features: Vec<[f64; 3]> =
             each.units.iter().map(|u| [u[0], u[1], u[2].hypot(u[3]).max(1e-300).ln()]).collect();
         for j in 0..3 {
@@ -127,19 +107,17 @@ impl Alone {
                 feature[j] -= slope * z[POSITION];
             }
         }
-        Alone { misfits: each.of_each(&alone, |_, linear| linear.residual.clone()), features }
+        SingleFits { misfits: each.of_each(&alone, |_, linear| linear.residual.clone()), features }
     }
 
-    /// For each signal whether a feature lies beyond [`outlying`] robust standard deviations of the median.
-    /// The robust standard deviation is 1.4826 times the median distance from the median, which for Gaussian
-    /// scatter is the standard deviation. A feature that is not a number counts as far.
+    /// For each signal whether a feature lies beyond [`outlying`] robust standard deviations of the median. A
+    /// feature that is not a number counts as far.
     fn far(&self) -> Vec<bool> {
         let mut far = vec![false; self.features.len()];
         for (j, part) in OF_DAMPING.iter().enumerate() {
             let mut values: Vec<f64> = self.features.iter().map(|f| f[j]).collect();
             let centre = median(&mut values);
-            let mut off: Vec<f64> = values.iter().map(|v| (v - centre).abs()).collect();
-            let sd = (1.4826 * median(&mut off)).max(part * least_scatter());
+            let sd = robust_sd(&values, centre).max(part * least_scatter());
             for (far, f) in far.iter_mut().zip(&self.features) {
                 let off = (f[j] - centre).abs() / sd;
                 *far |= off > outlying() || off.is_nan();
@@ -149,22 +127,20 @@ impl Alone {
     }
 }
 
-/// Finds the outliers (steps in the module's doc). `model`: the first model of these signals, where the fits
-/// start.
+/// `model`: the first model of these signals, where the fits start.
 pub fn outliers(data: &Observations, model: &Model) -> Outliers {
-    let alone = Alone::of(data, model);
+    let alone = SingleFits::of(data, model);
     let far = alone.far();
-    // odd signals, by their features or by the square of their misfit
     let left: Vec<f64> = alone.misfits.iter().map(|r| r.iter().map(|r| r * r).sum()).collect();
     let typical = median(&mut left.clone());
     let noisier = |i: usize| left[i] > stands_out() * typical;
     let odd: Vec<bool> = (0..data.len()).map(|i| far[i] || noisier(i)).collect();
     let faulty = faulty_channels(data, &odd);
     let of_faulty = |i: usize| faulty[data.rows[i].unit];
-    // does the misfit of those that ring like the others have a shape?
     let sd = (typical / data.samples as f64).sqrt();
-    let shaped = shaped(&alone.misfits, sd, |i| noisier(i) && !far[i] && !of_faulty(i));
-    Outliers { out: (0..data.len()).map(|i| odd[i] || of_faulty(i)).collect(), shaped }
+    let shape_surprise =
+        shape_surprise(&alone.misfits, sd, |i| noisier(i) && !far[i] && !of_faulty(i));
+    Outliers { out: (0..data.len()).map(|i| odd[i] || of_faulty(i)).collect(), shape_surprise }
 }
 
 #[cfg(test)]
@@ -224,7 +200,7 @@ mod tests {
 
     #[test]
     fn pulses_of_few_signals_have_a_shape_and_heavy_tails_have_none() {
-        let of = |odd: &[(usize, f64)]| shaped(&misfits(odd), 1.0, |i| i < odd.len());
+        let of = |odd: &[(usize, f64)]| shape_surprise(&misfits(odd), 1.0, |i| i < odd.len());
         assert!(of(&[(4, 9.0), (4, 9.0)]) > 20.0);
         assert!(of(&[(4, -9.0)]) > 9.8);
         assert_eq!(of(&[(1, 30.0), (2, 9.0), (1, -12.0)]), 0.0);

@@ -1,9 +1,9 @@
 //! The pictures of a critique's page (`report.rs`).
 //!
-//! In: a [`Critique`] with its `figures` (computed by `figures.rs`) and its evidence. Out: SVG markup with
-//! headings, in this order: mean misfit, spectrum, one figure per covariate and parameter, evidence for each
-//! candidate, detection statistic. Each title is a sentence that says what the figure shows, computed from
-//! the figure's numbers. A figure without numbers is left out. `plot` does the drawing.
+//! In: a [`Critique`] with its `figures` and its evidence. Out: SVG markup with headings: mean misfit,
+//! spectrum, one figure per covariate and parameter, evidence for each candidate, detection statistic. Each
+//! title is a sentence that says what the figure shows, computed from its numbers. A figure without numbers
+//! is left out.
 
 use super::catalogue::CauseId;
 use super::digits::{short, significant};
@@ -11,11 +11,9 @@ use super::finding::{Compared, CovariateFigure, Critique, Curve, Energies, Evide
 use crate::plot::page::escaped;
 use crate::plot::{Axis, Figure, Mark, Series};
 
-/// Number of figures against covariates that are visible at once; the others are folded away under a heading
-/// that opens them.
+/// Number of figures against covariates that are visible at once; others are folded away.
 const OPEN_COVARIATES: usize = 4;
 
-/// All pictures, as markup.
 pub fn drawn(c: &Critique) -> String {
     let f = &c.figures;
     let mut page = headed("Misfit, measured minus simulated", mean_misfit(&f.mean_misfit, &f.unit));
@@ -39,8 +37,8 @@ pub fn drawn(c: &Critique) -> String {
     page + &headed("Detection", energies(&f.energies))
 }
 
-/// The markup of a figure under its heading (none if `heading` is empty); an empty text if there is no
-/// figure. A figure that cannot be drawn is replaced by its title and the error.
+/// The markup of a figure under its heading, if it has one. A figure that cannot be drawn is replaced by its
+/// title and the error.
 fn headed(heading: &str, figure: Option<Figure>) -> String {
     let Some(figure) = figure.map(plain) else { return String::new() };
     let heading = match heading {
@@ -53,8 +51,7 @@ fn headed(heading: &str, figure: Option<Figure>) -> String {
     format!("{heading}{drawn}\n")
 }
 
-/// Largest distance of a bin's mean (before the extension) from zero, in units of the half-width of its error
-/// bar. The figures are sorted by this.
+/// Largest distance of a bin's mean (before the extension) from zero, over the half-width of its error bar.
 fn stands_out(c: &CovariateFigure) -> f64 {
     let Curve { y, low, high } = &c.means.before;
     let bars = low.iter().zip(high).map(|(low, high)| 0.5 * (high - low));
@@ -62,9 +59,8 @@ fn stands_out(c: &CovariateFigure) -> f64 {
     bins.map(|(y, bar)| (y / bar).abs()).fold(0.0, f64::max)
 }
 
-/// The figure with control characters replaced in its texts (drawing as SVG escapes markup, but lets these
-/// pass), with these texts cut to 200 characters, and with room for its legend above the data if the vertical
-/// axis is linear.
+/// The figure with control characters replaced in its texts (drawing as SVG lets these pass), these texts cut
+/// to 200 characters, and room for its legend above the data.
 fn plain(mut figure: Figure) -> Figure {
     let clean = |text: &mut String| {
         *text =
@@ -81,25 +77,23 @@ fn plain(mut figure: Figure) -> Figure {
     figure
 }
 
-/// A series that is drawn as a line.
 fn line(name: &str, x: &[f64], y: &[f64]) -> Series {
     Series::new(name, Mark::Line, x.iter().copied().zip(y.iter().copied()).collect())
 }
 
-/// A band as a closed path: along the lower edge, and back along the upper one.
 fn band(name: &str, x: &[f64], Curve { low, high, .. }: &Curve) -> Series {
     let there = x.iter().copied().zip(low.iter().copied());
     let back = x.iter().copied().zip(high.iter().copied()).rev();
     Series::new(name, Mark::Band, there.chain(back).collect())
 }
 
-/// Share of the samples at which the band does not hold zero, as a text in per cent.
+/// Share of the samples at which the band does not hold zero.
 fn off_zero(Curve { low, high, .. }: &Curve) -> String {
     let off = low.iter().zip(high).filter(|(low, high)| **low > 0.0 || **high < 0.0).count();
     format!("{:.0} %", 100.0 * off as f64 / low.len().max(1) as f64)
 }
 
-/// A unit of time that suits times up to `longest_s` seconds: the factor from seconds to it, and its name.
+/// A unit of time that suits times up to `longest_s`: the factor from seconds to it, and its name.
 fn unit_of_time(longest_s: f64) -> (f64, &'static str) {
     match longest_s {
         t if t < 2e-3 => (1e6, "µs"),
@@ -112,8 +106,7 @@ fn scaled(values: &[f64], by: f64) -> Vec<f64> {
     values.iter().map(|x| x * by).collect()
 }
 
-/// The mean misfit against time, before and after, with 95 % bands. `signals`: unit of the samples. `None`:
-/// there are no samples.
+/// The mean misfit against time. `signals`: unit of the samples.
 fn mean_misfit(m: &Compared, signals: &str) -> Option<Figure> {
     let (scale, unit) = unit_of_time(*m.x.last()?);
     let t = scaled(&m.x, scale);
@@ -134,16 +127,14 @@ fn mean_misfit(m: &Compared, signals: &str) -> Option<Figure> {
     ))
 }
 
-/// The largest ratio of the power to the band's upper edge over all frequencies, and the frequency where it
-/// is reached.
+/// The largest ratio of the power to the band's upper edge, and the frequency where it is reached.
 fn loudest(frequency_hz: &[f64], power: &Curve) -> Option<(f64, f64)> {
     let all = frequency_hz.iter().zip(power.y.iter().zip(&power.high));
     let ratios = all.filter(|(_, (_, high))| **high > 0.0).map(|(f, (p, high))| (p / high, *f));
     ratios.max_by(|x, y| x.0.total_cmp(&y.0))
 }
 
-/// The mean periodogram of the misfit against frequency, before and after, with the band of a right model.
-/// `signals`: unit of the samples.
+/// The mean periodogram of the misfit, with the band of a right model. `signals`: unit of the samples.
 fn spectrum(s: &Compared, signals: &str) -> Option<Figure> {
     let (before, at_hz) = loudest(&s.x, &s.before)?;
     let (after, _) = loudest(&s.x, &s.after)?;
@@ -169,7 +160,7 @@ fn spectrum(s: &Compared, signals: &str) -> Option<Figure> {
     ))
 }
 
-/// Smallest and largest of the values that are finite; infinity and minus infinity if there are none.
+/// Smallest and largest of the finite values; infinity and minus infinity if there are none.
 fn ends(values: impl Iterator<Item = f64>) -> (f64, f64) {
     let none = (f64::INFINITY, f64::NEG_INFINITY);
     values.filter(|v| v.is_finite()).fold(none, |(l, h), v| (l.min(v), h.max(v)))
@@ -181,12 +172,10 @@ fn range(values: &[f64]) -> f64 {
     (high - low).max(0.0)
 }
 
-/// One parameter's mean misfit (per cent) in the bins of a covariate, before and after, as error bars.
-/// `None`: there are no bins.
+/// One parameter's mean misfit (per cent) in the bins of a covariate, as error bars.
 pub(super) fn covariate(c: &CovariateFigure) -> Option<Figure> {
     let Compared { x: centre, before, after } = &c.means;
     let largest = centre.iter().copied().reduce(f64::max)?;
-    // seconds get a unit that suits them
     let (by, unit) = match c.unit.as_str() {
         "s" => unit_of_time(largest),
         unit => (1.0, unit),
@@ -199,7 +188,7 @@ pub(super) fn covariate(c: &CovariateFigure) -> Option<Figure> {
     // ends of the horizontal axis
     let low = ends(centre.iter().copied()).0;
     let high = low + range(&centre);
-    // idle times may spread over decades, and then have a logarithmic axis
+    // idle times over decades have a logarithmic axis
     let log = c.decades && low > 0.0 && high > WIDE * low;
     // the two bars of a bin, before and after, stand side by side
     let aside = |x: f64, sign: f64| match log {
@@ -229,13 +218,13 @@ pub(super) fn covariate(c: &CovariateFigure) -> Option<Figure> {
     ))
 }
 
-/// How far to either side of a bin's centre its two bars stand, as a share of the axis.
+/// Distance of a bar from its bin's centre, as a share of the axis.
 const ASIDE: f64 = 0.008;
 /// Ratio of largest to smallest value from which on an axis of idle times is logarithmic.
 const WIDE: f64 = 30.0;
 
-/// Statistic over threshold of every candidate that was tested in the first step (against the baseline), and
-/// again in the last step (after the extension), one line of dots per candidate. `None`: nothing was tested.
+/// Statistic over threshold of every candidate in the first step (against the baseline) and in the last one
+/// (after the extension).
 fn evidence(evidence: &[Evidence]) -> Option<Figure> {
     // at least 0.001, which a logarithmic axis can show
     let ratio = |e: &Evidence| (e.statistic / e.threshold).max(1e-3);
@@ -244,9 +233,8 @@ fn evidence(evidence: &[Evidence]) -> Option<Figure> {
     let last_step = evidence.iter().map(|e| e.step).max()?;
     let mut order = first.clone();
     let strongest = *order.iter().max_by(|x, y| ratio(x).total_cmp(&ratio(y)))?;
-    // candidates from bottom to top: by evidence, and those that were chosen above all others
+    // candidates from bottom to top: by evidence, the chosen ones above all others
     order.sort_by(|x, y| (x.accepted().cmp(&y.accepted())).then(ratio(x).total_cmp(&ratio(y))));
-    // the chosen candidate on top, if another one has more evidence: the title then says so
     let passed_over = order.last().filter(|top| top.accepted() && top.id != strongest.id);
     let place = |id: CauseId| order.iter().position(|known| known.id == id).map(|k| k as f64);
     let points = |step: u32| -> Vec<(f64, f64)> {
@@ -282,8 +270,8 @@ fn evidence(evidence: &[Evidence]) -> Option<Figure> {
     })
 }
 
-/// Histograms of the detection statistic of held-out healthy signals, before and after, with the thresholds.
-/// Only one of the two is drawn if both are the same. `None`: detection was not measured.
+/// Histograms of the detection statistic of held-out healthy signals, with the thresholds; a single one if
+/// both are the same. `None`: detection was not measured.
 fn energies(e: &Energies) -> Option<Figure> {
     if e.edges.len() < 2 || e.edges.len() != e.before.len() + 1 {
         return None;

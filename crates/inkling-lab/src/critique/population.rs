@@ -2,12 +2,11 @@
 //! Gaussian, the population), and where these are most probable once a signal was measured.
 //!
 //! In: a model that was fitted to other signals. Out: the [`Population`] that a signal's parameters are drawn
-//! from, and [`Predictor::at_rest`], the signal linearised at its most probable parameters. `gain.rs` makes
-//! detection statistics of this, `predictive.rs` log densities.
+//! from, and [`Predictor::most_probable`], the signal linearised at its most probable parameters.
 //!
 //! For a channel that was never heard, the population is N(mean, between + within), with `between` shrunk
 //! because it is known from few channels (`population`); for one that was heard it is N(the channel's own
-//! parameters, within + what is unknown of these) ([`Population::heard`]). All vectors and matrices are over
+//! parameters, within + what is unknown of these) ([`Population::of_channel`]). All vectors and matrices are over
 //! the five free parameters in units of `Model::scale`.
 
 use super::matrices::{Matrix5, Vector5, floored, free_part, inverse, inverse_or_zero, scaled};
@@ -16,38 +15,33 @@ use super::observations::Observations;
 use inkling_core::model::free_decay::FREE;
 use inkling_core::model::inner_product::dot;
 
-/// With fewer channels than this, held-out signals are split off by time alone.
+/// With fewer channels, held-out signals are split off by time alone.
 pub const FEWEST_UNITS: usize = 6;
-/// Weight, in channels, of the guess that amplitude, phase and the other parameters scatter independently:
-/// the smallest weight with which an inverse Wishart prior has a mean.
+/// Weight, in channels, of the guess that the parameters scatter independently: the smallest with which an
+/// inverse Wishart prior has a mean.
 pub const SHRINKAGE: f64 = FREE as f64 + 1.0;
-/// Bounds of the Gauss-Newton steps from the population to a signal's own parameters: their largest number,
-/// and the squared length of a step, in standard errors, below which it is not taken.
+/// Largest number of Gauss-Newton steps to a signal's own parameters, and the squared length, in standard
+/// errors, below which none is taken.
 const MOST_STEPS: usize = 6;
-const AT_REST: f64 = 1e-3;
+const LEAST_STEP: f64 = 1e-3;
 
-/// Distribution that a signal's parameters are expected to have, in units of [`Model::scale`].
+/// Distribution of a signal's parameters.
 #[derive(Clone, Copy)]
 pub struct Population {
-    /// Mean of the parameters, relative to the model's mean.
     shift: Vector5,
-    /// Covariance of a signal's parameters.
     spread: Matrix5,
 }
 
-/// The population of signals of channels that were never heard. `between` is known from no more channels than
-/// the model was fitted to, so it is shrunk towards independent scatter of amplitude, phase and the other
-/// parameters (after Ledoit and Wolf 2004, with a weight of [`SHRINKAGE`] channels), and multiplied by 1 +
-/// 1/channels for the error of the mean. Both are left out with fewer than five channels.
-///
-/// `without`: a channel that is taken out of the mean and the covariance first, as if it had not been heard;
-/// this is ignored with fewer than [`FEWEST_UNITS`] channels.
+/// The population of signals of channels that were never heard. `between` is shrunk towards independent
+/// scatter of amplitude, phase and the other parameters (after Ledoit and Wolf 2004, with a weight of
+/// [`SHRINKAGE`] channels), and multiplied by 1 + 1/channels for the error of the mean, unless there are
+/// fewer than five channels. `without`: a channel that is taken out first, as if it had not been heard;
+/// ignored with fewer than [`FEWEST_UNITS`] channels.
 pub fn population(model: &Model, without: Option<usize>) -> Population {
     let scale = model.scale();
     let (mut between, mut shift) = (scaled(&model.between, &scale), Vector5::zeros());
     let mut units = model.units.len() as f64;
-    // take one channel out of the mean and out of the covariance: the usual updates of a sample mean and a
-    // sample covariance (over n - 1) of n channels
+    // the usual updates of a sample mean and a sample covariance (over n - 1) of n channels
     if let Some(unit) = without.filter(|_| units >= FEWEST_UNITS as f64) {
         let off = free_part(&(model.units[unit] - model.mean), &scale);
         let own = off * off.transpose() * (units / (units - 1.0));
@@ -55,14 +49,13 @@ pub fn population(model: &Model, without: Option<usize>) -> Population {
         shift = -off / (units - 1.0);
         units -= 1.0;
     }
-    // turn (a, b) to (amplitude, phase), shrink towards the diagonal there, and turn back
+    // turn (a, b) to (amplitude, phase) and shrink towards the diagonal there
     if units >= (FEWEST_UNITS - 1) as f64 {
         let mut turn = Matrix5::identity();
         let (a, b) = (model.mean[2], model.mean[3]);
         let size = a.hypot(b).max(f64::MIN_POSITIVE);
         (turn[(2, 2)], turn[(2, 3)]) = (a / size, b / size);
         (turn[(3, 2)], turn[(3, 3)]) = (-b / size, a / size);
-        // in these axes, the mixture of the estimate and of its diagonal
         let own = turn * between * turn.transpose();
         let weight = SHRINKAGE / (units - 1.0 + SHRINKAGE);
         let alone = Matrix5::from_diagonal(&own.diagonal().map(|v| v.max(0.0)));
@@ -73,23 +66,20 @@ pub fn population(model: &Model, without: Option<usize>) -> Population {
 }
 
 /// A signal linearised at its most probable parameters, given the population of its channel.
-pub struct AtRest {
-    /// Residual and Jacobian there.
+pub struct MostProbable {
     pub linear: Linear,
-    /// J^T J and J^T r there, in units of [`Model::scale`], not divided by the noise.
+    /// J^T J and J^T r there, not divided by the noise.
     pub gram: Matrix5,
     pub product: Vector5,
-    /// The most probable parameters relative to the population's mean, in units of [`Model::scale`].
+    /// The most probable parameters relative to the population's mean.
     pub about: Vector5,
-    /// Sum of squares of the residual about the model's mean (not about the population's mean, which differs
-    /// where a channel was left out of it, or heard before), counts².
+    /// Sum of squares of the residual about the model's mean, counts².
     pub square: f64,
 }
 
-/// A model, with the population that the signals of each channel are expected from.
 pub struct Predictor<'a> {
     data: &'a Observations,
-    /// The model with all channels at its mean. `each` is used for the signal that is being fitted.
+    /// The model with all channels at its mean; `each` holds the signal that is being fitted.
     mean: Model,
     /// The population of each channel of `data`.
     of_unit: Vec<Population>,
@@ -97,28 +87,26 @@ pub struct Predictor<'a> {
 }
 
 impl Predictor<'_> {
-    /// `model`: fitted to other signals, or to these; `of_unit`: the population of each channel of `data`.
+    /// `of_unit`: the population of each channel of `data`.
     pub fn of<'a>(
         model: &Model,
         data: &'a Observations,
         of_unit: Vec<Population>,
     ) -> Predictor<'a> {
-        // linearise about the mean, not about the channels' own parameters
         let mut mean = model.clone();
         mean.units = vec![model.mean; data.units];
         mean.each = vec![Default::default(); data.len()];
         Predictor { data, of_unit, scale: model.scale(), mean }
     }
 
-    /// Covariance of signal i's parameters in the population of its channel.
     pub fn spread(&self, i: usize) -> Matrix5 {
         self.of_unit[self.data.rows[i].unit].spread
     }
 
-    /// Linearises signal i at its most probable parameters, which are found by Gauss-Newton from the model's
-    /// mean on. They minimise |r|²/v + about^T spread^-1 about, with the noise variance v. Channels differ by
-    /// per cents, so that one linear step from the mean would not be enough.
-    pub fn at_rest(&mut self, i: usize) -> AtRest {
+    /// Linearises signal i at its most probable parameters, by Gauss-Newton from the model's mean on. They
+    /// minimise |r|²/v + about^T spread^-1 about, with the noise variance v. Channels differ by per cents, so
+    /// that one linear step would not be enough.
+    pub fn most_probable(&mut self, i: usize) -> MostProbable {
         let Population { shift, spread } = self.of_unit[self.data.rows[i].unit];
         let precision = inverse_or_zero(spread);
         let v = self.mean.noise_var;
@@ -135,12 +123,11 @@ impl Predictor<'_> {
             }
             let hessian = gram / v + precision;
             let by = hessian.try_inverse().map(|m| m * (product / v - precision * about));
-            // Go on while there are steps left and the step is not small. At the end, put the signal back to
-            // the mean, so that the model is as it was.
-            let on = by.filter(|by| step < MOST_STEPS && by.dot(&(hessian * by)) >= AT_REST);
+            // At the end, put the signal back to the mean, so that the model is as it was.
+            let on = by.filter(|by| step < MOST_STEPS && by.dot(&(hessian * by)) >= LEAST_STEP);
             let Some(by) = on else {
                 self.mean.each[i] = Default::default();
-                return AtRest { linear, gram, product, about, square };
+                return MostProbable { linear, gram, product, about, square };
             };
             for (j, step) in one_step(by.component_mul(&self.scale).as_slice()) {
                 self.mean.each[i][j] += step;
@@ -151,14 +138,12 @@ impl Predictor<'_> {
 }
 
 impl Population {
-    /// The population of further signals of a channel that the model was fitted to. `unit`: the channel's
-    /// index in the model; `signals`: number of its signals in that fit.
-    pub fn heard(model: &Model, unit: usize, signals: f64) -> Population {
+    /// The population of further signals of a channel that the model was fitted to with so many `signals`.
+    pub fn of_channel(model: &Model, unit: usize, signals: f64) -> Population {
         let scale = model.scale();
         let shift = free_part(&(model.units[unit] - model.mean), &scale);
-        // The covariance is the scatter from burst to burst, and what is still unknown of the channel's own
-        // parameters: the posterior covariance of a mean of so many signals under the prior `between`. The
-        // noise of the fitted signals is neglected there.
+        // The covariance is the scatter from burst to burst, and the posterior covariance of the channel's
+        // own parameters under the prior `between`; the noise of the fitted signals is neglected.
         let within = floored(&scaled(&model.within, &scale));
         let of_within = inverse_or_zero(within) * signals;
         let of_between = inverse(&scaled(&model.between, &scale));

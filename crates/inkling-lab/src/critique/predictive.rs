@@ -115,7 +115,7 @@ pub fn signals(model: &Model, data: &Observations, of_unit: Vec<Population>) -> 
     let moved = [0.0, 0.0, omega * b - sigma * a, -omega * a - sigma * b, -lambda * c];
     let shift = Vector5::from(moved).component_div(&scale);
     let each = |i: usize| {
-        let rest = predictor.at_rest(i);
+        let rest = predictor.most_probable(i);
         let tangent = rest.linear.by_free(&scale);
         let residual = DVector::from_column_slice(&rest.linear.residual);
         Signal {

@@ -1,8 +1,7 @@
 //! Fits a model and its causes together by full likelihood, after a linear test has proposed a cause.
 //!
 //! In: a model, and causes with their sizes and shapes. Out: [`Refit`]: model and causes where -2 ln
-//! likelihood is at rest, and the spaces of linear extensions about them. `selection.rs` refits every rival,
-//! and the model after each choice; `held_out.rs` and `extended.rs` refit chosen causes to other signals.
+//! likelihood is at rest, and the spaces of linear extensions about them.
 //!
 //! One round: (1) linearise about the present causes (`Model::settle`; with `scatter` also EM); (2) sum the
 //! spaces; (3) take a joint Gauss-Newton step of the causes' sizes, where a cause with a shape is searched
@@ -20,21 +19,19 @@ use super::space::{Direction, Space};
 use inkling_core::model::free_decay::{ALL, Theta};
 use std::collections::BTreeSet;
 
-/// Largest number of rounds of a refit: of a rival, whose scatter is held, and of the model itself.
+/// Largest number of rounds: of a rival, whose scatter is held, and of the model itself.
 const ROUNDS_OF_RIVAL: usize = 5;
 const MOST_ROUNDS: usize = 8;
-/// The refit has settled when -2 ln likelihood changes by less than `SETTLED`, or by less than this share of
-/// itself (`RESTS`).
+/// The refit has settled when -2 ln likelihood changes by less than this, or by less than a share of itself.
 const SETTLED: f64 = 1.0;
 const RESTS: f64 = 2e-5;
-/// Share of a full step (`stride`) below which the refit gives up.
+/// Share of a full step below which the refit gives up.
 const LEAST_STRIDE: f64 = 0.2;
 
-/// Adds a cause to a model; with a sign of -1, takes it out. Neither fits anything.
+/// Adds a cause to a model; with a sign of -1, takes it out.
 pub fn apply(model: &mut Model, applied: &Applied, sign: f64, setting: Setting) {
     let each = || applied.directions.iter().zip(&applied.coefficients);
     each().for_each(|(direction, by)| direction.add_to(&mut model.added, sign * by));
-    // what a cause now says through its covariate, channels and signals need not say any more
     if let Some(which) = applied.id.follows() {
         let mut own = Additions::none(setting.data.samples);
         each().for_each(|(direction, by)| direction.add_to(&mut own, sign * by));
@@ -43,13 +40,11 @@ pub fn apply(model: &mut Model, applied: &Applied, sign: f64, setting: Setting) 
 }
 
 /// Subtracts from the own parameters of channels and signals what a covariate adds to them from now on, so
-/// that theta of every signal stays the same. `by`: change of theta per unit of covariate `which`. Otherwise
-/// a signal's ring would start the next descent at another frequency, and where its phase was off by a radian
-/// the descent would not find it again.
+/// that theta of every signal stays the same, and no phase is lost that a descent would not find again. `by`:
+/// change of theta per unit of covariate `which`.
 fn give_up(model: &mut Model, which: usize, mut by: Theta, Setting { data, .. }: Setting) {
-    // ln lambda/sigma belongs to no channel or signal
     by[ALL - 1] = 0.0;
-    // the covariate's mean over a channel's signals is taken off the channel, the rest off each signal
+    // the covariate's mean over its signals is taken off a channel, the rest off each signal
     let rows = data.rows.iter().zip(&data.beside.z);
     let means = means_of_groups(data.units, rows.map(|(row, z)| (row.unit, [z[which]].into())));
     let mean = |unit: usize| means[unit][0];
@@ -59,31 +54,27 @@ fn give_up(model: &mut Model, which: usize, mut by: Theta, Setting { data, .. }:
     }
 }
 
-/// A model with its causes after a refit.
 pub struct Refit {
-    /// The model, with the causes in `Model::added`.
     pub model: Model,
-    /// The same causes one by one, with shapes and sizes, in the order in which they entered.
+    /// The causes in `model`, in the order in which they entered.
     pub causes: Vec<Applied>,
-    /// The spaces of linear extensions about the model.
+    /// The spaces about the model.
     pub spaces: Both<Space>,
 }
 
 impl Both<Space> {
-    /// The two spaces about a model: channels free, for shapes; channels scattered, for covariates.
     pub fn about(model: &Model, setting: Setting) -> Both<Space> {
         let [shapes, covariates] = Space::of(model, setting.data);
         Both { shapes, covariates }
     }
 
-    /// The nuisances of a model with these causes: the causes, and the errors that their models may have.
+    /// The nuisances: the causes, and the errors that their models may have.
     pub fn nuisances(&self, causes: &[Applied]) -> Both<Nuisance<'_>> {
         self.nuisances_beside(causes, causes)
     }
 
-    /// The nuisances with `causes`, and with the errors that the models of `all` causes may have: squares of
-    /// covariates in both spaces, and in that of covariates also the drive beside a cause that acts through
-    /// the amplitude.
+    /// The nuisances with `causes`, and the errors of `all` causes: squares of covariates in both spaces, and
+    /// in that of covariates also the drive beside a cause that acts through the amplitude.
     fn nuisances_beside(&self, causes: &[Applied], all: &[Applied]) -> Both<Nuisance<'_>> {
         let mut directions: Vec<Direction> =
             causes.iter().flat_map(|c| c.directions.iter().cloned()).collect();
@@ -95,22 +86,21 @@ impl Both<Space> {
 }
 
 impl Refit {
-    /// Whether nothing speaks against the cause that entered last, now that it was refitted: if it is a
-    /// shape, it is tested again and must have no objection. Other causes always pass.
+    /// Whether nothing speaks against the cause that entered last, if it is a shape, now that it was
+    /// refitted.
     pub fn last_is_able(&self, setting: Setting) -> bool {
         self.causes.last().filter(|cause| cause.id.is_shape()).is_none_or(|_| {
             self.rescored(self.causes.len() - 1, setting).is_none_or(|scored| scored.able())
         })
     }
 
-    /// Tests one cause of the model again, with all others in the nuisance, and returns it with its new
-    /// shape, size and statistic. Its shape is searched near the present one, in the model as it is now.
-    /// `None`: it cannot be tested.
+    /// Tests one cause of the model again, with all others in the nuisance, and its shape searched near the
+    /// present one.
     pub fn rescored(&self, index: usize, setting: Setting) -> Option<Scored> {
         let own = &self.causes[index];
         let mut others = self.causes.clone();
         others.remove(index);
-        // the space is that of the model with this cause: change the score as if the cause were not in it
+        // the space is that of the model with this cause: change the score as if it were not in it
         let mut nuisances = self.spaces.nuisances_beside(&others, &self.causes);
         for (direction, c) in own.directions.iter().zip(&own.coefficients) {
             nuisances.shapes.move_score(direction, *c);
@@ -124,14 +114,13 @@ impl Refit {
     }
 
     /// -2 ln likelihood, up to a constant, that one more linear step of the mean and the causes would reach,
-    /// in the space that `of` is tested in. Rivals of one kind can be compared by it.
+    /// in the space that `of` is tested in.
     pub fn deviance(&self, of: CauseId) -> f64 {
         self.spaces.of(of).deviance - self.spaces.nuisances(&self.causes).of(of).gain()
     }
 }
 
-/// Directions for the errors of causes that follow time or temperature: the square of that covariate on every
-/// parameter, since no cause is quite linear in its covariate.
+/// The squares of followed covariates on every parameter: no cause is quite linear in its covariate.
 fn squares(causes: &[Applied], samples: usize) -> Vec<Direction> {
     let followed: BTreeSet<usize> =
         causes.iter().filter_map(|cause| square_of(cause.id.follows()?)).collect();
@@ -139,19 +128,15 @@ fn squares(causes: &[Applied], samples: usize) -> Vec<Direction> {
     followed.into_iter().flat_map(each).collect()
 }
 
-/// Directions for the errors of causes that act through the amplitude: the drive on every parameter, since
-/// such a cause moves every parameter with the drive, and not quite as its model says. What follows another
-/// covariate must be seen beside this.
+/// The drive on every parameter, beside causes that act through the amplitude: these move every parameter
+/// with the drive, and not quite as their model says.
 fn amplitude(causes: &[Applied], samples: usize) -> Vec<Direction> {
-    match causes.iter().any(|c| c.id.by_amplitude()) {
-        true => (0..ALL).map(|j| Direction::parameter(samples, DRIVE, j)).collect(),
-        false => Vec::new(),
-    }
+    let parameters = if causes.iter().any(|c| c.id.by_amplitude()) { 0..ALL } else { 0..0 };
+    parameters.map(|j| Direction::parameter(samples, DRIVE, j)).collect()
 }
 
 /// Shifts the mean and all channels, to first order, to where they are most probable once the causes change
-/// from `old` to `new`. Of the shift that the data ask for without any change of causes, only a share
-/// (`stride`) is taken.
+/// from `old` to `new`. Of the shift that the data ask for anyway only the share `stride` is taken.
 pub fn follow(
     model: &mut Model,
     spaces: &Both<Space>,
@@ -160,9 +145,8 @@ pub fn follow(
     stride: f64,
 ) {
     let mut nuisance = Nuisance::new(&spaces.shapes, &[]);
-    // the shift without any change of causes
     let own = nuisance.mean_shift();
-    // take the old causes out of the score and put the new ones in, then ask for the shift again
+    // take the old causes out of the score and put the new ones in
     for (causes, sign) in [(old, 1.0), (new, -1.0)] {
         for cause in causes {
             for (direction, c) in cause.directions.iter().zip(&cause.coefficients) {
@@ -174,12 +158,9 @@ pub fn follow(
     model.shift(&std::array::from_fn(|j| all[j] - (1.0 - stride) * own[j]));
 }
 
-/// Refits model and causes in rounds (module's doc) until -2 ln likelihood rests. The result is the last
-/// round that was kept; no round may raise -2 ln likelihood by more than `SETTLED`.
-///
-/// `causes`: those that are in the model already (`apply`). `rounds`: fewest rounds. `scatter`: whether noise
-/// and scatter are estimated anew. Rivals are refitted with `false`, so that they are compared at the same
-/// noise and scatter.
+/// Refits model and causes in rounds (module's doc) until -2 ln likelihood rests. `causes`: those that are in
+/// the model already (`apply`). `rounds`: fewest rounds. `scatter`: whether noise and scatter are estimated
+/// anew; of rivals, which are compared at the same ones, they are not.
 pub fn refit(
     model: Model,
     causes: Vec<Applied>,
@@ -187,7 +168,6 @@ pub fn refit(
     rounds: usize,
     scatter: bool,
 ) -> Refit {
-    // the model linearised anew about these causes, with its spaces
     let settled_at = |mut model: Model, causes: Vec<Applied>| {
         match scatter {
             true => model.fit(setting.data, 1),
@@ -204,8 +184,6 @@ pub fn refit(
         let next = settled_at(model, causes);
         let gain = best.spaces.shapes.deviance - next.spaces.shapes.deviance;
         let rests = SETTLED.max(RESTS * best.spaces.shapes.deviance);
-        // keep the round unless it made the signals less likely; then try half of the step from the same
-        // place
         if gain > -SETTLED {
             stride = (2.0 * stride).min(1.0);
             best = next;
@@ -219,8 +197,7 @@ pub fn refit(
     best
 }
 
-/// A cause that lies between an old and a new one, at a share `stride` of the way: what it adds to a signal
-/// is (1 - stride) times what `old` adds plus `stride` times what `new` adds.
+/// A cause of which a signal gets (1 - stride) times what `old` adds plus `stride` times what `new` adds.
 fn part_way(old: &Applied, new: Applied, stride: f64) -> Applied {
     let between = |old: f64, new: f64| old + stride * (new - old);
     let mut way = new.clone();
@@ -229,11 +206,10 @@ fn part_way(old: &Applied, new: Applied, stride: f64) -> Applied {
         let (from, to) = (old.coefficients[i], new.coefficients[i]);
         let coefficient = between(from, to);
         if stride == 1.0 || coefficient * to <= 0.0 {
-            // the whole way; or the sign changes and the mixture does not have the new one yet, so that the
-            // division below would turn the direction around: take the new cause as it is
+            // the whole way; or the sign changes, so that the division below would turn the direction around:
+            // take the new cause as it is
             continue;
         }
-        // build the direction such that the direction times its coefficient is the mixture of what both add
         way.coefficients[i] = coefficient;
         for (block, before) in direction.0.iter_mut().zip(&old.directions[i].0) {
             for (new, old) in block.1.iter_mut().zip(&before.1) {
@@ -244,11 +220,9 @@ fn part_way(old: &Applied, new: Applied, stride: f64) -> Applied {
     way
 }
 
-/// Takes a share (`stride`) of a Gauss-Newton step of the causes and of the mean, and returns the moved model
-/// with the moved causes; neither is linearised anew yet.
+/// Takes a share (`stride`) of a Gauss-Newton step of the causes and of the mean; not linearised anew yet.
 fn stepped(now: &Refit, setting: Setting, stride: f64) -> (Model, Vec<Applied>) {
     let Refit { model, causes, spaces } = now;
-    // joint linear step of all coefficients, in the space of covariates
     let (steps, _) = spaces.nuisances(causes).covariates.causes();
     let mut next = causes.clone();
     let mut at = 0;
@@ -256,14 +230,13 @@ fn stepped(now: &Refit, setting: Setting, stride: f64) -> (Model, Vec<Applied>) 
         let q = cause.coefficients.len();
         let step = &steps.as_slice()[at..at + q];
         at += q;
-        // A shape is searched anew (`rescored`), since it may depend on its size: a line has a frequency, a
-        // spring bends more the larger it is. What follows a covariate is linear and takes the joint step.
+        // a shape may depend on its size, so it is searched anew; what follows a covariate takes the joint
+        // step
         match cause.id.is_shape().then(|| now.rescored(index, setting)).flatten() {
             Some(anew) => *cause = part_way(cause, anew.form, stride),
             None => cause.coefficients.iter_mut().zip(step).for_each(|(c, s)| *c += stride * s),
         }
     }
-    // move the mean to where the new causes leave it, and exchange the old causes for the new ones
     let mut model = model.clone();
     follow(&mut model, spaces, causes, &next, stride);
     for (old, new) in causes.iter().zip(&next) {
@@ -289,8 +262,7 @@ mod tests {
         ];
         for (effect, size) in effects {
             let data = draw(&Run { channels: 12, bursts: 8, effect, size, ..Run::default() }, 32);
-            let mut model = Model::start(&data, true).unwrap();
-            model.fit(&data, 2);
+            let model = Model::fitted(&data, true, 2).unwrap();
             let setting = Setting { data: &data, avoid: &[] };
             for scatter in [false, true] {
                 let mut start = model.clone();

@@ -1,14 +1,9 @@
 //! The critique as one page for a reader.
 //!
-//! In: a [`Critique`]. Out: the text of `report.html` ([`html`], which the command line writes). The page is
-//! self-contained: its figures are SVG inside the page, and the page loads nothing and runs nothing.
-//!
-//! The sentence comes first, then the causes and what would settle open questions, then the gain, the
-//! pictures and all evidence that these rest on. Each part below is a function that returns markup, or an
-//! empty text if there is nothing to tell. Every text that may come from outside is escaped, since names in a
+//! In: a [`Critique`]. Out: the text of `report.html`. The page is self-contained: its figures are SVG, and
+//! it loads nothing and runs nothing. Every text that may come from outside is escaped, since names in a
 //! recording may be anything. The page must never compute a finding of its own.
 
-use super::catalogue::{CauseId, joined};
 use super::digits::{chance, measured, short, significant};
 use super::finding::{
     ALARMS, Cause, Critique, Detection, Evidence, FAULT, Gain, GainFigures, HeldOut, NotTestable,
@@ -41,7 +36,6 @@ const OF_EVIDENCE: &str = "Step 0 asks every candidate alone, against the model 
     the chance of so high a statistic where there is nothing. Accepted: chosen in that step, or why \
     not.";
 
-/// The whole page.
 pub fn html(c: &Critique) -> String {
     let signals = &c.signals;
     let used = format!(
@@ -64,17 +58,15 @@ pub fn html(c: &Critique) -> String {
     page("Model critique", &parts.concat())
 }
 
-/// A paragraph in small print; escapes the text.
+/// A paragraph in small print, escaped.
 fn note(text: &str) -> String {
     format!("<p class=\"note\">{}</p>\n", escaped(text))
 }
 
-/// An interval in brackets, with a space before them.
 fn in_brackets([low, high]: [f64; 2]) -> String {
     format!(" [{}, {}]", short(low), short(high))
 }
 
-/// The sentence that explains a verdict to the reader.
 fn in_words(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::None => {
@@ -93,7 +85,6 @@ fn in_words(verdict: Verdict) -> &'static str {
     }
 }
 
-/// The table of causes, and their sentences.
 fn causes(c: &Critique) -> String {
     if c.causes.is_empty() {
         return String::new();
@@ -148,14 +139,13 @@ fn causes(c: &Critique) -> String {
     .concat()
 }
 
-/// The share of the misfit that several causes explain together, if all of them have the same `explains`;
-/// `None` if there is one cause, or no such share.
+/// The share of the misfit that several causes explain together, if all have the same `explains`.
 fn explained_together(causes: &[Cause]) -> Option<f64> {
     let first = causes.first()?.explains?;
     (causes.len() > 1 && causes.iter().all(|c| c.explains == Some(first))).then_some(first)
 }
 
-/// A list of the lines that are not empty, under a heading if `title` is not empty; escapes the lines.
+/// A list of the lines that are not empty, escaped, under a heading if there is a `title`.
 fn list(title: &str, lines: &[String]) -> String {
     let items: Vec<String> = (lines.iter().filter(|line| !line.is_empty()))
         .map(|line| format!("<li>{}</li>\n", escaped(line)))
@@ -167,7 +157,6 @@ fn list(title: &str, lines: &[String]) -> String {
     }
 }
 
-/// The extended equation, and the design that was made of it.
 fn equation(c: &Critique) -> String {
     if c.equation.is_empty() {
         return String::new();
@@ -186,8 +175,7 @@ fn equation(c: &Critique) -> String {
     )
 }
 
-/// A row of the gain's table: its name, and how its value and the value's interval are read from the figures
-/// of a model.
+/// A row of the gain's table: name, value, and the value's interval.
 type GainRow = (&'static str, fn(&GainFigures) -> f64, fn(&GainFigures) -> Option<[f64; 2]>);
 
 const GAIN_ROWS: [GainRow; 6] = [
@@ -199,8 +187,7 @@ const GAIN_ROWS: [GainRow; 6] = [
     ("detection of a small fault, AUC", |g| g.detection_auc, |g| g.detection_auc_interval),
 ];
 
-/// The table of gains before and after the extension; a single column where nothing was extended. A row that
-/// was not measured (NaN) is left out. Empty where no signals were held out.
+/// The table of gains; a single column where nothing was extended, without rows that were not measured.
 fn gain(gain: &Gain) -> String {
     let (held, before, after) = (&gain.held_out, &gain.before, &gain.after);
     if held.signals == 0 {
@@ -208,7 +195,6 @@ fn gain(gain: &Gain) -> String {
     }
     let is_measured = |row: &&GainRow| !(row.1(before).is_nan() && row.1(after).is_nan());
     let rows = || GAIN_ROWS.iter().filter(is_measured);
-    // one column if the extension changes none of the numbers that were measured
     let one = rows().all(|row| row.1(after).is_nan() || row.1(after) == row.1(before));
     let cell = |(name, value, interval): &GainRow, g: &GainFigures| {
         let text = if *name == WHITENESS { chance(value(g)) } else { short(value(g)) };
@@ -232,8 +218,7 @@ fn gain(gain: &Gain) -> String {
     .concat()
 }
 
-/// Remarks below the table: whether detection is better with the extension, and how well the threshold is
-/// known. `one`: there is no extension to compare with.
+/// Remarks below the table. `one`: there is no extension to compare with.
 fn of_detection(gain: &Gain, one: bool) -> String {
     let mut notes = String::new();
     if let (Some([low, high]), false) = (gain.detection_gain_interval, one) {
@@ -260,11 +245,9 @@ fn of_detection(gain: &Gain, one: bool) -> String {
     notes
 }
 
-/// Name of the row whose value is a probability and is written as one.
 const WHITENESS: &str = "chance that white noise looks like the misfit, p";
 
-/// How the signals were held out that the gain is measured on. Decays (`by` begins with `time:`) have a
-/// sentence of their own.
+/// How the signals were held out that the gain is measured on.
 fn held_out(held: &HeldOut) -> String {
     if held.by.starts_with("time:") {
         return format!(
@@ -279,24 +262,23 @@ fn held_out(held: &HeldOut) -> String {
     )
 }
 
-/// One line per reason why causes could not be tested, which names all causes with this reason, in the order
-/// in which reasons first come.
+/// One line per reason why causes could not be tested, in the order in which reasons first come.
 pub fn grouped(not_testable: &[NotTestable]) -> Vec<String> {
-    let mut groups: Vec<(&str, Vec<CauseId>)> = Vec::new();
+    let mut groups: Vec<(&str, Vec<&str>)> = Vec::new();
     for n in not_testable {
         match groups.iter_mut().find(|(needs, _)| *needs == n.needs) {
-            Some((_, ids)) => ids.push(n.id),
-            None => groups.push((&n.needs, vec![n.id])),
+            Some((_, names)) => names.push(n.id.name()),
+            None => groups.push((&n.needs, vec![n.id.name()])),
         }
     }
-    let line = |(needs, ids): (&str, Vec<CauseId>)| {
-        let verb = if ids.len() == 1 { "needs" } else { "need" };
-        format!("{} {verb} {needs}", joined(&ids, ", "))
+    let line = |(needs, names): (&str, Vec<&str>)| {
+        let verb = if names.len() == 1 { "needs" } else { "need" };
+        format!("{} {verb} {needs}", names.join(", "))
     };
     groups.into_iter().map(line).collect()
 }
 
-/// The table of all evidence, folded away under a heading that opens it.
+/// The table of all evidence, folded away.
 fn evidence(evidence: &[Evidence]) -> String {
     if evidence.is_empty() {
         return String::new();

@@ -1,8 +1,8 @@
 //! Tests of the page that `report.rs` makes of a critique: hostile names cannot inject markup, every part is
 //! there, the page loads nothing, and a critique without figures or without extension still is a page.
 
-use super::CauseId::*;
 use super::*;
+use crate::critique::catalogue::CauseId::{self, *};
 use crate::critique::finding::{
     Compared, CovariateFigure, Curve, Energies, Figures, Misfit, Signals, VERSION,
 };

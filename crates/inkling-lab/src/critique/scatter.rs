@@ -2,16 +2,15 @@
 //! channel, the noise, and the rate of the real pole.
 //!
 //! In: a model and signals. Out: the same model with new `mean`, `between`, `within`, `noise_var` and
-//! channels. Each round first moves all channels and signals to their most probable parameters
-//! (`Model::settle`), and then, at this linearisation, does three things:
+//! channels. Each round moves all channels and signals to their most probable parameters (`Model::settle`),
+//! and then does three things:
 //!
 //! 1. the noise variance is the mean square that single signals leave once their own parameters are free;
 //! 2. ln lambda/sigma takes one Gauss-Newton step, with a Gaussian prior;
 //! 3. EM (expectation and maximisation) estimates the mean b0 and the covariances B and W of the linear model
 //!    r_i = J_i (b_channel + w_i) + noise, b ~ N(b0, B), w ~ N(0, W).
 //!
-//! All three need of each signal only J^T J, J^T r and r^T r, with its residual r and its Jacobian J. All
-//! vectors and matrices here are over the five free parameters in units of `Model::scale`.
+//! All vectors and matrices here are over the five free parameters in units of `Model::scale`.
 
 use super::matrices::{
     Matrix5, Vector5, floored, free_part, inverse, inverse_or_zero, means_of_groups, scaled,
@@ -23,21 +22,18 @@ use super::tuned::{ln_lambda_sd, untold_noise};
 use inkling_core::model::free_decay::{ALL, FREE};
 use inkling_core::model::inner_product::dot;
 
-/// Information and score of one signal about its channel's parameters, in units of [`Model::scale`].
+/// Information and score of one signal about its channel's parameters.
 struct OneSignal {
-    /// The signal's channel.
     unit: usize,
-    /// J^T J / noise variance.
     gram: Matrix5,
-    /// J^T r / noise variance, with the residual r about the parameters of the channel (at which the channel
-    /// was linearised), not about the signal's own.
+    /// J^T r / noise variance, with the residual r about the parameters of the channel, not the signal's own.
     product: Vector5,
 }
 
-/// Information and score of all signals about ln lambda/sigma, which all channels share, once each signal's
-/// own five parameters are free. Both are still to be divided by the noise variance.
+/// Information and score of all signals about ln lambda/sigma, once each signal's own parameters are free;
+/// still to be divided by the noise variance.
 #[derive(Default)]
-struct OfPole {
+struct PoleSums {
     information: f64,
     score: f64,
 }
@@ -49,18 +45,17 @@ struct Estimate {
     within: Matrix5,
 }
 
-impl OfPole {
-    /// Adds a signal by the Schur complement. `product`: J^T r over the signal's own parameters; `along`:
-    /// inner products of the pole's column p with the own columns, J^T p; `solved`: (J^T J)^-1 J^T p, the
-    /// coefficients with which the own columns explain p. What they explain tells nothing about the rate.
+impl PoleSums {
+    /// Adds a signal by the Schur complement: what its own columns explain of the pole's column p tells
+    /// nothing about the rate. `product`: J^T r over the own parameters; `along`: J^T p; `solved`: (J^T J)^-1
+    /// J^T p.
     fn add(&mut self, linear: &Linear, product: &Vector5, along: &Vector5, solved: &Vector5) {
         let column = &linear.tangent.columns[ALL - 1];
         self.information += (dot(column, column) - along.dot(solved)).max(0.0);
         self.score += dot(column, &linear.residual) - product.dot(solved);
     }
 
-    /// Newton step of ln lambda/sigma to its most probable value. `off`: ln lambda/sigma of the model less
-    /// the mean of its prior.
+    /// Newton step of ln lambda/sigma. `off`: that of the model less the mean of its prior.
     fn step(&self, off: f64, noise_var: f64) -> f64 {
         let prior = 1.0 / (ln_lambda_sd() * ln_lambda_sd());
         (self.score / noise_var - off * prior) / (self.information / noise_var + prior)
@@ -68,7 +63,14 @@ impl OfPole {
 }
 
 impl Model {
-    /// Alternates linearisation (`settle`) and 30 steps of EM, `rounds` times. Callers do one or two rounds.
+    /// The first model of these signals, fitted in so many `rounds`; `None` where nothing rings.
+    pub fn fitted(data: &Observations, real: bool, rounds: usize) -> Option<Model> {
+        let mut model = Model::start(data, real)?;
+        model.fit(data, rounds);
+        Some(model)
+    }
+
+    /// Alternates linearisation (`settle`) and 30 steps of EM, `rounds` times.
     pub fn fit(&mut self, data: &Observations, rounds: usize) {
         for _ in 0..rounds {
             self.settle(data);
@@ -76,17 +78,14 @@ impl Model {
         }
     }
 
-    /// Estimates noise, real pole, scatter and mean at the present linearisation; `steps`: number of EM
-    /// steps.
+    /// Estimates all at the present linearisation; `steps`: number of EM steps.
     fn estimate_scatter(&mut self, data: &Observations, steps: usize) {
         let scale = self.scale();
         let signals = self.signals_and_noise(data, &scale);
-        // if every channel was heard once, `within` cannot be told from `between`, and is 0
         let repeated = data.len() > data.units;
         // the point at which each channel is linearised, relative to the model's mean
         let offset: Vec<Vector5> =
             self.units.iter().map(|u| free_part(&(u - self.mean), &scale)).collect();
-        // EM starts from the last estimate, or at first from moments
         let (between, within) = match self.estimated {
             true => (scaled(&self.between, &scale), scaled(&self.within, &scale)),
             false => moments(&signals, &offset, data.units),
@@ -97,7 +96,6 @@ impl Model {
             now.step(&signals, &offset, repeated);
         }
 
-        // back to the parameters' own units
         let back = |m| unscaled(&floored(m), &scale);
         self.between = back(&now.between);
         self.within = if repeated { back(&now.within) } else { Matrix5::zeros() };
@@ -106,37 +104,30 @@ impl Model {
         }
     }
 
-    /// Steps 1 and 2: sets `noise_var`, moves ln lambda/sigma if the model has a real pole, and returns every
-    /// signal's information and score.
+    /// Steps 1 and 2. Returns every signal's information and score.
     fn signals_and_noise(&mut self, data: &Observations, scale: &Vector5) -> Vec<OneSignal> {
-        let mut linear = Linear::default();
-        let mut signals = Vec::with_capacity(data.len());
-        let mut left = Vec::with_capacity(data.len());
-        let mut of_pole = OfPole::default();
-        for i in 0..data.len() {
-            self.linearise(i, data, &mut linear);
-            let (gram, product) = free_products(&linear, scale);
+        let mut of_pole = PoleSums::default();
+        let each = self.of_each(data, |i, linear| {
+            let (gram, product) = free_products(linear, scale);
             let square = dot(&linear.residual, &linear.residual);
             // the tiny ridge keeps the matrix invertible where a parameter moves nothing
             let ridge = gram + Matrix5::identity() * (1e-9 * gram.trace());
-            // inner products of the real pole's column with those of the signal's own parameters
             let columns = &linear.tangent.columns;
             let along = Vector5::from_fn(|j, _| dot(&columns[j], &columns[ALL - 1]) * scale[j]);
             let solved = ridge.cholesky().map(|c| [c.solve(&product), c.solve(&along)]);
-            // the square that is left once the signal's own parameters are free, per degree of freedom,
-            // estimates the noise variance
+            // the square that is left per degree of freedom estimates the noise variance
             let [of_residual, of_along] = solved.unwrap_or_default();
             let explained = product.dot(&of_residual).min(square);
-            of_pole.add(&linear, &product, &along, &of_along);
-            left.push((square - explained) / (linear.counted() - FREE as f64).max(1.0));
-            // The residual is about channel plus own deviation. Adding J times the own deviation to it gives
-            // the residual about the channel alone, to first order.
+            of_pole.add(linear, &product, &along, &of_along);
+            let left = (square - explained) / (linear.counted() - FREE as f64).max(1.0);
+            // adding J times the own deviation gives the residual about the channel alone, to first order
             let own = free_part(&self.each[i], scale);
             let product = product + gram * own;
-            signals.push(OneSignal { unit: data.rows[i].unit, gram, product });
-        }
+            (OneSignal { unit: data.rows[i].unit, gram, product }, left)
+        });
+        let (mut signals, mut left): (Vec<OneSignal>, Vec<f64>) = each.into_iter().unzip();
 
-        // the mean over all but the noisiest hundredth of the signals, which may have more than noise
+        // the noisiest hundredth of the signals may have more than noise
         left.sort_by(f64::total_cmp);
         let kept = &left[..(left.len() as f64 * (1.0 - untold_noise())).ceil() as usize];
         self.noise_var = (kept.iter().sum::<f64>() / kept.len() as f64).max(1e-300);
@@ -152,11 +143,11 @@ impl Model {
 }
 
 /// Estimates `between` and `within` by moments, as a start for EM: the scatter of single signals'
-/// least-squares estimates, less what the errors of these estimates contribute. `offset`: the point at which
-/// each channel is linearised, relative to the model's mean; `units`: number of channels.
+/// least-squares estimates, less that of their errors. `offset`: the point at which each channel is
+/// linearised, relative to the model's mean.
 fn moments(signals: &[OneSignal], offset: &[Vector5], units: usize) -> (Matrix5, Matrix5) {
-    // Estimates of single signals, relative to the model's mean, with their error covariance. The ridge is a
-    // prior of standard deviation 0.1 about the channel, for what a signal does not determine.
+    // Estimates of single signals, with their error covariance. The ridge is a prior of standard deviation
+    // 0.1 about the channel, for what a signal does not determine.
     let estimates: Vec<(usize, Vector5, Matrix5)> = signals
         .iter()
         .map(|OneSignal { unit, gram, product }| {
@@ -168,8 +159,8 @@ fn moments(signals: &[OneSignal], offset: &[Vector5], units: usize) -> (Matrix5,
 
     let means = means_of_groups(units, estimates.iter().map(|(unit, x, _)| (*unit, *x)));
 
-    // The variance about the channels' means is `within` plus that of the errors; the variance of the
-    // channels' means is `between` plus a share (channels over signals) of both.
+    // The variance about the channels' means is `within` plus that of the errors; that of the means is
+    // `between` plus a share (channels over signals) of both.
     let mut within = Matrix5::zeros();
     let mut noise = Matrix5::zeros();
     for (unit, x, covariance) in &estimates {
@@ -191,8 +182,7 @@ fn moments(signals: &[OneSignal], offset: &[Vector5], units: usize) -> (Matrix5,
 }
 
 impl Estimate {
-    /// One step of EM. `offset`: the point at which each channel is linearised, relative to the model's mean;
-    /// `repeated`: channels were heard more than once.
+    /// One step of EM. `offset`: as of `moments`; `repeated`: channels were heard more than once.
     ///
     /// The score of a signal about b0 is q = product + G (offset - b0) with G = `gram`. Let D = (W^-1 +
     /// G)^-1. If the signal's own deviation w is integrated out, G - G D G is left as its information about
@@ -201,8 +191,7 @@ impl Estimate {
         if !repeated {
             self.within = Matrix5::zeros();
         }
-        // information and score of each channel about its deviation from b0, its signals' own deviations
-        // integrated out
+        // information and score of each channel, its signals' own deviations integrated out
         let (precision_b, precision_w) = (inverse(&self.between), inverse(&self.within));
         let mut info = vec![Matrix5::zeros(); offset.len()];
         let mut score = vec![Vector5::zeros(); offset.len()];
@@ -216,7 +205,7 @@ impl Estimate {
         }
 
         // E step, channels: the posterior of channel u is N(b, C) with C = (B^-1 + information)^-1 and b = C
-        // score. Collect the expected outer products b b^T + C.
+        // score
         let mut sum_b = Matrix5::zeros();
         let mut sum_w = Matrix5::zeros();
         let mut centre = Vector5::zeros();
@@ -228,8 +217,8 @@ impl Estimate {
             centre += b;
             posterior.push((b, c));
         }
-        // E step, signals: given b, a signal's deviation is N(D (q - G b), D). The channel's own uncertainty
-        // C adds D G C (D G)^T.
+        // E step, signals: given b, a signal's deviation is N(D (q - G b), D); the channel's own uncertainty
+        // C adds D G C (D G)^T
         for (OneSignal { unit, gram, .. }, (q, d)) in signals.iter().zip(&each) {
             let (b, c) = posterior[*unit];
             let w = d * (q - gram * b);
@@ -237,9 +226,8 @@ impl Estimate {
             sum_w += w * w.transpose() + d + dg * c * dg.transpose();
         }
 
-        // M step: b0 moves to the average of the channels' posterior means; B is the channels' expected
-        // covariance about this average, times n / (n - 1), since the average comes from the same n channels;
-        // W is the average of the signals' expected outer products
+        // M step: b0 moves to the average of the channels' posterior means; B, their covariance about it,
+        // takes n / (n - 1), since the average comes from the same n channels
         let units = offset.len() as f64;
         centre /= units;
         self.between = (sum_b / units - centre * centre.transpose())

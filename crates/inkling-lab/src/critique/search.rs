@@ -1,16 +1,14 @@
 //! The search for causes, whatever rings: forward selection that tries all candidates, lets the significant
-//! ones compete, puts the winner into the model, and tells which candidates are tied with the winner.
+//! ones compete, puts the winner into the model, and tells which candidates are tied with it.
 //!
-//! In: a [`System`] (ink channels in `selection.rs`, an oscillator in `decay/`) and its model without causes.
-//! Out: [`ExplainedModel`], the model with its causes, and what was tried on the way.
+//! In: a [`System`] and its model without causes. Out: [`ExplainedModel`].
 //!
-//! One step of the loop in `search`: (1) test all candidates about the present model; (2) the system refits
-//! those that compete, each in a model of its own, and says how likely each is (`penalised`: -2 ln likelihood
-//! plus the price of its parameters, lower is better); (3) the likeliest rival with a name wins, unless
-//! something without a name is better by `tie` (4) or more; then the latter enters, if the system allows it,
-//! or the search ends; (4) rivals within `tie` of the winner are tied with it; (5) the system refits the
-//! model with the winner and drops causes that have become superfluous. The search ends when nothing
-//! competes, or after the system's largest number of causes.
+//! One step: (1) test all candidates about the present model; (2) the system refits those that compete, each
+//! in a model of its own, and says how likely each is (`penalised`: -2 ln likelihood plus the price of its
+//! parameters, lower is better); (3) the likeliest rival with a name wins, unless something without a name is
+//! better by `tie` or more; then the latter enters, if the system allows it, or the search ends; (4) contenders
+//! within `tie` of the winner are tied with it; (5) the system refits the model with the winner and drops
+//! causes that have become superfluous.
 
 use super::candidate::{Candidate, Chosen};
 use super::finding::Evidence;
@@ -18,27 +16,22 @@ use super::objection::{Objection, WhyNot};
 use super::tuned::tie;
 use std::ops::ControlFlow;
 
-/// The system that causes are looked for in: the signals of ink channels, or few long decays of an
-/// oscillator.
 pub trait System {
-    /// The model of the system with the causes found so far.
+    /// The model with the causes found so far.
     type Model;
-    /// The representation of a candidate in the model.
+    /// The form of a candidate in the model.
     type Form: Clone;
-    /// Largest number of steps, and so of causes.
     const MOST_CAUSES: u32;
-    /// Whether a candidate that is tied with a cause in the model may enter beside that cause. If not, both
-    /// are taken to stand for the same effect.
+    /// Whether a candidate that is tied with a cause in the model may enter beside it, or stands for the same
+    /// effect.
     const TIED_MAY_ENTER: bool;
-    /// Name of the step that the user is shown while candidates are tried.
+    /// Name of the step in which candidates are tried.
     const TRYING: &'static str;
 
-    /// Tests all candidates about a model, and returns them in the order in which they are told.
+    /// Tests all candidates about a model.
     fn tried(&self, now: &Self::Model) -> Vec<Candidate<Self::Form>>;
 
-    /// Refits those candidates that compete, each in a model of its own beside the causes that are there.
-    /// `now`: the present model; `tried`: the tested candidates; `chosen`: the causes that are in `now`;
-    /// `stages`: is called with the name of each step of work as it begins.
+    /// Refits those candidates that compete, each in a model of its own beside the `chosen` causes in `now`.
     fn round(
         &self,
         now: &Self::Model,
@@ -47,8 +40,8 @@ pub trait System {
         stages: &mut dyn FnMut(&str),
     ) -> Round<Self::Model, Self::Form>;
 
-    /// Refits the model after a cause has entered, and removes causes that have become superfluous from the
-    /// model and from `chosen`. `Break` ends the search, where causes would come and go for ever.
+    /// Refits the model after a cause has entered, and removes superfluous causes from it and from `chosen`.
+    /// `Break` ends the search, where causes would come and go for ever.
     fn settled(
         &self,
         now: Self::Model,
@@ -56,30 +49,29 @@ pub trait System {
     ) -> ControlFlow<Self::Model, Self::Model>;
 }
 
-/// A candidate that was fitted into the model, beside all causes that are there already.
-pub struct Rival<Model, Form> {
+/// A candidate that was fitted beside all causes that are there already.
+pub struct Contender<Model, Form> {
     /// The candidate; its statistic compares this model with the one without it.
     pub candidate: Candidate<Form>,
     pub model: Model,
     /// -2 ln likelihood plus the price of the free parameters; lower is better.
     pub penalised: f64,
-    /// Whether it may become the next cause. If not, all it can do is to keep others from becoming it.
+    /// If not, all it can do is to keep others from entering.
     pub may_enter: bool,
 }
 
-/// All rivals for the next cause.
 pub struct Round<Model, Form> {
-    pub rivals: Vec<Rival<Model, Form>>,
-    /// The smallest `penalised` of anything that competes, whether or not it may enter or is among `rivals`.
+    pub contenders: Vec<Contender<Model, Form>>,
+    /// The smallest `penalised` of anything that competes.
     pub least: f64,
 }
 
 impl<Model, Form> Round<Model, Form> {
-    /// Index of the next cause in `rivals`: the likeliest that has a name, if it is within `tie` of `least`;
-    /// else the likeliest without a name that may enter. `None`: there is no next cause.
+    /// Index of the next cause: the likeliest that has a name, if it is within `tie` of `least`; else the
+    /// likeliest without a name.
     fn winner(&self) -> Option<usize> {
         let likeliest = |named: bool| {
-            let all = self.rivals.iter().enumerate();
+            let all = self.contenders.iter().enumerate();
             all.filter(|(_, r)| r.may_enter && r.candidate.has_name() == named)
                 .min_by(|(_, p), (_, q)| p.penalised.total_cmp(&q.penalised))
         };
@@ -87,10 +79,9 @@ impl<Model, Form> Round<Model, Form> {
         named.or_else(|| likeliest(false)).map(|(place, _)| place)
     }
 
-    /// Writes the outcome of the round into the evidence rows of this step: the winner gets no reason against
-    /// it, all other rivals get `AnotherExplainsMore`.
+    /// Writes the outcome of the round into the evidence rows of this step.
     fn tell(&self, winner: usize, rows: &mut [Evidence], ln_samples: f64) {
-        for (place, Rival { candidate, .. }) in self.rivals.iter().enumerate() {
+        for (place, Contender { candidate, .. }) in self.contenders.iter().enumerate() {
             if let Some(row) = rows.iter_mut().find(|row| row.id == candidate.id) {
                 row.delta_bic = candidate.delta_bic(ln_samples);
                 row.why_not = (place != winner).then_some(WhyNot::AnotherExplainsMore);
@@ -98,34 +89,30 @@ impl<Model, Form> Round<Model, Form> {
         }
     }
 
-    /// Takes the winner's model, and the winner as a cause together with the rivals that are tied with it:
-    /// those whose `penalised` is less than `tie` above its own.
+    /// The winner's model, and the winner as a cause together with the contenders that are tied with it.
     fn won(mut self, winner: usize, ln_samples: f64) -> (Model, Chosen<Form>) {
-        let Rival { candidate, model, penalised, .. } = self.rivals.remove(winner);
-        let is_close = |r: &&Rival<Model, Form>| r.penalised - penalised < tie();
-        // a rival that contains the winner as a special case explains at least as much by construction, so it
-        // is no tie
-        let nests = |r: &&Rival<Model, Form>| r.candidate.id.row().nests == Some(candidate.id);
-        let close = self.rivals.iter().filter(is_close).filter(|r| !nests(r));
+        let Contender { candidate, model, penalised, .. } = self.contenders.remove(winner);
+        let is_close = |r: &&Contender<Model, Form>| r.penalised - penalised < tie();
+        // a rival that contains the winner as a special case is no tie: it explains at least as much
+        let nests = |r: &&Contender<Model, Form>| r.candidate.id.row().nests == Some(candidate.id);
+        let close = self.contenders.iter().filter(is_close).filter(|r| !nests(r));
         let (tied_with, tied_unnamed) = close.map(|r| r.candidate.id).partition(|id| id.has_name());
         let delta_bic = candidate.delta_bic(ln_samples);
         (model, Chosen { candidate, delta_bic, tied_with, tied_unnamed })
     }
 }
 
-/// A model with the causes that were found.
 pub struct ExplainedModel<Model, Form> {
     pub fitted: Model,
-    /// The causes, in the order in which they entered.
+    /// In the order in which they entered.
     pub causes: Vec<Chosen<Form>>,
     /// One row for each named candidate in each step.
     pub evidence: Vec<Evidence>,
-    /// Candidates of the last step that are significant but, by an objection, cannot be the cause.
+    /// Candidates of the last step that are significant but cannot be the cause.
     pub unnamed: Vec<Candidate<Form>>,
 }
 
-/// Adds causes one by one until none competes (module's doc). `now`: the model without causes; `ln_samples`:
-/// logarithm of the number of samples of all signals, the price of a parameter in BIC.
+/// Adds causes one by one until none competes. `ln_samples`: the price of a parameter in BIC.
 pub fn search<S: System>(
     system: &S,
     mut now: S::Model,
@@ -135,15 +122,13 @@ pub fn search<S: System>(
     let mut causes: Vec<Chosen<S::Form>> = Vec::new();
     let (mut evidence, mut unnamed) = (Vec::new(), Vec::new());
     for step in 0..=S::MOST_CAUSES {
-        // test all candidates, and note each named one in the evidence
         stages(S::TRYING);
         let mut tried = system.tried(&now);
         let rows = evidence.len();
         let named = tried.iter().filter(|t| t.has_name());
         evidence.extend(named.map(|t| t.evidence(step, ln_samples)));
 
-        // what is tied with a cause in the model stands for the same effect: it has its row, but does not
-        // compete
+        // what is tied with a cause has its row, but does not compete
         let tied = |id| causes.iter().any(|c| c.tied_with.contains(&id));
         tried.retain(|t| S::TIED_MAY_ENTER || !tied(t.id));
         unnamed = tried.iter().filter(|t| t.is_significant() && !t.able()).cloned().collect();
@@ -151,12 +136,10 @@ pub fn search<S: System>(
             break; // the last step only tests what is left
         }
 
-        // let the candidates compete
         let round = system.round(&now, &tried, &causes, stages);
         let Some(winner) = round.winner() else {
-            // If a named candidate had passed the test but none survived its refit, tell the first of those
-            // that had passed as something significant that cannot be the cause.
-            if round.rivals.iter().all(|r| !r.candidate.has_name()) {
+            // a named candidate that had passed, where none survived its refit, is significant but no cause
+            if round.contenders.iter().all(|r| !r.candidate.has_name()) {
                 let lost = tried.into_iter().find(|t| t.has_name() && t.accepted());
                 let objection = Some(Objection::LeadsNowhere);
                 unnamed.extend(lost.map(|lost| Candidate { objection, ..lost }));
@@ -164,7 +147,6 @@ pub fn search<S: System>(
             break;
         };
 
-        // the winner enters, and the model is settled with it
         round.tell(winner, &mut evidence[rows..], ln_samples);
         let (model, cause) = round.won(winner, ln_samples);
         causes.push(cause);
@@ -184,16 +166,16 @@ mod tests {
     use super::super::catalogue::CauseId::{self, *};
     use super::*;
 
-    /// The winner of a round, and what is tied with it. `rivals`: identifier, penalised -2 ln likelihood, and
+    /// The winner of a round, and what is tied with it. `contenders`: identifier, penalised -2 ln likelihood, and
     /// whether it may enter.
-    fn won(rivals: &[(CauseId, f64, bool)], least: f64) -> Option<(CauseId, Vec<CauseId>)> {
-        let rival = |&(id, penalised, may_enter): &(CauseId, f64, bool)| Rival {
+    fn won(contenders: &[(CauseId, f64, bool)], least: f64) -> Option<(CauseId, Vec<CauseId>)> {
+        let rival = |&(id, penalised, may_enter): &(CauseId, f64, bool)| Contender {
             candidate: Candidate::plain(id, -penalised, ()),
             model: (),
             penalised,
             may_enter,
         };
-        let round = Round { rivals: rivals.iter().map(rival).collect(), least };
+        let round = Round { contenders: contenders.iter().map(rival).collect(), least };
         let winner = round.winner()?;
         let ((), Chosen { candidate, tied_with, tied_unnamed, .. }) = round.won(winner, 1.0);
         Some((candidate.id, [tied_with, tied_unnamed].concat()))

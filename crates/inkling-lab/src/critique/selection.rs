@@ -1,23 +1,23 @@
 //! Selects the causes that the signals of ink channels ask for: how candidates are tested and refitted in the
 //! forward selection of `search.rs`, and the backward elimination after each step and at the end.
 //!
-//! In: signals (a `Setting`) and a fitted baseline, from `engine.rs`. Out: [`Selected`], the refitted model
-//! with its causes, and what was tried on the way.
+//! In: signals (a `Setting`) and a fitted baseline. Out: [`Selected`], the refitted model with its causes,
+//! and what was tried on the way.
 //!
-//! The steps: the linear tests of all candidates (`candidates`) nominate; the most surprising accepted name
-//! is the benchmark, and at most five names and three rivals without a name of its kind (shape, or covariate)
-//! are refitted beside it at fixed noise and scatter; the refitted -2 ln likelihood plus prices decides; the
-//! winner enters, everything is refitted with scatter, and causes that are no longer significant leave. At
-//! the end all causes are measured once more, and those leave that are no more than what stronger findings
-//! leave (`leftovers.rs`).
+//! The linear tests of all candidates (`candidates`) nominate; the most surprising accepted name is the
+//! benchmark, and at most five names and three rivals of its kind (shape, or covariate) are refitted beside
+//! it at fixed noise and scatter; the refitted -2 ln likelihood plus prices decides; the winner enters,
+//! everything is refitted with scatter, and causes that are no longer significant leave. At the end all
+//! causes are measured once more, and those leave that are no more than what stronger findings leave
+//! (`leftovers.rs`).
 
 use super::candidate::Chosen;
 use super::candidates::{Applied, ScoreTests, Scored, Setting};
 use super::chance::{HINT, surprise};
-use super::leftovers::Weighed;
+use super::leftovers::Finding;
 use super::model::Model;
 use super::refit::{Refit, apply, follow, refit};
-use super::search::{ExplainedModel, Rival, Round, System, search};
+use super::search::{Contender, ExplainedModel, Round, System, search};
 use super::tuned::tie;
 use nalgebra::DVector;
 use std::ops::ControlFlow;
@@ -26,46 +26,39 @@ use std::ops::ControlFlow;
 const MOST_NAMED: usize = 5;
 const MOST_UNNAMED: usize = 3;
 
-/// The model with the causes that were selected.
 pub type Selected = ExplainedModel<Refit, Applied>;
 
 impl Selected {
-    /// The causes with their statistics, for the comparison with what they may leave to other findings
-    /// (`leftovers.rs`).
-    pub fn weighed(&self) -> Vec<Weighed> {
-        weighed(&self.causes)
+    pub fn findings(&self) -> Vec<Finding> {
+        findings(&self.causes)
     }
 }
 
-fn weighed(chosen: &[Chosen<Applied>]) -> Vec<Weighed> {
-    chosen.iter().map(|c| Weighed::of(&c.candidate, &c.tied_with)).collect()
+fn findings(chosen: &[Chosen<Applied>]) -> Vec<Finding> {
+    chosen.iter().map(|c| Finding::of(&c.candidate, &c.tied_with)).collect()
 }
 
-/// Selects the causes. `baseline`: the model without causes, fitted to the signals of `setting`. `found`:
-/// what was found in codes and noise; such findings may also leave something that looks like a cause of the
-/// mean.
+/// `baseline`: the model without causes, fitted to the signals of `setting`. `found`: what was found in codes
+/// and noise, which may also leave something that looks like a cause of the mean.
 pub fn select(
     baseline: Model,
     setting: Setting,
-    found: Vec<Weighed>,
+    found: Vec<Finding>,
     stages: &mut dyn FnMut(&str),
 ) -> Selected {
-    // forward selection from the refitted baseline
     let baseline = refit(baseline, Vec::new(), setting, 3, true);
     let ExplainedModel { fitted: now, mut causes, evidence, unnamed } =
         search(&setting, baseline, setting.data.ln_samples(), stages);
 
-    // refit all causes together, and measure each one beside all others
     stages("measuring the causes");
     let mut last = refit(now.model, now.causes, setting, 3, true);
     measure(&mut causes, &last, setting);
-    let mut all = weighed(&causes);
+    let mut all = findings(&causes);
     all.extend(found);
 
-    // A cause entered because of a test about a model that lacked the causes that entered later. It stays
-    // only if it is still significant beside all others, and is more than what the others and the findings in
-    // codes and noise may leave.
-    let stands = |(cause, own): (&Chosen<Applied>, &Weighed)| {
+    // A cause entered because of a test about a model that lacked those that entered later. It stays only if
+    // it is still significant, and more than what the others and codes and noise may leave.
+    let stands = |(cause, own): (&Chosen<Applied>, &Finding)| {
         cause.candidate.is_significant() && own.is_beyond(&all)
     };
     let kept: Vec<bool> = causes.iter().zip(&all).map(stands).collect();
@@ -83,8 +76,8 @@ impl System for Setting<'_> {
     const TIED_MAY_ENTER: bool = false;
     const TRYING: &'static str = "testing the catalogue";
 
-    /// Tests the catalogue and the rivals without a name, except the causes that are in the model; the most
-    /// surprising comes first.
+    /// Tests the catalogue and the rivals, except the causes that are in the model; the most surprising
+    /// first.
     fn tried(&self, now: &Refit) -> Vec<Scored> {
         let nuisances = now.spaces.nuisances(&now.causes);
         let mut scored = ScoreTests::new(&now.model, *self, &nuisances).score_all();
@@ -93,11 +86,10 @@ impl System for Setting<'_> {
         scored
     }
 
-    /// Refits the candidates that compete. A candidate without a name never enters the model; if it wins, the
-    /// search ends, and `adequacy` tells what the misfit is like. If the likeliest rival without a name is
-    /// clearly better than the likeliest name (by more than `tie`), these two are compared once more, each
-    /// together with the named candidate that comes next beside it: where there are two causes, a rival
-    /// without a name may take a part of both.
+    /// Refits the candidates that compete. A rival never enters the model; if it wins, the search ends. If
+    /// the likeliest rival is clearly better than the likeliest name, these two are compared once more, each
+    /// together with the named candidate that comes next beside it: where there are two causes, a rival may
+    /// take a part of both.
     fn round(
         &self,
         now: &Refit,
@@ -105,50 +97,43 @@ impl System for Setting<'_> {
         _: &[Chosen<Applied>],
         stages: &mut dyn FnMut(&str),
     ) -> Round<Refit, Applied> {
-        // without an accepted name there is nothing to compete with
         let best = tried.iter().find(|s| s.has_name() && s.accepted());
-        let Some(best) = best else { return Round { rivals: Vec::new(), least: f64::INFINITY } };
+        let Some(best) = best else { return Round { contenders: vec![], least: f64::INFINITY } };
         stages("refitting what competes");
-        let mut rivals = refitted(now, tried, best, *self);
-        // rivals are sorted, so the first of either sort is its likeliest
-        let place = |named: bool| rivals.iter().position(|r| r.candidate.has_name() == named);
+        let mut all = refitted(now, tried, best, *self);
+        let place = |named: bool| all.iter().position(|r| r.candidate.has_name() == named);
         if let (Some(named), Some(unnamed)) = (place(true), place(false))
-            && rivals[named].penalised > rivals[unnamed].penalised + tie()
+            && all[named].penalised > all[unnamed].penalised + tie()
         {
-            // Replace the difference of the two by the difference of the pairs. Of the rivals without a name,
-            // keep this one only, since the others were not compared in pairs.
-            let behind =
-                with_the_next(&rivals[unnamed], *self) - with_the_next(&rivals[named], *self);
-            rivals[unnamed].penalised = rivals[named].penalised + behind;
-            let strongest = rivals[unnamed].candidate.id;
-            rivals.retain(|r| r.candidate.has_name() || r.candidate.id == strongest);
-            rivals.sort_by(|p, q| p.penalised.total_cmp(&q.penalised));
+            // Replace the difference of the two by that of the pairs; other rivals were not compared in
+            // pairs.
+            let behind = with_the_next(&all[unnamed], *self) - with_the_next(&all[named], *self);
+            all[unnamed].penalised = all[named].penalised + behind;
+            let strongest = all[unnamed].candidate.id;
+            all.retain(|r| r.candidate.has_name() || r.candidate.id == strongest);
+            all.sort_by(|p, q| p.penalised.total_cmp(&q.penalised));
         }
-        let least = rivals.first().map_or(f64::INFINITY, |r| r.penalised);
-        Round { rivals, least }
+        let least = all.first().map_or(f64::INFINITY, |r| r.penalised);
+        Round { contenders: all, least }
     }
 
-    /// Refits the model with noise and scatter free, and takes out causes that are no longer significant. The
-    /// search always goes on.
+    /// Refits the model with noise and scatter free, and takes out causes that are no longer significant.
     fn settled(&self, now: Refit, chosen: &mut Vec<Chosen<Applied>>) -> ControlFlow<Refit, Refit> {
         let now = refit(now.model, now.causes, *self, 2, true);
         let kept = necessary(&now);
-        ControlFlow::Continue(match kept.iter().all(|k| *k) {
-            true => now,
-            false => without(now, chosen, &kept, *self, 2),
-        })
+        let now = if kept.iter().all(|k| *k) { now } else { without(now, chosen, &kept, *self, 2) };
+        ControlFlow::Continue(now)
     }
 }
 
-/// Refits the candidates that compete, beside the causes of `now`, and returns those that explain something
-/// after the refit, the likeliest first. `tried`: sorted by surprise; `best`: the most surprising accepted
-/// one that has a name.
+/// Those that explain something after the refit, the likeliest first. `tried`: sorted by surprise; `best`:
+/// the most surprising accepted one that has a name.
 fn refitted(
     now: &Refit,
     tried: &[Scored],
     best: &Scored,
     setting: Setting,
-) -> Vec<Rival<Refit, Applied>> {
+) -> Vec<Contender<Refit, Applied>> {
     let before = now.deviance(best.id);
     let competing = |named: bool, most: usize| {
         let those = tried.iter().filter(move |s| s.has_name() == named);
@@ -156,38 +141,37 @@ fn refitted(
     };
     let all = competing(true, MOST_NAMED).chain(competing(false, MOST_UNNAMED));
     let refitted = |scored: &Scored| {
-        let rival = with(now, &scored.form, setting);
-        let deviance = rival.deviance(best.id);
-        // A candidate that has an objection, or does not raise the likelihood, once it is refitted leads
-        // nowhere: it is dropped. The price is that of Akaike, 2 for each free parameter, plus 2 ln of the
-        // number of independent shapes among which it was the best.
-        (rival.last_is_able(setting) && deviance < before).then(|| Rival {
-            model: rival,
-            penalised: deviance + 2.0 * (parameters(scored) + scored.tried.ln()),
+        let contender = with(now, &scored.form, setting);
+        let deviance = contender.deviance(best.id);
+        // A candidate that has an objection once it is refitted is dropped. The price is that of Akaike, 2
+        // for each free parameter, plus 2 ln of the number of independent shapes among which it was the best.
+        (contender.last_is_able(setting) && deviance < before).then(|| Contender {
+            model: contender,
+            penalised: deviance + 2.0 * (free_parameters(scored) + scored.tried.ln()),
             may_enter: scored.has_name(),
             candidate: Scored { statistic: before - deviance, ..scored.clone() },
         })
     };
-    let mut rivals: Vec<Rival<Refit, Applied>> = all.filter_map(refitted).collect();
-    rivals.sort_by(|p, q| p.penalised.total_cmp(&q.penalised));
-    rivals
+    let mut contenders: Vec<Contender<Refit, Applied>> = all.filter_map(refitted).collect();
+    contenders.sort_by(|p, q| p.penalised.total_cmp(&q.penalised));
+    contenders
 }
 
-/// Penalised -2 ln likelihood of a rival together with the named candidate that explains most beside it; that
-/// of the rival alone if no candidate is accepted beside it, or none improves it.
-fn with_the_next(rival: &Rival<Refit, Applied>, setting: Setting) -> f64 {
-    let mut tried = setting.tried(&rival.model);
+/// Penalised -2 ln likelihood of a contender together with the named candidate that explains most beside it, if
+/// one is accepted and improves it.
+fn with_the_next(contender: &Contender<Refit, Applied>, setting: Setting) -> f64 {
+    let mut tried = setting.tried(&contender.model);
     tried.retain(Scored::has_name);
-    let next = tried.iter().find(|s| s.accepted() && competes(s, &rival.candidate)).cloned();
-    // the price of the rival's own parameters
-    let paid = rival.penalised - rival.model.deviance(rival.candidate.id);
-    let beside = next.map(|next| refitted(&rival.model, &tried, &next, setting));
+    let next = tried.iter().find(|s| s.accepted() && competes(s, &contender.candidate)).cloned();
+    // the price of its own parameters
+    let paid = contender.penalised - contender.model.deviance(contender.candidate.id);
+    let beside = next.map(|next| refitted(&contender.model, &tried, &next, setting));
     let least = beside.and_then(|all| Some(all.first()?.penalised + paid));
-    least.map_or(rival.penalised, |both| both.min(rival.penalised))
+    least.map_or(contender.penalised, |both| both.min(contender.penalised))
 }
 
-/// Returns the model with one more cause, refitted with scatter and noise held. The mean is shifted first by
-/// what the cause takes away from it (`follow`).
+/// The model with one more cause, refitted with scatter and noise held; first the mean is shifted by what the
+/// cause takes away from it (`follow`).
 fn with(now: &Refit, cause: &Applied, setting: Setting) -> Refit {
     let mut model = now.model.clone();
     let mut causes = now.causes.clone();
@@ -197,14 +181,13 @@ fn with(now: &Refit, cause: &Applied, setting: Setting) -> Refit {
     refit(model, causes, setting, 3, false)
 }
 
-/// Whether a candidate is refitted beside the most surprising one: it must have no objection, be of the same
-/// kind (both shapes, or neither), and be surprising enough for a hint.
+/// Whether a candidate is refitted beside the most surprising one.
 fn competes(s: &Scored, best: &Scored) -> bool {
     s.able() && s.id.is_shape() == best.id.is_shape() && s.surprise > HINT
 }
 
 /// Takes the causes that are not `kept` out of the model and of `chosen`, and refits the model with its
-/// scatter. `kept`: for each cause, in the order of both lists; `rounds`: fewest rounds of the refit.
+/// scatter in `rounds` rounds at least.
 fn without(
     now: Refit,
     chosen: &mut Vec<Chosen<Applied>>,
@@ -223,8 +206,8 @@ fn without(
     refit(model, causes, setting, rounds, true)
 }
 
-/// Replaces each cause's candidate by its final test beside all others in the model `last`: size, error and
-/// statistic. A cause that cannot be tested again keeps its old ones.
+/// Replaces each cause's candidate by its final test beside all others in the model `last`, if it can be
+/// tested again.
 fn measure(chosen: &mut [Chosen<Applied>], last: &Refit, setting: Setting) {
     for (index, cause) in chosen.iter_mut().enumerate() {
         if let Some(scored) = last.rescored(index, setting) {
@@ -243,8 +226,8 @@ fn necessary(now: &Refit) -> Vec<bool> {
         .map(|cause| {
             let (steps, covariance) = nuisances.of(cause.id).causes();
             let q = cause.coefficients.len();
-            // for a cause that follows a covariate, the effect itself, which is its first coefficient, must
-            // stay significant; the other coefficients are the acquisition state's
+            // of a cause that follows a covariate, the effect itself must stay significant, not the
+            // acquisition state
             let own = if cause.id.is_shape() { q } else { 1 };
             let x = DVector::from_column_slice(&cause.coefficients[..own]) + steps.rows(at, own);
             let block = covariance.view((at, at), (own, own)).into_owned();
@@ -255,8 +238,7 @@ fn necessary(now: &Refit) -> Vec<bool> {
         .collect()
 }
 
-/// Number of free parameters of a candidate: its coefficients, and those of its shape (rate, frequency,
-/// damping), as the catalogue's `free` says.
-fn parameters(s: &Scored) -> f64 {
+/// A candidate's coefficients, and the parameters of its shape (rate, frequency, damping).
+fn free_parameters(s: &Scored) -> f64 {
     s.form.directions.len() as f64 + s.id.row().free
 }

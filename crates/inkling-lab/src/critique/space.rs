@@ -1,21 +1,18 @@
 //! Information matrix and score vector of every linear extension of the model at once, so that the signals
 //! are read once for all candidates.
 //!
-//! In: a fitted model and its signals. Out: two [`Space`]s, used by `nuisance.rs` for tests and by `refit.rs`
-//! for steps. A space holds K = sum X^T V^-1 X and g = sum X^T V^-1 r over all signals: r is the residual, V
-//! its covariance (noise and scatter), and the columns of X are all extensions, in this order:
+//! In: a fitted model and its signals. Out: two [`Space`]s. A space holds K = sum X^T V^-1 X and g = sum X^T
+//! V^-1 r over all signals: r is the residual, V its covariance (noise and scatter), and the columns of X are
+//! all extensions, in this order:
 //!
 //! * `PATTERNS` x N columns: a unit impulse at each sample, times the drive to the power 0, 1, 2 or 3;
 //! * `COVARIATES` x `ALL` columns: each covariate times the derivative by each parameter;
 //! * one column: the tail of the previous ring.
 //!
 //! A candidate is a [`Direction`], a vector x over these columns. Its likelihood-ratio statistic without
-//! nuisance is (x·g)² / (x·K x). `contributions.rs` computes the sums; it also corrects g for the curvature
-//! of the decay.
-//!
-//! The two spaces treat the channels' own parameters in two ways. In the first, channels are as good as free;
-//! shapes are tested in it. In the second, channels are drawn from the population with covariance `between`;
-//! what follows a covariate is tested in it, and K and g are 0 for all shapes.
+//! nuisance is (x·g)² / (x·K x). In the first space, channels are as good as free; shapes are tested in it.
+//! In the second, they are drawn from the population with covariance `between`; what follows a covariate is
+//! tested in it, and K and g are 0 for all shapes.
 
 use super::contributions::Part;
 use super::covariates::COVARIATES;
@@ -29,8 +26,7 @@ use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::ops::Range;
 
-/// The quadratic approximation of the log-likelihood about a model: ln L(x) = -deviance/2 + x·g - x·K x/2,
-/// with the size x of each extension.
+/// ln L(x) = -deviance/2 + x·g - x·K x/2 about a model, with the size x of each extension.
 #[derive(Clone, Debug)]
 pub struct Space {
     pub samples: usize,
@@ -38,29 +34,26 @@ pub struct Space {
     pub lambda_off: f64,
     /// Amplitude of the real pole in the model, and the standard deviation of its prior; counts.
     pub slow: [f64; 2],
-    /// Information matrix K; `contributions::dimension` rows and columns. The priors of the real pole are not
-    /// in it, `nuisance.rs` adds these.
+    /// Information matrix K, without the priors of the real pole, which `nuisance.rs` adds.
     pub k: DMatrix<f64>,
     /// Score g, without those priors.
     pub g: DVector<f64>,
-    /// -2 ln likelihood of the model without extension, up to a constant, with the priors of the real pole.
+    /// -2 ln likelihood of the model, up to a constant, with those priors.
     pub deviance: f64,
 }
 
-/// A direction in the space, as a sparse vector: blocks of coefficients, each with the index at which it
-/// begins.
+/// A sparse vector of the space: blocks of coefficients, each with the index at which it begins.
 #[derive(Clone, Debug)]
 pub struct Direction(pub Vec<(usize, Vec<f64>)>);
 
 impl Direction {
-    /// The direction that adds a shape which scales as the drive to the power `pattern`. `shape`: N samples,
-    /// counts at the mean drive.
+    /// Adds a shape (N samples, counts at the mean drive) that scales as the drive to the power `pattern`.
     pub fn shape(pattern: usize, shape: Vec<f64>) -> Direction {
         Direction(vec![(pattern * shape.len(), shape)])
     }
 
-    /// Two directions, a cosine and a sine, that scale as the drive to the power `pattern`: together they
-    /// hold a wave of any phase. `at`: amplitude and phase (rad) at each of `samples` samples.
+    /// A cosine and a sine that scale as the drive to the power `pattern`: together a wave of any phase.
+    /// `at`: amplitude and phase (rad) at each sample.
     pub fn waves(
         pattern: usize,
         samples: usize,
@@ -74,27 +67,25 @@ impl Direction {
         vec![wave(0.0), wave(-PI / 2.0)]
     }
 
-    /// The direction that moves the parameters by `v` per unit of the covariate with index `which`, which is
-    /// standardised.
+    /// Moves the parameters by `v` per unit of the standardised covariate with index `which`.
     pub fn covariate(samples: usize, which: usize, v: [f64; ALL]) -> Direction {
         Direction(vec![(PATTERNS * samples + which * ALL, v.to_vec())])
     }
 
-    /// The direction that moves parameter j alone, by 1 per unit of the covariate.
+    /// Moves parameter j alone, by 1 per unit of the covariate.
     pub fn parameter(samples: usize, which: usize, j: usize) -> Direction {
         let mut v = [0.0; ALL];
         v[j] = 1.0;
         Direction::covariate(samples, which, v)
     }
 
-    /// The direction that adds the previous ring as it goes on in the signal; its coefficient is the share of
-    /// that ring that is left.
+    /// Adds the previous ring as it goes on in the signal.
     pub fn tail(samples: usize) -> Direction {
         Direction(vec![(PATTERNS * samples + COVARIATES * ALL, vec![1.0])])
     }
 
-    /// Adds `by` times this direction to what a model adds. The index of each coefficient tells whether it
-    /// belongs to a shape, a covariate or the tail (the order in the module's doc).
+    /// Adds `by` times this direction to what a model adds. The index of a coefficient tells what it belongs
+    /// to.
     pub fn add_to(&self, added: &mut Additions, by: f64) {
         let n = added.shapes[0].len();
         for (at, v) in self.0.iter().flat_map(|(at, v)| (*at..).zip(v)) {
@@ -106,17 +97,15 @@ impl Direction {
         }
     }
 
-    /// Inner product with a vector of the space.
     pub fn dot(&self, x: &DVector<f64>) -> f64 {
-        self.0
-            .iter()
-            .map(|(at, v)| v.iter().enumerate().map(|(i, v)| v * x[at + i]).sum::<f64>())
-            .sum()
+        let of_block =
+            |(at, v): &(usize, Vec<f64>)| -> f64 { (*at..).zip(v).map(|(at, v)| v * x[at]).sum() };
+        self.0.iter().map(of_block).sum()
     }
 }
 
 /// Where directions have coefficients: the length of each block, by the index at which it begins. Blocks of
-/// two directions either are the same or do not overlap.
+/// two directions are the same or do not overlap.
 #[derive(Clone, Debug, Default)]
 pub struct Places(BTreeMap<usize, usize>);
 
@@ -126,22 +115,18 @@ impl Places {
         Places(blocks.map(|(at, v)| (*at, v.len())).collect())
     }
 
-    /// The union of these places and others.
     pub fn and(&self, others: Places) -> Places {
         Places(self.0.iter().map(|(at, length)| (*at, *length)).chain(others.0).collect())
     }
 }
 
 impl Space {
-    /// The two spaces about a model: first that of free channels, then that of scattered channels. Two
-    /// threads sum half of the channels each. The split does not depend on the number of processors, so the
-    /// sums do not either, to the last bit.
+    /// The two spaces about a model: of free channels, and of scattered channels. Two threads sum half of the
+    /// channels each; the split does not depend on the number of processors, so the sums do not either.
     pub fn of(model: &Model, data: &Observations) -> [Space; 2] {
-        // move the middle to the first signal of its channel: a channel must not be split
-        let mut middle = data.len() / 2;
-        while middle > 0 && data.rows[middle].unit == data.rows[middle - 1].unit {
-            middle -= 1;
-        }
+        // a channel must not be split
+        let starts = data.channels().map(|channel| channel.start);
+        let middle = starts.take_while(|start| *start <= data.len() / 2).last().unwrap_or(0);
         let part = |rows: Range<usize>| Part::of(model, data, rows);
         let parts = side_by_side(2, vec![0..middle, middle..data.len()], part);
         let sum = |[free, scattered]: [Part; 2], [other_free, other]: [Part; 2]| {
@@ -151,20 +136,17 @@ impl Space {
         both.map(|part| Space::about(model, data.samples, part))
     }
 
-    /// Completes the sums over all signals to the space of a model. `n`: samples of a signal.
+    /// Completes the sums over all signals. `n`: samples of a signal.
     fn about(model: &Model, n: usize, part: Part) -> Space {
         let Part { mut k, g, mut deviance, diagonal } = part;
-        // White noise links a sample of a shape to the same sample of other powers of the drive only. These
-        // terms were summed apart, for all pairs (p, q) of powers; add them where they belong.
+        // White noise links a sample of a shape to the same sample of other powers of the drive only.
         for (a, of_sample) in diagonal.column_iter().enumerate() {
             for (pair, sum) in of_sample.iter().enumerate() {
                 let (p, q) = (pair / PATTERNS, pair % PATTERNS);
                 k[(p * n + a, q * n + a)] += sum;
             }
         }
-        // only the lower triangle was filled
         k.fill_upper_triangle_with_lower_triangle();
-        // the deviance takes the priors of the real pole's rate and amplitude
         let off = model.lambda_off();
         deviance += (off / ln_lambda_sd()).powi(2);
         let slow = [model.mean[4], model.slow_sd()];
@@ -172,8 +154,7 @@ impl Space {
         Space { samples: n, lambda_off: off, slow, k, g, deviance }
     }
 
-    /// K x of a direction x, computed at the places `at` alone; 0 elsewhere. Products with sparse directions
-    /// need no more, which saves most of the work.
+    /// K x of a direction x at the places `at` alone, which saves most of the work; 0 elsewhere.
     pub fn times(&self, x: &Direction, at: &Places) -> DVector<f64> {
         let mut out = DVector::zeros(self.k.nrows());
         for (column, v) in &x.0 {
@@ -187,7 +168,6 @@ impl Space {
         out
     }
 
-    /// All indices of the space, as one block.
     pub fn everywhere(&self) -> Places {
         Places(BTreeMap::from([(0, self.k.nrows())]))
     }
@@ -201,8 +181,7 @@ mod tests {
     #[test]
     fn two_halves_of_the_channels_say_what_all_say() {
         let data = draw(&Run { channels: 7, bursts: 3, ..Run::default() }, 33);
-        let mut model = Model::start(&data, true).unwrap();
-        model.fit(&data, 1);
+        let model = Model::fitted(&data, true, 1).unwrap();
         let wholes = Part::of(&model, &data, 0..data.len());
         for (space, whole) in Space::of(&model, &data).into_iter().zip(wholes) {
             let near = |a: f64, b: f64, scale: f64| (a - b).abs() <= 1e-9 * scale.max(1.0);

@@ -1,7 +1,7 @@
 //! `Model::start`: the first model of a recording, from which all fits descend.
 //!
 //! In: signals. Out: a [`Model`] with a wide guess of the scatter and no causes, or `None` where nothing
-//! rings. `engine.rs`, `held_out.rs` and `extended.rs` call it, and `Model::fit` follows.
+//! rings.
 //!
 //! The steps: (1) average all signals per unit drive; (2) find the best single ring of this average by a grid
 //! over frequency and damping, refined by least squares; (3) let each channel descend from that ring to its
@@ -19,16 +19,15 @@ use inkling_core::model::median::median;
 use inkling_core::numbers::tuned::little;
 use nalgebra::{DMatrix, DVector, Matrix3};
 
-/// Ratio of the ring's amplitude to the noise's standard deviation with which a fit starts.
+/// Ratio of the ring's amplitude to the noise with which a fit starts.
 const START_OVER_NOISE: f64 = 300.0;
-/// Largest distance of a signal's own frequency from its channel's that is searched, as a change of ln omega.
+/// Largest change of ln omega from its channel's that is searched for a signal.
 const MOST_DRIFT: f64 = 0.1;
 
 impl Model {
-    /// Makes the first model of these signals (steps in the module's doc). `real`: whether the ring has a
-    /// real pole, as an ink channel's has. `None`: nothing rings in the signals.
+    /// `real`: whether the ring has a real pole, as an ink channel's has. `None`: nothing rings in the
+    /// signals.
     pub fn start(data: &Observations, real: bool) -> Option<Model> {
-        // average of the signals per unit drive, by least squares: sum s y / sum s²
         let n = data.samples;
         let mut average = vec![0.0; n];
         let mut weight = 0.0;
@@ -41,23 +40,16 @@ impl Model {
         let mut mean = first_guess(&average, real)?;
         mean[5] = LAMBDA_OVER_SIGMA.ln(); // a model holds ln lambda/sigma, not ln lambda
         let amplitude = mean[2].hypot(mean[3]).max(f64::MIN_POSITIVE);
-        // a first guess of the variances of ln damping, ln frequency, a, b and c, wide enough for channels to
-        // move freely
-        let wide = Matrix5::from_diagonal(&Vector5::from([
-            0.5 * 0.5,
-            0.1 * 0.1,
-            amplitude * amplitude,
-            amplitude * amplitude,
-            (0.3 * amplitude).powi(2),
-        ]));
+        // scatter of ln damping, ln frequency, a, b and c, wide enough for channels to move freely
+        let sds = Vector5::from([0.5, 0.1, amplitude, amplitude, 0.3 * amplitude]);
+        let wide = Matrix5::from_diagonal(&sds.map(|sd| sd * sd));
         let mut model = Model {
             real,
             mean,
             between: wide,
             within: wide * 1e-6,
             estimated: false,
-            // until the noise is estimated, it is in proportion to the ring, since the unit of the signals is
-            // unknown
+            // in proportion to the ring, since the unit of the signals is unknown
             noise_var: (amplitude / START_OVER_NOISE).powi(2),
             added: Additions::none(n),
             units: vec![mean; data.units],
@@ -66,8 +58,6 @@ impl Model {
             lattice: None,
         };
 
-        // Each channel moves to its own ring, and the mean to their median. Then, where channels were heard
-        // repeatedly, each signal moves to the ring that fits it.
         model.fit_units(data, 12);
         model.recentre();
         if data.len() > data.units {
@@ -76,24 +66,22 @@ impl Model {
         Some(model)
     }
 
-    /// Returns signal i's own deviation from which a descent should start: zero, or, if a ring of another
-    /// frequency leaves less than half of the square that the channel's ring leaves, the deviation to the
-    /// best such ring. A descent alone would not find a ring of high quality (many oscillations) whose phase
-    /// has drifted by more than about a radian from the channel's while the ring lasts.
+    /// Signal i's own deviation from which a descent should start: zero, or that to the best ring of another
+    /// frequency, if it leaves less than half of the square that the channel's ring leaves. A descent alone
+    /// would not find a ring of many oscillations whose phase has drifted by more than about a radian.
     fn nearest(&mut self, i: usize, data: &Observations) -> Theta {
-        // Step of ln omega that turns the phase by half a radian while the ring lasts (1/sigma), or the
-        // signal (1) if that is shorter. At most eight steps are tried to either side.
+        // a step of ln omega turns the phase by half a radian while the ring lasts (1/sigma), or the signal
+        // (1) if that is shorter; at most eight steps to either side
         let step = 0.5 * self.mean[0].exp().max(1.0) / self.mean[1].exp();
         let steps = (MOST_DRIFT / step).min(8.0) as i32;
         let scale = self.scale();
-        // For a trial deviation: the square of the residual once the amplitudes a, b, c are fitted (the model
-        // is linear in them), and the deviation with these amplitudes.
+        // for a trial deviation: the square of the residual once the amplitudes a, b, c are fitted, and the
+        // deviation with these
         let mut linear = Linear::default();
         let mut left = |model: &mut Model, own: Theta| {
             model.each[i] = own;
             model.linearise(i, data, &mut linear);
             let (gram, product) = free_products(&linear, &scale);
-            // the block of the amplitudes alone
             let gram = gram.fixed_view::<3, 3>(2, 2).into_owned();
             let gram = gram + Matrix3::identity() * (1e-9 * gram.trace());
             let product = product.fixed_rows::<3>(2).into_owned();
@@ -103,7 +91,6 @@ impl Model {
             (0..3).for_each(|j| theta[j + 2] += moved[j] * scale[j + 2]);
             (square, theta)
         };
-        // another frequency must leave less than half of what the channel's own frequency leaves
         let there = left(self, Theta::zeros()).0;
         let mut best = (0.5 * there, Theta::zeros());
         for k in (-steps..=steps).filter(|k| *k != 0) {
@@ -118,8 +105,7 @@ impl Model {
         best.1
     }
 
-    /// Moves each free parameter of the mean to its median over the channels, which a few channels that
-    /// differ do not move.
+    /// Moves the mean to the median over the channels, which a few channels that differ do not move.
     fn recentre(&mut self) {
         for j in 0..FREE {
             let mut values: Vec<f64> = self.units.iter().map(|u| u[j]).collect();
@@ -129,9 +115,9 @@ impl Model {
 }
 
 /// The best single ring of one signal y (counts): a grid over frequency and damping, with the amplitudes and
-/// an offset by linear least squares at each point, then a refinement of the best point. The offset only
-/// keeps an offset of the signal from bending the ring; it is not returned. `None`: the ring explains less
-/// than a tenth (`little`) of the signal's square about its mean. Its last element is ln lambda.
+/// an offset (which only keeps an offset of the signal from bending the ring) by linear least squares, then a
+/// refinement. `None`: the ring explains less than a tenth (`little`) of the signal's square about its mean.
+/// Its last element is ln lambda.
 fn first_guess(y: &[f64], real: bool) -> Option<Theta> {
     let n = y.len();
     let mut best: Option<(f64, Theta)> = None;
@@ -143,8 +129,8 @@ fn first_guess(y: &[f64], real: bool) -> Option<Theta> {
         return None;
     }
 
-    // frequencies from 2 rad per signal length to 0.9 of half the sampling rate, in steps of 0.9 rad; the
-    // twelve with the largest power are tried
+    // frequencies from 2 rad per signal length to 0.9 of half the sampling rate; the twelve with the largest
+    // power are tried
     let moved: Vec<f64> = y.iter().map(|v| v - mean).collect();
     let omegas = (0..).map(|k| 2.0 + 0.9 * f64::from(k)).take_while(|omega| *omega < most);
     let power = |omega: f64| (power_at(omega / n as f64, &moved), omega);
@@ -163,7 +149,6 @@ fn first_guess(y: &[f64], real: bool) -> Option<Theta> {
                     _ => 0.0,
                 }
             });
-            // the small ridge keeps the equations solvable where two columns are alike
             let gram = columns.tr_mul(&columns) + DMatrix::identity(4, 4) * 1e-6;
             let Some(x) = gram.cholesky().map(|c| c.solve(&columns.tr_mul(&yv))) else { continue };
             let left = (&yv - &columns * &x).norm_squared();
@@ -178,8 +163,8 @@ fn first_guess(y: &[f64], real: bool) -> Option<Theta> {
     (cost < (1.0 - little()) * total && theta.iter().all(|v| v.is_finite())).then_some(theta)
 }
 
-/// Moves one ring and an offset, from `theta` and 0 on, to the nearest minimum of the squares that they leave
-/// of the signal y; returns the ring. Lambda stays at `LAMBDA_OVER_SIGMA` times the damping.
+/// Moves one ring and an offset, from `theta` and 0 on, to the nearest least squares of the signal y. Lambda
+/// stays at `LAMBDA_OVER_SIGMA` times the damping.
 fn refine(theta: &Theta, y: &[f64], real: bool) -> Theta {
     let n = y.len();
     let cost = |(theta, offset): &(Theta, f64)| {
@@ -188,12 +173,10 @@ fn refine(theta: &Theta, y: &[f64], real: bool) -> Theta {
         let left = DVector::from_fn(n, |k, _| y[k] - tangent.y[k] - offset);
         (left.norm_squared(), (tangent, left))
     };
-    // normal equations over ln sigma, ln omega, a, b, c and the offset
     let slope = |_: &_, (Tangent { columns, .. }, left): (Tangent, DVector<f64>)| {
         let jacobian = DMatrix::from_fn(n, 6, |k, j| if j < FREE { columns[j][k] } else { 1.0 });
         Some((jacobian.tr_mul(&jacobian), jacobian.tr_mul(&left)))
     };
-    // damped step, with that of ln sigma and ln omega clamped
     let step = |(theta, offset): &(Theta, f64),
                 (gram, product): &(DMatrix<f64>, DVector<f64>),
                 damping| {

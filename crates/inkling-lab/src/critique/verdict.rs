@@ -1,9 +1,8 @@
-//! The verdict of a critique and its sentence, the same for ink channels and for decays of an oscillator.
+//! The verdict of a critique and its sentence, for ink channels and for decays.
 //!
-//! In: the causes that were found, and what is left unexplained ([`Unexplained`], from `adequacy.rs` or
-//! `decay`). Out: a [`Verdict`]: `None` without causes and significant misfit; `Unknown` if significant
-//! misfit is left and there is no cause, or a larger share is left than allowed; `Tie` if every cause is tied
-//! with another; else `Named`.
+//! In: the causes that were found, and what is left unexplained ([`Unexplained`]). Out: a [`Verdict`]: `None`
+//! without causes and significant misfit; `Unknown` if significant misfit is left and there is no cause, or a
+//! larger share is left than allowed; `Tie` if every cause is tied with another; else `Named`.
 
 use super::catalogue::experiment;
 use super::finding::{Cause, Detection, Verdict};
@@ -12,25 +11,23 @@ use super::words::capital;
 /// What the model with all causes does not explain.
 #[derive(Clone, Debug, Default)]
 pub struct Unexplained {
-    /// Descriptions of what is significant in the misfit that is left; the verdict's sentence tells the
-    /// first. Empty: nothing is.
+    /// What is significant in the misfit that is left, in words; the verdict's sentence tells the first.
     pub significant: Vec<String>,
-    /// The misfit that is left, as a share of all misfit (explained and not explained).
+    /// The misfit that is left, as a share of all misfit; and the largest share with which causes keep their
+    /// names.
     pub share: f64,
-    /// Largest `share` with which the causes that were found keep their names.
     pub share_allowed: f64,
 }
 
 impl Unexplained {
-    /// A remark on each description in `significant`.
     pub fn remarks(&self) -> Vec<String> {
         self.significant.iter().map(|what| format!("still unexplained: {what}")).collect()
     }
 }
 
 impl Verdict {
-    /// Decides the verdict (rules in the module's doc). Where too much is left beside causes, `explains` of
-    /// every cause is set to the share of the misfit that all of them together explain.
+    /// Where too much is left beside causes, `explains` of every cause is set to the share of the misfit that
+    /// all of them together explain.
     pub fn of(causes: &mut [Cause], left: &Unexplained) -> Verdict {
         let unexplained = !left.significant.is_empty();
         match &causes[..] {
@@ -46,8 +43,7 @@ impl Verdict {
         }
     }
 
-    /// The sentence or sentences that the report begins with. `detection`: whether the extension finds faults
-    /// better; it is told with verdict `Named`.
+    /// What the report begins with. `detection` is told with verdict `Named`.
     pub fn sentence(self, causes: &[Cause], left: &Unexplained, detection: Detection) -> String {
         match self {
             Verdict::None => {
@@ -92,8 +88,7 @@ impl Verdict {
 }
 
 impl Detection {
-    /// A sentence, with a space before it, on whether detection is better with the extension; empty if that
-    /// was not measured.
+    /// A sentence, with a space before it; empty if detection was not measured.
     fn words(self) -> &'static str {
         match self {
             Detection::Better => {

@@ -1,9 +1,7 @@
 //! Cosines and sines at the samples of a signal, and the power of a signal at one frequency. Each sample's
-//! pair is the one before, rotated and attenuated, which costs four products instead of two trigonometric
-//! functions. In: angular frequency and damping per sample. Used wherever lines or spectra are looked at.
+//! pair is the one before, rotated and attenuated, which is faster than trigonometric functions.
 
-/// The samples of e^{-sigma k} cos(omega k) and of e^{-sigma k} sin(omega k), k = 0, 1, ...; `sigma` and
-/// `omega` per sample.
+/// e^{-sigma k} cos(omega k) and e^{-sigma k} sin(omega k), k = 0, 1, ...; rates per sample.
 pub fn waves(sigma: f64, omega: f64, samples: usize) -> [Vec<f64>; 2] {
     let mut both = [Vec::with_capacity(samples), Vec::with_capacity(samples)];
     turn(sigma, omega, samples, |c, s| {

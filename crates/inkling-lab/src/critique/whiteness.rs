@@ -2,13 +2,12 @@
 //! moments for what a fit leaves.
 //!
 //! In: the residual of each signal, and an orthonormal basis Q (n samples x q) of what was fitted to it. Out:
-//! one p-value for all signals (`gain.rs`).
+//! one p-value for all signals.
 //!
 //! A fit leaves u = M e of the noise e, with M = 1 - Q Q^T, and this correlates neighbouring samples even if
 //! e is white. So the autocorrelations a_l = u^T A_l u / u^T u at lag l (A_l: the shift by l samples,
-//! symmetrised) have a mean other than 0 and a covariance of their own. Both are known exactly: u points in
-//! all directions of its m = n - q dimensions alike, so that (moments of ratios of quadratic forms, Mathai
-//! and Provost 1992)
+//! symmetrised) have moments of their own, which are known exactly, since u points in all directions of its m
+//! = n - q dimensions alike (Mathai and Provost 1992)
 //!
 //! ```text
 //! mean a_l = tr(M A_l) / m,   cov(a_k, a_l) = 2 (tr(M A_k M A_l) - tr(M A_k) tr(M A_l) / m) / (m (m + 2)).
@@ -21,27 +20,24 @@ use super::chance::surprise;
 use super::ensemble::{project, shifted};
 use nalgebra::{DMatrix, DVector};
 
-/// Largest number of lags that are tested; signals of fewer than 40 samples have a quarter of their length.
+/// Largest number of lags; short signals have a quarter of their length.
 const LAGS: usize = 10;
 
-/// One signal's autocorrelations at lags 1, 2, ..., compared with white noise.
 pub struct Lags {
     /// The autocorrelations less their mean under white noise.
     off: DVector<f64>,
-    /// Their covariance under white noise.
     covariance: DMatrix<f64>,
 }
 
 impl Lags {
-    /// `residual`: what a fit left of a signal, N samples; `q`: orthonormal columns that span the columns of
-    /// that fit. Whatever the residual still has along `q` is projected out first.
+    /// `residual`: what a fit left of a signal, N samples; `q`: orthonormal columns that span those of the
+    /// fit.
     pub fn of(mut residual: Vec<f64>, q: &DMatrix<f64>) -> Lags {
         project(q, &mut residual);
         let (u, n) = (residual, q.nrows());
         let lags = LAGS.min(n / 4);
         let left = (n - q.ncols()).max(1) as f64;
         let power = u.iter().map(|u| u * u).sum::<f64>().max(f64::MIN_POSITIVE);
-        // A_l Q and Q^T A_l Q for each lag
         let shifted: Vec<DMatrix<f64>> = (1..=lags).map(|lag| shifted(q, lag)).collect();
         let inner: Vec<DMatrix<f64>> = shifted.iter().map(|s| q.tr_mul(s)).collect();
         // tr M A = tr A - tr Q^T A Q, and a shift has no diagonal, so that tr A = 0
@@ -61,8 +57,8 @@ impl Lags {
     }
 }
 
-/// p-value of white noise for all signals together; small if their misfits are correlated. NaN without any
-/// signal, or if the covariance has no inverse.
+/// p-value of white noise for all signals together. NaN without any signal, or if the covariance has no
+/// inverse.
 pub fn whiteness_p<'a>(mut all: impl Iterator<Item = &'a Lags>) -> f64 {
     let Some(first) = all.next() else { return f64::NAN };
     let (mut off, mut covariance) = (first.off.clone(), first.covariance.clone());

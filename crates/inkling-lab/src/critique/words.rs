@@ -1,26 +1,21 @@
-//! A critique in words: a sentence for each cause, remarks, and the extended equation. In: [`Cause`]s with
-//! the catalogue's words for each. Out: plain text for `critique.json` and the report (`engine.rs` and
-//! `decay` collect it); `verdict.rs` writes the sentence of the whole critique.
+//! A critique in words: a sentence for each cause, remarks, and the extended equation, as plain text.
 
 use super::catalogue::experiment;
 use super::digits;
 use super::finding::{Cause, Gain};
 
-/// One sentence, without capital letter and full stop, that says what a cause is and how large: description,
-/// parameter, value with interval. `words`: the catalogue's description.
+/// One sentence, without capital letter and full stop. `words`: the catalogue's description.
 pub fn cause_sentence(cause: &Cause, words: &str) -> String {
     let number = digits::measured(cause.value, cause.ci95, &cause.unit);
     format!("{words}: {} = {number}", cause.parameter)
 }
 
-/// The text with its first letter in upper case.
 pub fn capital(text: &str) -> String {
     let mut letters = text.chars();
     letters.next().map_or_else(String::new, |c| c.to_uppercase().chain(letters).collect())
 }
 
-/// Remarks on ties: which experiment would tell two causes apart, and which rivals cannot be told from a
-/// cause.
+/// Which experiment would tell two causes apart, and which rivals cannot be told from a cause.
 pub fn ties(causes: &[Cause]) -> Vec<String> {
     let pairs = causes.iter().flat_map(|c| c.tied_with.iter().map(|tied| (c.id, *tied)));
     let line =
@@ -31,8 +26,7 @@ pub fn ties(causes: &[Cause]) -> Vec<String> {
     pairs.map(line).chain(unnamed).collect()
 }
 
-/// Remarks on causes that were found but do not surely make the model predict held-out signals better (the
-/// interval of the gain reaches to 0 or below).
+/// Remarks on causes that do not surely make the model predict held-out signals better.
 pub fn not_worth(causes: &[Cause], gain: &Gain) -> Vec<String> {
     let line = |cause: &Cause| {
         let worth = gain.worth(cause.id).filter(|worth| !worth.is_sure())?;
@@ -48,10 +42,6 @@ pub fn not_worth(causes: &[Cause], gain: &Gain) -> Vec<String> {
 
 /// The model's equation followed by the catalogue's term for each cause.
 pub fn equation(causes: &[Cause]) -> String {
-    let mut text = String::from("y = s C e^{A t} x_a + e");
-    for cause in causes {
-        text.push(' ');
-        text.push_str(cause.id.row().equation);
-    }
-    text
+    let terms: String = causes.iter().map(|c| format!(" {}", c.id.row().equation)).collect();
+    format!("y = s C e^{{A t}} x_a + e{terms}")
 }

@@ -1,27 +1,24 @@
-//! What each cause that was found is worth, in one currency for all kinds of causes: the gain in ln
-//! likelihood (nats) per held-out signal.
+//! What each cause that was found is worth: the gain in ln likelihood (nats) per held-out signal.
 //!
-//! In: an [`Extension`], the baseline with all that was found. Out: [`LogLikelihood`], for `engine.rs` to
-//! report. Models are fitted to three of five blocks of time and judged on the two blocks between, where each
-//! channel is known from the fitted blocks. Where every channel was heard once, models are fitted to every
-//! other channel and judged on the others instead. The densities of signals come from `predictive.rs`.
-//!
-//! How the gain of a cause is measured depends on its kind:
+//! In: the baseline, and all that was found. Out: [`LogLikelihood`]. Models are fitted to three of five
+//! blocks of time and judged on the two blocks between, where each channel is known from the fitted blocks;
+//! where every channel was heard once, they are fitted to every other channel and judged on the others. The
+//! densities of signals come from `predictive.rs`. How the gain of a cause is measured depends on its kind:
 //!
 //! * a cause that moves what is expected of signals: the model with all such causes, against a refit without
 //!   this one;
-//! * clipping, a coarse step: what a baseline that knows the codes gains over one that knows neither, and the
+//! * clipping, a coarse step: what a baseline that knows the codes gains over one that does not, and the
 //!   probabilities of clipped samples and of codes;
 //! * correlation: whitened signals against the signals as they came;
 //! * growing noise, a line of random phase, the trigger's jitter: added to the extended model one after the
 //!   other, each with its size fitted to the training part.
 
+use super::artefacts::{Artefacts, accepted};
 use super::candidates::{Applied, Setting};
 use super::catalogue::CauseId;
 use super::chance::{interval, maximum, resampled};
 use super::finding::{LogLikelihood, Worth};
-use super::found::{Aside, accepted};
-use super::held_out::{Halves, baseline, by_channel, with};
+use super::held_out::{TrainTestSplit, baseline, by_channel, with};
 use super::model::{Model, Rail};
 use super::observations::Observations;
 use super::population::{Population, population};
@@ -29,38 +26,24 @@ use super::predictive::{Growth, Noise, Signal, ln_densities_with_jitter, signals
 use inkling_core::model::normal::ln_upper_tail;
 use std::f64::consts::TAU;
 
-/// How far from its first guess a size (variance or growth) is searched for, in its logarithm.
+/// How far from its first guess a size is searched for, in its logarithm.
 const REACH: f64 = 3.0;
 
-/// The baseline and all causes that were found.
-pub struct Extension<'a> {
-    /// The baseline, fitted to all signals. It knows the clipping and the step of the codes.
-    pub before: &'a Model,
-    /// Causes that move what is expected of a signal.
-    pub causes: &'a [Applied],
-    /// What was found in codes, noise and trigger.
-    pub aside: &'a Aside,
-    /// The signals before correlated noise was made white; `None` if it was white.
-    pub as_it_came: Option<&'a Observations>,
-}
-
-impl Halves {
+impl TrainTestSplit {
     /// The population from which a model fitted to `train` expects the signals of a channel. `place`: the
-    /// channel's index in `train`; `None`: the model was not fitted to the channel.
+    /// channel's index in `train`; `None`: it was not fitted to.
     fn expected(&self, model: &Model, place: Option<usize>) -> Population {
         match place {
-            Some(unit) => Population::heard(model, unit, self.counts[unit]),
+            Some(unit) => Population::of_channel(model, unit, self.counts[unit]),
             None => population(model, None),
         }
     }
 
-    /// The held-out signals, with what a model expects of them.
     fn test(&self, model: &Model) -> Vec<Signal> {
-        let of_unit = self.heard.iter().map(|place| self.expected(model, *place)).collect();
+        let of_unit = self.in_train.iter().map(|place| self.expected(model, *place)).collect();
         signals(model, &self.test, of_unit)
     }
 
-    /// The training signals, with what a model expects of them.
     fn train(&self, model: &Model) -> Vec<Signal> {
         let of_unit = (0..self.counts.len()).map(|unit| self.expected(model, Some(unit))).collect();
         signals(model, &self.train, of_unit)
@@ -71,17 +54,19 @@ impl Halves {
     }
 }
 
-/// What all gains are measured with: the two parts of the signals, and the models that were fitted to the
-/// training part.
+/// What all gains are measured with.
 struct Measuring<'a> {
-    extension: Extension<'a>,
-    /// Training and test part, whitened if the noise was correlated.
-    halves: Halves,
-    /// The same parts as they were before whitening.
-    as_it_came: Option<Halves>,
-    /// The baseline with no cause.
+    /// The baseline, fitted to all signals. It knows the clipping and the step of the codes.
+    before: &'a Model,
+    /// Causes that move what is expected of a signal.
+    causes: &'a [Applied],
+    /// What was found in codes, noise and trigger.
+    artefacts: &'a Artefacts,
+    split: TrainTestSplit,
+    /// The same parts before whitening.
+    unwhitened: Option<TrainTestSplit>,
+    /// Fitted to the training part: the baseline with no cause, and with all that move what is expected.
     plain: Model,
-    /// The baseline with all causes that move what is expected.
     extended: Model,
     avoid: &'a [f64],
 }
@@ -92,43 +77,48 @@ struct Step {
     gains: Vec<f64>,
 }
 
-/// Measures what all causes are worth, together and each. `setting`: the signals that the causes were found
-/// in, whitened if their noise was correlated. `None`: nothing was found, there are too few signals, or
-/// nothing rings in the training part.
-pub fn measure(extension: Extension, setting: Setting) -> Option<LogLikelihood> {
-    let Setting { data, avoid } = setting;
-    if extension.causes.is_empty() && extension.aside.accepted().next().is_none() {
+/// Measures what all causes are worth, together and each. `before`, `causes`, `artefacts`: as of `Measuring`.
+/// `unwhitened`: the signals before correlated noise was made white. `setting`: the signals that the causes
+/// were found in. `None`: nothing was found, there are too few signals, or nothing rings in the training
+/// part.
+pub fn measure(
+    before: &Model,
+    causes: &[Applied],
+    artefacts: &Artefacts,
+    unwhitened: Option<&Observations>,
+    Setting { data, avoid }: Setting,
+) -> Option<LogLikelihood> {
+    if causes.is_empty() && artefacts.accepted().next().is_none() {
         return None;
     }
-    // split by time, so that each channel is known, unless every channel was heard once
-    let halves_of = |data: &Observations| {
+    let split_of = |data: &Observations| {
         let by_time = data.len() > data.units;
-        Halves::of(data, !by_time, by_time)
+        TrainTestSplit::of(data, !by_time, by_time)
     };
-    let halves = halves_of(data)?;
-    let as_it_came = extension.as_it_came.and_then(halves_of);
-    let plain = baseline(extension.before.real, Some(extension.before), halves.part(avoid))?;
-    let extended = with(&plain, extension.causes, halves.part(avoid));
-    let measuring = Measuring { extension, halves, as_it_came, plain, extended, avoid };
+    let split = split_of(data)?;
+    let unwhitened = unwhitened.and_then(split_of);
+    let plain = baseline(before.real, Some(before), split.part(avoid))?;
+    let extended = with(&plain, causes, split.part(avoid));
+    let measuring =
+        Measuring { before, causes, artefacts, split, unwhitened, plain, extended, avoid };
     Some(measuring.log_likelihood())
 }
 
 impl Measuring<'_> {
-    /// The gain of all causes together, and of each.
     fn log_likelihood(&self) -> LogLikelihood {
-        let plain = self.halves.test(&self.plain);
-        let extended = self.halves.test(&self.extended);
+        let plain = self.split.test(&self.plain);
+        let extended = self.split.test(&self.extended);
         let (ln_plain, ln_extended) =
             (ln(&plain, &Noise::default()), ln(&extended, &Noise::default()));
         // the causes that move what is expected: together, and each by leaving it out
-        let mut all = less(&ln_extended, &ln_plain);
+        let mut all = differences(&ln_extended, &ln_plain);
         let mut steps = self.left_out(&ln_extended);
         // codes, noise and trigger
         let mut beside = self.codes(&plain, &ln_plain);
         beside.extend(self.correlation(&ln_plain));
         beside.extend(self.noise(&extended, &ln_extended));
-        // The gains in `beside` add up, since each is measured on top of those before it. The gains of
-        // `left_out` are not added: `all` holds these causes already.
+        // The gains in `beside` add up, each being measured on top of those before it. `all` holds the others
+        // already.
         for step in &beside {
             all.iter_mut().zip(&step.gains).for_each(|(sum, gain)| *sum += gain);
         }
@@ -138,54 +128,44 @@ impl Measuring<'_> {
         LogLikelihood { all: worth(&all), by_cause }
     }
 
-    /// Gain of each cause that moves what is expected: the model with all such causes, against a refit with
-    /// all of them but this one. `ln_extended`: ln p of each held-out signal by the former.
+    /// Gain of each cause that moves what is expected. `ln_extended`: ln p of each held-out signal with all
+    /// of them.
     fn left_out(&self, ln_extended: &[f64]) -> Vec<Step> {
         let one = |index: usize| {
-            let mut others = self.extension.causes.to_vec();
+            let mut others = self.causes.to_vec();
             let id = others.remove(index).id;
-            let without = with(&self.plain, &others, self.halves.part(self.avoid));
-            let without = self.halves.test(&without);
-            Step { id, gains: less(ln_extended, &ln(&without, &Noise::default())) }
+            let without = with(&self.plain, &others, self.split.part(self.avoid));
+            let without = self.split.test(&without);
+            Step { id, gains: differences(ln_extended, &ln(&without, &Noise::default())) }
         };
-        (0..self.extension.causes.len()).map(one).collect()
+        (0..self.causes.len()).map(one).collect()
     }
 
-    /// Gains of clipping and of a coarse step, against a baseline that knows of neither. A gain has two
-    /// parts: what the fit gains, since the naive baseline is bent by clipped or rounded samples; and what
-    /// the knowledge adds to the probability of the samples themselves. `plain`, `ln_plain`: the held-out
-    /// signals, and ln p of each, by the baseline that knows the codes. Empty if codes were found in no way,
-    /// or if the signals were whitened, which have no codes.
+    /// Gains of clipping and of a coarse step, against a baseline that knows of neither: what the fit gains,
+    /// since the naive baseline is bent by clipped or rounded samples; and what the knowledge adds to the
+    /// probability of the samples themselves. `plain`, `ln_plain`: the held-out signals, and ln p of each, by
+    /// the baseline that knows the codes. Whitened signals have no codes.
     fn codes(&self, plain: &[Signal], ln_plain: &[f64]) -> Vec<Step> {
-        let Model { rails, lattice, noise_var, .. } = self.extension.before;
-        let is = |id| accepted(&self.extension.aside.codes, id);
+        let Model { rails, lattice, noise_var, .. } = self.before;
+        let is = |id| accepted(&self.artefacts.codes, id);
         let (clipping, coarse) = (is(CauseId::Clipping), is(CauseId::CoarseLsb));
-        if self.as_it_came.is_some() || rails.is_empty() && lattice.is_none() {
+        if self.unwhitened.is_some() || rails.is_empty() && lattice.is_none() {
             return Vec::new();
         }
-        // the baseline fitted as if there were neither clipping nor a coarse step
-        let Some(naive) = baseline(self.extension.before.real, None, self.halves.part(self.avoid))
-        else {
-            return Vec::new();
-        };
-        let naive = ln(&self.halves.test(&naive), &Noise::default());
-        // what the knowledge adds to ln p of each signal: of its clipped samples, and of all its codes
+        let naive = baseline(self.before.real, None, self.split.part(self.avoid));
+        let Some(naive) = naive else { return Vec::new() };
+        let naive = ln(&self.split.test(&naive), &Noise::default());
         let sd = noise_var.sqrt();
         let clipped: Vec<f64> = plain.iter().map(|signal| signal.ln_clipped(rails, sd)).collect();
-        let stepped: Vec<f64> = match lattice {
-            Some(lattice) => self.ln_codes(*lattice),
-            None => vec![0.0; plain.len()],
-        };
-        // what the fit itself gains by knowing the codes
-        let model = less(ln_plain, &naive);
+        let model = differences(ln_plain, &naive);
         let sum = |of: &[f64]| model.iter().zip(of).map(|(p, q)| p + q).collect::<Vec<f64>>();
         let mut steps = Vec::new();
         if clipping.is_some() {
             steps.push(Step { id: CauseId::Clipping, gains: sum(&clipped) });
         }
-        if coarse.is_some() && lattice.is_some() {
-            // The gain of the fit is common to both causes. If there is clipping, the gain of the fit is told
-            // there, and not again here.
+        if let (Some(_), Some(lattice)) = (coarse, lattice) {
+            let stepped = self.ln_codes(*lattice);
+            // the gain of the fit is common to both causes, and told once
             let gains = if clipping.is_some() { stepped } else { sum(&stepped) };
             steps.push(Step { id: CauseId::CoarseLsb, gains });
         }
@@ -197,9 +177,9 @@ impl Measuring<'_> {
     /// knowledge, and one off it step e / (step - 1) times. e is estimated from the training signals.
     fn ln_codes(&self, [step, first]: [f64; 2]) -> Vec<f64> {
         let on = |y: &f32| (f64::from(*y) - first).rem_euclid(step) == 0.0;
-        let Halves { train, test, .. } = &self.halves;
+        let TrainTestSplit { train, test, .. } = &self.split;
         let all = (0..train.len()).flat_map(|i| train.signal(i));
-        // the counts start at 1 off the lattice of 2, so that neither logarithm is infinite
+        // the counts start at 1 of 2, so that neither logarithm is infinite
         let (off, count) = all
             .fold((1.0, 2.0), |(off, count), y| (off + if on(y) { 0.0 } else { 1.0 }, count + 1.0));
         let elsewhere = off / count;
@@ -209,28 +189,27 @@ impl Measuring<'_> {
     }
 
     /// Gain of knowing the correlation of the noise: ln p of the whitened held-out signals (`ln_plain`), less
-    /// ln p of the same signals as they came in white noise, given their first sample, which whitening loses.
-    /// `None`: no correlation was found.
+    /// that of the same signals as they came in white noise, given their first sample, which whitening loses.
     fn correlation(&self, ln_plain: &[f64]) -> Option<Step> {
-        accepted(&self.extension.aside.noise, CauseId::CorrelatedNoise)?;
-        let halves = self.as_it_came.as_ref()?;
-        let naive = baseline(self.extension.before.real, None, halves.part(&[]))?;
+        accepted(&self.artefacts.noise, CauseId::CorrelatedNoise)?;
+        let split = self.unwhitened.as_ref()?;
+        let naive = baseline(self.before.real, None, split.part(&[]))?;
         let naive: Vec<f64> =
-            halves.test(&naive).iter().map(Signal::ln_density_after_first).collect();
-        Some(Step { id: CauseId::CorrelatedNoise, gains: less(ln_plain, &naive) })
+            split.test(&naive).iter().map(Signal::ln_density_after_first).collect();
+        Some(Step { id: CauseId::CorrelatedNoise, gains: differences(ln_plain, &naive) })
     }
 
     /// Gains of growing noise, of a line of random phase and of the trigger's jitter, in this order, each on
     /// top of those before it. `test`, `ln_extended`: the held-out signals, and ln p of each, by the extended
     /// model in white noise.
     fn noise(&self, test: &[Signal], ln_extended: &[f64]) -> Vec<Step> {
-        let is = |id| accepted(&self.extension.aside.noise, id);
+        let is = |id| accepted(&self.artefacts.noise, id);
         let (growth, tone) = (is(CauseId::HeteroscedasticNoise), is(CauseId::RandomTone));
         let jitter = is(CauseId::TriggerJitter);
         if growth.is_none() && tone.is_none() && jitter.is_none() {
             return Vec::new();
         }
-        let train = self.halves.train(&self.extended);
+        let train = self.split.train(&self.extended);
         // the growth is relative to the largest expected sample
         let squares: Vec<f64> =
             train.iter().flat_map(|signal| signal.expected.iter().map(|f| f * f)).collect();
@@ -238,15 +217,13 @@ impl Measuring<'_> {
         let mean = squares.iter().sum::<f64>() / squares.len().max(1) as f64;
         let (mut noise, mut before, mut steps) =
             (Noise::default(), ln_extended.to_vec(), Vec::new());
-        // A size is fitted by maximising the likelihood of the training signals over its logarithm, within
-        // `REACH` of a first guess.
+        // a size is fitted by maximising the likelihood of the training signals over its logarithm
         let sum = |ln: Vec<f64>| ln.into_iter().filter(|v| v.is_finite()).sum::<f64>();
         let fitted = |near: f64, of: &dyn Fn(f64) -> Vec<f64>| {
             maximum(|x| sum(of(x.exp())), near.max(1e-12).ln(), REACH).exp()
         };
-        // notes the gain over the step before, and makes `ln` the new reference
         let mut add = |id, ln: Vec<f64>| {
-            steps.push(Step { id, gains: less(&ln, &before) });
+            steps.push(Step { id, gains: differences(&ln, &before) });
             before = ln;
         };
         if let Some(h) = growth {
@@ -260,7 +237,7 @@ impl Measuring<'_> {
             add(CauseId::RandomTone, ln(test, &noise));
         }
         if let Some(sd) = jitter {
-            let data = &self.halves.train;
+            let data = &self.split.train;
             let guess = (sd / (data.length_s())).powi(2);
             let variance = fitted(guess, &|var| ln_densities_with_jitter(&train, &noise, var));
             add(CauseId::TriggerJitter, ln_densities_with_jitter(test, &noise, variance));
@@ -269,21 +246,18 @@ impl Measuring<'_> {
     }
 }
 
-/// ln density (nats) of each signal, given the noise; NaN where there is none.
 fn ln(all: &[Signal], noise: &Noise) -> Vec<f64> {
     all.iter().map(|signal| signal.ln_density(noise)).collect()
 }
 
-/// Differences with - without, signal by signal.
-fn less(with: &[f64], without: &[f64]) -> Vec<f64> {
+fn differences(with: &[f64], without: &[f64]) -> Vec<f64> {
     with.iter().zip(without).map(|(with, without)| with - without).collect()
 }
 
 impl Signal {
-    /// ln p of the samples that the model does not count because they may be clipped, which the density of
-    /// the signal leaves out. `sd`: standard deviation of the noise, counts. About the expected value f, a
-    /// sample at the rail has the probability of all values from half a count before the rail on; any other
-    /// has the normal density.
+    /// ln p of the samples that the density of the signal leaves out because they may be clipped. `sd`:
+    /// standard deviation of the noise, counts. About the expected value f, a sample at the rail has the
+    /// probability of all values from half a count before the rail on; any other has the normal density.
     fn ln_clipped(&self, rails: &[Rail], sd: f64) -> f64 {
         let each = self.counts.iter().zip(self.y.iter().zip(&self.expected));
         each.filter(|(counts, _)| **counts == 0.0)
@@ -295,9 +269,8 @@ impl Signal {
     }
 }
 
-/// Mean gain per signal, and its 95 % interval by drawing channels anew (single signals where there are few
-/// channels, see `by_channel`). `of`: the signals of the gains, whose channels are asked for. Gains that are
-/// not finite are left out.
+/// Mean gain per signal, and its 95 % interval by drawing channels anew (`by_channel`). `of`: the signals of
+/// the gains. Gains that are not finite are left out.
 fn worth(gains: &[f64], of: &[Signal]) -> Worth {
     let known = gains.iter().zip(of).filter(|(gain, _)| gain.is_finite());
     let (gains, units): (Vec<f64>, Vec<usize>) =
@@ -315,8 +288,7 @@ fn worth(gains: &[f64], of: &[Signal]) -> Worth {
 
 #[cfg(test)]
 mod tests {
-    use super::super::engine::{Rings, critique};
-    use super::super::generator::{Run, draw};
+    use super::super::generator::{Run, criticised, draw};
     use super::CauseId::*;
 
     /// For each kind of cause whose gain is measured in a way of its own, one cause that is clearly there.
@@ -333,8 +305,7 @@ mod tests {
         ];
         for (seed, (id, size)) in planted.into_iter().enumerate() {
             let run = Run { channels: 12, bursts: 16, effect: Some(id), size, ..Run::default() };
-            let data = draw(&run, 9000 + seed as u64);
-            let critique = critique(&data, Rings::InkChannel, false, &mut |_| {}).unwrap().critique;
+            let critique = criticised(&draw(&run, 9000 + seed as u64));
             let named: Vec<_> = critique.causes.iter().map(|c| c.id.name()).collect();
             let worth = critique.gain.worth(id);
             println!("{id}: {named:?} {worth:?} {:?}", critique.remarks);

@@ -1,16 +1,12 @@
-//! Causes whose spectrum is a line: a tone, a second mode, and the slow mode of a meniscus that is
-//! pulled back.
+//! Causes whose spectrum is a line: a tone, a second mode, and the slow mode of a meniscus.
 //!
-//! In: a [`ScoreTests`], whose `on_the_mean` calls the tests. Out: [`Scored`], with an objection
-//! where the line may be the ring's own doing. Frequencies `omega` are in rad per signal length,
-//! dampings `gamma` in 1 per signal length.
+//! In: a [`ScoreTests`]. Out: [`Scored`], with an objection where the line may be the ring's own doing.
+//! Frequencies `omega` are in rad per signal length, dampings `gamma` in 1 per signal length.
 //!
-//! A tone or a mode is a pair of directions, e^{-gamma t} cos omega t and e^{-gamma t} sin omega t,
-//! times the drive to the power 0 (a tone, gamma = 0) or 1 (a mode). All frequencies are scanned at
-//! a few dampings in steps of a quarter of a period per signal length; the best pair is refined in
-//! turn (`line`). A line at the ring, at its multiples, or as slow as a drift is none (`is_own`,
-//! `is_slow`). The meniscus has one parameter instead, the compliance ratio m, from which omega and
-//! gamma of its pair follow (`slow_mode`).
+//! A tone or a mode is a pair of directions, e^{-gamma t} cos omega t and e^{-gamma t} sin omega t, times the
+//! drive to the power 0 (a tone, gamma = 0) or 1 (a mode). All frequencies are scanned at a few dampings in
+//! steps of a quarter of a period per signal length; the best pair is refined (`line`). The meniscus has one
+//! parameter instead, the compliance ratio m, from which omega and gamma follow (`slow_mode`).
 
 use super::{Applied, ScoreTests, Scored};
 use crate::critique::catalogue::CauseId;
@@ -26,29 +22,27 @@ use std::f64::consts::{PI, TAU};
 /// A line has at least so many periods in a signal.
 pub const LEAST_PERIODS: f64 = 2.0;
 
-/// Width of a line, rad per signal length: one period.
+/// Width of a line: one period per signal length.
 const RESOLUTION: f64 = TAU;
 
-/// Result of a scan: frequency and damping at which a line fits best among those frequencies where
-/// it may be a line; a frequency of 0 means that none fits.
+/// Frequency and damping at which a line fits best; a frequency of 0 means that none fits.
 #[derive(Clone, Copy)]
 struct Scan {
     omega: f64,
     gamma: f64,
-    /// The largest statistic at frequencies where a line may be none: slow ones, and the ring's own.
+    /// The largest statistic at frequencies where a line may be none.
     own: f64,
 }
 
-/// Whether a wave is too slow to be told from any other slow shape.
+/// Whether a wave cannot be told from any other slow shape.
 fn is_slow(omega: f64) -> bool {
     omega < LEAST_PERIODS * TAU
 }
 
 impl ScoreTests<'_> {
-    /// Tests a line: cosine and sine at the frequency and damping that explain most. The value is
-    /// the frequency in Hz. `pattern`: power of the drive; `dampings`: those that are scanned (a
-    /// single 0: the line is undamped, and stays so). With `near`, the frequency and damping of
-    /// that form are refined without a scan, and no objection is made.
+    /// Tests a line; the value is the frequency in Hz. `pattern`: power of the drive; `dampings`: those that
+    /// are scanned (a single 0: the line stays undamped). With `near`, the frequency and damping of that form
+    /// are refined without a scan, and no objection is made.
     pub(super) fn line(
         &self,
         id: CauseId,
@@ -65,20 +59,19 @@ impl ScoreTests<'_> {
         if omega == 0.0 {
             return None;
         }
-        // frequency and damping are refined in turn, the damping within a factor of 10 below the
-        // ring's and 6 above it
+        // frequency and damping are refined in turn, the damping within .1 and 6 times the ring's
         for _ in 0..2 {
             omega = maximum(|x| test(x, gamma), omega, 0.5);
             if gamma > 0.0 {
                 gamma = maximum(|x| test(omega, x.exp()), gamma.ln(), 0.4)
                     .exp()
-                    .max(0.1 * self.seen.sigma)
-                    .min(6.0 * self.seen.sigma);
+                    .max(0.1 * self.decay.sigma)
+                    .min(6.0 * self.decay.sigma);
             }
         }
         let directions = self.waves(pattern, omega, gamma);
         let tested = self.nuisances.shapes.test(&directions)?;
-        // the scanned dampings are hardly independent tries, so only frequencies are counted
+        // the dampings are hardly independent tries, so only frequencies are counted
         let mut scored = self.shaped(id, tested, directions, omega, self.samples as f64);
         scored.value = self.hz(omega);
         scored.sd = self.hz(width(|x| test(x, gamma), omega, 0.02));
@@ -90,12 +83,10 @@ impl ScoreTests<'_> {
         Some(scored)
     }
 
-    /// Turns rad per signal length into Hz.
     pub(super) fn hz(&self, omega: f64) -> f64 {
         omega / TAU / self.data.length_s()
     }
 
-    /// Damped cosine and sine, scaling as the drive to the power `pattern`.
     fn waves(&self, pattern: usize, omega: f64, gamma: f64) -> Vec<Direction> {
         Direction::waves(pattern, self.samples, |k| {
             let t = k as f64 / self.samples as f64;
@@ -103,18 +94,15 @@ impl ScoreTests<'_> {
         })
     }
 
-    /// Likelihood-ratio statistic of a line, with two degrees of freedom.
     fn line_statistic(&self, pattern: usize, omega: f64, gamma: f64) -> f64 {
         self.nuisances.shapes.statistic(&self.waves(pattern, omega, gamma))
     }
 
-    /// Scans all frequencies, up to nearly half the sampling rate, at some dampings.
     fn scan(&self, pattern: usize, dampings: &[f64]) -> Scan {
         let most = PI * self.samples as f64 * 0.97;
         let (mut best, mut scan) = (0.0, Scan { omega: 0.0, gamma: 0.0, own: 0.0 });
         for &gamma in dampings {
-            // The scan begins below the slowest line. There a wave stands for any slow shape; where one of
-            // these fits better, a line is none.
+            // The scan begins below the slowest line: where some slow shape fits better, a line is none.
             let mut omega = 0.4 * LEAST_PERIODS * TAU;
             while omega < most {
                 let statistic = self.line_statistic(pattern, omega, gamma);
@@ -132,19 +120,18 @@ impl ScoreTests<'_> {
 
     /// Whether what is at a frequency may be the ring's own doing, or a random tone that was found.
     fn is_own(&self, pattern: usize, omega: f64, gamma: f64) -> bool {
-        let own = self.seen.omega;
+        let own = self.decay.omega;
         let within = |reach: f64, of: f64| (omega - of).abs() < reach;
-        // a damped line is as broad as its damping, in addition to the resolution
         let near = |of: f64| within(RESOLUTION + 0.5 * gamma, of);
         let multiple = within(little() * own, (omega / own).round().max(1.0) * own);
-        // if every second sample had a gain of its own, the ring would have a mirror image there
+        // if every second sample had a gain of its own, the ring would have a mirror image
         let mirror = PI * self.samples as f64 - own;
         let slow = pattern == 1 && omega < least_mode() * own;
         near(own) || near(mirror) || multiple || slow || self.avoid.iter().any(|w| near(*w))
     }
 
-    /// Why the line that fits best cannot be the cause: the refined frequency is none of a line, or
-    /// some frequency that is none of a line fits clearly better.
+    /// Why the line that fits best cannot be the cause: it is too slow, or the ring's own, or what is one of
+    /// these fits clearly better.
     fn objection(
         &self,
         pattern: usize,
@@ -160,19 +147,14 @@ impl ScoreTests<'_> {
         }
     }
 
-    /// Tests a meniscus: surface tension, B_t/B_m = m, makes a slow pair of the real pole and of
-    /// the pole at 0, and this pair scales with the drive. How much of the pair is excited depends
-    /// on what came before t_a, so its cosine and sine are both free. The value is m.
-    ///
-    /// m is searched on a logarithmic grid, and refined. If the slow mode is strong, the factor
-    /// `loss` on its damping is searched as well. The standard error of ln m includes that of the
-    /// held ratio of rates. An m at an end of the range gets an objection. `None`: the plant is no
-    /// ink channel, or no interior explains the mean decay.
+    /// Tests a meniscus: surface tension, B_t/B_m = m, makes a slow pair of the real pole and of the pole at
+    /// 0, and this pair scales with the drive. How much of it is excited depends on what came before t_a, so
+    /// its cosine and sine are both free. The value is m; the standard error of ln m includes that of the
+    /// held ratio of rates. If the slow mode is strong, the factor `loss` on its damping is searched as well.
     pub(super) fn slow_mode(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let Interior { channel, .. } = self.interior.filter(|of| of.is_ink)?;
         let n = self.samples;
-        // the pair's directions; `loss`: damping of the pair over the one that m predicts, while
-        // gamma² + w², its undamped frequency squared, stays the same
+        // `loss`: damping of the pair over the one that m predicts, while gamma² + w² stays the same
         let columns = |m: f64, loss: f64| {
             let (gamma, square) = slow_mode(&channel, m);
             let (gamma, square) = (loss * gamma, square + gamma * gamma * (1.0 - loss * loss));
@@ -192,7 +174,7 @@ impl ScoreTests<'_> {
             |ln_m: f64, loss: f64| self.nuisances.shapes.statistic(&columns(ln_m.exp(), loss));
         let mut loss = near.map_or(1.0, |near| near.damping);
         let mut scored = search(near.map(|near| near.shape.ln()), loss)?;
-        // a strong slow mode shows a damping of its own, which is then searched in turn with m
+        // a strong slow mode shows a damping of its own
         if scored.statistic > shows_its_loss() {
             for _ in 0..3 {
                 let ln_loss = maximum(|x| test(scored.value, x.exp()), loss.ln(), 0.4);
@@ -210,21 +192,19 @@ impl ScoreTests<'_> {
     }
 }
 
-/// Damping gamma and squared frequency w² of the slow mode; w² is negative if the pair is two real
-/// poles.
+/// Damping gamma and squared frequency w² of the slow mode; w² is negative if the pair is two real poles.
 ///
-/// With -b m V_n added to thesis (2-2), the poles are the roots of (s² + g s + a)(s² + d s + b (1 +
-/// m)) - a b; the slow mode is this quartic's factor s² + 2 gamma s + gamma² + w² with the smaller
-/// roots. `channel` holds the rates that are seen, i.e. that were fitted without a meniscus: most
-/// of the pull goes with V and stiffens b, so b itself is smaller than the one that is seen.
+/// With -b m V_n added to thesis (2-2), the poles are the roots of (s² + g s + a)(s² + d s + b (1 + m)) - a
+/// b; the slow mode is the factor s² + 2 gamma s + gamma² + w² with the smaller roots. `channel` holds the
+/// rates that were fitted without a meniscus: most of the pull goes with V and stiffens b, so b itself is
+/// smaller than the one that is seen.
 fn slow_mode(channel: &InkChannel, m: f64) -> (f64, f64) {
     let InkChannel { a_per_s2: a, b_per_s2: seen, g_per_s: g, d_per_s: d } = *channel;
-    // b without the pull's stiffening, to first order; and the coefficients of the quartic
+    // b without the pull's stiffening, to first order
     let b = seen / (1.0 + m * seen / (a + seen));
     let [c3, c2, c1, c0] = [g + d, a + b * (1.0 + m) + g * d, g * b * (1.0 + m) + a * d, a * b * m];
 
-    // the slow factor s² + u s + v, beside s² + p s + q: equate the coefficients of the product to
-    // c3 .. c0, and iterate to a fixed point
+    // the slow factor s² + u s + v beside s² + p s + q, by fixed-point iteration of the coefficients
     let (mut u, mut v) = (c1 / c2, c0 / c2);
     for _ in 0..60 {
         let p = c3 - u;
@@ -240,7 +220,7 @@ fn slow_cosine(t: f64, gamma: f64, square: f64) -> f64 {
     (-gamma * t).exp() * if square > 0.0 { (root * t).cos() } else { (root * t).cosh() }
 }
 
-/// e^{-gamma t} sin(w t) / w, which stays finite where w vanishes; sinh where w² is negative.
+/// e^{-gamma t} sin(w t) / w; sinh where w² is negative.
 fn slow_sine(t: f64, gamma: f64, square: f64) -> f64 {
     let root = square.abs().sqrt().max(1e-9);
     (-gamma * t).exp() / root * if square > 0.0 { (root * t).sin() } else { (root * t).sinh() }

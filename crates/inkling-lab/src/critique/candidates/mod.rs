@@ -1,29 +1,28 @@
 //! Score tests: every cause of the catalogue that acts on the mean signal or through a covariate,
 //! as directions in the space of linear extensions, with its likelihood-ratio test.
 //!
-//! In, from `selection` (all candidates), `refit` (one that is in the model) and `adequacy` (what
-//! is left): a model, its signals, and the nuisances, i.e. what is allowed for before anything is
-//! tested: the mean's parameters and the causes that are in the model already. Out: [`Scored`], one
-//! per candidate: the best over its shape parameter (frequency, rate, strength), with its value in
-//! the catalogue's units.
+//! In: a model, its signals, and the nuisances, i.e. what is allowed for before anything is tested:
+//! the mean's parameters and the causes that are in the model already. Out: [`Scored`], one per
+//! candidate: the best over its shape parameter (frequency, rate, strength), with its value in the
+//! catalogue's units.
 //!
 //! A test has three steps: (1) write the cause as directions, i.e. as what it adds to the signals
 //! or to their parameters per unit of its size; (2) compute the statistic g^T K^-1 g beside the
-//! nuisance (`Nuisance::test`), and search for the shape parameter at which it is largest; (3) if
-//! the result is of interest, lower the statistic where bursts have more in common than their
-//! signals let expect (`clusters`). `shapes` and `lines` hold the causes that act on the mean
-//! signal, `follows` those that act through a covariate; those of `rivals` have no name. Time is in
-//! signal lengths.
+//! nuisance (`Nuisance::test`), at the shape parameter at which it is largest; (3) if the result is
+//! of interest, lower the statistic where bursts have more in common than their signals let expect
+//! (`clusters`). `shapes` and `lines` hold the causes that act on the mean signal, `follows` those
+//! that act through a covariate, `rivals` those without a name. Time is in signal lengths.
 
 mod follows;
 mod lines;
 mod rivals;
 mod shapes;
 
+pub use follows::ParameterTest;
 pub use lines::LEAST_PERIODS;
 
 use super::candidate::Candidate;
-use super::catalogue::{Acts, CATALOGUE, CauseId, Needs, RIVALS, Shape};
+use super::catalogue::{Acts, CATALOGUE, CauseId, Entry, Needs, RIVALS, Shape};
 use super::chance::{HINT, surprise};
 use super::clusters::Clusters;
 use super::model::{Model, RATIO_OF_RATES};
@@ -36,32 +35,27 @@ use inkling_core::model::free_decay::ALL;
 use inkling_core::model::terms::{Interior, ObservedDecay};
 
 /// What a relative change of the damping, of the frequency, and of all rates changes in a
-/// [`Model`]'s parameters (ln sigma, ln omega, a, b, c, ln lambda/sigma), used where the interior
-/// state is not known. The real pole follows the damping by itself, since the last parameter is
-/// relative to the damping.
+/// [`Model`]'s parameters where the interior state is not known. The real pole follows the damping,
+/// since the last parameter is relative to it.
 const DAMPING: [f64; ALL] = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
 const FREQUENCY: [f64; ALL] = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0];
 const CLOCK: [f64; ALL] = [1.0, 1.0, 0.0, 0.0, 0.0, 0.0];
 
-/// A cause in the form in which it enters the model: what it adds is the sum of `directions`, each
-/// times its coefficient.
+/// A cause as it enters the model: what it adds is the sum of `directions`, each times its
+/// coefficient.
 #[derive(Clone, Debug)]
 pub struct Applied {
     pub id: CauseId,
-    /// Its shape parameter: frequency (rad) or rate per signal length, or strength; 0 if it has
-    /// none.
+    /// Its shape parameter: frequency (rad) or rate per signal length, or strength; 0 if none.
     pub shape: f64,
-    /// A second shape parameter: the damping of a line, per signal length; of a meniscus, its
-    /// damping over the predicted one; the second number of a rival, or the sweep rate of a line. 0
-    /// if there is none.
+    /// A second one: the damping of a line, per signal length; of a meniscus, its damping over the
+    /// predicted one; the second number of a rival; the sweep rate of a line. 0 if none.
     pub damping: f64,
-    /// Size along each of `directions`.
     pub coefficients: Vec<f64>,
     pub directions: Vec<Direction>,
 }
 
 impl Applied {
-    /// A cause whose directions do not depend on its size.
     pub fn rigid(id: CauseId, directions: Vec<Direction>, coefficients: Vec<f64>) -> Applied {
         Applied { id, shape: 0.0, damping: 0.0, coefficients, directions }
     }
@@ -74,21 +68,19 @@ pub type Scored = Candidate<Applied>;
 #[derive(Clone, Copy)]
 pub struct Setting<'a> {
     pub data: &'a Observations,
-    /// Frequencies that random tones have taken already, rad per signal length; lines there are not tested.
+    /// Frequencies (rad per signal length) of random tones; lines there are not tested.
     pub avoid: &'a [f64],
 }
 
-/// Everything that a candidate is tested with.
 pub struct ScoreTests<'a> {
     pub model: &'a Model,
     pub data: &'a Observations,
-    /// Frequencies (rad per signal length) that random tones have taken already.
     pub avoid: &'a [f64],
     nuisances: &'a Both<Nuisance<'a>>,
-    /// Number of samples of a signal; the mean channel's decay; and the rates and the state inside
-    /// the channel (volume and flows) that explain this decay, where there are such.
+    /// The mean channel's decay; and the rates and the state inside the channel (volume and flows)
+    /// that explain it.
     samples: usize,
-    seen: ObservedDecay,
+    decay: ObservedDecay,
     interior: Option<Interior>,
 }
 
@@ -99,7 +91,7 @@ impl<'a> ScoreTests<'a> {
         nuisances: &'a Both<Nuisance<'a>>,
     ) -> ScoreTests<'a> {
         let t = model.decay();
-        let seen = ObservedDecay {
+        let decay = ObservedDecay {
             sigma: t[0].exp(),
             omega: t[1].exp(),
             lambda: t[5].exp(),
@@ -108,49 +100,42 @@ impl<'a> ScoreTests<'a> {
             c: if model.real { t[4] } else { 0.0 },
         };
         let interior = match model.real {
-            true => Interior::ink(&seen, RATIO_OF_RATES),
-            false => Some(Interior::oscillator(&seen)),
+            true => Interior::ink(&decay, RATIO_OF_RATES),
+            false => Some(Interior::oscillator(&decay)),
         };
         let samples = data.samples;
-        ScoreTests { model, data, avoid, nuisances, samples, seen, interior }
+        ScoreTests { model, data, avoid, nuisances, samples, decay, interior }
     }
 
-    /// Tests all entries, causes and rivals, that the data can test; in the catalogue's order,
-    /// without those that have no statistic. An entry that needs a drive scan is tested without
-    /// one, too, but of ink channels it then gets an objection.
+    /// Tests all causes and rivals that the data can test, in the catalogue's order. An entry that
+    /// needs a drive scan is tested without one, too, but of ink channels it then gets an
+    /// objection.
     pub fn score_all(&self) -> Vec<Scored> {
-        let mut all = Vec::new();
-        for entry in CATALOGUE.iter().chain(&RIVALS) {
-            if entry.needs.lacking(self.data).is_some() && entry.needs != Needs::DriveScan {
-                continue;
+        let lacks = |e: &Entry| e.needs.lacking(self.data).is_some();
+        let scored = |e: &Entry| {
+            let mut scored = self.score_one(e.id, None)?;
+            if self.model.real && lacks(e) {
+                scored.objection = Some(Objection::NoDriveScan);
             }
-            if let Some(mut scored) = self.score_one(entry.id, None) {
-                if entry.needs == Needs::DriveScan
-                    && !self.data.beside.drive_scan
-                    && self.model.real
-                {
-                    scored.objection = Some(Objection::NoDriveScan);
-                }
-                all.push(scored);
-            }
-        }
+            Some(scored)
+        };
+        let all = CATALOGUE.iter().chain(&RIVALS);
+        let testable = all.filter(|e| e.needs == Needs::DriveScan || !lacks(e));
+        let mut all: Vec<Scored> = testable.filter_map(scored).collect();
         withhold_lines(&mut all);
         all
     }
 
-    /// Tests one cause. `near`: the form that the cause has in the model, near which its shape is
-    /// searched; without it, all shapes are tried. What the cause says along the ring's parameters
-    /// is judged by the spread over bursts, where these have more in common than their signals let
-    /// expect. `None`: the cause cannot be tested here.
+    /// Tests one cause, judged by the spread over bursts where these have more in common than their
+    /// signals let expect. `near`: the form that the cause has in the model, near which its shape
+    /// is searched. `None`: it cannot be tested here.
     pub fn score_one(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let mut scored = self.as_if_independent(id, near)?;
-        // the spread over bursts costs a pass over the signals: only for candidates of interest
         if scored.surprise < HINT {
             return Some(scored);
         }
 
-        // the part of the cause that the nuisance cannot stand in for, with its size, as one
-        // direction
+        // what the nuisance cannot stand in for, with its size, as one direction
         let Applied { directions, coefficients, .. } = &scored.form;
         let direction = self.nuisances.of(id).efficient(directions, coefficients);
         let spread = self.clusters().spread(&direction, near.is_some());
@@ -161,12 +146,10 @@ impl<'a> ScoreTests<'a> {
         Some(scored)
     }
 
-    /// The signals, to be grouped by burst.
     fn clusters(&self) -> Clusters<'a> {
         Clusters { model: self.model, data: self.data }
     }
 
-    /// Tests one cause as if bursts had nothing in common. `None`: not testable here.
     fn as_if_independent(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         match id.row().acts {
             Acts::Mean(shape) => self.on_the_mean(id, shape, near),
@@ -177,7 +160,6 @@ impl<'a> ScoreTests<'a> {
         }
     }
 
-    /// Tests a cause that adds a shape to the mean signal.
     fn on_the_mean(&self, id: CauseId, shape: Shape, near: Option<&Applied>) -> Option<Scored> {
         match shape {
             Shape::Constant => self.fixed(id, Direction::shape(0, vec![1.0; self.samples])),
@@ -186,27 +168,28 @@ impl<'a> ScoreTests<'a> {
             Shape::Transient => self.transient(id, near),
             Shape::Tone => self.line(id, 0, &[0.0], near),
             Shape::Mode => {
-                let sigma = self.seen.sigma;
+                let sigma = self.decay.sigma;
                 self.line(id, 1, &[0.4 * sigma, sigma, 2.0 * sigma], near)
             }
             Shape::Motion(motion) => {
                 self.best_of(id, near, |place| self.motion(id, motion, place, near))
             }
-            Shape::Bent(bend) => self.best_of(id, near, |second| self.bent(id, bend, second, near)),
+            Shape::Bent(power) => {
+                self.best_of(id, near, |second| self.bent(id, power, second, near))
+            }
             Shape::Sways => self.sways(id, near),
             Shape::SweptLine => self.swept_line(id, near),
             Shape::Own => self.own_shape(id, near),
         }
     }
 
-    /// Degrees of freedom with which the scatter over channels, or over signals, was estimated.
+    /// Degrees of freedom with which a scatter was estimated.
     fn dof(&self, of_channels: bool) -> f64 {
         let n = if of_channels { self.data.units } else { self.data.len() };
         (n as f64 - 3.0).max(1.0)
     }
 
-    /// Tests one direction that has no shape parameter. The value is the coefficient, in counts for
-    /// a shape.
+    /// Tests one direction that has no shape parameter; the value is the coefficient.
     fn fixed(&self, id: CauseId, direction: Direction) -> Option<Scored> {
         let directions = vec![direction];
         let tested = self.nuisances.shapes.test(&directions)?;
@@ -217,8 +200,8 @@ impl<'a> ScoreTests<'a> {
         Some(Scored { value, sd, ..self.shaped(id, tested, directions, 0.0, 1.0) })
     }
 
-    /// A tested shape that is the best of `tried` independent ones, as a candidate; `shape` is its
-    /// shape parameter. The value is still to be filled in.
+    /// A tested shape, the best of `tried` independent ones, as a candidate without a value;
+    /// `shape`: its shape parameter.
     fn shaped(
         &self,
         id: CauseId,
@@ -239,8 +222,7 @@ impl<'a> ScoreTests<'a> {
 }
 
 /// A tone is steady and a second mode scales with the drive, but both are lines. Where one of them
-/// may be the ring itself (it has the objection `OwnLine`) and explains as much as the other, the
-/// other gets the same objection.
+/// may be the ring itself and explains as much as the other, the other gets the same objection.
 fn withhold_lines(all: &mut [Scored]) {
     let of = |id| all.iter().position(|s| s.id == id);
     let (Some(tone), Some(mode)) = (of(CauseId::Tone), of(CauseId::SecondMode)) else { return };

@@ -1,22 +1,16 @@
-//! Rivals without a name: what a ring may do that the catalogue does not hold, but would wrongly
-//! give a name to.
+//! Rivals without a name: what a ring may do that the catalogue does not hold, but would wrongly give a name
+//! to. Terms of the equation of motion and free shapes are in `shapes.rs`; here are the others, each as what
+//! it adds to the mean ring:
 //!
-//! In: a [`ScoreTests`], whose `on_the_mean` calls the tests; `adequacy` calls `likest_rival`. Out:
-//! [`Scored`]. Rivals that are terms of the equation of motion, and free shapes, are in
-//! `shapes.rs`; here are the others, each as what it adds to the mean ring:
+//! - `bent`: the ring seen through a curve, or with rates that follow time; the strength e is searched;
+//! - `sways`: the ring, or its slope, times a cosine and a sine of a slow frequency, which is searched;
+//! - `swept_line`: a cosine and a sine whose frequency changes linearly; frequency and rate are searched.
 //!
-//! - `bent`: the ring seen through a curve, or with rates that follow time. The strength e is
-//!   searched (`grown`), with a second number where the catalogue has one (`best_of`);
-//! - `sways`: the ring, or its slope, times a cosine and a sine of a slow frequency, which is
-//!   searched;
-//! - `swept_line`: a cosine and a sine whose frequency changes linearly; frequency and rate are
-//!   searched.
-//!
-//! Time is in signal lengths, frequencies in rad per signal length. `searched`, the search for the
-//! parameter of a family, also serves `shapes` and `lines`.
+//! In: a [`ScoreTests`]. Out: [`Scored`]. Time is in signal lengths, frequencies in rad per signal length.
+//! `searched`, the search for the parameter of a family, also serves `shapes` and `lines`.
 
 use super::{Applied, LEAST_PERIODS, ScoreTests, Scored};
-use crate::critique::catalogue::{Bend, CauseId, RIVALS};
+use crate::critique::catalogue::{CauseId, RIVALS};
 use crate::critique::chance::{maximum, width};
 use crate::critique::space::Direction;
 use inkling_core::model::terms::lagging;
@@ -24,15 +18,14 @@ use std::f64::consts::{PI, TAU};
 
 /// Strength at which the search for a bend begins, and the largest one.
 const STRENGTHS: [f64; 2] = [0.01, 1.0];
-/// Distance of the frequencies that are tried, rad per signal length.
+/// Distance of the frequencies that are tried.
 const STEP: f64 = 0.5 * PI;
-/// Sweep rates of a line that are tried in each direction: their number, and their distance in rad per square
-/// signal length.
+/// Number and distance (rad per square signal length) of the sweep rates that are tried in each direction.
 const SWEEPS: i32 = 6;
 const SWEEP: f64 = 4.0 * PI;
 
-/// The mean ring at unit drive, counts: its damped pair, the pair's derivative by its phase (which
-/// is the pair a quarter of a period ahead), the real pole's part, and the pair's envelope.
+/// The mean ring at unit drive, counts: its damped pair, the pair's derivative by its phase, the real pole's
+/// part, and the pair's envelope.
 struct Ring {
     pair: Vec<f64>,
     quarter: Vec<f64>,
@@ -40,8 +33,7 @@ struct Ring {
     envelope: Vec<f64>,
 }
 
-/// Integral over time of a change that begins with slope 1 and settles `rate` times over in a signal length;
-/// for rate 0 it goes on along a straight line.
+/// Integral over time of a change that begins with slope 1 and settles `rate` times over in a signal length.
 fn settling(t: f64, rate: f64) -> f64 {
     match rate > 0.0 {
         true => (t + (-rate * t).exp_m1() / rate) / rate,
@@ -50,37 +42,35 @@ fn settling(t: f64, rate: f64) -> f64 {
 }
 
 impl ScoreTests<'_> {
-    /// The most surprising of all rivals but the free shape (a bump or a step).
+    /// The most surprising of all but the free shape.
     pub fn likest_rival(&self) -> Option<Scored> {
         let bent = RIVALS.iter().filter(|rival| rival.id != CauseId::OwnShape);
         let all = bent.filter_map(|rival| self.score_one(rival.id, None));
         all.max_by(|p, q| p.surprise.total_cmp(&q.surprise))
     }
 
-    /// The parts of the mean ring, sample by sample.
     fn parts(&self) -> Ring {
-        let seen = &self.seen;
+        let decay = &self.decay;
         let n = self.samples as f64;
         let of = |f: &dyn Fn(f64) -> f64| (0..self.samples).map(|k| f(k as f64 / n)).collect();
-        let fall = |t: f64| (-seen.sigma * t).exp();
+        let fall = |t: f64| (-decay.sigma * t).exp();
+        let wave = |a: f64, b: f64| {
+            of(&|t| {
+                let (sin, cos) = (decay.omega * t).sin_cos();
+                fall(t) * (a * cos + b * sin)
+            })
+        };
         Ring {
-            pair: of(&|t| {
-                let (sin, cos) = (seen.omega * t).sin_cos();
-                fall(t) * (seen.a * cos + seen.b * sin)
-            }),
-            quarter: of(&|t| {
-                let (sin, cos) = (seen.omega * t).sin_cos();
-                fall(t) * (seen.b * cos - seen.a * sin)
-            }),
-            slow: of(&|t| seen.c * (-seen.lambda * t).exp()),
-            envelope: of(&|t| fall(t) * seen.a.hypot(seen.b)),
+            pair: wave(decay.a, decay.b),
+            quarter: wave(decay.b, -decay.a),
+            slow: of(&|t| decay.c * (-decay.lambda * t).exp()),
+            envelope: of(&|t| fall(t) * decay.a.hypot(decay.b)),
         }
     }
 
-    /// The most significant test over a rival's second number: over all values of the catalogue's
-    /// `seconds`, or with `near` at the value that it had. The number of values is paid for as
-    /// tries. The second number is kept as the form's `damping`. `score` tests the rival with a
-    /// second number.
+    /// The most significant test over a rival's second number (kept as the form's `damping`): over all
+    /// `seconds` of the catalogue, which are paid for as tries, or with `near` at the value that it had.
+    /// `score` tests the rival with a second number.
     pub(super) fn best_of(
         &self,
         id: CauseId,
@@ -101,85 +91,80 @@ impl ScoreTests<'_> {
         Some(best)
     }
 
-    /// Tests a ring seen through a curve, or with rates that follow time. `second`: lag of the gain
-    /// in signal lengths, or how often a frequency settles within one. The value is the strength e,
-    /// the relative change at the first amplitude at unit drive (`whole`), or per signal length for
-    /// rates.
+    /// Tests a ring seen through a curve, or with rates that follow time. `power`: as of `by_drive`;
+    /// `second`: lag of the gain in signal lengths, or how often a frequency settles within one. The value is
+    /// the strength e, the relative change at the first amplitude at unit drive (`whole`), or per signal
+    /// length for rates.
     pub(super) fn bent(
         &self,
         id: CauseId,
-        bend: Bend,
+        power: i32,
         second: f64,
         near: Option<&Applied>,
     ) -> Option<Scored> {
         let ring = self.parts();
         let (n, whole) = (self.samples as f64, ring.envelope[0]);
         let level = lagging(ring.envelope.iter().copied(), second * n);
-        // what is added at strength e and relative drive s, per unit of e
+        // added at strength e and relative drive s, per unit of e
         let added = |e: f64, s: f64| -> Vec<f64> {
             let of = |k: usize| {
                 let t = k as f64 / n;
                 let (pair, y) = (s * ring.pair[k], s * (ring.pair[k] + ring.slow[k]));
-                let changed = match bend {
+                let changed = match id {
                     // sigma becomes sigma (1 + e t), omega becomes omega (1 + e t) or settles
-                    Bend::LossByTime => pair * (-0.5 * e * self.seen.sigma * t * t).exp_m1(),
-                    Bend::FrequencyByTime => {
-                        let turned = e * self.seen.omega * settling(t, second);
+                    CauseId::LossFollowsTime => {
+                        pair * (-0.5 * e * self.decay.sigma * t * t).exp_m1()
+                    }
+                    CauseId::FrequencyFollowsTime => {
+                        let turned = e * self.decay.omega * settling(t, second);
                         pair * (turned.cos() - 1.0) + s * ring.quarter[k] * turned.sin()
                     }
                     // y becomes y + e y²/whole, and y + e y³/whole²
-                    Bend::EvenSensor => e * y * y / whole,
-                    Bend::OddSensor => e * y * y * y / (whole * whole),
-                    // the gain becomes 1/(1 + e level/whole), where the level follows the envelope
-                    // with a lag; 10 at most
-                    Bend::GainByAmplitude => y / (1.0 + e * s * level[k] / whole).max(0.1) - y,
-                    // y loses its part between -e whole and +e whole; a negative e adds it
-                    Bend::DeafSensor => -y.max(-whole * e.abs()).min(whole * e.abs()) * e.signum(),
+                    CauseId::EvenSensor => e * y * y / whole,
+                    CauseId::OddSensor => e * y * y * y / (whole * whole),
+                    // the gain becomes 1/(1 + e level/whole), 10 at most; the level follows the envelope with
+                    // a lag
+                    CauseId::GainFollowsAmplitude => {
+                        y / (1.0 + e * s * level[k] / whole).max(0.1) - y
+                    }
+                    // a deaf sensor: y loses its part between -e whole and +e whole; a negative e adds it
+                    _ => -y.max(-whole * e.abs()).min(whole * e.abs()) * e.signum(),
                 };
                 changed / e
             };
             (0..self.samples).map(of).collect()
         };
-        // the power of the drive that the addition scales with, which is used where there is no drive scan
-        let power = match bend {
-            Bend::LossByTime | Bend::FrequencyByTime => 1,
-            Bend::EvenSensor | Bend::GainByAmplitude => 2,
-            Bend::OddSensor => 3,
-            Bend::DeafSensor => 0,
-        };
         let shape = |e: f64| self.by_drive(power, |_, s| added(e, s));
         self.grown(id, STRENGTHS, shape, |e| e, near)
     }
 
-    /// Tests a gain, or a time base, that sways with some frequency, of the same phase in all
-    /// signals. The value is that frequency in Hz; its standard error is left in rad per signal
-    /// length.
+    /// Tests a gain, or a time base, that sways with some frequency, of the same phase in all signals. The
+    /// value is that frequency in Hz; its standard error is left in rad per signal length.
     pub(super) fn sways(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let ring = self.parts();
         let n = self.samples as f64;
-        // a gain adds some of the ring itself, a shift of the time base some of its slope
         let added = |k: usize| match id == CauseId::GainSways {
             true => ring.pair[k] + ring.slow[k],
             false => {
-                self.seen.omega * ring.quarter[k]
-                    - self.seen.sigma * ring.pair[k]
-                    - self.seen.lambda * ring.slow[k]
+                self.decay.omega * ring.quarter[k]
+                    - self.decay.sigma * ring.pair[k]
+                    - self.decay.lambda * ring.slow[k]
             }
         };
         let y: Vec<f64> = (0..self.samples).map(added).collect();
         let shapes =
             |omega: f64| Direction::waves(1, self.samples, |k| (y[k], omega * k as f64 / n));
         // slower swaying is a damping or a frequency that changes with time
-        let (low, high) = (LEAST_PERIODS * TAU, self.seen.omega.min(0.5 * PI * n));
+        let (low, high) = (LEAST_PERIODS * TAU, self.decay.omega.min(0.5 * PI * n));
         let grid = (0..).map(|k| low + STEP * f64::from(k)).take_while(|omega| *omega < high);
         let near = near.map(|near| near.shape);
         let scored = self.searched(id, n, near, (grid, STEP, [low, high]), shapes)?;
         Some(Scored { value: self.hz(scored.value), ..scored })
     }
 
-    /// Tests an undamped line that does not scale with the drive and whose frequency rises or falls
-    /// linearly. The value is the frequency in the middle of the signal, Hz; no standard error is
-    /// estimated (0). The sweep rate is kept as the form's `damping`, rad per square signal length.
+    /// Tests an undamped line that does not scale with the drive and whose frequency changes linearly. The
+    /// value is the frequency in the middle of the signal, Hz; no standard error is estimated. The sweep rate
+    /// is kept as the form's `damping`.
     pub(super) fn swept_line(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let n = self.samples as f64;
         let shapes = |omega: f64, sweep: f64| {
@@ -191,9 +176,8 @@ impl ScoreTests<'_> {
         };
         let statistic =
             |omega: f64, sweep: f64| self.nuisances.shapes.statistic(&shapes(omega, sweep));
-        // a line that sweeps over the ring's own frequency is the ring, bent
         let own =
-            |omega: f64, sweep: f64| (omega - self.seen.omega).abs() < TAU + 0.5 * sweep.abs();
+            |omega: f64, sweep: f64| (omega - self.decay.omega).abs() < TAU + 0.5 * sweep.abs();
         let (low, high) = (LEAST_PERIODS * TAU, 0.97 * PI * n);
         let mut best = match near {
             Some(near) => (near.shape, near.damping),
@@ -220,11 +204,10 @@ impl ScoreTests<'_> {
         Some(scored)
     }
 
-    /// Finds the parameter of a family that makes the likeliest shapes: the best of a grid, or
-    /// where it was before (`near`), refined within `reach` and clamped to `low` and `high`. The
-    /// parameter becomes both the shape and the value of the result, and the caller converts it to
-    /// the catalogue's unit. `shapes`: the directions of a parameter; `tried`: number of
-    /// independent shapes in the family, which is paid for.
+    /// Finds the parameter of a family that makes the likeliest shapes: the best of a grid, or where it was
+    /// before (`near`), refined within `reach` and clamped to `low` and `high`. It becomes both the shape and
+    /// the value of the result. `shapes`: the directions of a parameter; `tried`: number of independent
+    /// shapes in the family, which is paid for.
     pub(super) fn searched(
         &self,
         id: CauseId,

@@ -1,21 +1,13 @@
-//! Causes that add a shape, N samples, to the mean signal: terms in the equation of motion, the droop, and
-//! the transient of a low-pass; and the scan for shapes that no cause of the catalogue has.
+//! Causes that add a shape, N samples, to the mean signal: terms in the equation of motion (`motion`), the
+//! droop, the transient of a low-pass; and the scan for shapes that no cause of the catalogue has
+//! (`own_shape`).
 //!
-//! In: a fitted model with its signals ([`ScoreTests`], whose `on_the_mean` calls the tests; `grown` and
-//! `by_drive` also serve `rivals.rs`, and `adequacy.rs` calls `own_shape` by itself). Out:
-//! of each cause the likelihood-ratio statistic, the size with its standard error, and the form in
-//! which it would enter the model ([`Scored`]).
+//! In: a fitted model with its signals ([`ScoreTests`]). Out: [`Scored`]. Most of these causes are not
+//! proportional to their strength e: what they add is e D(e), where the shape D(e) changes with e. `grown`
+//! finds the e of the largest likelihood. A shape that depends on the drive is decomposed into powers of the
+//! drive (`by_drive`), because the space of extensions has one shape for each power.
 //!
-//! Most of these causes are not proportional to their strength e: what they add is e D(e), where
-//! the shape D(e) changes with e. `grown` finds the e of the largest likelihood. The tests differ
-//! in how D comes about: by integrating the equation of motion with the term and without
-//! (`motion`), by leaking the ring's integral (`droop`). A shape that depends on the drive is
-//! decomposed into powers of the drive (`by_drive`), because the space of extensions has one shape
-//! for each power. A low-pass is one exponential of unknown rate (`transient`), and the free shape
-//! a bump or a step at any place (`own_shape`).
-//!
-//! Time is in signal lengths, so a sample takes 1/N, and what decays at the rate 1 falls to 1/e within a
-//! signal. Drives are relative to the mean drive of the recording; unit drive is that mean.
+//! Time is in signal lengths; drives are relative to the mean drive of the recording.
 
 use super::{Applied, ScoreTests, Scored};
 use crate::critique::catalogue::{CauseId, Motion};
@@ -29,17 +21,38 @@ use inkling_core::model::terms::Term;
 use nalgebra::{Matrix4, Vector4};
 use std::f64::consts::PI;
 
+/// The catalogue's parameter of a term in the equation of motion. `e`: the term's strength; `low`, `high`:
+/// smallest and largest drive in the data.
+fn value_of(term: Term, e: f64, [low, high]: [f64; 2]) -> f64 {
+    match term {
+        // the change of frequency at the largest amplitude in the data
+        Term::CubicStiffness => e * high * high,
+        // The damping at the largest amplitude in the data relative to that at the smallest, less 1. Over the
+        // viscous one it is 1 + e s at the drive s with drag of strength e, and 1 + e/s with friction. Where
+        // drives differ by less than 2 %, compare with no amplitude for drag, with a tenth for friction,
+        // which at none would be infinite. Dampings below .05 count as .05, as a negative e may leave none to
+        // divide by.
+        Term::QuadraticDrag => {
+            let small = if high > 1.02 * low { low } else { 0.0 };
+            (1.0 + e * high) / (1.0 + e * small).max(0.05) - 1.0
+        }
+        Term::DryFriction => {
+            let small = if high > 1.02 * low { low } else { 0.1 * high };
+            (1.0 + e / high) / (1.0 + e / small).max(0.05) - 1.0
+        }
+        _ => e,
+    }
+}
+
 impl ScoreTests<'_> {
     /// Tests an effect that is not proportional to its strength e: finds the e of the largest likelihood.
     ///
-    /// `shape`: the secant D(e) = (y(e) - y(0)) / e, where y(e) is the mean signal with the effect; so e D(e)
-    /// is all that the effect adds. With the information i and the score s along D(e), adding it lowers -2 ln
-    /// likelihood by 2 e s - e² i, which is compared over e.
-    ///
-    /// `first`: the strength whose secant the linear test takes, which also scales the grid that is searched;
-    /// `most`: the largest strength, of either sign. `value` turns a strength into the catalogue's parameter
-    /// in its unit. `near`: the form that the cause had in the model, whose `near.shape` is its strength e;
-    /// strengths about it are then tried instead of the grid.
+    /// `shape`: the secant D(e) = (y(e) - y(0)) / e, where y(e) is the mean signal with the effect. With the
+    /// information i and the score s along D(e), adding e D(e) lowers -2 ln likelihood by 2 e s - e² i, which
+    /// is compared over e. `first`: the strength whose secant the linear test takes, and the scale of the
+    /// grid that is searched; `most`: the largest strength, of either sign. `value` turns a strength into the
+    /// catalogue's parameter. `near`: the form that the cause had in the model, whose `near.shape` is e;
+    /// strengths about it are tried instead of the grid.
     pub(super) fn grown(
         &self,
         id: CauseId,
@@ -48,8 +61,7 @@ impl ScoreTests<'_> {
         value: impl Fn(f64) -> f64,
         near: Option<&Applied>,
     ) -> Option<Scored> {
-        // What adding e D(e) gains: t.coefficients[0] is s/i and t.statistic s²/i, so the product
-        // below is 2 e s - e² i.
+        // t.coefficients[0] is s/i and t.statistic s²/i, so this is 2 e s - e² i
         let gain = |e: f64| -> f64 {
             let tested = shape(e).and_then(|d| self.nuisances.shapes.test(&[d]));
             tested.map_or(f64::NEG_INFINITY, |t| {
@@ -58,15 +70,13 @@ impl ScoreTests<'_> {
             })
         };
 
-        // the linear test, with the shape of a small strength
         let mut scored = self.fixed(id, shape(first)?)?;
         let linear = scored.form.coefficients[0];
-        // An effect that is hardly there, within two standard errors of none, is small enough to be linear:
-        // its strength is that of the linear test.
+        // An effect within two standard errors of none is small enough to be linear.
         let mut strength = linear.clamp(-most, most);
         if scored.statistic > 4.0 || near.is_some() {
-            // Try the strength of the linear test, and strengths on a grid, a factor of 3 apart with the sign
-            // of the linear test, of 5 with the other one; then refine the best one.
+            // Try the strength of the linear test, and strengths a factor of 3 apart with its sign, of 5 with
+            // the other one; then refine the best one.
             let mut trials: Vec<f64> = vec![strength];
             match near {
                 Some(near) => trials.extend([near.shape, 0.7 * near.shape, 1.4 * near.shape]),
@@ -106,9 +116,7 @@ impl ScoreTests<'_> {
 
     /// Tests a term in the equation of motion. A strength is the relative change of frequency or damping that
     /// the term causes at unit drive, or what [`Term`] says of it. `place`: the displacement at which a stop
-    /// begins, in amplitudes at unit drive; other terms ignore it. `near.shape` is the strength. The value of
-    /// cubic stiffness, drag and friction is what the strength does at the amplitudes in the data (see `value`
-    /// below), that of other terms the strength itself.
+    /// begins, in amplitudes at unit drive.
     pub(super) fn motion(
         &self,
         id: CauseId,
@@ -119,7 +127,7 @@ impl ScoreTests<'_> {
         let term = if let Term::Stop { .. } = term { Term::Stop { at: place } } else { term };
         // the secant at the strength e: the decay with the term less the decay without it, over e
         let inside = self.interior?;
-        let decay = |with, s| inside.decay(&self.seen, with, s, self.samples);
+        let decay = |with, s| inside.decay(&self.decay, with, s, self.samples);
         let without: Vec<Vec<f64>> = self.nodes().iter().map(|s| decay(None, *s)).collect();
         let shape = |e: f64| {
             self.by_drive(power, |node, s| {
@@ -127,34 +135,13 @@ impl ScoreTests<'_> {
                 with.iter().zip(&without[node]).map(|(w, o)| (w - o) / e).collect()
             })
         };
-        let [low, high] = self.data.beside.drives();
-        let value = |e: f64| -> f64 {
-            match term {
-                // the change of frequency at the largest amplitude in the data
-                Term::CubicStiffness => e * high * high,
-                // The damping at the largest amplitude in the data relative to that at the smallest, less 1.
-                // The total damping over the viscous one is 1 + e s at the drive s with drag of strength e,
-                // and 1 + e/s with dry friction. Where drives differ by less than 2 % the amplitude compared
-                // with is none at all for drag, a tenth for friction, which at none would be infinite. A
-                // damping below .05 is taken for .05, as a negative e may leave none to divide by.
-                Term::QuadraticDrag => {
-                    let small = if high > 1.02 * low { low } else { 0.0 };
-                    (1.0 + e * high) / (1.0 + e * small).max(0.05) - 1.0
-                }
-                Term::DryFriction => {
-                    let small = if high > 1.02 * low { low } else { 0.1 * high };
-                    (1.0 + e / high) / (1.0 + e / small).max(0.05) - 1.0
-                }
-                // of all others the value is the strength itself
-                _ => e,
-            }
-        };
+        let drives = self.data.beside.drives();
+        let value = |e: f64| value_of(term, e, drives);
 
         let mut scored = self.grown(id, strengths, shape, value, near)?;
         // The scatter of the acquisition state alone may look like a half-order loss up to `eta_floor`. So
-        // the statistic, which goes with the square of a strength, is reduced to that of the strength beyond
-        // the floor, half of the floor is added to the standard error, and the surprise allows for that
-        // scatter being estimated (Student's t). The value stays.
+        // the statistic is reduced to that of the strength beyond the floor, half of the floor is added to
+        // the standard error, and the surprise allows for that scatter being estimated (Student's t).
         if term == Term::FractionalDamping && scored.value != 0.0 {
             let beyond = (scored.value.abs() - eta_floor()).max(0.0) / scored.value.abs();
             scored.statistic *= beyond * beyond;
@@ -162,13 +149,12 @@ impl ScoreTests<'_> {
             scored.surprise = surprise(scored.statistic, 1, 1.0, self.dof(false));
             scored.sd = scored.sd.hypot(eta_floor() / 2.0);
         }
-        // springs harden or soften, and rivals may do anything; losses cannot be negative
+        // springs harden or soften, rivals do anything; losses cannot be negative
         let either_sign = term == Term::CubicStiffness || !id.has_name();
         if scored.form.coefficients[0] < 0.0 && !either_sign {
             scored.objection = Some(Objection::UnphysicalSign);
         }
-        // amplitudes inside an ink channel rest on a ratio of rates that is held, which is not known exactly; an
-        // oscillator has no such ratio
+        // amplitudes inside an ink channel rest on a ratio of rates that is not known exactly
         if id.by_amplitude() && inside.is_ink {
             scored.sd = scored.sd.hypot(interior() * scored.value);
         }
@@ -190,9 +176,9 @@ impl ScoreTests<'_> {
     }
 
     /// A shape that depends on the drive, decomposed into powers 0 to 3 of the drive. `added`: the shape at a
-    /// relative drive, N samples, counts, by its place among [`Self::nodes`] and the drive itself. From the
-    /// mean drive alone nothing tells how the shape depends on the drive: it is taken to scale as the drive to
-    /// the power `power`. `None`: the shape is not finite.
+    /// relative drive, N samples, counts, by its place among [`Self::nodes`] and the drive itself. With the
+    /// mean drive alone it is taken to scale as the drive to the power `power`. `None`: the shape is not
+    /// finite.
     pub(super) fn by_drive(
         &self,
         power: i32,
@@ -206,28 +192,19 @@ impl ScoreTests<'_> {
         if let [at_mean] = &at[..] {
             return finite(Direction::shape(power.clamp(0, 3) as usize, at_mean.clone()));
         }
-        // Interpolate, at each sample, between the four nodes: the coefficients of the cubic are the shapes of
-        // the powers 0 to 3 (`PATTERNS`).
+        // the coefficients of the cubic through the four nodes, sample by sample
         let inverse = Matrix4::from_fn(|j, p| nodes[j].powi(p as i32)).try_inverse()?;
-        let mut blocks = Vec::new();
-        for p in 0..PATTERNS {
-            let shape: Vec<f64> = (0..n)
-                .map(|k| {
-                    let values = Vector4::from_fn(|j, _| at[j][k]);
-                    (inverse.row(p) * values)[0]
-                })
-                .collect();
-            blocks.push((p * n, shape));
-        }
-        finite(Direction(blocks))
+        let of_power = |p: usize| {
+            let coefficient = |k: usize| (inverse.row(p) * Vector4::from_fn(|j, _| at[j][k]))[0];
+            (p * n, (0..n).map(coefficient).collect())
+        };
+        finite(Direction((0..PATTERNS).map(of_power).collect()))
     }
 
-    /// Tests a droop: a charge amplifier that leaks, hence a first-order high-pass, which begins at t_a, the
-    /// time of the first sample. Its strength, which is `near.shape`, is the rate of the leak per signal
-    /// length, its value the same in 1/s. A negative rate is possible as a fit, but not as a cause. The
-    /// linear test takes the rate .05, at which 5 % leak off within a signal, so that the effect is nearly
-    /// linear; the largest rate is 12, at which all has leaked off long before the signal's end (both
-    /// somewhat arbitrary).
+    /// Tests a droop: a charge amplifier that leaks, hence a first-order high-pass, which begins at t_a. Its
+    /// strength is the rate of the leak per signal length, its value the same in 1/s. At the first rate 5 %
+    /// leak off within a signal, so that the effect is nearly linear; at the largest all has leaked off long
+    /// before the end (both somewhat arbitrary).
     pub(super) fn droop(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let shape = |w: f64| Some(Direction::shape(1, self.leaked(w)));
         let mut scored = self.grown(id, [0.05, 12.0], shape, |w| w / self.data.length_s(), near)?;
@@ -256,7 +233,6 @@ impl ScoreTests<'_> {
             .collect()
     }
 
-    /// The mean signal at unit drive.
     fn ring(&self) -> Vec<f64> {
         let mut y = vec![0.0; self.samples];
         free_decay::add(&self.model.decay(), self.model.real, 0.0, 1.0, &mut y);
@@ -264,25 +240,22 @@ impl ScoreTests<'_> {
     }
 
     /// Tests the transient of a low-pass: an exponential that begins with the signal, scales with the drive
-    /// and decays at a rate w (per signal length), faster than the ring. `near.shape` is w, and the value is w
-    /// in 1/s. w is searched from four times the ring's damping, and at least 6, up to where the transient
-    /// falls by a factor of e² from one sample to the next.
+    /// and decays at a rate w (per signal length; the value is w in 1/s). w is searched from four times the
+    /// ring's damping, and at least 6, up to where the transient falls by e² from one sample to the next.
     pub(super) fn transient(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let n = self.samples as f64;
         let shape = |w: f64| {
             let y: Vec<f64> = (0..self.samples).map(|k| (-w * k as f64 / n).exp()).collect();
             Direction::shape(1, y)
         };
-        let (low, high) = ((4.0 * self.seen.sigma).max(6.0), 2.0 * n);
+        let (low, high) = ((4.0 * self.decay.sigma).max(6.0), 2.0 * n);
         let grid = (0..24).map(|i| (low * (high / low).powf(f64::from(i) / 23.0)).ln());
         let near = near.map(|near| near.shape.ln());
-        // All is in ln w: the grid; how far about its best value is refined; and the range. The reach of .12
-        // is more than half of a step of the grid up to 512 samples (.16 with 128 of them, .22 with 512, at
-        // low = 6), so that no w between two steps is missed. Shapes of close rates are alike, so three
-        // independent ones are paid for.
+        // All is in ln w. The reach of .12 is more than half of a step of the grid up to 512 samples (.16 to
+        // .22 at low = 6), so that no w is missed. Shapes of close rates are alike, so three independent ones
+        // are paid for.
         let within = (grid, 0.12, [low.ln(), high.ln()]);
         let mut scored = self.searched(id, 3.0, near, within, |x| vec![shape(x.exp())])?;
-        // the value is ln w until here, and a standard error of ln w is a relative one of w
         let w = scored.value.exp();
         (scored.value, scored.form.shape) = (w / self.data.length_s(), w);
         scored.sd = scored.sd * w / self.data.length_s();
@@ -291,17 +264,15 @@ impl ScoreTests<'_> {
 
     /// The shape without a name that explains most of the mean misfit: a half-sine bump of 4, 8, 16, ..
     /// samples, up to half of the signal, at steps of half its length; or a step that lasts to the end, at
-    /// every second sample but the first and the last sixteenth. Each is tried with both powers of the drive,
-    /// 0 and 1. All of them are paid for as if they were independent, though they overlap. The value is the
-    /// shape's size in counts. `near`: no search; the shape that it holds (`near.directions`; `near.shape` is
-    /// not used) is tested again, and `tried` is 1, since that one shape is all that is tried.
+    /// every second sample but the first and the last sixteenth. Each is tried with the powers 0 and 1 of the
+    /// drive and paid for as if all were independent. The value is the shape's size in counts. `near`: the
+    /// shape that it holds is tested again without a search.
     pub fn own_shape(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         if let Some(near) = near {
             return self.fixed(id, near.directions[0].clone());
         }
         let n = self.samples;
         let (mut best, mut tried) = (None::<(f64, Direction)>, 0.0);
-        // tests `shape`, by samples from its own start, between the samples `start` and `end` of a signal
         let mut look = |pattern: usize, start: usize, shape: &dyn Fn(usize) -> f64, end: usize| {
             let mut y = vec![0.0; n];
             (start..end).for_each(|k| y[k] = shape(k - start));
@@ -313,7 +284,6 @@ impl ScoreTests<'_> {
                 best = Some((t.statistic, direction));
             }
         };
-        // shapes that do not scale with the drive (power 0 of it), and shapes that do (power 1)
         for pattern in 0..2 {
             let mut length = 4;
             while length <= n / 2 {

@@ -1,11 +1,10 @@
 //! Where fits of decays begin: the plain oscillation, and each candidate beside what a model has
 //! already.
 //!
-//! In, from `selection.rs`: decays, or a fitted model (the parent) and a term. Out: [`Fit`]s. Least
-//! squares finds the nearest minimum only, so good starts matter: the frequencies of the highest
-//! peaks of the spectrum for the ring and for lines, several values for the second numbers of
-//! rivals, and the parent's optimum for all else (`starts`). The best of several starts is followed
-//! (`children`). A term that moves the phase is also fitted from the first swings on
+//! In: decays, or a fitted model (the parent) and a term. Out: [`Fit`]s. Least squares finds the
+//! nearest minimum only, so good starts matter: the highest peaks of the spectrum for the ring and
+//! for lines, several values for the second numbers of rivals, and the parent's optimum for all
+//! else (`starts`). A term that moves the phase is also fitted from the first swings on
 //! (`Fit::follow`), and the better of both fits stays.
 
 use super::decays::Decays;
@@ -17,11 +16,10 @@ use super::terms::{Line, Term};
 use super::unnamed::second_numbers;
 use std::f64::consts::TAU;
 
-/// A term that was fitted beside what a model has already: the form of a candidate for decays.
+/// The form of a candidate for decays.
 #[derive(Clone, Debug)]
 pub struct Added<'a> {
     pub term: Term,
-    /// The fit with the term, as it was tried.
     pub fit: Fit<'a>,
     /// Share of the parent's misfit (its squares) that the term takes away.
     pub share: f64,
@@ -36,7 +34,7 @@ fn first_swings(omega: f64) -> usize {
 }
 
 /// Sum of the periodograms of the misfits of all bursts and outputs, each without its mean, and
-/// relative to its output's root mean square. The frequencies are those of `spectrum::total`.
+/// relative to its output's root mean square.
 pub fn misfit_power(misfit: &[f64], decays: &Decays) -> Vec<f64> {
     let sizes = sizes(misfit, decays);
     let scaled = |(i, series): (usize, &[f64])| -> Vec<f64> {
@@ -47,30 +45,24 @@ pub fn misfit_power(misfit: &[f64], decays: &Decays) -> Vec<f64> {
 }
 
 /// Fits the damped oscillation that explains most, in white noise. It is searched beside an offset,
-/// so that it does not slow down to stand in for one; the offset is then taken out. Where the
-/// spectrum has no peak, the fit begins at the slowest frequency of a line.
+/// so that it does not slow down to stand in for one; the offset is then taken out.
 pub fn baseline(decays: &Decays) -> Fit<'_> {
-    let plain = Fit::at_rest(decays);
+    let plain = Fit::zero(decays);
     let white = Noise::white(&vec![1.0; decays.outputs]);
     let resolution = TAU / decays.samples as f64;
     let power = misfit_power(&decays.y, decays);
-    let mut found: Option<Fit> = None;
     // starts: the two highest peaks of the spectrum, each with little and much damping
-    for omega in spectrum::peaks(&power, lowest_line(decays), 2.0 * resolution, 2) {
-        for turns in [0.5, 4.0] {
-            let mut start = plain.with(Term::Offset);
-            (start.p[OMEGA], start.p[SIGMA]) = (omega, turns / decays.samples as f64);
-            for fit in [start.follow(&white, first_swings(omega)), start.descend(&white)] {
-                if found.as_ref().is_none_or(|f| fit.cost < f.cost) {
-                    found = Some(fit);
-                }
-            }
-        }
-    }
-    let start = match found {
+    let peaks = spectrum::peaks(&power, lowest_line(decays), 2.0 * resolution, 2);
+    let starts = peaks.iter().flat_map(|omega| [0.5, 4.0].map(|turns| (*omega, turns)));
+    let fits = starts.flat_map(|(omega, turns)| {
+        let mut start = plain.with(Term::Offset);
+        (start.p[OMEGA], start.p[SIGMA]) = (omega, turns / decays.samples as f64);
+        [start.follow(&white, first_swings(omega)), start.descend(&white)]
+    });
+    let start = match fits.min_by(|p, q| p.cost.total_cmp(&q.cost)) {
         Some(fit) => fit.without(|_| true),
         None => {
-            let mut slowest = plain;
+            let mut slowest = plain.clone();
             slowest.p[OMEGA] = lowest_line(decays);
             slowest
         }
@@ -78,8 +70,7 @@ pub fn baseline(decays: &Decays) -> Fit<'_> {
     start.descend(&white)
 }
 
-/// Starting points of a candidate, each at its parent's optimum: a line at several frequencies, a
-/// rival with each of its second numbers and strength 0, any other term with all its numbers 0.
+/// Starting points of a candidate, each at its parent's optimum, with strength 0.
 fn starts<'a>(parent: &Fit<'a>, term: Term) -> Vec<Fit<'a>> {
     let warm = parent.with(term);
     let at = parent.p.len();
@@ -89,9 +80,7 @@ fn starts<'a>(parent: &Fit<'a>, term: Term) -> Vec<Fit<'a>> {
             .into_iter()
             .map(|second| {
                 let mut start = warm.clone();
-                if let Some(number) = start.p.get_mut(at + 1) {
-                    *number = second;
-                }
+                start.p[at + 1..].fill(second); // it has one such number, or none
                 start
             })
             .collect(),
@@ -99,15 +88,13 @@ fn starts<'a>(parent: &Fit<'a>, term: Term) -> Vec<Fit<'a>> {
     }
 }
 
-/// Starting points of a line: one for each of the `PEAKS` highest peaks of the misfit's spectrum,
-/// leaving out peaks, but for the first, that lie near frequencies of the model. The line starts
-/// with amplitude 0; a damped one with the ring's damping.
+/// Starting points of a line, with amplitude 0: one for each of the `PEAKS` highest peaks of the
+/// misfit's spectrum, leaving out peaks, but for the first, that lie near frequencies of the model.
 fn line_starts<'a>(parent: &Fit<'a>, line: Line) -> Vec<Fit<'a>> {
     let decays = parent.decays;
     let resolution = TAU / decays.samples as f64;
     let power = misfit_power(&parent.misfit(), decays);
     let tops = spectrum::peaks(&power, lowest_line(decays), 2.0 * resolution, 40);
-    // what is in the model already leaves side lines at its frequency: look elsewhere, too
     let own = parent.p[OMEGA];
     let known: Vec<f64> = parent.lines().flat_map(|(_, omegas)| omegas).chain([own]).collect();
     let elsewhere = |w: &&f64| known.iter().all(|k| (k - *w).abs() > 0.05 * k + 2.0 * resolution);
@@ -125,19 +112,18 @@ fn line_starts<'a>(parent: &Fit<'a>, line: Line) -> Vec<Fit<'a>> {
 }
 
 /// Fits a candidate from its parent's optimum on. A line gives one fit for each place, after a few
-/// steps only. Any other term gives one fit: of several second numbers the likeliest after a few
-/// steps is followed to its minimum, and a term that moves the phase is fitted once more from the
-/// first swings on.
+/// steps only, any other term one fit: of several second numbers the likeliest after a few steps is
+/// followed.
 pub fn children<'a>(parent: &Fit<'a>, term: Term, noise: &Noise) -> Vec<Fit<'a>> {
     let starts = starts(parent, term);
-    let looks = || starts.iter().map(|start| start.look(noise));
+    let tries = || starts.iter().map(|start| start.few_steps(noise));
     if term.is_line() {
-        return looks().collect();
+        return tries().collect();
     }
-    let look = (starts.len() > 1)
-        .then(looks)
+    let best_start = (starts.len() > 1)
+        .then(tries)
         .and_then(|all| all.min_by(|p: &Fit, q: &Fit| p.cost.total_cmp(&q.cost)));
-    let start = look.as_ref().unwrap_or(&starts[0]);
+    let start = best_start.as_ref().unwrap_or(&starts[0]);
     let best = start.descend(noise);
     if !term.moves_phase() {
         return vec![best];

@@ -1,28 +1,25 @@
 //! Few, long decays of one system, in the form in which the plant is fitted to them.
 //!
-//! In: observations, one row for each output (channel) of each burst. Out: [`Decays`]: complete
-//! bursts in the order of their times, every output divided by its largest deviation from its mean
-//! (which is not subtracted), the output with the largest variance first: it counts as the
-//! displacement, `plant.rs`.
+//! In: observations, one row for each output (channel) of each burst. Out: [`Decays`]: complete bursts in the
+//! order of their times, every output divided by its largest deviation from its mean (which is not
+//! subtracted), the output with the largest variance first: it counts as the displacement.
 
 use crate::critique::observations::Observations;
 
-/// Decays of one system.
 #[derive(Clone, Debug)]
 pub struct Decays {
     /// Sampling period, s.
     pub dt_s: f64,
-    /// Number of complete bursts, of outputs, and of samples of each.
+    /// Numbers of complete bursts, of outputs, and of samples of each.
     pub bursts: usize,
     pub outputs: usize,
     pub samples: usize,
-    /// The scaled samples: bursts x outputs x samples, in this order.
+    /// The scaled samples: bursts x outputs x samples.
     pub y: Vec<f64>,
-    /// Channel of each output, in the order that is used here.
     pub channels: Vec<u32>,
     /// What each output was divided by, in the unit of the recording ("counts").
     pub scale: Vec<f64>,
-    /// Number of bursts that were left out because an output is missing.
+    /// Number of bursts in which an output is missing.
     pub incomplete: usize,
 }
 
@@ -43,7 +40,6 @@ impl Decays {
             let output = channels.binary_search(&row.beside.channel).ok()?;
             bursts[row.burst][output] = Some(i);
         }
-        // keep the bursts in which every output was recorded
         let mut whole: Vec<Vec<usize>> =
             bursts.iter().filter_map(|b| b.iter().copied().collect()).collect();
         whole.sort_by_key(|b| data.rows[b[0]].beside.t_acq_ns);
@@ -51,8 +47,7 @@ impl Decays {
             return None;
         }
 
-        // of each output the largest deviation from its mean, and the sum of squares about the
-        // mean; the output with the largest sum comes first
+        // of each output the largest deviation from its mean, and the sum of squares about it
         let spread = |o: usize| -> (f64, f64) {
             let all = || whole.iter().flat_map(|b| data.signal(b[o])).map(|y| f64::from(*y));
             let mean = all().sum::<f64>() / (n * whole.len()) as f64;
@@ -89,7 +84,6 @@ impl Decays {
         (self.y.len() as f64).ln()
     }
 
-    /// The samples of one output in one burst.
     pub fn series(&self, burst: usize, output: usize) -> &[f64] {
         let at = (burst * self.outputs + output) * self.samples;
         &self.y[at..at + self.samples]

@@ -1,17 +1,13 @@
 //! Least squares on the trajectory, in the metric of the noise: the fit of the critique of decays.
 //!
-//! In: a [`Fit`] to start from (decays, terms, numbers) and the [`Noise`]. Out: a [`Fit`] at the
-//! nearest minimum, never worse than the start. `children` and `selection` ask for fits; `gain` and
-//! `worth` ask for them on some stretches of time.
+//! In: a [`Fit`] to start from (decays, terms, numbers) and the [`Noise`]. Out: a [`Fit`] at the nearest
+//! minimum, never worse than the start.
 //!
-//! The cost is the sum of squares of the whitened misfit. The noise of an output is an
-//! autoregression: whitening subtracts from each sample of the misfit what the samples before it
-//! predict, and divides by the standard deviation of the rest ([`Colour`]). So a misfit counts as
-//! many independent samples as it has, and no more. The coefficients come from a fit's own misfit
-//! ([`Fit::noise`]). The descent is that of Levenberg and Marquardt, with derivatives whitened in
-//! the same way (`steps`). A term that moves the phase is fitted to a first stretch, then to ever
-//! longer ones (`follow`), because least squares over a whole decay does not find a phase again
-//! that is off by half a swing.
+//! The cost is the sum of squares of the whitened misfit: each output's noise is an autoregression
+//! ([`Colour`], from a fit's own misfit), and whitening subtracts from each sample what those before it
+//! predict, and divides by the standard deviation of the rest. The descent is that of Levenberg and
+//! Marquardt. A term that moves the phase is fitted to a first stretch, then to ever longer ones (`follow`),
+//! because least squares over a whole decay does not find a phase again that is off by half a swing.
 
 use super::decays::Decays;
 use super::motion::Motion;
@@ -21,26 +17,22 @@ use inkling_core::model::descent::{Damping, descend};
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::{PI, TAU};
 
-/// Highest order of the autoregression that is tried.
 const MOST_ORDER: usize = 12;
-/// How the steps of a descent are damped, and largest numbers of steps: to converge, and to compare starts.
+/// Damping of a descent's steps, and largest numbers of them: to converge, and to compare starts.
 const DAMPING: Damping = Damping { first: 1e-3, down: 0.1, least: 1e-12, up: 10.0, most: 3e8 };
 const MOST_STEPS: usize = 60;
 const FEW_STEPS: usize = 8;
 
-/// The noise of one output: linear predictors of order 0, 1 ... p, and the standard deviation of
-/// what each leaves. The predictor phi of order m expects sum_j phi_j y_{k-1-j} of sample k, over j
-/// < m.
+/// The noise of one output: linear predictors of order 0, 1 ... p, and the standard deviation of what each
+/// leaves. That of order m expects sum_j phi_j y_{k-1-j} of sample k, over j < m.
 #[derive(Clone, Debug)]
 pub struct Colour {
-    /// Coefficients of the predictors, by order.
     pub predictors: Vec<Vec<f64>>,
-    /// In the unit of the misfits; the first one is that of the misfits themselves.
+    /// The first one is that of the misfits themselves.
     pub sds: Vec<f64>,
 }
 
 impl Colour {
-    /// White noise: order 0.
     pub fn white(sd: f64) -> Colour {
         Colour { predictors: vec![Vec::new()], sds: vec![sd] }
     }
@@ -49,15 +41,14 @@ impl Colour {
         self.predictors.len() - 1
     }
 
-    /// The autoregression of misfits, of the order that the Bayesian information criterion chooses
-    /// (Levinson, Durbin). `series`: stretches of the misfit of one output, which need not be of
-    /// one length; `spent`: number of parameters that were fitted to them.
+    /// The autoregression of misfits, of the order that the Bayesian information criterion chooses (Levinson,
+    /// Durbin). `series`: stretches of the misfit of one output; `spent`: number of parameters that were
+    /// fitted to them.
     pub fn of(series: &[&[f64]], spent: f64) -> Colour {
         let count: usize = series.iter().map(|s| s.len()).sum();
         let longest = series.iter().map(|s| s.len()).max().unwrap_or(0);
         let most = MOST_ORDER.min(longest / 8);
         let free = (count as f64 - spent).max(1.0);
-        // autocovariance at lag j
         let lag = |j: usize| -> f64 {
             let products = series.iter().flat_map(|s| s.iter().zip(&s[j.min(s.len())..]));
             products.map(|(a, b)| a * b).sum::<f64>() / free
@@ -67,9 +58,8 @@ impl Colour {
         let (mut variance, mut phi) = (zero, Vec::<f64>::new());
         let (mut best, mut least) = (0, free * zero.ln());
 
-        // Levinson's recursion: the next predictor is the last one, less its mirror image times the
-        // partial correlation (`mirror`), which is its own new coefficient; the variance falls by
-        // its square
+        // Levinson's recursion: the next predictor is the last one, less its mirror image times the partial
+        // correlation (`mirror`), its own new coefficient; the variance falls by its square
         for p in 1..=most {
             let reached: f64 = phi.iter().enumerate().map(|(j, f)| f * lag(p - 1 - j)).sum();
             let mirror = ((lag(p) - reached) / variance).clamp(-0.9999, 0.9999);
@@ -89,8 +79,8 @@ impl Colour {
         all
     }
 
-    /// Turns misfits, in place, into independent ones of unit variance. The first samples of a
-    /// series have fewer samples before them, and so are predicted by a lower order.
+    /// Turns misfits into independent ones of unit variance; the first samples of a series have fewer before
+    /// them, and so are predicted by a lower order.
     pub fn whiten(&self, series: &mut [f64]) {
         let raw = series.to_vec();
         for (k, w) in series.iter_mut().enumerate() {
@@ -101,7 +91,6 @@ impl Colour {
         }
     }
 
-    /// ln density of each misfit, given those before it.
     pub fn ln_densities(&self, series: &[f64]) -> Vec<f64> {
         let mut ln = series.to_vec();
         self.whiten(&mut ln);
@@ -120,31 +109,25 @@ pub fn sizes(misfit: &[f64], decays: &Decays) -> Vec<f64> {
     (0..decays.outputs).map(|output| (square(output) / count).sqrt().max(1e-12)).collect()
 }
 
-/// The noise, which is the metric that misfits are measured in.
 #[derive(Clone, Debug)]
 pub struct Noise {
-    /// Noise of each output.
     pub colours: Vec<Colour>,
-    /// For each sample of a series whether it counts for nothing, alike in all series; empty if all
-    /// count.
+    /// For each sample of a series whether it counts for nothing; empty if all count.
     pub held_out: Vec<bool>,
 }
 
 impl Noise {
-    /// White noise with one standard deviation for each output.
     pub fn white(sds: &[f64]) -> Noise {
         Noise { colours: sds.iter().map(|sd| Colour::white(*sd)).collect(), held_out: Vec::new() }
     }
 
-    /// The share of the misfit's squares that the samples before predict, for the output where this
-    /// is largest.
+    /// The share of the misfit's squares that the samples before predict, the largest of all outputs.
     pub fn predictable(&self) -> f64 {
         let of = |c: &Colour| 1.0 - (c.sds[c.order()] / c.sds[0]).powi(2);
         self.colours.iter().map(of).fold(0.0, f64::max)
     }
 
-    /// Whitens the series with index i (ordered by burst, then output), and clears what is held
-    /// out.
+    /// Whitens the series with index i (by burst, then output), and clears what is held out.
     fn apply_to(&self, i: usize, series: &mut [f64]) {
         self.colours[i % self.colours.len()].whiten(series);
         for (w, _) in series.iter_mut().zip(&self.held_out).filter(|(_, held)| **held) {
@@ -153,31 +136,27 @@ impl Noise {
     }
 }
 
-/// The oscillator with some terms, and the values that were fitted.
 #[derive(Clone, Debug)]
 pub struct Fit<'a> {
     pub decays: &'a Decays,
     pub terms: Vec<Term>,
-    /// Numbers (parameters): the oscillator's own, then those of each term; `plant.rs` has their
-    /// order.
+    /// Numbers (parameters), in the order of `plant.rs`.
     pub p: Vec<f64>,
-    /// Sum of squares in the metric of the noise.
     pub cost: f64,
 }
 
 impl<'a> Fit<'a> {
-    /// The plain oscillator with all numbers 0, where a fit starts. It was not compared with the decays yet.
-    pub fn at_rest(decays: &'a Decays) -> Fit<'a> {
+    /// The plain oscillator with all numbers 0, not compared with the decays yet.
+    pub fn zero(decays: &'a Decays) -> Fit<'a> {
         let p = vec![0.0; plain_numbers(decays)];
         Fit { decays, terms: Vec::new(), p, cost: f64::INFINITY }
     }
 
-    /// Each term, with the index in `p` at which its numbers begin.
     pub fn placed(&self) -> impl Iterator<Item = (Term, usize)> {
         placed(self.decays, &self.terms)
     }
 
-    /// Each line in the model: the index in `p` at which its numbers begin, and its frequencies, rad per sample.
+    /// Index in `p` at which each line's numbers begin, and its frequencies, rad per sample.
     pub fn lines(&self) -> impl Iterator<Item = (usize, Vec<f64>)> {
         self.placed().filter_map(|(term, at)| match term {
             Term::Line(line) => Some((at, line.frequencies(self.p[OMEGA], self.p[at + 1]))),
@@ -185,17 +164,15 @@ impl<'a> Fit<'a> {
         })
     }
 
-    /// Degrees of freedom: samples less numbers.
-    pub fn free(&self) -> f64 {
+    pub fn degrees_of_freedom(&self) -> f64 {
         self.decays.y.len() as f64 - self.p.len() as f64
     }
 
-    /// Root mean square of each output's misfit.
     pub fn sizes(&self) -> Vec<f64> {
         sizes(&self.misfit(), self.decays)
     }
 
-    /// The noise that the fit leaves: the autoregression of each output's misfit.
+    /// The autoregression of each output's misfit.
     pub fn noise(&self) -> Noise {
         let Decays { outputs, .. } = *self.decays;
         let (misfit, share) = (self.misfit(), self.p.len() as f64 / outputs as f64);
@@ -204,7 +181,7 @@ impl<'a> Fit<'a> {
         Noise { colours, held_out: Vec::new() }
     }
 
-    /// This fit with one more term, whose numbers are 0; not fitted anew.
+    /// With one more term, whose numbers are 0; not fitted anew.
     pub fn with(&self, term: Term) -> Fit<'a> {
         let mut fit = Fit { cost: f64::INFINITY, ..self.clone() };
         fit.terms.push(term);
@@ -212,9 +189,9 @@ impl<'a> Fit<'a> {
         fit
     }
 
-    /// This fit without those of its terms for whose index `goes` is true; not fitted anew.
+    /// Without those of its terms for whose index `goes` is true; not fitted anew.
     pub fn without(&self, goes: impl Fn(usize) -> bool) -> Fit<'a> {
-        let mut left = Fit::at_rest(self.decays);
+        let mut left = Fit::zero(self.decays);
         left.p.clone_from_slice(&self.p[..plain_numbers(self.decays)]);
         let stays = self.placed().enumerate().filter(|(i, _)| !goes(*i));
         for (_, (term, at)) in stays {
@@ -231,7 +208,6 @@ impl<'a> Fit<'a> {
         Some(each.map(|(offset, scale)| offset * scale).collect())
     }
 
-    /// The equation of motion with the fitted numbers.
     pub fn motion(&self) -> Motion {
         motion(self.decays, &self.terms, &self.p)
     }
@@ -244,34 +220,27 @@ impl<'a> Fit<'a> {
         misfit
     }
 
-    /// Covariance of the numbers, in the metric of the noise: the inverse of J^T J with whitened
-    /// derivatives J. A number that nothing depends on, such as a tone's damping, is held: its rows
-    /// and columns are 0.
+    /// Covariance of the numbers: the inverse of J^T J with whitened derivatives J. A number that nothing
+    /// depends on, such as a tone's damping, is held: its rows and columns are 0.
     pub fn covariance(&self, noise: &Noise) -> DMatrix<f64> {
         let plant = Plant::new(self.decays, &self.terms, self.decays.samples);
         let gram = normal(&plant, &self.p, noise, &vec![0.0; plant.len()]).0;
-        // inverted with a unit diagonal, since the numbers' sizes differ by decades; a division by
-        // an infinite scale gives the 0 of what is held
-        let scale = DVector::from_fn(gram.nrows(), |i, _| match gram[(i, i)] > 0.0 {
-            true => gram[(i, i)].sqrt(),
-            false => f64::INFINITY,
-        });
-        let unit = DMatrix::from_fn(gram.nrows(), gram.nrows(), |i, j| {
+        // inverted with a unit diagonal; a division by an infinite scale gives the 0 of what is held
+        let n = gram.nrows();
+        let scale = gram.diagonal().map(|d| if d > 0.0 { d.sqrt() } else { f64::INFINITY });
+        let unit = DMatrix::from_fn(n, n, |i, j| {
             gram[(i, j)] / (scale[i] * scale[j]) + if i == j { 1e-12 } else { 0.0 }
         });
-        let inverse = unit
-            .try_inverse()
-            .unwrap_or_else(|| DMatrix::identity(gram.nrows(), gram.nrows()) * 1e12);
-        DMatrix::from_fn(gram.nrows(), gram.nrows(), |i, j| inverse[(i, j)] / (scale[i] * scale[j]))
+        let inverse = unit.try_inverse().unwrap_or_else(|| DMatrix::identity(n, n) * 1e12);
+        DMatrix::from_fn(n, n, |i, j| inverse[(i, j)] / (scale[i] * scale[j]))
     }
 
-    /// Descends to the nearest minimum.
     pub fn descend(&self, noise: &Noise) -> Fit<'a> {
         self.steps(noise, self.decays.samples, MOST_STEPS)
     }
 
     /// Descends by a few steps only, to compare starts.
-    pub fn look(&self, noise: &Noise) -> Fit<'a> {
+    pub fn few_steps(&self, noise: &Noise) -> Fit<'a> {
         self.steps(noise, self.decays.samples, FEW_STEPS)
     }
 
@@ -299,7 +268,6 @@ impl<'a> Fit<'a> {
             let step = damped.cholesky()?.solve(product);
             Some(p.iter().zip(step.iter()).map(|(p, s)| p + s).collect())
         };
-        // two steps in a row that gain next to nothing end the descent
         let (mut taken, mut calm) = (0, 0);
         let rests = |gained: f64, left: f64| {
             taken += 1;
@@ -310,13 +278,12 @@ impl<'a> Fit<'a> {
         Fit { p, cost, ..self.clone() }
     }
 
-    /// Fits a first stretch of so many samples, then ever longer ones (each longer by a half), then
-    /// the whole. So a decay whose frequency or damping changes is followed from swing to swing,
-    /// and no swing is lost.
+    /// Fits a first stretch of so many samples, then ever longer ones (each by a half), then the whole, so
+    /// that a decay whose rates change is followed from swing to swing.
     pub fn follow(&self, noise: &Noise, first: usize) -> Fit<'a> {
         let Decays { bursts, outputs, samples, .. } = *self.decays;
         let mut fit = self.clone();
-        // a stretch needs more samples than there are numbers to be fitted: twice as many
+        // a stretch needs twice as many samples as there are numbers to be fitted
         let fewest = fit.p.len() * 2 / (bursts * outputs);
         let mut upto = first.max(fewest).max(8);
         while upto < samples {
@@ -327,8 +294,7 @@ impl<'a> Fit<'a> {
     }
 }
 
-/// Sum of squares of the whitened misfit, and this misfit, series by series. The sum is infinite
-/// where the motion is lost.
+/// Sum of squares of the whitened misfit (infinite where the motion is lost), and this misfit.
 fn cost(plant: &Plant, p: &[f64], noise: &Noise, measured: &[f64]) -> (f64, Vec<f64>) {
     let mut r = plant.predict(p);
     r.iter_mut().zip(measured).for_each(|(m, y)| *m = y - *m);
@@ -337,8 +303,8 @@ fn cost(plant: &Plant, p: &[f64], noise: &Noise, measured: &[f64]) -> (f64, Vec<
     (if sum.is_finite() { sum } else { f64::INFINITY }, r)
 }
 
-/// J^T J and J^T r, with the derivatives J whitened as the misfit `r` was. Both are summed series
-/// by series, since most numbers matter to one burst alone.
+/// J^T J and J^T r, with whitened derivatives J, summed series by series, since most numbers matter to one
+/// burst alone.
 fn normal(plant: &Plant, p: &[f64], noise: &Noise, r: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
     let numbers = p.len();
     let (mut gram, mut product) = (DMatrix::zeros(numbers, numbers), DVector::zeros(numbers));

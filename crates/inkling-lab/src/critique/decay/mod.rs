@@ -1,16 +1,14 @@
 //! The critique of few, long decays of one oscillator (a pendulum, a beam, a circuit).
 //!
-//! In, from `engine.rs`: decays of one system, a few bursts of one or more outputs, in any unit.
-//! Out: the same [`Outcome`] as for a printhead, without an extended design. The trajectory itself
-//! is fitted (`fit`, `motion`): a damped oscillation for all outputs, then whatever terms the
-//! decays ask for (`selection`). There is no drive scan, but a long decay goes through all
-//! amplitudes. Nothing may be named that could not be refitted.
+//! In: decays of one system, a few bursts of one or more outputs, in any unit. Out: the same [`Outcome`] as
+//! for a printhead, without an extended design. The trajectory itself is fitted (`fit`, `motion`): a damped
+//! oscillation for all outputs, then whatever terms the decays ask for (`selection`). There is no drive scan,
+//! but a long decay goes through all amplitudes.
 //!
-//! The steps of [`critique`]: scale the decays (`decays`); select terms; ask whether anything rings
-//! at all; measure the gain on held-out stretches (`gain`, `worth`); put causes into words
-//! (`words`); judge what is left (`left`); decide the verdict. In this folder *numbers* are the
-//! fitted parameters, a *series* is one output in one burst, a *line* is an added oscillation, and
-//! the *misfit* is measured minus simulated.
+//! The steps of [`critique`]: scale the decays (`decays`); select terms; ask whether anything rings at all;
+//! measure the gain on held-out stretches (`gain`, `worth`); put causes into words (`words`); judge what is
+//! left (`left`); decide the verdict. In this folder *numbers* are the fitted parameters, a *series* is one
+//! output in one burst, a *line* is an added oscillation, and the *misfit* is measured minus simulated.
 
 mod children;
 mod decays;
@@ -45,16 +43,13 @@ use fit::sizes;
 use selection::Selected;
 use std::f64::consts::TAU;
 
-/// Largest number of bursts that are taken for decays of one system; more are an ensemble of
-/// signals, which `engine.rs` criticises one by one.
+/// Largest number of bursts of one system; more are an ensemble of signals.
 pub const MOST_BURSTS: usize = 32;
-/// Longer decays are cut to so many samples, by whoever reads them (`src/cli/critique.rs`).
+/// Longer decays are cut to so many samples, by whoever reads them.
 pub const MOST_SAMPLES: usize = 32_768;
-/// Largest number of samples in all; more would not be fitted in reasonable time.
+/// Largest number of samples in all, for reasonable time.
 const MOST_IN_ALL: usize = 8 * MOST_SAMPLES;
 
-/// Whether these signals can be criticised as decays: few bursts of one printhead, and not too many
-/// samples.
 pub fn can(data: &Observations) -> bool {
     data.bursts <= MOST_BURSTS
         && data.printheads.len() == 1
@@ -63,20 +58,18 @@ pub fn can(data: &Observations) -> bool {
 
 /// What is left of the misfit. `named`: some cause has a name.
 ///
-/// The part of the misfit that follows from the samples before, by the autoregression of
-/// `selected.noise`, is taken for the model's own error, the rest for noise. The share that is left
-/// is that part over the same part of the plain oscillation's misfit, each summed over outputs.
-/// Significant is: a rival in the model where nothing has a name; a misfit that is not white, if
-/// something has a name or more than half of some output's misfit is predictable; and, where
-/// nothing has a name, a misfit that is spread unevenly.
+/// The part of the misfit that follows from the samples before, by the autoregression of `selected.noise`, is
+/// taken for the model's own error, the rest for noise. The share that is left is that part over the same
+/// part of the plain oscillation's misfit, each summed over outputs. Significant is: a rival in the model
+/// where nothing has a name; a misfit that is not white, if something has a name or more than half of some
+/// output's misfit is predictable; and, where nothing has a name, a misfit that is spread unevenly.
 fn left(selected: &Selected, named: bool) -> Unexplained {
     let decays = selected.fit.decays;
     let misfit = selected.fit.misfit();
     let (before, after) = (selected.baseline.sizes(), sizes(&misfit, decays));
 
-    // In squares of what is left of each output: `floor` is the part that nothing predicts,
-    // `missed` sums what the plain oscillation leaves beyond it, `rest` what the final model leaves
-    // beyond it; `predictable` is the largest share that follows from the samples before.
+    // In squares of what is left of each output: `floor` is the part that nothing predicts; `missed` and
+    // `rest` sum what the plain oscillation and the final model leave beyond it.
     let (mut missed, mut rest, mut predictable) = (0.0, 0.0, 0.0_f64);
     for (o, colour) in selected.noise.colours.iter().enumerate() {
         let floor = (colour.sds[colour.order()] / after[o]).powi(2).min(1.0);
@@ -91,7 +84,7 @@ fn left(selected: &Selected, named: bool) -> Unexplained {
     }
     let p = gain::whiteness(&misfit, decays, |_| true);
     if p < 1e-4 && (named || predictable > MOSTLY) {
-        significant.push(not_white(p, predictable, peak(&misfit, decays)));
+        significant.push(not_white(p, predictable, &misfit, decays));
     }
     if let Some(at) = gain::uneven(&misfit, decays).filter(|_| !named) {
         let at = digits::short(at as f64 * decays.dt_s);
@@ -100,32 +93,25 @@ fn left(selected: &Selected, named: bool) -> Unexplained {
         ));
     }
 
-    // misfit that may be the noise's own colour (not predictable to more than half) takes no name
-    // away
+    // misfit that may be the noise's own colour takes no name away
     let share_allowed = if predictable > MOSTLY { MOSTLY } else { 1.0 };
     Unexplained { significant, share: (rest / missed.max(1e-12)).min(1.0), share_allowed }
 }
 
-/// The remark on a misfit that is not white. `p`: probability by chance; `predictable`: share of
-/// the misfit; `hz`: where its spectrum peaks.
-fn not_white(p: f64, predictable: f64, hz: f64) -> String {
+/// The remark on a misfit that is not white. `p`: probability by chance; `predictable`: share of the misfit.
+fn not_white(p: f64, predictable: f64, misfit: &[f64], decays: &Decays) -> String {
+    let power = misfit_power(misfit, decays);
+    let peak = spectrum::peaks(&power, 0.0, 1e9, 1).first().copied().unwrap_or(0.0);
     format!(
         "the misfit that is left is not white ({}; {:.0} % of it follows from the samples before; its spectrum \
          peaks at {} Hz)",
         digits::p_is(p),
         100.0 * predictable,
-        digits::short(hz)
+        digits::short(peak / (TAU * decays.dt_s))
     )
 }
 
-/// Frequency at which the spectrum of a misfit peaks, each output relative to its root mean square, Hz.
-fn peak(misfit: &[f64], decays: &Decays) -> f64 {
-    let power = misfit_power(misfit, decays);
-    spectrum::peaks(&power, 0.0, 1e9, 1).first().copied().unwrap_or(0.0) / (TAU * decays.dt_s)
-}
-
-/// Remarks on what is left, and on candidates that would explain a part of what is left but cannot
-/// be named.
+/// Remarks on what is left, and on candidates that would explain a part of it but cannot be named.
 fn unexplained(selected: &Selected, left: &Unexplained) -> Vec<String> {
     let unnamed = selected.unnamed.iter().map(|t| {
         format!(
@@ -138,9 +124,8 @@ fn unexplained(selected: &Selected, left: &Unexplained) -> Vec<String> {
     left.remarks().into_iter().chain(unnamed).collect()
 }
 
-/// Criticises the model of decays; the steps are those of the module's documentation. `data` must
-/// pass [`can`]. `stages` is called with the name of each step as it begins. Error: nothing rings,
-/// or there are no complete bursts.
+/// Criticises the model of decays. `data` must pass [`can`]. `stages` is called with the name of each step as
+/// it begins. Error: nothing rings, or there are no complete bursts.
 pub fn critique(
     data: &Observations,
     stages: &mut dyn FnMut(&str),
@@ -159,8 +144,7 @@ pub fn critique(
     let (misfit, gain) = gain::measure(&selected);
     let left = left(&selected, !causes.is_empty());
     let verdict = Verdict::of(&mut causes, &left);
-    // where nothing at all entered the model, the named candidate that explains most is told as the
-    // nearest
+    // where nothing entered the model, the named candidate that explains most is told as the nearest
     if verdict == Verdict::Unknown && causes.is_empty() && selected.causes.is_empty() {
         causes.extend(nearest(&selected));
     }
@@ -201,11 +185,10 @@ pub fn critique(
     })
 }
 
-/// Whether there is a ring: whether the model explains more than chance finds in as much noise.
-/// `explained`: share of the decays' squares that the final model explains. The statistic -n ln(1 -
-/// explained) of n samples is compared with chi-squared of as many degrees as there are numbers,
-/// and one of n/2 frequencies was chosen. Of a sound of many partials a single one explains little,
-/// so no share is asked for.
+/// Whether the model explains more than chance finds in as much noise. `explained`: share of the decays'
+/// squares. The statistic -n ln(1 - explained) of n samples is compared with chi-squared of as many degrees
+/// as there are numbers, and one of n/2 frequencies was chosen. Of a sound of many partials a single one
+/// explains little, so no share is asked for.
 fn rings(selected: &Selected, explained: f64) -> bool {
     let decays = selected.fit.decays;
     let samples = decays.y.len() as f64;
@@ -214,7 +197,7 @@ fn rings(selected: &Selected, explained: f64) -> bool {
     surprise(statistic, selected.fit.p.len(), places, f64::INFINITY) > THRESHOLD
 }
 
-/// The named candidate that takes most of the misfit away, as the nearest one, though it cannot be the cause.
+/// The named candidate that takes most of the misfit away, though it cannot be the cause.
 fn nearest(selected: &Selected) -> Option<Cause> {
     let named = selected.unnamed.iter().filter(|t| t.has_name());
     let t = named.max_by(|p, q| p.form.share.total_cmp(&q.form.share))?;
@@ -225,7 +208,6 @@ fn nearest(selected: &Selected) -> Option<Cause> {
     })
 }
 
-/// Causes of the catalogue that decays of a single oscillator cannot test.
 fn not_testable() -> Vec<NotTestable> {
     let needs = CATALOGUE.iter().filter_map(|e| match e.in_decays {
         InDecays::Fitted(_) => None,

@@ -1,12 +1,11 @@
 //! One oscillator's free motion, with what may be nonlinear in it.
 //!
 //! x'' = -2 sigma x' - omega^2 (x + k x^3, or sin) - drag |x'| x' - omega^2 stick sign(x'), and the
-//! rivals of `unnamed.rs`: more force of the spring, rates that follow time, and a sensor that
-//! shows something else than x. Time counts in samples, x in the largest deviation of the first
-//! output from its mean.
+//! rivals of `unnamed.rs`. Time counts in samples, x in the largest deviation of the first output
+//! from its mean.
 //!
-//! In, from `plant.rs`: rates, strengths, and the state at the first sample. Out: x and x'/omega at
-//! every sample ([`Motion::run`]).
+//! In: rates, strengths, and the state at the first sample. Out: x and x'/omega at every sample
+//! ([`Motion::run`]).
 //!
 //! The linear part is propagated exactly, by its matrix exponential. The rest is integrated in
 //! small steps by Lawson's Runge-Kutta of fourth order, that is in the frame of the linear motion
@@ -19,56 +18,37 @@ use nalgebra::{Matrix2, Vector2};
 
 /// Largest step, in radians of the oscillation, where something is nonlinear.
 const RADIANS: f64 = 0.15;
-/// A displacement beyond this is no decay any more; in the unit of x.
+/// A displacement beyond this is no decay any more.
 const LOST: f64 = 1e3;
 
 /// How the restoring force departs from the straight line; both forms begin as x + k x^3.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Form {
+    #[default]
     Cubic,
     /// sin(sqrt(-6k) x)/sqrt(-6k), a pendulum's; sinh for k > 0.
     Sine,
 }
 
-/// The equation of motion with its numbers; time in samples.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Motion {
     pub sigma: f64,
-    /// Frequency of the undamped motion, radians per sample.
     pub omega: f64,
-    /// Form of the spring, and k of it, per square of the unit of x.
     pub form: Form,
     pub stiffness: f64,
-    /// Coefficient of the drag that grows with the square of the velocity, per unit of x.
     pub drag: f64,
     /// Friction over the spring's rate: the displacement within which the body may rest.
     pub stick: f64,
-    /// Rivals without a name.
     pub unnamed: Strengths,
 }
 
 impl Motion {
-    /// A damped oscillation with nothing else in it.
-    pub fn linear(sigma: f64, omega: f64) -> Motion {
-        Motion {
-            sigma,
-            omega,
-            form: Form::Cubic,
-            stiffness: 0.0,
-            drag: 0.0,
-            stick: 0.0,
-            unnamed: Strengths::NONE,
-        }
-    }
-
-    /// Whether the equation of motion is linear; rates may follow time, and sensors may bend what
-    /// is seen.
+    /// Whether the equation of motion is linear, whatever rates and sensors do.
     fn is_linear(&self) -> bool {
         [self.stiffness, self.drag, self.stick] == [0.0; 3] && !self.unnamed.has(&SPRINGS)
     }
 
-    /// The propagator e^{Ah} of the linear motion: what becomes of (x, x') in a time h; under, over and
-    /// critically damped.
+    /// The propagator e^{Ah} of the linear motion: what becomes of (x, x') in a time h.
     fn turn(&self, h: f64) -> Matrix2<f64> {
         let Motion { sigma, omega, .. } = *self;
         let square = omega * omega - sigma * sigma;
@@ -83,15 +63,13 @@ impl Motion {
         Matrix2::new(fall * (c + s * sigma), to_x, to_v, fall * (c - s * sigma))
     }
 
-    /// The spring's force over its rate, less x itself: k x^3, or what a sine of the same k differs
-    /// by.
+    /// The spring's force over its rate, less x itself.
     pub fn beyond(&self, x: f64) -> f64 {
         let k = self.stiffness;
         let q = -6.0 * k;
         match self.form {
             Form::Cubic => k * x * x * x,
             Form::Sine if (q * x * x).abs() < 1e-3 => {
-                // sin(z)/sqrt(q) - x by its series
                 let z = q * x * x;
                 k * x * x * x * (1.0 - z / 20.0 + z * z / 840.0)
             }
@@ -100,7 +78,7 @@ impl Motion {
         }
     }
 
-    /// Acceleration by all that is nonlinear. `sign`: direction of the velocity, for the friction.
+    /// Acceleration by all that is nonlinear. `sign`: direction of the velocity.
     fn kick(&self, y: Vector2<f64>, sign: f64) -> f64 {
         let (x, v) = (y[0], y[1]);
         let curved = if self.stiffness == 0.0 { 0.0 } else { self.beyond(x) };
@@ -108,11 +86,8 @@ impl Motion {
         -self.omega * self.omega * (spring + self.stick * sign) - self.drag * v.abs() * v
     }
 
-    /// One step of Lawson's Runge-Kutta from the state `y` = (x, x'), of length `h`. `sign`: as of
-    /// `kick`; `half` and `full`: the propagators of `turns`. It is the classical Runge-Kutta
-    /// method for the state seen in the frame of the linear motion: each slope is taken where the
-    /// linear motion, and the kicks before, have moved the state, and is itself carried on by the
-    /// linear motion to the step's end.
+    /// One step of Lawson's Runge-Kutta from the state `y` = (x, x'): the classical method for the
+    /// state seen in the frame of the linear motion. `half` and `full`: the propagators of `turns`.
     fn step(
         &self,
         y: Vector2<f64>,
@@ -129,33 +104,31 @@ impl Motion {
         end + (full * pushed(k1) + half * pushed(2.0 * (k2 + k3)) + pushed(k4)) * (h / 6.0)
     }
 
-    /// The propagators of half a step of length h and of a whole one.
     fn turns(&self, h: f64) -> [Matrix2<f64>; 2] {
         [self.turn(0.5 * h), self.turn(h)]
     }
 
-    /// Computes x and x'/omega of `samples` samples as the sensor shows them, and writes them to
-    /// `out`. `start`: x and x'/omega at sample 0. A nonlinear motion that gets lost (`LOST`) is
-    /// NaN from the next sample on, so that its cost is infinite.
+    /// Writes x and x'/omega of `samples` samples, as the sensor shows them, to `out`. `start`:
+    /// both at sample 0. A motion that gets lost (`LOST`) is NaN from the next sample on, so that
+    /// its cost is infinite.
     pub fn run(&self, start: [f64; 2], samples: usize, out: &mut Vec<[f64; 2]>) {
         out.clear();
         self.moved(start, samples, out);
         if self.unnamed.has(&SENSORS) {
-            self.unnamed.see(out);
+            self.unnamed.through_sensor(out);
         }
     }
 
-    /// The equation between the sample with index `samples` and the next one, where rates follow
-    /// time: with the rates in the middle.
+    /// The equation between sample `samples` and the next one, where rates follow time: with those
+    /// in the middle.
     fn after(&self, samples: usize) -> Motion {
         let time = samples as f64 + 0.5;
         let sigma = self.sigma + self.unnamed.loss_after(time);
         Motion { sigma, omega: self.omega * (1.0 + self.unnamed.frequency_after(time)), ..*self }
     }
 
-    /// The motion itself, before a sensor bends it. A linear motion is moved by its propagator from
-    /// sample to sample; any other in steps of at most `RADIANS`, with the friction's sign kept in
-    /// `sign`.
+    /// The motion itself, before a sensor bends it: a linear one by its propagator from sample to
+    /// sample, any other in steps of at most `RADIANS`.
     fn moved(&self, start: [f64; 2], samples: usize, out: &mut Vec<[f64; 2]>) {
         let mut y = Vector2::new(start[0], start[1] * self.omega);
         let changes = self.unnamed.has(&RATES);
@@ -171,7 +144,7 @@ impl Motion {
             return;
         }
 
-        // nonlinear: small steps between samples; from rest, the spring decides the direction
+        // from rest, the spring decides the direction of the friction
         let steps = (self.omega.abs() / RADIANS).ceil().clamp(1.0, 64.0);
         let h = 1.0 / steps;
         let mut now = *self;
@@ -202,9 +175,8 @@ impl Motion {
         }
     }
 
-    /// A step of length `h` from `y` in which x' passes zero under friction: moves to that instant,
-    /// then on with the other sign, unless the body stays. Returns the state at the step's end, the
-    /// sign of x' there, and whether the body rests.
+    /// A step of length `h` from `y` in which x' passes zero under friction. Returns the state at
+    /// its end, the sign of x' there, and whether the body rests.
     fn turned(&self, mut y: Vector2<f64>, mut sign: f64, h: f64) -> (Vector2<f64>, f64, bool) {
         let part = |y, sign, h| self.step(y, sign, h, &self.turns(h));
         let mut left = h;
@@ -215,7 +187,7 @@ impl Motion {
                 return (end, sign, false);
             }
 
-            // find the instant by the false position (regula falsi), kept away from the ends
+            // find the instant by false position (regula falsi), kept away from the ends
             let (mut low, mut high) = ((0.0, y[1] * sign), (left, end[1] * sign));
             for _ in 0..40 {
                 let at = low.0 + (high.0 - low.0) * (low.1 / (low.1 - high.1)).clamp(0.05, 0.95);
@@ -242,10 +214,9 @@ impl Motion {
         (part(y, sign, left), sign, false)
     }
 
-    /// Frequency at an amplitude over that of the smallest motion, by the first harmonic of the
-    /// spring's force (harmonic balance, N. M. Krylov and N. N. Bogoliubov): the square root of 2
-    /// times the mean of F(A cos phase) cos phase / A over a swing. That is sqrt(1 + 3/4 k A^2) for
-    /// the cubic spring. Rivals' springs are not included.
+    /// Frequency at an amplitude over that of the smallest motion, by harmonic balance (N. M.
+    /// Krylov and N. N. Bogoliubov): the square root of 2 times the mean of F(A cos phase) cos
+    /// phase / A over a swing. Rivals' springs are not included.
     pub fn frequency_ratio(&self, amplitude: f64) -> f64 {
         const POINTS: usize = 64;
         let mut sum = 0.0;
@@ -257,8 +228,8 @@ impl Motion {
         (2.0 * sum / (POINTS as f64 * amplitude)).max(0.0).sqrt()
     }
 
-    /// Damping rate at an amplitude, per sample, by the energy lost in one swing: a viscous damping
-    /// that loses as much. Rivals are not included.
+    /// Rate of a viscous damping, per sample, that loses as much energy in one swing. Rivals are
+    /// not included.
     pub fn damping_at(&self, amplitude: f64) -> f64 {
         use std::f64::consts::PI;
         self.sigma
@@ -271,15 +242,9 @@ impl Motion {
 mod tests {
     use super::*;
 
-    const PLAIN: Motion = Motion {
-        sigma: 0.004,
-        omega: 0.3,
-        form: Form::Cubic,
-        stiffness: 0.0,
-        drag: 0.0,
-        stick: 0.0,
-        unnamed: Strengths::NONE,
-    };
+    fn plain() -> Motion {
+        Motion { sigma: 0.004, omega: 0.3, ..Motion::default() }
+    }
 
     fn run(motion: Motion, n: usize) -> Vec<[f64; 2]> {
         let mut out = Vec::new();
@@ -289,21 +254,21 @@ mod tests {
 
     #[test]
     fn a_term_of_no_strength_is_the_linear_decay() {
-        let linear = run(PLAIN, 600);
+        let linear = run(plain(), 600);
         let w = (0.3_f64.powi(2) - 0.004_f64.powi(2)).sqrt();
         for (k, [x, _]) in linear.iter().enumerate() {
             let t = k as f64;
             let exact = (-0.004 * t).exp() * ((w * t).cos() + 0.004 / w * (w * t).sin());
             assert!((x - exact).abs() < 1e-10);
         }
-        let almost = run(Motion { drag: 1e-14, ..PLAIN }, 600);
+        let almost = run(Motion { drag: 1e-14, ..plain() }, 600);
         assert!(linear.iter().zip(&almost).all(|(a, b)| (a[0] - b[0]).abs() < 1e-10));
     }
 
     #[test]
     fn energy_is_kept_without_loss_and_the_spring_decides_the_frequency() {
         for (form, k) in [(Form::Cubic, 0.3), (Form::Cubic, -0.3), (Form::Sine, -1.0 / 6.0)] {
-            let motion = Motion { sigma: 0.0, form, stiffness: k, ..PLAIN };
+            let motion = Motion { sigma: 0.0, form, stiffness: k, ..plain() };
             let energy = |[x, u]: [f64; 2]| {
                 let spring = match form {
                     Form::Cubic => 0.5 * x * x + 0.25 * k * x.powi(4),
@@ -315,18 +280,18 @@ mod tests {
             let first = energy(path[0]);
             assert!(path.iter().all(|y| (energy(*y) / first - 1.0).abs() < 2e-4), "{form:?}");
         }
-        let duffing = Motion { stiffness: 0.2, ..PLAIN };
+        let duffing = Motion { stiffness: 0.2, ..plain() };
         assert!(
             (duffing.frequency_ratio(0.5) - (1.0_f64 + 0.75 * 0.2 * 0.25).sqrt()).abs() < 1e-12
         );
         // a pendulum at 1 rad: 1/1.0663 of its small swings (complete elliptic integral)
-        let pendulum = Motion { form: Form::Sine, stiffness: -1.0 / 6.0, ..PLAIN };
+        let pendulum = Motion { form: Form::Sine, stiffness: -1.0 / 6.0, ..plain() };
         assert!((pendulum.frequency_ratio(1.0) - 1.0 / 1.0663).abs() < 1e-3);
     }
 
     #[test]
     fn dry_friction_takes_the_same_from_every_swing_and_ends_at_rest() {
-        let motion = Motion { sigma: 0.0, stick: 0.01, ..PLAIN };
+        let motion = Motion { sigma: 0.0, stick: 0.01, ..plain() };
         let path = run(motion, 2000);
         let peaks: Vec<f64> = path
             .windows(3)

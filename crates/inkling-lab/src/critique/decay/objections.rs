@@ -1,12 +1,9 @@
 //! Objections to fitted terms of decays: unphysical signs, and lines that are something else.
 //!
-//! In, from `selection.rs`: a fit, the index of one of its terms, and the covariance of its
-//! numbers. Out: why the term cannot be the cause although it fits; `None` if nothing speaks
-//! against it. A line is compared with all that could make one: the ring and its multiples up to
-//! the eighth (as wide as the ring's frequency sweeps with the amplitude), their mirror images at
-//! half the sampling rate, and lines found before. Widths and factors are rules of thumb.
-//!
-//! `lowest_line` and `amplitudes` are of use elsewhere, too.
+//! In: a fit, the index of one of its terms, and the covariance of its numbers. Out: why the term cannot be
+//! the cause although it fits. A line is compared with all that could make one: the ring and its multiples up
+//! to the eighth (as wide as the ring's frequency sweeps with the amplitude), their mirror images at half the
+//! sampling rate, and lines found before. Widths and factors are rules of thumb.
 
 use super::decays::Decays;
 use super::fit::Fit;
@@ -18,13 +15,11 @@ use crate::critique::tuned::harmonic;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 
-/// Lowest frequency of a line, rad per sample.
 pub fn lowest_line(decays: &Decays) -> f64 {
     TAU * LEAST_PERIODS / decays.samples as f64
 }
 
-/// Why a fitted term cannot be what it is called; `None` if it can, or if there is no such term.
-/// `index`: the term's index among the fit's terms; `covariance`: of the fit's numbers.
+/// Why a fitted term cannot be what it is called. `index`: the term's among the fit's terms.
 pub fn objection(fit: &Fit, index: usize, covariance: &DMatrix<f64>) -> Option<Objection> {
     let (term, at) = fit.placed().nth(index)?;
     if matches!(term, Term::Drag | Term::Friction) && fit.p[at] <= 0.0 {
@@ -37,7 +32,6 @@ pub fn objection(fit: &Fit, index: usize, covariance: &DMatrix<f64>) -> Option<O
     }
     match term {
         Term::Stiffness(_) => {
-            // at the largest amplitude the spring must still pull back
             let largest = amplitudes(fit).0;
             let pull = largest + fit.motion().beyond(largest);
             (pull <= 0.0).then_some(Objection::PushesAway)
@@ -54,7 +48,7 @@ fn line_objection(
     at: usize,
     covariance: &DMatrix<f64>,
 ) -> Option<Objection> {
-    // the frequencies of this line and of those that are in the model before it
+    // this line and those before it
     let lines: Vec<(usize, Vec<f64>)> = fit.lines().take_while(|(place, _)| *place <= at).collect();
     let ((_, frequencies), before) = lines.split_last()?;
     let sigma = fit.p[at];
@@ -79,15 +73,14 @@ fn line_objection(
     for (other, known) in before {
         let reach = resolution.max(0.5 * (sigma.abs() + fit.p[*other].abs()));
         if frequencies.iter().any(|omega| known.iter().any(|k| (omega - k).abs() < reach)) {
-            return Some(Objection::Known);
+            return Some(Objection::KnownLine);
         }
     }
     (sigma * 0.5 > frequencies[0]).then_some(Objection::Overdamped)
 }
 
-/// What else may ring at a line's frequency `omega`, rad per sample. `sigma`: the line's damping
-/// per sample; `width`: the same of a mode, 0 of any other line. `resolution` is one period in the
-/// whole decay.
+/// What else may ring at a line's frequency `omega`, rad per sample. `sigma`: the line's damping per sample;
+/// `width`: the same of a mode, 0 of any other line.
 fn place_objection(fit: &Fit, omega: f64, sigma: f64, width: f64) -> Option<Objection> {
     let own = fit.p[OMEGA];
     let resolution = TAU / fit.decays.samples as f64;
@@ -97,35 +90,30 @@ fn place_objection(fit: &Fit, omega: f64, sigma: f64, width: f64) -> Option<Obje
     // a frequency that changes with amplitude sweeps this share of itself during a decay
     let largest = amplitudes(fit).0;
     let swept = (fit.motion().frequency_ratio(largest) - 1.0).abs();
-    for multiple in 1..=8 {
+    let near_ring = resolution.max(sigma.abs() + fit.p[SIGMA].abs()).max(swept * own);
+    if (omega - own).abs() < near_ring {
+        return Some(Objection::NearTheRing);
+    }
+    for multiple in 2..=8 {
         let m = f64::from(multiple);
-        let off = (omega - m * own).abs();
-        let near = match multiple {
-            1 => resolution.max(sigma.abs() + fit.p[SIGMA].abs()).max(swept * own),
-            // a harmonic is as wide as a line: a line that is no farther off than its own width may be either
-            _ => (0.35 * resolution).max(harmonic() * m * own).max(swept * m * own).max(width),
-        };
-        if off < near {
-            return Some(match multiple {
-                1 => Objection::NearTheRing,
-                m => Objection::Multiple(m),
-            });
+        // a harmonic is as wide as a line: a line that is no farther off than its own width may be either
+        let near = (0.35 * resolution).max(harmonic() * m * own).max(swept * m * own).max(width);
+        if (omega - m * own).abs() < near {
+            return Some(Objection::Multiple(multiple));
         }
         // the multiple may lie above half the sampling rate, and be seen at its mirror image
-        if multiple > 1 && (TAU - omega - m * own).abs() < near {
+        if (TAU - omega - m * own).abs() < near {
             return Some(Objection::Folded(multiple));
         }
     }
     None
 }
 
-/// Largest and smallest amplitude of the ring in these decays, in the scale of the first output.
-/// The smallest is not below the root mean square of that output's misfit, since what lies below
-/// tells nothing.
+/// Largest and smallest amplitude of the ring in these decays, in the scale of the first output. The smallest
+/// is not below the root mean square of that output's misfit.
 pub fn amplitudes(fit: &Fit) -> (f64, f64) {
     let motion = fit.motion();
     let (mut largest, mut smallest) = (0.0_f64, f64::INFINITY);
-    // the amplitude is sqrt(x² + (x'/omega)²), sample by sample
     let mut path_of = Vec::new();
     for burst in 0..fit.decays.bursts {
         path(&motion, &fit.p, burst, fit.decays.samples, &mut path_of);

@@ -1,15 +1,13 @@
 //! The model of long decays: one oscillator, and the terms that are added to it.
 //!
-//! In, from `fit.rs`: decays, terms, and the numbers p (parameters): first the oscillator's own,
-//! then those of each term. Out: every sample that the model predicts, and its derivatives by the
-//! numbers.
+//! In: decays, terms, and the numbers p (parameters). Out: every sample that the model predicts,
+//! and its derivatives by the numbers.
 //!
 //! In a burst, output j shows y_j = g_j x + h_j x'/omega + offset_j + lines, where x(t) follows the
 //! equation of `motion.rs` from the burst's own start. Of the first output g = 1 and h = 0; of the
-//! others these shares of displacement and velocity are fitted. Time counts in samples, y is scaled
-//! as in `decays.rs`. A *series* is one output in one burst; series are ordered by burst, then
-//! output. Derivatives of the motion are central differences, each with a run of the motion either
-//! way; those of shares, offsets and lines are exact.
+//! others these shares of displacement and velocity are fitted. Series are ordered by burst, then
+//! output. Derivatives of the motion are central differences; those of shares, offsets and lines
+//! are exact.
 
 use super::decays::Decays;
 use super::motion::Motion;
@@ -17,19 +15,17 @@ use super::terms::{Line, Term};
 use crate::critique::waves::waves;
 use std::collections::BTreeMap;
 
-/// Indices of the oscillator's own numbers: its rates per sample (damping, undamped frequency in
-/// rad), then x and x'/omega of each burst's first sample, then the shares of displacement and
-/// velocity of every output but the first. The numbers of the terms follow, in the terms' order.
+/// Indices of the oscillator's own numbers: damping and undamped frequency (per sample), then x and
+/// x'/omega of each burst's first sample, then the shares of displacement and velocity of every
+/// output but the first. The numbers of the terms follow, in the terms' order.
 pub const SIGMA: usize = 0;
 pub const OMEGA: usize = 1;
 const STARTS: usize = 2;
 
-/// Index at which the shares of the outputs begin.
 fn shares(decays: &Decays) -> usize {
     STARTS + 2 * decays.bursts
 }
 
-/// Number of the oscillator's own numbers.
 pub fn plain_numbers(decays: &Decays) -> usize {
     shares(decays) + 2 * (decays.outputs - 1)
 }
@@ -43,10 +39,9 @@ pub fn placed(decays: &Decays, terms: &[Term]) -> impl Iterator<Item = (Term, us
     })
 }
 
-/// The equation of motion with the numbers `p`. Offsets and lines are no part of it: they are added
-/// to what the outputs show.
+/// The equation of motion; offsets and lines are no part of it.
 pub fn motion(decays: &Decays, terms: &[Term], p: &[f64]) -> Motion {
-    let mut motion = Motion::linear(p[SIGMA], p[OMEGA]);
+    let mut motion = Motion { sigma: p[SIGMA], omega: p[OMEGA], ..Motion::default() };
     for (term, at) in placed(decays, terms) {
         match term {
             Term::Stiffness(form) => (motion.form, motion.stiffness) = (form, p[at]),
@@ -61,18 +56,15 @@ pub fn motion(decays: &Decays, terms: &[Term], p: &[f64]) -> Motion {
     motion
 }
 
-/// Writes x and x'/omega of one burst, at its first `samples` samples, to `out`.
+/// Writes x and x'/omega of one burst, sample by sample, to `out`.
 pub fn path(motion: &Motion, p: &[f64], burst: usize, samples: usize, out: &mut Vec<[f64; 2]>) {
     let at = STARTS + 2 * burst;
     motion.run([p[at], p[at + 1]], samples, out);
 }
 
-/// Derivatives of every sample by every number, sparse: for each series, the columns of the numbers that it
-/// depends on.
+/// For each series the derivatives of its samples, by the index of the number; sparse.
 pub struct Jacobian {
-    /// Number of samples of each series.
     upto: usize,
-    /// For each series the derivatives of its samples, by the index of the number.
     pub series: Vec<BTreeMap<usize, Vec<f64>>>,
 }
 
@@ -84,11 +76,10 @@ impl Jacobian {
     }
 }
 
-/// The oscillator with some terms, applied to the first `upto` samples of some decays.
+/// The oscillator with some terms, in the first `upto` samples of some decays.
 pub struct Plant<'a> {
     decays: &'a Decays,
     terms: &'a [Term],
-    /// Number of samples of each series that are looked at.
     pub upto: usize,
 }
 
@@ -97,7 +88,6 @@ impl<'a> Plant<'a> {
         Plant { decays, terms, upto: upto.min(decays.samples) }
     }
 
-    /// Number of samples in all series.
     pub fn len(&self) -> usize {
         self.decays.bursts * self.decays.outputs * self.upto
     }
@@ -108,7 +98,6 @@ impl<'a> Plant<'a> {
         (0..self.decays.bursts * outputs).map(move |i| (i / outputs, i % outputs, i * upto))
     }
 
-    /// The measured samples, series by series.
     pub fn measured(&self) -> Vec<f64> {
         let of = |(burst, output, _)| &self.decays.series(burst, output)[..self.upto];
         self.series().flat_map(of).copied().collect()
@@ -133,12 +122,10 @@ impl<'a> Plant<'a> {
         self.series().filter(move |(of, ..)| *of == burst).map(|(_, output, at)| (output, at))
     }
 
-    /// Index of the shares of an output other than the first.
     fn share(&self, output: usize) -> usize {
         shares(self.decays) + 2 * (output - 1)
     }
 
-    /// The samples that the model predicts with the numbers `p`, series by series, as `measured`.
     pub fn predict(&self, p: &[f64]) -> Vec<f64> {
         let mut y = vec![0.0; self.len()];
         let motion = motion(self.decays, self.terms, p);
@@ -167,8 +154,7 @@ impl<'a> Plant<'a> {
     /// Calls `each` for each frequency of a line (side bands have two) and every series, with:
     /// which of the two side bands (0: above the ring); the index of its cosine's amplitude among
     /// the numbers (its sine's follows); the index at which the series begins; the damped cosine
-    /// and sine. `first`: the index at which the line's numbers begin. A tone has one pair of
-    /// amplitudes for all bursts, any other line one for each.
+    /// and sine. `first`: the index at which the line's numbers begin.
     fn each_wave(
         &self,
         line: Line,
@@ -187,8 +173,7 @@ impl<'a> Plant<'a> {
     }
 
     /// The numbers that the motion itself depends on, but for its starts, each with the step of its
-    /// central difference. The steps are so small that they change the phase of a long decay by
-    /// little.
+    /// central difference, which changes the phase of a long decay by little.
     fn steps(&self, p: &[f64]) -> Vec<(usize, f64)> {
         let rates = [(SIGMA, 1e-6 * p[OMEGA].abs()), (OMEGA, 1e-7 * p[OMEGA].abs())];
         let of_terms = placed(self.decays, self.terms).flat_map(|(term, at)| {
@@ -198,15 +183,13 @@ impl<'a> Plant<'a> {
         rates.into_iter().chain(of_terms).collect()
     }
 
-    /// Derivatives of all samples by all numbers, at the numbers `p`. A number on which a series
-    /// does not depend has no column there.
+    /// Derivatives of all samples. A number on which a series does not depend has no column there.
     pub fn jacobian(&self, p: &[f64]) -> Jacobian {
         let series = self.decays.bursts * self.decays.outputs;
         let mut columns = Jacobian { upto: self.upto, series: vec![BTreeMap::new(); series] };
         let (mut up, mut down) = (Vec::new(), Vec::new());
         let shared = self.steps(p);
         for burst in 0..self.decays.bursts {
-            // numbers that move the motion: central differences of its path
             let own = [0, 1].map(|j| (STARTS + 2 * burst + j, 1e-6));
             for &(j, h) in shared.iter().chain(&own) {
                 for (sign, path_of) in [(1.0, &mut up), (-1.0, &mut down)] {
@@ -226,7 +209,6 @@ impl<'a> Plant<'a> {
                 }
             }
 
-            // shares of the outputs: displacement and velocity themselves
             path(&motion(self.decays, self.terms, p), p, burst, self.upto, &mut up);
             for (output, at) in self.of_burst(burst).skip(1) {
                 for j in [0, 1] {
@@ -239,8 +221,7 @@ impl<'a> Plant<'a> {
         columns
     }
 
-    /// Adds the columns of the terms that do not depend on the motion: offsets, and lines e^{-sigma
-    /// t} (a cos omega t + b sin omega t) by sigma, omega, a and b.
+    /// Adds the columns of offsets, and of lines e^{-sigma t} (a cos omega t + b sin omega t).
     fn add_offsets_and_lines(&self, p: &[f64], columns: &mut Jacobian) {
         for (term, first) in placed(self.decays, self.terms) {
             match term {
@@ -255,9 +236,8 @@ impl<'a> Plant<'a> {
                             let column = columns.of(at, number);
                             column.iter_mut().enumerate().for_each(|(k, y)| *y += of(k));
                         };
-                        // the derivative by the line's frequency; of side bands, that is the ring's
-                        // plus or minus the distance, so it is the derivative by the ring's
-                        // frequency as well
+                        // by the line's frequency; that of side bands is the ring's plus or minus
+                        // the distance
                         let turned = |k: usize| k as f64 * (b * c[k] - a * s[k]);
                         if line.is_damped() {
                             add(first, &|k| -(k as f64) * (a * c[k] + b * s[k]));

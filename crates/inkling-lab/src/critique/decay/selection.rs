@@ -1,19 +1,14 @@
-//! Selects the terms that a long decay asks for: forward selection and backward elimination by full
-//! refits.
+//! Selects the terms that a long decay asks for: forward selection and backward elimination by full refits.
 //!
-//! In, from `decay/mod.rs`: decays. Out: [`Selected`]. The search itself is that of all plants
-//! (`search.rs`), for which this file says what candidates are, how they are judged, and what is
-//! done once one has entered:
+//! In: decays. Out: [`Selected`]. The search itself is that of all plants (`search.rs`); this file says:
 //!
-//! 1. `tried`: each term that may join is fitted beside the parent, which is the model so far
-//!    (`candidates`). A candidate starts at its parent's optimum, and once more from the first
-//!    swings on, so that it never ends worse. All candidates are then fitted again and compared in
-//!    the metric of the noise that the best of them leaves (`judged`). A coefficient of the
-//!    unphysical sign, or a line that is an alias of something else, is an objection
-//!    (`objections`).
-//! 2. `round`: candidates that passed compete by BIC; the search lets the best one enter.
-//! 3. `settled`: terms that are now superfluous go (`eliminate`), and a rival without a name gives
-//!    way to a named term that explains as much beside all others (`exchange`).
+//! 1. `tried`: each term that may join is fitted beside the parent, which is the model so far (`candidates`).
+//!    All candidates are then fitted again and compared in the metric of the noise that the best of them
+//!    leaves (`judged`). A coefficient of the unphysical sign, or a line that is an alias of something else,
+//!    is an objection (`objections`).
+//! 2. `round`: candidates that passed compete by BIC.
+//! 3. `settled`: terms that are now superfluous go (`eliminate`), and a rival without a name gives way to a
+//!    named term that explains as much beside all others (`exchange`).
 //!
 //! Causes and the fit's terms stand in the same order, so one index serves both.
 
@@ -28,7 +23,7 @@ use crate::critique::candidate::{Candidate, Chosen};
 use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
 use crate::critique::finding::Evidence;
 use crate::critique::objection::Objection;
-use crate::critique::search::{ExplainedModel, Rival, Round, System, search};
+use crate::critique::search::{Contender, ExplainedModel, Round, System, search};
 use crate::critique::tuned::{MOSTLY, left_by_all, left_to_shapes, tie};
 use inkling_core::numbers::tuned::little;
 use inkling_core::side_by_side::{cores, side_by_side};
@@ -38,17 +33,13 @@ use std::ops::ControlFlow;
 /// A candidate; its statistic is measured in the noise that the best candidate leaves.
 pub type Tried<'a> = Candidate<Added<'a>>;
 
-/// The outcome of the selection.
 pub struct Selected<'a> {
-    /// The plain damped oscillation.
     pub baseline: Fit<'a>,
-    /// The final model, with all terms that entered and stayed.
+    /// The final model; the noise that it leaves, and the covariance of its numbers.
     pub fit: Fit<'a>,
-    /// Noise that the final model leaves.
     pub noise: Noise,
-    /// Covariance of the final model's numbers.
     pub covariance: DMatrix<f64>,
-    /// One for each term of `fit`, in the same order; rivals without a name among them.
+    /// One for each term of `fit`, rivals among them.
     pub causes: Vec<Chosen<Added<'a>>>,
     pub evidence: Vec<Evidence>,
     /// Candidates of the last step that pass but cannot be the cause.
@@ -58,14 +49,13 @@ pub struct Selected<'a> {
 }
 
 impl<'a> Selected<'a> {
-    /// The strongest rival without a name in the model.
     pub fn strongest_rival(&self) -> Option<&Tried<'a>> {
         let rivals = self.causes.iter().map(|c| &c.candidate).filter(|c| !c.has_name());
         rivals.max_by(|p, q| p.statistic.total_cmp(&q.statistic))
     }
 
-    /// The causes that keep their name, with their indices: those that explain more than any rival
-    /// in the model, and beside other causes more than one detection limit.
+    /// The causes that keep their name, with their indices: those that explain more than any rival in the
+    /// model, and beside other causes more than one detection limit.
     pub fn named(&self) -> impl Iterator<Item = (usize, &Chosen<Added<'a>>)> {
         let rival = self.strongest_rival().map_or(0.0, |rival| rival.statistic);
         let least = if self.causes.len() > 1 { rival.max(DETECTION_LIMIT) } else { rival };
@@ -81,8 +71,8 @@ fn deviance(fit: &Fit) -> f64 {
     fit.sizes().iter().map(|s| 2.0 * count * s.ln()).sum()
 }
 
-/// Fits all candidates beside the parent's terms, in white noise: named terms, lines, and rivals.
-/// Of forms of one cause, and places of a line, the best stays, so that each cause comes once.
+/// Fits all candidates beside the parent's terms, in white noise. Of forms of one cause, and places of a
+/// line, the best stays.
 fn candidates<'a>(parent: &Fit<'a>) -> Vec<Tried<'a>> {
     let decays = parent.decays;
     let plain = Noise::white(&parent.sizes());
@@ -97,8 +87,7 @@ fn candidates<'a>(parent: &Fit<'a>) -> Vec<Tried<'a>> {
     for (term, fits) in terms.into_iter().zip(fits) {
         for fit in fits {
             let after = deviance(&fit);
-            // share of the parent's squares that the term takes away (outputs by their geometric
-            // mean)
+            // share of the parent's squares that the term takes away (outputs by their geometric mean)
             let share = 1.0 - ((after - before) / decays.y.len() as f64).exp();
             let covariance = fit.covariance(&Noise::white(&fit.sizes()));
             let one = Candidate {
@@ -107,9 +96,7 @@ fn candidates<'a>(parent: &Fit<'a>) -> Vec<Tried<'a>> {
                 objection: objection(&fit, parent.terms.len(), &covariance),
                 ..Candidate::plain(term.id(), before - after, Added { term, fit, share })
             };
-            // what can be the cause goes before what cannot; then the larger gain in the criterion decides
             let rank = |c: &Tried| (!c.able(), -c.delta_bic(decays.ln_samples()));
-            // forms of one cause are one candidate
             match kept.iter_mut().find(|c| c.id == term.id()) {
                 Some(known) if rank(&one) < rank(known) => *known = one,
                 Some(_) => {}
@@ -120,24 +107,22 @@ fn candidates<'a>(parent: &Fit<'a>) -> Vec<Tried<'a>> {
     kept
 }
 
-/// Refits a candidate in the given noise, and decides whether it can be the cause. Its statistic
-/// becomes the fall of the cost, which is -2 ln likelihood in that noise. `parent`: fitted in the
-/// same noise.
+/// Refits a candidate in the given noise, and decides whether it can be the cause. Its statistic becomes the
+/// fall of the cost, which is -2 ln likelihood in that noise. `parent`: fitted in the same noise.
 fn judged<'a>(mut t: Tried<'a>, parent: &Fit<'a>, noise: &Noise) -> Tried<'a> {
     let Added { term, fit, share } = &mut t.form;
     *fit = fit.descend(noise);
     if !term.is_line() {
-        // it must not end worse than the parent in this metric either
         let from_parent = parent.with(*term).descend(noise);
         if from_parent.cost < fit.cost {
             *fit = from_parent;
         }
     }
     t.statistic = (parent.cost - fit.cost).max(0.0);
-    t.surprise = surprise(t.statistic, t.degrees, t.tried, fit.free());
+    t.surprise = surprise(t.statistic, t.degrees, t.tried, fit.degrees_of_freedom());
 
-    // where more than half of the misfit can be predicted from itself, any term takes some of it: a
-    // little is not enough (less than a tenth of the squares for a line, 3 % of the cost else)
+    // where more than half of the misfit can be predicted from itself, any term takes some of it: a little (a
+    // tenth of the squares for a line, 3 % of the cost else) is not enough
     let coloured = noise.predictable() > MOSTLY;
     let little = coloured
         && match term.is_line() {
@@ -145,7 +130,7 @@ fn judged<'a>(mut t: Tried<'a>, parent: &Fit<'a>, noise: &Noise) -> Tried<'a> {
             false => t.statistic < left_to_shapes() * parent.cost,
         };
     t.objection = objection(fit, parent.terms.len(), &fit.covariance(noise))
-        .or(little.then_some(Objection::Little));
+        .or(little.then_some(Objection::TooWeak));
     t
 }
 
@@ -156,9 +141,8 @@ impl<'a> System for &'a Decays {
     const TIED_MAY_ENTER: bool = true;
     const TRYING: &'static str = "trying what may be added";
 
-    /// All candidates, judged in the noise that the one with the largest gain in BIC would leave
-    /// (of those without an objection; the parent's noise if there is none); the largest statistic
-    /// first.
+    /// All candidates, judged in the noise that the one with the largest gain in BIC would leave (of those
+    /// without an objection); the largest statistic first.
     fn tried(&self, parent: &Fit<'a>) -> Vec<Tried<'a>> {
         let candidates = candidates(parent);
         let worth = |c: &Tried| c.delta_bic(self.ln_samples());
@@ -171,9 +155,8 @@ impl<'a> System for &'a Decays {
         all
     }
 
-    /// All candidates that passed compete. Names and rivals have one number or two, and each number is paid
-    /// for as the Bayesian information criterion does. A rival that is no more than what strong causes leave,
-    /// or less than one detection limit, may not enter.
+    /// All candidates that passed compete by BIC. A rival that is no more than what strong causes leave, or
+    /// less than one detection limit, may not enter.
     fn round(
         &self,
         _: &Fit<'a>,
@@ -183,19 +166,18 @@ impl<'a> System for &'a Decays {
     ) -> Round<Fit<'a>, Added<'a>> {
         let strongest = chosen.iter().map(|c| c.candidate.statistic).fold(0.0, f64::max);
         let least = (left_by_all() * strongest).max(DETECTION_LIMIT);
-        let rival = |t: &Tried<'a>| Rival {
+        let contender = |t: &Tried<'a>| Contender {
             candidate: t.clone(),
             model: t.form.fit.clone(),
             penalised: -t.delta_bic(self.ln_samples()),
             may_enter: t.has_name() || t.statistic >= least,
         };
-        let rivals: Vec<_> = tried.iter().filter(|t| t.accepted()).map(rival).collect();
-        let may_enter = rivals.iter().filter(|r| r.may_enter).map(|r| r.penalised);
-        Round { least: may_enter.fold(f64::INFINITY, f64::min), rivals }
+        let contenders: Vec<_> = tried.iter().filter(|t| t.accepted()).map(contender).collect();
+        let may_enter = contenders.iter().filter(|r| r.may_enter).map(|r| r.penalised);
+        Round { least: may_enter.fold(f64::INFINITY, f64::min), contenders }
     }
 
-    /// Eliminates what the newcomer makes superfluous, and gives rivals' places to names. The search breaks
-    /// where the newcomer itself is gone again: it would come back for ever.
+    /// The search breaks where the newcomer itself is gone again: it would come back for ever.
     fn settled(
         &self,
         mut now: Fit<'a>,
@@ -212,7 +194,6 @@ impl<'a> System for &'a Decays {
     }
 }
 
-/// Selects the terms, then fits and measures the final model.
 pub fn select<'a>(decays: &'a Decays, stages: &mut dyn FnMut(&str)) -> Selected<'a> {
     stages("fitting one damped oscillation");
     let baseline = baseline(decays);
@@ -227,9 +208,9 @@ pub fn select<'a>(decays: &'a Decays, stages: &mut dyn FnMut(&str)) -> Selected<
     Selected { baseline, fit, noise, covariance, causes, evidence, unnamed, form_is_known }
 }
 
-/// Takes out causes that the newcomer makes superfluous (not significant any more), or gives the
-/// wrong sign, the weakest first, until none is left to take out. Measures the statistics of all
-/// others on the way: the rise of the cost if the cause is left out and all else fitted again.
+/// Takes out causes that the newcomer makes superfluous, or gives the wrong sign, the weakest first. Measures
+/// the statistics of all others on the way: the rise of the cost if the cause is left out and all else fitted
+/// again.
 fn eliminate<'a>(now: &mut Fit<'a>, causes: &mut Vec<Chosen<Added<'a>>>) {
     loop {
         let noise = now.noise();
@@ -242,7 +223,7 @@ fn eliminate<'a>(now: &mut Fit<'a>, causes: &mut Vec<Chosen<Added<'a>>>) {
             let Candidate { statistic, degrees, tried, .. } = *candidate;
             let surprise = match objection(now, i, &covariance) {
                 Some(_) => 0.0,
-                None => surprise(statistic, degrees, tried, now.free()),
+                None => surprise(statistic, degrees, tried, now.degrees_of_freedom()),
             };
             if surprise <= THRESHOLD && weakest.as_ref().is_none_or(|w| surprise < w.2) {
                 weakest = Some((i, parent, surprise));
@@ -255,30 +236,27 @@ fn eliminate<'a>(now: &mut Fit<'a>, causes: &mut Vec<Chosen<Added<'a>>>) {
     }
 }
 
-/// Difference in -2 ln likelihood that tells two models apart: 4, a matter of odds, where the
-/// models leave noise. Where more than half of what they leave follows from the samples before, it
-/// is their own error, and the difference must also be 3 % of the cost.
+/// Difference in -2 ln likelihood that tells two models apart. Where more than half of what they leave
+/// follows from the samples before, it is their own error, and the difference must also be 3 % of the cost.
 fn margin(now: &Fit, noise: &Noise) -> f64 {
     let coloured = noise.predictable() > MOSTLY;
     if coloured { tie().max(left_to_shapes() * now.cost) } else { tie() }
 }
 
-/// Bayesian information criterion, in units of -2 ln likelihood.
+/// Bayesian information criterion.
 fn criterion(fit: &Fit) -> f64 {
     fit.cost + fit.p.len() as f64 * fit.decays.ln_samples()
 }
 
-/// Gives the place of a rival to a candidate that has a name and explains as much (to within
-/// `margin`) beside all causes that entered later. Forward selection alone would keep a rival that
-/// explained a little more as long as its neighbours were missing. The cause that comes in is noted
-/// as tied with the rival.
+/// Gives the place of a rival to a named candidate that explains as much (to within `margin`) beside all
+/// causes that entered later, and is then tied with the rival. Forward selection alone would keep a rival
+/// that explained a little more as long as its neighbours were missing.
 fn exchange<'a>(now: &mut Fit<'a>, causes: &mut Vec<Chosen<Added<'a>>>) {
     let noise = now.noise();
     for rival in causes.iter().map(|cause| cause.candidate.form.term).collect::<Vec<Term>>() {
         let Term::Unnamed(id) = rival else { continue };
         let Some(index) = now.terms.iter().position(|term| *term == rival) else { continue };
 
-        // the model without the rival, and the best of the named terms in its place
         let left = now.without(|i| i == index).descend(&noise);
         let possible =
             |fit: &Fit| objection(fit, left.terms.len(), &fit.covariance(&noise)).is_none();
@@ -302,9 +280,8 @@ fn exchange<'a>(now: &mut Fit<'a>, causes: &mut Vec<Chosen<Added<'a>>>) {
     }
 }
 
-/// Takes the form of the spring (cubic or sine) that explains more beside all else, if nothing
-/// speaks against it; returns by how much more than the other, in -2 ln likelihood; 0 without a
-/// spring.
+/// Takes the form of the spring (cubic or sine) that explains more beside all else, if nothing speaks against
+/// it; returns by how much more than the other, in -2 ln likelihood.
 fn better_form(now: &mut Fit, causes: &mut [Chosen<Added>], noise: &Noise) -> f64 {
     let is_spring = |term: &Term| matches!(term, Term::Stiffness(_));
     let Some(index) = now.terms.iter().position(is_spring) else { return 0.0 };

@@ -1,13 +1,12 @@
 //! Spectrum of the decays or of a fit's misfit, and its highest peaks.
 //!
 //! In: series of samples, all of one length. Out: the sum of their periodograms, and the angular frequencies
-//! of its highest peaks, rad per sample. Searches for an oscillation start at these frequencies (`children`),
-//! and the report draws the spectrum of the misfit (`gain`).
+//! of its highest peaks, rad per sample.
 
 use std::f64::consts::PI;
 
-/// Fast Fourier transform in place (radix two, decimation in time). `re`, `im`: real and imaginary parts of
-/// the samples; both have the same length, a power of two.
+/// Fast Fourier transform in place (radix two, decimation in time); both parts have the same length, a power
+/// of two.
 fn transform(re: &mut [f64], im: &mut [f64]) {
     let n = re.len();
     // put the samples into bit-reversed order
@@ -43,8 +42,8 @@ fn transform(re: &mut [f64], im: &mut [f64]) {
 }
 
 /// Periodogram |sum over k of y_k e^{-i omega k}|^2 / n of n samples, at omega = 2 pi j / length for j from 0
-/// to length / 2. `length` is the first power of two from 4 n on: zeros are appended to the samples, which
-/// interpolates the spectrum. White noise has its variance as the mean at every omega, whatever `length` is.
+/// to length / 2. `length` is the first power of two from 4 n on: zero padding interpolates the spectrum.
+/// White noise has its variance as the mean at every omega.
 fn power(y: &[f64]) -> Vec<f64> {
     let length = (4 * y.len()).next_power_of_two();
     let (mut re, mut im) = (y.to_vec(), vec![0.0; length]);
@@ -54,8 +53,7 @@ fn power(y: &[f64]) -> Vec<f64> {
     (0..=half).map(|j| (re[j] * re[j] + im[j] * im[j]) / y.len() as f64).collect()
 }
 
-/// Sum of the periodograms of several series, each times `weight`. All series must have the same number of
-/// samples.
+/// Sum of the periodograms of several series of one length, each times `weight`.
 pub fn total<Series: AsRef<[f64]>>(all: impl Iterator<Item = Series>, weight: f64) -> Vec<f64> {
     let mut sum: Vec<f64> = Vec::new();
     for power in all.map(|series| power(series.as_ref())) {
@@ -65,10 +63,9 @@ pub fn total<Series: AsRef<[f64]>>(all: impl Iterator<Item = Series>, weight: f6
     sum
 }
 
-/// Frequencies of at most `count` peaks of a spectrum, rad per sample, the highest peak first. `power`: at
-/// equal steps from 0 to pi, both ends included, neither of which counts as a peak. `lowest`: the lowest
-/// frequency that is looked at. Peaks are taken in the order of their heights, except those that lie closer
-/// than `apart` to one that was taken.
+/// Frequencies of at most `count` peaks of a spectrum, rad per sample, the highest first. `power`: at equal
+/// steps from 0 to pi, neither of which counts as a peak. Peaks that lie closer than `apart` to a higher one
+/// are left out.
 pub fn peaks(power: &[f64], lowest: f64, apart: f64, count: usize) -> Vec<f64> {
     let step = PI / (power.len() - 1) as f64;
     let mut order: Vec<usize> = (1..power.len() - 1)

@@ -1,24 +1,20 @@
-//! Stretches of time that models of decays are not fitted to, but judged on: every third of some
-//! twenty.
+//! Stretches of time that models of decays are not fitted to, but judged on: every third of some twenty, so
+//! that both parts hold large and small amplitudes.
 //!
-//! In: the length of decays. Out, to `gain.rs` and `worth.rs`: which samples of every series are
-//! held out, as a predicate, as ranges, and as a [`Noise`] in which they count for nothing, so that
-//! a fit in that noise does not see them. Stretches alternate, so that both parts hold large and
-//! small amplitudes.
+//! In: the length of decays. Out: which samples of every series are held out, as a predicate, as ranges, and
+//! as a [`Noise`] in which they count for nothing, so that a fit in that noise does not see them.
 
 use super::decays::Decays;
 use super::fit::Noise;
 use std::ops::Range;
 
-/// Number of stretches that a series is cut into.
+/// A series is cut into so many stretches, and one of so many is held out.
 const STRETCHES: usize = 20;
-/// One of so many stretches is held out.
 const EVERY: usize = 3;
 
-/// The samples of each series, cut into stretches of one length.
 #[derive(Clone, Copy, Debug)]
 pub struct Stretches {
-    /// Number of samples of a series, and of a stretch; the last stretch may be shorter.
+    /// Number of samples of a series, and of a stretch.
     samples: usize,
     pub length: usize,
 }
@@ -28,12 +24,11 @@ impl Stretches {
         Stretches { samples: decays.samples, length: decays.samples.div_ceil(STRETCHES).max(2) }
     }
 
-    /// Whether models are not fitted to a sample.
     pub fn is_held_out(self, sample: usize) -> bool {
         (sample / self.length) % EVERY == EVERY - 1
     }
 
-    /// The ranges of samples that are held out, or (with `held_out` false) those between them.
+    /// The ranges of samples that are held out, or those between them.
     pub fn ranges(self, held_out: bool) -> Vec<Range<usize>> {
         let all: Vec<usize> = (0..self.samples).collect();
         let alike = |p: &usize, q: &usize| self.is_held_out(*p) == self.is_held_out(*q);
@@ -41,8 +36,7 @@ impl Stretches {
         parts.map(|part| part[0]..part[0] + part.len()).collect()
     }
 
-    /// White noise with the given standard deviation in each output, in which held-out samples count for
-    /// nothing.
+    /// White noise in which held-out samples count for nothing.
     pub fn noise(self, sds: &[f64]) -> Noise {
         let held_out = (0..self.samples).map(|k| self.is_held_out(k)).collect();
         Noise { held_out, ..Noise::white(sds) }

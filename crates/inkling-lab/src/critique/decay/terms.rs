@@ -1,43 +1,35 @@
-//! The terms that may be added to the oscillator, one at a time, and the numbers (parameters) that
-//! each has.
-//!
-//! `selection.rs` goes through all terms, `plant.rs` says what each adds to the motion or to what
-//! the outputs show, and this file answers what the others ask of a term: which cause of the
-//! catalogue it stands for, how many numbers it has, whether it may join others. A term's numbers
-//! stand together in `Fit::p`.
+//! The terms that may be added to the oscillator, one at a time, and what the other files ask of them: which
+//! cause of the catalogue a term stands for, how many numbers (parameters) it has, whether it may join
+//! others. `plant.rs` says what each adds.
 
 use super::decays::Decays;
 use super::motion::Form;
-use super::unnamed;
+use super::unnamed::SPRINGS;
 use crate::critique::catalogue::CauseId;
 
-/// Largest number of lines in a model.
 const MOST_LINES: usize = 8;
 
-/// Kinds of added oscillations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Line {
     /// A damped mode, which every burst starts anew.
     Mode,
-    /// An undamped line, the same in all bursts: it comes from outside, and the decays are triggered by it.
+    /// An undamped line, the same in all bursts: the decays are triggered by it.
     Tone,
-    /// An undamped line that each burst meets at another phase: it comes from outside.
+    /// An undamped line that each burst meets at another phase.
     FreeTone,
-    /// Two lines, as far above the ring as below it: what a gain or a time base that sways makes of the ring.
+    /// Two lines, as far above the ring as below it: a gain or a time base that sways.
     SideBands,
 }
 
 impl Line {
     pub const ALL: [Line; 4] = [Line::Mode, Line::Tone, Line::FreeTone, Line::SideBands];
 
-    /// Whether its damping is fitted; otherwise that number is held at 0.
     pub fn is_damped(self) -> bool {
         matches!(self, Line::Mode | Line::SideBands)
     }
 
-    /// Its frequencies beside a ring of frequency `own`, rad per sample. `number`: the second of
-    /// the line's numbers, which is the frequency itself, or of side bands the distance to the
-    /// ring's.
+    /// Its frequencies beside a ring of frequency `own`, rad per sample. `number`: the frequency itself, or
+    /// of side bands the distance to the ring's.
     pub fn frequencies(self, own: f64, number: f64) -> Vec<f64> {
         match self {
             Line::Mode | Line::Tone | Line::FreeTone => vec![number],
@@ -46,25 +38,20 @@ impl Line {
     }
 }
 
-/// A term of the model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Term {
-    /// What each output shows at rest.
     Offset,
     /// A spring that is not linear.
     Stiffness(Form),
-    /// Loss that grows with the square of the velocity.
     Drag,
-    /// Dry friction.
     Friction,
-    /// An added oscillation.
     Line(Line),
     /// A rival without a name (`unnamed.rs`).
     Unnamed(CauseId),
 }
 
 impl Term {
-    /// The terms that have a name, without lines, which are tried at many frequencies.
+    /// The terms that have a name, but lines, which are tried at many frequencies.
     pub const NAMED: [Term; 5] = [
         Term::Offset,
         Term::Stiffness(Form::Cubic),
@@ -73,7 +60,6 @@ impl Term {
         Term::Friction,
     ];
 
-    /// The cause, or the rival, that the term stands for.
     pub fn id(self) -> CauseId {
         match self {
             Term::Offset => CauseId::Offset,
@@ -87,7 +73,6 @@ impl Term {
         }
     }
 
-    /// The term in words.
     pub fn words(self) -> &'static str {
         match self {
             // a single decay does not tell which of the two
@@ -101,33 +86,36 @@ impl Term {
         matches!(self, Term::Line(_))
     }
 
-    /// Number of independent places (frequencies) at which it was looked for, which is paid for as
-    /// tries.
+    /// Number of independent frequencies at which it was looked for.
     pub fn places(self, decays: &Decays) -> f64 {
         if self.is_line() { decays.samples as f64 / 2.0 } else { 1.0 }
     }
 
-    /// How many numbers it has. An offset has one for each output. A line has sigma (0 for a tone),
-    /// omega (side bands: the distance to the ring's), then the amplitudes of a cosine and a sine
-    /// for each output; all lines but a plain tone have these amplitudes for each burst, and side
-    /// bands for each of the two bands. Any other term has its strength, and some rivals a second
-    /// number.
+    /// How many numbers it has. An offset has one for each output. A line has sigma (0 for a tone), omega
+    /// (side bands: the distance to the ring's), then the amplitudes of a cosine and a sine for each output;
+    /// all lines but a plain tone for each burst, and side bands for each of two bands. Any other term has
+    /// its strength, and some rivals a second number.
     pub fn numbers(self, decays: &Decays) -> usize {
         match self {
             Term::Offset => decays.outputs,
             Term::Line(Line::Mode | Line::FreeTone) => 2 + 2 * decays.bursts * decays.outputs,
             Term::Line(Line::Tone) => 2 + 2 * decays.outputs,
             Term::Line(Line::SideBands) => 2 + 4 * decays.bursts * decays.outputs,
-            _ => unnamed::numbers(self.id()),
+            _ => self.id().row().seconds.len().min(2),
         }
     }
 
-    /// Step of a number's central difference, in decays of so many samples; `None`: the motion does not
-    /// depend on the number.
+    /// Step of a number's central difference; `None`: the motion does not depend on the number.
     pub fn step(self, number: usize, samples: usize) -> Option<f64> {
-        match self {
-            Term::Offset | Term::Line(_) => None,
-            _ => Some(unnamed::step(self.id(), number, samples)),
+        let length = samples as f64;
+        match (self.id(), number) {
+            _ if self == Term::Offset || self.is_line() => None,
+            (CauseId::LossFollowsTime | CauseId::FrequencyFollowsTime, 0) => {
+                Some(1e-3 / (length * length))
+            }
+            (CauseId::FrequencyFollowsTime, _) => Some(1e-3 / length),
+            (CauseId::GainFollowsAmplitude, 1) => Some(1e-5 * length),
+            _ => Some(1e-6),
         }
     }
 
@@ -135,13 +123,14 @@ impl Term {
     pub fn moves_phase(self) -> bool {
         match self {
             Term::Stiffness(_) | Term::Drag | Term::Friction => true,
-            Term::Unnamed(rival) => unnamed::moves_phase(rival),
+            Term::Unnamed(rival) => {
+                SPRINGS.contains(&rival) || rival == CauseId::FrequencyFollowsTime
+            }
             Term::Offset | Term::Line(_) => false,
         }
     }
 
-    /// Whether it may be added to a model with these terms: there may be several lines, but one of anything
-    /// else.
+    /// Whether it may be added to a model with these terms: there may be several lines.
     pub fn may_join(self, terms: &[Term]) -> bool {
         match self {
             Term::Line(line) if line != Line::SideBands => {

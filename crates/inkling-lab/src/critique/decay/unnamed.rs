@@ -1,16 +1,13 @@
 //! Rivals without a name in a long decay: how each bends the motion, or what is seen of it.
 //!
-//! In: the first [`IN_DECAYS`] rivals of the catalogue, and their numbers, which `plant.rs` sets.
-//! Out, to `motion.rs`: forces of springs ([`Strengths::spring`]), rates at a time (`loss_after`,
-//! `frequency_after`), and what the sensor shows of a path (`see`). Each rival has a strength,
-//! which is 0 if it is absent, and three of them a second number: a place, a lag, or a rate of
-//! settling. The equations of each stand at [`Strengths`]. Time counts in samples; displacements
-//! are in the scale of the decays.
+//! In: the first [`IN_DECAYS`] rivals of the catalogue, and their numbers. Out: forces of springs
+//! ([`Strengths::spring`]), rates at a time (`loss_after`, `frequency_after`), and what the sensor shows of a
+//! path (`through_sensor`). Each rival has a strength, which is 0 if it is absent, and three of them a second number: a
+//! place, a lag, or a rate of settling. Time counts in samples; displacements are in the scale of the decays.
 
 use crate::critique::catalogue::{CATALOGUE, CauseId, IN_DECAYS, RIVALS};
 use inkling_core::model::terms::{lagging, past};
 
-/// The rivals that are tried in decays.
 pub fn unnamed() -> impl Iterator<Item = CauseId> {
     RIVALS[..IN_DECAYS].iter().map(|rival| rival.id)
 }
@@ -22,13 +19,7 @@ pub const RATES: [CauseId; 2] = [CauseId::LossFollowsTime, CauseId::FrequencyFol
 pub const SENSORS: [CauseId; 4] =
     [CauseId::EvenSensor, CauseId::OddSensor, CauseId::GainFollowsAmplitude, CauseId::DeafSensor];
 
-/// Whether a rival moves the phase, so that a fit must follow it from swing to swing.
-pub fn moves_phase(what: CauseId) -> bool {
-    SPRINGS.contains(&what) || what == CauseId::FrequencyFollowsTime
-}
-
-/// Second numbers from which the search begins, in decays of so many samples. A rival that has no second
-/// number gives a single value, which is not used.
+/// Second numbers from which the search begins; a single value, which is not used, if there are none.
 pub fn second_numbers(what: CauseId, samples: usize) -> Vec<f64> {
     let length = samples as f64;
     let in_samples = |second: &f64| match what {
@@ -39,97 +30,68 @@ pub fn second_numbers(what: CauseId, samples: usize) -> Vec<f64> {
     what.row().seconds.iter().map(in_samples).collect()
 }
 
-/// How many numbers a rival has: its strength, and the second number if it has one.
-pub fn numbers(what: CauseId) -> usize {
-    what.row().seconds.len().min(2)
-}
-
-/// Step of a number's central difference, in decays of so many samples.
-pub fn step(what: CauseId, number: usize, samples: usize) -> f64 {
-    let length = samples as f64;
-    match (what, number) {
-        (CauseId::LossFollowsTime | CauseId::FrequencyFollowsTime, 0) => 1e-3 / (length * length),
-        (CauseId::FrequencyFollowsTime, _) => 1e-3 / length,
-        (CauseId::GainFollowsAmplitude, 1) => 1e-5 * length,
-        _ => 1e-6,
-    }
-}
-
 /// Strength of each rival, and its second number if it has one.
 ///
 /// Springs: k of k x^2; k of k (x - d) beyond a place d, on that side; the d within +-d of which there is no
 /// force. Rates: what is added to sigma per sample; the relative slope of omega, and the rate at which that
 /// slope falls. Sensors: c of c x^2 and c of c x^3; c of a gain 1/(1 + c a) with the amplitude a of the
 /// motion, and the number of samples by which it lags; the d within +-d of which it is deaf.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Strengths([[f64; 2]; IN_DECAYS]);
 
 impl Strengths {
-    pub const NONE: Strengths = Strengths([[0.0; 2]; IN_DECAYS]);
-
-    /// Index of a rival.
     fn place(what: CauseId) -> usize {
         what as usize - CATALOGUE.len()
     }
 
-    /// Sets a rival's numbers: its strength, and perhaps the second one.
     pub fn set(&mut self, what: CauseId, numbers: &[f64]) {
         self.0[Strengths::place(what)][..numbers.len()].copy_from_slice(numbers);
     }
 
-    /// Strength of a rival.
-    fn of(&self, what: CauseId) -> f64 {
-        self.0[Strengths::place(what)][0]
+    /// A rival's numbers.
+    fn of(&self, what: CauseId) -> [f64; 2] {
+        self.0[Strengths::place(what)]
     }
 
-    /// Second number of a rival; 0 if it has none.
-    fn second_of(&self, what: CauseId) -> f64 {
-        self.0[Strengths::place(what)][1]
-    }
-
-    /// Force of the rivals' springs at the displacement x, over the rate omega² of the spring
-    /// itself; added to x. A spring with a gap loses the force within +-d.
+    /// Force of the rivals' springs at the displacement x, over the rate omega² of the spring itself; added
+    /// to x.
     pub fn spring(&self, x: f64) -> f64 {
-        let gap = self.of(CauseId::SpringWithGap);
-        let place = self.second_of(CauseId::OneSidedSpring);
-        let stop = self.of(CauseId::OneSidedSpring) * past(x, place);
-        let even = self.of(CauseId::EvenSpring) * x * x;
-        even + stop - x.max(-gap.abs()).min(gap.abs()) * gap.signum()
+        let [gap, _] = self.of(CauseId::SpringWithGap);
+        let [stop, place] = self.of(CauseId::OneSidedSpring);
+        let [even, _] = self.of(CauseId::EvenSpring);
+        even * x * x + stop * past(x, place) - x.max(-gap.abs()).min(gap.abs()) * gap.signum()
     }
 
     /// Whether some of these rivals are there.
     pub fn has(&self, some: &[CauseId]) -> bool {
-        some.iter().any(|what| self.of(*what) != 0.0)
+        some.iter().any(|what| self.of(*what)[0] != 0.0)
     }
 
-    /// What has been added to sigma by a time, in samples.
+    /// What has been added to sigma by a time.
     pub fn loss_after(&self, time: f64) -> f64 {
-        self.of(CauseId::LossFollowsTime) * time
+        self.of(CauseId::LossFollowsTime)[0] * time
     }
 
-    /// Relative change of omega by a time, in samples: along a straight line, slope times time, or
-    /// settling, slope (1 - e^{-rate time}) / rate.
+    /// Relative change of omega by a time: slope times time, or settling, slope (1 - e^{-rate time}) / rate.
     pub fn frequency_after(&self, time: f64) -> f64 {
-        let rate = self.second_of(CauseId::FrequencyFollowsTime);
+        let [slope, rate] = self.of(CauseId::FrequencyFollowsTime);
         let run = if (rate * time).abs() < 1e-9 { time } else { -(-rate * time).exp_m1() / rate };
-        self.of(CauseId::FrequencyFollowsTime) * run
+        slope * run
     }
 
-    /// Replaces the displacements of a path (x and x'/omega, sample by sample) by what the sensor
-    /// shows of them; velocities stay.
-    pub fn see(&self, path: &mut [[f64; 2]]) {
+    /// Replaces the displacements of a path (x and x'/omega) by what the sensor shows of them.
+    pub fn through_sensor(&self, path: &mut [[f64; 2]]) {
         let amplitudes = path.iter().map(|[x, u]| x.hypot(*u));
-        let levels = lagging(amplitudes, self.second_of(CauseId::GainFollowsAmplitude));
-        path.iter_mut().zip(levels).for_each(|([x, _], level)| *x = self.seen(*x, level));
+        let levels = lagging(amplitudes, self.of(CauseId::GainFollowsAmplitude)[1]);
+        path.iter_mut().zip(levels).for_each(|([x, _], level)| *x = self.sensed(*x, level));
     }
 
-    /// What the sensor shows of the displacement x while the amplitude of the motion, seen with the
-    /// gain's lag, is `amplitude`.
-    fn seen(&self, x: f64, amplitude: f64) -> f64 {
-        let deaf = self.of(CauseId::DeafSensor);
-        let even = self.of(CauseId::EvenSensor) * x * x;
-        let odd = self.of(CauseId::OddSensor) * x * x * x;
-        let gain = 1.0 / (1.0 + self.of(CauseId::GainFollowsAmplitude) * amplitude);
+    /// What the sensor shows of x while the amplitude of the motion, with the gain's lag, is `amplitude`.
+    fn sensed(&self, x: f64, amplitude: f64) -> f64 {
+        let [deaf, _] = self.of(CauseId::DeafSensor);
+        let even = self.of(CauseId::EvenSensor)[0] * x * x;
+        let odd = self.of(CauseId::OddSensor)[0] * x * x * x;
+        let gain = 1.0 / (1.0 + self.of(CauseId::GainFollowsAmplitude)[0] * amplitude);
         gain * x + even + odd - x.max(-deaf.abs()).min(deaf.abs()) * deaf.signum()
     }
 }
@@ -141,40 +103,40 @@ mod tests {
     #[test]
     fn each_strength_is_its_own_and_changes_one_thing() {
         for what in unnamed() {
-            let mut of = Strengths::NONE;
+            let mut of = Strengths::default();
             of.set(what, &[0.1]);
             let changes = [of.has(&SPRINGS), of.has(&RATES), of.has(&SENSORS)];
             assert_eq!(changes.iter().filter(|c| **c).count(), 1, "{what:?}");
             assert_eq!(of.spring(0.5) != 0.0, of.has(&SPRINGS), "{what:?}");
             let mut path = [[0.5, 0.2]];
-            of.see(&mut path);
+            of.through_sensor(&mut path);
             assert_eq!(path[0][0] != 0.5, of.has(&SENSORS), "{what:?}");
         }
     }
 
     #[test]
     fn second_numbers_are_a_place_a_lag_and_a_rate() {
-        let mut of = Strengths::NONE;
+        let mut of = Strengths::default();
         of.set(CauseId::OneSidedSpring, &[2.0, 0.3]);
         assert_eq!([of.spring(0.2), of.spring(-0.9)], [0.0; 2]);
         assert!((of.spring(0.8) - 1.0).abs() < 1e-12);
         of.set(CauseId::OneSidedSpring, &[2.0, -0.3]);
         assert!((of.spring(-0.8) + 1.0).abs() < 1e-12);
 
-        let mut of = Strengths::NONE;
+        let mut of = Strengths::default();
         of.set(CauseId::FrequencyFollowsTime, &[1e-3, 0.0]);
         assert_eq!(of.frequency_after(50.0), 0.05);
         of.set(CauseId::FrequencyFollowsTime, &[1e-3, 0.1]);
         assert!((of.frequency_after(1e4) - 0.01).abs() < 1e-12, "it settles");
 
-        let mut of = Strengths::NONE;
+        let mut of = Strengths::default();
         of.set(CauseId::GainFollowsAmplitude, &[1.0, 10.0]);
         let mut path = [[1.0, 0.0]; 200];
-        of.see(&mut path);
+        of.through_sensor(&mut path);
         assert!(path[0][0] > 0.9 && (path[199][0] - 0.5).abs() < 1e-6, "it falls with a lag");
         of.set(CauseId::GainFollowsAmplitude, &[1.0, -10.0]);
         let mut path = [[1.0, 0.0]; 2];
-        of.see(&mut path);
+        of.through_sensor(&mut path);
         assert!((path[0][0] - 0.5).abs() < 1e-12, "it has settled before");
     }
 }

@@ -1,9 +1,8 @@
 //! The causes of a decay in the catalogue's parameters, remarks on them, and the extended equation.
 //!
-//! In, from `decay/mod.rs`: [`Selected`], whose numbers are in samples and in the scale of the
-//! decays. Out: causes whose value and interval are in the unit of the catalogue (`value`: the
-//! parameter as a function of the fitted numbers, its standard error by linear propagation of their
-//! covariance), and texts in seconds and in the unit of the recording, here called counts.
+//! In: [`Selected`], whose numbers are in samples and in the scale of the decays. Out: causes in
+//! the unit of the catalogue, and texts in seconds and in the unit of the recording, here called
+//! counts.
 
 use super::children::Added;
 use super::fit::Fit;
@@ -17,18 +16,17 @@ use crate::critique::catalogue::InDecays;
 use crate::critique::digits;
 use crate::critique::finding::Cause;
 use crate::critique::words::cause_sentence;
+use nalgebra::DVector;
 use std::f64::consts::TAU;
 use std::fmt::Write;
 
-/// Value of a cause in the catalogue's parameter, with its standard error, by linear propagation of
-/// the fit's covariance. `index`: of the cause, and so of the term. Of several offsets the largest
-/// is told. The amplitudes that frequency and damping are compared at are held.
+/// Value of a cause in the catalogue's parameter, with its standard error by linear propagation.
+/// `index`: of the cause, and so of the term. Of several offsets the largest is told.
 fn value(selected: &Selected, index: usize) -> (f64, f64) {
     let fit = &selected.fit;
     let decays = fit.decays;
     let (largest, smallest) = amplitudes(fit);
     let output = largest_offset(fit);
-    // the catalogue's parameter as a function of the numbers
     let of = |p: &[f64]| -> f64 {
         let motion = motion(decays, &fit.terms, p);
         let Some((term, at)) = fit.placed().nth(index) else { return f64::NAN };
@@ -48,18 +46,16 @@ fn value(selected: &Selected, index: usize) -> (f64, f64) {
         }
     };
 
-    // gradient of the value by the numbers, by central differences of a hundredth of their errors
-    let mut gradient = vec![0.0; fit.p.len()];
-    for (j, g) in gradient.iter_mut().enumerate() {
+    // by central differences of a hundredth of the numbers' errors
+    let gradient = DVector::from_fn(fit.p.len(), |j, _| {
         let h = 0.01 * selected.covariance[(j, j)].max(0.0).sqrt();
-        if h > 0.0 && h.is_finite() {
-            let (mut up, mut down) = (fit.p.clone(), fit.p.clone());
-            up[j] += h;
-            down[j] -= h;
-            *g = (of(&up) - of(&down)) / (2.0 * h);
-        }
-    }
-    let gradient = nalgebra::DVector::from_vec(gradient);
+        let moved = |by: f64| {
+            let mut p = fit.p.clone();
+            p[j] += by;
+            of(&p)
+        };
+        if h > 0.0 && h.is_finite() { (moved(h) - moved(-h)) / (2.0 * h) } else { 0.0 }
+    });
     let variance = gradient.dot(&(&selected.covariance * &gradient));
     (of(&fit.p), variance.max(0.0).sqrt())
 }
@@ -71,9 +67,8 @@ fn largest_offset(fit: &Fit) -> usize {
     (0..offsets.len()).max_by(largest).unwrap_or(0)
 }
 
-/// The named causes, the strongest first, and remarks on them. Of several lines of one kind the
-/// strongest is the cause, and the others are remarks; so are rivals in the model, and causes that
-/// are too weak beside a rival or beside others to keep their name.
+/// The named causes, the strongest first, and remarks: on further lines of one kind, rivals in the
+/// model, and causes that are too weak to keep their name.
 pub fn causes(selected: &Selected) -> (Vec<Cause>, Vec<String>) {
     let decays = selected.fit.decays;
     let mut found: Vec<Cause> = Vec::new();
@@ -98,14 +93,13 @@ pub fn causes(selected: &Selected) -> (Vec<Cause>, Vec<String>) {
             ));
             continue;
         }
-        let (value, sd) = value(selected, index);
         let mut chosen = chosen.clone();
-        (chosen.candidate.value, chosen.candidate.sd) = (value, sd);
+        (chosen.candidate.value, chosen.candidate.sd) = value(selected, index);
         chosen.delta_bic = chosen.candidate.delta_bic(decays.ln_samples());
         let mut cause = chosen.cause();
         // the strongest of several lines is the cause already: the others are remarks
         if found.iter().any(|c| c.id == id) {
-            let size = digits::measured(value, cause.ci95, &cause.unit);
+            let size = digits::measured(cause.value, cause.ci95, &cause.unit);
             remarks.push(format!("one more {id}: {} = {size}", cause.parameter));
             continue;
         }
@@ -143,14 +137,12 @@ fn sentence(cause: &Cause) -> String {
     cause_sentence(cause, words)
 }
 
-/// A number with five significant digits.
 fn five(x: f64) -> String {
     digits::significant(x, 5)
 }
 
-/// The fitted equation with its numbers, in counts and seconds: the equation of motion, what an
-/// output shows, and lines of a name; then all numbers but the amplitudes of lines and the shares
-/// of outputs. Rivals without a name are left out.
+/// The fitted equation: the equation of motion, what an output shows, and lines of a name; then all
+/// numbers but the amplitudes of lines and the shares of outputs.
 pub fn equation(fit: &Fit) -> String {
     let (decays, motion) = (fit.decays, fit.motion());
     let (dt, scale) = (decays.dt_s, decays.scale[0]);

@@ -1,14 +1,10 @@
 //! What each cause of decays is worth: the gain in ln likelihood, per decay and output, on stretches that
 //! nothing was fitted to.
 //!
-//! In, from `gain.rs`: decays and what was selected. Out: [`LogLikelihood`]: the gain of all causes
-//! over the plain oscillation, and of each cause over the model without it.
-//!
-//! Steps: (1) the model with all that was found, the same model without one cause at a time, and
-//! the plain oscillation are fitted to the stretches that are not held out. (2) The noise of each
-//! model is the autoregression of what the model leaves there, so a wrong model is judged with the
-//! noise that it takes its own error for. (3) ln p of each held-out sample, given the samples
-//! before it (`Colour::ln_densities`), is summed, and compared between models.
+//! In: decays and what was selected. Out: [`LogLikelihood`]. (1) The model with all that was found, the same
+//! model without one cause at a time, and the plain oscillation are fitted to the stretches that are not held
+//! out. (2) The noise of each model is the autoregression of what the model leaves there. (3) ln p of each
+//! held-out sample, given the samples before it, is summed, and compared between models.
 
 use super::decays::Decays;
 use super::fit::{Colour, Fit};
@@ -20,8 +16,7 @@ use std::collections::BTreeMap;
 /// ln p of the held-out samples, one vector for each stretch of each series.
 struct Judged(Vec<Vec<f64>>);
 
-/// Measures the gain of all that was found, and of each named cause (all lines of one name
-/// together). `None`: nothing was found.
+/// The gain of all that was found, and of each named cause (all lines of one name together).
 pub fn measure(selected: &Selected) -> Option<LogLikelihood> {
     let Selected { baseline, fit, causes, .. } = selected;
     if causes.is_empty() {
@@ -47,7 +42,6 @@ impl Judged {
     fn of(model: &Fit, stretches: Stretches) -> Judged {
         let decays = model.decays;
         let misfit = model.misfit();
-        // the noise of each output, learned where the model was fitted
         let spent = model.p.len() as f64 / decays.outputs as f64;
         let colours: Vec<Colour> = (0..decays.outputs)
             .map(|output| {
@@ -67,8 +61,8 @@ impl Judged {
         Judged(all)
     }
 
-    /// ln p of this model less another's, per series (decay and output), nats. The 95 % interval
-    /// takes the samples' gains as independent about their stretch's mean.
+    /// ln p of this model less another's, per series, nats. The 95 % interval takes the samples' gains as
+    /// independent about their stretch's mean.
     fn worth(&self, other: &Judged, decays: &Decays) -> Worth {
         let (mut gain, mut variance) = (0.0, 0.0);
         for (own, others) in self.0.iter().zip(&other.0) {

@@ -1,0 +1,190 @@
+//! Moves channels and single signals of a model to their most probable parameters (`Model::settle`): damped
+//! Gauss-Newton descents, one per channel or signal, under the present mean, scatter, noise and additions.
+
+use super::matrices::{Matrix5, Vector5, free_part, inverse, scaled};
+use super::model::{Linear, Model, free_products};
+use super::observations::Observations;
+use inkling_core::model::descent::{Damping, descend};
+use inkling_core::model::free_decay::{FREE, Theta};
+use inkling_core::model::inner_product::dot;
+use inkling_core::side_by_side::side_by_side;
+use std::ops::Range;
+
+/// Largest number of trial steps of a descent. Long rings whose frequency scatters by per cents need a dozen,
+/// since each step is bounded.
+const STEPS: usize = 20;
+const DAMPING: Damping = Damping { first: 1e-4, down: 0.2, least: 1e-9, up: 20.0, most: 1e8 };
+
+impl Model {
+    /// Moves channels and single signals, in turn and twice, to their most probable parameters.
+    pub fn settle(&mut self, data: &Observations) {
+        for _ in 0..2 {
+            self.fit_units(data, STEPS);
+            self.fit_each(data, STEPS);
+        }
+    }
+
+    /// Moves every channel's parameters (`units`) to their most probable values, given all signals of the
+    /// channel together, the signals' present own deviations, and the prior N(mean, `between`). `steps`:
+    /// largest number of trial steps.
+    pub fn fit_units(&mut self, data: &Observations, steps: usize) {
+        let rows: Vec<Range<usize>> = data.channels().collect();
+        let scale = self.scale();
+        let precision = inverse(&scaled(&self.between, &scale));
+        let (own, centre): (Own, Theta) = (|model, unit| &mut model.units[unit], self.mean);
+        let descent = Descent { data, own, centre, scale, precision, most: [0.5, 0.5], steps };
+        let moved = |model: &mut Model, unit| model.descend(unit, rows[unit].clone(), &descent);
+        self.units = self.by_halves(self.units.len(), moved);
+    }
+
+    /// Moves each signal's own deviation (`each`) to its most probable value, under the prior N(0, `within`).
+    fn fit_each(&mut self, data: &Observations, steps: usize) {
+        if data.len() == data.units {
+            return; // every channel was heard once, so its parameters are those of its signal
+        }
+        let scale = self.scale();
+        let precision = inverse(&scaled(&self.within, &scale));
+        let (own, centre): (Own, Theta) = (|model, i| &mut model.each[i], Theta::zeros());
+        let descent = Descent { data, own, centre, scale, precision, most: [0.2, 0.02], steps };
+        self.each = self.by_halves(data.len(), |model, i| model.descend(i, i..i + 1, &descent));
+    }
+
+    /// What `moved` makes of each of `count` channels or signals, in their order. Two threads do half of the
+    /// work each on a copy of the model: the descent of one does not depend on where another one's ends.
+    pub(super) fn by_halves(
+        &self,
+        count: usize,
+        moved: impl Fn(&mut Model, usize) -> Theta + Sync,
+    ) -> Vec<Theta> {
+        let half = |rows: Range<usize>| -> Vec<Theta> {
+            let mut model = self.clone();
+            rows.map(|i| moved(&mut model, i)).collect()
+        };
+        side_by_side(2, vec![0..count / 2, count / 2..count], half).concat()
+    }
+
+    /// The most probable parameters of one channel, or one signal, by a damped Gauss-Newton descent of -2 ln
+    /// posterior = |residual|²/noise_var + (theta - centre)^T precision (theta - centre), from the present
+    /// parameters on. `of`: index of the channel or the signal; `rows`: the signals that tell about it. The
+    /// caller must store the result: the model is left at the point that was tried last.
+    fn descend(&mut self, of: usize, rows: Range<usize>, descent: &Descent) -> Theta {
+        let Descent { own, centre, scale, precision, .. } = descent;
+        let off = |theta: &Theta| free_part(&(theta - centre), scale);
+        let (noise_var, start) = (self.noise_var, *own(self, of));
+        let mut linear = Linear::default();
+        // the cost, and the sums from which the slope at the same point follows
+        let cost = |theta: &Theta| {
+            *own(self, of) = *theta;
+            let normal = self.normal(rows.clone(), descent, &mut linear);
+            let of_prior = off(theta).dot(&(precision * off(theta)));
+            (normal.square / noise_var + of_prior, normal)
+        };
+        // half of the negative gradient of the cost, and half of its Gauss-Newton Hessian
+        let slope = |theta: &Theta, normal: Normal| {
+            let gradient = normal.product / noise_var - precision * off(theta);
+            Some((gradient, normal.gram / noise_var + precision))
+        };
+        // the steps of ln damping and ln frequency are clamped, since the linearisation says nothing of
+        // places far away
+        let step = |theta: &Theta, (gradient, hessian): &(Vector5, Matrix5), damping: f64| {
+            let damped = hessian + Matrix5::from_diagonal(&(hessian.diagonal() * damping));
+            let step = damped.cholesky()?.solve(gradient);
+            let mut trial = *theta;
+            for j in 0..FREE {
+                let most = descent.most.get(j).copied().unwrap_or(f64::INFINITY);
+                trial[j] += (step[j] * scale[j]).clamp(-most, most);
+            }
+            Some(trial)
+        };
+        let rests = |gained: f64, _| gained < 1e-6;
+        descend(start, DAMPING, descent.steps, cost, slope, step, rests).0
+    }
+
+    /// Sums over some signals at the present parameters; `linear` is used as memory.
+    fn normal(
+        &self,
+        rows: Range<usize>,
+        Descent { data, scale, .. }: &Descent,
+        linear: &mut Linear,
+    ) -> Normal {
+        let mut sum = Normal { gram: Matrix5::zeros(), product: Vector5::zeros(), square: 0.0 };
+        for i in rows {
+            self.linearise(i, data, linear);
+            let (gram, product) = free_products(linear, scale);
+            sum.gram += gram;
+            sum.product += product;
+            sum.square += dot(&linear.residual, &linear.residual);
+        }
+        sum
+    }
+}
+
+/// Selects the parameters that a descent moves: those of a channel, or one signal's own deviation.
+type Own = fn(&mut Model, usize) -> &mut Theta;
+
+/// What a descent needs beside the model: the data, the parameters that move, their prior, and bounds.
+struct Descent<'a> {
+    data: &'a Observations,
+    own: Own,
+    /// Mean and inverse covariance of the prior of the moved parameters; units (`Model::scale`).
+    centre: Theta,
+    scale: Vector5,
+    precision: Matrix5,
+    /// Largest changes of ln sigma and of ln omega in one step.
+    most: [f64; 2],
+    steps: usize,
+}
+
+/// J^T J, J^T r and r^T r over signals, with the Jacobian J in units of `scale`, not divided by the noise.
+struct Normal {
+    gram: Matrix5,
+    product: Vector5,
+    square: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::generator::{Run, draw};
+    use super::*;
+
+    /// The descent starts far off, where a plain Gauss-Newton step overshoots; it must improve every signal
+    /// whatever the number of steps.
+    #[test]
+    fn no_step_is_kept_that_makes_a_signal_less_probable() {
+        let data = draw(&Run { channels: 6, bursts: 4, ..Run::default() }, 31);
+        let mut fitted = Model::fitted(&data, true, 1).unwrap();
+        let scale = fitted.scale();
+        let precision = inverse(&scaled(&fitted.within, &scale));
+        let (own, centre): (Own, Theta) = (|model, i| &mut model.each[i], Theta::zeros());
+        let most = [0.2, 0.02];
+        let descent = Descent { data: &data, own, centre, scale, precision, most, steps: 0 };
+        let costs = |model: &Model| -> Vec<f64> {
+            let mut linear = Linear::default();
+            let cost = |i: usize| {
+                let off = free_part(&model.each[i], &scale);
+                let square = model.normal(i..i + 1, &descent, &mut linear).square;
+                square / model.noise_var + off.dot(&(precision * off))
+            };
+            (0..data.len()).map(cost).collect()
+        };
+        let best = costs(&fitted);
+        for (i, each) in fitted.each.iter_mut().enumerate() {
+            let sign = if i % 2 == 0 { 1.0 } else { -1.0 };
+            each[0] += sign;
+            each[1] += 0.06 * sign;
+        }
+        let mut last = costs(&fitted);
+        for steps in [1, 2, 3, 40] {
+            let mut model = fitted.clone();
+            model.fit_each(&data, steps);
+            let now = costs(&model);
+            assert!(now.iter().zip(&last).all(|(now, last)| now <= last), "{steps} steps");
+            last = now;
+        }
+        // in the end it must get back to the best fit
+        assert!(
+            last.iter().zip(&best).all(|(last, best)| last < &(best + 1e-3)),
+            "{last:?} {best:?}"
+        );
+    }
+}
