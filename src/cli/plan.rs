@@ -82,7 +82,7 @@ pub fn is_known(input: &Input, journal: &Journal, settings: &Settings) -> bool {
 /// The row of a recording that was named and does not exist.
 pub fn lost(e: &InputsError) -> Row {
     let (outcome, why) = (Outcome::Failed, e.to_string());
-    Row { recording: e.subject(), outcome, why, ..Row::default() }
+    Row { recording: e.subject.clone(), outcome, why, ..Row::default() }
 }
 
 /// The recordings that are to be judged.

@@ -140,10 +140,9 @@ impl ReadColumn<'_> {
     /// The cells as texts. Dictionary columns must have been unpacked to plain Utf8 before: the
     /// readers ask for it by their schema.
     pub fn texts(self) -> Result<Texts, String> {
-        let null = || std::iter::repeat_n(None, self.array.len());
         match self.array.data_type() {
             DataType::Utf8 => Ok(self.array.as_string::<i32>().iter().collect()),
-            DataType::Null => Ok(null().collect()),
+            DataType::Null => Ok(std::iter::repeat_n(None, self.array.len()).collect()),
             _ => Err(self.unfit(self.array)),
         }
     }

@@ -31,10 +31,8 @@ impl Buffers {
         // taken out of the list, and replaced below by a new one unless its memory suffices after
         // all.
         let free = free.min_by_key(|(_, b)| if b.len() < bytes { usize::MAX } else { b.len() });
-        let free = free.map(|(i, _)| i);
-        let free = free.and_then(|i| self.given.remove(i)).and_then(|b| b.try_into_mut().ok());
-
-        match free {
+        let free = free.map(|(i, _)| i).and_then(|i| self.given.remove(i));
+        match free.and_then(|b| b.try_into_mut().ok()) {
             Some(mut buffer) if buffer.capacity() >= bytes => {
                 buffer.resize(bytes, 0);
                 buffer

@@ -64,12 +64,8 @@ pub struct BurstDecoder {
 /// each of these as they read it. If the burst turns out to be unusable, its one row of the verdict
 /// table shows the head as far as it was read.
 pub(super) fn unread(log_time_ns: i64, topic_printhead: &Arc<str>, why: Reason) -> UnusableBurst {
-    UnusableBurst {
-        t_acq_ns: log_time_ns,
-        printhead: topic_printhead.clone(),
-        first_channel: 0,
-        why,
-    }
+    let printhead = topic_printhead.clone();
+    UnusableBurst { t_acq_ns: log_time_ns, printhead, first_channel: 0, why }
 }
 
 /// Puts the printhead that a message names into the head. An empty name leaves the topic's

@@ -12,6 +12,7 @@ use super::dialect::plan::{Schema, Written};
 use super::mcap_records::{ChannelRecord, MessageHeader, SchemaRecord, op};
 use bytes::Bytes;
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::sync::Arc;
 
 /// Most bytes of all schemas and first messages together that are kept.
@@ -98,9 +99,7 @@ impl Census {
         match opcode {
             op::SCHEMA => {
                 let Some(schema) = SchemaRecord::parse(body) else { return };
-                if self.schemas.contains_key(&schema.id) {
-                    return;
-                }
+                let Entry::Vacant(new) = self.schemas.entry(schema.id) else { return };
                 let bytes = schema.data.len() + schema.name.len();
                 let keep = bytes <= MOST_OF_ONE && self.kept + bytes <= MOST_KEPT_BYTES;
                 let (name, encoding) = (shortened(schema.name), shortened(schema.encoding));
@@ -109,13 +108,11 @@ impl Census {
                     let data = schema.data.to_vec();
                     Arc::new(Schema { name: name.clone(), encoding: encoding.clone(), data })
                 });
-                self.schemas.insert(schema.id, SchemaSummary { name, encoding, whole });
+                new.insert(SchemaSummary { name, encoding, whole });
             }
             op::CHANNEL => {
                 let Some(channel) = ChannelRecord::parse(body) else { return };
-                if self.channels.contains_key(&channel.id) {
-                    return;
-                }
+                let Entry::Vacant(new) = self.channels.entry(channel.id) else { return };
                 let summary = TopicSummary {
                     topic: shortened(channel.topic),
                     message_encoding: shortened(channel.message_encoding),
@@ -124,7 +121,7 @@ impl Census {
                     first_ns: u64::MAX,
                     ..TopicSummary::default()
                 };
-                self.channels.insert(channel.id, (channel.schema_id, summary));
+                new.insert((channel.schema_id, summary));
             }
             _ => {}
         }
@@ -145,8 +142,8 @@ impl Census {
         let bytes = message.len() as u64;
         summary.messages += 1;
         summary.bytes = summary.bytes.saturating_add(bytes);
-        (summary.smallest, summary.largest) =
-            (summary.smallest.min(bytes), summary.largest.max(bytes));
+        summary.smallest = summary.smallest.min(bytes);
+        summary.largest = summary.largest.max(bytes);
         summary.first_ns = summary.first_ns.min(header.log_time);
         summary.last_ns = summary.last_ns.max(header.log_time);
     }

@@ -226,19 +226,14 @@ impl Channels {
     /// is another one. `None`: nothing was.
     pub(super) fn known_schema(&self, record: SchemaRecord<'_>) -> Option<Result<(), Lost>> {
         let same = self.schemas.get(&record.id)?.is(record);
-        Some(if same { Ok(()) } else { Err(Lost::Redefined("schema", record.id)) })
+        Some(same.then_some(()).ok_or(Lost::Redefined("schema", record.id)))
     }
 
     /// What was defined before under the channel's id: `Ok` if it is the same channel, an error if
     /// it is another one. `None`: nothing was.
     pub(super) fn known_channel(&self, record: ChannelRecord<'_>) -> Option<Result<(), Lost>> {
         let same = self.channels.get(&record.id)?.is(record, &self.dialects);
-        Some(if same { Ok(()) } else { Err(Lost::Redefined("channel", record.id)) })
-    }
-
-    /// Whether a channel of this id is defined.
-    pub(super) fn knows_channel(&self, id: u16) -> bool {
-        self.channels.contains_key(&id)
+        Some(same.then_some(()).ok_or(Lost::Redefined("channel", record.id)))
     }
 
     /// What becomes of a channel's messages. An error if the channel or its schema is not defined.

@@ -20,6 +20,7 @@ use super::source::Source;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use xxhash_rust::xxh3::{Xxh3, xxh3_128};
 
 /// The xxh3-128 of a whole recording, and damage if its data section does not agree with the
 /// checksum that the file itself holds.
@@ -37,7 +38,7 @@ pub fn in_words(digest: u128) -> String {
 
 /// The digest of bytes in memory.
 pub fn of_bytes(bytes: &[u8]) -> String {
-    in_words(xxhash_rust::xxh3::xxh3_128(bytes))
+    in_words(xxh3_128(bytes))
 }
 
 /// The digest of any file. `check` is called after each part that was read, with the number of its
@@ -48,7 +49,7 @@ pub fn of_file<E: From<std::io::Error>>(
 ) -> Result<String, E> {
     const PART: u64 = 1 << 20;
     let source = Source::open(path)?;
-    let mut xxh3 = xxhash_rust::xxh3::Xxh3::new();
+    let mut xxh3 = Xxh3::new();
     let mut part = vec![0; PART as usize];
     let mut at = 0;
     while at < source.bytes() {
@@ -67,7 +68,7 @@ pub struct Digester {
     source: Arc<Source>,
     limits: Limits,
     buffers: Buffers,
-    xxh3: xxhash_rust::xxh3::Xxh3,
+    xxh3: Xxh3,
     crc: crc32fast::Hasher,
     /// The byte at which the data section's checksum ends (it begins at byte 0), and what it should
     /// be. `None`: the file has none.
@@ -88,7 +89,7 @@ impl Digester {
             source,
             limits,
             buffers: Buffers::default(),
-            xxh3: xxhash_rust::xxh3::Xxh3::new(),
+            xxh3: Xxh3::new(),
             crc: crc32fast::Hasher::new(),
             data: data.filter(|&(_, crc)| crc != 0),
             at: 0,

@@ -104,11 +104,14 @@ pub fn refuse_shared(placed: &[PlacedRecording]) -> Result<(), InputsError> {
     let mut taken: HashMap<&str, &PlacedRecording> = HashMap::new();
     for this in placed {
         if let Some(first) = taken.insert(&this.verdicts, this) {
-            return Err(InputsError::Shared {
-                first: first.input.path.clone(),
-                second: this.input.path.clone(),
-                verdicts: this.verdicts.clone(),
-            });
+            let [first, second] = [first, this].map(|placed| placed.input.path.display());
+            let message = format!(
+                "{first} and {second} would both be written to {}: name the directory above both, \
+                 whose tree is then kept (--layout tree), lay them out by day (--layout date), or \
+                 rename one",
+                this.verdicts
+            );
+            return Err(InputsError::failed(second, message));
         }
     }
     Ok(())

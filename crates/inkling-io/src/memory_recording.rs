@@ -10,6 +10,7 @@ use super::Limits;
 use super::burst_codec::{FILE_DESCRIPTOR_SET, MESSAGE_ENCODING, SCHEMA_NAME, encode, topic};
 use super::damage::RecordingError;
 use super::dialect::Dialects;
+use super::file_error::FileError;
 use super::mcap_records::{MAGIC, MESSAGE_HEADER, op};
 use super::pieces::Pieces;
 use super::recording::Recording;
@@ -43,8 +44,12 @@ pub fn of_bursts(label: &str, bursts: &[Burst]) -> Result<Recording, RecordingEr
         let of_printhead = match channels.entry(&burst.printhead) {
             Entry::Occupied(known) => known.into_mut(),
             Entry::Vacant(new) => {
-                let id = u16::try_from(number)
-                    .map_err(|_| RecordingError::TooManyPrintheads { path: label.into() })?;
+                let id = u16::try_from(number).map_err(|_| {
+                    let most = u16::MAX;
+                    let what =
+                        format!("a recording holds {most} printheads at most; give fewer at once");
+                    FileError::failed(Path::new(label), what)
+                })?;
                 record(&mut definitions, op::CHANNEL, &channel(id, &burst.printhead));
                 new.insert((id, 0))
             }

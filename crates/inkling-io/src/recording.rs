@@ -350,37 +350,36 @@ impl Recording {
 }
 
 /// Opens the bytes of a recording.
-pub(super) fn open_source(path: &Path) -> Result<Source, RecordingError> {
+pub(super) fn open_source(path: &Path) -> Result<Source, FileError> {
     Source::open(path).map_err(|e| match e.kind() {
         ErrorKind::InvalidInput if !in_object_store(path) => {
-            RecordingError::NotAFile { path: path.to_path_buf() }
+            let what = "not a file (a directory, a pipe or a device); give an MCAP file";
+            FileError::failed(path, what)
         }
-        _ => FileError::unread(path)(e).into(),
+        _ => FileError::unread(path)(e),
     })
 }
 
 /// How a source begins: its first bytes, as many as MCAP's magic bytes, or fewer if it is shorter.
-pub(super) fn magic(path: &Path, source: &Source) -> Result<Vec<u8>, RecordingError> {
+pub(super) fn magic(path: &Path, source: &Source) -> Result<Vec<u8>, FileError> {
     let mut magic = vec![0; MAGIC.len().min(source.bytes() as usize)];
     source.read_at(0, &mut magic).map_err(FileError::unread(path))?;
     Ok(magic)
 }
 
 /// Refuses a file that does not begin like a recording; the error says what it is instead.
-pub(super) fn check_magic(path: &Path, found: &[u8]) -> Result<(), RecordingError> {
-    let path = path.to_path_buf();
-    if found == MAGIC {
-        return Ok(());
-    }
-    if found.is_empty() {
-        return Err(RecordingError::Empty { path });
-    }
-    let begins = format!("\"{}\"", found.escape_ascii());
-    if found.len() == MAGIC.len() && found.starts_with(&MAGIC[..5]) {
-        Err(RecordingError::OtherVersion { path, begins })
-    } else {
-        Err(RecordingError::NotMcap { path, begins })
-    }
+pub(super) fn check_magic(path: &Path, found: &[u8]) -> Result<(), FileError> {
+    let begins = found.escape_ascii();
+    let what = match found.len() == MAGIC.len() && found.starts_with(&MAGIC[..5]) {
+        _ if found == MAGIC => return Ok(()),
+        _ if found.is_empty() => "empty file (0 bytes); the recording was never written".into(),
+        true => format!("MCAP of another version (\"{begins}\"); inkling reads version 0"),
+        false => format!(
+            "not an MCAP file (it begins with \"{begins}\"); inkling reads MCAP, and `inkling convert` \
+             makes one from CSV, Parquet, Arrow or NumPy"
+        ),
+    };
+    Err(FileError::failed(path, what))
 }
 
 /// Which dialects a recording uses, by their numbers. There is at least one number for each channel
@@ -541,7 +540,7 @@ fn parse_summary(section: &[u8], summary: &mut Summary) -> Option<()> {
             op::SCHEMA => summary.channels.define_schema(SchemaRecord::parse(body)?).ok()?,
             op::CHANNEL => {
                 let channel = ChannelRecord::parse(body)?;
-                if !summary.channels.knows_channel(channel.id) {
+                if summary.channels.known_channel(channel).is_none() {
                     summary.channel_ids.push(channel.id);
                 }
                 summary.channels.define_channel(channel).ok()?;

@@ -24,12 +24,10 @@ pub fn open(path: &Path) -> io::Result<File> {
     if in_object_store(path) {
         return objects::fetch(path);
     }
-    let regular = |metadata: std::fs::Metadata| match metadata.is_file() {
-        true => Ok(()),
-        false => Err(io::Error::new(
-            io::ErrorKind::InvalidInput,
-            "not a file (a directory, a pipe or a device)",
-        )),
+    let regular = |metadata: std::fs::Metadata| {
+        let what = "not a file (a directory, a pipe or a device)";
+        let refused = io::Error::new(io::ErrorKind::InvalidInput, what);
+        metadata.is_file().then_some(()).ok_or(refused)
     };
     // checked before the file is opened, because opening a pipe waits for a writer, and again
     // after, because the file may have been replaced meanwhile
@@ -56,15 +54,13 @@ pub fn if_there<T>(read: io::Result<T>) -> io::Result<Option<T>> {
 
 /// All bytes of a regular file; more than `most_bytes` are an error of kind `FileTooLarge`.
 pub fn read(path: &Path, most_bytes: u64) -> io::Result<Vec<u8>> {
+    let beyond = || too_large(format!("more than {most_bytes} bytes: not what is asked for here"));
     let mut bytes = Vec::new();
     if in_object_store(path) && objects::stamp(path)?.bytes > most_bytes {
-        return Err(beyond(most_bytes)); // before the object is fetched
+        return Err(beyond()); // before the object is fetched
     }
     open(path)?.take(most_bytes.saturating_add(1)).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > most_bytes {
-        return Err(beyond(most_bytes));
-    }
-    Ok(bytes)
+    if bytes.len() as u64 > most_bytes { Err(beyond()) } else { Ok(bytes) }
 }
 
 /// All of a regular file as text, like [`read`]; anything but UTF-8 is an error of kind
@@ -72,11 +68,6 @@ pub fn read(path: &Path, most_bytes: u64) -> io::Result<Vec<u8>> {
 pub fn read_text(path: &Path, most_bytes: u64) -> io::Result<String> {
     String::from_utf8(read(path, most_bytes)?)
         .map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "is not UTF-8 text"))
-}
-
-/// The error for a file that is too large.
-fn beyond(most_bytes: u64) -> io::Error {
-    too_large(format!("more than {most_bytes} bytes: not what is asked for here"))
 }
 
 /// An error of the kind by which callers recognise a file that is too large.

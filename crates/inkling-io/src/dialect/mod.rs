@@ -186,7 +186,7 @@ impl Ignored {
 }
 
 /// Compiles a pattern. `*` stays within a part of the topic, and `**` goes over parts.
-fn matcher(pattern: &str) -> Result<GlobMatcher, String> {
+pub(super) fn matcher(pattern: &str) -> Result<GlobMatcher, String> {
     let glob = GlobBuilder::new(pattern).literal_separator(true).build();
     glob.map(|glob| glob.compile_matcher()).map_err(|e| format!("no valid pattern: {e}"))
 }
