@@ -33,8 +33,7 @@ use inkling_core::verdict::Reason;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// A part of a block: what one call of [`BlockReader::next_piece`] gives. Pieces keep memory
-/// bounded if a small compressed chunk holds millions of messages.
+/// A part of a block: what one call of [`BlockReader::next_piece`] gives.
 #[derive(Debug, Default)]
 pub struct Piece {
     pub acquisitions: Vec<Acquisition>,
@@ -162,12 +161,10 @@ impl BlockReader {
         if self.known_upfront {
             self.met = Arc::new(self.upfront.without_any());
         }
-        let loaded = self.loader.load(block, read);
-        let mut damage = Vec::new();
-        let records = loaded.unwrap_or_else(|what| {
-            damage.push(damage_of(block, what));
-            Bytes::new()
-        });
+        let (records, damage) = match self.loader.load(block, read) {
+            Ok(records) => (records, Vec::new()),
+            Err(what) => (Bytes::new(), vec![damage_of(block, what)]),
+        };
         let block = *block;
         self.open = Some(OpenBlock { block, records, at: 0, damage, lost: BTreeMap::new() });
     }
@@ -233,8 +230,7 @@ impl BlockReader {
         Some(piece)
     }
 
-    /// Learns a schema, unless the summary or an earlier block has defined the same id. Then the
-    /// earlier definition holds, and a record that differs from it is an error.
+    /// Learns a schema, unless the summary or an earlier block has defined the same id.
     fn define_schema(&mut self, body: &[u8]) -> Result<(), Lost> {
         let schema = SchemaRecord::parse(body).ok_or(Lost::Malformed("schema"))?;
         let known = [&self.upfront, &self.met].into_iter().find_map(|of| of.known_schema(schema));
@@ -248,8 +244,7 @@ impl BlockReader {
         known.unwrap_or_else(|| Arc::make_mut(&mut self.met).define_channel(channel))
     }
 
-    /// Where a channel's messages go: by the summary's channels, else by those of the blocks. The
-    /// schema of a channel may be defined in either place.
+    /// Where a channel's messages go: by the summary's channels, else by those of the blocks.
     fn route(&self, channel_id: u16) -> Result<Route, Lost> {
         match self.upfront.route_with(&self.met, channel_id) {
             Err(Lost::UnknownChannel(_)) => self.met.route_with(&self.upfront, channel_id),
@@ -313,8 +308,7 @@ impl BlockReader {
     }
 }
 
-/// The records of a block that were of no use, as damage. If there are many reasons, only the first few are
-/// named one by one.
+/// The records of a block that were of no use, as damage.
 fn losses(block: &Block, lost: &BTreeMap<Lost, u64>) -> Vec<Damage> {
     // reasons beyond these are counted together
     const NAMED: usize = 16;

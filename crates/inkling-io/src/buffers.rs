@@ -19,7 +19,6 @@ impl Buffers {
     /// Larger buffers are not kept for reuse: bounded memory is worth a few page faults for each
     /// huge chunk.
     const KEPT_BYTES: usize = 8 << 20;
-    /// At most so many buffers are kept.
     const KEPT: usize = 24;
 
     /// A buffer of exactly `bytes` bytes, whose content is undefined (old bytes or zeros).
@@ -41,8 +40,7 @@ impl Buffers {
         }
     }
 
-    /// Makes a filled buffer shareable, and remembers it if it is small enough. Beyond `KEPT`
-    /// buffers the oldest is forgotten, and is freed with the last burst that uses it.
+    /// Makes a filled buffer shareable, and remembers it if it is small enough.
     pub(super) fn freeze(&mut self, buffer: BytesMut) -> Bytes {
         let frozen = buffer.freeze();
         if frozen.len() <= Self::KEPT_BYTES {

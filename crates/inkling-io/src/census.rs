@@ -34,18 +34,15 @@ pub struct TopicSummary {
     /// Whether the channel has no schema, as channels of JSON may.
     pub without_schema: bool,
     pub messages: u64,
-    /// Bytes of all messages together.
     pub bytes: u64,
     /// Bytes of the smallest and of the largest message; `u64::MAX` and 0 before the first message.
     pub smallest: u64,
     pub largest: u64,
-    /// The earliest and the latest log time, ns since 1970; `u64::MAX` and 0 before the first
-    /// message.
+    /// The earliest and the latest log time, ns since 1970.
     pub first_ns: u64,
     pub last_ns: u64,
     /// The first message, if it was small enough to be kept.
     pub first_message: Option<Bytes>,
-    /// What becomes of the messages.
     pub becomes: Becomes,
 }
 
@@ -87,7 +84,6 @@ impl TopicSummary {
     }
 }
 
-/// The beginning of a name.
 fn shortened(text: &str) -> String {
     text[..text.floor_char_boundary(MOST_NAME_BYTES)].to_owned()
 }
@@ -127,8 +123,7 @@ impl Census {
         }
     }
 
-    /// Counts a message. `to` is what becomes of the channel's messages; the first message's answer
-    /// is kept. A message on a channel that is not defined is not counted.
+    /// Counts a message.
     pub(super) fn see_message(&mut self, header: MessageHeader, to: &Becomes, message: Bytes) {
         let Some((_, summary)) = self.channels.get_mut(&header.channel_id) else { return };
         if summary.messages == 0 {

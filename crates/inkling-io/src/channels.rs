@@ -27,8 +27,7 @@ pub enum Becomes {
     Foreign(Arc<Plan>),
     /// A dialect fits the topic but cannot read the messages; the text says why.
     Unread(Arc<str>),
-    /// Their schema is called `inkling.Burst`, but they are not in protobuf. They count as bursts that cannot
-    /// be decoded.
+    /// Their schema is called `inkling.Burst`, but they are not in protobuf.
     OtherEncoding,
     /// They are no bursts, and are passed over.
     #[default]
@@ -70,8 +69,7 @@ impl fmt::Display for Lost {
     }
 }
 
-/// The schemas and channels that are defined so far, by id. There can be no more of them than ids
-/// of 16 bits. What dialects need of them takes [`MOST_KEPT_BYTES`] at most, whatever a file holds.
+/// The schemas and channels that are defined so far, by id.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Channels {
     dialects: Dialects,
@@ -81,29 +79,23 @@ pub(super) struct Channels {
     kept: usize,
 }
 
-/// Bytes of schemas, topics and encodings that are kept for dialects. A schema or channel that would exceed
-/// them is not kept, so a dialect that fits it cannot read it.
+/// Bytes of schemas, topics and encodings that are kept for dialects.
 const MOST_KEPT_BYTES: usize = 64 << 20;
 
-/// What is known of a schema.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct KnownSchema {
     /// Whether it is called `inkling.Burst`.
     bursts: bool,
-    /// The dialects that its name fits.
     fits: Fits,
     /// The whole record, if a dialect may need it and there was room.
     whole: Option<Arc<Schema>>,
 }
 
-/// What is known of a channel.
 #[derive(Clone, Debug)]
 struct Channel {
     schema_id: u16,
-    /// Whether its messages are in protobuf.
     protobuf: bool,
     printhead: Option<Arc<str>>,
-    /// The dialects that its topic fits.
     fits: Fits,
     /// What the dialects that fit need to know of the channel. `None`: no dialect fits the topic,
     /// or there was no room for the topic.
@@ -115,8 +107,7 @@ struct Channel {
 struct Foreign {
     topic: Arc<str>,
     message_encoding: Arc<str>,
-    /// Which dialect reads the channel, and how. The plan is made at the first question after the
-    /// channel's schema is known, and then kept.
+    /// Which dialect reads the channel, and how.
     plan: OnceLock<NumberedPlan>,
 }
 
@@ -164,8 +155,7 @@ impl Channel {
     }
 }
 
-/// The dialects that a channel's topic fits. A topic or an encoding that is very long fits none, so that
-/// hostile files cost little.
+/// The dialects that a channel's topic fits.
 fn fits(record: ChannelRecord<'_>, dialects: &Dialects) -> Fits {
     const MOST_BYTES: usize = 4096;
     match record.topic.len().max(record.message_encoding.len()) <= MOST_BYTES {
@@ -242,8 +232,7 @@ impl Channels {
     }
 
     /// Like `route`, but the channel's schema may also be defined in `more_schemas`: the summary
-    /// and the blocks complete each other. An error if the channel or its schema is defined
-    /// nowhere.
+    /// and the blocks complete each other.
     pub(super) fn route_with(
         &self,
         more_schemas: &Channels,

@@ -18,8 +18,7 @@ use bytes::Bytes;
 use std::fmt;
 use std::sync::Arc;
 
-/// Loads blocks one after the other, into buffers that are used again. Every size that a file
-/// claims is checked before memory is allocated by it.
+/// Loads blocks one after the other, into buffers that are used again.
 pub(super) struct ChunkLoader {
     source: Arc<Source>,
     pub(super) limits: Limits,
@@ -34,10 +33,7 @@ impl fmt::Debug for ChunkLoader {
 }
 
 /// How many bytes of a block are read: all of them, or only its head if the block is larger than
-/// [`Limits::record_bytes`]. The head suffices to say what is lost: [`ChunkLoader::load`] refuses a
-/// chunk whose records go beyond what was read, and the head of a message tells the block reader
-/// which channel it is of. The scan refuses larger chunks by itself, so that only its search for a
-/// chunk that verifies (`Blocks::find_chunk`) meets them here.
+/// [`Limits::record_bytes`].
 pub(super) fn bytes_to_read(block: &Block, limits: &Limits) -> u64 {
     /// Enough for the header of a chunk record: 9 bytes of any record, 40 of a chunk, and the name of the
     /// compression, a few letters.
@@ -59,7 +55,6 @@ pub(super) fn records_of(chunk: &[u8]) -> Option<std::ops::Range<usize>> {
 }
 
 impl ChunkLoader {
-    /// A loader with buffers of its own.
     pub(super) fn new(source: Arc<Source>, limits: Limits) -> ChunkLoader {
         let (decompressor, buffers) = (Decompressor::default(), Buffers::default());
         ChunkLoader { source, limits, decompressor, buffers }

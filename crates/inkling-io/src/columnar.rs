@@ -43,8 +43,7 @@ pub enum FileKind {
     Text,
 }
 
-/// The kind of a file that is to be a table, by its first bytes; text if they tell nothing. JSON
-/// and recordings are refused with a message that says what they are.
+/// The kind of a file that is to be a table, by its first bytes; text if they tell nothing.
 pub fn table_kind_of(path: &Path) -> Result<FileKind, FileError> {
     let start = regular_file::start(path, 8).map_err(unread(path))?;
     Ok(match start[..] {
@@ -180,8 +179,7 @@ impl Row<'_> {
             .map_err(|of| format!("values of type {of} are no numbers"))
     }
 
-    /// The text in a column; empty if no column was chosen. `what` says in errors whose names the
-    /// column has.
+    /// The text in a column; empty if no column was chosen.
     fn name(&self, c: Option<usize>, what: &str) -> Result<String, String> {
         let name = c.map_or(Ok(String::new()), |c| text(&self.columns[c], self.row));
         name.map_err(|of| format!("{what} column of type {of}"))
@@ -213,8 +211,7 @@ fn with_unit(name: &str, of: &DataType) -> String {
     if name.ends_with(end) { name.to_owned() } else { format!("{name}{end}") }
 }
 
-/// The samples of a row of lists, as a matrix without time, printhead and covariates. An error says
-/// why the lists are no burst.
+/// The samples of a row of lists, as a matrix without time, printhead and covariates.
 fn matrix<'a>(lists: impl Iterator<Item = &'a ArrayRef>, row: usize) -> Result<Matrix, String> {
     // a list is a channel; the elements of a list of lists are channels each
     let mut channels: Vec<ArrayRef> = Vec::new();

@@ -9,8 +9,7 @@ use std::path::PathBuf;
 use thiserror::Error;
 
 /// A range of bytes of a recording in which something could not be used, or was used although a
-/// checksum or a count in the recording does not agree with it. The range may be larger than what
-/// is wrong: where one message of a block is lost, the range is the whole block.
+/// checksum or a count in the recording does not agree with it.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Damage {
     /// Place in the file as it is stored, compressed chunks included.
@@ -22,10 +21,7 @@ pub struct Damage {
     pub what: String,
 }
 
-/// Adds damage to a list, which never holds more than 10,000 entries whatever the file. Damage with
-/// the same words that begins where the last entry ends is joined to that entry. When the list is
-/// full, its last entry becomes a catch-all: its range is widened up to the new damage, and its
-/// words say that there is more.
+/// Adds damage to a list, which never holds more than 10,000 entries whatever the file.
 pub fn note(list: &mut Vec<Damage>, damage: Damage) {
     // a hostile file may have damage at every byte
     const MOST: usize = 10_000;

@@ -13,8 +13,7 @@ pub struct Decompressor {
 }
 
 impl Decompressor {
-    /// Fills `out` from `compressed`. More or fewer bytes than `out` holds are an error, and so is an unknown
-    /// compression.
+    /// Fills `out` from `compressed`.
     pub fn decompress(
         &mut self,
         compression: &str,

@@ -37,8 +37,7 @@ pub fn read_text(path: &Path) -> Result<Vec<u8>, FileError> {
     regular_file::read(path, MOST_BYTES).map_err(FileError::unread(path))
 }
 
-/// The design that a text holds, checked. `path` is only for errors, which say what other kind of
-/// file it is, if it is one.
+/// The design that a text holds, checked.
 pub fn parse(path: &Path, text: &[u8]) -> Result<Design, FileError> {
     let not = |what: String| {
         let what = result_file::instead_or(path, "design", &what);
@@ -66,7 +65,6 @@ pub fn write_text(path: &Path, text: &[u8]) -> Result<(), FileError> {
     part_file::write(path, text).map_err(FileError::unwritten(path))
 }
 
-/// The text of the file that holds a design.
 pub fn text(design: &Design) -> serde_json::Result<Vec<u8>> {
     let mut text = serde_json::to_vec_pretty(design)?;
     text.push(b'\n');

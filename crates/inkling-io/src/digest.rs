@@ -36,13 +36,11 @@ pub fn in_words(digest: u128) -> String {
     format!("xxh3:{digest:032x}")
 }
 
-/// The digest of bytes in memory.
 pub fn of_bytes(bytes: &[u8]) -> String {
     in_words(xxh3_128(bytes))
 }
 
-/// The digest of any file. `check` is called after each part that was read, with the number of its
-/// bytes, and an error of `check` ends the reading.
+/// The digest of any file.
 pub fn of_file<E: From<std::io::Error>>(
     path: &Path,
     mut check: impl FnMut(u64) -> Result<(), E>,
@@ -129,9 +127,7 @@ impl Digester {
         Ok(())
     }
 
-    /// Fills a buffer with the next bytes of the file and sums them up. `kind`: the bytes are a
-    /// block of this kind; `None`: bytes that nobody decodes. Each part of 64 KiB is summed up
-    /// while it still lies in the processor's cache.
+    /// Fills a buffer with the next bytes of the file and sums them up.
     fn take(
         &mut self,
         mut buffer: bytes::BytesMut,
@@ -197,9 +193,7 @@ impl Records {
         Records { range, crc: crc32fast::Hasher::new() }
     }
 
-    /// Sums up the next part of the block; `from` is the place of its first byte in the block.
-    /// `all` is the checksum of the data section. Bytes before and behind the records go into `all`
-    /// alone; the records go into `crc`, which is combined into `all` with their last byte.
+    /// Sums up the next part of the block.
     fn take(&mut self, part: &[u8], from: usize, all: &mut crc32fast::Hasher) {
         let Range { start, end } = self.range;
         let within = |at: usize| at.clamp(from, from + part.len()) - from;

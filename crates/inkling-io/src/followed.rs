@@ -28,9 +28,7 @@ use std::time::Duration;
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 
 impl Recording {
-    /// Opens a file that is being written, after waiting for its first bytes. Once `enough` is set,
-    /// the recording ends where it is. An error says that the file does not begin like a recording,
-    /// or cannot be read.
+    /// Opens a file that is being written, after waiting for its first bytes.
     pub fn follow(
         path: &Path,
         limits: Limits,
@@ -62,9 +60,7 @@ impl Recording {
         self.growth.as_ref().is_some_and(|growth| !growth.closed)
     }
 
-    /// The next block, or damage in place of one. If the recording is being written, waits for the
-    /// block. `check` is called at every wait, and an error of `check` ends the wait. `None`: the
-    /// recording has ended.
+    /// The next block, or damage in place of one.
     pub fn next_block<E: From<RecordingError>>(
         &self,
         blocks: &mut Blocks,

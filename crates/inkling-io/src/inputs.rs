@@ -238,26 +238,21 @@ impl FoundInputs {
 /// How the names of the files end that `replay --annotate` writes.
 const ANNOTATIONS: &str = ".annotations.mcap";
 
-/// Whether a file was written by `replay --annotate`. Such a file lies beside verdicts and is an
-/// MCAP file, but no recording to judge.
+/// Whether a file was written by `replay --annotate`.
 fn is_annotation(path: &Path) -> bool {
     name_ends(path, ANNOTATIONS) && matches!(ResultFile::of(path), Ok(Some(ResultFile::Recording)))
 }
 
-/// Whether a file's name has this ending.
 fn name_ends(path: &Path, ending: &str) -> bool {
     path.file_name().is_some_and(|n| n.to_string_lossy().ends_with(ending))
 }
 
-/// A file that was found below `root`.
 fn input_below(root: &Path, path: &Path) -> Input {
     let below = path.strip_prefix(root).ok().and_then(Path::parent).unwrap_or(Path::new(""));
     Input { path: path.to_path_buf(), below: below.to_path_buf() }
 }
 
-/// Finds the wanted files below `root`, sorted by name in each directory. Links to directories are
-/// followed, but not in circles. `depth`: how many directories deep files may lie. A directory that
-/// cannot be read is an entry in `lost`.
+/// Finds the wanted files below `root`, sorted by name in each directory.
 fn search(root: &Path, depth: usize, wanted: impl Fn(&Path) -> bool) -> FoundInputs {
     let mut found = FoundInputs::default();
     let walk = WalkDir::new(root).follow_links(true).max_depth(depth);
@@ -287,8 +282,7 @@ fn search(root: &Path, depth: usize, wanted: impl Fn(&Path) -> bool) -> FoundInp
 
 /// A pattern of paths, ready for a search.
 struct Pattern {
-    /// The directory that the pattern begins with, up to the first part with a wildcard. Only it is
-    /// searched.
+    /// The directory that the pattern begins with, up to the first part with a wildcard.
     root: PathBuf,
     /// How many levels below `root` a file that fits may lie.
     depth: usize,

@@ -63,7 +63,6 @@ pub fn check_stream(mut bytes: &[u8]) -> Result<(), String> {
 }
 
 /// Checks one message: its buffers must lie within `body`, and claim no more than they may.
-/// `message` is the head, a flatbuffer.
 fn check_message(message: &[u8], body: &[u8]) -> Result<(), String> {
     let message: Message = root_as_message(message).map_err(|e| format!("a message: {e}"))?;
     if usize::try_from(message.bodyLength()).ok() != Some(body.len()) {

@@ -27,7 +27,6 @@ const MOST_FACTOR: f64 = 1e3;
 /// Most bytes of a printhead's or a state's name.
 const LONGEST_NAME: usize = 1024;
 
-/// The columns that labels must have.
 pub(super) const HEADER: [&str; 6] = ["printhead", "channel", "from", "to", "state", "severity"];
 
 /// Which states labels may have beside `healthy`, `ignore` and the classes of the thesis.
@@ -45,7 +44,6 @@ pub fn read(path: &Path) -> Result<Labels, FileError> {
     read_states(Written::File(path), States::Any)
 }
 
-/// Where labels come from.
 #[derive(Clone, Copy, Debug)]
 pub enum Written<'a> {
     File(&'a Path),
@@ -66,10 +64,9 @@ impl Written<'_> {
 pub fn read_states(of: Written, states: States) -> Result<Labels, FileError> {
     match of {
         Written::Text(text) => parse_rows(of.name(), text.as_bytes(), states),
-        Written::File(path) => match regular_file::open(path) {
-            Ok(file) => parse_rows(path, file, states),
-            Err(e) => Err(FileError::unread(path)(e)),
-        },
+        Written::File(path) => {
+            parse_rows(path, regular_file::open(path).map_err(FileError::unread(path))?, states)
+        }
     }
 }
 
@@ -79,7 +76,6 @@ pub fn check(path: &Path, labels: &Labels, met: &Met) -> Result<(), FileError> {
     met.mistake(labels).map_or(Ok(()), mistaken)
 }
 
-/// Reads all rows of labels.
 fn parse_rows(path: &Path, from: impl Read, states: States) -> Result<Labels, FileError> {
     let mut rows = Vec::new();
     each_row(path, from, [], |fields, []| {
@@ -98,8 +94,7 @@ fn parse_rows(path: &Path, from: impl Read, states: States) -> Result<Labels, Fi
 }
 
 /// Calls `take` with the fields of every row: those of the columns `HEADER`, in its order, and
-/// those of the columns `more`, which are empty if the file has no such columns. What `take`
-/// refuses becomes an error with the row's line.
+/// those of the columns `more`, which are empty if the file has no such columns.
 pub(super) fn each_row<const M: usize>(
     path: &Path,
     from: impl Read,
@@ -142,8 +137,7 @@ pub(super) fn each_row<const M: usize>(
 }
 
 impl<'a> States<'a> {
-    /// Refuses a state that labels may not have; the error says what was probably meant. Where any
-    /// state is allowed, only likely misspellings are refused.
+    /// Refuses a state that labels may not have; the error says what was probably meant.
     pub(super) fn check(self, state: &str) -> Result<(), String> {
         let own: &[&'a str] = match self {
             States::Any => &[],
@@ -207,13 +201,11 @@ pub(super) fn parse(
     }
 }
 
-/// The error for a name that is too long.
 fn too_long(column: &str, text: &str) -> String {
     format!("{column} \"{}\": a name of more than {LONGEST_NAME} bytes", printable::cell(text))
 }
 
-/// Parses a severity. For the thesis's classes it must lie in the range of the fault's physics
-/// (`schemas/labels.md`); for other classes it may be any number.
+/// Parses a severity.
 fn size(state: &str, text: &str) -> Result<f64, String> {
     let said = printable::cell(text);
     let number = text.parse().ok().filter(|v: &f64| v.is_finite());
@@ -233,8 +225,7 @@ fn size(state: &str, text: &str) -> Result<f64, String> {
     Err(format!("severity \"{said}\" of {state}: {what} lies between {least} and {most}"))
 }
 
-/// Parses a time, RFC 3339 or whole nanoseconds, to ns since 1970. An empty field is `None`:
-/// without bound.
+/// Parses a time, RFC 3339 or whole nanoseconds, to ns since 1970.
 fn time(column: &str, text: &str) -> Result<Option<i64>, String> {
     if text.is_empty() {
         return Ok(None);

@@ -99,8 +99,7 @@ mod documented;
 mod recording_tests;
 
 /// The largest pieces that a reader of recordings takes into memory, whatever a file claims: one
-/// record, one chunk or one burst at a time. The defaults hold everywhere in the product; tests use
-/// smaller ones.
+/// record, one chunk or one burst at a time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Bytes of the largest record that is read, compressed chunks included. The default is 1 MiB
@@ -109,16 +108,12 @@ pub struct Limits {
     pub record_bytes: u64,
     /// Bytes of the largest uncompressed chunk.
     pub chunk_bytes: u64,
-    /// Most channels of one burst.
     pub channels: u32,
-    /// Most samples of one channel in one burst.
     pub samples_per_channel: u32,
-    /// Most bytes of all samples of one burst.
     pub samples_bytes: u64,
 }
 
 impl Default for Limits {
-    /// The limits of the product.
     fn default() -> Limits {
         Limits {
             record_bytes: 257 << 20,

@@ -35,8 +35,7 @@ pub struct Outcomes {
     pub by_source: BTreeMap<String, usize>,
     /// How many rows nobody has filled in.
     pub not_looked_at: usize,
-    /// How many rows are less certain than was asked for. They become no labels, so other labels of
-    /// these channels stay.
+    /// How many rows are less certain than was asked for.
     pub uncertain: usize,
 }
 

@@ -116,13 +116,11 @@ const FOOTER: &[Shape] = &[
     List(&Record(&[EMPTY])),
 ];
 
-/// Checks a file's metadata (the footer), of `bytes` bytes. Each element of a list takes at least
-/// one byte, so all lists together can claim no more elements than there are bytes.
+/// Checks a file's metadata (the footer), of `bytes` bytes.
 pub fn footer(metadata: impl Read, bytes: u64) -> Result<(), Stop> {
     Walk::new(metadata, bytes).record(FOOTER)
 }
 
-/// What the header of a page says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Page {
     pub header_bytes: u64,

@@ -54,7 +54,6 @@ impl ParquetFile {
             .map_err(|_| io::Error::other("its footer contradicts itself"))
     }
 
-    /// Checks the pages of all column chunks.
     fn check_pages(&self, metadata: &ParquetMetaData) -> io::Result<()> {
         let groups = metadata.row_groups().iter();
         groups.flat_map(RowGroupMetaData::columns).try_for_each(|column| self.check_column(column))
@@ -87,8 +86,7 @@ impl ParquetFile {
     }
 }
 
-/// The range of bytes in which a file's metadata lie. `None`: there are none, or they do not fit
-/// into the file.
+/// The range of bytes in which a file's metadata lie.
 pub fn footer_of(mut file: &File) -> io::Result<Option<Range<u64>>> {
     let mut footer = [0; FOOTER_BYTES as usize];
     let Some(end) = file.len().checked_sub(FOOTER_BYTES) else { return Ok(None) };

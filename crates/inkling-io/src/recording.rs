@@ -35,11 +35,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// An opened recording.
 #[derive(Debug)]
 pub struct Recording {
     pub path: PathBuf,
-    /// Its file name.
     pub name: String,
     /// The recording's name for people: its path below the directory that was asked for, or its
     /// file name if whoever opens it knows no more.
@@ -47,10 +45,8 @@ pub struct Recording {
     pub bytes: u64,
     /// Size and time of change when it was opened.
     pub stamp: Stamp,
-    /// How long it took to open it.
     pub opening: Duration,
-    /// How many burst messages the recording's own statistics say there are. `None`: the statistics
-    /// do not say.
+    /// How many burst messages the recording's own statistics say there are.
     pub expected: Option<u64>,
     /// Channels that carry no bursts: the first `MOST_NAMED` of those that the summary names.
     pub others: Vec<Other>,
@@ -102,7 +98,6 @@ const MOST_PEEKED_BYTES: u64 = 64 << 20;
 /// Blocks that are looked at in any case, because only a channel's first message says whether paths
 /// in JSON lead anywhere. After each further so many blocks it is asked whether that is enough.
 const PEEKED_AT_ONCE: u64 = 16;
-/// Most rows of each of these blocks that are decoded.
 const MOST_PEEKED_ROWS: usize = 32_768;
 
 impl Recording {
@@ -192,7 +187,6 @@ impl Recording {
         }
     }
 
-    /// A reader of blocks, for one worker.
     pub fn reader(&self) -> BlockReader {
         BlockReader::new(
             self.source.clone(),
@@ -279,8 +273,7 @@ impl Recording {
         nothing.filter_map(unread).collect()
     }
 
-    /// Refuses a channel whose dialect cannot read it. In JSON only the first message says whether the paths
-    /// lead anywhere.
+    /// Refuses a channel whose dialect cannot read it.
     fn check_first(&self, summary: &TopicSummary) -> Result<(), String> {
         match (&summary.becomes, &summary.first_message) {
             (Becomes::Unread(why), _) => Err(why.to_string()),
@@ -291,8 +284,7 @@ impl Recording {
         }
     }
 
-    /// The damage if `found` burst messages were read and the statistics say another number. `None`: the
-    /// numbers agree, or the recording does not say.
+    /// The damage if `found` burst messages were read and the statistics say another number.
     pub fn missing(&self, found: u64) -> Option<Damage> {
         let expected = self.expected.filter(|&expected| expected != found)?;
         Some(Damage {
@@ -349,7 +341,6 @@ impl Recording {
     }
 }
 
-/// Opens the bytes of a recording.
 pub(super) fn open_source(path: &Path) -> Result<Source, FileError> {
     Source::open(path).map_err(|e| match e.kind() {
         ErrorKind::InvalidInput if !in_object_store(path) => {
@@ -382,8 +373,7 @@ pub(super) fn check_magic(path: &Path, found: &[u8]) -> Result<(), FileError> {
     Err(FileError::failed(path, what))
 }
 
-/// Which dialects a recording uses, by their numbers. There is at least one number for each channel
-/// that a dialect reads, so a number may be there several times.
+/// Which dialects a recording uses, by their numbers.
 #[derive(Clone, Debug)]
 pub struct DialectsUsed {
     pub numbers: Vec<usize>,
@@ -400,7 +390,6 @@ struct Summary {
     /// Names of the channels and their schemas.
     census: Census,
     statistics: Option<Statistics>,
-    /// Where the chunks lie, by the chunk index.
     chunks: Vec<ChunkSpan>,
     data_end: Option<u64>,
 }
@@ -408,10 +397,8 @@ struct Summary {
 impl Summary {
     /// Only so many channels without bursts are named one by one.
     const MOST_NAMED: usize = 64;
-    /// At most so many characters of a name are shown.
     const MOST_OF_A_NAME: usize = 200;
 
-    /// A summary that says nothing.
     fn new(dialects: &Dialects) -> Summary {
         Summary { channels: Channels::new(dialects), ..Summary::default() }
     }
@@ -462,8 +449,7 @@ impl Summary {
         Some(disorder)
     }
 
-    /// See [`Recording::expected`]: the sum of the counts of the channels that carry bursts. `None`
-    /// also if a channel is not known, or the counts do not add up.
+    /// See [`Recording::expected`]: the sum of the counts of the channels that carry bursts.
     fn expected(&self) -> Option<u64> {
         let statistics = self.statistics.as_ref().filter(|_| self.complete())?;
         let counts = &statistics.channel_message_counts;
@@ -476,8 +462,7 @@ impl Summary {
     }
 }
 
-/// Reads the footer and the summary section. If either is missing or not sound, nothing of them is
-/// used, and that is damage: reading goes on without.
+/// Reads the footer and the summary section.
 fn read_summary(source: &Source, dialects: &Dialects) -> Result<Summary, Damage> {
     /// The index of a file of 20 GB in chunks of 1 MiB takes a few MB.
     const MAX_SUMMARY_BYTES: u64 = 128 << 20;
@@ -528,8 +513,7 @@ fn read_summary(source: &Source, dialects: &Dialects) -> Result<Summary, Damage>
     Ok(summary)
 }
 
-/// Takes the records of the summary section into `summary`. `None`: one of them is malformed, or
-/// contradicts another.
+/// Takes the records of the summary section into `summary`.
 fn parse_summary(section: &[u8], summary: &mut Summary) -> Option<()> {
     let mut at = 0;
     while at < section.len() {

@@ -11,15 +11,12 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-/// Most bytes of settings and scenarios.
 pub const MOST_SETTINGS_BYTES: u64 = 4 << 20;
-/// Most bytes of critiques and truths.
 pub const MOST_CRITIQUE_BYTES: u64 = 64 << 20;
 /// Most bytes of one record of a table, with the comment lines before it.
 pub const MOST_RECORD_BYTES: u64 = 4 << 20;
 
-/// Opens a regular file; anything else is an error of kind `InvalidInput`. An object is fetched,
-/// and its copy, which has no name, is opened.
+/// Opens a regular file; anything else is an error of kind `InvalidInput`.
 pub fn open(path: &Path) -> io::Result<File> {
     if in_object_store(path) {
         return objects::fetch(path);
@@ -92,7 +89,6 @@ impl<R: Read> Records<R> {
         Records { input, of_record: 0, of_all: 0, most_bytes }
     }
 
-    /// To be called after each record.
     pub fn record_ends(&mut self) {
         self.of_record = 0;
     }

@@ -31,8 +31,7 @@ const MOST_BYTES: u64 = 1 << 34;
 const LONGEST_NAME: usize = 256;
 /// Most characters of the list of a table's columns in an error.
 const MOST_NAMED: usize = 400;
-/// Most cells of times and outputs that are held in memory. A cell takes 8 bytes as it was read, and about as
-/// many more while `sampling.rs` interpolates its decay.
+/// Most cells of times and outputs that are held in memory.
 const MOST_CELLS: usize = 1 << 25;
 
 /// The error for a table that cannot be read. A file that is not there is the mistake of whoever
@@ -59,8 +58,7 @@ pub struct Columns {
     /// holds each row's printhead; if not, this is the name of the printhead itself, and no column
     /// is read for it.
     pub printhead: Option<String>,
-    /// Columns with one value for each decay, such as the temperature. Of a decay with several rows, only the
-    /// value in its first row is read.
+    /// Columns with one value for each decay, such as the temperature.
     pub beside: Vec<String>,
     /// Whether something else (`--period-s`) says the sample period, so that rows need no times:
     /// then no column is taken for times unless `time` names one, whose first value in a decay says
@@ -92,8 +90,7 @@ pub struct Decay {
     /// Where the decay's first row stands: the line of a CSV file, otherwise the number of the row,
     /// from 1 on.
     pub line: u64,
-    /// Times of the samples, in the unit of the column of times; dates in CSV count from 1970. If no column
-    /// of times is read, the numbers of the decay's rows, from 0 on.
+    /// Times of the samples, in the unit of the column of times; dates in CSV count from 1970.
     pub times: Vec<f64>,
     /// The samples of each output, as many as `times`; NaN: missing.
     pub outputs: Vec<Vec<f64>>,
@@ -134,14 +131,12 @@ pub struct Table {
 
 /// A table consists of decays, whose samples have times of their own, or of whole bursts.
 pub enum Content {
-    /// A table whose cells are numbers: its decays, in the order of their first rows. There is at least one,
-    /// and each has a row.
+    /// A table whose cells are numbers: its decays, in the order of their first rows.
     Decays(Vec<Decay>),
     /// An array, or a table whose cells are lists: its bursts, one after the other.
     Bursts(Box<dyn Iterator<Item = Result<Matrix, FileError>>>),
 }
 
-/// Reads a table of CSV.
 pub fn read(path: &Path, columns: &Columns) -> Result<Table, FileError> {
     let file = regular_file::open(path).map_err(unread(path))?;
     let mut file = BufReader::with_capacity(1 << 16, file);
@@ -157,8 +152,7 @@ fn delimiter(start: &[u8]) -> u8 {
     [b';', b'\t'].into_iter().find(|d| header.contains(d)).unwrap_or(b',')
 }
 
-/// Reads the header, chooses the columns, and reads rows until the input ends. `path` is for
-/// errors.
+/// Reads the header, chooses the columns, and reads rows until the input ends.
 fn read_from(
     input: impl Read,
     delimiter: u8,
@@ -307,8 +301,7 @@ impl Rows<'_> {
         Ok(())
     }
 
-    /// The table of all rows. `time`: the name of the column of times, if one was read. Returns `None` if
-    /// there were no rows.
+    /// The table of all rows.
     pub fn table(self, time: Option<String>) -> Option<Table> {
         let first_time = self.decays.first()?.times.first().copied();
         let (outputs, content) = (self.chosen.output_names(), Content::Decays(self.decays));
@@ -339,8 +332,7 @@ impl ChosenColumns {
     }
 }
 
-/// Finds the columns of a CSV by the names in its first line. Ambiguous names are refused, and so
-/// is a first line that holds nothing but numbers (then the names are missing).
+/// Finds the columns of a CSV by the names in its first line.
 fn choose(
     header: &StringRecord,
     columns: &Columns,
@@ -361,9 +353,7 @@ fn choose(
     choose_columns(names, columns)
 }
 
-/// Finds the columns by their names, in a table that is known to have names, such as Parquet. It is
-/// an error if a name that is asked for is not there exactly once, if one column is asked for
-/// twice, or if no column is left for times or outputs.
+/// Finds the columns by their names, in a table that is known to have names, such as Parquet.
 pub(super) fn choose_columns(
     names: Vec<String>,
     columns: &Columns,

@@ -18,7 +18,6 @@ use std::io::{self, Read};
 /// Most levels that are followed: records, and the lists, sets and maps around them.
 const MOST_DEPTH: u8 = 64;
 
-/// Most numbers that can be asked for.
 const MOST_TOLD: usize = 4;
 
 /// What a field of a record, or an element of a list, is known to hold.
@@ -64,12 +63,10 @@ pub enum Stop {
     Unread,
 }
 
-/// A walk over one record.
 pub struct Walk<R> {
     bytes: R,
     /// Elements that lists, sets and maps together may still claim.
     left: u64,
-    /// Bytes read so far.
     read: u64,
     /// The numbers that were asked for, as far as they were met.
     told: [Option<u32>; MOST_TOLD],
@@ -81,7 +78,6 @@ impl<R: Read> Walk<R> {
         Walk { bytes, left: elements, read: 0, told: [None; MOST_TOLD] }
     }
 
-    /// How many bytes were read so far.
     pub fn read(&self) -> u64 {
         self.read
     }
@@ -208,7 +204,6 @@ impl<R: Read> Walk<R> {
         Ok(())
     }
 
-    /// The next byte.
     fn byte(&mut self) -> Result<u8, Stop> {
         let mut byte = [0];
         self.bytes.read_exact(&mut byte).map_err(|_| Stop::Unread)?;

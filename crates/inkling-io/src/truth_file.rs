@@ -36,7 +36,6 @@ fn digest(bytes: &[u8]) -> String {
 /// What the seal says of a truth that was read. A seal that does not hold is an error instead.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Seal {
-    /// The truth is the one that was sealed.
     Holds,
     /// There is no seal, so nobody can tell whether the truth was changed.
     Missing,

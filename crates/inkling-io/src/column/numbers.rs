@@ -82,8 +82,7 @@ impl NumberColumn {
             + self.pages.iter().map(ClosedPage::memory).sum::<usize>()
     }
 
-    /// Counts rows that were added, and closes the page if it is full. A page is never split, so
-    /// one call with many rows may make a larger one.
+    /// Counts rows that were added, and closes the page if it is full.
     fn go_on(&mut self, rows: usize) -> Result<()> {
         self.rows += rows as u32;
         if self.rows >= PAGE_ROWS { self.end_page() } else { Ok(()) }

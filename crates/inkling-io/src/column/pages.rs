@@ -25,7 +25,6 @@ const ZSTD_LEVEL: CompressionLevel = 1;
 /// Bytes of a page's header, about; only memory is reserved by it.
 const HEADER_BYTES: usize = 64;
 
-/// A page that is complete and compressed.
 #[derive(Debug)]
 pub struct ClosedPage {
     /// The bytes as they are written, without their header.

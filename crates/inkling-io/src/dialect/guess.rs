@@ -25,13 +25,14 @@ use std::fmt::Write as _;
 const FEWEST_SAMPLES: usize = 32;
 /// At most so many fields are tried as samples.
 const MOST_CANDIDATES: usize = 32;
-/// At most so many fields are listed.
 const MOST_SHOWN: usize = 64;
 /// A first message that is larger is not looked at.
 pub const MOST_MESSAGE_BYTES: usize = 1 << 20;
 /// Bound on the bytes of samples that are made of the first message. It is four times the message,
 /// because a number of one byte (in an array of int8) may become a float32 of four.
 const MOST_LOOKED_AT: u64 = MOST_MESSAGE_BYTES as u64 * 4;
+/// The value of a key that only a person can fill in, as it stands in TOML.
+const QUESTION: &str = "\"?\"";
 /// Parts of the names of well-known schemas whose large arrays are no ring-downs; messages of
 /// schemas with such a name are not looked at.
 const OTHERS: [&str; 8] = ["Image", "Video", "PointCloud", "Grid", "Scan", "Mesh", "Model", "Map"];
@@ -41,16 +42,13 @@ const OTHERS: [&str; 8] = ["Image", "Video", "PointCloud", "Grid", "Scan", "Mesh
 /// of these words in its name is taken.
 struct Names<'a>(&'a str, &'a str);
 
-/// Names of the number of channels.
 const CHANNELS: Names =
     Names("channels n_channels num_channels channel_count nozzles rows nchannels", "");
-/// Names of the samples per channel. `n` may also be the number of channels; `say_shape` decides by
-/// the samples.
+/// Names of the samples per channel.
 const COLUMNS: Names = Names(
     "samples_per_channel samples_per_signal n_samples num_samples sample_count columns cols n",
     "",
 );
-/// Names of the first channel's number.
 const FIRST: Names = Names("first_channel channel_offset first_nozzle start_channel first", "");
 /// Names of the sample period in s.
 const PERIOD: Names =
@@ -62,21 +60,16 @@ const PERIODS: [(&str, f64); 3] = [
     ("sample_period_us period_us dt_us", 1e-6),
     ("sample_period_ns period_ns dt_ns", 1e-9),
 ];
-/// Names of the sampling rate in Hz.
 const RATE: Names = Names(
     "rate_hz sample_rate_hz sampling_rate_hz sample_rate sampling_rate samplerate sampling_frequency \
      fs_hz fs rate",
     "",
 );
-/// Names of the burst's time.
 const TIME: Names =
     Names("t_acq acquired_at timestamp stamp time", "stamp timestamp time acquired");
-/// Names of the printhead.
 const PRINTHEAD: Names = Names("printhead print_head head_id head head_name printhead_id", "");
-/// Names of the ink's temperature.
 const TEMPERATURE: Names =
     Names("temperature_c temp_c temperature ink_temperature temp", "temp temperature");
-/// Names of the drive voltage.
 const VOLTAGE: Names =
     Names("drive_voltage_v drive_voltage voltage_v voltage amplitude_v", "voltage volt volts");
 
@@ -93,8 +86,9 @@ pub fn guess(written: &Written, message: &Bytes, topics: &[&str]) -> Option<Prop
     let fields = reading.fields(Some(message));
     let first = First { reading, message, fields: &fields };
     // the field with the most numbers is taken for the samples
-    let (samples, size) = first
-        .candidates()
+    let (samples, size) = fields
+        .iter()
+        .filter(|field| field.can_be(Slot::Samples).is_ok())
         .take(MOST_CANDIDATES)
         .filter_map(|field| Some((field, first.size(field)?)))
         .max_by_key(|(_, size)| size.numbers)?;
@@ -110,8 +104,11 @@ pub fn guess(written: &Written, message: &Bytes, topics: &[&str]) -> Option<Prop
     let there = fields.iter().filter(|field| field.kind != Kind::Message).take(MOST_SHOWN);
     let fields = there.map(|field| first.shown(field)).collect();
     // keys with a question mark as their value are open
-    let asked = |line: &str| line.split_once(" = \"?\"").map(|(key, _)| key.to_owned());
-    Some(Proposal { open: toml.lines().filter_map(asked).collect(), toml, fields })
+    let open = |line: &str| {
+        let (key, value) = line.split_once(" = ")?;
+        value.starts_with(QUESTION).then(|| key.to_owned())
+    };
+    Some(Proposal { open: toml.lines().filter_map(open).collect(), toml, fields })
 }
 
 /// A block of settings that may fit a kind of messages, and what was seen of them.
@@ -133,7 +130,6 @@ pub struct Shown {
     /// Of a field with several elements, how many; of bytes, how many bytes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub length: Option<usize>,
-    /// The value of a field that has only one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub value: Option<String>,
 }
@@ -164,23 +160,23 @@ impl Guess<'_> {
         self.say("samples", &quoted(&samples.path), "");
         if let Some(format) = self.size.format {
             let value = if format == Format::S16Le { "\"s16le\"" } else { "\"f32le\"" };
-            self.say("format", value, "by the look of the first message");
+            self.say("format", value, "? by the look of the first message");
         }
         self.say_shape();
         self.say_named("first_channel", &FIRST, Slot::FirstChannel, "");
         self.say_sampling();
         self.say_printhead(varies);
         self.say_time();
-        self.say_named("temperature", &TEMPERATURE, Slot::Temperature, "in °C");
-        self.say_named("voltage", &VOLTAGE, Slot::Voltage, "in V");
+        self.say_named("temperature", &TEMPERATURE, Slot::Temperature, "? in °C");
+        self.say_named("voltage", &VOLTAGE, Slot::Voltage, "? in V");
     }
 
     /// Writes the sample period: a field of a period or of a rate, else a number from a period in another
     /// unit, else a question.
     fn say_sampling(&mut self) {
-        let is_named = self.say_named("period_s", &PERIOD, Slot::Period, "in seconds")
-            || self.say_named("rate_hz", &RATE, Slot::Rate, "samples a second");
-        if is_named {
+        if self.say_named("period_s", &PERIOD, Slot::Period, "? in seconds")
+            || self.say_named("rate_hz", &RATE, Slot::Rate, "? samples a second")
+        {
             return;
         }
         let in_unit = |name: &str, unit_s: f64| {
@@ -195,9 +191,16 @@ impl Guess<'_> {
             Some((path, s)) => {
                 // nine digits: the conversion of the unit brings in more, which the message does not have
                 let s: f64 = format!("{s:.9e}").parse().unwrap_or(s);
-                self.say("period_s", &format!("{s:e}"), &format!("as {path} of the first message"));
+                self.say(
+                    "period_s",
+                    &format!("{s:e}"),
+                    &format!("? as {path} of the first message"),
+                );
             }
-            None => self.ask("period_s", "not in the message: the sample period, s (or rate_hz)"),
+            None => {
+                let comment = "? not in the message: the sample period, s (or rate_hz)";
+                self.say("period_s", QUESTION, comment);
+            }
         }
     }
 
@@ -216,20 +219,12 @@ impl Guess<'_> {
         }
     }
 
-    /// Writes a key with a question mark, because nothing in the recording tells its value.
-    fn ask(&mut self, key: &str, why: &str) {
-        self.say(key, "\"?\"", why);
-    }
-
-    /// Writes a key whose value follows from the samples; the comment says how.
-    fn tell(&mut self, key: &str, value: &str, why: &str) {
-        let _ = writeln!(self.toml, "{key} = {value}  # {why}");
-    }
-
-    /// Writes a key; a comment with a question mark says what a person should check.
-    fn say(&mut self, key: &str, value: &str, why: &str) {
-        let why = if why.is_empty() { String::new() } else { format!("  # ? {why}") };
-        let _ = writeln!(self.toml, "{key} = {value}{why}");
+    /// Writes a key; a comment with a question mark says what a person should check, another one
+    /// how the value follows from the samples. A value that nothing in the recording tells is a
+    /// question mark itself.
+    fn say(&mut self, key: &str, value: &str, comment: &str) {
+        let comment = if comment.is_empty() { String::new() } else { format!("  # {comment}") };
+        let _ = writeln!(self.toml, "{key} = {value}{comment}");
     }
 
     /// Writes the field that has one of these names, if there is one; gives whether there is.
@@ -277,41 +272,39 @@ impl Guess<'_> {
             Some(lie) => {
                 let other = Lie::of(&self.size.samples, lie.channels, !lie.sample_major);
                 let other = other.map_or(0.0, |other| other.neighbours);
-                let why = format!(
+                let comment = format!(
                     "by the samples: neighbours of a channel correlate ({:.2}; laid out as {} {other:.2})",
                     lie.neighbours,
                     major(!lie.sample_major).trim_matches('"')
                 );
-                self.tell("layout", major(lie.sample_major), &why);
+                self.say("layout", major(lie.sample_major), &comment);
             }
-            None => self.say("layout", major(false), "or \"sample-major\""),
+            None => self.say("layout", major(false), "? or \"sample-major\""),
         }
 
         // 4. the channels: a field, else what the samples per channel leave, else the samples, else
         //    the lists, else a question
         let agrees = |n: usize| rows.as_ref().is_none_or(|rows| rows.n * n == numbers);
-        match (&rows, &columns, lie) {
-            (Some(rows), columns, _) => {
+        let unknown = format!("? not in the message, which has {numbers} samples");
+        let (value, comment) = match (&rows, &columns, lie, outer) {
+            (Some(rows), columns, ..) => {
                 let is_sure = columns.as_ref().is_none_or(|columns| agrees(columns.n));
-                let why = if is_sure { "" } else { "or is this samples per channel" };
-                self.say("channels", &quoted(&rows.path), why);
+                let comment = if is_sure { "" } else { "? or is this samples per channel" };
+                (quoted(&rows.path), comment)
             }
-            (None, Some(columns), _) => {
-                let why = "not in the message: numbers of the first, by samples_per_channel";
-                self.say("channels", &(numbers / columns.n).to_string(), why);
+            (None, Some(columns), ..) => {
+                let comment = "? not in the message: numbers of the first, by samples_per_channel";
+                ((numbers / columns.n).to_string(), comment)
             }
-            (None, None, Some(lie)) => {
-                let why = "by the samples: so many signals ring alike";
-                self.tell("channels", &lie.channels.to_string(), why);
+            (None, None, Some(lie), _) => {
+                (lie.channels.to_string(), "by the samples: so many signals ring alike")
             }
-            (None, None, None) => match outer {
-                Some(outer) => {
-                    self.say("channels", &outer.to_string(), "the lists in the first message")
-                }
-                None => self
-                    .ask("channels", &format!("not in the message, which has {numbers} samples")),
-            },
-        }
+            (None, None, None, Some(outer)) => {
+                (outer.to_string(), "? the lists in the first message")
+            }
+            (None, None, None, None) => (QUESTION.into(), &*unknown),
+        };
+        self.say("channels", &value, comment);
         // 5. the samples per channel; a field that contradicts the channels is left out, and then
         //    the decoder divides the samples by the channels
         if let Some(columns) = columns.filter(|columns| agrees(columns.n)) {
@@ -343,11 +336,10 @@ impl Guess<'_> {
         let parts = self.topic.trim_start_matches('/').split('/').count();
         let part = varies.unwrap_or(usize::from(parts > 1));
         let part = format!("\"{{topic.{part}}}\"");
-        self.say("printhead", &part, "this part of the topic, from 0");
+        self.say("printhead", &part, "? this part of the topic, from 0");
     }
 }
 
-/// A text as it stands in TOML.
 fn quoted(text: &str) -> String {
     toml::Value::String(text.to_owned()).to_string()
 }
@@ -375,8 +367,9 @@ fn glob(first: &str, topics: &[&str]) -> (String, Option<usize>) {
 impl Names<'_> {
     /// The field with the likeliest name, by the last names of the paths.
     fn find<'f>(&self, fields: &[&'f FieldInfo]) -> Option<&'f FieldInfo> {
-        let first =
-            |is: &dyn Fn(&str) -> bool| fields.iter().find(|of| is(last(&of.path))).copied();
+        // the last name of a path, without the messages around it
+        let own_name = |field: &&'f FieldInfo| field.path.rsplit('.').next().unwrap_or_default();
+        let first = |is: &dyn Fn(&str) -> bool| fields.iter().find(|f| is(own_name(f))).copied();
         let Names(whole, words) = self;
         let named = |name: &str| first(&|of| of.eq_ignore_ascii_case(name));
         whole.split(' ').find_map(named).or_else(|| first(&|of| has_word(of, words)))
@@ -411,11 +404,6 @@ struct First<'a> {
 }
 
 impl First<'_> {
-    /// The fields that may be samples.
-    fn candidates(&self) -> impl Iterator<Item = &FieldInfo> {
-        self.fields.iter().filter(|field| field.can_be(Slot::Samples).is_ok())
-    }
-
     /// A field as the user is shown it: with its length if it has several elements, else with its
     /// value.
     fn shown(&self, field: &FieldInfo) -> Shown {
@@ -448,7 +436,6 @@ impl First<'_> {
         })
     }
 
-    /// The value of a field, as text.
     fn value(&self, field: &FieldInfo) -> Option<String> {
         match field.kind {
             Kind::Integer | Kind::Float => match self.number(&field.path)? {
@@ -471,7 +458,6 @@ impl First<'_> {
         }
     }
 
-    /// The number at a path.
     fn number(&self, path: &str) -> Option<Number> {
         let slot = Slot::SamplesPerChannel;
         self.values_at(path, slot)?.number(slot)
@@ -489,11 +475,6 @@ impl First<'_> {
     }
 }
 
-/// The last name of a path, without the messages around it.
-fn last(path: &str) -> &str {
-    path.rsplit('.').next().unwrap_or_default()
-}
-
 /// Whether a field's own name has one of these words in it: `ink_temp_c` has `temp`.
 fn has_word(name: &str, words: &str) -> bool {
     let name = name.to_ascii_lowercase();
@@ -502,8 +483,7 @@ fn has_word(name: &str, words: &str) -> bool {
 }
 
 /// Whether bytes look like float32 rather than int16: more than 19 of 20 are, as floats, zero or of
-/// a magnitude that samples have (1e-6 to 1e7). Pairs of int16, read as floats, mostly are not.
-/// Heuristic.
+/// a magnitude that samples have (1e-6 to 1e7).
 fn look_like_floats(bytes: &[u8]) -> bool {
     let all = bytes.as_chunks::<4>().0;
     let usual = all.iter().filter(|b| {

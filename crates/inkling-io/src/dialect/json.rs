@@ -16,8 +16,7 @@ use serde_json::Value as Json;
 /// A larger message is not parsed to list its fields.
 const MOST_SAMPLE_BYTES: usize = 8 << 20;
 
-/// Walks one message and puts the values of wanted fields into `values`. The message must be one
-/// object with nothing behind it.
+/// Walks one message and puts the values of wanted fields into `values`.
 pub fn walk(message: &[u8], wanted: &Wanted, values: &mut SlotValues) -> Result<(), Unread> {
     let message = message.trim_ascii();
     match message.first() {
@@ -103,7 +102,6 @@ impl<'m> Members<'m> {
         behind.is_some()
     }
 
-    /// The next value, as text.
     fn value(&mut self) -> Result<&'m [u8], Unread> {
         let text = self.rest.trim_ascii_start();
         // the deserializer stops behind the first value, and says where
@@ -262,8 +260,7 @@ pub fn fields(message: &[u8]) -> Vec<FieldInfo> {
     found
 }
 
-/// Adds a value at a path to `found`, and all that is in it. An array of objects is described by
-/// its first element.
+/// Adds a value at a path to `found`, and all that is in it.
 fn list(value: &Json, path: &str, depth: usize, found: &mut Vec<FieldInfo>) {
     if found.len() >= MOST_FIELDS || depth > MOST_DEPTH {
         return;

@@ -84,8 +84,7 @@ impl Fits {
 }
 
 impl Dialects {
-    /// Checks and compiles the dialects. It refuses a block that is wrong by itself and one that could never
-    /// take effect; the error names the block's key, such as `input.dialect[1]`.
+    /// Checks and compiles the dialects.
     pub fn new(dialects: &[Dialect]) -> Result<Dialects, String> {
         let key = |number: usize| format!("input.dialect[{number}]");
         if dialects.len() > MOST_DIALECTS {
@@ -109,7 +108,6 @@ impl Dialects {
         Ok(Dialects { all: all.into() })
     }
 
-    /// How many dialects there are.
     pub fn len(&self) -> usize {
         self.all.len()
     }
@@ -130,14 +128,12 @@ impl Dialects {
         })
     }
 
-    /// The set of the dialects that fit.
     fn fitting(&self, fits: impl Fn(&Fitting) -> bool) -> Fits {
         let bit = |(number, fitting)| u64::from(fits(fitting)) << number;
         Fits(self.all.iter().enumerate().map(bit).sum())
     }
 
-    /// How a channel's messages are read by the dialect of this number. An error says which path leads
-    /// nowhere, or why the encoding cannot be read.
+    /// How a channel's messages are read by the dialect of this number.
     pub fn plan(&self, number: usize, written: &Written) -> Result<Plan, String> {
         let fitting = &self.all[number];
         Plan::new(&fitting.dialect, written)
@@ -179,7 +175,6 @@ impl Ignored {
         patterns.iter().map(|pattern| matcher(pattern)).collect::<Result<_, _>>().map(Ignored)
     }
 
-    /// Whether a topic is to be ignored.
     pub fn has(&self, topic: &str) -> bool {
         self.0.iter().any(|pattern| pattern.is_match(topic))
     }
@@ -191,8 +186,7 @@ pub(super) fn matcher(pattern: &str) -> Result<GlobMatcher, String> {
     glob.map(|glob| glob.compile_matcher()).map_err(|e| format!("no valid pattern: {e}"))
 }
 
-/// A channel in words: topic, schema and encoding, such as `/heads/0 (acme.Wave, protobuf)`. Names from a
-/// recording are made printable and cut.
+/// A channel in words: topic, schema and encoding, such as `/heads/0 (acme.Wave, protobuf)`.
 fn shown(written: &Written) -> String {
     let schema = written.schema.map_or("no schema", |schema: &Schema| &schema.name);
     let encoding = crate::printable::cell(written.message_encoding);

@@ -56,7 +56,6 @@ impl NumberedTypes {
         number
     }
 
-    /// How a field of the descriptor stands in a shape.
     fn field(&mut self, of: &FieldDescriptor) -> Field {
         let kind = of.kind();
         let base = match &kind {
@@ -147,8 +146,7 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// Takes one occurrence of a wanted field, or walks into it. `seen`: how many elements of the field came
-    /// before.
+    /// Takes one occurrence of a wanted field, or walks into it.
     fn take(
         &mut self,
         field: &Field,
@@ -237,8 +235,7 @@ impl Walk<'_> {
     }
 }
 
-/// How one element of a field is written on the wire. Groups are never wanted, so their type matches nothing
-/// else.
+/// How one element of a field is written on the wire.
 fn wire_type(base: Base) -> WireType {
     match base {
         Base::Number(element) if element.bytes() == 8 => WireType::SixtyFourBit,

@@ -52,7 +52,6 @@ pub fn walk(
     if left > most { Err(Unread::Malformed) } else { Ok(()) }
 }
 
-/// A message that is being walked.
 struct Walk<'m> {
     shape: &'m Shape,
     flavour: Flavour,
@@ -68,8 +67,7 @@ struct Walk<'m> {
 }
 
 impl Walk<'_> {
-    /// Walks a message whose type has this number: the whole message, or one inside it. `wanted`
-    /// are the wanted fields of this message; there may be none.
+    /// Walks a message whose type has this number: the whole message, or one inside it.
     fn message_of(&mut self, number: usize, wanted: &[WantedField]) -> Result<(), Unread> {
         let of = &self.shape.types[number];
         if of.empty {
@@ -86,8 +84,7 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// Walks one field with all of its elements. `wanted`: the wanted fields that are this field or
-    /// elements of it.
+    /// Walks one field with all of its elements.
     fn field(&mut self, field: &Field, wanted: &[&WantedField]) -> Result<(), Unread> {
         let count = match field.count {
             Count::One => 1,

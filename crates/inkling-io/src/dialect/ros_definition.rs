@@ -41,8 +41,7 @@ impl Flavour {
 /// The lines of each message, by the message's name.
 type Written<'t> = HashMap<String, Vec<&'t str>>;
 
-/// The shape of the message type `name`, with all types that it uses. An error says what in the definition is
-/// wrong.
+/// The shape of the message type `name`, with all types that it uses.
 pub fn shape(text: &[u8], name: &str, flavour: Flavour) -> Result<Shape, String> {
     if text.len() > MOST_BYTES {
         return Err(format!("its definition has {} bytes, too many", text.len()));
@@ -74,8 +73,7 @@ pub fn shape(text: &[u8], name: &str, flavour: Flavour) -> Result<Shape, String>
     Ok(Shape { types: parser.types })
 }
 
-/// The types so far. A type gets its number before its fields are parsed, so the message itself has
-/// number 0.
+/// The types so far.
 struct Parser<'t> {
     types: Vec<MessageType>,
     flavour: Flavour,
@@ -86,8 +84,7 @@ struct Parser<'t> {
 }
 
 impl Parser<'_> {
-    /// The number of a type. If the type has none yet, it is defined first, and with it all types
-    /// that it uses. `depth`: how many types are being defined around it.
+    /// The number of a type.
     fn define(&mut self, name: &str, depth: usize) -> Result<usize, String> {
         match self.known.get(name) {
             Some(Some(number)) => return Ok(*number),
