@@ -160,19 +160,16 @@ impl Census {
 
     /// Summaries of all channels, in the order of their topics.
     pub fn topics(self) -> Vec<TopicSummary> {
-        let Census { schemas, channels, .. } = self;
-        let mut all: Vec<(u16, TopicSummary)> = channels
-            .into_iter()
-            .map(|(id, (schema, mut summary))| {
-                if let Some(of) = schemas.get(&schema) {
-                    summary.schema_name.clone_from(&of.name);
-                    summary.schema_encoding.clone_from(&of.encoding);
-                    summary.schema.clone_from(&of.whole);
-                }
-                (id, summary)
-            })
-            .collect();
-        all.sort_by(|(a, x), (b, y)| (&x.topic, a).cmp(&(&y.topic, b)));
-        all.into_iter().map(|(_, summary)| summary).collect()
+        let mut channels: Vec<_> = self.channels.into_iter().collect();
+        channels.sort_unstable_by(|(a, (_, x)), (b, (_, y))| (&x.topic, a).cmp(&(&y.topic, b)));
+        let summary = |(_, (schema, mut summary)): (u16, (u16, TopicSummary))| {
+            if let Some(of) = self.schemas.get(&schema) {
+                summary.schema_name.clone_from(&of.name);
+                summary.schema_encoding.clone_from(&of.encoding);
+                summary.schema.clone_from(&of.whole);
+            }
+            summary
+        };
+        channels.into_iter().map(summary).collect()
     }
 }

@@ -149,6 +149,39 @@ impl Channel {
             && same_topic()
     }
 
+    /// What the first dialect that fits this channel's topic and schema makes of its messages;
+    /// nothing if none fits. A dialect that fits and cannot read the channel gives `Unread` with
+    /// the reason: no further dialect is tried.
+    fn becomes(&self, dialects: &Dialects, schema: Option<&KnownSchema>) -> Becomes {
+        let of_schema = schema.map_or_else(|| dialects.of_schema(None), |schema| schema.fits);
+        let Some(number) = self.fits.and(of_schema).first() else { return Becomes::Nothing };
+
+        // without the topic, or without the schema that the channel has, no plan can be made
+        let whole = schema.map(|schema| schema.whole.as_deref());
+        let (Some(foreign), None | Some(Some(_))) = (&self.foreign, whole) else {
+            let why = format!(
+                "input.dialect[{number}] fits a channel that cannot be read: the recording's schemas and topics \
+                 take more than {} MiB",
+                MOST_KEPT_BYTES >> 20
+            );
+            return Becomes::Unread(why.into());
+        };
+
+        let planned = foreign.plan.get_or_init(|| {
+            let written = Written {
+                topic: &foreign.topic,
+                message_encoding: &foreign.message_encoding,
+                schema: whole.flatten(),
+            };
+            let plan = dialects.plan(number, &written).map(Arc::new).map_err(Arc::from);
+            NumberedPlan { number, plan }
+        });
+        match &planned.plan {
+            Ok(plan) => Becomes::Foreign(plan.clone()),
+            Err(why) => Becomes::Unread(why.clone()),
+        }
+    }
+
     /// Bytes that are kept of this channel for dialects.
     fn kept(&self) -> usize {
         self.foreign.as_ref().map_or(0, |of| of.topic.len() + of.message_encoding.len())
@@ -285,41 +318,6 @@ impl KnownSchema {
                 (&*whole.name, &*whole.encoding, &*whole.data)
                     == (record.name, record.encoding, record.data)
             })
-    }
-}
-
-impl Channel {
-    /// What the first dialect that fits this channel's topic and schema makes of its messages;
-    /// nothing if none fits. A dialect that fits and cannot read the channel gives `Unread` with
-    /// the reason: no further dialect is tried.
-    fn becomes(&self, dialects: &Dialects, schema: Option<&KnownSchema>) -> Becomes {
-        let of_schema = schema.map_or_else(|| dialects.of_schema(None), |schema| schema.fits);
-        let Some(number) = self.fits.and(of_schema).first() else { return Becomes::Nothing };
-
-        // without the topic, or without the schema that the channel has, no plan can be made
-        let whole = schema.map(|schema| schema.whole.as_deref());
-        let (Some(foreign), None | Some(Some(_))) = (&self.foreign, whole) else {
-            let why = format!(
-                "input.dialect[{number}] fits a channel that cannot be read: the recording's schemas and topics \
-                 take more than {} MiB",
-                MOST_KEPT_BYTES >> 20
-            );
-            return Becomes::Unread(why.into());
-        };
-
-        let planned = foreign.plan.get_or_init(|| {
-            let written = Written {
-                topic: &foreign.topic,
-                message_encoding: &foreign.message_encoding,
-                schema: whole.flatten(),
-            };
-            let plan = dialects.plan(number, &written).map(Arc::new).map_err(Arc::from);
-            NumberedPlan { number, plan }
-        });
-        match &planned.plan {
-            Ok(plan) => Becomes::Foreign(plan.clone()),
-            Err(why) => Becomes::Unread(why.clone()),
-        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! Reads Parquet and Arrow IPC tables, as other programs write them, for `inkling convert`.
 //!
-//! In, from `table_file.rs`: a file, its kind, and which columns are what. Out: a [`Table`]. If the
+//! In: a file, its kind, and which columns are what. Out: a [`Table`]. If the
 //! cells of the output columns are numbers, a row is an instant, and rows are gathered to decays as
 //! from CSV. If the cells are lists, a row is a burst: its lists are the channels in the order of
 //! the columns, and of a list of lists every inner list is a channel. The result then consists of

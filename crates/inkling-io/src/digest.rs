@@ -16,6 +16,7 @@ use super::buffers::Buffers;
 use super::chunk_loader::{bytes_to_read, records_of};
 use super::damage::{Damage, RecordingError};
 use super::file_error::FileError;
+use super::recording::Recording;
 use super::source::Source;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -76,16 +77,12 @@ pub struct Digester {
 }
 
 impl Digester {
-    pub(super) fn new(
-        path: PathBuf,
-        source: Arc<Source>,
-        limits: Limits,
-        data: Option<(u64, u32)>,
-    ) -> Digester {
+    /// `data`: where the checksum of the data section ends, and what it is.
+    pub(super) fn new(of: &Recording, data: Option<(u64, u32)>) -> Digester {
         Digester {
-            path,
-            source,
-            limits,
+            path: of.path.clone(),
+            source: of.source.clone(),
+            limits: of.limits,
             buffers: Buffers::default(),
             xxh3: Xxh3::new(),
             crc: crc32fast::Hasher::new(),

@@ -258,18 +258,19 @@ pub fn write(path: &Path, labels: &[Label]) -> Result<(), FileError> {
             label.severity.map_or(String::new(), |s| s.to_string()),
         ]
     });
-    write_rows(path, HEADER, rows)
+    write_rows(path, &HEADER, rows)
 }
 
 /// Writes a CSV with these columns.
 pub(super) fn write_rows<const N: usize>(
     path: &Path,
-    header: [&str; N],
+    header: &[&str],
     rows: impl Iterator<Item = [String; N]>,
 ) -> Result<(), FileError> {
     let failed = FileError::unwritten(path);
     let mut text = csv::Writer::from_writer(Vec::new());
-    for row in std::iter::once(header.map(String::from)).chain(rows) {
+    text.write_record(header).map_err(|e| failed(e.into()))?;
+    for row in rows {
         text.write_record(row).map_err(|e| failed(e.into()))?;
     }
     let bytes = text.into_inner().map_err(|e| failed(e.into_error()))?;

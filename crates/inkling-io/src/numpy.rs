@@ -1,7 +1,7 @@
 //! Reads NumPy files (`.npy`, and `.npz`, a zip of several `.npy`) as bursts, for `inkling
 //! convert`.
 //!
-//! In, from `table_file.rs`: a file, and which arrays are what. The array of samples has the shape
+//! In: a file, and which arrays are what. The array of samples has the shape
 //! samples, channels × samples, or bursts × channels × samples, of any number type. Out: a
 //! [`Table`] whose bursts are read one after the other, each when it is asked for, so that memory
 //! holds one burst, whatever the size of the array. No size is trusted before as many bytes have

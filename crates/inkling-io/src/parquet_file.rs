@@ -16,7 +16,7 @@ use parquet::arrow::arrow_reader::{
 };
 use parquet::basic::Compression;
 use parquet::errors::ParquetError;
-use parquet::file::metadata::{ColumnChunkMetaData, ParquetMetaData, RowGroupMetaData};
+use parquet::file::metadata::{ColumnChunkMetaData, RowGroupMetaData};
 use parquet::file::reader::{ChunkReader, Length};
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
@@ -40,7 +40,8 @@ impl ParquetFile {
         let file = ParquetFile(file);
         file.check_footer()?;
         let metadata = ArrowReaderMetadata::load(&file, options)?;
-        file.check_pages(metadata.metadata())?;
+        let groups = metadata.metadata().row_groups().iter();
+        groups.flat_map(RowGroupMetaData::columns).try_for_each(|of| file.check_column(of))?;
         Ok(ParquetRecordBatchReaderBuilder::new_with_metadata(file, metadata))
     }
 
@@ -54,11 +55,6 @@ impl ParquetFile {
             .map_err(|_| io::Error::other("its footer contradicts itself"))
     }
 
-    fn check_pages(&self, metadata: &ParquetMetaData) -> io::Result<()> {
-        let groups = metadata.row_groups().iter();
-        groups.flat_map(RowGroupMetaData::columns).try_for_each(|column| self.check_column(column))
-    }
-
     /// Checks a column chunk: pages must follow one another from its first byte to its end, and
     /// their values together must be no more than the footer says.
     fn check_column(&self, column: &ColumnChunkMetaData) -> io::Result<()> {
@@ -67,11 +63,12 @@ impl ParquetFile {
         let compressed = column.compression() != Compression::UNCOMPRESSED;
         let mut left = u64::try_from(column.num_values()).unwrap_or(0);
         while at < end {
-            let wrong = |stop| match stop {
-                Stop::Unread => io::Error::other(format!("byte {at}: no page begins here")),
-                Stop::Beyond => {
-                    io::Error::other(format!("byte {at}: a page claims more than it holds"))
-                }
+            let wrong = |stop| {
+                let what = match stop {
+                    Stop::Unread => "no page begins here",
+                    Stop::Beyond => "a page claims more than it holds",
+                };
+                io::Error::other(format!("byte {at}: {what}"))
             };
             let mut file = &self.0;
             file.seek(SeekFrom::Start(at))?;

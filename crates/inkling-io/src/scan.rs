@@ -70,11 +70,15 @@ pub struct Blocks {
 /// What to do with the record that is looked at.
 enum Step {
     /// The record holds nothing for us, and no chunk can begin in it before `known_until`.
-    Skip { known_until: u64 },
+    Skip {
+        known_until: u64,
+    },
     /// The record belongs to a run: it is a message, schema or channel outside chunks.
     Run,
     /// The record is a chunk; no other chunk can begin before `known_until`.
-    Chunk { known_until: u64 },
+    Chunk {
+        known_until: u64,
+    },
     /// The record's bytes are lost, but its length is believed: the scan goes on behind it.
     Lost(String),
     /// Not even the record's length is believed: a chunk must be searched for.

@@ -90,14 +90,9 @@ impl NumberColumn {
 
     /// Encodes and compresses the page under way.
     fn end_page(&mut self) -> Result<()> {
-        let span = self.values.iter().fold(None, |span: Option<(f32, f32)>, &value| {
+        self.span = self.values.iter().fold(self.span, |span, &value| {
             Some(span.map_or((value, value), |(least, most)| (least.min(value), most.max(value))))
         });
-        self.span = match (self.span, span) {
-            (Some((p, q)), Some((r, s))) => Some((p.min(r), q.max(s))),
-            (known, new) => known.or(new),
-        };
-
         let levels = std::mem::replace(&mut self.levels, Hybrid::new(1)).finish();
 
         let encode = |out: &mut Vec<u8>| match self.encoding {

@@ -40,7 +40,10 @@ impl Steps for StepColumn {
         // one difference leads from the number before to this run, the others are `step`
         match self.rows {
             0 => self.first = start,
-            _ => self.push_difference(start.wrapping_sub(self.last)),
+            _ => {
+                self.block.push(start.wrapping_sub(self.last));
+                self.end_full_block();
+            }
         }
         self.last = last;
         self.rows += rows as u32; // rows of a row group at most
@@ -109,12 +112,6 @@ impl StepColumn {
     /// around to negative ones (the type's annotation says "without sign").
     fn stored(&self, value: i64) -> i64 {
         if self.is_wide() { value } else { i64::from(value as i32) }
-    }
-
-    /// Adds one difference, and encodes the block if it is full.
-    fn push_difference(&mut self, difference: i64) {
-        self.block.push(difference);
-        self.end_full_block();
     }
 
     /// Encodes the block under way if it is full; its memory is used again.

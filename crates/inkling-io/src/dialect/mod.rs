@@ -18,7 +18,8 @@
 //! json
 //! value           what was found in a message
 //! decoder         what was found becomes a burst
-//! guess           the other way round: messages that look like bursts become a block to paste
+//! guess,          the other way round: messages that look like bursts become a block to paste
+//! first_message
 //! ```
 //!
 //! All encodings share the middle: a schema of any encoding becomes a shape, in which paths are
@@ -30,6 +31,7 @@
 
 pub mod decoder;
 pub mod fields;
+mod first_message;
 pub mod guess;
 mod json;
 pub mod path;
@@ -151,16 +153,13 @@ impl Dialects {
 
     /// The dialects that are not `used`, each by its key, topic and schema, for a message to the user.
     pub fn without(&self, used: impl Fn(usize) -> bool) -> Vec<String> {
-        self.all
-            .iter()
-            .enumerate()
-            .filter(|(number, _)| !used(*number))
-            .map(|(number, fitting)| {
-                let schema = fitting.dialect.schema.as_ref();
-                let schema = schema.map_or(String::new(), |name| format!(", schema {name:?}"));
-                format!("input.dialect[{number}] (topic {:?}{schema})", fitting.dialect.topic)
-            })
-            .collect()
+        let unused = self.all.iter().enumerate().filter(|(number, _)| !used(*number));
+        let named = unused.map(|(number, Fitting { dialect, .. })| {
+            let schema = dialect.schema.as_ref();
+            let schema = schema.map_or(String::new(), |name| format!(", schema {name:?}"));
+            format!("input.dialect[{number}] (topic {:?}{schema})", dialect.topic)
+        });
+        named.collect()
     }
 }
 

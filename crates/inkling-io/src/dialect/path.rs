@@ -108,10 +108,8 @@ impl fmt::Display for Step {
 
 impl fmt::Display for FieldPath {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (i, step) in self.0.iter().enumerate() {
-            write!(f, "{}{step}", if i == 0 { "" } else { "." })?;
-        }
-        Ok(())
+        let steps: Vec<String> = self.0.iter().map(Step::to_string).collect();
+        f.write_str(&steps.join("."))
     }
 }
 

@@ -31,18 +31,13 @@ pub fn walk(
 ) -> Result<(), Unread> {
     // The first two bytes of CDR say the order of bytes and the version. The second version (6, 7)
     // aligns numbers of 8 bytes to 4 bytes only.
-    let (at, (big_endian, widest)) = match flavour {
-        Flavour::Ros1 => (0, (false, 1)),
-        Flavour::Ros2 => (
-            ENCAPSULATION,
-            match message.get(..2).ok_or(Unread::Malformed)? {
-                [0, 0] => (true, 8),
-                [0, 1] => (false, 8),
-                [0, 6] => (true, 4),
-                [0, 7] => (false, 4),
-                _ => return Err(Unread::Malformed), // has parameters or delimiters, which ROS never writes
-            },
-        ),
+    let (at, big_endian, widest) = match (flavour, message.get(..2)) {
+        (Flavour::Ros1, _) => (0, false, 1),
+        (Flavour::Ros2, Some([0, 0])) => (ENCAPSULATION, true, 8),
+        (Flavour::Ros2, Some([0, 1])) => (ENCAPSULATION, false, 8),
+        (Flavour::Ros2, Some([0, 6])) => (ENCAPSULATION, true, 4),
+        (Flavour::Ros2, Some([0, 7])) => (ENCAPSULATION, false, 4),
+        _ => return Err(Unread::Malformed), // has parameters or delimiters, which ROS never writes
     };
     let mut walk = Walk { shape, flavour, message, values, at, origin: at, widest, big_endian };
     walk.message_of(0, &wanted.fields)?;
