@@ -17,7 +17,7 @@
 use super::block::{Block, BlockKind, ReadBlock};
 use super::burst_codec::{BurstDecoder, unread};
 use super::census::Census;
-use super::channels::{Becomes, Channels, Lost, Route};
+use super::channels::{Channels, MessageKind, RecordError, Route};
 use super::chunk_loader::ChunkLoader;
 use super::damage::Damage;
 use super::dialect::decoder::{DialectDecoder, Times};
@@ -80,7 +80,7 @@ struct OpenBlock {
     /// Damage that was met and that no piece has told yet.
     damage: Vec<Damage>,
     /// How often records were of no use, by reason. It becomes damage with the last piece.
-    lost: BTreeMap<Lost, u64>,
+    lost: BTreeMap<RecordError, u64>,
 }
 
 impl BlockReader {
@@ -191,7 +191,7 @@ impl BlockReader {
             // a message becomes at most one acquisition; definitions are learned
             let outcome = match record.opcode {
                 op::MESSAGE => match message_header(body) {
-                    None => Err(Lost::ShortMessage),
+                    None => Err(RecordError::ShortMessage),
                     Some(header) => self.route(header.channel_id).map(|to| {
                         let data = record.from + MESSAGE_HEADER..record.to;
                         if let Some(census) = &mut self.census {
@@ -223,23 +223,23 @@ impl BlockReader {
     }
 
     /// Learns a schema, unless the summary or an earlier block has defined the same id.
-    fn define_schema(&mut self, body: &[u8]) -> Result<(), Lost> {
-        let schema = SchemaRecord::parse(body).ok_or(Lost::Malformed("schema"))?;
+    fn define_schema(&mut self, body: &[u8]) -> Result<(), RecordError> {
+        let schema = SchemaRecord::parse(body).ok_or(RecordError::Malformed("schema"))?;
         let known = [&self.upfront, &self.met].into_iter().find_map(|of| of.known_schema(schema));
         known.unwrap_or_else(|| Arc::make_mut(&mut self.met).define_schema(schema))
     }
 
     /// Learns a channel, in the same way as a schema.
-    fn define_channel(&mut self, body: &[u8]) -> Result<(), Lost> {
-        let channel = ChannelRecord::parse(body).ok_or(Lost::Malformed("channel"))?;
+    fn define_channel(&mut self, body: &[u8]) -> Result<(), RecordError> {
+        let channel = ChannelRecord::parse(body).ok_or(RecordError::Malformed("channel"))?;
         let known = [&self.upfront, &self.met].into_iter().find_map(|of| of.known_channel(channel));
         known.unwrap_or_else(|| Arc::make_mut(&mut self.met).define_channel(channel))
     }
 
     /// Where a channel's messages go: by the summary's channels, else by those of the blocks.
-    fn route(&self, channel_id: u16) -> Result<Route, Lost> {
+    fn route(&self, channel_id: u16) -> Result<Route, RecordError> {
         match self.upfront.route_with(&self.met, channel_id) {
-            Err(Lost::UnknownChannel(_)) => self.met.route_with(&self.upfront, channel_id),
+            Err(RecordError::UnknownChannel(_)) => self.met.route_with(&self.upfront, channel_id),
             known => known,
         }
     }
@@ -257,13 +257,15 @@ impl BlockReader {
             [header.log_time, header.publish_time].map(|t| i64::try_from(t).unwrap_or(i64::MAX));
         let topic = route.printhead.as_ref().unwrap_or(&self.no_printhead);
         match route.to {
-            Becomes::Nothing => None,
-            Becomes::Foreign(plan) => {
+            MessageKind::Nothing => None,
+            MessageKind::Foreign(plan) => {
                 let times = Times { log_ns: log_time_ns, publish_ns };
                 Some(self.dialects.decode(&plan, records.slice(data), times, topic))
             }
-            Becomes::Bursts => Some(self.decoder.decode(records.slice(data), log_time_ns, topic)),
-            Becomes::OtherEncoding | Becomes::Unread(_) => {
+            MessageKind::Bursts => {
+                Some(self.decoder.decode(records.slice(data), log_time_ns, topic))
+            }
+            MessageKind::OtherEncoding | MessageKind::Unread(_) => {
                 Some(Acquisition::Unusable(unread(log_time_ns, topic, Reason::Undecodable)))
             }
         }
@@ -279,7 +281,7 @@ impl BlockReader {
             && open.block.kind == BlockKind::Messages;
         match head.filter(|_| too_large).and_then(message_header) {
             Some(header) => match self.route(header.channel_id) {
-                Ok(Route { to: Becomes::Nothing, .. }) => {}
+                Ok(Route { to: MessageKind::Nothing, .. }) => {}
                 Ok(Route { printhead, .. }) => {
                     let log_time_ns = i64::try_from(header.log_time).unwrap_or(i64::MAX);
                     let topic = printhead.as_ref().unwrap_or(&self.no_printhead);
@@ -301,7 +303,7 @@ impl BlockReader {
 }
 
 /// The records of a block that were of no use, as damage.
-fn losses(block: &Block, lost: &BTreeMap<Lost, u64>) -> Vec<Damage> {
+fn losses(block: &Block, lost: &BTreeMap<RecordError, u64>) -> Vec<Damage> {
     // reasons beyond these are counted together
     const NAMED: usize = 16;
     let named = lost.iter().take(NAMED).map(|(lost, n)| match n {

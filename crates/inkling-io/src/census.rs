@@ -7,8 +7,8 @@
 //! first messages are kept only up to the limits below. A topic has several channels if several
 //! programs wrote to it.
 
-pub use super::channels::Becomes;
-use super::dialect::plan::{Schema, Written};
+pub use super::channels::MessageKind;
+use super::dialect::plan::{ChannelDescription, Schema};
 use super::mcap_records::{ChannelRecord, MessageHeader, SchemaRecord, op};
 use bytes::Bytes;
 use std::collections::HashMap;
@@ -43,7 +43,7 @@ pub struct TopicSummary {
     pub last_ns: u64,
     /// The first message, if it was small enough to be kept.
     pub first_message: Option<Bytes>,
-    pub becomes: Becomes,
+    pub kind: MessageKind,
 }
 
 /// Counts the messages of a recording, channel by channel.
@@ -67,10 +67,10 @@ struct SchemaSummary {
 impl TopicSummary {
     /// How the channel's messages are written, for whoever plans how to read them. `None`: the
     /// schema was too large to be kept.
-    pub fn written(&self) -> Option<Written<'_>> {
+    pub fn written(&self) -> Option<ChannelDescription<'_>> {
         // a channel without a schema is known as such
         let known = self.without_schema || self.schema.is_some();
-        known.then(|| Written {
+        known.then(|| ChannelDescription {
             topic: &self.topic,
             message_encoding: &self.message_encoding,
             schema: self.schema.as_deref(),
@@ -124,10 +124,10 @@ impl Census {
     }
 
     /// Counts a message.
-    pub(super) fn see_message(&mut self, header: MessageHeader, to: &Becomes, message: Bytes) {
+    pub(super) fn see_message(&mut self, header: MessageHeader, to: &MessageKind, message: Bytes) {
         let Some((_, summary)) = self.channels.get_mut(&header.channel_id) else { return };
         if summary.messages == 0 {
-            summary.becomes = to.clone();
+            summary.kind = to.clone();
             let bytes = message.len();
             if bytes <= MOST_OF_ONE && self.kept + bytes <= MOST_KEPT_BYTES {
                 self.kept += bytes;
@@ -147,7 +147,7 @@ impl Census {
     /// read them.
     pub(super) fn foreign(&self) -> usize {
         let fits = |summary: &TopicSummary| {
-            matches!(summary.becomes, Becomes::Foreign(_) | Becomes::Unread(_))
+            matches!(summary.kind, MessageKind::Foreign(_) | MessageKind::Unread(_))
         };
         self.channels.values().filter(|(_, summary)| fits(summary)).count()
     }

@@ -10,7 +10,7 @@
 
 use super::file_error::{FileError, line_of};
 use super::printable;
-use super::regular_file::{self, Records};
+use super::regular_file::{self, BoundedRecords};
 use super::table_file::{
     ChosenColumns, Columns, LONGEST_NAME, Rows, Table, choose_columns, unit_ns, unread,
 };
@@ -47,7 +47,7 @@ fn read_from(
         .trim(csv::Trim::All)
         .delimiter(delimiter)
         .comment(Some(b'#'))
-        .from_reader(Records::new(input, MOST_BYTES));
+        .from_reader(BoundedRecords::new(input, MOST_BYTES));
     let failed = |e| csv_error(path, e);
     let header = csv.headers().map_err(failed)?.clone();
     if header.is_empty() {

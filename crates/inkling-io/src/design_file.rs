@@ -15,7 +15,7 @@ const MOST_BYTES: u64 = 1 << 30;
 
 /// What designs of every version say of themselves, so that one of another version can be refused by name.
 #[derive(Deserialize)]
-struct Made {
+struct Origin {
     version: u32,
     #[serde(default = "somebody")]
     made_by: String,
@@ -45,9 +45,10 @@ pub fn parse(path: &Path, text: &[u8]) -> Result<Design, FileError> {
     };
     let design: Design = serde_json::from_slice(text).map_err(|e| {
         // a design of another version may not parse at all; if its version can be read, that is what is said
-        let made: Option<Made> = serde_json::from_slice(text).ok();
+        let made: Option<Origin> = serde_json::from_slice(text).ok();
         let other = made.filter(|made| made.version != VERSION);
-        let of_version = |made: Made| other_version(made.version, &printable::cell(&made.made_by));
+        let of_version =
+            |made: Origin| other_version(made.version, &printable::cell(&made.made_by));
         not(other.map_or_else(|| printable::of_parser(&e), of_version))
     })?;
     design.check().map_err(|e| not(e.to_string()))?;

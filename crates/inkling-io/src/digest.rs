@@ -8,7 +8,7 @@
 //! if the file has one. That checksum is the only one that covers messages outside chunks.
 //!
 //! What lies between blocks is read and summed up, too. A chunk without compression has a CRC-32 of
-//! its own over a part of the same bytes; one pass serves both (`Records`).
+//! its own over a part of the same bytes; one pass serves both (`ChunkRecords`).
 
 use super::Limits;
 use super::block::{Block, BlockKind, ReadBlock};
@@ -136,7 +136,7 @@ impl Digester {
         let checked = self.data.map_or(0, |(end, _)| end.saturating_sub(self.at));
         let checked = checked.min(buffer.len() as u64) as usize;
 
-        let mut records: Option<Records> = None;
+        let mut records: Option<ChunkRecords> = None;
         for from in (0..buffer.len()).step_by(PART) {
             let to = (from + PART).min(buffer.len());
             self.source
@@ -146,7 +146,7 @@ impl Digester {
                 // The header of a chunk lies in its first part. If the chunk has no compression,
                 // its records get their own checksum on the way. (Only where the data section's
                 // checksum covers the whole chunk: elsewhere the worker computes it.)
-                records = records_of(&buffer).map(Records::new);
+                records = records_of(&buffer).map(ChunkRecords::new);
             }
             self.xxh3.update(&buffer[from..to]);
             match &mut records {
@@ -179,15 +179,15 @@ impl Digester {
 /// The records of a chunk without compression. They have a checksum of their own, which is a part
 /// of what the data section's checksum covers. CRC-32 of two adjacent ranges can be combined from
 /// those of the ranges, so these bytes are summed up once for both.
-struct Records {
+struct ChunkRecords {
     /// Where in the block the records lie.
     range: Range<usize>,
     crc: crc32fast::Hasher,
 }
 
-impl Records {
-    fn new(range: Range<usize>) -> Records {
-        Records { range, crc: crc32fast::Hasher::new() }
+impl ChunkRecords {
+    fn new(range: Range<usize>) -> ChunkRecords {
+        ChunkRecords { range, crc: crc32fast::Hasher::new() }
     }
 
     /// Sums up the next part of the block.
@@ -218,7 +218,7 @@ mod tests {
             let end = rng.random_range(start..=block.len());
             let mut all = crc32fast::Hasher::new();
             all.update(&before);
-            let mut records = Records::new(start..end);
+            let mut records = ChunkRecords::new(start..end);
             let part = rng.random_range(1..=block.len());
             for (k, bytes) in block.chunks(part).enumerate() {
                 records.take(bytes, k * part, &mut all);

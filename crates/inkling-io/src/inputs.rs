@@ -111,10 +111,7 @@ pub fn find_verdicts(named: &[String]) -> Result<Vec<Input>, InputsError> {
 
 /// Fails if a name stands for nothing.
 fn all_there(found: FoundInputs) -> Result<Vec<Input>, InputsError> {
-    match found.lost.into_iter().next() {
-        Some(lost) => Err(lost),
-        None => Ok(found.inputs),
-    }
+    found.lost.into_iter().next().map_or(Ok(found.inputs), Err)
 }
 
 /// Finds the files of all names, in the order of the names. A file that is named twice, or by two

@@ -145,11 +145,6 @@ impl Entry {
     pub fn new(recording: Source, by: Means, outcome: Outcome) -> Entry {
         Entry { version: VERSION, at: now(), recording, by, outcome, ..Entry::default() }
     }
-
-    /// Whether verdicts of the recording were written.
-    pub fn is_judged(&self) -> bool {
-        self.outcome.is_judged()
-    }
 }
 
 /// What earlier runs did in a directory: the last entry of each recording and of each result.

@@ -8,7 +8,7 @@
 //! functions.
 
 use super::file_error::{FileError, line_of};
-use super::regular_file::{self, Records};
+use super::regular_file::{self, BoundedRecords};
 use super::{part_file, printable, result_file};
 use chrono::{DateTime, SecondsFormat};
 use inkling_core::fault::{HEALTHY, IGNORE};
@@ -41,30 +41,30 @@ pub enum States<'a> {
 /// Reads and checks labels that may have any state. Still refused is a state that differs from a
 /// known one only by its case, or that was probably meant as `healthy` or `ignore`.
 pub fn read(path: &Path) -> Result<Labels, FileError> {
-    read_states(Written::File(path), States::Any)
+    read_states(LabelSource::File(path), States::Any)
 }
 
 #[derive(Clone, Copy, Debug)]
-pub enum Written<'a> {
+pub enum LabelSource<'a> {
     File(&'a Path),
     Text(&'a str),
 }
 
-impl Written<'_> {
+impl LabelSource<'_> {
     /// The name by which errors call the labels.
     pub fn name(&self) -> &Path {
         match self {
-            Written::File(path) => path,
-            Written::Text(_) => Path::new("labels"),
+            LabelSource::File(path) => path,
+            LabelSource::Text(_) => Path::new("labels"),
         }
     }
 }
 
 /// Reads and checks labels. A state that `states` does not allow is an error.
-pub fn read_states(of: Written, states: States) -> Result<Labels, FileError> {
+pub fn read_states(of: LabelSource, states: States) -> Result<Labels, FileError> {
     match of {
-        Written::Text(text) => parse_rows(of.name(), text.as_bytes(), states),
-        Written::File(path) => {
+        LabelSource::Text(text) => parse_rows(of.name(), text.as_bytes(), states),
+        LabelSource::File(path) => {
             parse_rows(path, regular_file::open(path).map_err(FileError::unread(path))?, states)
         }
     }
@@ -112,7 +112,7 @@ pub(super) fn each_row<const M: usize>(
     let mut csv = csv::ReaderBuilder::new()
         .trim(csv::Trim::All)
         .flexible(true)
-        .from_reader(Records::new(from, MOST_BYTES));
+        .from_reader(BoundedRecords::new(from, MOST_BYTES));
     let header = csv.headers().map_err(failed)?.clone();
     // a byte order mark may stand before the first name
     let place =
@@ -355,7 +355,7 @@ mod tests {
         let declared = |state: &str| {
             let header = "printhead,channel,from,to,state,severity";
             std::fs::write(&path, format!("{header}\np,1,,,ignore,\np,1,,,{state},\n")).unwrap();
-            read_states(Written::File(&path), States::Declared(&["Verstopfung"]))
+            read_states(LabelSource::File(&path), States::Declared(&["Verstopfung"]))
                 .map(drop)
                 .map_err(|e| e.to_string())
         };

@@ -4,7 +4,7 @@
 //! In: the bytes of a recording. Out: a `Summary`: schemas, channels, statistics and chunk index.
 //! If one of them is missing or not sound, nothing of them is used, and that is damage.
 
-use super::census::{Becomes, Census};
+use super::census::{Census, MessageKind};
 use super::channels::{Channels, Route};
 use super::damage::Damage;
 use super::dialect::Dialects;
@@ -13,7 +13,7 @@ use super::mcap_records::{
     statistics,
 };
 use super::printable;
-use super::recording::Other;
+use super::recording::OtherChannel;
 use super::source::Source;
 
 /// Only so many channels without bursts are named one by one.
@@ -95,19 +95,19 @@ impl Summary {
     /// The first reason why a dialect cannot read a channel that it fits.
     pub(super) fn unread(&self) -> Option<String> {
         self.channel_ids.iter().find_map(|&id| match self.channels.route(id) {
-            Ok(Route { to: Becomes::Unread(why), .. }) => Some(why.to_string()),
+            Ok(Route { to: MessageKind::Unread(why), .. }) => Some(why.to_string()),
             _ => None,
         })
     }
 
     /// The first `MOST_NAMED` channels that carry no bursts.
-    pub(super) fn others(&self) -> Vec<Other> {
+    pub(super) fn others(&self) -> Vec<OtherChannel> {
         let counts = self.statistics.as_ref().map(|s| &s.channel_message_counts);
         let line = |text| printable::line(text, MOST_OF_A_NAME);
         let other = |&id: &u16| {
             let (channel, schema) =
                 self.census.channel(id).filter(|_| !self.channels.carries_bursts(id))?;
-            Some(Other {
+            Some(OtherChannel {
                 topic: line(&channel.topic),
                 schema: line(schema),
                 message_encoding: line(&channel.message_encoding),

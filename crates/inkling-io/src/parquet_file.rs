@@ -9,7 +9,7 @@
 //! instead of no bytes.
 
 use super::parquet_claims;
-use super::thrift::Stop;
+use super::thrift::ThriftError;
 use bytes::Bytes;
 use parquet::arrow::arrow_reader::{
     ArrowReaderMetadata, ArrowReaderOptions, ParquetRecordBatchReaderBuilder,
@@ -65,8 +65,8 @@ impl ParquetFile {
         while at < end {
             let wrong = |stop| {
                 let what = match stop {
-                    Stop::Unread => "no page begins here",
-                    Stop::Beyond => "a page claims more than it holds",
+                    ThriftError::Malformed => "no page begins here",
+                    ThriftError::ClaimsTooMuch => "a page claims more than it holds",
                 };
                 io::Error::other(format!("byte {at}: {what}"))
             };
@@ -75,7 +75,9 @@ impl ParquetFile {
             let header = BufReader::with_capacity(PAGE_HEADER_BYTES, file).take(end - at);
             let page = parquet_claims::page(header, compressed).map_err(wrong)?;
             if !page.is_dictionary {
-                left = left.checked_sub(page.values).ok_or_else(|| wrong(Stop::Beyond))?;
+                left = left
+                    .checked_sub(page.values)
+                    .ok_or_else(|| wrong(ThriftError::ClaimsTooMuch))?;
             }
             at = at.saturating_add(page.header_bytes + page.stored_bytes);
         }
@@ -110,10 +112,10 @@ impl Length for ParquetFile {
 }
 
 impl ChunkReader for ParquetFile {
-    type T = Ending;
+    type T = StrictReader;
 
-    fn get_read(&self, start: u64) -> Result<Ending, ParquetError> {
-        self.0.get_read(start).map(Ending)
+    fn get_read(&self, start: u64) -> Result<StrictReader, ParquetError> {
+        self.0.get_read(start).map(StrictReader)
     }
 
     fn get_bytes(&self, start: u64, length: usize) -> Result<Bytes, ParquetError> {
@@ -124,9 +126,9 @@ impl ChunkReader for ParquetFile {
 /// A reader for which reading at the end of the file is an error. A plain file gives no bytes there, and the
 /// library goes on as if it had skipped what was claimed.
 #[derive(Debug)]
-pub struct Ending(BufReader<File>);
+pub struct StrictReader(BufReader<File>);
 
-impl Read for Ending {
+impl Read for StrictReader {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         match self.0.read(buffer)? {
             0 if !buffer.is_empty() => Err(io::ErrorKind::UnexpectedEof.into()),

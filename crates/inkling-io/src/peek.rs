@@ -1,12 +1,12 @@
 //! Looks at the beginning of a recording: which dialects read something in it, and which channels
 //! look like bursts although nothing reads them.
 //!
-//! In: a [`Recording`], of which a few blocks are decoded. Out: [`DialectsUsed`] and [`Unread`], of
+//! In: a [`Recording`], of which a few blocks are decoded. Out: [`DialectsUsed`] and [`UnreadChannel`], of
 //! which the user is told before anything is judged.
 
 use super::block::Block;
 use super::block_reader::BlockReader;
-use super::census::{Becomes, Census, TopicSummary};
+use super::census::{Census, MessageKind, TopicSummary};
 use super::damage::RecordingError;
 use super::dialect::Dialects;
 use super::dialect::guess::guess;
@@ -17,7 +17,7 @@ use std::collections::BTreeSet;
 
 /// A channel whose messages look like bursts, and that nothing reads. `replay` warns of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Unread {
+pub struct UnreadChannel {
     pub topic: String,
     pub schema: String,
     /// Number of messages by the statistics; `None`: the file does not say.
@@ -69,7 +69,16 @@ impl Recording {
         });
 
         // then each channel's first message is checked
-        topics.iter().try_for_each(|summary| self.check_first(summary)).map_err(wrong)?;
+        for TopicSummary { topic, kind, first_message, .. } in &topics {
+            let checked = match (kind, first_message) {
+                (MessageKind::Unread(why), _) => Err(why.to_string()),
+                (MessageKind::Foreign(plan), Some(message)) => plan
+                    .check_message(message, self.limits.samples_bytes)
+                    .map_err(|what| format!("{}: {what}", printable::line(topic, 200))),
+                _ => Ok(()),
+            };
+            checked.map_err(wrong)?;
+        }
         used.numbers.extend(known);
         Ok(used)
     }
@@ -93,13 +102,13 @@ impl Recording {
 
     /// Channels whose messages look like bursts and that nothing reads, as far as the first 16
     /// blocks tell.
-    pub fn unread(&self, dialects: &Dialects) -> Vec<Unread> {
+    pub fn unread(&self, dialects: &Dialects) -> Vec<UnreadChannel> {
         if self.channels_known_upfront && self.others.is_empty() {
             return Vec::new();
         }
         let (_, topics) = self.peek(|block, _| block.index >= PEEKED_AT_ONCE);
         // the schemas that a dialect reads on other topics: there a topic's pattern may be mistyped
-        let read = |summary: &&TopicSummary| matches!(summary.becomes, Becomes::Foreign(_));
+        let read = |summary: &&TopicSummary| matches!(summary.kind, MessageKind::Foreign(_));
         let read: BTreeSet<&str> =
             topics.iter().filter(read).map(|summary| &*summary.schema_name).collect();
         let unread = |summary: &TopicSummary| {
@@ -108,7 +117,7 @@ impl Recording {
             let fits =
                 dialects.of_topic(&summary.topic).any() || read.contains(&*summary.schema_name);
             let of_it = self.others.iter().find(|other| other.topic == summary.topic);
-            Some(Unread {
+            Some(UnreadChannel {
                 topic: printable::line(&summary.topic, MOST_OF_A_NAME),
                 schema: printable::line(&summary.schema_name, MOST_OF_A_NAME),
                 messages: of_it.and_then(|other| other.messages),
@@ -116,18 +125,7 @@ impl Recording {
                     && dialects.could_read(&written, message, self.limits.samples_bytes),
             })
         };
-        let nothing = topics.iter().filter(|summary| matches!(summary.becomes, Becomes::Nothing));
+        let nothing = topics.iter().filter(|summary| matches!(summary.kind, MessageKind::Nothing));
         nothing.filter_map(unread).collect()
-    }
-
-    /// Refuses a channel whose dialect cannot read it.
-    fn check_first(&self, summary: &TopicSummary) -> Result<(), String> {
-        match (&summary.becomes, &summary.first_message) {
-            (Becomes::Unread(why), _) => Err(why.to_string()),
-            (Becomes::Foreign(plan), Some(message)) => plan
-                .check_message(message, self.limits.samples_bytes)
-                .map_err(|what| format!("{}: {what}", printable::line(&summary.topic, 200))),
-            _ => Ok(()),
-        }
     }
 }

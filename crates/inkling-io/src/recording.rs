@@ -9,7 +9,7 @@
 //! never relies on the chunk index: the order in the file is the order of the verdicts, and a file
 //! without a summary gives the same bursts.
 
-pub use super::peek::{DialectsUsed, Unread};
+pub use super::peek::{DialectsUsed, UnreadChannel};
 
 use super::Limits;
 use super::block_reader::BlockReader;
@@ -44,7 +44,7 @@ pub struct Recording {
     /// How many burst messages the recording's own statistics say there are.
     pub expected: Option<u64>,
     /// Channels that carry no bursts: the first 64 of those that the summary names.
-    pub others: Vec<Other>,
+    pub others: Vec<OtherChannel>,
     /// Damage that was found when the recording was opened; blocks and the digest add more later.
     pub damage: Vec<Damage>,
     pub(super) source: Arc<Source>,
@@ -68,7 +68,7 @@ pub struct Recording {
 
 /// A channel that carries no bursts.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Other {
+pub struct OtherChannel {
     pub topic: String,
     pub schema: String,
     pub message_encoding: String,

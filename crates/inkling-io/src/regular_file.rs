@@ -3,7 +3,7 @@
 //!
 //! In: a path, which may be a name in an object store. Out: the file's bytes, and no more than the
 //! caller allows. Only regular files are opened, because a pipe or a device may never end. Tables
-//! that are read record by record go through [`Records`], which fails where one record is longer
+//! that are read record by record go through [`BoundedRecords`], which fails where one record is longer
 //! than any table has.
 
 use super::objects::{self, in_object_store};
@@ -75,7 +75,7 @@ fn too_large(what: String) -> io::Error {
 /// Reads the bytes of a table, and fails where one record, or the whole table, is longer than
 /// allowed. The caller says after each record that it has ended. Without this, a quote that is
 /// never closed would make one record of the whole file.
-pub struct Records<R> {
+pub struct BoundedRecords<R> {
     input: R,
     /// Bytes read since the last record ended, and bytes read so far.
     of_record: u64,
@@ -83,10 +83,10 @@ pub struct Records<R> {
     most_bytes: u64,
 }
 
-impl<R: Read> Records<R> {
+impl<R: Read> BoundedRecords<R> {
     /// `most_bytes`: the most that all records together may have.
-    pub fn new(input: R, most_bytes: u64) -> Records<R> {
-        Records { input, of_record: 0, of_all: 0, most_bytes }
+    pub fn new(input: R, most_bytes: u64) -> BoundedRecords<R> {
+        BoundedRecords { input, of_record: 0, of_all: 0, most_bytes }
     }
 
     pub fn record_ends(&mut self) {
@@ -94,7 +94,7 @@ impl<R: Read> Records<R> {
     }
 }
 
-impl<R: Read> Read for Records<R> {
+impl<R: Read> Read for BoundedRecords<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let n = self.input.read(buffer)?;
         self.of_record += n as u64;
@@ -147,7 +147,7 @@ mod tests {
 
     #[test]
     fn a_record_without_an_end_ends() {
-        let mut records = Records::new(io::repeat(b'x'), 3 * MOST_RECORD_BYTES);
+        let mut records = BoundedRecords::new(io::repeat(b'x'), 3 * MOST_RECORD_BYTES);
         let mut buffer = vec![0; MOST_RECORD_BYTES as usize];
         for _ in 0..3 {
             assert_eq!(records.read(&mut buffer).unwrap(), buffer.len());
@@ -155,7 +155,7 @@ mod tests {
         }
         let all = records.read(&mut buffer).unwrap_err();
         assert!(all.to_string().contains("cut it into several"), "{all}");
-        let mut records = Records::new(io::repeat(b'x'), u64::MAX);
+        let mut records = BoundedRecords::new(io::repeat(b'x'), u64::MAX);
         assert_eq!(records.read(&mut buffer).unwrap(), buffer.len());
         assert!(records.read(&mut buffer).unwrap_err().to_string().contains("a record of"));
     }

@@ -59,8 +59,8 @@ impl VerdictReader {
                 .with_batch_size(BATCH_ROWS)
                 .build()
                 .map_err(TableError::parquet(path))?,
-            classes: Names::from(&document["classes"]),
-            categories: Names::from(&document["categories"]),
+            classes: Names::of(&document["classes"]),
+            categories: Names::of(&document["categories"]),
             metadata_json,
         })
     }
@@ -189,17 +189,16 @@ struct Names {
     index: HashMap<String, u16>,
 }
 
-impl From<&serde_json::Value> for Names {
-    fn from(document: &serde_json::Value) -> Names {
+impl Names {
+    /// The names in a list of the metadata document.
+    fn of(list: &serde_json::Value) -> Names {
         let mut names = Names::default();
-        for name in document.as_array().into_iter().flatten().filter_map(|n| n.as_str()) {
+        for name in list.as_array().into_iter().flatten().filter_map(|n| n.as_str()) {
             names.key(name);
         }
         names
     }
-}
 
-impl Names {
     /// The index of a name; a new name gets the next index.
     fn key(&mut self, name: &str) -> Option<u16> {
         if let Some(&known) = self.index.get(name) {

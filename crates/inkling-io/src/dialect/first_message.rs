@@ -2,7 +2,7 @@
 //! hold, and what samples they would give.
 //!
 //! In: a message, how it is read, and its fields. Out: numbers, texts and [`MessageSamples`], field
-//! by field; fields as the user is shown them ([`Shown`]).
+//! by field; fields as the user is shown them ([`ShownField`]).
 
 use super::fields::{FieldInfo, Kind};
 use super::plan::Reading;
@@ -21,7 +21,7 @@ const MOST_LOOKED_AT: u64 = MOST_MESSAGE_BYTES as u64 * 4;
 
 /// A field of the first message.
 #[derive(Clone, Debug, serde::Serialize)]
-pub struct Shown {
+pub struct ShownField {
     pub path: String,
     #[serde(rename = "type")]
     pub type_name: String,
@@ -54,12 +54,12 @@ pub struct FirstMessage<'a> {
 impl FirstMessage<'_> {
     /// A field as the user is shown it: with its length if it has several elements, else with its
     /// value.
-    pub fn shown(&self, field: &FieldInfo) -> Shown {
+    pub fn shown(&self, field: &FieldInfo) -> ShownField {
         let several = field.list || field.kind == Kind::Bytes;
         let samples = several.then(|| self.samples(field)).flatten();
         let value = if several { None } else { self.value(field) };
         let length = samples.map(|samples| samples.length);
-        Shown { path: field.path.clone(), type_name: field.typed(), length, value }
+        ShownField { path: field.path.clone(), type_name: field.typed(), length, value }
     }
 
     /// The samples that this field would give. `None`: it cannot be read as samples.

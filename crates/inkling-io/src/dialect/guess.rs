@@ -10,11 +10,11 @@
 //! channels come from fields whose number divides that of the samples, checked or replaced by how
 //! the samples correlate ([`Lie`]).
 
-pub use super::first_message::{MOST_MESSAGE_BYTES, Shown};
+pub use super::first_message::{MOST_MESSAGE_BYTES, ShownField};
 
 use super::fields::{FieldInfo, Kind};
 use super::first_message::{FirstMessage, MessageSamples};
-use super::plan::{Reading, Schema, Written, is_time};
+use super::plan::{ChannelDescription, Reading, Schema, is_time};
 use super::wanted::Slot;
 use bytes::Bytes;
 use inkling_core::burst::Format;
@@ -71,7 +71,7 @@ const VOLTAGE: Names =
 /// Proposes a dialect for a channel by its first message. `topics` are all topics that carry
 /// messages of the same kind; each must have as many parts as this one. `None`: nothing looks like
 /// bursts.
-pub fn guess(written: &Written, message: &Bytes, topics: &[&str]) -> Option<Proposal> {
+pub fn guess(written: &ChannelDescription, message: &Bytes, topics: &[&str]) -> Option<Proposal> {
     let name = written.schema.map_or("", |schema| &schema.name);
     let own_name = name.rsplit(['.', '/']).next().unwrap_or_default();
     if OTHERS.iter().any(|other| own_name.contains(other)) || message.len() > MOST_MESSAGE_BYTES {
@@ -113,7 +113,7 @@ pub struct Proposal {
     /// The keys that only a person can fill in. They stand in the block with a question mark as their value.
     pub open: Vec<String>,
     /// The fields of the first message, for the user to choose from.
-    pub fields: Vec<Shown>,
+    pub fields: Vec<ShownField>,
 }
 
 /// A block that is being written.

@@ -2,7 +2,7 @@
 //! lead nowhere.
 //!
 //! In, from `channels.rs`: a [`Dialect`], and how the recording describes the channel
-//! ([`Written`]). Out: a [`Plan`], which finds in each message the values that a burst is made of
+//! ([`ChannelDescription`]). Out: a [`Plan`], which finds in each message the values that a burst is made of
 //! ([`Plan::find`], called by `decoder.rs`). Schemas of protobuf and ROS are known beforehand, so
 //! wrong paths are found when the plan is made; JSON has no schema, so its first message is checked
 //! instead ([`Plan::check_message`]).
@@ -15,7 +15,7 @@ use super::path::FieldPath;
 use super::ros_definition::{self, Flavour};
 use super::settings::{Dialect, Key, Part, Source};
 use super::shape::Shape;
-use super::value::{Number, SlotValues, Unread, Value, is_base64};
+use super::value::{Number, ReadError, SlotValues, Value, is_base64};
 use super::wanted::{Slot, Wanted};
 use super::{json, protobuf, ros};
 use crate::printable;
@@ -34,7 +34,7 @@ pub struct Schema {
 
 /// How a recording describes a channel's messages.
 #[derive(Clone, Copy, Debug)]
-pub struct Written<'a> {
+pub struct ChannelDescription<'a> {
     pub topic: &'a str,
     pub message_encoding: &'a str,
     pub schema: Option<&'a Schema>,
@@ -60,8 +60,18 @@ pub struct Reading {
 const ENCODINGS: &str = "protobuf, json, cdr with ros2msg, ros1 with ros1msg";
 
 impl Encoding {
-    /// Parses the schema of a channel.
-    fn of(written: &Written) -> Result<Encoding, String> {
+    /// The message types of the schema; `None` of JSON, which has no schema.
+    fn shape(&self) -> Option<&Shape> {
+        match self {
+            Encoding::Protobuf(shape) | Encoding::Ros(_, shape) => Some(shape),
+            Encoding::Json => None,
+        }
+    }
+}
+
+impl Reading {
+    /// Parses the schema of a channel; nothing is wanted of its messages yet.
+    pub fn of(written: &ChannelDescription) -> Result<Reading, String> {
         let name = written.message_encoding;
         // only JSON may be without a schema
         let schema =
@@ -75,34 +85,21 @@ impl Encoding {
             let shape = ros_definition::shape(&schema.data, &schema.name, flavour)?;
             Ok(Encoding::Ros(flavour, Arc::new(shape)))
         };
-        match name {
-            "json" => Ok(Encoding::Json),
+        let encoding = match name {
+            "json" => Encoding::Json,
             "protobuf" => {
                 let Schema { name, data, .. } = schema?;
-                Ok(Encoding::Protobuf(Arc::new(protobuf::shape(data, name)?)))
+                Encoding::Protobuf(Arc::new(protobuf::shape(data, name)?))
             }
-            "cdr" => ros(Flavour::Ros2, schema?),
-            "ros1" => ros(Flavour::Ros1, schema?),
+            "cdr" => ros(Flavour::Ros2, schema?)?,
+            "ros1" => ros(Flavour::Ros1, schema?)?,
             other => {
                 let other = printable::cell(other);
-                Err(format!("messages of encoding {other:?} are not read; read are {ENCODINGS}"))
+                let what = format!("messages of encoding {other:?} are not read");
+                return Err(format!("{what}; read are {ENCODINGS}"));
             }
-        }
-    }
-
-    /// The message types of the schema; `None` of JSON, which has no schema.
-    fn shape(&self) -> Option<&Shape> {
-        match self {
-            Encoding::Protobuf(shape) | Encoding::Ros(_, shape) => Some(shape),
-            Encoding::Json => None,
-        }
-    }
-}
-
-impl Reading {
-    /// A reading of a channel's messages that wants nothing yet.
-    pub fn of(written: &Written) -> Result<Reading, String> {
-        Ok(Reading { encoding: Encoding::of(written)?, wanted: Wanted::default() })
+        };
+        Ok(Reading { encoding, wanted: Wanted::default() })
     }
 
     /// The fields that there are: by the schema, or of JSON those of `message`.
@@ -126,7 +123,7 @@ impl Reading {
     }
 
     /// Finds the values of all wanted fields in one message.
-    fn find(&self, message: &Bytes, most_bytes: u64) -> Result<SlotValues, Unread> {
+    fn find(&self, message: &Bytes, most_bytes: u64) -> Result<SlotValues, ReadError> {
         let mut values = SlotValues::new(most_bytes);
         match &self.encoding {
             Encoding::Protobuf(shape) => protobuf::walk(message, shape, &self.wanted, &mut values),
@@ -163,7 +160,7 @@ pub struct Plan {
 
 impl Plan {
     /// Resolves a dialect's paths in a channel's schema.
-    pub fn new(dialect: &Arc<Dialect>, written: &Written) -> Result<Plan, String> {
+    pub fn new(dialect: &Arc<Dialect>, written: &ChannelDescription) -> Result<Plan, String> {
         let mut reading = Reading::of(written)?;
         let name = name(dialect, written.topic)?;
         for key in dialect.paths() {
@@ -179,7 +176,7 @@ impl Plan {
     }
 
     /// The values of a burst: those that stand in the message, and the constants of the dialect.
-    pub fn find(&self, message: &Bytes, most_bytes: u64) -> Result<SlotValues, Unread> {
+    pub fn find(&self, message: &Bytes, most_bytes: u64) -> Result<SlotValues, ReadError> {
         let mut values = self.reading.find(message, most_bytes)?;
         for number in self.dialect.numbers() {
             // constants are values like those of the message, so that whoever reads them need not tell them
@@ -204,8 +201,8 @@ impl Plan {
         }
         let mut values = match self.reading.find(message, most_bytes) {
             Ok(values) => values,
-            Err(Unread::Malformed) => return Ok(()), // it becomes a rejected row; the paths may be right
-            Err(Unread::Unfit(what)) => {
+            Err(ReadError::Malformed) => return Ok(()), // it becomes a rejected row; the paths may be right
+            Err(ReadError::Unfit(what)) => {
                 let there = listed(&json::fields(message));
                 return Err(format!("its first message: {what}; fields that exist: {there}"));
             }

@@ -39,7 +39,7 @@ impl Flavour {
 }
 
 /// The lines of each message, by the message's name.
-type Written<'t> = HashMap<String, Vec<&'t str>>;
+type LinesOfTypes<'t> = HashMap<String, Vec<&'t str>>;
 
 /// The shape of the message type `name`, with all types that it uses.
 pub fn shape(text: &[u8], name: &str, flavour: Flavour) -> Result<Shape, String> {
@@ -50,7 +50,7 @@ pub fn shape(text: &[u8], name: &str, flavour: Flavour) -> Result<Shape, String>
 
     // the lines belong to the message itself until the first separator
     let root = short(name);
-    let mut written: Written = HashMap::new();
+    let mut written: LinesOfTypes = HashMap::new();
     let mut at = root.clone();
     let mut lines = text.lines();
     written.insert(at.clone(), Vec::new());
@@ -77,7 +77,7 @@ pub fn shape(text: &[u8], name: &str, flavour: Flavour) -> Result<Shape, String>
 struct Parser<'t> {
     types: Vec<MessageType>,
     flavour: Flavour,
-    written: Written<'t>,
+    written: LinesOfTypes<'t>,
     /// Numbers of the types by name; `None` while a type is being defined, so that a type that
     /// contains itself is noticed.
     known: HashMap<String, Option<usize>>,
@@ -161,7 +161,7 @@ fn short(name: &str) -> String {
 /// The full name of the message type that a field's type name `base` means within the message
 /// `within`. The order of the search: a type of the same package, one without a package, one of any
 /// other package.
-fn resolve(base: &str, within: &str, written: &Written, flavour: Flavour) -> String {
+fn resolve(base: &str, within: &str, written: &LinesOfTypes, flavour: Flavour) -> String {
     if base.contains('/') {
         return short(base);
     }

@@ -181,7 +181,7 @@ pub fn samples(of: &[u8], format: Format) -> impl Iterator<Item = f64> {
 
 /// Why nothing could be read from a message.
 #[derive(Debug)]
-pub enum Unread {
+pub enum ReadError {
     /// The message is not what its schema says, or it is no JSON. It becomes a rejected row.
     Malformed,
     /// A field of a JSON message is not what the dialect says.
