@@ -14,6 +14,7 @@
 //!
 //! Definitions in the recording's summary have precedence over those in blocks.
 
+use super::Limits;
 use super::block::{Block, BlockKind, ReadBlock};
 use super::burst_codec::{BurstDecoder, unread};
 use super::census::Census;
@@ -25,7 +26,7 @@ use super::mcap_records::{
     ChannelRecord, MESSAGE_HEADER, MessageHeader, RECORD_HEADER, SchemaRecord, message_header, op,
     record_at,
 };
-use super::recording::Recording;
+use super::source::Source;
 use bytes::Bytes;
 use inkling_core::burst::Acquisition;
 use inkling_core::verdict::Reason;
@@ -84,14 +85,20 @@ struct OpenBlock {
 }
 
 impl BlockReader {
-    pub(super) fn new(of: &Recording) -> BlockReader {
+    /// `upfront`: what the summary defines; `known_upfront`: whether it names all channels.
+    pub(super) fn new(
+        source: Arc<Source>,
+        limits: Limits,
+        upfront: Arc<Channels>,
+        known_upfront: bool,
+    ) -> BlockReader {
         BlockReader {
-            loader: ChunkLoader::new(of.source.clone(), of.limits),
-            decoder: BurstDecoder::new(of.limits),
-            dialects: DialectDecoder::new(of.limits),
-            upfront: of.channels.clone(),
-            met: Arc::new(of.channels.without_any()),
-            known_upfront: of.channels_known_upfront,
+            loader: ChunkLoader::new(source, limits),
+            decoder: BurstDecoder::new(limits),
+            dialects: DialectDecoder::new(limits),
+            met: Arc::new(upfront.without_any()),
+            upfront,
+            known_upfront,
             no_printhead: Arc::from(""),
             open: None,
             census: None,

@@ -107,17 +107,7 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
     let chosen = choose_columns(names, columns).map_err(|what| columns.refused(path, what))?;
     let type_of = |c: usize| schema.field(c).data_type();
 
-    // either all outputs are lists, or none is
-    let lists = chosen.outputs.iter().filter(|&&c| is_list(type_of(c))).count();
-    if lists != 0 && lists != chosen.outputs.len() {
-        let what = "some columns hold lists and some numbers: --outputs names those of one kind";
-        return Err(FileError::failed(path, what));
-    }
-    if lists != 0 && chosen.burst.is_some() {
-        let what = "--burst has no effect: each row holds lists and is a burst by itself";
-        return Err(FileError::mistaken(path, what));
-    }
-
+    let are_lists = are_lists(path, &chosen, type_of)?;
     // numbers fill `rows`, lists fill `bursts`; the other one stays empty
     let (mut rows, mut bursts, mut held) = (Rows::new(&chosen), Vec::new(), 0);
     let mut line = 0;
@@ -128,21 +118,18 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
         for row in 0..batch.num_rows() {
             line += 1;
             let row = Row { chosen: &chosen, columns: &columns, row };
-            // 0: no output column holds lists
-            let added = match lists {
-                0 => row.name(chosen.burst, "burst").and_then(|burst| {
+            let added = match are_lists {
+                false => row.name(chosen.burst, "burst").and_then(|burst| {
                     let printhead = row.name(chosen.printhead, "printhead")?;
                     rows.add(line, &burst, &printhead, |c| row.number(c))
                 }),
-                _ => row.burst().and_then(|burst| {
+                true => row.burst().and_then(|burst| {
                     held += burst.samples.len();
                     bursts.push(Ok(burst));
-                    match held > MOST_SAMPLES_BYTES {
-                        true => Err(format!(
-                            "more than {MOST_SAMPLES_BYTES} bytes of samples; cut it into several"
-                        )),
-                        false => Ok(()),
-                    }
+                    let most = MOST_SAMPLES_BYTES;
+                    let too_many =
+                        || format!("more than {most} bytes of samples; cut it into several");
+                    (held <= most).then_some(()).ok_or_else(too_many)
                 }),
             };
             added.map_err(|what| FileError::failed(path, format!("row {line}: {what}")))?;
@@ -163,6 +150,29 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
         outputs,
         content: Content::Bursts(Box::new(bursts.into_iter())),
     }))
+}
+
+/// Whether the cells of the output columns are lists. Either all of them are, or none is.
+fn are_lists<'a>(
+    path: &Path,
+    chosen: &ChosenColumns,
+    type_of: impl Fn(usize) -> &'a DataType,
+) -> Result<bool, FileError> {
+    let lists = chosen.outputs.iter().filter(|&&c| is_list(type_of(c))).count();
+    if lists == 0 {
+        return Ok(false);
+    }
+    if lists != chosen.outputs.len() {
+        let what = "some columns hold lists and some numbers: --outputs names those of one kind";
+        return Err(FileError::failed(path, what));
+    }
+    match chosen.burst {
+        None => Ok(true),
+        Some(_) => {
+            let what = "--burst has no effect: each row holds lists and is a burst by itself";
+            Err(FileError::mistaken(path, what))
+        }
+    }
 }
 
 /// One row of a batch, with the columns that were chosen: what of the row becomes what.

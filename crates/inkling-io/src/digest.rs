@@ -16,7 +16,6 @@ use super::buffers::Buffers;
 use super::chunk_loader::{bytes_to_read, records_of};
 use super::damage::{Damage, RecordingError};
 use super::file_error::FileError;
-use super::recording::Recording;
 use super::source::Source;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -78,11 +77,16 @@ pub struct Digester {
 
 impl Digester {
     /// `data`: where the checksum of the data section ends, and what it is.
-    pub(super) fn new(of: &Recording, data: Option<(u64, u32)>) -> Digester {
+    pub(super) fn new(
+        path: PathBuf,
+        source: Arc<Source>,
+        limits: Limits,
+        data: Option<(u64, u32)>,
+    ) -> Digester {
         Digester {
-            path: of.path.clone(),
-            source: of.source.clone(),
-            limits: of.limits,
+            path,
+            source,
+            limits,
             buffers: Buffers::default(),
             xxh3: Xxh3::new(),
             crc: crc32fast::Hasher::new(),

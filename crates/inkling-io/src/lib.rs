@@ -68,7 +68,7 @@ mod parquet_claims;
 mod parquet_file;
 pub mod part_file;
 pub mod part_tables;
-mod peek;
+pub mod peek;
 mod pieces;
 pub mod plain_columns;
 pub mod printable;

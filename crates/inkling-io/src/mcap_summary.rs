@@ -13,13 +13,21 @@ use super::mcap_records::{
     statistics,
 };
 use super::printable;
-use super::recording::OtherChannel;
 use super::source::Source;
 
 /// Only so many channels without bursts are named one by one.
 const MOST_NAMED: usize = 64;
 /// At most so many characters of a name are shown.
 pub(super) const MOST_OF_A_NAME: usize = 200;
+
+/// A channel that carries no bursts.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct OtherChannel {
+    pub topic: String,
+    pub schema: String,
+    pub message_encoding: String,
+    pub messages: Option<u64>,
+}
 
 /// What the end of the file says of the whole: the contents of the footer and the summary section.
 #[derive(Debug, Default)]

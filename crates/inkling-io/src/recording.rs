@@ -9,7 +9,7 @@
 //! never relies on the chunk index: the order in the file is the order of the verdicts, and a file
 //! without a summary gives the same bursts.
 
-pub use super::peek::{DialectsUsed, UnreadChannel};
+pub use super::mcap_summary::OtherChannel;
 
 use super::Limits;
 use super::block_reader::BlockReader;
@@ -64,15 +64,6 @@ pub struct Recording {
     /// chunk index and in log times, ns. `None`: the file does not say. Whoever sorts bursts by time must
     /// wait that long.
     pub disorder_ns: Option<u64>,
-}
-
-/// A channel that carries no bursts.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct OtherChannel {
-    pub topic: String,
-    pub schema: String,
-    pub message_encoding: String,
-    pub messages: Option<u64>,
 }
 
 impl Recording {
@@ -163,7 +154,12 @@ impl Recording {
     }
 
     pub fn reader(&self) -> BlockReader {
-        BlockReader::new(self)
+        BlockReader::new(
+            self.source.clone(),
+            self.limits,
+            self.channels.clone(),
+            self.channels_known_upfront,
+        )
     }
 
     /// The damage if `found` burst messages were read and the statistics say another number.
@@ -202,7 +198,7 @@ impl Recording {
     pub fn digester(&self) -> Digester {
         // The DataEnd record is the last of the data section; its checksum does not cover itself.
         let data = self.data_end.and_then(|end| self.data_end_record(end));
-        Digester::new(self, data)
+        Digester::new(self.path.clone(), self.source.clone(), self.limits, data)
     }
 
     /// The digest, by one pass over the whole file.
