@@ -118,7 +118,7 @@ const FOOTER: &[Shape] = &[
 
 /// Checks a file's metadata (the footer), of `bytes` bytes.
 pub fn footer(metadata: impl Read, bytes: u64) -> Result<(), ThriftError> {
-    Walk::new(metadata, bytes).record(FOOTER)
+    Walk::new(metadata, bytes).fields(FOOTER, 0)
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -134,7 +134,7 @@ pub struct Page {
 /// Reads and checks the header of a page. `compressed`: the page may be compressed.
 pub fn page(header: impl Read, compressed: bool) -> Result<Page, ThriftError> {
     let mut walk = Walk::new(header, MOST_OF_A_PAGE);
-    walk.record(PAGE)?;
+    walk.fields(PAGE, 0)?;
     let wanted = |place| walk.wanted(place).ok_or(ThriftError::Malformed);
     let (plain, stored) = (u64::from(wanted(PLAIN_BYTES)?), u64::from(wanted(STORED_BYTES)?));
     let page = Page {

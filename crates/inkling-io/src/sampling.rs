@@ -80,16 +80,12 @@ fn grid(start: f64, period: f64, samples: usize) -> Vec<f64> {
     (0..samples).map(|k| start + k as f64 * period).collect()
 }
 
-/// The decay in words: its name, and the line where it begins.
-fn named(decay: &Decay) -> String {
-    match decay.name.as_str() {
-        "" => "the table".to_owned(),
-        name => format!("burst {name:?} (from line {})", decay.line),
-    }
-}
-
+/// An error about a decay, which is named by its burst and the line where it begins.
 fn refused(decay: &Decay, what: String) -> String {
-    format!("{}: {what}", named(decay))
+    match decay.name.as_str() {
+        "" => format!("the table: {what}"),
+        name => format!("burst {name:?} (from line {}): {what}", decay.line),
+    }
 }
 
 /// Refuses a decay that is too short, whose times do not increase, or whose times are so large that

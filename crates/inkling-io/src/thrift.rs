@@ -87,15 +87,10 @@ impl<R: Read> Walk<R> {
         self.wanted[place]
     }
 
-    /// Walks the whole record, whose fields are those of `shapes`.
-    pub fn record(&mut self, shapes: &'static [Shape]) -> Result<(), ThriftError> {
-        self.fields(shapes, 0)
-    }
-
     /// Walks the fields of a record. Each begins with a byte of its distance from the field before
     /// and its type; a distance of 0 means that the field's number follows. A byte of 0 ends the
     /// record.
-    fn fields(&mut self, shapes: &'static [Shape], depth: u8) -> Result<(), ThriftError> {
+    pub fn fields(&mut self, shapes: &'static [Shape], depth: u8) -> Result<(), ThriftError> {
         if depth > MOST_DEPTH {
             return Err(ThriftError::Malformed);
         }
@@ -254,7 +249,7 @@ mod tests {
 
     fn walk(bytes: &[u8], elements: u64, shapes: &'static [Shape]) -> Result<u64, ThriftError> {
         let mut walk = Walk::new(bytes, elements);
-        walk.record(shapes).map(|()| walk.read())
+        walk.fields(shapes, 0).map(|()| walk.read())
     }
 
     #[test]
@@ -322,7 +317,7 @@ mod tests {
     fn numbers_that_are_asked_for_are_told_where_they_fit() {
         const SHAPES: &[Shape] = &[Shape::Wanted(0), Shape::Wanted(1), Shape::Wanted(0)];
         let mut wanted = Walk::new(&[0x15, 0x80, 2, 0x15, 0, 0][..], 0);
-        assert_eq!(wanted.record(SHAPES), Ok(()));
+        assert_eq!(wanted.fields(SHAPES, 0), Ok(()));
         assert_eq!(
             (wanted.wanted(0), wanted.wanted(1), wanted.wanted(2)),
             (Some(128), Some(0), None)

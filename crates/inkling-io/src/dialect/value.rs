@@ -52,15 +52,6 @@ impl Element {
         }
     }
 
-    /// The format of a burst whose bytes little-endian numbers of this type are already.
-    pub fn format(self) -> Option<Format> {
-        match self {
-            Element::I16 => Some(Format::S16Le),
-            Element::F32 => Some(Format::F32Le),
-            _ => None,
-        }
-    }
-
     /// Reads the first number of `bytes`. `None`: there are fewer bytes than a number has.
     pub fn read(self, bytes: &[u8], big_endian: bool) -> Option<Number> {
         let mut eight = [0; 8];
@@ -308,7 +299,9 @@ impl Value {
                 let lie = match array.element {
                     Element::U8 => format,
                     _ if array.big_endian => None,
-                    element => element.format(),
+                    Element::I16 => Some(Format::S16Le),
+                    Element::F32 => Some(Format::F32Le),
+                    _ => None,
                 };
                 match lie {
                     Some(format) => return whole(array.bytes, format),
