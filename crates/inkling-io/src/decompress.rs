@@ -32,7 +32,7 @@ impl Decompressor {
 
     /// Decompresses zstd. The context is made with the first chunk.
     fn zstd(&mut self, compressed: &[u8], out: &mut [u8]) -> Result<(), String> {
-        let failed = |e| format!("zstd: {e}");
+        let failed = |e: std::io::Error| format!("zstd: {e}");
         let zstd = match &mut self.zstd {
             Some(zstd) => zstd,
             none => none.insert(zstd::bulk::Decompressor::new().map_err(failed)?),

@@ -43,12 +43,12 @@ impl InputsError {
 
     fn missing(path: &Path) -> InputsError {
         let (name, meant) = (path.display(), meant(path));
-        InputsError::usage(name, format!("{name}: no such file or directory{meant}"))
+        InputsError::usage(&name, format!("{name}: no such file or directory{meant}"))
     }
 
     fn unsearched(path: &Path, what: impl Display) -> InputsError {
         let path = path.display();
-        InputsError::failed(path, format!("{path}: cannot be searched: {what}"))
+        InputsError::failed(&path, format!("{path}: cannot be searched: {what}"))
     }
 
     fn bad_pattern(pattern: &str, what: impl Display) -> InputsError {

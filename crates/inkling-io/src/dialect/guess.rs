@@ -343,9 +343,11 @@ fn glob(first: &str, topics: &[&str]) -> (String, Option<usize>) {
 impl Names<'_> {
     /// The field with the likeliest name, by the last names of the paths.
     fn find<'f>(&self, fields: &[&'f FieldInfo]) -> Option<&'f FieldInfo> {
-        // the last name of a path, without the messages around it
-        let own_name = |field: &&'f FieldInfo| field.path.rsplit('.').next().unwrap_or_default();
-        let first = |is: &dyn Fn(&str) -> bool| fields.iter().find(|f| is(own_name(f))).copied();
+        // the last name of a path is the field's own, without the messages around it
+        let own_name = |path: &'f str| path.rsplit('.').next().unwrap_or_default();
+        let first = |is: &dyn Fn(&str) -> bool| {
+            fields.iter().find(|field| is(own_name(&field.path))).copied()
+        };
         let Names(whole, words) = self;
         let named = |name: &str| first(&|of| of.eq_ignore_ascii_case(name));
         whole.split(' ').find_map(named).or_else(|| first(&|of| has_word(of, words)))
