@@ -343,10 +343,9 @@ fn glob(first: &str, topics: &[&str]) -> (String, Option<usize>) {
 impl Names<'_> {
     /// The field with the likeliest name, by the last names of the paths.
     fn find<'f>(&self, fields: &[&'f FieldInfo]) -> Option<&'f FieldInfo> {
-        // the last name of a path is the field's own, without the messages around it
-        let own_name = |path: &'f str| path.rsplit('.').next().unwrap_or_default();
         let first = |is: &dyn Fn(&str) -> bool| {
-            fields.iter().find(|field| is(own_name(&field.path))).copied()
+            // the last name of a path is the field's own, without the messages around it
+            fields.iter().find(|f| is(f.path.rsplit('.').next().unwrap_or_default())).copied()
         };
         let Names(whole, words) = self;
         let named = |name: &str| first(&|of| of.eq_ignore_ascii_case(name));
