@@ -18,8 +18,8 @@
 //!             written by recording_writer mcap_file memory_recording
 //! results     verdict_* column column_types row_table episode_table summary_file annotation_writer
 //!             part_tables baseline_file result_file
-//! foreign     table_file csv_table columnar plain_columns arrow_cells numpy sampling matrix; made
-//!             safe by parquet_* thrift ipc_sizes unpanicked
+//! foreign     table_file csv_table columnar plain_columns arrow_cells numpy sampling spline matrix;
+//!             made safe by parquet_* thrift ipc_sizes unpanicked
 //! people      labels_file outcomes_file
 //! made by other verbs than replay  design_file truth_file
 //! places      inputs outputs layout journal run_lock part_file stored objects regular_file stamp
@@ -81,6 +81,7 @@ pub mod run_lock;
 pub mod sampling;
 pub mod scan;
 mod source;
+mod spline;
 mod stamp;
 pub mod stored;
 pub mod summary_file;
