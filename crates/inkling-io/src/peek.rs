@@ -1,8 +1,8 @@
 //! Looks at the beginning of a recording: which dialects read something in it, and which channels
 //! look like bursts although nothing reads them.
 //!
-//! In: a [`Recording`], of which a few blocks are decoded. Out: [`DialectsUsed`] and [`UnreadChannel`], of
-//! which the user is told before anything is judged.
+//! In: a [`Recording`], of which a few blocks are decoded. Out: [`DialectsUsed`] and
+//! [`UnreadChannel`]s, of which the user is told before anything is judged.
 
 use super::block::Block;
 use super::block_reader::BlockReader;

@@ -1,14 +1,13 @@
 //! Resolves a dialect's paths in a recording's own schema, once for each channel, or says that they
 //! lead nowhere.
 //!
-//! In, from `channels.rs`: a [`Dialect`], and how the recording describes the channel
-//! ([`ChannelDescription`]). Out: a [`Plan`], which finds in each message the values that a burst is made of
-//! ([`Plan::find`], called by `decoder.rs`). Schemas of protobuf and ROS are known beforehand, so
-//! wrong paths are found when the plan is made; JSON has no schema, so its first message is checked
-//! instead ([`Plan::check_message`]).
+//! In: a [`Dialect`], and how the recording describes the channel ([`ChannelDescription`]). Out: a
+//! [`Plan`], which finds in each message the values that a burst is made of ([`Plan::find`]).
+//! Schemas of protobuf and ROS are known beforehand, so wrong paths are found when the plan is made;
+//! JSON has no schema, so its first message is checked instead ([`Plan::check_message`]).
 //!
-//! Layers: `Encoding` knows the schema; `Reading` adds which fields are wanted; `Plan` adds the
-//! dialect's constants and the printhead's name.
+//! Layers: `Reading` knows the schema and which fields are wanted; `Plan` adds the dialect's
+//! constants and the printhead's name.
 
 use super::fields::{FieldInfo, Kind, due, listed};
 use super::path::FieldPath;
