@@ -19,7 +19,7 @@ use inkling_core::identify::GreyBoxSettings;
 use inkling_core::model::Geometry;
 use inkling_core::ranges::{check, check_between};
 use inkling_io::dialect::settings::Dialect;
-use inkling_io::dialect::{Dialects, Ignored};
+use inkling_io::dialect::{Dialects, IgnoredTopics};
 use inkling_io::file_error::FileError;
 use inkling_io::layout::Layout;
 use inkling_io::objects::in_object_store;
@@ -99,8 +99,8 @@ impl InputSettings {
     }
 
     /// The topics that nobody wants, ready to match. They were checked when the settings were.
-    pub fn ignored(&self) -> Ignored {
-        Ignored::new(&self.ignore).unwrap_or_default()
+    pub fn ignored(&self) -> IgnoredTopics {
+        IgnoredTopics::new(&self.ignore).unwrap_or_default()
     }
 }
 
@@ -372,7 +372,7 @@ impl Settings {
         }
 
         Dialects::new(&self.input.dialect)?;
-        Ignored::new(&self.input.ignore).map_err(|e| format!("input.ignore: {e}"))?;
+        IgnoredTopics::new(&self.input.ignore).map_err(|e| format!("input.ignore: {e}"))?;
 
         let IdentifySettings { first, every, window_signals, .. } = self.identify;
         check_between("identify.first", first, 0.0, 1e7)?;

@@ -12,7 +12,7 @@ use inkling::io::journal::Journal;
 use inkling::io::recording::Recording;
 use inkling::io::table_file::{Columns, Content, Table};
 use inkling::io::verdict_reader::VerdictReader;
-use inkling::io::{Limits, columnar, design_file, episode_table, labels_file, numpy, table_file};
+use inkling::io::{Limits, columnar, csv_table, design_file, episode_table, labels_file, numpy};
 use inkling::settings::Settings;
 use std::path::Path;
 use std::sync::Arc;
@@ -34,7 +34,7 @@ pub const READERS: [(&str, Reader); 12] = [
     ("table", |path| {
         let columns = Columns::default();
         match columnar::table_kind_of(path) {
-            Ok(FileKind::Text) | Err(_) => drop(table_file::read(path, &columns)),
+            Ok(FileKind::Text) | Err(_) => drop(csv_table::read(path, &columns)),
             Ok(FileKind::Numpy) => {}
             Ok(kind) => drop(columnar::read(path, kind, &columns)),
         }

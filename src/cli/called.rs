@@ -19,7 +19,7 @@ use clap::Parser;
 use inkling_core::design::Design;
 use inkling_core::state::Memory;
 use inkling_io::baseline_file::BaselineFile;
-use inkling_io::labels_file::Written;
+use inkling_io::labels_file::LabelSource;
 use inkling_io::outputs::{self, ResultFile};
 use inkling_io::recording::Recording;
 use inkling_io::verdict_arrays::VerdictArrays;
@@ -91,7 +91,7 @@ fn parsed<C: Parser>(words: &[String]) -> Result<C, Failure> {
 /// `new_class`: the values of `--new-class`; `set`: settings as KEY=VALUE.
 pub fn learn(
     recordings: Recordings,
-    labels: Written,
+    labels: LabelSource,
     new_class: &[String],
     set: &[String],
 ) -> Result<Learned, Failure> {

@@ -22,7 +22,7 @@ use inkling_io::Limits;
 use inkling_io::damage::{Damage, RecordingError};
 use inkling_io::dialect::Dialects;
 use inkling_io::inputs::{self, Input};
-use inkling_io::recording::{Other, Recording};
+use inkling_io::recording::{OtherChannel, Recording};
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Arc;
@@ -184,7 +184,7 @@ fn look(path: &Path, dialects: &Dialects) -> Result<(Recording, Vec<usize>, bool
 }
 
 /// A topic with its schema and encoding, for a message.
-fn shown(other: &Other) -> String {
+fn shown(other: &OtherChannel) -> String {
     let schema = if other.schema.is_empty() { "no schema" } else { &other.schema };
     format!("{} ({schema}, {})", other.topic, other.message_encoding)
 }

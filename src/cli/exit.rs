@@ -71,16 +71,7 @@ impl From<FileError> for Failure {
 
 impl From<InputsError> for Failure {
     fn from(e: InputsError) -> Failure {
-        use InputsError::{InObjectStore, Nothing, NothingFits, Shared, Unreadable};
-        match e {
-            // a directory or a pattern may well match nothing, which is no wrong usage
-            InObjectStore { .. }
-            | Unreadable { .. }
-            | Nothing { .. }
-            | NothingFits { .. }
-            | Shared { .. } => Failure::new(e),
-            _ => Failure::usage(e),
-        }
+        if e.is_usage { Failure::usage(e) } else { Failure::new(e) }
     }
 }
 

@@ -73,7 +73,7 @@ pub fn is_known(input: &Input, journal: &Journal, settings: &Settings) -> bool {
     let entry = journal.of_recording(&source.to_string_lossy());
     entry.is_some_and(|entry| {
         let dialect = &entry.by.settings["input"]["dialect"];
-        entry.is_judged()
+        entry.outcome.is_judged()
             && entry.recording.stamp == Some(stamp)
             && *dialect == json!(settings.input.dialect)
     })
@@ -82,7 +82,7 @@ pub fn is_known(input: &Input, journal: &Journal, settings: &Settings) -> bool {
 /// The row of a recording that was named and does not exist.
 pub fn lost(e: &InputsError) -> Row {
     let (outcome, why) = (Outcome::Failed, e.to_string());
-    Row { recording: e.subject(), outcome, why, ..Row::default() }
+    Row { recording: e.subject.clone(), outcome, why, ..Row::default() }
 }
 
 /// The recordings that are to be judged.

@@ -10,7 +10,7 @@ use super::exit::{Exit, Failure};
 use super::progress::steps;
 use crate::settings::Settings;
 use inkling_core::labels::{Label, known_states, nearest};
-use inkling_io::labels_file::{self, States, Written};
+use inkling_io::labels_file::{self, LabelSource, States};
 use inkling_io::outputs::{self, ResultFile};
 use inkling_io::printable;
 use inkling_lab::thesis::{self, Chapter, DataSet, Kind, Recorded, Verdict};
@@ -103,7 +103,7 @@ fn simulated(args: &Args, threads: usize) -> Result<Chapter, Failure> {
 /// used.
 fn recorded(args: &Args, labels: &std::path::Path) -> Result<(Recorded, Exit), Failure> {
     let settings = Settings::load(args.config.as_deref(), None, &[])?;
-    let written = labels_file::read_states(Written::File(labels), States::Any)?;
+    let written = labels_file::read_states(LabelSource::File(labels), States::Any)?;
     let given = RecordingSource::Named(&args.recordings);
     let Collected { set, met, incomplete, .. } = collected(given, &settings, Some(&written))?;
     labels_file::check(labels, &written, &met)?;

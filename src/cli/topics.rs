@@ -10,8 +10,8 @@
 use super::progress::thousands;
 use super::report::printable;
 use crate::report::{Column, columns, three_digits};
-use inkling_io::census::{Becomes, Census, TopicSummary};
-use inkling_io::dialect::guess::{Proposal, Shown, guess};
+use inkling_io::census::{Census, MessageKind, TopicSummary};
+use inkling_io::dialect::guess::{Proposal, ShownField, guess};
 use inkling_io::printable as shown;
 use serde_json::{Value, json};
 use std::io::{self, Write};
@@ -48,7 +48,7 @@ fn proposals(topics: &[TopicSummary]) -> Vec<Proposal> {
             == (&b.schema_name, &b.schema_encoding, &b.message_encoding, parts(b))
     };
     let open = |summary: &&TopicSummary| {
-        matches!(summary.becomes, Becomes::Nothing | Becomes::OtherEncoding)
+        matches!(summary.kind, MessageKind::Nothing | MessageKind::OtherEncoding)
     };
 
     // gather the topics that nothing reads by kind, then guess from the first topic that has a
@@ -72,7 +72,7 @@ impl Topics {
     /// Number of messages that have the schema name `inkling.Burst` and another encoding than
     /// protobuf.
     pub fn of_other_encoding(&self) -> u64 {
-        let other = self.topics.iter().filter(|s| matches!(s.becomes, Becomes::OtherEncoding));
+        let other = self.topics.iter().filter(|s| matches!(s.kind, MessageKind::OtherEncoding));
         other.map(|summary| summary.messages).sum()
     }
 
@@ -117,12 +117,12 @@ impl Topics {
                 "smallest": if summary.messages > 0 { summary.smallest } else { 0 },
                 "largest": summary.largest,
                 "rate_hz": summary.rate_hz(),
-                "becomes": match &summary.becomes {
-                    Becomes::Bursts => "bursts",
-                    Becomes::Foreign(_) => "bursts_by_dialect",
-                    Becomes::Unread(_) => "undecodable",
-                    Becomes::OtherEncoding => "bursts_of_other_encoding",
-                    Becomes::Nothing => "nothing",
+                "becomes": match &summary.kind {
+                    MessageKind::Bursts => "bursts",
+                    MessageKind::Foreign(_) => "bursts_by_dialect",
+                    MessageKind::Unread(_) => "undecodable",
+                    MessageKind::OtherEncoding => "bursts_of_other_encoding",
+                    MessageKind::Nothing => "nothing",
                 },
             })
         });
@@ -138,7 +138,7 @@ impl Topics {
 /// Prints the fields of a kind of messages, and the block of settings that reads them.
 fn print_proposal(proposal: &Proposal, out: &mut impl Write) -> io::Result<()> {
     writeln!(out, "  looks like bursts; its first message has")?;
-    let width = |of: fn(&Shown) -> &str| {
+    let width = |of: fn(&ShownField) -> &str| {
         let widths = proposal.fields.iter().map(|field| printable(of(field)).chars().count());
         widths.max().unwrap_or(0).min(48)
     };
@@ -198,10 +198,10 @@ fn schema(summary: &TopicSummary) -> String {
 
 /// What a topic's messages are read as, if there is something to say.
 fn becomes(summary: &TopicSummary) -> String {
-    match &summary.becomes {
-        Becomes::Bursts | Becomes::Nothing => String::new(),
-        Becomes::Foreign(_) => "; read by a dialect".into(),
-        Becomes::Unread(why) => format!("; {}", shown::line(why, 400)),
-        Becomes::OtherEncoding => "; bursts, but not protobuf: a dialect can read them".into(),
+    match &summary.kind {
+        MessageKind::Bursts | MessageKind::Nothing => String::new(),
+        MessageKind::Foreign(_) => "; read by a dialect".into(),
+        MessageKind::Unread(why) => format!("; {}", shown::line(why, 400)),
+        MessageKind::OtherEncoding => "; bursts, but not protobuf: a dialect can read them".into(),
     }
 }

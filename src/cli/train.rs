@@ -26,7 +26,7 @@ use inkling_core::identify::IdentifyError;
 use inkling_core::identify::averaging::SignalSet;
 use inkling_core::labels::{Label, Labels};
 use inkling_core::model::lie::Lie;
-use inkling_io::labels_file::{self, States, Written};
+use inkling_io::labels_file::{self, LabelSource, States};
 use inkling_io::outcomes_file::{self, Outcomes};
 use inkling_io::{design_file, outputs};
 use serde_json::json;
@@ -86,7 +86,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     outputs::check_file(&args.out, outputs::ResultFile::Design)?;
     let learned = learn(Lesson {
         recordings: RecordingSource::Named(&args.recordings),
-        labels: Written::File(&args.labels),
+        labels: LabelSource::File(&args.labels),
         outcomes: args.outcomes.as_deref(),
         new_class: &args.new_class,
         settings: &settings,
@@ -107,7 +107,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
 /// What a design is learned from.
 pub struct Lesson<'a> {
     pub recordings: RecordingSource<'a>,
-    pub labels: Written<'a>,
+    pub labels: LabelSource<'a>,
     /// The file of what somebody found where a report had doubts (`--outcomes`).
     pub outcomes: Option<&'a Path>,
     /// Own classes that nothing else declares.
@@ -209,7 +209,7 @@ fn refuse_no_rings(printhead: &str, signals: &SignalSet) -> Result<(), Failure> 
 /// declared (`--new-class`, `isolate.classes`, `isolate.physics`); classes that the settings group
 /// under one name get that name, as the design knows them by it.
 fn labels(
-    written: Written,
+    written: LabelSource,
     outcomes: Option<&Path>,
     new_class: &[String],
     settings: &Settings,

@@ -92,7 +92,7 @@ use inkling_core::design::DesignError;
 use inkling_io::block::Block;
 use inkling_io::damage::{Damage, RecordingError};
 use inkling_io::file_error::FileError;
-use inkling_io::recording::Recording;
+use inkling_io::recording::{OtherChannel, Recording};
 use inkling_io::scan::Blocks;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -114,7 +114,7 @@ pub enum PipelineError {
         instead(others),
         and_damaged(damage)
     )]
-    NoBursts { recording: String, others: Vec<inkling_io::recording::Other>, damage: Vec<Damage> },
+    NoBursts { recording: String, others: Vec<OtherChannel>, damage: Vec<Damage> },
     #[error(
         "{path} is no part of this recording's verdicts: another's, or another program's; it was left as it \
          is. Move it away, or give another --out"
@@ -146,9 +146,9 @@ fn and_damaged(damage: &[Damage]) -> String {
 }
 
 /// What a recording holds instead of bursts, and what to do about it, as part of a sentence.
-fn instead(others: &[inkling_io::recording::Other]) -> String {
+fn instead(others: &[OtherChannel]) -> String {
     const MOST_TOLD: usize = 5;
-    let told = |other: &inkling_io::recording::Other| {
+    let told = |other: &OtherChannel| {
         let of = if other.schema.is_empty() { "no schema" } else { &other.schema };
         let count = other.messages.map_or(String::new(), |n| format!(", {n} messages"));
         format!("{} ({of}, {}{count})", other.topic, other.message_encoding)

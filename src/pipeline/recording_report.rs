@@ -27,7 +27,8 @@ use inkling_core::state::Memory;
 use inkling_core::verdict::Reason;
 use inkling_io::damage::Damage;
 use inkling_io::journal::{Outcome, Stamp};
-use inkling_io::recording::{Recording, Unread};
+use inkling_io::peek::UnreadChannel;
+use inkling_io::recording::Recording;
 use inkling_io::verdict_arrays::VerdictArrays;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -177,8 +178,8 @@ pub fn note_not_judged(
 }
 
 /// The sentence about a topic that nobody reads.
-fn nobody_reads(of: Unread) -> NotJudged {
-    let Unread { topic, schema, messages, by_dialect } = of;
+fn nobody_reads(of: UnreadChannel) -> NotJudged {
+    let UnreadChannel { topic, schema, messages, by_dialect } = of;
     let messages = messages.map_or(String::new(), |n| format!("{n} "));
     let schema = if schema.is_empty() { String::new() } else { format!(" of {schema}") };
     let why = match by_dialect {

@@ -173,7 +173,9 @@ impl Resume<'_> {
         // 4. Did anything but its content change? With `--force` everything is judged again; what
         // was never judged keeps its own reason.
         match self.stale(entry, placed) {
-            Some(_) if self.force && entry.is_judged() => Ok(Decision::Judge(JudgeReason::Forced)),
+            Some(_) if self.force && entry.outcome.is_judged() => {
+                Ok(Decision::Judge(JudgeReason::Forced))
+            }
             Some(why) => Ok(Decision::Judge(why)),
             None if self.force => Ok(Decision::Judge(JudgeReason::Forced)),
             None => self.compare(entry, placed, digest),
@@ -189,7 +191,7 @@ impl Resume<'_> {
             stored::is_file(&file) && stored::bytes(&file) == bytes
         };
         let files = files(&placed.verdicts_in(self.out));
-        if !entry.is_judged() {
+        if !entry.outcome.is_judged() {
             let known = entry.recording.path == placed.source.path;
             Some(if known { JudgeReason::FailedBefore } else { JudgeReason::New })
         } else if then.schema != now.schema {

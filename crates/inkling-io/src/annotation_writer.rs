@@ -33,7 +33,6 @@ mod wire {
 
 /// The compiled schemas (a protobuf FileDescriptorSet) of all messages that this file writes.
 const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!("wire/annotations.fds");
-/// The topic of the log of episodes.
 pub const LOG_TOPIC: &str = "/inkling/log";
 /// At most so many topics, because MCAP numbers channels by 16 bits. Messages of further topics are left out.
 const MOST_TOPICS: usize = 60_000;
@@ -46,7 +45,6 @@ pub enum Level {
     Warning = 3,
 }
 
-/// Annotations that are being written.
 pub struct AnnotationWriter {
     file: McapFile,
 }
@@ -99,8 +97,7 @@ impl AnnotationWriter {
         self.write(&topic, "foxglove.CompressedImage", t_ns, &image.encode_to_vec())
     }
 
-    /// Writes the state of a watched channel at one burst. `state` comes without a timestamp: it is
-    /// filled in here from `t_ns`.
+    /// Writes the state of a watched channel at one burst.
     pub fn state(
         &mut self,
         t_ns: i64,

@@ -57,12 +57,10 @@ pub fn counted(column: &ArrayRef) -> ArrayRef {
     unit(column.data_type()).and_then(|_| data()).map_or_else(|| column.clone(), make_array)
 }
 
-/// Whether the cells of a column are lists.
 pub fn is_list(of: &DataType) -> bool {
     matches!(of, DataType::List(_) | DataType::LargeList(_) | DataType::FixedSizeList(..))
 }
 
-/// Whether the cells of a column are lists of lists.
 pub fn is_list_of_lists(of: &DataType) -> bool {
     use DataType::{FixedSizeList, LargeList, List};
     matches!(of, List(of) | LargeList(of) | FixedSizeList(of, _) if is_list(of.data_type()))
@@ -79,8 +77,7 @@ pub fn inside(array: &ArrayRef, row: usize) -> Option<ArrayRef> {
     }
 }
 
-/// A column of a table that anybody may have written. Its methods give an error in words where the
-/// column's type or a value does not fit.
+/// A column of a table that anybody may have written.
 #[derive(Clone, Copy)]
 pub struct ReadColumn<'a> {
     pub name: &'static str,
@@ -140,10 +137,9 @@ impl ReadColumn<'_> {
     /// The cells as texts. Dictionary columns must have been unpacked to plain Utf8 before: the
     /// readers ask for it by their schema.
     pub fn texts(self) -> Result<Texts, String> {
-        let null = || std::iter::repeat_n(None, self.array.len());
         match self.array.data_type() {
             DataType::Utf8 => Ok(self.array.as_string::<i32>().iter().collect()),
-            DataType::Null => Ok(null().collect()),
+            DataType::Null => Ok(std::iter::repeat_n(None, self.array.len()).collect()),
             _ => Err(self.unfit(self.array)),
         }
     }
@@ -181,7 +177,6 @@ impl ReadColumn<'_> {
         cells.into_iter().collect::<Option<_>>().ok_or_else(|| self.has_null())
     }
 
-    /// The error for a null where none may be.
     pub fn has_null(self) -> String {
         self.wrong("has a null, and may have none")
     }
@@ -196,7 +191,6 @@ pub struct Texts {
 }
 
 impl Texts {
-    /// The text of each row.
     pub fn cells(self) -> Vec<Option<String>> {
         self.keys.iter().map(|key| Some(self.values[(*key)? as usize].clone())).collect()
     }

@@ -38,12 +38,10 @@ pub struct BaselineFile {
 #[derive(Debug)]
 pub struct Prepared {
     file: CompleteFile,
-    /// Hash of its bytes.
     hash: u128,
 }
 
 impl Prepared {
-    /// Digest of the new file.
     pub fn digest(&self) -> String {
         in_words(self.hash)
     }

@@ -18,7 +18,7 @@ use super::Limits;
 use super::block::{Block, BlockKind, ReadBlock};
 use super::burst_codec::{BurstDecoder, unread};
 use super::census::Census;
-use super::channels::{Becomes, Channels, Lost, Route};
+use super::channels::{Channels, MessageKind, RecordError, Route};
 use super::chunk_loader::ChunkLoader;
 use super::damage::Damage;
 use super::dialect::decoder::{DialectDecoder, Times};
@@ -33,8 +33,7 @@ use inkling_core::verdict::Reason;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// A part of a block: what one call of [`BlockReader::next_piece`] gives. Pieces keep memory
-/// bounded if a small compressed chunk holds millions of messages.
+/// A part of a block: what one call of [`BlockReader::next_piece`] gives.
 #[derive(Debug, Default)]
 pub struct Piece {
     pub acquisitions: Vec<Acquisition>,
@@ -82,12 +81,11 @@ struct OpenBlock {
     /// Damage that was met and that no piece has told yet.
     damage: Vec<Damage>,
     /// How often records were of no use, by reason. It becomes damage with the last piece.
-    lost: BTreeMap<Lost, u64>,
+    lost: BTreeMap<RecordError, u64>,
 }
 
 impl BlockReader {
-    /// A reader for one worker. `upfront`: what the summary defines; `known_upfront`: whether it
-    /// names all channels.
+    /// `upfront`: what the summary defines; `known_upfront`: whether it names all channels.
     pub(super) fn new(
         source: Arc<Source>,
         limits: Limits,
@@ -162,12 +160,10 @@ impl BlockReader {
         if self.known_upfront {
             self.met = Arc::new(self.upfront.without_any());
         }
-        let loaded = self.loader.load(block, read);
-        let mut damage = Vec::new();
-        let records = loaded.unwrap_or_else(|what| {
-            damage.push(damage_of(block, what));
-            Bytes::new()
-        });
+        let (records, damage) = match self.loader.load(block, read) {
+            Ok(records) => (records, Vec::new()),
+            Err(what) => (Bytes::new(), vec![damage_of(block, what)]),
+        };
         let block = *block;
         self.open = Some(OpenBlock { block, records, at: 0, damage, lost: BTreeMap::new() });
     }
@@ -202,7 +198,7 @@ impl BlockReader {
             // a message becomes at most one acquisition; definitions are learned
             let outcome = match record.opcode {
                 op::MESSAGE => match message_header(body) {
-                    None => Err(Lost::ShortMessage),
+                    None => Err(RecordError::ShortMessage),
                     Some(header) => self.route(header.channel_id).map(|to| {
                         let data = record.from + MESSAGE_HEADER..record.to;
                         if let Some(census) = &mut self.census {
@@ -233,26 +229,24 @@ impl BlockReader {
         Some(piece)
     }
 
-    /// Learns a schema, unless the summary or an earlier block has defined the same id. Then the
-    /// earlier definition holds, and a record that differs from it is an error.
-    fn define_schema(&mut self, body: &[u8]) -> Result<(), Lost> {
-        let schema = SchemaRecord::parse(body).ok_or(Lost::Malformed("schema"))?;
+    /// Learns a schema, unless the summary or an earlier block has defined the same id.
+    fn define_schema(&mut self, body: &[u8]) -> Result<(), RecordError> {
+        let schema = SchemaRecord::parse(body).ok_or(RecordError::Malformed("schema"))?;
         let known = [&self.upfront, &self.met].into_iter().find_map(|of| of.known_schema(schema));
         known.unwrap_or_else(|| Arc::make_mut(&mut self.met).define_schema(schema))
     }
 
     /// Learns a channel, in the same way as a schema.
-    fn define_channel(&mut self, body: &[u8]) -> Result<(), Lost> {
-        let channel = ChannelRecord::parse(body).ok_or(Lost::Malformed("channel"))?;
+    fn define_channel(&mut self, body: &[u8]) -> Result<(), RecordError> {
+        let channel = ChannelRecord::parse(body).ok_or(RecordError::Malformed("channel"))?;
         let known = [&self.upfront, &self.met].into_iter().find_map(|of| of.known_channel(channel));
         known.unwrap_or_else(|| Arc::make_mut(&mut self.met).define_channel(channel))
     }
 
-    /// Where a channel's messages go: by the summary's channels, else by those of the blocks. The
-    /// schema of a channel may be defined in either place.
-    fn route(&self, channel_id: u16) -> Result<Route, Lost> {
+    /// Where a channel's messages go: by the summary's channels, else by those of the blocks.
+    fn route(&self, channel_id: u16) -> Result<Route, RecordError> {
         match self.upfront.route_with(&self.met, channel_id) {
-            Err(Lost::UnknownChannel(_)) => self.met.route_with(&self.upfront, channel_id),
+            Err(RecordError::UnknownChannel(_)) => self.met.route_with(&self.upfront, channel_id),
             known => known,
         }
     }
@@ -270,13 +264,15 @@ impl BlockReader {
             [header.log_time, header.publish_time].map(|t| i64::try_from(t).unwrap_or(i64::MAX));
         let topic = route.printhead.as_ref().unwrap_or(&self.no_printhead);
         match route.to {
-            Becomes::Nothing => None,
-            Becomes::Foreign(plan) => {
+            MessageKind::Nothing => None,
+            MessageKind::Foreign(plan) => {
                 let times = Times { log_ns: log_time_ns, publish_ns };
                 Some(self.dialects.decode(&plan, records.slice(data), times, topic))
             }
-            Becomes::Bursts => Some(self.decoder.decode(records.slice(data), log_time_ns, topic)),
-            Becomes::OtherEncoding | Becomes::Unread(_) => {
+            MessageKind::Bursts => {
+                Some(self.decoder.decode(records.slice(data), log_time_ns, topic))
+            }
+            MessageKind::OtherEncoding | MessageKind::Unread(_) => {
                 Some(Acquisition::Unusable(unread(log_time_ns, topic, Reason::Undecodable)))
             }
         }
@@ -292,7 +288,7 @@ impl BlockReader {
             && open.block.kind == BlockKind::Messages;
         match head.filter(|_| too_large).and_then(message_header) {
             Some(header) => match self.route(header.channel_id) {
-                Ok(Route { to: Becomes::Nothing, .. }) => {}
+                Ok(Route { to: MessageKind::Nothing, .. }) => {}
                 Ok(Route { printhead, .. }) => {
                     let log_time_ns = i64::try_from(header.log_time).unwrap_or(i64::MAX);
                     let topic = printhead.as_ref().unwrap_or(&self.no_printhead);
@@ -313,9 +309,8 @@ impl BlockReader {
     }
 }
 
-/// The records of a block that were of no use, as damage. If there are many reasons, only the first few are
-/// named one by one.
-fn losses(block: &Block, lost: &BTreeMap<Lost, u64>) -> Vec<Damage> {
+/// The records of a block that were of no use, as damage.
+fn losses(block: &Block, lost: &BTreeMap<RecordError, u64>) -> Vec<Damage> {
     // reasons beyond these are counted together
     const NAMED: usize = 16;
     let named = lost.iter().take(NAMED).map(|(lost, n)| match n {

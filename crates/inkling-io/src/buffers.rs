@@ -19,7 +19,6 @@ impl Buffers {
     /// Larger buffers are not kept for reuse: bounded memory is worth a few page faults for each
     /// huge chunk.
     const KEPT_BYTES: usize = 8 << 20;
-    /// At most so many buffers are kept.
     const KEPT: usize = 24;
 
     /// A buffer of exactly `bytes` bytes, whose content is undefined (old bytes or zeros).
@@ -31,10 +30,8 @@ impl Buffers {
         // taken out of the list, and replaced below by a new one unless its memory suffices after
         // all.
         let free = free.min_by_key(|(_, b)| if b.len() < bytes { usize::MAX } else { b.len() });
-        let free = free.map(|(i, _)| i);
-        let free = free.and_then(|i| self.given.remove(i)).and_then(|b| b.try_into_mut().ok());
-
-        match free {
+        let free = free.map(|(i, _)| i).and_then(|i| self.given.remove(i));
+        match free.and_then(|b| b.try_into_mut().ok()) {
             Some(mut buffer) if buffer.capacity() >= bytes => {
                 buffer.resize(bytes, 0);
                 buffer
@@ -43,8 +40,7 @@ impl Buffers {
         }
     }
 
-    /// Makes a filled buffer shareable, and remembers it if it is small enough. Beyond `KEPT`
-    /// buffers the oldest is forgotten, and is freed with the last burst that uses it.
+    /// Makes a filled buffer shareable, and remembers it if it is small enough.
     pub(super) fn freeze(&mut self, buffer: BytesMut) -> Bytes {
         let frozen = buffer.freeze();
         if frozen.len() <= Self::KEPT_BYTES {

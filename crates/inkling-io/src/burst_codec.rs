@@ -31,11 +31,9 @@ mod wire {
 pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!("wire/burst.fds");
 /// The name of the schema by which our own messages are told from others.
 pub const SCHEMA_NAME: &str = "inkling.Burst";
-/// The message encoding that such a channel must have.
 pub const MESSAGE_ENCODING: &str = "protobuf";
 
-/// Longest name of a printhead; a burst with a longer one is `too_large`. Names are kept in memory, and stand
-/// in summary and metadata more than once.
+/// Longest name of a printhead; a burst with a longer one is `too_large`.
 const MOST_NAME_BYTES: usize = 1024;
 
 /// The topic of a printhead's bursts, by convention.
@@ -48,28 +46,20 @@ pub fn topic_printhead(topic: &str) -> Option<&str> {
     topic.strip_prefix("/printhead/")?.strip_suffix("/bursts")
 }
 
-/// Decodes bursts. Each worker has a decoder of its own, which keeps from one message to the next what both
-/// can use: the memory of a decoded message, and the names of printheads.
+/// Decodes bursts.
 #[derive(Debug)]
 pub struct BurstDecoder {
     limits: Limits,
-    /// The message that is being decoded. It is cleared and filled anew each time, so that the memory of its
-    /// printhead's name is allocated once.
+    /// The message that is being decoded.
     message: wire::Burst,
     names: PrintheadNames,
 }
 
 /// The head of a burst before anything of its message was read: the log time stands for its time,
-/// the topic's printhead for its name, and channel 0 for the first channel. The decoders replace
-/// each of these as they read it. If the burst turns out to be unusable, its one row of the verdict
-/// table shows the head as far as it was read.
+/// the topic's printhead for its name, and channel 0 for the first channel.
 pub(super) fn unread(log_time_ns: i64, topic_printhead: &Arc<str>, why: Reason) -> UnusableBurst {
-    UnusableBurst {
-        t_acq_ns: log_time_ns,
-        printhead: topic_printhead.clone(),
-        first_channel: 0,
-        why,
-    }
+    let printhead = topic_printhead.clone();
+    UnusableBurst { t_acq_ns: log_time_ns, printhead, first_channel: 0, why }
 }
 
 /// Puts the printhead that a message names into the head. An empty name leaves the topic's
@@ -113,9 +103,7 @@ impl BurstDecoder {
         }
     }
 
-    /// The burst that a message holds, or why it cannot be used. On the way the message's first
-    /// channel, time and printhead are written into `head`, in this order, up to the first of them
-    /// that is wrong.
+    /// The burst that a message holds, or why it cannot be used.
     fn burst(&mut self, message: Bytes, head: &mut UnusableBurst) -> Result<Burst, Reason> {
         self.message.clear();
         self.message.merge(message).map_err(|_| Reason::Undecodable)?;
@@ -159,11 +147,8 @@ impl BurstDecoder {
     }
 }
 
-/// Checks that the numbers of a burst fit each other, its samples and the limits, before anything else looks
-/// at the samples. Bursts of our own messages and of dialects pass through it alike.
-///
-/// The order of the checks is the order of the reasons: `no_channels`, `bad_period`, `too_large`,
-/// `wrong_length`.
+/// Checks that the numbers of a burst fit each other, its samples and the limits, before anything
+/// else looks at the samples.
 pub(super) fn check(of: &Burst, limits: &Limits) -> Result<(), Reason> {
     if of.channels == 0 {
         return Err(Reason::NoChannels);
@@ -232,9 +217,7 @@ pub fn encode(burst: &Burst) -> Vec<u8> {
 pub(super) struct PrintheadNames(HashSet<Arc<str>>);
 
 impl PrintheadNames {
-    /// Most names that are kept.
     const NAMES: usize = 64;
-    /// Longest name that is kept.
     const NAME_BYTES: usize = 256;
 
     /// The shared copy of a name, or a new copy if it is not kept.

@@ -7,11 +7,12 @@
 //! first messages are kept only up to the limits below. A topic has several channels if several
 //! programs wrote to it.
 
-pub use super::channels::Becomes;
-use super::dialect::plan::{Schema, Written};
+pub use super::channels::MessageKind;
+use super::dialect::plan::{ChannelDescription, Schema};
 use super::mcap_records::{ChannelRecord, MessageHeader, SchemaRecord, op};
 use bytes::Bytes;
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::sync::Arc;
 
 /// Most bytes of all schemas and first messages together that are kept.
@@ -33,19 +34,16 @@ pub struct TopicSummary {
     /// Whether the channel has no schema, as channels of JSON may.
     pub without_schema: bool,
     pub messages: u64,
-    /// Bytes of all messages together.
     pub bytes: u64,
     /// Bytes of the smallest and of the largest message; `u64::MAX` and 0 before the first message.
     pub smallest: u64,
     pub largest: u64,
-    /// The earliest and the latest log time, ns since 1970; `u64::MAX` and 0 before the first
-    /// message.
+    /// The earliest and the latest log time, ns since 1970.
     pub first_ns: u64,
     pub last_ns: u64,
     /// The first message, if it was small enough to be kept.
     pub first_message: Option<Bytes>,
-    /// What becomes of the messages.
-    pub becomes: Becomes,
+    pub kind: MessageKind,
 }
 
 /// Counts the messages of a recording, channel by channel.
@@ -69,10 +67,10 @@ struct SchemaSummary {
 impl TopicSummary {
     /// How the channel's messages are written, for whoever plans how to read them. `None`: the
     /// schema was too large to be kept.
-    pub fn written(&self) -> Option<Written<'_>> {
+    pub fn written(&self) -> Option<ChannelDescription<'_>> {
         // a channel without a schema is known as such
         let known = self.without_schema || self.schema.is_some();
-        known.then(|| Written {
+        known.then(|| ChannelDescription {
             topic: &self.topic,
             message_encoding: &self.message_encoding,
             schema: self.schema.as_deref(),
@@ -86,7 +84,6 @@ impl TopicSummary {
     }
 }
 
-/// The beginning of a name.
 fn shortened(text: &str) -> String {
     text[..text.floor_char_boundary(MOST_NAME_BYTES)].to_owned()
 }
@@ -98,9 +95,7 @@ impl Census {
         match opcode {
             op::SCHEMA => {
                 let Some(schema) = SchemaRecord::parse(body) else { return };
-                if self.schemas.contains_key(&schema.id) {
-                    return;
-                }
+                let Entry::Vacant(new) = self.schemas.entry(schema.id) else { return };
                 let bytes = schema.data.len() + schema.name.len();
                 let keep = bytes <= MOST_OF_ONE && self.kept + bytes <= MOST_KEPT_BYTES;
                 let (name, encoding) = (shortened(schema.name), shortened(schema.encoding));
@@ -109,13 +104,11 @@ impl Census {
                     let data = schema.data.to_vec();
                     Arc::new(Schema { name: name.clone(), encoding: encoding.clone(), data })
                 });
-                self.schemas.insert(schema.id, SchemaSummary { name, encoding, whole });
+                new.insert(SchemaSummary { name, encoding, whole });
             }
             op::CHANNEL => {
                 let Some(channel) = ChannelRecord::parse(body) else { return };
-                if self.channels.contains_key(&channel.id) {
-                    return;
-                }
+                let Entry::Vacant(new) = self.channels.entry(channel.id) else { return };
                 let summary = TopicSummary {
                     topic: shortened(channel.topic),
                     message_encoding: shortened(channel.message_encoding),
@@ -124,18 +117,17 @@ impl Census {
                     first_ns: u64::MAX,
                     ..TopicSummary::default()
                 };
-                self.channels.insert(channel.id, (channel.schema_id, summary));
+                new.insert((channel.schema_id, summary));
             }
             _ => {}
         }
     }
 
-    /// Counts a message. `to` is what becomes of the channel's messages; the first message's answer
-    /// is kept. A message on a channel that is not defined is not counted.
-    pub(super) fn see_message(&mut self, header: MessageHeader, to: &Becomes, message: Bytes) {
+    /// Counts a message.
+    pub(super) fn see_message(&mut self, header: MessageHeader, to: &MessageKind, message: Bytes) {
         let Some((_, summary)) = self.channels.get_mut(&header.channel_id) else { return };
         if summary.messages == 0 {
-            summary.becomes = to.clone();
+            summary.kind = to.clone();
             let bytes = message.len();
             if bytes <= MOST_OF_ONE && self.kept + bytes <= MOST_KEPT_BYTES {
                 self.kept += bytes;
@@ -145,8 +137,8 @@ impl Census {
         let bytes = message.len() as u64;
         summary.messages += 1;
         summary.bytes = summary.bytes.saturating_add(bytes);
-        (summary.smallest, summary.largest) =
-            (summary.smallest.min(bytes), summary.largest.max(bytes));
+        summary.smallest = summary.smallest.min(bytes);
+        summary.largest = summary.largest.max(bytes);
         summary.first_ns = summary.first_ns.min(header.log_time);
         summary.last_ns = summary.last_ns.max(header.log_time);
     }
@@ -155,7 +147,7 @@ impl Census {
     /// read them.
     pub(super) fn foreign(&self) -> usize {
         let fits = |summary: &TopicSummary| {
-            matches!(summary.becomes, Becomes::Foreign(_) | Becomes::Unread(_))
+            matches!(summary.kind, MessageKind::Foreign(_) | MessageKind::Unread(_))
         };
         self.channels.values().filter(|(_, summary)| fits(summary)).count()
     }
@@ -168,19 +160,16 @@ impl Census {
 
     /// Summaries of all channels, in the order of their topics.
     pub fn topics(self) -> Vec<TopicSummary> {
-        let Census { schemas, channels, .. } = self;
-        let mut all: Vec<(u16, TopicSummary)> = channels
-            .into_iter()
-            .map(|(id, (schema, mut summary))| {
-                if let Some(of) = schemas.get(&schema) {
-                    summary.schema_name.clone_from(&of.name);
-                    summary.schema_encoding.clone_from(&of.encoding);
-                    summary.schema.clone_from(&of.whole);
-                }
-                (id, summary)
-            })
-            .collect();
-        all.sort_by(|(a, x), (b, y)| (&x.topic, a).cmp(&(&y.topic, b)));
-        all.into_iter().map(|(_, summary)| summary).collect()
+        let mut channels: Vec<_> = self.channels.into_iter().collect();
+        channels.sort_unstable_by(|(a, (_, x)), (b, (_, y))| (&x.topic, a).cmp(&(&y.topic, b)));
+        let summary = |(_, (schema, mut summary)): (u16, (u16, TopicSummary))| {
+            if let Some(of) = self.schemas.get(&schema) {
+                summary.schema_name.clone_from(&of.name);
+                summary.schema_encoding.clone_from(&of.encoding);
+                summary.schema.clone_from(&of.whole);
+            }
+            summary
+        };
+        channels.into_iter().map(summary).collect()
     }
 }

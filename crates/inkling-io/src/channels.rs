@@ -11,8 +11,8 @@
 //! made once; otherwise the messages are passed over.
 
 use super::burst_codec::{MESSAGE_ENCODING, SCHEMA_NAME, topic_printhead};
-use super::dialect::plan::{Plan, Schema, Written};
-use super::dialect::{Dialects, Fits};
+use super::dialect::plan::{ChannelDescription, Plan, Schema};
+use super::dialect::{DialectSet, Dialects};
 use super::mcap_records::{ChannelRecord, SchemaRecord};
 use std::collections::HashMap;
 use std::fmt;
@@ -20,15 +20,14 @@ use std::sync::{Arc, OnceLock};
 
 /// What becomes of a channel's messages.
 #[derive(Clone, Debug, Default)]
-pub enum Becomes {
+pub enum MessageKind {
     /// They are `inkling.Burst` in protobuf.
     Bursts,
     /// A dialect makes bursts of them.
     Foreign(Arc<Plan>),
     /// A dialect fits the topic but cannot read the messages; the text says why.
     Unread(Arc<str>),
-    /// Their schema is called `inkling.Burst`, but they are not in protobuf. They count as bursts that cannot
-    /// be decoded.
+    /// Their schema is called `inkling.Burst`, but they are not in protobuf.
     OtherEncoding,
     /// They are no bursts, and are passed over.
     #[default]
@@ -38,7 +37,7 @@ pub enum Becomes {
 /// Where the messages of a channel go.
 #[derive(Clone, Debug)]
 pub(super) struct Route {
-    pub to: Becomes,
+    pub to: MessageKind,
     /// The printhead that the channel's topic names, for messages that name none.
     pub printhead: Option<Arc<str>>,
 }
@@ -46,7 +45,7 @@ pub(super) struct Route {
 /// Why a record inside a block is of no use. Its words become damage. Numbers are MCAP's ids; a
 /// text says of which kind the record is ("schema" or "channel").
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Lost {
+pub(super) enum RecordError {
     UnknownChannel(u16),
     UnknownSchema { channel: u16, schema: u16 },
     ShortMessage,
@@ -54,24 +53,25 @@ pub(super) enum Lost {
     Redefined(&'static str, u16),
 }
 
-impl fmt::Display for Lost {
+impl fmt::Display for RecordError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Lost::UnknownChannel(id) => write!(f, "message on channel {id}, which is not defined"),
-            Lost::UnknownSchema { channel, schema } => {
+            RecordError::UnknownChannel(id) => {
+                write!(f, "message on channel {id}, which is not defined")
+            }
+            RecordError::UnknownSchema { channel, schema } => {
                 write!(f, "message on channel {channel}, whose schema {schema} is not defined")
             }
-            Lost::ShortMessage => write!(f, "message shorter than its header"),
-            Lost::Malformed(what) => write!(f, "malformed {what} record"),
-            Lost::Redefined(what, id) => {
+            RecordError::ShortMessage => write!(f, "message shorter than its header"),
+            RecordError::Malformed(what) => write!(f, "malformed {what} record"),
+            RecordError::Redefined(what, id) => {
                 write!(f, "{what} {id} defined again as another; the first definition holds")
             }
         }
     }
 }
 
-/// The schemas and channels that are defined so far, by id. There can be no more of them than ids
-/// of 16 bits. What dialects need of them takes [`MOST_KEPT_BYTES`] at most, whatever a file holds.
+/// The schemas and channels that are defined so far, by id.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Channels {
     dialects: Dialects,
@@ -81,30 +81,24 @@ pub(super) struct Channels {
     kept: usize,
 }
 
-/// Bytes of schemas, topics and encodings that are kept for dialects. A schema or channel that would exceed
-/// them is not kept, so a dialect that fits it cannot read it.
+/// Bytes of schemas, topics and encodings that are kept for dialects.
 const MOST_KEPT_BYTES: usize = 64 << 20;
 
-/// What is known of a schema.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct KnownSchema {
     /// Whether it is called `inkling.Burst`.
     bursts: bool,
-    /// The dialects that its name fits.
-    fits: Fits,
+    fits: DialectSet,
     /// The whole record, if a dialect may need it and there was room.
     whole: Option<Arc<Schema>>,
 }
 
-/// What is known of a channel.
 #[derive(Clone, Debug)]
 struct Channel {
     schema_id: u16,
-    /// Whether its messages are in protobuf.
     protobuf: bool,
     printhead: Option<Arc<str>>,
-    /// The dialects that its topic fits.
-    fits: Fits,
+    fits: DialectSet,
     /// What the dialects that fit need to know of the channel. `None`: no dialect fits the topic,
     /// or there was no room for the topic.
     foreign: Option<Foreign>,
@@ -115,8 +109,7 @@ struct Channel {
 struct Foreign {
     topic: Arc<str>,
     message_encoding: Arc<str>,
-    /// Which dialect reads the channel, and how. The plan is made at the first question after the
-    /// channel's schema is known, and then kept.
+    /// Which dialect reads the channel, and how.
     plan: OnceLock<NumberedPlan>,
 }
 
@@ -158,19 +151,51 @@ impl Channel {
             && same_topic()
     }
 
+    /// What the first dialect that fits this channel's topic and schema makes of its messages;
+    /// nothing if none fits. A dialect that fits and cannot read the channel gives `Unread` with
+    /// the reason: no further dialect is tried.
+    fn kind(&self, dialects: &Dialects, schema: Option<&KnownSchema>) -> MessageKind {
+        let of_schema = schema.map_or_else(|| dialects.of_schema(None), |schema| schema.fits);
+        let Some(number) = self.fits.and(of_schema).first() else { return MessageKind::Nothing };
+
+        // without the topic, or without the schema that the channel has, no plan can be made
+        let whole = schema.map(|schema| schema.whole.as_deref());
+        let (Some(foreign), None | Some(Some(_))) = (&self.foreign, whole) else {
+            let why = format!(
+                "input.dialect[{number}] fits a channel that cannot be read: the recording's schemas and topics \
+                 take more than {} MiB",
+                MOST_KEPT_BYTES >> 20
+            );
+            return MessageKind::Unread(why.into());
+        };
+
+        let planned = foreign.plan.get_or_init(|| {
+            let written = ChannelDescription {
+                topic: &foreign.topic,
+                message_encoding: &foreign.message_encoding,
+                schema: whole.flatten(),
+            };
+            let plan = dialects.plan(number, &written).map(Arc::new).map_err(Arc::from);
+            NumberedPlan { number, plan }
+        });
+        match &planned.plan {
+            Ok(plan) => MessageKind::Foreign(plan.clone()),
+            Err(why) => MessageKind::Unread(why.clone()),
+        }
+    }
+
     /// Bytes that are kept of this channel for dialects.
     fn kept(&self) -> usize {
         self.foreign.as_ref().map_or(0, |of| of.topic.len() + of.message_encoding.len())
     }
 }
 
-/// The dialects that a channel's topic fits. A topic or an encoding that is very long fits none, so that
-/// hostile files cost little.
-fn fits(record: ChannelRecord<'_>, dialects: &Dialects) -> Fits {
+/// The dialects that a channel's topic fits.
+fn fits(record: ChannelRecord<'_>, dialects: &Dialects) -> DialectSet {
     const MOST_BYTES: usize = 4096;
     match record.topic.len().max(record.message_encoding.len()) <= MOST_BYTES {
         true => dialects.of_topic(record.topic),
-        false => Fits::default(),
+        false => DialectSet::default(),
     }
 }
 
@@ -193,7 +218,7 @@ impl Channels {
 
     /// Defines a schema. If there are several definitions of an id, the first holds, and another one that
     /// differs is an error.
-    pub(super) fn define_schema(&mut self, record: SchemaRecord<'_>) -> Result<(), Lost> {
+    pub(super) fn define_schema(&mut self, record: SchemaRecord<'_>) -> Result<(), RecordError> {
         if let Some(known) = self.known_schema(record) {
             return known;
         }
@@ -211,7 +236,7 @@ impl Channels {
     }
 
     /// Defines a channel; several definitions are treated like those of a schema.
-    pub(super) fn define_channel(&mut self, record: ChannelRecord<'_>) -> Result<(), Lost> {
+    pub(super) fn define_channel(&mut self, record: ChannelRecord<'_>) -> Result<(), RecordError> {
         if let Some(known) = self.known_channel(record) {
             return known;
         }
@@ -224,53 +249,51 @@ impl Channels {
 
     /// What was defined before under the schema's id: `Ok` if it is the same schema, an error if it
     /// is another one. `None`: nothing was.
-    pub(super) fn known_schema(&self, record: SchemaRecord<'_>) -> Option<Result<(), Lost>> {
+    pub(super) fn known_schema(&self, record: SchemaRecord<'_>) -> Option<Result<(), RecordError>> {
         let same = self.schemas.get(&record.id)?.is(record);
-        Some(if same { Ok(()) } else { Err(Lost::Redefined("schema", record.id)) })
+        Some(same.then_some(()).ok_or(RecordError::Redefined("schema", record.id)))
     }
 
     /// What was defined before under the channel's id: `Ok` if it is the same channel, an error if
     /// it is another one. `None`: nothing was.
-    pub(super) fn known_channel(&self, record: ChannelRecord<'_>) -> Option<Result<(), Lost>> {
+    pub(super) fn known_channel(
+        &self,
+        record: ChannelRecord<'_>,
+    ) -> Option<Result<(), RecordError>> {
         let same = self.channels.get(&record.id)?.is(record, &self.dialects);
-        Some(if same { Ok(()) } else { Err(Lost::Redefined("channel", record.id)) })
-    }
-
-    /// Whether a channel of this id is defined.
-    pub(super) fn knows_channel(&self, id: u16) -> bool {
-        self.channels.contains_key(&id)
+        Some(same.then_some(()).ok_or(RecordError::Redefined("channel", record.id)))
     }
 
     /// What becomes of a channel's messages. An error if the channel or its schema is not defined.
-    pub(super) fn route(&self, channel_id: u16) -> Result<Route, Lost> {
+    pub(super) fn route(&self, channel_id: u16) -> Result<Route, RecordError> {
         self.route_with(self, channel_id)
     }
 
     /// Like `route`, but the channel's schema may also be defined in `more_schemas`: the summary
-    /// and the blocks complete each other. An error if the channel or its schema is defined
-    /// nowhere.
+    /// and the blocks complete each other.
     pub(super) fn route_with(
         &self,
         more_schemas: &Channels,
         channel_id: u16,
-    ) -> Result<Route, Lost> {
-        let channel = self.channels.get(&channel_id).ok_or(Lost::UnknownChannel(channel_id))?;
+    ) -> Result<Route, RecordError> {
+        let channel =
+            self.channels.get(&channel_id).ok_or(RecordError::UnknownChannel(channel_id))?;
         let id = channel.schema_id;
         let known = [&self.schemas, &more_schemas.schemas];
         let schema = match known.iter().find_map(|schemas| schemas.get(&id)) {
             _ if id == 0 => None, // without a schema
             Some(schema) => Some(schema),
-            None => return Err(Lost::UnknownSchema { channel: channel_id, schema: id }),
+            None => return Err(RecordError::UnknownSchema { channel: channel_id, schema: id }),
         };
 
         // our own messages first, then dialects; the name `inkling.Burst` in another encoding stays
         // an error
         let bursts = schema.is_some_and(|schema| schema.bursts);
         let to = match bursts && channel.protobuf {
-            true => Becomes::Bursts,
-            false => match channel.becomes(&self.dialects, schema) {
-                Becomes::Nothing if bursts => Becomes::OtherEncoding,
-                becomes => becomes,
+            true => MessageKind::Bursts,
+            false => match channel.kind(&self.dialects, schema) {
+                MessageKind::Nothing if bursts => MessageKind::OtherEncoding,
+                kind => kind,
             },
         };
         Ok(Route { to, printhead: channel.printhead.clone() })
@@ -278,7 +301,7 @@ impl Channels {
 
     /// Whether messages of a channel are bursts or should be, even if they cannot be read.
     pub(super) fn carries_bursts(&self, channel_id: u16) -> bool {
-        self.route(channel_id).is_ok_and(|route| !matches!(route.to, Becomes::Nothing))
+        self.route(channel_id).is_ok_and(|route| !matches!(route.to, MessageKind::Nothing))
     }
 
     /// The numbers of the dialects that read channels: one number for each such channel, in the order of the
@@ -301,41 +324,6 @@ impl KnownSchema {
                 (&*whole.name, &*whole.encoding, &*whole.data)
                     == (record.name, record.encoding, record.data)
             })
-    }
-}
-
-impl Channel {
-    /// What the first dialect that fits this channel's topic and schema makes of its messages;
-    /// nothing if none fits. A dialect that fits and cannot read the channel gives `Unread` with
-    /// the reason: no further dialect is tried.
-    fn becomes(&self, dialects: &Dialects, schema: Option<&KnownSchema>) -> Becomes {
-        let of_schema = schema.map_or_else(|| dialects.of_schema(None), |schema| schema.fits);
-        let Some(number) = self.fits.and(of_schema).first() else { return Becomes::Nothing };
-
-        // without the topic, or without the schema that the channel has, no plan can be made
-        let whole = schema.map(|schema| schema.whole.as_deref());
-        let (Some(foreign), None | Some(Some(_))) = (&self.foreign, whole) else {
-            let why = format!(
-                "input.dialect[{number}] fits a channel that cannot be read: the recording's schemas and topics \
-                 take more than {} MiB",
-                MOST_KEPT_BYTES >> 20
-            );
-            return Becomes::Unread(why.into());
-        };
-
-        let planned = foreign.plan.get_or_init(|| {
-            let written = Written {
-                topic: &foreign.topic,
-                message_encoding: &foreign.message_encoding,
-                schema: whole.flatten(),
-            };
-            let plan = dialects.plan(number, &written).map(Arc::new).map_err(Arc::from);
-            NumberedPlan { number, plan }
-        });
-        match &planned.plan {
-            Ok(plan) => Becomes::Foreign(plan.clone()),
-            Err(why) => Becomes::Unread(why.clone()),
-        }
     }
 }
 
@@ -378,7 +366,10 @@ mod tests {
             assert_eq!(channels.channels[&7].foreign.is_some(), kept == 0);
             channels.define_channel(record("/a")).unwrap();
             let other = ChannelRecord { schema_id: 1, ..record("/a") };
-            assert_eq!(channels.known_channel(other), Some(Err(Lost::Redefined("channel", 7))));
+            assert_eq!(
+                channels.known_channel(other),
+                Some(Err(RecordError::Redefined("channel", 7)))
+            );
         }
     }
 
@@ -402,8 +393,11 @@ mod tests {
         };
         for kept in [0, MOST_KEPT_BYTES] {
             let told = becomes("acme.Wave", kept);
-            assert!(matches!(&told, Becomes::Unread(why) if why.contains("64 MiB")), "{told:?}");
-            assert!(matches!(becomes("acme.Other", kept), Becomes::Nothing));
+            assert!(
+                matches!(&told, MessageKind::Unread(why) if why.contains("64 MiB")),
+                "{told:?}"
+            );
+            assert!(matches!(becomes("acme.Other", kept), MessageKind::Nothing));
         }
     }
 }

@@ -18,8 +18,7 @@ use bytes::Bytes;
 use std::fmt;
 use std::sync::Arc;
 
-/// Loads blocks one after the other, into buffers that are used again. Every size that a file
-/// claims is checked before memory is allocated by it.
+/// Loads blocks one after the other, into buffers that are used again.
 pub(super) struct ChunkLoader {
     source: Arc<Source>,
     pub(super) limits: Limits,
@@ -34,10 +33,7 @@ impl fmt::Debug for ChunkLoader {
 }
 
 /// How many bytes of a block are read: all of them, or only its head if the block is larger than
-/// [`Limits::record_bytes`]. The head suffices to say what is lost: [`ChunkLoader::load`] refuses a
-/// chunk whose records go beyond what was read, and the head of a message tells the block reader
-/// which channel it is of. The scan refuses larger chunks by itself, so that only its search for a
-/// chunk that verifies (`Blocks::find_chunk`) meets them here.
+/// [`Limits::record_bytes`].
 pub(super) fn bytes_to_read(block: &Block, limits: &Limits) -> u64 {
     /// Enough for the header of a chunk record: 9 bytes of any record, 40 of a chunk, and the name of the
     /// compression, a few letters.
@@ -59,7 +55,6 @@ pub(super) fn records_of(chunk: &[u8]) -> Option<std::ops::Range<usize>> {
 }
 
 impl ChunkLoader {
-    /// A loader with buffers of its own.
     pub(super) fn new(source: Arc<Source>, limits: Limits) -> ChunkLoader {
         let (decompressor, buffers) = (Decompressor::default(), Buffers::default());
         ChunkLoader { source, limits, decompressor, buffers }
@@ -89,45 +84,44 @@ impl ChunkLoader {
     /// it, which it does only for chunks without compression ([`records_of`]).
     fn unpack(&mut self, read: &Bytes, crc: Option<u32>) -> Result<Bytes, String> {
         let body = read.get(RECORD_HEADER..).unwrap_or_default();
-        let chunk = ChunkHeader::parse(body).ok_or("chunk header is malformed")?;
-        let from = RECORD_HEADER as u64 + chunk.header_bytes;
+        let header = ChunkHeader::parse(body).ok_or("chunk header is malformed")?;
+        let ChunkHeader { compression, compressed_size, uncompressed_size, .. } = header;
+        let from = RECORD_HEADER as u64 + header.header_bytes;
         let within = (read.len() as u64).saturating_sub(from);
         // all sizes are only claims until they are compared with what is there
-        if chunk.compressed_size > within {
-            return Err(format!("chunk claims {} bytes, beyond {within}", chunk.compressed_size));
+        if compressed_size > within {
+            return Err(format!("chunk claims {compressed_size} bytes, beyond {within}"));
         }
-        if chunk.uncompressed_size > self.limits.chunk_bytes {
-            return Err(format!(
-                "chunk claims {} bytes uncompressed, beyond the limit of {}",
-                chunk.uncompressed_size, self.limits.chunk_bytes
-            ));
+        let most = self.limits.chunk_bytes;
+        if uncompressed_size > most {
+            let what =
+                format!("{uncompressed_size} bytes uncompressed, beyond the limit of {most}");
+            return Err(format!("chunk claims {what}"));
         }
-        let packed = read.slice(from as usize..(from + chunk.compressed_size) as usize);
+        let packed = read.slice(from as usize..(from + compressed_size) as usize);
 
         // records without compression stay where they were read: no copy
-        let records = if chunk.compression.is_empty() {
-            if chunk.compressed_size != chunk.uncompressed_size {
+        let records = if compression.is_empty() {
+            if compressed_size != uncompressed_size {
                 return Err("chunk without compression, whose two sizes differ".into());
             }
             packed
         } else {
-            let mut records = self.buffers.take(chunk.uncompressed_size as usize);
+            let mut records = self.buffers.take(uncompressed_size as usize);
             self.decompressor
-                .decompress(chunk.compression, &packed, &mut records)
+                .decompress(compression, &packed, &mut records)
                 .map_err(|e| format!("chunk cannot be decompressed: {e}"))?;
             self.buffers.freeze(records)
         };
 
         // MCAP writes 0 where there is no checksum
-        if chunk.uncompressed_crc != 0 {
-            let crc = crc.unwrap_or_else(|| crc32fast::hash(&records));
-            if crc != chunk.uncompressed_crc {
-                let expected = chunk.uncompressed_crc;
-                return Err(format!(
-                    "chunk's checksum is {crc:08x}, not {expected:08x} as recorded"
-                ));
-            }
+        let expected = header.uncompressed_crc;
+        if expected == 0 {
+            return Ok(records);
         }
-        Ok(records)
+        match crc.unwrap_or_else(|| crc32fast::hash(&records)) {
+            crc if crc == expected => Ok(records),
+            crc => Err(format!("chunk's checksum is {crc:08x}, not {expected:08x} as recorded")),
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! Reads Parquet and Arrow IPC tables, as other programs write them, for `inkling convert`.
 //!
-//! In, from `table_file.rs`: a file, its kind, and which columns are what. Out: a [`Table`]. If the
+//! In: a file, its kind, and which columns are what. Out: a [`Table`]. If the
 //! cells of the output columns are numbers, a row is an instant, and rows are gathered to decays as
 //! from CSV. If the cells are lists, a row is a burst: its lists are the channels in the order of
 //! the columns, and of a list of lists every inner list is a channel. The result then consists of
@@ -43,8 +43,7 @@ pub enum FileKind {
     Text,
 }
 
-/// The kind of a file that is to be a table, by its first bytes; text if they tell nothing. JSON
-/// and recordings are refused with a message that says what they are.
+/// The kind of a file that is to be a table, by its first bytes; text if they tell nothing.
 pub fn table_kind_of(path: &Path) -> Result<FileKind, FileError> {
     let start = regular_file::start(path, 8).map_err(unread(path))?;
     Ok(match start[..] {
@@ -108,17 +107,7 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
     let chosen = choose_columns(names, columns).map_err(|what| columns.refused(path, what))?;
     let type_of = |c: usize| schema.field(c).data_type();
 
-    // either all outputs are lists, or none is
-    let lists = chosen.outputs.iter().filter(|&&c| is_list(type_of(c))).count();
-    if lists != 0 && lists != chosen.outputs.len() {
-        let what = "some columns hold lists and some numbers: --outputs names those of one kind";
-        return Err(FileError::failed(path, what));
-    }
-    if lists != 0 && chosen.burst.is_some() {
-        let what = "--burst has no effect: each row holds lists and is a burst by itself";
-        return Err(FileError::mistaken(path, what));
-    }
-
+    let are_lists = are_lists(path, &chosen, type_of)?;
     // numbers fill `rows`, lists fill `bursts`; the other one stays empty
     let (mut rows, mut bursts, mut held) = (Rows::new(&chosen), Vec::new(), 0);
     let mut line = 0;
@@ -129,21 +118,18 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
         for row in 0..batch.num_rows() {
             line += 1;
             let row = Row { chosen: &chosen, columns: &columns, row };
-            // 0: no output column holds lists
-            let added = match lists {
-                0 => row.name(chosen.burst, "burst").and_then(|burst| {
+            let added = match are_lists {
+                false => row.name(chosen.burst, "burst").and_then(|burst| {
                     let printhead = row.name(chosen.printhead, "printhead")?;
                     rows.add(line, &burst, &printhead, |c| row.number(c))
                 }),
-                _ => row.burst().and_then(|burst| {
+                true => row.burst().and_then(|burst| {
                     held += burst.samples.len();
                     bursts.push(Ok(burst));
-                    match held > MOST_SAMPLES_BYTES {
-                        true => Err(format!(
-                            "more than {MOST_SAMPLES_BYTES} bytes of samples; cut it into several"
-                        )),
-                        false => Ok(()),
-                    }
+                    let most = MOST_SAMPLES_BYTES;
+                    let too_many =
+                        || format!("more than {most} bytes of samples; cut it into several");
+                    (held <= most).then_some(()).ok_or_else(too_many)
                 }),
             };
             added.map_err(|what| FileError::failed(path, format!("row {line}: {what}")))?;
@@ -166,6 +152,29 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
     }))
 }
 
+/// Whether the cells of the output columns are lists. Either all of them are, or none is.
+fn are_lists<'a>(
+    path: &Path,
+    chosen: &ChosenColumns,
+    type_of: impl Fn(usize) -> &'a DataType,
+) -> Result<bool, FileError> {
+    let lists = chosen.outputs.iter().filter(|&&c| is_list(type_of(c))).count();
+    if lists == 0 {
+        return Ok(false);
+    }
+    if lists != chosen.outputs.len() {
+        let what = "some columns hold lists and some numbers: --outputs names those of one kind";
+        return Err(FileError::failed(path, what));
+    }
+    match chosen.burst {
+        None => Ok(true),
+        Some(_) => {
+            let what = "--burst has no effect: each row holds lists and is a burst by itself";
+            Err(FileError::mistaken(path, what))
+        }
+    }
+}
+
 /// One row of a batch, with the columns that were chosen: what of the row becomes what.
 struct Row<'a> {
     chosen: &'a ChosenColumns,
@@ -180,8 +189,7 @@ impl Row<'_> {
             .map_err(|of| format!("values of type {of} are no numbers"))
     }
 
-    /// The text in a column; empty if no column was chosen. `what` says in errors whose names the
-    /// column has.
+    /// The text in a column; empty if no column was chosen.
     fn name(&self, c: Option<usize>, what: &str) -> Result<String, String> {
         let name = c.map_or(Ok(String::new()), |c| text(&self.columns[c], self.row));
         name.map_err(|of| format!("{what} column of type {of}"))
@@ -213,8 +221,7 @@ fn with_unit(name: &str, of: &DataType) -> String {
     if name.ends_with(end) { name.to_owned() } else { format!("{name}{end}") }
 }
 
-/// The samples of a row of lists, as a matrix without time, printhead and covariates. An error says
-/// why the lists are no burst.
+/// The samples of a row of lists, as a matrix without time, printhead and covariates.
 fn matrix<'a>(lists: impl Iterator<Item = &'a ArrayRef>, row: usize) -> Result<Matrix, String> {
     // a list is a channel; the elements of a list of lists are channels each
     let mut channels: Vec<ArrayRef> = Vec::new();

@@ -2,16 +2,14 @@
 //! be read or written at all.
 //!
 //! Damage is no error: the rest of the recording is judged, and the recording's summary lists the
-//! damage. An error ends the work on that recording. All readers of this crate make damage;
-//! `src/pipeline` collects it by [`note`].
+//! damage. An error ends the work on that recording.
 
 use super::file_error::FileError;
 use std::path::PathBuf;
 use thiserror::Error;
 
 /// A range of bytes of a recording in which something could not be used, or was used although a
-/// checksum or a count in the recording does not agree with it. The range may be larger than what
-/// is wrong: where one message of a block is lost, the range is the whole block.
+/// checksum or a count in the recording does not agree with it.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Damage {
     /// Place in the file as it is stored, compressed chunks included.
@@ -23,10 +21,7 @@ pub struct Damage {
     pub what: String,
 }
 
-/// Adds damage to a list, which never holds more than 10,000 entries whatever the file. Damage with
-/// the same words that begins where the last entry ends is joined to that entry. When the list is
-/// full, its last entry becomes a catch-all: its range is widened up to the new damage, and its
-/// words say that there is more.
+/// Adds damage to a list, which never holds more than 10,000 entries whatever the file.
 pub fn note(list: &mut Vec<Damage>, damage: Damage) {
     // a hostile file may have damage at every byte
     const MOST: usize = 10_000;
@@ -43,34 +38,13 @@ pub fn note(list: &mut Vec<Damage>, damage: Damage) {
     }
 }
 
-/// Why a recording could not be read or written. Where the user can do something about it, the message says
-/// what.
+/// Why a recording could not be read or written.
 #[derive(Debug, Error)]
 pub enum RecordingError {
     #[error(transparent)]
     File(#[from] FileError),
     #[error("{path}: cannot be written as MCAP: {source}")]
     Mcap { path: PathBuf, source: mcap::McapError },
-    /// A directory, a device or a pipe.
-    #[error("{path}: not a file (a directory, a pipe or a device); give an MCAP file")]
-    NotAFile { path: PathBuf },
-    #[error("{path}: empty file (0 bytes); the recording was never written")]
-    Empty { path: PathBuf },
-    #[error(
-        "{path}: not an MCAP file (it begins with {begins}); inkling reads MCAP, and `inkling convert` makes one from CSV, Parquet, Arrow or NumPy"
-    )]
-    NotMcap { path: PathBuf, begins: String },
-    #[error("{path}: MCAP of another version ({begins}); inkling reads version 0")]
-    OtherVersion { path: PathBuf, begins: String },
-    /// The file shrank or was replaced, so that the verdicts and episodes told so far and those to come
-    /// would be of two recordings.
-    #[error(
-        "{path}: {what} while it was followed: what was told of it belongs to no one recording; follow it again, \
-         or replay it when it is closed"
-    )]
-    NotTheSame { path: PathBuf, what: String },
-    #[error("{path}: a recording holds {} printheads at most; give fewer at once", u16::MAX)]
-    TooManyPrintheads { path: PathBuf },
     /// A dialect of the settings fits a topic of the recording and cannot read its messages.
     #[error("{path}: {what}")]
     Dialect { path: PathBuf, what: String },

@@ -13,8 +13,7 @@ pub struct Decompressor {
 }
 
 impl Decompressor {
-    /// Fills `out` from `compressed`. More or fewer bytes than `out` holds are an error, and so is an unknown
-    /// compression.
+    /// Fills `out` from `compressed`.
     pub fn decompress(
         &mut self,
         compression: &str,
@@ -33,14 +32,16 @@ impl Decompressor {
 
     /// Decompresses zstd. The context is made with the first chunk.
     fn zstd(&mut self, compressed: &[u8], out: &mut [u8]) -> Result<(), String> {
-        if self.zstd.is_none() {
-            let new = zstd::bulk::Decompressor::new().map_err(|e| format!("zstd: {e}"))?;
-            self.zstd = Some(new);
-        }
+        let failed = |e: std::io::Error| format!("zstd: {e}");
+        let zstd = match &mut self.zstd {
+            Some(zstd) => zstd,
+            none => none.insert(zstd::bulk::Decompressor::new().map_err(failed)?),
+        };
         // in one step into a buffer of fixed size: the size that the frame itself claims is not used
-        let Some(zstd) = &mut self.zstd else { return Err("zstd: no context".into()) };
-        let n = zstd.decompress_to_buffer(compressed, out).map_err(|e| format!("zstd: {e}"))?;
-        if n == out.len() { Ok(()) } else { Err(differs(n, out.len())) }
+        match zstd.decompress_to_buffer(compressed, out).map_err(failed)? {
+            n if n == out.len() => Ok(()),
+            n => Err(format!("{n} bytes, but the chunk claims {}", out.len())),
+        }
     }
 }
 
@@ -54,11 +55,6 @@ fn lz4(compressed: &[u8], out: &mut [u8]) -> Result<(), String> {
         Ok(_) => Err(format!("lz4: more than the {} bytes that the chunk claims", out.len())),
         Err(e) => Err(format!("lz4: {e}")),
     }
-}
-
-/// The error for a chunk whose content is of another size than it claims.
-fn differs(found: usize, claimed: usize) -> String {
-    format!("{found} bytes, but the chunk claims {claimed}")
 }
 
 #[cfg(test)]

@@ -15,7 +15,7 @@ const MOST_BYTES: u64 = 1 << 30;
 
 /// What designs of every version say of themselves, so that one of another version can be refused by name.
 #[derive(Deserialize)]
-struct Made {
+struct Origin {
     version: u32,
     #[serde(default = "somebody")]
     made_by: String,
@@ -37,8 +37,7 @@ pub fn read_text(path: &Path) -> Result<Vec<u8>, FileError> {
     regular_file::read(path, MOST_BYTES).map_err(FileError::unread(path))
 }
 
-/// The design that a text holds, checked. `path` is only for errors, which say what other kind of
-/// file it is, if it is one.
+/// The design that a text holds, checked.
 pub fn parse(path: &Path, text: &[u8]) -> Result<Design, FileError> {
     let not = |what: String| {
         let what = result_file::instead_or(path, "design", &what);
@@ -46,9 +45,10 @@ pub fn parse(path: &Path, text: &[u8]) -> Result<Design, FileError> {
     };
     let design: Design = serde_json::from_slice(text).map_err(|e| {
         // a design of another version may not parse at all; if its version can be read, that is what is said
-        let made: Option<Made> = serde_json::from_slice(text).ok();
+        let made: Option<Origin> = serde_json::from_slice(text).ok();
         let other = made.filter(|made| made.version != VERSION);
-        let of_version = |made: Made| other_version(made.version, &printable::cell(&made.made_by));
+        let of_version =
+            |made: Origin| other_version(made.version, &printable::cell(&made.made_by));
         not(other.map_or_else(|| printable::of_parser(&e), of_version))
     })?;
     design.check().map_err(|e| not(e.to_string()))?;
@@ -66,7 +66,6 @@ pub fn write_text(path: &Path, text: &[u8]) -> Result<(), FileError> {
     part_file::write(path, text).map_err(FileError::unwritten(path))
 }
 
-/// The text of the file that holds a design.
 pub fn text(design: &Design) -> serde_json::Result<Vec<u8>> {
     let mut text = serde_json::to_vec_pretty(design)?;
     text.push(b'\n');

@@ -8,7 +8,7 @@
 //! if the file has one. That checksum is the only one that covers messages outside chunks.
 //!
 //! What lies between blocks is read and summed up, too. A chunk without compression has a CRC-32 of
-//! its own over a part of the same bytes; one pass serves both (`Records`).
+//! its own over a part of the same bytes; one pass serves both (`ChunkRecords`).
 
 use super::Limits;
 use super::block::{Block, BlockKind, ReadBlock};
@@ -20,6 +20,7 @@ use super::source::Source;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use xxhash_rust::xxh3::{Xxh3, xxh3_128};
 
 /// The xxh3-128 of a whole recording, and damage if its data section does not agree with the
 /// checksum that the file itself holds.
@@ -35,20 +36,18 @@ pub fn in_words(digest: u128) -> String {
     format!("xxh3:{digest:032x}")
 }
 
-/// The digest of bytes in memory.
 pub fn of_bytes(bytes: &[u8]) -> String {
-    in_words(xxhash_rust::xxh3::xxh3_128(bytes))
+    in_words(xxh3_128(bytes))
 }
 
-/// The digest of any file. `check` is called after each part that was read, with the number of its
-/// bytes, and an error of `check` ends the reading.
+/// The digest of any file.
 pub fn of_file<E: From<std::io::Error>>(
     path: &Path,
     mut check: impl FnMut(u64) -> Result<(), E>,
 ) -> Result<String, E> {
     const PART: u64 = 1 << 20;
     let source = Source::open(path)?;
-    let mut xxh3 = xxhash_rust::xxh3::Xxh3::new();
+    let mut xxh3 = Xxh3::new();
     let mut part = vec![0; PART as usize];
     let mut at = 0;
     while at < source.bytes() {
@@ -67,7 +66,7 @@ pub struct Digester {
     source: Arc<Source>,
     limits: Limits,
     buffers: Buffers,
-    xxh3: xxhash_rust::xxh3::Xxh3,
+    xxh3: Xxh3,
     crc: crc32fast::Hasher,
     /// The byte at which the data section's checksum ends (it begins at byte 0), and what it should
     /// be. `None`: the file has none.
@@ -77,6 +76,7 @@ pub struct Digester {
 }
 
 impl Digester {
+    /// `data`: where the checksum of the data section ends, and what it is.
     pub(super) fn new(
         path: PathBuf,
         source: Arc<Source>,
@@ -88,7 +88,7 @@ impl Digester {
             source,
             limits,
             buffers: Buffers::default(),
-            xxh3: xxhash_rust::xxh3::Xxh3::new(),
+            xxh3: Xxh3::new(),
             crc: crc32fast::Hasher::new(),
             data: data.filter(|&(_, crc)| crc != 0),
             at: 0,
@@ -128,9 +128,7 @@ impl Digester {
         Ok(())
     }
 
-    /// Fills a buffer with the next bytes of the file and sums them up. `kind`: the bytes are a
-    /// block of this kind; `None`: bytes that nobody decodes. Each part of 64 KiB is summed up
-    /// while it still lies in the processor's cache.
+    /// Fills a buffer with the next bytes of the file and sums them up.
     fn take(
         &mut self,
         mut buffer: bytes::BytesMut,
@@ -142,7 +140,7 @@ impl Digester {
         let checked = self.data.map_or(0, |(end, _)| end.saturating_sub(self.at));
         let checked = checked.min(buffer.len() as u64) as usize;
 
-        let mut records: Option<Records> = None;
+        let mut records: Option<ChunkRecords> = None;
         for from in (0..buffer.len()).step_by(PART) {
             let to = (from + PART).min(buffer.len());
             self.source
@@ -152,7 +150,7 @@ impl Digester {
                 // The header of a chunk lies in its first part. If the chunk has no compression,
                 // its records get their own checksum on the way. (Only where the data section's
                 // checksum covers the whole chunk: elsewhere the worker computes it.)
-                records = records_of(&buffer).map(Records::new);
+                records = records_of(&buffer).map(ChunkRecords::new);
             }
             self.xxh3.update(&buffer[from..to]);
             match &mut records {
@@ -185,20 +183,18 @@ impl Digester {
 /// The records of a chunk without compression. They have a checksum of their own, which is a part
 /// of what the data section's checksum covers. CRC-32 of two adjacent ranges can be combined from
 /// those of the ranges, so these bytes are summed up once for both.
-struct Records {
+struct ChunkRecords {
     /// Where in the block the records lie.
     range: Range<usize>,
     crc: crc32fast::Hasher,
 }
 
-impl Records {
-    fn new(range: Range<usize>) -> Records {
-        Records { range, crc: crc32fast::Hasher::new() }
+impl ChunkRecords {
+    fn new(range: Range<usize>) -> ChunkRecords {
+        ChunkRecords { range, crc: crc32fast::Hasher::new() }
     }
 
-    /// Sums up the next part of the block; `from` is the place of its first byte in the block.
-    /// `all` is the checksum of the data section. Bytes before and behind the records go into `all`
-    /// alone; the records go into `crc`, which is combined into `all` with their last byte.
+    /// Sums up the next part of the block.
     fn take(&mut self, part: &[u8], from: usize, all: &mut crc32fast::Hasher) {
         let Range { start, end } = self.range;
         let within = |at: usize| at.clamp(from, from + part.len()) - from;
@@ -226,7 +222,7 @@ mod tests {
             let end = rng.random_range(start..=block.len());
             let mut all = crc32fast::Hasher::new();
             all.update(&before);
-            let mut records = Records::new(start..end);
+            let mut records = ChunkRecords::new(start..end);
             let part = rng.random_range(1..=block.len());
             for (k, bytes) in block.chunks(part).enumerate() {
                 records.take(bytes, k * part, &mut all);

@@ -51,14 +51,12 @@ pub struct EpisodeWriter {
     table: TableWriter,
     schema: SchemaRef,
     unit: TimestampUnit,
-    /// Episodes that wait to be a batch.
     waiting: Vec<Value>,
     recording: Arc<str>,
 }
 
 impl EpisodeWriter {
-    /// Begins a table under a provisional name. `recording`: the recording's name, which stands in
-    /// every row.
+    /// Begins a table under a provisional name.
     pub fn create(
         path: &Path,
         unit: TimestampUnit,

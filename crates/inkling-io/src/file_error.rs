@@ -14,8 +14,7 @@ pub enum FileError {
     Read { path: PathBuf, source: io::Error },
     #[error("{path}: cannot be written: {source}")]
     Write { path: PathBuf, source: io::Error },
-    /// Whoever named the file, or wrote it, made a mistake. `place`: the path, and the line if one
-    /// line is to blame.
+    /// Whoever named the file, or wrote it, made a mistake.
     #[error("{place}: {what}")]
     Mistaken { place: String, what: String },
     /// Nobody need have made a mistake: the content is damaged, another run is in the way, or a disk or a
@@ -25,12 +24,10 @@ pub enum FileError {
 }
 
 impl FileError {
-    /// The file cannot be read.
     pub fn unread(path: &Path) -> impl Fn(io::Error) -> FileError + Copy {
         |source| FileError::Read { path: path.into(), source }
     }
 
-    /// The file cannot be written.
     pub fn unwritten(path: &Path) -> impl Fn(io::Error) -> FileError + Copy {
         |source| FileError::Write { path: path.into(), source }
     }

@@ -28,9 +28,7 @@ use std::time::Duration;
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 
 impl Recording {
-    /// Opens a file that is being written, after waiting for its first bytes. Once `enough` is set,
-    /// the recording ends where it is. An error says that the file does not begin like a recording,
-    /// or cannot be read.
+    /// Opens a file that is being written, after waiting for its first bytes.
     pub fn follow(
         path: &Path,
         limits: Limits,
@@ -62,9 +60,7 @@ impl Recording {
         self.growth.as_ref().is_some_and(|growth| !growth.closed)
     }
 
-    /// The next block, or damage in place of one. If the recording is being written, waits for the
-    /// block. `check` is called at every wait, and an error of `check` ends the wait. `None`: the
-    /// recording has ended.
+    /// The next block, or damage in place of one.
     pub fn next_block<E: From<RecordingError>>(
         &self,
         blocks: &mut Blocks,
@@ -139,18 +135,16 @@ impl Recording {
     /// Refuses a file that shrank from `before` to `now` bytes, or whose name another file has
     /// taken.
     fn check_file(&self, before: u64, now: u64) -> Result<(), RecordingError> {
-        if now < before {
-            return Err(self.not_the_same(&format!("shrank from {before} to {now} bytes")));
-        }
-        match self.source.lies_at(&self.path) {
+        let what = match self.source.lies_at(&self.path) {
+            _ if now < before => format!("shrank from {before} to {now} bytes"),
             // if nothing lies under its name, the file may have been renamed; it is read on
-            Ok(true) | Err(_) => Ok(()),
-            Ok(false) => Err(self.not_the_same("was replaced by another file")),
-        }
-    }
-
-    /// The error for a file that became another one.
-    fn not_the_same(&self, what: &str) -> RecordingError {
-        RecordingError::NotTheSame { path: self.path.clone(), what: what.into() }
+            Ok(true) | Err(_) => return Ok(()),
+            Ok(false) => "was replaced by another file".into(),
+        };
+        let what = format!(
+            "{what} while it was followed: what was told of it belongs to no one recording; follow it again, \
+             or replay it when it is closed"
+        );
+        Err(FileError::failed(&self.path, what).into())
     }
 }

@@ -10,8 +10,7 @@ use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// At most so many early ends are remembered: at one look each 20 ms, those of some six hours. A reader that
-/// is ahead of another one is never that far ahead.
+/// At most so many early ends are remembered: at one look each 20 ms, those of some six hours.
 const MOST_ENDS: usize = 1 << 20;
 
 /// The bytes (offsets in the file, ascending) at which runs of messages ended early.
@@ -46,8 +45,7 @@ pub(super) fn ends_early(ends: &mut VecDeque<u64>, at: u64, is_whole: bool) -> b
 pub struct Growth {
     /// Set by the caller: the recording is to end where it is.
     pub(super) enough: Arc<AtomicBool>,
-    /// Whether the recording has ended, so that the file is not looked at any more. Locked during a
-    /// look.
+    /// Whether the recording has ended, so that the file is not looked at any more.
     pub(super) over: Mutex<bool>,
     pub(super) ends: Arc<EarlyEnds>,
     /// Whether this is the recording opened again as a whole ([`super::recording::Recording`]'s

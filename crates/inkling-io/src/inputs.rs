@@ -5,13 +5,15 @@
 //! Out: [`Input`]s, each file once, and a reason for every name that means no file. Files that are
 //! still being written (`.part`) and annotations are never found by a search.
 
+use super::dialect::matcher;
 use super::objects::{self, in_object_store};
 use super::regular_file::if_there;
 use super::result_file::ResultFile;
-use globset::{GlobBuilder, GlobMatcher};
+use globset::GlobMatcher;
 use inkling_core::labels::nearest;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
+use std::fmt::Display;
 use std::io::ErrorKind;
 use std::path::{Component, Path, PathBuf};
 use thiserror::Error;
@@ -19,42 +21,38 @@ use walkdir::WalkDir;
 
 /// Why a name means no file, or why two files cannot be judged together.
 #[derive(Debug, Error)]
-pub enum InputsError {
-    #[error("{path}: no such file or directory{}", meant(path))]
-    Missing { path: PathBuf },
-    #[error("\"\": an empty name is no file; is a variable of the shell empty?")]
-    Empty,
-    #[error("{path}: {what}")]
-    InObjectStore { path: PathBuf, what: String },
-    #[error("{path}: cannot be searched: {what}")]
-    Unreadable { path: PathBuf, what: String },
-    #[error("\"{pattern}\" is no valid pattern: {what}")]
-    BadPattern { pattern: String, what: String },
-    #[error("nothing found: searched {searched} for {what}")]
-    Nothing { searched: String, what: &'static str },
-    #[error("nothing found: no file fits {pattern}")]
-    NothingFits { pattern: String },
-    #[error(
-        "{first} and {second} would both be written to {verdicts}: name the directory above both, \
-         whose tree is then kept (--layout tree), lay them out by day (--layout date), or rename one"
-    )]
-    Shared { first: PathBuf, second: PathBuf, verdicts: String },
+#[error("{message}")]
+pub struct InputsError {
+    /// The name that the error is about, for the account of a run.
+    pub subject: String,
+    message: String,
+    /// Whether the name itself is wrong. A directory or a pattern that matches nothing is not.
+    pub is_usage: bool,
 }
 
 impl InputsError {
-    /// The name that the error is about, for the account of a run.
-    pub fn subject(&self) -> String {
-        match self {
-            InputsError::Missing { path }
-            | InputsError::InObjectStore { path, .. }
-            | InputsError::Unreadable { path, .. } => path.display().to_string(),
-            InputsError::BadPattern { pattern, .. } | InputsError::NothingFits { pattern } => {
-                pattern.clone()
-            }
-            InputsError::Empty => String::new(),
-            InputsError::Nothing { searched, .. } => searched.clone(),
-            InputsError::Shared { second, .. } => second.display().to_string(),
-        }
+    /// The name is wrong.
+    fn usage(subject: impl Display, message: String) -> InputsError {
+        InputsError { is_usage: true, ..InputsError::failed(subject, message) }
+    }
+
+    /// The name is right, and no file can be had by it.
+    pub(super) fn failed(subject: impl Display, message: String) -> InputsError {
+        InputsError { subject: subject.to_string(), message, is_usage: false }
+    }
+
+    fn missing(path: &Path) -> InputsError {
+        let (name, meant) = (path.display(), meant(path));
+        InputsError::usage(&name, format!("{name}: no such file or directory{meant}"))
+    }
+
+    fn unsearched(path: &Path, what: impl Display) -> InputsError {
+        let path = path.display();
+        InputsError::failed(&path, format!("{path}: cannot be searched: {what}"))
+    }
+
+    fn bad_pattern(pattern: &str, what: impl Display) -> InputsError {
+        InputsError::usage(pattern, format!("\"{pattern}\" is {what}"))
     }
 }
 
@@ -113,27 +111,25 @@ pub fn find_verdicts(named: &[String]) -> Result<Vec<Input>, InputsError> {
 
 /// Fails if a name stands for nothing.
 fn all_there(found: FoundInputs) -> Result<Vec<Input>, InputsError> {
-    match found.lost.into_iter().next() {
-        Some(lost) => Err(lost),
-        None => Ok(found.inputs),
-    }
+    found.lost.into_iter().next().map_or(Ok(found.inputs), Err)
 }
 
 /// Finds the files of all names, in the order of the names. A file that is named twice, or by two
 /// links, is taken once. `ending`: how the names of files that a search finds must end; `what`:
 /// these files in words, for errors.
 fn find(named: &[String], ending: &str, what: &'static str) -> Result<FoundInputs, InputsError> {
+    let nothing = |searched: &str| format!("nothing found: searched {searched} for {what}");
     let mut all = FoundInputs::default();
     let mut seen = BTreeSet::new();
     for name in named {
         // a name without a file is an error of its own, which is kept beside what other names give
         let mut found = find_one(name, ending).unwrap_or_else(FoundInputs::without);
         if found.inputs.is_empty() && found.lost.is_empty() {
-            let nothing = match name.contains(WILDCARDS) && !Path::new(name).is_dir() {
-                true => InputsError::NothingFits { pattern: name.clone() },
-                false => InputsError::Nothing { searched: name.clone(), what },
+            let message = match name.contains(WILDCARDS) && !Path::new(name).is_dir() {
+                true => format!("nothing found: no file fits {name}"),
+                false => nothing(name),
             };
-            found = FoundInputs::without(nothing);
+            found = FoundInputs::without(InputsError::failed(name, message));
         }
         for input in found.inputs {
             // links and detours lead to the same file
@@ -150,7 +146,7 @@ fn find(named: &[String], ending: &str, what: &'static str) -> Result<FoundInput
         return Ok(all);
     }
     let first = all.lost.into_iter().next();
-    Err(first.unwrap_or(InputsError::Nothing { searched: named.join(", "), what }))
+    Err(first.unwrap_or_else(|| InputsError::failed("", nothing(""))))
 }
 
 /// Finds the files of one name. In this order the name is an object's, a directory, an existing
@@ -159,7 +155,8 @@ fn find(named: &[String], ending: &str, what: &'static str) -> Result<FoundInput
 fn find_one(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
     let path = Path::new(name);
     if name.is_empty() {
-        return Err(InputsError::Empty);
+        let what = "\"\": an empty name is no file; is a variable of the shell empty?";
+        return Err(InputsError::usage(name, what.into()));
     }
     if in_object_store(path) {
         return find_objects(name, ending);
@@ -170,7 +167,7 @@ fn find_one(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
     match path.symlink_metadata() {
         Ok(_) => return Ok(FoundInputs::only(path)),
         Err(e) if e.kind() == ErrorKind::PermissionDenied => {
-            return Err(InputsError::Unreadable { path: path.into(), what: e.to_string() });
+            return Err(InputsError::unsearched(path, e));
         }
         Err(_) => {}
     }
@@ -178,19 +175,18 @@ fn find_one(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
         let Pattern { root, depth, matcher } = pattern(name)?;
         return Ok(search(&root, depth, |p| matcher.is_match(p.strip_prefix("./").unwrap_or(p))));
     }
-    Err(InputsError::Missing { path: path.into() })
+    Err(InputsError::missing(path))
 }
 
 /// Finds the objects of one name: the object that is called so, else the objects below it, or those
 /// that the pattern fits.
 fn find_objects(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
     let path = Path::new(name);
-    let failed =
-        |e: std::io::Error| InputsError::InObjectStore { path: path.into(), what: e.to_string() };
+    let failed = |e: std::io::Error| InputsError::failed(name, format!("{name}: {e}"));
     let (_, rest) = name.split_once("://").unwrap_or_default();
     if rest.split('/').next().is_some_and(|bucket| bucket.contains(WILDCARDS)) {
-        let what = "the bucket has to be named, only keys may have wildcards".into();
-        return Err(InputsError::BadPattern { pattern: name.into(), what });
+        let what = "no valid pattern: the bucket has to be named, only keys may have wildcards";
+        return Err(InputsError::bad_pattern(name, what));
     }
     // only a name with a key can be an object's
     let may_be_object = rest.contains('/') && !name.ends_with('/');
@@ -218,7 +214,7 @@ fn find_objects(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
     let found = objects::list(root).map_err(failed)?;
     let inputs = found.iter().filter(|p| wanted(p)).map(|p| input_below(root, p)).collect();
     match found.is_empty() && matcher.is_none() {
-        true => Err(InputsError::Missing { path: path.into() }),
+        true => Err(InputsError::missing(path)),
         false => Ok(FoundInputs { inputs, lost: Vec::new() }),
     }
 }
@@ -239,53 +235,43 @@ impl FoundInputs {
 /// How the names of the files end that `replay --annotate` writes.
 const ANNOTATIONS: &str = ".annotations.mcap";
 
-/// Whether a file was written by `replay --annotate`. Such a file lies beside verdicts and is an
-/// MCAP file, but no recording to judge.
+/// Whether a file was written by `replay --annotate`.
 fn is_annotation(path: &Path) -> bool {
     name_ends(path, ANNOTATIONS) && matches!(ResultFile::of(path), Ok(Some(ResultFile::Recording)))
 }
 
-/// Whether a file's name has this ending.
 fn name_ends(path: &Path, ending: &str) -> bool {
     path.file_name().is_some_and(|n| n.to_string_lossy().ends_with(ending))
 }
 
-/// A file that was found below `root`.
 fn input_below(root: &Path, path: &Path) -> Input {
     let below = path.strip_prefix(root).ok().and_then(Path::parent).unwrap_or(Path::new(""));
     Input { path: path.to_path_buf(), below: below.to_path_buf() }
 }
 
-/// Finds the wanted files below `root`, sorted by name in each directory. Links to directories are
-/// followed, but not in circles. `depth`: how many directories deep files may lie. A directory that
-/// cannot be read is an entry in `lost`.
+/// Finds the wanted files below `root`, sorted by name in each directory.
 fn search(root: &Path, depth: usize, wanted: impl Fn(&Path) -> bool) -> FoundInputs {
     let mut found = FoundInputs::default();
     let walk = WalkDir::new(root).follow_links(true).max_depth(depth);
     for entry in walk.sort_by_file_name() {
-        let entry = match entry {
-            Ok(entry) => entry,
+        let path = match entry {
+            Ok(entry) if entry.file_type().is_file() => entry.into_path(),
+            Ok(_) => continue,
             Err(e) if e.loop_ancestor().is_some() => continue,
             Err(e) => {
                 let path = e.path().unwrap_or(root).to_path_buf();
-                // a link to nowhere that is named like a wanted file is taken: reading it will say
-                // what is wrong
                 let is_denied =
                     e.io_error().is_some_and(|e| e.kind() == ErrorKind::PermissionDenied);
                 if is_denied || !path.is_symlink() {
                     let what = e.io_error().map_or(e.to_string(), ToString::to_string);
-                    found.lost.push(InputsError::Unreadable { path, what });
-                } else if wanted(&path) && !name_ends(&path, ".part") {
-                    found.inputs.push(input_below(root, &path));
+                    found.lost.push(InputsError::unsearched(&path, what));
+                    continue;
                 }
-                continue;
+                path // a link to nowhere: reading it will say what is wrong
             }
         };
-
-        let path = entry.path();
-        let part = name_ends(path, ".part");
-        if entry.file_type().is_file() && !part && wanted(path) && !is_annotation(path) {
-            found.inputs.push(input_below(root, path));
+        if !name_ends(&path, ".part") && wanted(&path) && !is_annotation(&path) {
+            found.inputs.push(input_below(root, &path));
         }
     }
     found
@@ -293,8 +279,7 @@ fn search(root: &Path, depth: usize, wanted: impl Fn(&Path) -> bool) -> FoundInp
 
 /// A pattern of paths, ready for a search.
 struct Pattern {
-    /// The directory that the pattern begins with, up to the first part with a wildcard. Only it is
-    /// searched.
+    /// The directory that the pattern begins with, up to the first part with a wildcard.
     root: PathBuf,
     /// How many levels below `root` a file that fits may lie.
     depth: usize,
@@ -304,8 +289,8 @@ struct Pattern {
 /// Parses a pattern. `.` parts and doubled slashes, which mean nothing in a path, are left out.
 fn pattern(text: &str) -> Result<Pattern, InputsError> {
     if text.ends_with('/') {
-        let what = "it ends in a slash, and a pattern stands for files".into();
-        return Err(InputsError::BadPattern { pattern: text.into(), what });
+        let what = "no valid pattern: it ends in a slash, and a pattern stands for files";
+        return Err(InputsError::bad_pattern(text, what));
     }
     let parts = || Path::new(text).components().filter(|c| *c != Component::CurDir);
     let whole: PathBuf = parts().collect();
@@ -319,16 +304,14 @@ fn pattern(text: &str) -> Result<Pattern, InputsError> {
     };
     let root = if root.as_os_str().is_empty() { PathBuf::from(".") } else { root };
     if !root.exists() {
-        return Err(InputsError::Missing { path: root });
+        return Err(InputsError::missing(&root));
     }
     Ok(Pattern { root, depth, matcher })
 }
 
 /// Compiles a pattern; `*` does not match a `/`.
 fn glob(text: &str) -> Result<GlobMatcher, InputsError> {
-    let glob = GlobBuilder::new(text).literal_separator(true).build();
-    glob.map(|glob| glob.compile_matcher())
-        .map_err(|e| InputsError::BadPattern { pattern: text.into(), what: e.to_string() })
+    matcher(text).map_err(|what| InputsError::bad_pattern(text, what))
 }
 
 #[cfg(test)]
@@ -376,7 +359,7 @@ mod tests {
             assert_eq!(named(dir.path(), &[same]).unwrap().len(), 1, "{same}");
         }
         let none = named(dir.path(), &["a/*.log"]).unwrap_err();
-        assert!(matches!(none, InputsError::NothingFits { .. }), "{none}");
+        assert!(!none.is_usage && none.to_string().contains("no file fits"), "{none}");
         let none = named(dir.path(), &["a/b/.."]).map(|found| found.len());
         assert_eq!(none.unwrap(), 2, "a directory by a detour");
     }

@@ -8,7 +8,7 @@
 use arrow_ipc::{Message, RecordBatch, root_as_footer, root_as_message};
 
 /// Most bytes that all compressed buffers of one message may claim to have uncompressed.
-const MOST_UNCOMPRESSED: i64 = 1 << 30;
+const MOST: i64 = 1 << 30;
 /// A file begins and ends with these bytes.
 const MAGIC: &[u8] = b"ARROW1";
 /// These bytes stand before each message since version 0.15 of the format; then the length of the
@@ -28,13 +28,9 @@ pub fn check_file(bytes: &[u8]) -> Result<(), String> {
 
     let blocks = footer.dictionaries().into_iter().chain(footer.recordBatches()).flatten();
     for block in blocks {
-        let part = |from: i64, length: i64| -> Option<&[u8]> {
-            let from = usize::try_from(from).ok()?;
-            bytes.get(from..from.checked_add(usize::try_from(length).ok()?)?)
-        };
         let (at, head) = (block.offset(), i64::from(block.metaDataLength()));
-        let message = part(at, head).ok_or_else(odd)?;
-        let body = at.checked_add(head).and_then(|at| part(at, block.bodyLength()));
+        let message = part(bytes, at, head).ok_or_else(odd)?;
+        let body = at.checked_add(head).and_then(|at| part(bytes, at, block.bodyLength()));
         // the head of a message stands behind its length, which the footer has said already
         let message = message.strip_prefix(&CONTINUES).unwrap_or(message);
         check_message(message.get(4..).ok_or_else(odd)?, body.ok_or_else(odd)?)?;
@@ -62,8 +58,13 @@ pub fn check_stream(mut bytes: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
+/// The bytes that a claimed place and length mean; `None`: not all of them are there.
+fn part(bytes: &[u8], from: i64, length: i64) -> Option<&[u8]> {
+    let from = usize::try_from(from).ok()?;
+    bytes.get(from..from.checked_add(usize::try_from(length).ok()?)?)
+}
+
 /// Checks one message: its buffers must lie within `body`, and claim no more than they may.
-/// `message` is the head, a flatbuffer.
 fn check_message(message: &[u8], body: &[u8]) -> Result<(), String> {
     let message: Message = root_as_message(message).map_err(|e| format!("a message: {e}"))?;
     if usize::try_from(message.bodyLength()).ok() != Some(body.len()) {
@@ -76,9 +77,7 @@ fn check_message(message: &[u8], body: &[u8]) -> Result<(), String> {
 
     let mut all = 0i64;
     for buffer in batch.buffers().into_iter().flatten() {
-        let from = usize::try_from(buffer.offset()).ok();
-        let to = from.and_then(|from| from.checked_add(usize::try_from(buffer.length()).ok()?));
-        let part = from.zip(to).and_then(|(from, to)| body.get(from..to));
+        let part = part(body, buffer.offset(), buffer.length());
         let part = part.ok_or("a buffer beyond its message")?;
         // a buffer that is not compressed takes no more than its own bytes
         if batch.compression().is_none() {
@@ -89,14 +88,10 @@ fn check_message(message: &[u8], body: &[u8]) -> Result<(), String> {
         if let Some(length) = part.first_chunk().map(|n| i64::from_le_bytes(*n))
             && length != -1
         {
-            all = all
-                .checked_add(length)
-                .filter(|all| length >= 0 && *all <= MOST_UNCOMPRESSED)
-                .ok_or_else(|| {
-                    format!(
-                        "a message that claims more than {MOST_UNCOMPRESSED} bytes uncompressed"
-                    )
-                })?;
+            let more = all.checked_add(length).filter(|all| length >= 0 && *all <= MOST);
+            all = more.ok_or_else(|| {
+                format!("a message that claims more than {MOST} bytes uncompressed")
+            })?;
         }
     }
     Ok(())

@@ -24,8 +24,7 @@ use std::time::SystemTime;
 pub const JOURNAL_NAME: &str = "journal.jsonl";
 /// Version of a line. A line of another version is read as far as it is alike.
 pub const VERSION: u32 = 2;
-/// Most bytes of a line that is read as one; settings with a thousand priors take far less. The
-/// rest of a longer line is taken for another line, and both are unreadable.
+/// Most bytes of a line that is read as one; settings with a thousand priors take far less.
 const MOST_LINE_BYTES: u64 = 4 << 20;
 
 /// How a recording ended; the worst outcome comes first.
@@ -48,7 +47,6 @@ pub enum Outcome {
 }
 
 impl Outcome {
-    /// Whether verdicts were written.
     pub fn is_judged(self) -> bool {
         self > Outcome::NotReached
     }
@@ -72,8 +70,7 @@ pub struct Source {
     pub starts_at_ns: Option<i64>,
 }
 
-/// What decides on verdicts besides the recording. If any of it differs from the run's own, the
-/// recording is judged again.
+/// What decides on verdicts besides the recording.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Means {
     /// Version of the tables' columns.
@@ -95,18 +92,15 @@ pub struct Link {
     pub after: Option<String>,
 }
 
-/// Where the results of a recording lie.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Results {
     /// The verdict table, below the directory of results, parts separated by `/`.
     pub verdicts: String,
     /// Sizes in bytes of verdicts, episodes and summary, in this order; empty: there are no files.
-    /// By these sizes a file that was cut short is noticed.
     pub bytes: Vec<u64>,
 }
 
-/// A message about a recording, and how many messages of its kind there were. Messages of one kind differ
-/// only in numbers.
+/// A message about a recording, and how many messages of its kind there were.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CountedMessage {
     /// The text of the first of its kind.
@@ -136,7 +130,6 @@ pub struct Entry {
     /// Printheads of which nothing, or that less than half, could be judged: a sentence each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub not_judged: Vec<String>,
-    /// What was damaged.
     pub damage: Vec<CountedMessage>,
     /// What else the user was warned of.
     pub warnings: Vec<CountedMessage>,
@@ -152,11 +145,6 @@ impl Entry {
     pub fn new(recording: Source, by: Means, outcome: Outcome) -> Entry {
         Entry { version: VERSION, at: now(), recording, by, outcome, ..Entry::default() }
     }
-
-    /// Whether verdicts of the recording were written.
-    pub fn is_judged(&self) -> bool {
-        self.outcome.is_judged()
-    }
 }
 
 /// What earlier runs did in a directory: the last entry of each recording and of each result.
@@ -164,7 +152,6 @@ impl Entry {
 pub struct Journal {
     /// By the path of the verdict table below the directory.
     by_result: HashMap<String, Arc<Entry>>,
-    /// By the path of the recording.
     by_path: HashMap<String, Arc<Entry>>,
     /// Lines that are no entries, or not whole.
     pub unreadable: u64,
@@ -217,7 +204,6 @@ impl Journal {
         self.by_path.values().map(Arc::as_ref)
     }
 
-    /// The last entry about a recording, by its path.
     pub fn of_recording(&self, path: &str) -> Option<&Arc<Entry>> {
         self.by_path.get(path)
     }
@@ -250,7 +236,6 @@ impl JournalWriter {
         Ok(JournalWriter { file, path, torn, is_copy })
     }
 
-    /// Appends an entry.
     pub fn append(&mut self, entry: &Entry) -> io::Result<()> {
         let mut line = if self.torn { String::from("\n") } else { String::new() };
         line.push_str(&serde_json::to_string(entry)?);
@@ -268,7 +253,6 @@ impl JournalWriter {
     }
 }
 
-/// Whether the file ends with the end of a line, or is empty.
 fn ends_with_a_line(file: &mut File) -> io::Result<bool> {
     if file.seek(SeekFrom::End(0))? == 0 {
         return Ok(true);

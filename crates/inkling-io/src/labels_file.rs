@@ -8,7 +8,7 @@
 //! functions.
 
 use super::file_error::{FileError, line_of};
-use super::regular_file::{self, Records};
+use super::regular_file::{self, BoundedRecords};
 use super::{part_file, printable, result_file};
 use chrono::{DateTime, SecondsFormat};
 use inkling_core::fault::{HEALTHY, IGNORE};
@@ -27,7 +27,6 @@ const MOST_FACTOR: f64 = 1e3;
 /// Most bytes of a printhead's or a state's name.
 const LONGEST_NAME: usize = 1024;
 
-/// The columns that labels must have.
 pub(super) const HEADER: [&str; 6] = ["printhead", "channel", "from", "to", "state", "severity"];
 
 /// Which states labels may have beside `healthy`, `ignore` and the classes of the thesis.
@@ -42,34 +41,32 @@ pub enum States<'a> {
 /// Reads and checks labels that may have any state. Still refused is a state that differs from a
 /// known one only by its case, or that was probably meant as `healthy` or `ignore`.
 pub fn read(path: &Path) -> Result<Labels, FileError> {
-    read_states(Written::File(path), States::Any)
+    read_states(LabelSource::File(path), States::Any)
 }
 
-/// Where labels come from.
 #[derive(Clone, Copy, Debug)]
-pub enum Written<'a> {
+pub enum LabelSource<'a> {
     File(&'a Path),
     Text(&'a str),
 }
 
-impl Written<'_> {
+impl LabelSource<'_> {
     /// The name by which errors call the labels.
     pub fn name(&self) -> &Path {
         match self {
-            Written::File(path) => path,
-            Written::Text(_) => Path::new("labels"),
+            LabelSource::File(path) => path,
+            LabelSource::Text(_) => Path::new("labels"),
         }
     }
 }
 
 /// Reads and checks labels. A state that `states` does not allow is an error.
-pub fn read_states(of: Written, states: States) -> Result<Labels, FileError> {
+pub fn read_states(of: LabelSource, states: States) -> Result<Labels, FileError> {
     match of {
-        Written::Text(text) => parse_rows(of.name(), text.as_bytes(), states),
-        Written::File(path) => match regular_file::open(path) {
-            Ok(file) => parse_rows(path, file, states),
-            Err(e) => Err(FileError::unread(path)(e)),
-        },
+        LabelSource::Text(text) => parse_rows(of.name(), text.as_bytes(), states),
+        LabelSource::File(path) => {
+            parse_rows(path, regular_file::open(path).map_err(FileError::unread(path))?, states)
+        }
     }
 }
 
@@ -79,7 +76,6 @@ pub fn check(path: &Path, labels: &Labels, met: &Met) -> Result<(), FileError> {
     met.mistake(labels).map_or(Ok(()), mistaken)
 }
 
-/// Reads all rows of labels.
 fn parse_rows(path: &Path, from: impl Read, states: States) -> Result<Labels, FileError> {
     let mut rows = Vec::new();
     each_row(path, from, [], |fields, []| {
@@ -98,8 +94,7 @@ fn parse_rows(path: &Path, from: impl Read, states: States) -> Result<Labels, Fi
 }
 
 /// Calls `take` with the fields of every row: those of the columns `HEADER`, in its order, and
-/// those of the columns `more`, which are empty if the file has no such columns. What `take`
-/// refuses becomes an error with the row's line.
+/// those of the columns `more`, which are empty if the file has no such columns.
 pub(super) fn each_row<const M: usize>(
     path: &Path,
     from: impl Read,
@@ -117,7 +112,7 @@ pub(super) fn each_row<const M: usize>(
     let mut csv = csv::ReaderBuilder::new()
         .trim(csv::Trim::All)
         .flexible(true)
-        .from_reader(Records::new(from, MOST_BYTES));
+        .from_reader(BoundedRecords::new(from, MOST_BYTES));
     let header = csv.headers().map_err(failed)?.clone();
     // a byte order mark may stand before the first name
     let place =
@@ -142,8 +137,7 @@ pub(super) fn each_row<const M: usize>(
 }
 
 impl<'a> States<'a> {
-    /// Refuses a state that labels may not have; the error says what was probably meant. Where any
-    /// state is allowed, only likely misspellings are refused.
+    /// Refuses a state that labels may not have; the error says what was probably meant.
     pub(super) fn check(self, state: &str) -> Result<(), String> {
         let own: &[&'a str] = match self {
             States::Any => &[],
@@ -207,13 +201,11 @@ pub(super) fn parse(
     }
 }
 
-/// The error for a name that is too long.
 fn too_long(column: &str, text: &str) -> String {
     format!("{column} \"{}\": a name of more than {LONGEST_NAME} bytes", printable::cell(text))
 }
 
-/// Parses a severity. For the thesis's classes it must lie in the range of the fault's physics
-/// (`schemas/labels.md`); for other classes it may be any number.
+/// Parses a severity.
 fn size(state: &str, text: &str) -> Result<f64, String> {
     let said = printable::cell(text);
     let number = text.parse().ok().filter(|v: &f64| v.is_finite());
@@ -233,8 +225,7 @@ fn size(state: &str, text: &str) -> Result<f64, String> {
     Err(format!("severity \"{said}\" of {state}: {what} lies between {least} and {most}"))
 }
 
-/// Parses a time, RFC 3339 or whole nanoseconds, to ns since 1970. An empty field is `None`:
-/// without bound.
+/// Parses a time, RFC 3339 or whole nanoseconds, to ns since 1970.
 fn time(column: &str, text: &str) -> Result<Option<i64>, String> {
     if text.is_empty() {
         return Ok(None);
@@ -267,18 +258,19 @@ pub fn write(path: &Path, labels: &[Label]) -> Result<(), FileError> {
             label.severity.map_or(String::new(), |s| s.to_string()),
         ]
     });
-    write_rows(path, HEADER, rows)
+    write_rows(path, &HEADER, rows)
 }
 
 /// Writes a CSV with these columns.
 pub(super) fn write_rows<const N: usize>(
     path: &Path,
-    header: [&str; N],
+    header: &[&str],
     rows: impl Iterator<Item = [String; N]>,
 ) -> Result<(), FileError> {
     let failed = FileError::unwritten(path);
     let mut text = csv::Writer::from_writer(Vec::new());
-    for row in std::iter::once(header.map(String::from)).chain(rows) {
+    text.write_record(header).map_err(|e| failed(e.into()))?;
+    for row in rows {
         text.write_record(row).map_err(|e| failed(e.into()))?;
     }
     let bytes = text.into_inner().map_err(|e| failed(e.into_error()))?;
@@ -363,7 +355,7 @@ mod tests {
         let declared = |state: &str| {
             let header = "printhead,channel,from,to,state,severity";
             std::fs::write(&path, format!("{header}\np,1,,,ignore,\np,1,,,{state},\n")).unwrap();
-            read_states(Written::File(&path), States::Declared(&["Verstopfung"]))
+            read_states(LabelSource::File(&path), States::Declared(&["Verstopfung"]))
                 .map(drop)
                 .map_err(|e| e.to_string())
         };

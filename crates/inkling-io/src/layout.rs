@@ -21,8 +21,7 @@ use std::path::{Component, Path, PathBuf};
 /// Rows that are decoded at a time in search of the first burst.
 const MOST_ROWS: usize = 32_768;
 
-/// How results are laid out in directories (setting `output.layout`). Not the layout of samples in
-/// a burst.
+/// How results are laid out in directories (setting `output.layout`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Layout {
@@ -45,23 +44,19 @@ impl Layout {
     }
 }
 
-/// A recording, and where its results go.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PlacedRecording {
     pub input: Input,
-    /// The recording as the journal will name it. Its digest and whatever else is not known yet is
-    /// `None`.
+    /// The recording as the journal will name it.
     pub source: Source,
     /// Path of the verdict table below the directory of results, with `/` between its parts.
     pub verdicts: String,
-    /// Names of the recording's printheads. They are looked up only where there are baselines and
-    /// the recording, although not judged in this run, can be read; else empty.
+    /// Names of the recording's printheads.
     pub printheads: Vec<String>,
 }
 
 impl PlacedRecording {
-    /// The place of a recording. `day` gives the day of the recording with this absolute path; it
-    /// is called only if the layout needs the day.
+    /// The place of a recording.
     pub fn new(layout: Layout, input: Input, day: impl FnOnce(&str) -> String) -> PlacedRecording {
         let absolute = || match in_object_store(&input.path) {
             true => input.path.clone(),
@@ -104,11 +99,14 @@ pub fn refuse_shared(placed: &[PlacedRecording]) -> Result<(), InputsError> {
     let mut taken: HashMap<&str, &PlacedRecording> = HashMap::new();
     for this in placed {
         if let Some(first) = taken.insert(&this.verdicts, this) {
-            return Err(InputsError::Shared {
-                first: first.input.path.clone(),
-                second: this.input.path.clone(),
-                verdicts: this.verdicts.clone(),
-            });
+            let [first, second] = [first, this].map(|placed| placed.input.path.display());
+            let message = format!(
+                "{first} and {second} would both be written to {}: name the directory above both, \
+                 whose tree is then kept (--layout tree), lay them out by day (--layout date), or \
+                 rename one",
+                this.verdicts
+            );
+            return Err(InputsError::failed(second, message));
         }
     }
     Ok(())
@@ -117,16 +115,14 @@ pub fn refuse_shared(placed: &[PlacedRecording]) -> Result<(), InputsError> {
 /// The day of a recording without a burst that could be dated.
 pub const UNDATED: &str = "undated";
 
-/// The day (UTC) of the first usable burst in the file, such as `2026-11-01`. `None`: the recording cannot be
-/// read, or has none.
+/// The day (UTC) of the first usable burst in the file, such as `2026-11-01`.
 pub fn day_of(path: &Path, dialects: &Dialects) -> Option<String> {
     let recording = Recording::open_with(path, Limits::default(), dialects).ok()?;
     let first = DateTime::from_timestamp_nanos(first_burst_ns(&recording)?);
     Some(first.format("%Y-%m-%d").to_string())
 }
 
-/// The time of the first usable burst in the order of the file, ns since 1970. Nothing behind that
-/// burst is read.
+/// The time of the first usable burst in the order of the file, ns since 1970.
 fn first_burst_ns(recording: &Recording) -> Option<i64> {
     let mut reader = recording.reader();
     for block in recording.blocks().filter_map(Result::ok) {

@@ -13,14 +13,13 @@
 //! `verdict_reader`.
 //!
 //! ```text
-//! recordings  recording source scan block block_reader chunk_loader decompress mcap_records
-//! channels
-//!             burst_codec dialect followed growth digest census damage; written by
-//!             recording_writer mcap_file memory_recording
+//! recordings  recording mcap_summary peek source scan block block_reader chunk_loader decompress
+//!             mcap_records channels burst_codec dialect followed growth digest census damage;
+//!             written by recording_writer mcap_file memory_recording
 //! results     verdict_* column column_types row_table episode_table summary_file annotation_writer
 //!             part_tables baseline_file result_file
-//! foreign     table_file columnar plain_columns arrow_cells numpy sampling matrix; made safe by
-//!             parquet_* thrift ipc_sizes unpanicked
+//! foreign     table_file csv_table columnar plain_columns arrow_cells numpy sampling spline matrix;
+//!             made safe by parquet_* thrift ipc_sizes unpanicked
 //! people      labels_file outcomes_file
 //! made by other verbs than replay  design_file truth_file
 //! places      inputs outputs layout journal run_lock part_file stored objects regular_file stamp
@@ -41,6 +40,7 @@ mod chunk_loader;
 mod column;
 pub mod column_types;
 pub mod columnar;
+pub mod csv_table;
 pub mod damage;
 pub mod decompress;
 pub mod design_file;
@@ -58,6 +58,7 @@ pub mod layout;
 pub mod matrix;
 mod mcap_file;
 mod mcap_records;
+mod mcap_summary;
 pub mod memory_recording;
 pub mod numpy;
 pub mod objects;
@@ -67,6 +68,7 @@ mod parquet_claims;
 mod parquet_file;
 pub mod part_file;
 pub mod part_tables;
+pub mod peek;
 mod pieces;
 pub mod plain_columns;
 pub mod printable;
@@ -79,6 +81,7 @@ pub mod run_lock;
 pub mod sampling;
 pub mod scan;
 mod source;
+mod spline;
 mod stamp;
 pub mod stored;
 pub mod summary_file;
@@ -99,8 +102,7 @@ mod documented;
 mod recording_tests;
 
 /// The largest pieces that a reader of recordings takes into memory, whatever a file claims: one
-/// record, one chunk or one burst at a time. The defaults hold everywhere in the product; tests use
-/// smaller ones.
+/// record, one chunk or one burst at a time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Bytes of the largest record that is read, compressed chunks included. The default is 1 MiB
@@ -109,16 +111,12 @@ pub struct Limits {
     pub record_bytes: u64,
     /// Bytes of the largest uncompressed chunk.
     pub chunk_bytes: u64,
-    /// Most channels of one burst.
     pub channels: u32,
-    /// Most samples of one channel in one burst.
     pub samples_per_channel: u32,
-    /// Most bytes of all samples of one burst.
     pub samples_bytes: u64,
 }
 
 impl Default for Limits {
-    /// The limits of the product.
     fn default() -> Limits {
         Limits {
             record_bytes: 257 << 20,

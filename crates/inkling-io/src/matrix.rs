@@ -16,8 +16,7 @@ pub struct Matrix {
     pub format: Format,
     pub layout: Layout,
     pub samples: Bytes,
-    /// When the acquisition began: the number in the table, in the table's own unit. `None`: the
-    /// table has no times.
+    /// When the acquisition began: the number in the table, in the table's own unit.
     pub time: Option<f64>,
     /// The acquisition's printhead; `None`: the table does not say.
     pub printhead: Option<String>,

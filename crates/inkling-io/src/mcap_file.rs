@@ -47,12 +47,10 @@ impl McapFile {
         Ok(McapFile { writer, part, path: path.to_path_buf(), channels: HashMap::new() })
     }
 
-    /// How many topics were defined.
     pub fn topics(&self) -> usize {
         self.channels.len()
     }
 
-    /// Whether a topic was defined.
     pub fn has(&self, topic: &str) -> bool {
         self.channels.contains_key(topic)
     }
@@ -74,8 +72,7 @@ impl McapFile {
         Ok(())
     }
 
-    /// Appends a message to a topic that was defined (a panic if it was not). Log time and publish
-    /// time are the same, ns since 1970.
+    /// Appends a message to a topic that was defined (a panic if it was not).
     pub fn write(&mut self, topic: &str, time_ns: u64, data: &[u8]) -> Result<(), RecordingError> {
         let channel = self.channels.get_mut(topic).expect("the topic was added");
         let header = MessageHeader {
@@ -88,7 +85,6 @@ impl McapFile {
         self.writer.write_to_known_channel(&header, data).map_err(|e| self.failed(e))
     }
 
-    /// Ends the chunk under way.
     pub fn end_chunk(&mut self) -> Result<(), RecordingError> {
         self.writer.flush().map_err(|e| self.failed(e))
     }

@@ -61,7 +61,6 @@ impl ChunkHeader<'_> {
     }
 }
 
-/// The fields of a schema record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SchemaRecord<'a> {
     pub id: u16,
@@ -104,8 +103,7 @@ impl ChannelRecord<'_> {
     }
 }
 
-/// Takes bytes with their length (32 bits) before them off the front. `None`: fewer bytes are
-/// there.
+/// Takes bytes with their length (32 bits) before them off the front.
 fn counted<'a>(rest: &mut &'a [u8]) -> Option<&'a [u8]> {
     let length = rest.try_get_u32_le().ok()?;
     rest.split_off(..length as usize)
@@ -127,13 +125,11 @@ pub fn message_header(body: &[u8]) -> Option<MessageHeader> {
     Some(of)
 }
 
-/// The fields of a statistics record.
 pub fn statistics(body: &[u8]) -> Option<Statistics> {
     let Ok(Record::Statistics(of)) = parse_record(op::STATISTICS, body) else { return None };
     Some(of)
 }
 
-/// The fields of a footer record.
 pub fn footer(body: &[u8]) -> Option<Footer> {
     let Ok(Record::Footer(of)) = parse_record(op::FOOTER, body) else { return None };
     Some(of)
@@ -157,7 +153,6 @@ impl ChunkSpan {
     }
 }
 
-/// Where a record lies in a buffer of records.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RecordAt {
     pub opcode: u8,

@@ -10,6 +10,7 @@ use super::Limits;
 use super::burst_codec::{FILE_DESCRIPTOR_SET, MESSAGE_ENCODING, SCHEMA_NAME, encode, topic};
 use super::damage::RecordingError;
 use super::dialect::Dialects;
+use super::file_error::FileError;
 use super::mcap_records::{MAGIC, MESSAGE_HEADER, op};
 use super::pieces::Pieces;
 use super::recording::Recording;
@@ -21,7 +22,6 @@ use std::collections::hash_map::Entry;
 use std::path::Path;
 use std::sync::Arc;
 
-/// The only schema's id.
 const SCHEMA_ID: u16 = 1;
 /// Key of the protobuf field `samples` (number 9, length-delimited). The field comes last in these
 /// messages, so that its bytes can be the burst's own.
@@ -43,8 +43,12 @@ pub fn of_bursts(label: &str, bursts: &[Burst]) -> Result<Recording, RecordingEr
         let of_printhead = match channels.entry(&burst.printhead) {
             Entry::Occupied(known) => known.into_mut(),
             Entry::Vacant(new) => {
-                let id = u16::try_from(number)
-                    .map_err(|_| RecordingError::TooManyPrintheads { path: label.into() })?;
+                let id = u16::try_from(number).map_err(|_| {
+                    let most = u16::MAX;
+                    let what =
+                        format!("a recording holds {most} printheads at most; give fewer at once");
+                    FileError::failed(Path::new(label), what)
+                })?;
                 record(&mut definitions, op::CHANNEL, &channel(id, &burst.printhead));
                 new.insert((id, 0))
             }
@@ -75,7 +79,6 @@ pub fn of_bursts(label: &str, bursts: &[Burst]) -> Result<Recording, RecordingEr
     Recording::of_source(Path::new(label), source, Limits::default(), &Dialects::default())
 }
 
-/// Appends a whole record.
 fn record(out: &mut Vec<u8>, opcode: u8, body: &[u8]) {
     begin(out, opcode, body.len() as u64);
     out.extend(body);
@@ -92,14 +95,12 @@ fn text(of: &str) -> Vec<u8> {
     [&(of.len() as u32).to_le_bytes(), of.as_bytes()].concat()
 }
 
-/// The body of the schema record.
 fn schema() -> Vec<u8> {
     let data_bytes = (FILE_DESCRIPTOR_SET.len() as u32).to_le_bytes();
     let (name, encoding) = (text(SCHEMA_NAME), text(MESSAGE_ENCODING));
     [&SCHEMA_ID.to_le_bytes(), &name[..], &encoding, &data_bytes, FILE_DESCRIPTOR_SET].concat()
 }
 
-/// The body of the channel record of a printhead.
 fn channel(id: u16, printhead: &str) -> Vec<u8> {
     let (topic, encoding) = (text(&topic(printhead)), text(MESSAGE_ENCODING));
     let ids = [id.to_le_bytes(), SCHEMA_ID.to_le_bytes()].concat();

@@ -1,7 +1,7 @@
 //! Reads NumPy files (`.npy`, and `.npz`, a zip of several `.npy`) as bursts, for `inkling
 //! convert`.
 //!
-//! In, from `table_file.rs`: a file, and which arrays are what. The array of samples has the shape
+//! In: a file, and which arrays are what. The array of samples has the shape
 //! samples, channels × samples, or bursts × channels × samples, of any number type. Out: a
 //! [`Table`] whose bursts are read one after the other, each when it is asked for, so that memory
 //! holds one burst, whatever the size of the array. No size is trusted before as many bytes have
@@ -18,7 +18,7 @@ use super::table_file::{Columns, Content, Table, unread};
 use super::{Limits, regular_file};
 use inkling_core::burst::Layout;
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 use zip::ZipArchive;
 
@@ -49,17 +49,13 @@ struct Bursts {
     /// The file, at the first number of the burst that is read next.
     input: Box<dyn Read>,
     header: Header,
-    /// How many bursts there are.
     number: usize,
     channels: usize,
     samples: usize,
 }
 
 /// Opens the array of samples, and reads the arrays of a `.npz` that stand beside it:
-/// `columns.time` and `columns.beside`, with one number for each burst. An array of
-/// `columns.beside` may also hold a single number, for all bursts. The first name of
-/// `columns.outputs` is that of the array of samples; further names, `burst` and `printhead` have
-/// no effect.
+/// `columns.time` and `columns.beside`, with one number for each burst.
 pub fn read(path: &Path, columns: &Columns) -> Result<Table, FileError> {
     let choice = |what: String| FileError::mistaken(path, what);
     let name = columns.outputs.as_ref().and_then(|names| names.first());
@@ -111,18 +107,14 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Table, FileError> {
 fn array(path: &Path, name: Option<&str>) -> Result<(Header, Box<dyn Read>), FileError> {
     let mut input: Box<dyn Read> = match name {
         Some(name) => member(path, name)?,
-        None => Box::new(BufReader::with_capacity(
-            1 << 16,
-            regular_file::open(path).map_err(unread(path))?,
-        )),
+        None => Box::new(BufReader::new(regular_file::open(path).map_err(unread(path))?)),
     };
     let header = Header::read(&mut input).map_err(|what| FileError::failed(path, what))?;
     Ok((header, input))
 }
 
 /// The name of the array of samples in a `.npz` where the user does not say it: the only array that
-/// is not in `beside`, which names all other arrays that are read. Several such arrays are an
-/// error.
+/// is not in `beside`, which names all other arrays that are read.
 fn only_one(path: &Path, beside: &[&String]) -> Result<String, FileError> {
     let names = names(path)?;
     let there = super::printable::line(&names.join(", "), 400);
@@ -219,7 +211,6 @@ impl Bursts {
 /// The numbers of an array of a `.npz` that has one axis or none, and the unit ([`Header::unit`])
 /// if they are dates.
 fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<&'static str>), FileError> {
-    let failed = |what: String| FileError::failed(path, what);
     let choice = |what: String| FileError::mistaken(path, what);
     if !is_zip(path)? {
         return Err(choice(format!("one array, without one named {name:?} beside it")));
@@ -234,17 +225,15 @@ fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<&'static str>), 
     let all: Vec<f64> = header.element.numbers(&raw, header.big_endian).collect();
     match all.len() == n {
         true => Ok((all, header.unit)),
-        false => Err(failed(format!("{name:?} ends before its numbers do"))),
+        false => Err(FileError::failed(path, format!("{name:?} ends before its numbers do"))),
     }
 }
 
-/// Whether a file is a `.npz`.
 fn is_zip(path: &Path) -> Result<bool, FileError> {
     let start = regular_file::start(path, 4).map_err(unread(path))?;
     Ok(start.starts_with(b"PK"))
 }
 
-/// Opens a `.npz`.
 fn archive(path: &Path) -> Result<ZipArchive<BufReader<File>>, FileError> {
     let file = regular_file::open(path).map_err(unread(path))?;
     ZipArchive::new(BufReader::new(file))
@@ -266,8 +255,7 @@ fn names(path: &Path) -> Result<Vec<String>, FileError> {
 fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, FileError> {
     let failed = |what: String| FileError::failed(path, what);
     let mut archive = archive(path)?;
-    let place = archive.index_for_name(&format!("{name}.npy"));
-    let Some(place) = place else {
+    let Some(place) = archive.index_for_name(&format!("{name}.npy")) else {
         let there = super::printable::line(&names(path)?.join(", "), 400);
         let what = format!("no array {name:?}; there are {there}");
         return Err(FileError::mistaken(path, what));
@@ -288,7 +276,6 @@ fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, FileError> {
     let at = at.ok_or_else(|| failed(format!("{name}: where its data begin is not said")))?;
     // the compressed bytes of the member, and the decompressor in front of them
     let mut file = archive.into_inner();
-    use std::io::{Seek, SeekFrom};
     file.seek(SeekFrom::Start(at)).map_err(unread(path))?;
     let raw = file.take(bytes);
     Ok(match stored {
@@ -298,8 +285,7 @@ fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, FileError> {
 }
 
 impl Header {
-    /// Reads the header of an array: magic bytes, version, length of the text, text. The length takes two
-    /// bytes in version 1 and four in later ones.
+    /// Reads the header of an array: magic bytes, version, length of the text, text.
     fn read(input: &mut impl Read) -> Result<Header, String> {
         let mut start = [0; 8];
         input.read_exact(&mut start).map_err(|_| "too short for a NumPy array")?;

@@ -35,8 +35,7 @@ pub struct Outcomes {
     pub by_source: BTreeMap<String, usize>,
     /// How many rows nobody has filled in.
     pub not_looked_at: usize,
-    /// How many rows are less certain than was asked for. They become no labels, so other labels of
-    /// these channels stay.
+    /// How many rows are less certain than was asked for.
     pub uncertain: usize,
 }
 
@@ -60,10 +59,7 @@ pub fn write(path: &Path, doubts: &[Doubt]) -> Result<(), FileError> {
         let (printhead, channel) = (doubt.printhead.clone(), doubt.channel.to_string());
         [printhead, channel, from, to, empty, severity, source, certainty, doubt.sentence.clone()]
     });
-    let [printhead, channel, from, to, state, severity] = HEADER;
-    let [source, certainty, sentence] = MORE;
-    let header = [printhead, channel, from, to, state, severity, source, certainty, sentence];
-    labels_file::write_rows(path, header, rows)
+    labels_file::write_rows(path, &[&HEADER[..], &MORE].concat(), rows)
 }
 
 /// Reads a list. `least`: the certainty that a row needs to become a label, 0 to 1. A state that

@@ -72,7 +72,6 @@ pub fn check_file(path: &Path, kind: ResultFile) -> Result<(), FileError> {
     path.parent().map_or(Ok(()), check_directory)
 }
 
-/// The error about a file that is no earlier result of this kind.
 fn of_another(path: &Path, kind: ResultFile) -> FileError {
     let what = format!("is there already, and is no {kind}: give another name, or remove it");
     FileError::mistaken(path, what)

@@ -11,8 +11,8 @@
 //! bytes, before it reads on (found by fuzzing). It also takes the types of known fields as given,
 //! so the types are written down here, as `parquet.thrift` has them.
 
-use super::thrift::Shape::{Byte, Bytes, Double, Flag, List, Number, Record, Told};
-use super::thrift::{Shape, Stop, Walk};
+use super::thrift::Shape::{Byte, Bytes, Double, Flag, List, Number, Record, Wanted};
+use super::thrift::{Shape, ThriftError, Walk};
 use std::io::Read;
 
 /// Most elements in all lists of a page's header; the format has no lists there so far.
@@ -34,14 +34,14 @@ const DICTIONARY_PAGE: u32 = 2;
 /// The fields of `PageHeader`, in the order of their numbers. The reader skips statistics (fields
 /// 5.5 and 8.8), so they are not walked.
 const PAGE: &[Shape] = &[
-    Told(KIND),
-    Told(PLAIN_BYTES),
-    Told(STORED_BYTES),
+    Wanted(KIND),
+    Wanted(PLAIN_BYTES),
+    Wanted(STORED_BYTES),
     Number,
-    Record(&[Told(VALUES), Number, Number, Number]),
+    Record(&[Wanted(VALUES), Number, Number, Number]),
     Record(&[]),
-    Record(&[Told(VALUES), Number, Flag]),
-    Record(&[Told(VALUES), Number, Number, Number, Number, Number, Flag]),
+    Record(&[Wanted(VALUES), Number, Flag]),
+    Record(&[Wanted(VALUES), Number, Number, Number, Number, Number, Flag]),
 ];
 
 /// The parts of the footer, each with the types of its fields in the order of their numbers.
@@ -116,13 +116,11 @@ const FOOTER: &[Shape] = &[
     List(&Record(&[EMPTY])),
 ];
 
-/// Checks a file's metadata (the footer), of `bytes` bytes. Each element of a list takes at least
-/// one byte, so all lists together can claim no more elements than there are bytes.
-pub fn footer(metadata: impl Read, bytes: u64) -> Result<(), Stop> {
-    Walk::new(metadata, bytes).record(FOOTER)
+/// Checks a file's metadata (the footer), of `bytes` bytes.
+pub fn footer(metadata: impl Read, bytes: u64) -> Result<(), ThriftError> {
+    Walk::new(metadata, bytes).fields(FOOTER, 0)
 }
 
-/// What the header of a page says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Page {
     pub header_bytes: u64,
@@ -134,27 +132,27 @@ pub struct Page {
 }
 
 /// Reads and checks the header of a page. `compressed`: the page may be compressed.
-pub fn page(header: impl Read, compressed: bool) -> Result<Page, Stop> {
+pub fn page(header: impl Read, compressed: bool) -> Result<Page, ThriftError> {
     let mut walk = Walk::new(header, MOST_OF_A_PAGE);
-    walk.record(PAGE)?;
-    let told = |place| walk.told(place).ok_or(Stop::Unread);
-    let (plain, stored) = (u64::from(told(PLAIN_BYTES)?), u64::from(told(STORED_BYTES)?));
+    walk.fields(PAGE, 0)?;
+    let wanted = |place| walk.wanted(place).ok_or(ThriftError::Malformed);
+    let (plain, stored) = (u64::from(wanted(PLAIN_BYTES)?), u64::from(wanted(STORED_BYTES)?));
     let page = Page {
         header_bytes: walk.read(),
         stored_bytes: stored,
-        values: told(VALUES)?.into(),
-        is_dictionary: told(KIND)? == DICTIONARY_PAGE,
+        values: wanted(VALUES)?.into(),
+        is_dictionary: wanted(KIND)? == DICTIONARY_PAGE,
     };
     // nobody writes pages of indexes, and the reader does not always find their end
-    if told(KIND)? == INDEX_PAGE {
-        return Err(Stop::Unread);
+    if wanted(KIND)? == INDEX_PAGE {
+        return Err(ThriftError::Malformed);
     }
 
     // values of a dictionary take a byte at least, except where compression shrinks them
     let held = if compressed { plain } else { plain.min(stored) };
     match plain <= stored * MOST_OF_A_BYTE && !(page.is_dictionary && page.values > held) {
         true => Ok(page),
-        false => Err(Stop::Beyond),
+        false => Err(ThriftError::ClaimsTooMuch),
     }
 }
 
@@ -179,36 +177,41 @@ mod tests {
         let read = page(&header(2, 16, 9, 16)[..], true).unwrap();
         assert_eq!((read.header_bytes, read.is_dictionary), (13, true));
         for end in 0..17 {
-            assert_eq!(page(&header(0, 16, 9, 60)[..end], true), Err(Stop::Unread));
+            assert_eq!(page(&header(0, 16, 9, 60)[..end], true), Err(ThriftError::Malformed));
         }
         for left_out in 0..3 {
             let mut bytes = header(0, 16, 9, 60);
             bytes.drain(2 * left_out..2 * left_out + 2);
             let next = 2 * left_out;
             bytes[next] += 0x10;
-            assert_eq!(page(&bytes[..], true), Err(Stop::Unread), "field {}", left_out + 1);
+            assert_eq!(
+                page(&bytes[..], true),
+                Err(ThriftError::Malformed),
+                "field {}",
+                left_out + 1
+            );
         }
-        assert_eq!(page(&header(1, 16, 9, 16)[..], true), Err(Stop::Unread), "an index");
+        assert_eq!(page(&header(1, 16, 9, 16)[..], true), Err(ThriftError::Malformed), "an index");
     }
 
     #[test]
     fn a_dictionary_has_no_more_values_than_bytes() {
-        assert_eq!(page(&header(2, 16, 9, 17)[..], true), Err(Stop::Beyond));
+        assert_eq!(page(&header(2, 16, 9, 17)[..], true), Err(ThriftError::ClaimsTooMuch));
         assert!(page(&header(2, 16, 9, 9)[..], false).is_ok());
-        assert_eq!(page(&header(2, 16, 9, 10)[..], false), Err(Stop::Beyond));
+        assert_eq!(page(&header(2, 16, 9, 10)[..], false), Err(ThriftError::ClaimsTooMuch));
         assert!(page(&header(0, 16, 9, 63)[..], false).is_ok(), "values by runs");
     }
 
     #[test]
     fn a_byte_holds_no_more_than_compression_can_make_of_it() {
         assert!(page(&header(0, 0, 0, 1)[..], true).is_ok());
-        assert_eq!(page(&header(0, 1, 0, 1)[..], true), Err(Stop::Beyond));
+        assert_eq!(page(&header(0, 1, 0, 1)[..], true), Err(ThriftError::ClaimsTooMuch));
         let plain = |bytes: [u8; 3]| {
             let mut all = header(0, 0, 1, 1);
             all.splice(3..4, bytes);
             page(&all[..], true)
         };
         assert!(plain([0x80, 0x80, 4]).is_ok(), "32 768");
-        assert_eq!(plain([0x82, 0x80, 4]), Err(Stop::Beyond), "32 769");
+        assert_eq!(plain([0x82, 0x80, 4]), Err(ThriftError::ClaimsTooMuch), "32 769");
     }
 }

@@ -9,14 +9,14 @@
 //! instead of no bytes.
 
 use super::parquet_claims;
-use super::thrift::Stop;
+use super::thrift::ThriftError;
 use bytes::Bytes;
 use parquet::arrow::arrow_reader::{
     ArrowReaderMetadata, ArrowReaderOptions, ParquetRecordBatchReaderBuilder,
 };
 use parquet::basic::Compression;
 use parquet::errors::ParquetError;
-use parquet::file::metadata::{ColumnChunkMetaData, ParquetMetaData, RowGroupMetaData};
+use parquet::file::metadata::{ColumnChunkMetaData, RowGroupMetaData};
 use parquet::file::reader::{ChunkReader, Length};
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
@@ -40,7 +40,8 @@ impl ParquetFile {
         let file = ParquetFile(file);
         file.check_footer()?;
         let metadata = ArrowReaderMetadata::load(&file, options)?;
-        file.check_pages(metadata.metadata())?;
+        let groups = metadata.metadata().row_groups().iter();
+        groups.flat_map(RowGroupMetaData::columns).try_for_each(|of| file.check_column(of))?;
         Ok(ParquetRecordBatchReaderBuilder::new_with_metadata(file, metadata))
     }
 
@@ -54,12 +55,6 @@ impl ParquetFile {
             .map_err(|_| io::Error::other("its footer contradicts itself"))
     }
 
-    /// Checks the pages of all column chunks.
-    fn check_pages(&self, metadata: &ParquetMetaData) -> io::Result<()> {
-        let groups = metadata.row_groups().iter();
-        groups.flat_map(RowGroupMetaData::columns).try_for_each(|column| self.check_column(column))
-    }
-
     /// Checks a column chunk: pages must follow one another from its first byte to its end, and
     /// their values together must be no more than the footer says.
     fn check_column(&self, column: &ColumnChunkMetaData) -> io::Result<()> {
@@ -68,18 +63,21 @@ impl ParquetFile {
         let compressed = column.compression() != Compression::UNCOMPRESSED;
         let mut left = u64::try_from(column.num_values()).unwrap_or(0);
         while at < end {
-            let wrong = |stop| match stop {
-                Stop::Unread => io::Error::other(format!("byte {at}: no page begins here")),
-                Stop::Beyond => {
-                    io::Error::other(format!("byte {at}: a page claims more than it holds"))
-                }
+            let wrong = |stop| {
+                let what = match stop {
+                    ThriftError::Malformed => "no page begins here",
+                    ThriftError::ClaimsTooMuch => "a page claims more than it holds",
+                };
+                io::Error::other(format!("byte {at}: {what}"))
             };
             let mut file = &self.0;
             file.seek(SeekFrom::Start(at))?;
             let header = BufReader::with_capacity(PAGE_HEADER_BYTES, file).take(end - at);
             let page = parquet_claims::page(header, compressed).map_err(wrong)?;
             if !page.is_dictionary {
-                left = left.checked_sub(page.values).ok_or_else(|| wrong(Stop::Beyond))?;
+                left = left
+                    .checked_sub(page.values)
+                    .ok_or_else(|| wrong(ThriftError::ClaimsTooMuch))?;
             }
             at = at.saturating_add(page.header_bytes + page.stored_bytes);
         }
@@ -87,8 +85,7 @@ impl ParquetFile {
     }
 }
 
-/// The range of bytes in which a file's metadata lie. `None`: there are none, or they do not fit
-/// into the file.
+/// The range of bytes in which a file's metadata lie.
 pub fn footer_of(mut file: &File) -> io::Result<Option<Range<u64>>> {
     let mut footer = [0; FOOTER_BYTES as usize];
     let Some(end) = file.len().checked_sub(FOOTER_BYTES) else { return Ok(None) };
@@ -115,10 +112,10 @@ impl Length for ParquetFile {
 }
 
 impl ChunkReader for ParquetFile {
-    type T = Ending;
+    type T = StrictReader;
 
-    fn get_read(&self, start: u64) -> Result<Ending, ParquetError> {
-        self.0.get_read(start).map(Ending)
+    fn get_read(&self, start: u64) -> Result<StrictReader, ParquetError> {
+        self.0.get_read(start).map(StrictReader)
     }
 
     fn get_bytes(&self, start: u64, length: usize) -> Result<Bytes, ParquetError> {
@@ -129,9 +126,9 @@ impl ChunkReader for ParquetFile {
 /// A reader for which reading at the end of the file is an error. A plain file gives no bytes there, and the
 /// library goes on as if it had skipped what was claimed.
 #[derive(Debug)]
-pub struct Ending(BufReader<File>);
+pub struct StrictReader(BufReader<File>);
 
-impl Read for Ending {
+impl Read for StrictReader {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         match self.0.read(buffer)? {
             0 if !buffer.is_empty() => Err(io::ErrorKind::UnexpectedEof.into()),

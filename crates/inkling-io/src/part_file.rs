@@ -55,8 +55,7 @@ enum Place {
 
 impl PartFile {
     /// Creates a file beside `path` (or beside the file that a link at `path` leads to), and the
-    /// directories above it. Returns also the handle to write to. A device or a pipe at `path` is
-    /// refused, because renaming would replace it.
+    /// directories above it.
     pub fn create(path: &Path) -> io::Result<(PartFile, File)> {
         if in_object_store(path) {
             objects::check(path)?;
@@ -106,8 +105,7 @@ impl PartFile {
     }
 
     /// Has the bytes that were flushed so far written to disk by a thread, so that less is left to
-    /// wait for at the end. While one such thread is at work, a further call does nothing. An error
-    /// is that of the thread before.
+    /// wait for at the end.
     pub fn sync_early(&mut self) -> io::Result<()> {
         let Place::Beside { lock: Some(file), .. } = &self.place else { return Ok(()) };
         if self.syncing.as_ref().is_some_and(|thread| !thread.is_finished()) {
@@ -127,8 +125,7 @@ impl PartFile {
         thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     }
 
-    /// Has all bytes written to disk, so that what can fail for want of room fails here. `file` is
-    /// the handle that was written to, flushed.
+    /// Has all bytes written to disk, so that what can fail for want of room fails here.
     pub fn complete(mut self, file: &File) -> io::Result<CompleteFile> {
         self.synced_early()?;
         file.sync_all()?; // or a power cut may leave the name with no bytes
@@ -140,7 +137,6 @@ impl PartFile {
         self.complete(&file.into_inner().map_err(IntoInnerError::into_error)?)
     }
 
-    /// The name that the file is to have.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -190,13 +186,11 @@ impl CompleteFile {
         sync_directory_of(&path)
     }
 
-    /// The name that the file is to have.
     pub fn path(&self) -> &Path {
         self.0.path()
     }
 }
 
-/// A file that was not completed is removed.
 impl Drop for PartFile {
     fn drop(&mut self) {
         if let Place::Beside { part, finished: false, .. } = &self.place {
@@ -217,8 +211,7 @@ pub fn sync_directory_of(path: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Removes from a directory the files that ended processes have left behind. `wanted` chooses them by their
-/// final names. Files that another process still writes stay. Gives how many were removed.
+/// Removes from a directory the files that ended processes have left behind.
 pub fn sweep(dir: &Path, wanted: impl Fn(&str) -> bool) -> usize {
     let Ok(entries) = fs::read_dir(dir) else { return 0 }; // not there yet: nothing to sweep
     let mut swept = 0;

@@ -27,7 +27,6 @@ const MOST_BEGINNING_BYTES: u64 = 1 << 20;
 pub struct Beginning {
     /// How many bytes, from the first on, the digest covers.
     pub bytes: u64,
-    /// Digest of these bytes.
     pub digest: String,
 }
 
@@ -37,14 +36,12 @@ impl Beginning {
         Beginning::read(recording, recording.source.bytes().min(MOST_BEGINNING_BYTES))
     }
 
-    /// The beginning of a recording in `bytes` bytes.
     fn read(recording: &Recording, bytes: u64) -> io::Result<Beginning> {
         let mut first = vec![0; bytes as usize];
         recording.source.read_at(0, &mut first)?;
         Ok(Beginning { bytes, digest: digest::of_bytes(&first) })
     }
 
-    /// Whether a recording begins like this.
     fn is_of(&self, recording: &Recording) -> io::Result<bool> {
         // the size of the file now counts: a part may have seen more of the file than the recording
         // at hand, which may end where it is whole
@@ -71,8 +68,7 @@ impl PartTables {
     }
 
     /// Removes the parts of this recording, the unfinished files that killed runs left behind, and
-    /// the directory if nothing else is in it. Other files with the name of a part stay, and the
-    /// first of them is returned.
+    /// the directory if nothing else is in it.
     pub fn remove_of(&self, recording: &Recording) -> io::Result<Option<PathBuf>> {
         if in_object_store(&self.dir) {
             return Ok(None); // parts are never written to a store

@@ -26,7 +26,6 @@ impl Pieces {
         }
     }
 
-    /// Bytes of all pieces together.
     pub fn bytes(&self) -> u64 {
         self.bytes
     }

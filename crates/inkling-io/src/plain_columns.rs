@@ -18,7 +18,6 @@ pub fn count(values: impl Iterator<Item = u32>) -> Cells {
     Arc::new(UInt32Array::from_iter_values(values))
 }
 
-/// A column of truth values.
 pub fn flag(values: impl Iterator<Item = bool>) -> Cells {
     Arc::new(values.map(Some).collect::<BooleanArray>())
 }
@@ -28,7 +27,6 @@ pub fn number(values: impl Iterator<Item = f64>) -> Cells {
     Arc::new(values.map(|v| v.is_finite().then_some(v)).collect::<Float64Array>())
 }
 
-/// A column of texts.
 pub fn text<'a>(values: impl Iterator<Item = &'a str>) -> Cells {
     Arc::new(StringArray::from_iter_values(values))
 }

@@ -7,7 +7,6 @@
 /// Most characters of a cell that a message repeats.
 const MOST_OF_A_CELL: usize = 60;
 
-/// Most characters of what a parser says.
 const MOST_OF_A_PARSER: usize = 600;
 
 /// The beginning of a name or a cell, for a message.

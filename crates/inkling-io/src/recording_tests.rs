@@ -250,22 +250,21 @@ fn a_recording_has_its_name_only_when_finished() {
 #[test]
 fn what_is_no_recording_is_refused_with_its_name_and_what_it_is() {
     let (dir, path) = place("x.mcap");
-    let refused = |bytes: &[u8]| {
+    for (bytes, says) in [
+        (&b""[..], "empty file (0 bytes)"),
+        (b"\x89MC", "not an MCAP file (it begins with \"\\x89MC\")"),
+        (b"time,y\n0,1\n", "not an MCAP file (it begins with \"time,y\\n0\")"),
+        (b"\x89MCAP1\r\n", "MCAP of another version"),
+    ] {
         fs::write(&path, bytes).unwrap();
-        let error = Recording::open(&path, Limits::default()).unwrap_err();
-        assert!(error.to_string().contains("x.mcap"), "{error}");
-        error
-    };
-    assert!(matches!(refused(b""), RecordingError::Empty { .. }));
-    assert!(matches!(refused(b"\x89MC"), RecordingError::NotMcap { .. }));
-    assert!(matches!(refused(b"time,y\n0,1\n"), RecordingError::NotMcap { .. }));
-    assert!(matches!(refused(b"\x89MCAP1\r\n"), RecordingError::OtherVersion { .. }));
+        let error = Recording::open(&path, Limits::default()).unwrap_err().to_string();
+        assert!(error.contains("x.mcap") && error.contains(says), "{error}");
+    }
     let missing = Recording::open(&dir.path("none"), Limits::default());
     assert!(matches!(missing, Err(RecordingError::File(FileError::Read { .. }))));
-    let directory = Recording::open(dir.0.path(), Limits::default());
-    let directory = directory.unwrap_err();
-    assert!(matches!(directory, RecordingError::NotAFile { .. }));
-    assert!(!directory.to_string().contains("give an MCAP file, a directory"), "{directory}");
+    let directory = Recording::open(dir.0.path(), Limits::default()).unwrap_err().to_string();
+    assert!(directory.contains("not a file (a directory"), "{directory}");
+    assert!(!directory.contains("give an MCAP file, a directory"), "{directory}");
 }
 
 #[test]

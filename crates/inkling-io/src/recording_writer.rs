@@ -36,7 +36,6 @@ impl Default for WriterOptions {
     }
 }
 
-/// A recording that is being written.
 pub struct RecordingWriter {
     file: McapFile,
     chunk_bytes: Option<u64>,
@@ -77,7 +76,6 @@ impl RecordingWriter {
     }
 }
 
-/// The options in the form of the mcap crate.
 fn mcap_options(options: WriterOptions) -> mcap::WriteOptions {
     mcap::WriteOptions::new()
         .compression(match options.compression {

@@ -3,7 +3,7 @@
 //!
 //! In: a path, which may be a name in an object store. Out: the file's bytes, and no more than the
 //! caller allows. Only regular files are opened, because a pipe or a device may never end. Tables
-//! that are read record by record go through [`Records`], which fails where one record is longer
+//! that are read record by record go through [`BoundedRecords`], which fails where one record is longer
 //! than any table has.
 
 use super::objects::{self, in_object_store};
@@ -11,25 +11,20 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-/// Most bytes of settings and scenarios.
 pub const MOST_SETTINGS_BYTES: u64 = 4 << 20;
-/// Most bytes of critiques and truths.
 pub const MOST_CRITIQUE_BYTES: u64 = 64 << 20;
 /// Most bytes of one record of a table, with the comment lines before it.
 pub const MOST_RECORD_BYTES: u64 = 4 << 20;
 
-/// Opens a regular file; anything else is an error of kind `InvalidInput`. An object is fetched,
-/// and its copy, which has no name, is opened.
+/// Opens a regular file; anything else is an error of kind `InvalidInput`.
 pub fn open(path: &Path) -> io::Result<File> {
     if in_object_store(path) {
         return objects::fetch(path);
     }
-    let regular = |metadata: std::fs::Metadata| match metadata.is_file() {
-        true => Ok(()),
-        false => Err(io::Error::new(
-            io::ErrorKind::InvalidInput,
-            "not a file (a directory, a pipe or a device)",
-        )),
+    let regular = |metadata: std::fs::Metadata| {
+        let what = "not a file (a directory, a pipe or a device)";
+        let refused = io::Error::new(io::ErrorKind::InvalidInput, what);
+        metadata.is_file().then_some(()).ok_or(refused)
     };
     // checked before the file is opened, because opening a pipe waits for a writer, and again
     // after, because the file may have been replaced meanwhile
@@ -56,15 +51,13 @@ pub fn if_there<T>(read: io::Result<T>) -> io::Result<Option<T>> {
 
 /// All bytes of a regular file; more than `most_bytes` are an error of kind `FileTooLarge`.
 pub fn read(path: &Path, most_bytes: u64) -> io::Result<Vec<u8>> {
+    let beyond = || too_large(format!("more than {most_bytes} bytes: not what is asked for here"));
     let mut bytes = Vec::new();
     if in_object_store(path) && objects::stamp(path)?.bytes > most_bytes {
-        return Err(beyond(most_bytes)); // before the object is fetched
+        return Err(beyond()); // before the object is fetched
     }
     open(path)?.take(most_bytes.saturating_add(1)).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > most_bytes {
-        return Err(beyond(most_bytes));
-    }
-    Ok(bytes)
+    if bytes.len() as u64 > most_bytes { Err(beyond()) } else { Ok(bytes) }
 }
 
 /// All of a regular file as text, like [`read`]; anything but UTF-8 is an error of kind
@@ -72,11 +65,6 @@ pub fn read(path: &Path, most_bytes: u64) -> io::Result<Vec<u8>> {
 pub fn read_text(path: &Path, most_bytes: u64) -> io::Result<String> {
     String::from_utf8(read(path, most_bytes)?)
         .map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "is not UTF-8 text"))
-}
-
-/// The error for a file that is too large.
-fn beyond(most_bytes: u64) -> io::Error {
-    too_large(format!("more than {most_bytes} bytes: not what is asked for here"))
 }
 
 /// An error of the kind by which callers recognise a file that is too large.
@@ -87,7 +75,7 @@ fn too_large(what: String) -> io::Error {
 /// Reads the bytes of a table, and fails where one record, or the whole table, is longer than
 /// allowed. The caller says after each record that it has ended. Without this, a quote that is
 /// never closed would make one record of the whole file.
-pub struct Records<R> {
+pub struct BoundedRecords<R> {
     input: R,
     /// Bytes read since the last record ended, and bytes read so far.
     of_record: u64,
@@ -95,19 +83,18 @@ pub struct Records<R> {
     most_bytes: u64,
 }
 
-impl<R: Read> Records<R> {
+impl<R: Read> BoundedRecords<R> {
     /// `most_bytes`: the most that all records together may have.
-    pub fn new(input: R, most_bytes: u64) -> Records<R> {
-        Records { input, of_record: 0, of_all: 0, most_bytes }
+    pub fn new(input: R, most_bytes: u64) -> BoundedRecords<R> {
+        BoundedRecords { input, of_record: 0, of_all: 0, most_bytes }
     }
 
-    /// To be called after each record.
     pub fn record_ends(&mut self) {
         self.of_record = 0;
     }
 }
 
-impl<R: Read> Read for Records<R> {
+impl<R: Read> Read for BoundedRecords<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let n = self.input.read(buffer)?;
         self.of_record += n as u64;
@@ -160,7 +147,7 @@ mod tests {
 
     #[test]
     fn a_record_without_an_end_ends() {
-        let mut records = Records::new(io::repeat(b'x'), 3 * MOST_RECORD_BYTES);
+        let mut records = BoundedRecords::new(io::repeat(b'x'), 3 * MOST_RECORD_BYTES);
         let mut buffer = vec![0; MOST_RECORD_BYTES as usize];
         for _ in 0..3 {
             assert_eq!(records.read(&mut buffer).unwrap(), buffer.len());
@@ -168,7 +155,7 @@ mod tests {
         }
         let all = records.read(&mut buffer).unwrap_err();
         assert!(all.to_string().contains("cut it into several"), "{all}");
-        let mut records = Records::new(io::repeat(b'x'), u64::MAX);
+        let mut records = BoundedRecords::new(io::repeat(b'x'), u64::MAX);
         assert_eq!(records.read(&mut buffer).unwrap(), buffer.len());
         assert!(records.read(&mut buffer).unwrap_err().to_string().contains("a record of"));
     }

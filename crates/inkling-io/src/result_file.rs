@@ -33,7 +33,6 @@ pub enum ResultFile {
     Chapter,
     /// What a run did: `run.json`.
     Account,
-    /// The journal of a directory of results.
     Journal,
     Summary,
     /// An HTML page: a report, an evaluation, a critique.

@@ -35,7 +35,6 @@ pub struct Column {
     may_be_missing: bool,
 }
 
-/// What a column holds.
 #[derive(Clone, Copy, Debug)]
 pub enum Kind {
     /// A text of which there are few different ones; stored as a dictionary.
@@ -55,7 +54,6 @@ impl Column {
         Column { name, kind, nullable: false, may_be_missing: false }
     }
 
-    /// A column that may have nulls.
     pub const fn nullable(name: &'static str, kind: Kind) -> Column {
         Column { nullable: true, ..Column::required(name, kind) }
     }
@@ -100,8 +98,7 @@ impl Column {
         }
     }
 
-    /// The cells that were read, as JSON; null where a row has nothing. An error says what does not fit the
-    /// column.
+    /// The cells that were read, as JSON; null where a row has nothing.
     fn cells(&self, of: ReadColumn) -> Result<Vec<Value>, String> {
         fn json<T: Into<Value>>(cells: Vec<Option<T>>) -> Vec<Value> {
             cells.into_iter().map(Value::from).collect()
@@ -119,13 +116,11 @@ impl Column {
     }
 }
 
-/// The Arrow schema of these columns.
 pub fn schema(columns: &[Column], unit: TimestampUnit) -> Schema {
     Schema::new(columns.iter().map(|column| column.field(unit)).collect::<Vec<_>>())
 }
 
-/// Rows as a batch that can be written. Values of the wrong type become null, which is an error in a required
-/// column.
+/// Rows as a batch that can be written.
 pub fn batch(
     columns: &[Column],
     schema: SchemaRef,
@@ -136,8 +131,7 @@ pub fn batch(
     RecordBatch::try_new(schema, arrays)
 }
 
-/// Items from the rows of a batch that was read. An error says which column is missing or does not
-/// fit, or what serde says.
+/// Items from the rows of a batch that was read.
 pub fn rows<T: DeserializeOwned>(
     columns: &[Column],
     batch: &RecordBatch,
@@ -178,7 +172,6 @@ impl TableWriter {
         Ok(TableWriter { writer, part })
     }
 
-    /// Appends rows.
     pub fn write(&mut self, batch: &RecordBatch) -> Result<(), TableError> {
         self.writer.write(batch).map_err(TableError::parquet(self.part.path()))
     }

@@ -32,8 +32,7 @@ pub struct RunLock {
 }
 
 impl RunLock {
-    /// Locks a directory, which is made if there is none. An error if another run holds the lock, or nothing
-    /// can be written.
+    /// Locks a directory, which is made if there is none.
     pub fn take(dir: &Path) -> Result<RunLock, FileError> {
         if in_object_store(dir) {
             return Ok(RunLock { file: None, said: String::new(), blind: true });
@@ -61,7 +60,6 @@ impl RunLock {
         Ok(RunLock { file: Some(file), said, blind })
     }
 
-    /// Writes which recordings this run is to judge.
     pub fn plan(&mut self, recordings: &[ToJudge]) -> std::io::Result<()> {
         let Some(file) = &mut self.file else { return Ok(()) };
         let mut text = self.said.clone();
@@ -91,7 +89,6 @@ fn say(file: &mut File, text: &str) -> std::io::Result<()> {
 /// A recording that a run is to judge.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ToJudge {
-    /// What people call the recording.
     pub recording: String,
     /// The recording's path, absolute and without links.
     pub path: String,
@@ -105,8 +102,7 @@ pub struct Unfinished {
     pub recordings: Vec<ToJudge>,
 }
 
-/// The run in this directory that is under way or was killed. `None`: the last run came to its end,
-/// or there was none.
+/// The run in this directory that is under way or was killed.
 pub fn unfinished(dir: &Path) -> Option<Unfinished> {
     let text = regular_file::read_text(&dir.join(LOCK_NAME), MOST_BYTES).ok()?;
     let mut lines = text.lines();

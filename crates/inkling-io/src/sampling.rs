@@ -12,19 +12,16 @@
 //! (`median_step`), and each output is interpolated by a natural cubic spline through the samples
 //! that are there (`resampled`).
 
+use super::spline::Spline;
 use super::table_file::Decay;
 use inkling_core::model::median::median;
 
-/// How far a time may lie from the regular grid, in sample periods. At eight samples per
-/// oscillation that is a phase error of 2 % of a radian. Times at 30 Hz that are rounded to
-/// milliseconds lie half as far off.
+/// How far a time may lie from the regular grid, in sample periods.
 const MOST_OFF_GRID: f64 = 0.03;
 /// How much the sample period of a decay may differ from the table's median period, relative.
-/// Somewhat arbitrary.
 const MOST_PERIOD_DIFFERENCE: f64 = 1e-3;
 /// Most samples of one signal that a recording may hold.
 pub const MOST_SAMPLES: usize = 65_536;
-/// Fewest samples of a decay.
 const FEWEST_SAMPLES: usize = 4;
 
 /// Decays on one sample period, and what had to be done for that.
@@ -41,18 +38,11 @@ pub struct Sampled {
     pub missing: usize,
 }
 
-/// Puts the decays of a table on one regular grid. `time` is the name of their column of times, for errors.
-/// `resample` allows interpolation. An error says which decay is to blame, and why.
+/// Puts the decays of a table on one regular grid.
 pub fn sample(decays: Vec<Decay>, time: &str, resample: bool) -> Result<Sampled, String> {
-    let mut periods = Vec::new();
-    for decay in &decays {
-        check(decay, time)?;
-        periods.push(if resample {
-            median_step(&decay.times)
-        } else {
-            fitted_period(&decay.times)
-        });
-    }
+    decays.iter().try_for_each(|decay| check(decay, time))?;
+    let period = if resample { median_step } else { fitted_period };
+    let periods: Vec<f64> = decays.iter().map(|decay| period(&decay.times)).collect();
     // A decay that lacks rows is told before periods are compared, since its fitted one is none.
     let lacking = |decay: &Decay| missing(&decay.times).map(|what| refused(decay, what));
     if !resample && let Some(refusal) = decays.iter().find_map(lacking) {
@@ -81,29 +71,22 @@ pub fn sample(decays: Vec<Decay>, time: &str, resample: bool) -> Result<Sampled,
     Ok(sampled)
 }
 
-/// The decays of a table whose rows count as samples one after the other, without times. The sample
-/// period is 1; the caller knows the true one.
+/// The decays of a table whose rows count as samples one after the other, without times.
 pub fn as_listed(decays: Vec<Decay>) -> Result<Sampled, String> {
     decays.iter().try_for_each(|decay| too_long(decay, decay.times.len()))?;
     Ok(Sampled { period: 1.0, missing: cells_missing(&decays), decays, ..Sampled::default() })
 }
 
-/// The times of a regular grid.
 fn grid(start: f64, period: f64, samples: usize) -> Vec<f64> {
     (0..samples).map(|k| start + k as f64 * period).collect()
 }
 
-/// The decay in words: its name, and the line where it begins.
-fn named(decay: &Decay) -> String {
-    match decay.name.as_str() {
-        "" => "the table".to_owned(),
-        name => format!("burst {name:?} (from line {})", decay.line),
-    }
-}
-
-/// An error about a decay.
+/// An error about a decay, which is named by its burst and the line where it begins.
 fn refused(decay: &Decay, what: String) -> String {
-    format!("{}: {what}", named(decay))
+    match decay.name.as_str() {
+        "" => format!("the table: {what}"),
+        name => format!("burst {name:?} (from line {}): {what}", decay.line),
+    }
 }
 
 /// Refuses a decay that is too short, whose times do not increase, or whose times are so large that
@@ -181,8 +164,7 @@ fn median_step(times: &[f64]) -> f64 {
     if kk > 0.0 { kt / kk } else { step }
 }
 
-/// A decay whose samples stay as they are, moved to the nearest regular grid of this period. It is
-/// refused if a time lies too far from that grid. `so_far` learns the largest distance.
+/// A decay whose samples stay as they are, moved to the nearest regular grid of this period.
 fn as_written(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, String> {
     let n = decay.times.len();
     // the grid has the same mean as the times, so that a rounding error of the first time does not
@@ -221,7 +203,6 @@ fn as_written(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, 
 }
 
 /// Says in words where rows are missing, if the times lie on a grid except for missing rows.
-/// `None`: no row is missing, or there is no such grid.
 fn missing(times: &[f64]) -> Option<String> {
     const MOST_TOLD: usize = 3;
     let period = median_step(times);
@@ -297,61 +278,14 @@ fn resampled(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, S
     for (t, y) in &known {
         let spline = Spline::new(t, y);
         let grid = (0..n).map(|k| (start + k as f64 * period).min(t[t.len() - 1]));
-        let mut column = Vec::with_capacity(n);
-        for at in grid {
+        let column = grid.map(|at| {
             let (value, nearest) = spline.at(at);
             so_far.interpolated += usize::from(nearest > MOST_OFF_GRID * period);
-            column.push(value);
-        }
-        outputs.push(column);
+            value
+        });
+        outputs.push(column.collect());
     }
     Ok(Decay { times: grid(start, period, n), outputs, ..decay })
-}
-
-/// The natural cubic spline through the points (t, y), where t increases: cubic between knots, with
-/// continuous first and second derivatives, and no curvature at the ends.
-struct Spline<'a> {
-    t: &'a [f64],
-    y: &'a [f64],
-    /// Second derivatives of the spline at the knots.
-    bend: Vec<f64>,
-}
-
-impl Spline<'_> {
-    /// Solves the tridiagonal equations for the second derivatives m, by the Thomas algorithm: (1 -
-    /// s_i) m_(i+1) + 2 m_i + s_i m_(i-1) = 6 (difference of slopes at i) / (t_(i+1) - t_(i-1)),
-    /// where s_i is the share of the step before the knot (`share`), and m is 0 at both ends.
-    fn new<'a>(t: &'a [f64], y: &'a [f64]) -> Spline<'a> {
-        let n = t.len();
-        let (mut bend, mut upper) = (vec![0.0; n], vec![0.0; n]);
-        for i in 1..n - 1 {
-            // forward elimination, row by row; `bend` holds the factors of the back substitution
-            let share = (t[i] - t[i - 1]) / (t[i + 1] - t[i - 1]);
-            let pivot = share * bend[i - 1] + 2.0;
-            bend[i] = (share - 1.0) / pivot;
-            let slope =
-                (y[i + 1] - y[i]) / (t[i + 1] - t[i]) - (y[i] - y[i - 1]) / (t[i] - t[i - 1]);
-            upper[i] = (6.0 * slope / (t[i + 1] - t[i - 1]) - share * upper[i - 1]) / pivot;
-        }
-        // and back substitution
-        bend[n - 1] = 0.0;
-        for i in (0..n - 1).rev() {
-            bend[i] = bend[i] * bend[i + 1] + upper[i];
-        }
-        Spline { t, y, bend }
-    }
-
-    /// The spline's value at a time, and how far that time lies from the nearest knot.
-    fn at(&self, t: f64) -> (f64, f64) {
-        let right = self.t.partition_point(|knot| *knot < t).clamp(1, self.t.len() - 1);
-        let left = right - 1;
-        let h = self.t[right] - self.t[left];
-        let (a, b) = ((self.t[right] - t) / h, (t - self.t[left]) / h);
-        // the chord between the two knots, and the curvature beyond it
-        let bent = (a.powi(3) - a) * self.bend[left] + (b.powi(3) - b) * self.bend[right];
-        let value = a * self.y[left] + b * self.y[right] + bent * h * h / 6.0;
-        (value, (t - self.t[left]).abs().min((self.t[right] - t).abs()))
-    }
 }
 
 #[cfg(test)]

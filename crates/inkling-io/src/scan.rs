@@ -32,9 +32,7 @@ const RUN_BYTES: u64 = 1 << 20;
 const MOST_AWAITED_BYTES: u64 = 1 << 32;
 /// Bytes that are read at once to look at record headers.
 const WINDOW_BYTES: u64 = 16 << 10;
-/// After broken framing, places that look like chunks are tried. Once so many were tried in vain,
-/// counted over the whole recording, the rest of the recording is given up: a hostile file could
-/// make each try long.
+/// After broken framing, places that look like chunks are tried.
 const MAX_FAILED_RESYNCS: usize = 256;
 /// Bytes that suffice for a chunk's header with a known compression.
 const CHUNK_HEADER_BYTES: usize = 64;
@@ -72,16 +70,19 @@ pub struct Blocks {
 /// What to do with the record that is looked at.
 enum Step {
     /// The record holds nothing for us, and no chunk can begin in it before `known_until`.
-    Skip { known_until: u64 },
+    Skip {
+        known_until: u64,
+    },
     /// The record belongs to a run: it is a message, schema or channel outside chunks.
     Run,
     /// The record is a chunk; no other chunk can begin before `known_until`.
-    Chunk { known_until: u64 },
+    Chunk {
+        known_until: u64,
+    },
     /// The record's bytes are lost, but its length is believed: the scan goes on behind it.
     Lost(String),
     /// Not even the record's length is believed: a chunk must be searched for.
     Broken(String),
-    /// The record is not whole yet.
     NotYet,
     /// The recording, or the part of it that holds data, ends here.
     End,
@@ -107,8 +108,7 @@ impl Blocks {
         }
     }
 
-    /// The blocks of a recording that is being written. `ends`: where runs ended early for other
-    /// readers.
+    /// The blocks of a recording that is being written.
     pub(super) fn growing(mut self, ends: Arc<EarlyEnds>) -> Blocks {
         self.growing = Some(ends);
         self
@@ -394,7 +394,6 @@ impl Blocks {
         Poll::Ready(run.map(|from| Ok(self.block(BlockKind::Messages, from, self.at))))
     }
 
-    /// Goes on to the record at `next`.
     fn advance(&mut self, next: u64, known_until: u64) {
         self.at = next;
         self.known_until = known_until;
@@ -417,8 +416,7 @@ impl Iterator for Blocks {
 }
 
 /// The header of a chunk, if `body` may be the beginning of one: its compression is known, its
-/// sizes and times agree, and it claims no more than `max_chunk_bytes` uncompressed. `body_bytes`:
-/// length of the whole body, as the record claims.
+/// sizes and times agree, and it claims no more than `max_chunk_bytes` uncompressed.
 fn plausible_chunk(body: &[u8], body_bytes: u64, max_chunk_bytes: u64) -> Option<ChunkHeader<'_>> {
     let body = &body[..body.len().min(usize::try_from(body_bytes).unwrap_or(usize::MAX))];
     let h = ChunkHeader::parse(body)?;

@@ -14,7 +14,6 @@ use std::io;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// An opened source of bytes.
 #[derive(Debug)]
 pub struct Source {
     storage: Storage,
@@ -24,7 +23,6 @@ pub struct Source {
     bytes: AtomicU64,
 }
 
-/// Where the bytes lie.
 #[derive(Debug)]
 enum Storage {
     File(File),
@@ -33,8 +31,7 @@ enum Storage {
 }
 
 impl Source {
-    /// Opens a file or an object. A path to anything but a regular file is an error of kind
-    /// `InvalidInput`.
+    /// Opens a file or an object.
     pub fn open(path: &Path) -> io::Result<Source> {
         if in_object_store(path) {
             let object = Object::open(path)?;
@@ -44,7 +41,6 @@ impl Source {
         Ok(Source::new(Stamp::of(&file.metadata()?), Storage::File(file)))
     }
 
-    /// A source of bytes in memory.
     pub fn in_memory(pieces: Pieces) -> Source {
         let stamp = Stamp { bytes: pieces.bytes(), modified_ns: None };
         Source::new(stamp, Storage::Memory(pieces))
@@ -74,8 +70,7 @@ impl Source {
         self.bytes.store(bytes, Ordering::Release);
     }
 
-    /// Whether the path still leads to the opened file. A file that was replaced under its name is another
-    /// one.
+    /// Whether the path still leads to the opened file.
     pub fn lies_at(&self, path: &Path) -> io::Result<bool> {
         match &self.storage {
             Storage::File(file) => is_same(&file.metadata()?, &path.metadata()?),
@@ -128,8 +123,7 @@ fn read_file_at(file: &File, offset: u64, buffer: &mut [u8]) -> io::Result<()> {
     std::os::unix::fs::FileExt::read_exact_at(file, buffer, offset)
 }
 
-/// Fills a buffer from an offset. Windows may read less than asked for, so this goes on until the
-/// buffer is full.
+/// Fills a buffer from an offset.
 #[cfg(windows)]
 fn read_file_at(file: &File, mut offset: u64, mut buffer: &mut [u8]) -> io::Result<()> {
     while !buffer.is_empty() {

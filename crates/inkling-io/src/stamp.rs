@@ -15,7 +15,6 @@ pub struct Stamp {
 }
 
 impl Stamp {
-    /// The stamp of a file of the file system.
     pub fn of(metadata: &Metadata) -> Stamp {
         let since_1970 = |t: SystemTime| t.duration_since(SystemTime::UNIX_EPOCH).ok();
         let modified_ns = metadata.modified().ok().and_then(since_1970);

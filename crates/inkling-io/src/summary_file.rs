@@ -26,8 +26,7 @@ pub fn path_beside(verdicts: &Path) -> PathBuf {
     stored::beside(verdicts, "summary.json")
 }
 
-/// Reads a summary. `Ok(None)`: there is no such file. An error says in words why it cannot be read
-/// or is no summary.
+/// Reads a summary.
 pub fn read(path: &Path) -> Result<Option<Value>, String> {
     let failed = |what: String| format!("{}: {what}", path.display());
     let there = if_there(regular_file::read(path, MOST_BYTES));
@@ -41,8 +40,7 @@ pub fn read(path: &Path) -> Result<Option<Value>, String> {
     }
 }
 
-/// The part that a report needs of a verdict table's metadata document (its JSON text). That
-/// document lists no damage. Null if there is none.
+/// The part that a report needs of a verdict table's metadata document (its JSON text).
 pub fn of_metadata(json: Option<&str>) -> Value {
     json.and_then(|json| serde_json::from_str(json).ok())
         .filter(Value::is_object)
@@ -56,8 +54,7 @@ pub fn of_table(verdicts: &Path) -> Value {
     reported(document_of(verdicts))
 }
 
-/// The part of a summary that a report needs. Of the damage it has how many places there are, and
-/// what is wrong at the first.
+/// The part of a summary that a report needs.
 fn reported(mut document: Value) -> Value {
     let mut kept: Map<String, Value> =
         OF_RECORDING.iter().map(|key| ((*key).to_owned(), taken(&mut document, key))).collect();

@@ -2,7 +2,7 @@
 //! footer and page headers are such records; `parquet_claims.rs` uses this to check them.
 //!
 //! In: the bytes of a record, and what each field is known to hold ([`Shape`]). Out: whether the
-//! fields hold that, and a few numbers that are asked for ([`Walk::told`]). Bounds: all lists, sets
+//! fields hold that, and a few numbers that are asked for ([`Walk::wanted`]). Bounds: all lists, sets
 //! and maps together may claim only so many elements, and records may be nested only so deep.
 //!
 //! The parquet crate takes the type of a field that it knows as given, whatever the bytes declare.
@@ -18,8 +18,7 @@ use std::io::{self, Read};
 /// Most levels that are followed: records, and the lists, sets and maps around them.
 const MOST_DEPTH: u8 = 64;
 
-/// Most numbers that can be asked for.
-const MOST_TOLD: usize = 4;
+const MOST_WANTED: usize = 4;
 
 /// What a field of a record, or an element of a list, is known to hold.
 #[derive(Debug)]
@@ -27,9 +26,9 @@ pub enum Shape {
     Flag,
     Byte,
     Number,
-    /// A number that is asked for, with its place in [`Walk::told`]. It must be 0 to 2^31 − 1 and
+    /// A number that is asked for, with its place in [`Walk::wanted`]. It must be 0 to 2^31 − 1 and
     /// come at most once.
-    Told(usize),
+    Wanted(usize),
     Double,
     Bytes,
     List(&'static Shape),
@@ -44,7 +43,7 @@ impl Shape {
         match self {
             Shape::Flag => matches!(kind, 1 | 2),
             Shape::Byte => kind == 3,
-            Shape::Number | Shape::Told(_) => matches!(kind, 4..=6),
+            Shape::Number | Shape::Wanted(_) => matches!(kind, 4..=6),
             Shape::Double => kind == 7,
             Shape::Bytes => kind == 8,
             Shape::List(_) => kind == 9,
@@ -55,53 +54,45 @@ impl Shape {
 
 /// Why a record was not walked to its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stop {
+pub enum ThriftError {
     /// More is claimed than may be: more elements, lists or maps nested too deep, flags in a list
-    /// (which could claim any number), or a told number that is negative or above 2^31 − 1.
-    Beyond,
+    /// (which could claim any number), or a wanted number that is negative or above 2^31 − 1.
+    ClaimsTooMuch,
     /// The bytes end, or are no such record: a field has another type than is known, fields are out
-    /// of order, a field or a told number comes twice, or records are nested too deep.
-    Unread,
+    /// of order, a field or a wanted number comes twice, or records are nested too deep.
+    Malformed,
 }
 
-/// A walk over one record.
 pub struct Walk<R> {
     bytes: R,
     /// Elements that lists, sets and maps together may still claim.
     left: u64,
-    /// Bytes read so far.
     read: u64,
     /// The numbers that were asked for, as far as they were met.
-    told: [Option<u32>; MOST_TOLD],
+    wanted: [Option<u32>; MOST_WANTED],
 }
 
 impl<R: Read> Walk<R> {
     /// Begins a walk. All lists, sets and maps together may claim `elements` elements.
     pub fn new(bytes: R, elements: u64) -> Walk<R> {
-        Walk { bytes, left: elements, read: 0, told: [None; MOST_TOLD] }
+        Walk { bytes, left: elements, read: 0, wanted: [None; MOST_WANTED] }
     }
 
-    /// How many bytes were read so far.
     pub fn read(&self) -> u64 {
         self.read
     }
 
     /// A number that was asked for; `None` if the record has none there.
-    pub fn told(&self, place: usize) -> Option<u32> {
-        self.told[place]
-    }
-
-    /// Walks the whole record, whose fields are those of `shapes`.
-    pub fn record(&mut self, shapes: &'static [Shape]) -> Result<(), Stop> {
-        self.fields(shapes, 0)
+    pub fn wanted(&self, place: usize) -> Option<u32> {
+        self.wanted[place]
     }
 
     /// Walks the fields of a record. Each begins with a byte of its distance from the field before
     /// and its type; a distance of 0 means that the field's number follows. A byte of 0 ends the
     /// record.
-    fn fields(&mut self, shapes: &'static [Shape], depth: u8) -> Result<(), Stop> {
+    pub fn fields(&mut self, shapes: &'static [Shape], depth: u8) -> Result<(), ThriftError> {
         if depth > MOST_DEPTH {
-            return Err(Stop::Unread);
+            return Err(ThriftError::Malformed);
         }
         let mut last = 0;
         loop {
@@ -110,13 +101,13 @@ impl<R: Read> Walk<R> {
                 return Ok(());
             }
             let field = match head >> 4 {
-                0 => i16::try_from(zigzag(self.number()?)).map_err(|_| Stop::Unread)?,
-                on => i16::checked_add(last, on.into()).ok_or(Stop::Unread)?,
+                0 => i16::try_from(zigzag(self.number()?)).map_err(|_| ThriftError::Malformed)?,
+                on => i16::checked_add(last, on.into()).ok_or(ThriftError::Malformed)?,
             };
             // Numbers must increase: a field that comes twice could be read differently. In
             // increasing order none comes twice, so no list of those that came need be kept.
             if field <= last {
-                return Err(Stop::Unread);
+                return Err(ThriftError::Malformed);
             }
             last = field;
             match head & 0xf {
@@ -129,13 +120,18 @@ impl<R: Read> Walk<R> {
     }
 
     /// Walks a value of a declared type, which must be that of the shape.
-    fn value(&mut self, kind: u8, shape: Option<&'static Shape>, depth: u8) -> Result<(), Stop> {
+    fn value(
+        &mut self,
+        kind: u8,
+        shape: Option<&'static Shape>,
+        depth: u8,
+    ) -> Result<(), ThriftError> {
         if shape.is_some_and(|shape| !shape.declared(kind)) {
-            return Err(Stop::Unread);
+            return Err(ThriftError::Malformed);
         }
         match (kind, shape) {
             (3, _) => self.byte().map(drop),
-            (4..=6, Some(&Shape::Told(place))) => self.tell(place),
+            (4..=6, Some(&Shape::Wanted(place))) => self.keep(place),
             (4..=6, _) => self.number().map(drop),
             (7, _) => self.pass(8),
             (8, _) => {
@@ -148,23 +144,24 @@ impl<R: Read> Walk<R> {
             (12, Some(Shape::Record(fields))) => self.fields(fields, depth + 1),
             (12, _) => self.fields(&[], depth + 1),
             (13, _) => self.pass(16),
-            _ => Err(Stop::Unread),
+            _ => Err(ThriftError::Malformed),
         }
     }
 
     /// Reads and keeps a number that is asked for.
-    fn tell(&mut self, place: usize) -> Result<(), Stop> {
-        let number = i32::try_from(zigzag(self.number()?)).map_err(|_| Stop::Beyond)?;
-        let number = u32::try_from(number).map_err(|_| Stop::Beyond)?;
-        match self.told[place].replace(number) {
+    fn keep(&mut self, place: usize) -> Result<(), ThriftError> {
+        let number =
+            i32::try_from(zigzag(self.number()?)).map_err(|_| ThriftError::ClaimsTooMuch)?;
+        let number = u32::try_from(number).map_err(|_| ThriftError::ClaimsTooMuch)?;
+        match self.wanted[place].replace(number) {
             None => Ok(()),
-            Some(_) => Err(Stop::Unread),
+            Some(_) => Err(ThriftError::Malformed),
         }
     }
 
     /// Walks a list or a set. Its first byte has the number of elements (4 bits; 15: the number
     /// follows) and their type (4 bits). `of`: what the elements are known to hold.
-    fn list(&mut self, of: Option<&'static Shape>, depth: u8) -> Result<(), Stop> {
+    fn list(&mut self, of: Option<&'static Shape>, depth: u8) -> Result<(), ThriftError> {
         let head = self.byte()?;
         let elements = match head >> 4 {
             _ if head == 0 => return Ok(()), // of nothing, of no type
@@ -175,7 +172,7 @@ impl<R: Read> Walk<R> {
     }
 
     /// Walks a map, which only fields that are not known can be.
-    fn map(&mut self, depth: u8) -> Result<(), Stop> {
+    fn map(&mut self, depth: u8) -> Result<(), ThriftError> {
         match self.number()? {
             0 => Ok(()),
             elements => {
@@ -192,14 +189,14 @@ impl<R: Read> Walk<R> {
         number: u64,
         kinds: &[(u8, Option<&'static Shape>)],
         depth: u8,
-    ) -> Result<(), Stop> {
+    ) -> Result<(), ThriftError> {
         // The parquet crate skips a flag in a list without reading a byte (the protocol has one),
         // so any number of flags could be claimed: such lists are refused.
         let flags = kinds.iter().any(|(kind, _)| matches!(kind, 1 | 2));
         if number > 0 && (flags || depth >= MOST_DEPTH) {
-            return Err(Stop::Beyond);
+            return Err(ThriftError::ClaimsTooMuch);
         }
-        self.left = self.left.checked_sub(number).ok_or(Stop::Beyond)?;
+        self.left = self.left.checked_sub(number).ok_or(ThriftError::ClaimsTooMuch)?;
         for _ in 0..number {
             for &(kind, shape) in kinds {
                 self.value(kind, shape, depth + 1)?;
@@ -208,16 +205,15 @@ impl<R: Read> Walk<R> {
         Ok(())
     }
 
-    /// The next byte.
-    fn byte(&mut self) -> Result<u8, Stop> {
+    fn byte(&mut self) -> Result<u8, ThriftError> {
         let mut byte = [0];
-        self.bytes.read_exact(&mut byte).map_err(|_| Stop::Unread)?;
+        self.bytes.read_exact(&mut byte).map_err(|_| ThriftError::Malformed)?;
         self.read += 1;
         Ok(byte[0])
     }
 
     /// Reads a whole number (ULEB128: seven bits a byte, the lowest first).
-    fn number(&mut self) -> Result<u64, Stop> {
+    fn number(&mut self) -> Result<u64, ThriftError> {
         let mut number = 0;
         for place in 0..10 {
             let byte = self.byte()?;
@@ -226,18 +222,18 @@ impl<R: Read> Walk<R> {
                 return Ok(number);
             }
         }
-        Err(Stop::Unread)
+        Err(ThriftError::Malformed)
     }
 
     /// Passes over bytes. A false length costs no memory: passing ends where the bytes do, with an
     /// error.
-    fn pass(&mut self, bytes: u64) -> Result<(), Stop> {
+    fn pass(&mut self, bytes: u64) -> Result<(), ThriftError> {
         match io::copy(&mut self.bytes.by_ref().take(bytes), &mut io::sink()) {
             Ok(passed) if passed == bytes => {
                 self.read += passed;
                 Ok(())
             }
-            _ => Err(Stop::Unread),
+            _ => Err(ThriftError::Malformed),
         }
     }
 }
@@ -251,9 +247,9 @@ fn zigzag(written: u64) -> i64 {
 mod tests {
     use super::*;
 
-    fn walk(bytes: &[u8], elements: u64, shapes: &'static [Shape]) -> Result<u64, Stop> {
+    fn walk(bytes: &[u8], elements: u64, shapes: &'static [Shape]) -> Result<u64, ThriftError> {
         let mut walk = Walk::new(bytes, elements);
-        walk.record(shapes).map(|()| walk.read())
+        walk.fields(shapes, 0).map(|()| walk.read())
     }
 
     #[test]
@@ -261,24 +257,24 @@ mod tests {
         // field 1: a list of three numbers; field 2: text; field 3: a record of nothing; the end
         let honest = [0x19, 0x35, 2, 4, 6, 0x18, 2, b'a', b'b', 0x1c, 0, 0];
         assert_eq!(walk(&honest, 3, &[]), Ok(honest.len() as u64));
-        assert_eq!(walk(&honest, 2, &[]), Err(Stop::Beyond), "all lists together");
+        assert_eq!(walk(&honest, 2, &[]), Err(ThriftError::ClaimsTooMuch), "all lists together");
         for end in 0..honest.len() {
-            assert_eq!(walk(&honest[..end], 3, &[]), Err(Stop::Unread), "cut short");
+            assert_eq!(walk(&honest[..end], 3, &[]), Err(ThriftError::Malformed), "cut short");
         }
         // a list of 2^31 - 1: of numbers, of records; a set; a map
         for kind in [0x19, 0x1a] {
             for of in [0xf5, 0xfc] {
                 let claims = [kind, of, 0xff, 0xff, 0xff, 0xff, 7, 0];
-                assert_eq!(walk(&claims, 1 << 20, &[]), Err(Stop::Beyond));
+                assert_eq!(walk(&claims, 1 << 20, &[]), Err(ThriftError::ClaimsTooMuch));
             }
         }
         let map = [0x1b, 0xff, 0xff, 0xff, 0xff, 7, 0x55, 0];
-        assert_eq!(walk(&map, 1 << 20, &[]), Err(Stop::Beyond));
+        assert_eq!(walk(&map, 1 << 20, &[]), Err(ThriftError::ClaimsTooMuch));
         // two booleans take no byte
-        assert_eq!(walk(&[0x19, 0x21, 0, 0, 0], 1 << 20, &[]), Err(Stop::Beyond));
+        assert_eq!(walk(&[0x19, 0x21, 0, 0, 0], 1 << 20, &[]), Err(ThriftError::ClaimsTooMuch));
         // lists in lists, records in records
-        assert_eq!(walk(&[0x19].repeat(1000), 1 << 20, &[]), Err(Stop::Beyond));
-        assert_eq!(walk(&[0x1c].repeat(1000), 1 << 20, &[]), Err(Stop::Unread));
+        assert_eq!(walk(&[0x19].repeat(1000), 1 << 20, &[]), Err(ThriftError::ClaimsTooMuch));
+        assert_eq!(walk(&[0x1c].repeat(1000), 1 << 20, &[]), Err(ThriftError::Malformed));
     }
 
     #[test]
@@ -299,25 +295,36 @@ mod tests {
         {
             let mut bytes = honest;
             bytes[at] = other;
-            assert_eq!(walk(&bytes, 9, SHAPES), Err(Stop::Unread), "{other:x} at {at}");
+            assert_eq!(walk(&bytes, 9, SHAPES), Err(ThriftError::Malformed), "{other:x} at {at}");
         }
-        assert_eq!(walk(&[0x25, 2, 5, 4, 0, 0], 9, &[]), Err(Stop::Unread), "field 2 twice");
-        assert_eq!(walk(&[0x25, 2, 5, 2, 0, 0], 9, &[]), Err(Stop::Unread), "1 after 2");
-        assert_eq!(walk(&[5, 0, 0, 0], 9, &[]), Err(Stop::Unread), "0");
+        assert_eq!(
+            walk(&[0x25, 2, 5, 4, 0, 0], 9, &[]),
+            Err(ThriftError::Malformed),
+            "field 2 twice"
+        );
+        assert_eq!(walk(&[0x25, 2, 5, 2, 0, 0], 9, &[]), Err(ThriftError::Malformed), "1 after 2");
+        assert_eq!(walk(&[5, 0, 0, 0], 9, &[]), Err(ThriftError::Malformed), "0");
         let beyond = [5, 0xfe, 0xff, 3, 0, 0x15, 0, 0];
-        assert_eq!(walk(&beyond, 9, &[]), Err(Stop::Unread), "2^15");
-        assert_eq!(walk(&[0x10, 0, 0], 9, &[]), Err(Stop::Unread), "an end with a number");
+        assert_eq!(walk(&beyond, 9, &[]), Err(ThriftError::Malformed), "2^15");
+        assert_eq!(
+            walk(&[0x10, 0, 0], 9, &[]),
+            Err(ThriftError::Malformed),
+            "an end with a number"
+        );
     }
 
     #[test]
     fn numbers_that_are_asked_for_are_told_where_they_fit() {
-        const SHAPES: &[Shape] = &[Shape::Told(0), Shape::Told(1), Shape::Told(0)];
-        let mut told = Walk::new(&[0x15, 0x80, 2, 0x15, 0, 0][..], 0);
-        assert_eq!(told.record(SHAPES), Ok(()));
-        assert_eq!((told.told(0), told.told(1), told.told(2)), (Some(128), Some(0), None));
-        assert_eq!(walk(&[0x15, 1, 0], 0, SHAPES), Err(Stop::Beyond), "-1");
+        const SHAPES: &[Shape] = &[Shape::Wanted(0), Shape::Wanted(1), Shape::Wanted(0)];
+        let mut wanted = Walk::new(&[0x15, 0x80, 2, 0x15, 0, 0][..], 0);
+        assert_eq!(wanted.fields(SHAPES, 0), Ok(()));
+        assert_eq!(
+            (wanted.wanted(0), wanted.wanted(1), wanted.wanted(2)),
+            (Some(128), Some(0), None)
+        );
+        assert_eq!(walk(&[0x15, 1, 0], 0, SHAPES), Err(ThriftError::ClaimsTooMuch), "-1");
         let greater = [0x16, 0x80, 0x80, 0x80, 0x80, 0x10, 0];
-        assert_eq!(walk(&greater, 0, SHAPES), Err(Stop::Beyond), "2^31");
-        assert_eq!(walk(&[0x15, 2, 0x25, 2, 0], 0, SHAPES), Err(Stop::Unread), "twice");
+        assert_eq!(walk(&greater, 0, SHAPES), Err(ThriftError::ClaimsTooMuch), "2^31");
+        assert_eq!(walk(&[0x15, 2, 0x25, 2, 0], 0, SHAPES), Err(ThriftError::Malformed), "twice");
     }
 }

@@ -36,7 +36,6 @@ fn digest(bytes: &[u8]) -> String {
 /// What the seal says of a truth that was read. A seal that does not hold is an error instead.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Seal {
-    /// The truth is the one that was sealed.
     Holds,
     /// There is no seal, so nobody can tell whether the truth was changed.
     Missing,
@@ -47,21 +46,20 @@ pub fn read(path: &Path) -> Result<(serde_json::Value, Seal), FileError> {
     let unread = FileError::unread(path);
     let bytes = regular_file::read(path, MOST_CRITIQUE_BYTES).map_err(unread)?;
     let beside = path.canonicalize().map_err(unread)?;
-    let seal_path = beside.parent().and_then(Path::parent).map(|dir| dir.join("truth.sha256"));
-    let mut seal = Seal::Missing;
-    if let Some(seal_path) = seal_path {
-        let there = if_there(regular_file::read_text(&seal_path, 1 << 16));
-        match there.map_err(FileError::unread(&seal_path))? {
-            Some(sealed) if sealed.trim() == digest(&bytes) => seal = Seal::Holds,
-            Some(_) => {
-                let seal = seal_path.display();
-                let what = "it was changed after it was sealed";
-                let what = format!("its SHA-256 is not the one in {seal}: {what}");
-                return Err(FileError::failed(path, what));
-            }
-            None => {}
+    // a canonical path of a file has a directory; where that is the root, the seal lies in it
+    let directory = beside.parent().unwrap_or(&beside);
+    let seal_path = directory.parent().unwrap_or(directory).join("truth.sha256");
+    let there = if_there(regular_file::read_text(&seal_path, 1 << 16));
+    let seal = match there.map_err(FileError::unread(&seal_path))? {
+        None => Seal::Missing,
+        Some(sealed) if sealed.trim() == digest(&bytes) => Seal::Holds,
+        Some(_) => {
+            let seal = seal_path.display();
+            let what = "it was changed after it was sealed";
+            let what = format!("its SHA-256 is not the one in {seal}: {what}");
+            return Err(FileError::failed(path, what));
         }
-    }
+    };
     let truth = serde_json::from_slice(&bytes).map_err(|e| {
         FileError::failed(path, format!("{NO_TRUTH}: {}", printable::of_parser(&e)))
     })?;

@@ -21,7 +21,6 @@ use parquet::errors::{ParquetError, Result};
 use parquet::schema::types::ColumnDescPtr;
 use std::sync::Arc;
 
-/// The verdicts of a recording, as far as it was judged so far.
 #[derive(Debug)]
 pub struct VerdictArrays {
     options: TableOptions,
@@ -55,8 +54,7 @@ impl VerdictArrays {
         self
     }
 
-    /// The cells that a batch has for a column: one arm for each kind of column. `described`: the
-    /// column in Parquet's words, which `RunColumn` needs.
+    /// The cells that a batch has for a column: one arm for each kind of column.
     fn array(&self, column: &Column, described: ColumnDescPtr, of: &Verdicts) -> Result<ArrayRef> {
         Ok(match &column.cells {
             Cells::Time(_) | Cells::Channel(_) => {

@@ -18,8 +18,7 @@ use parquet::arrow::arrow_writer::{ArrowColumnWriter, compute_leaves};
 use parquet::errors::{ParquetError, Result};
 use std::sync::Arc;
 
-/// Pushes times (in `unit`) or channels. In a healthy run all signals have one time, and channels
-/// go on by one.
+/// Pushes times (in `unit`) or channels.
 pub fn push_steps(out: &mut impl Steps, column: &Column, of: &Verdicts, unit: TimestampUnit) {
     for part in &of.parts {
         match (&column.cells, part) {
@@ -95,8 +94,7 @@ enum RunKey {
     OfTest([u32; 2]),
 }
 
-/// Pushes a column part by part. `at`: the column's cells among the rows. `healthy` gives the key,
-/// or keys, of a healthy run; `key` gives the key of a row's value.
+/// Pushes a column part by part.
 fn by_runs<T: PartialEq>(
     of: &Verdicts,
     at: &CellsAt<T>,
@@ -118,8 +116,7 @@ fn by_runs<T: PartialEq>(
     })
 }
 
-/// Pushes a column of numbers that differ from row to row. Of healthy signals only statistics and
-/// misfits are known; their other numbers are null.
+/// Pushes a column of numbers that differ from row to row.
 pub fn push_numbers(out: &mut impl Numbers, column: &Column, of: &Verdicts) -> Result<()> {
     let (at, healthy) = match &column.cells {
         Cells::Statistic(at) => (at, Some(&of.tests.statistic)),

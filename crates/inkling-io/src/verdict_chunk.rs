@@ -25,8 +25,7 @@ pub enum Chunk {
 }
 
 impl Chunk {
-    /// The empty chunk of a column. `of`: the column in Parquet's words. `weights`: the parquet
-    /// crate's own writer of the column, which is dropped unless the column is that of the weights.
+    /// The empty chunk of a column.
     pub fn new(
         column: &Column,
         of: ColumnDescPtr,
@@ -68,8 +67,7 @@ impl Chunk {
         }
     }
 
-    /// Encodes the chunk. The closure that it returns appends the chunk to the file: so chunks can
-    /// be encoded side by side and appended in order.
+    /// Encodes the chunk.
     pub fn close<W: Write + Send>(self, column: &Column) -> Result<Append<W>> {
         let pages = match self {
             // statistics stand where a query can skip row groups by them: time, printhead, numbers

@@ -24,19 +24,16 @@ pub struct TableOptions {
     pub classes: Vec<String>,
     /// The names that the column `category` refers to.
     pub categories: Vec<String>,
-    /// Whether the table has the column of weights.
     pub weights: bool,
     pub timestamp_unit: TimestampUnit,
 }
 
-/// The table's columns in their order. There is no column of weights if nobody wants it, or if there are no
-/// classes to weigh.
+/// The table's columns in their order.
 pub fn columns(options: &TableOptions) -> impl Iterator<Item = &'static Column> {
     let has_weights = options.weights && !options.classes.is_empty();
     COLUMNS.iter().filter(move |column| has_weights || !matches!(column.cells, Cells::Weights))
 }
 
-/// The table's Arrow schema.
 pub fn schema(options: &TableOptions) -> Schema {
     let field = |column: &Column| {
         let data_type = match column.cells {
@@ -55,7 +52,6 @@ pub fn schema(options: &TableOptions) -> Schema {
     Schema::new(columns(options).map(field).collect::<Vec<_>>())
 }
 
-/// The element of a list of weights.
 pub fn weight_field() -> Arc<Field> {
     Arc::new(Field::new("element", DataType::Float32, false))
 }

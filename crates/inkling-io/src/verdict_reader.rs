@@ -22,7 +22,6 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Rows of a batch.
 const BATCH_ROWS: usize = 1 << 16;
 
 /// Iterator over the batches of a verdict table.
@@ -40,8 +39,7 @@ impl VerdictReader {
         VerdictReader::of_columns(path, None)
     }
 
-    /// Opens a table to read these columns only. Other columns are null; a required column that is
-    /// not among `names` is an error when rows are read.
+    /// Opens a table to read these columns only.
     pub fn open_columns(path: &Path, names: &[&str]) -> Result<VerdictReader, TableError> {
         VerdictReader::of_columns(path, Some(names))
     }
@@ -61,8 +59,8 @@ impl VerdictReader {
                 .with_batch_size(BATCH_ROWS)
                 .build()
                 .map_err(TableError::parquet(path))?,
-            classes: Names::from(&document["classes"]),
-            categories: Names::from(&document["categories"]),
+            classes: Names::of(&document["classes"]),
+            categories: Names::of(&document["categories"]),
             metadata_json,
         })
     }
@@ -84,8 +82,7 @@ impl VerdictReader {
         &self.categories.list
     }
 
-    /// Converts a batch to verdict columns. An error says which column is missing or holds
-    /// something else.
+    /// Converts a batch to verdict columns.
     fn columns(&mut self, batch: &RecordBatch) -> Result<VerdictColumns, String> {
         let mut columns = VerdictColumns::default();
         for Column { name, nullable, cells } in COLUMNS {
@@ -171,8 +168,7 @@ pub(super) fn open(
     undamaged(path, || ParquetFile::open(file, options))?.map_err(TableError::parquet(path))
 }
 
-/// Runs the Parquet reader. It panics on some damaged pages, which means a damaged file and no bug
-/// here.
+/// Runs the Parquet reader.
 fn undamaged<T>(path: &Path, read: impl FnOnce() -> T) -> Result<T, TableError> {
     unpanicked(read).ok_or_else(|| TableError::damaged(path, ""))
 }
@@ -193,19 +189,17 @@ struct Names {
     index: HashMap<String, u16>,
 }
 
-impl From<&serde_json::Value> for Names {
-    fn from(document: &serde_json::Value) -> Names {
+impl Names {
+    /// The names in a list of the metadata document.
+    fn of(list: &serde_json::Value) -> Names {
         let mut names = Names::default();
-        for name in document.as_array().into_iter().flatten().filter_map(|n| n.as_str()) {
+        for name in list.as_array().into_iter().flatten().filter_map(|n| n.as_str()) {
             names.key(name);
         }
         names
     }
-}
 
-impl Names {
-    /// The index of a name; a new name gets the next index. `None`: there are more names than
-    /// indices of 16 bits.
+    /// The index of a name; a new name gets the next index.
     fn key(&mut self, name: &str) -> Option<u16> {
         if let Some(&known) = self.index.get(name) {
             return Some(known);

@@ -58,8 +58,7 @@ impl TableError {
         TableError::Wrong { path: path.into(), what: what.to_string() }
     }
 
-    /// The error for a file that was complete once and cannot be read now. `how`: what the library
-    /// says, in brackets with a blank before.
+    /// The error for a file that was complete once and cannot be read now.
     pub(super) fn damaged(path: &Path, how: &str) -> TableError {
         let what = format!("damaged Parquet file{how}; replay the recording again");
         TableError::wrong(path, what)
@@ -94,9 +93,7 @@ pub struct VerdictWriter {
     factory: ArrowRowGroupWriterFactory,
     part: PartFile,
     options: TableOptions,
-    /// The row group that is being filled.
     group: Option<RowGroup>,
-    /// How many row groups have ended.
     groups: usize,
     rows: u64,
 }
@@ -110,7 +107,6 @@ enum OutFile {
     Taken(JoinHandle<Result<Box<Out>, ParquetError>>),
 }
 
-/// A row group that is being filled.
 struct RowGroup {
     /// One for each column, in the table's order.
     chunks: Vec<Chunk>,
@@ -133,8 +129,7 @@ impl VerdictWriter {
         Ok(VerdictWriter { file, described, factory, part, options, group, groups, rows })
     }
 
-    /// Appends a batch of verdicts. It may wait until the row group before is written. A batch
-    /// whose lengths do not fit each other is an error, and nothing of it is appended.
+    /// Appends a batch of verdicts.
     pub fn write(&mut self, batch: &Verdicts) -> Result<(), TableError> {
         let path = self.path();
         let (failed, unfit) = (TableError::parquet(&path), TableError::columns(&path));
@@ -163,7 +158,6 @@ impl VerdictWriter {
         Ok(())
     }
 
-    /// Rows written so far.
     pub fn rows(&self) -> u64 {
         self.rows
     }
@@ -189,12 +183,10 @@ impl VerdictWriter {
         self.complete(metadata_json)?.name().map_err(TableError::io(&path))
     }
 
-    /// The name that the file is to have.
     fn path(&self) -> PathBuf {
         self.part.path().to_path_buf()
     }
 
-    /// An empty row group.
     fn new_group(&mut self) -> Result<RowGroup, ParquetError> {
         // the parquet crate makes a writer for each column; only that of the weights is kept
         let writers = self.factory.create_column_writers(self.groups)?;
@@ -205,8 +197,7 @@ impl VerdictWriter {
         Ok(RowGroup { chunks: chunks.collect(), rows: 0 })
     }
 
-    /// Waits for the file until the row group before is in it. An error of that row group comes out
-    /// here.
+    /// Waits for the file until the row group before is in it.
     fn file(&mut self) -> Result<Box<Out>, ParquetError> {
         match self.file.take() {
             Some(OutFile::Free(file)) => Ok(file),

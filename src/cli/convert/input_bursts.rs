@@ -9,6 +9,7 @@
 use super::super::exit::Failure;
 use super::args::Args;
 use inkling_io::columnar::{self, FileKind};
+use inkling_io::csv_table;
 use inkling_io::matrix::Matrix;
 use inkling_io::numpy;
 use inkling_io::sampling::{self, Sampled};
@@ -43,7 +44,7 @@ impl InputBursts {
 
         // 1. read the file by its kind
         let table = match kind {
-            FileKind::Text => table_file::read(&args.table, &columns)?,
+            FileKind::Text => csv_table::read(&args.table, &columns)?,
             FileKind::Numpy => {
                 if args.burst.is_some() || args.resample {
                     let what = "--burst and --resample are of tables, not of arrays";

@@ -21,8 +21,7 @@ pub struct Hybrid {
     out: Vec<u8>,
     /// The values after those of `out`, which wait to be packed.
     literals: Vec<u32>,
-    /// The run under way, after the literals: its value and its length so far. A length of 0: there
-    /// is none.
+    /// The run under way, after the literals: its value and its length so far.
     run: (u32, u32),
 }
 

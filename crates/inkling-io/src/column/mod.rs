@@ -27,20 +27,17 @@ mod steps;
 
 use parquet::errors::Result;
 
-/// Takes whole numbers that mostly go on by equal steps. A column of a file ([`StepColumn`]) is one
-/// implementation; a plain vector in `verdict_arrays.rs`, for tables in memory, is the other.
+/// Takes whole numbers that mostly go on by equal steps.
 pub trait Steps {
     /// The next `rows` rows: `start`, `start` + `step`, and so on.
     fn push(&mut self, start: i64, step: i64, rows: usize);
 }
 
-/// Takes numbers that differ from row to row, or are mostly null. A column of a file
-/// ([`NumberColumn`]) is one implementation, an Arrow builder the other.
+/// Takes numbers that differ from row to row, or are mostly null.
 pub trait Numbers {
     /// The next rows; NaN is null.
     fn push(&mut self, of: &[f32]) -> Result<()>;
 
-    /// The next rows are null.
     fn push_nulls(&mut self, rows: usize) -> Result<()>;
 }
 

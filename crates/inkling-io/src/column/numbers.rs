@@ -82,8 +82,7 @@ impl NumberColumn {
             + self.pages.iter().map(ClosedPage::memory).sum::<usize>()
     }
 
-    /// Counts rows that were added, and closes the page if it is full. A page is never split, so
-    /// one call with many rows may make a larger one.
+    /// Counts rows that were added, and closes the page if it is full.
     fn go_on(&mut self, rows: usize) -> Result<()> {
         self.rows += rows as u32;
         if self.rows >= PAGE_ROWS { self.end_page() } else { Ok(()) }
@@ -91,14 +90,9 @@ impl NumberColumn {
 
     /// Encodes and compresses the page under way.
     fn end_page(&mut self) -> Result<()> {
-        let span = self.values.iter().fold(None, |span: Option<(f32, f32)>, &value| {
+        self.span = self.values.iter().fold(self.span, |span, &value| {
             Some(span.map_or((value, value), |(least, most)| (least.min(value), most.max(value))))
         });
-        self.span = match (self.span, span) {
-            (Some((p, q)), Some((r, s))) => Some((p.min(r), q.max(s))),
-            (known, new) => known.or(new),
-        };
-
         let levels = std::mem::replace(&mut self.levels, Hybrid::new(1)).finish();
 
         let encode = |out: &mut Vec<u8>| match self.encoding {

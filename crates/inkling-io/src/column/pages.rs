@@ -25,7 +25,6 @@ const ZSTD_LEVEL: CompressionLevel = 1;
 /// Bytes of a page's header, about; only memory is reserved by it.
 const HEADER_BYTES: usize = 64;
 
-/// A page that is complete and compressed.
 #[derive(Debug)]
 pub struct ClosedPage {
     /// The bytes as they are written, without their header.
@@ -81,6 +80,29 @@ impl ClosedPage {
         })
     }
 
+    /// The page as one of the dictionary, in the form of the parquet crate.
+    fn dictionary(self) -> CompressedPage {
+        let ClosedPage { compressed: buf, raw_bytes, values: num_values } = self;
+        let (encoding, is_sorted) = (Encoding::PLAIN, false);
+        CompressedPage::new(
+            Page::DictionaryPage { buf, num_values, encoding, is_sorted },
+            raw_bytes,
+        )
+    }
+
+    /// The page as one of data, in the form of the parquet crate.
+    fn data(self, encoding: Encoding) -> CompressedPage {
+        let page = Page::DataPage {
+            buf: self.compressed,
+            num_values: self.values,
+            encoding,
+            def_level_encoding: Encoding::RLE,
+            rep_level_encoding: Encoding::RLE,
+            statistics: None,
+        };
+        CompressedPage::new(page, self.raw_bytes)
+    }
+
     /// Bytes held, which are those that will be written, but for the header.
     pub fn memory(&self) -> usize {
         self.compressed.len()
@@ -114,32 +136,17 @@ impl ColumnPages {
         let mut sink = TrackedWrite::new(Vec::with_capacity(bytes));
         let mut out = SerializedPageWriter::new(&mut sink);
 
-        // the parquet crate's descriptions of the pages, each with its size before compression
-        let dictionary = dictionary.map(|ClosedPage { compressed: buf, raw_bytes, values }| {
-            let (num_values, encoding, is_sorted) = (values, Encoding::PLAIN, false);
-            (Page::DictionaryPage { buf, num_values, encoding, is_sorted }, raw_bytes)
-        });
-        let data = pages.into_iter().map(|ClosedPage { compressed: buf, raw_bytes, values }| {
-            let page = Page::DataPage {
-                buf,
-                num_values: values,
-                encoding,
-                def_level_encoding: Encoding::RLE,
-                rep_level_encoding: Encoding::RLE,
-                statistics: None,
-            };
-            (page, raw_bytes)
-        });
-
         // RLE is that of the levels; the parquet crate lists it of columns without levels, too
         let mut encodings = vec![Encoding::RLE, encoding];
         let mut chunk = ColumnChunkMetaData::builder(column)
             .set_compression(Compression::ZSTD(ZstdLevel::try_new(ZSTD_LEVEL)?));
         let (mut compressed, mut raw, mut rows) = (0, 0, 0);
         let mut first_offset = None;
-        for (page, raw_bytes) in dictionary.into_iter().chain(data) {
+        let dictionary = dictionary.map(ClosedPage::dictionary);
+        let data = pages.into_iter().map(|page| page.data(encoding));
+        for page in dictionary.into_iter().chain(data) {
             // the footer needs the place of the dictionary and that of the first data page
-            let at = out.write_page(CompressedPage::new(page, raw_bytes))?;
+            let at = out.write_page(page)?;
             if at.page_type == PageType::DICTIONARY_PAGE {
                 encodings.push(Encoding::PLAIN);
                 chunk = chunk.set_dictionary_page_offset(Some(at.offset as i64));

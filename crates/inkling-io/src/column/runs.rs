@@ -26,7 +26,6 @@ pub struct RunColumn {
     column: ColumnDescPtr,
     /// The values by key, encoded PLAIN as a page of the dictionary has them.
     dictionary: Vec<Vec<u8>>,
-    /// The key of each value.
     keys: HashMap<Vec<u8>, u32>,
     /// The last two keys that were asked for, the latest first; `NULL` before. Values often take
     /// turns, so these two are compared before the map is asked.
@@ -92,8 +91,7 @@ impl RunColumn {
         key
     }
 
-    /// The next `rows` rows have the value of this key; `None` is null. It is an error if no value
-    /// has the key, or if a required column gets a null.
+    /// The next `rows` rows have the value of this key.
     pub fn push(&mut self, key: Option<u32>, rows: usize) -> Result<()> {
         match key {
             Some(key) => self.check(key)?,
@@ -130,7 +128,6 @@ impl RunColumn {
         Ok(())
     }
 
-    /// Refuses a key that no value has.
     fn check(&self, key: u32) -> Result<()> {
         match self.dictionary.len() {
             known if key as usize >= known => {
@@ -163,8 +160,7 @@ impl RunColumn {
         (out.finish(), self.dictionary)
     }
 
-    /// Encodes the chunk. `statistics`: whether the least and the largest value are written, which
-    /// a column of texts may ask for, and no other.
+    /// Encodes the chunk.
     pub fn close(self, statistics: bool) -> Result<ColumnPages> {
         // every key takes as many bits as the largest one, at least one bit
         let values = self.dictionary.len().max(1) as u32;

@@ -13,25 +13,20 @@ use parquet::errors::Result;
 use parquet::file::statistics::Statistics;
 use parquet::schema::types::ColumnDescPtr;
 
-/// Differences in a block.
 const BLOCK: usize = 128;
 /// Parts of a block; each has its own width of bits.
 const PARTS: usize = 4;
 
-/// One column of a row group, under way. It has no nulls. Its type in the file is INT64 (times), or
-/// INT32 that holds numbers without sign (channels).
+/// One column of a row group, under way.
 #[derive(Debug)]
 pub struct StepColumn {
     column: ColumnDescPtr,
-    /// The first number of the column.
     first: i64,
-    /// The last number so far.
     last: i64,
     /// The least and the largest number so far, for the statistics.
     span: (i64, i64),
     /// Differences that wait until they are a block.
     block: Vec<i64>,
-    /// The blocks so far, encoded.
     blocks: Vec<u8>,
     rows: u32,
 }
@@ -45,7 +40,10 @@ impl Steps for StepColumn {
         // one difference leads from the number before to this run, the others are `step`
         match self.rows {
             0 => self.first = start,
-            _ => self.push_difference(start.wrapping_sub(self.last)),
+            _ => {
+                self.block.push(start.wrapping_sub(self.last));
+                self.end_full_block();
+            }
         }
         self.last = last;
         self.rows += rows as u32; // rows of a row group at most
@@ -67,7 +65,6 @@ impl Steps for StepColumn {
 }
 
 impl StepColumn {
-    /// A column without rows.
     pub fn new(column: ColumnDescPtr) -> StepColumn {
         let (block, blocks) = (Vec::with_capacity(BLOCK), Vec::new());
         StepColumn { column, first: 0, last: 0, span: (i64::MAX, i64::MIN), block, blocks, rows: 0 }
@@ -107,7 +104,6 @@ impl StepColumn {
         })
     }
 
-    /// Whether the column is INT64.
     fn is_wide(&self) -> bool {
         self.column.physical_type() == Type::INT64
     }
@@ -116,12 +112,6 @@ impl StepColumn {
     /// around to negative ones (the type's annotation says "without sign").
     fn stored(&self, value: i64) -> i64 {
         if self.is_wide() { value } else { i64::from(value as i32) }
-    }
-
-    /// Adds one difference, and encodes the block if it is full.
-    fn push_difference(&mut self, difference: i64) {
-        self.block.push(difference);
-        self.end_full_block();
     }
 
     /// Encodes the block under way if it is full; its memory is used again.

@@ -27,8 +27,7 @@ pub struct Times {
     pub publish_ns: i64,
 }
 
-/// Decodes messages that dialects read. Each worker has one, which keeps the names of printheads that
-/// consecutive messages share.
+/// Decodes messages that dialects read.
 #[derive(Debug)]
 pub struct DialectDecoder {
     limits: Limits,
@@ -57,7 +56,6 @@ fn ns_of(number: Number, log_ns: i64) -> Option<i64> {
     usual.filter(is_near).or_else(|| others.into_iter().filter_map(of).find(is_near)).or(usual)
 }
 
-/// A leap year.
 const YEAR_NS: u64 = 366 * 86_400 * 1_000_000_000;
 
 impl DialectDecoder {
@@ -96,8 +94,7 @@ impl DialectDecoder {
         }
     }
 
-    /// The burst that the values of a message make, or why they make none. What is known before an
-    /// error (name, first channel, time) stays in `head`, so that the rejected row shows it.
+    /// The burst that the values of a message make, or why they make none.
     fn burst(
         &self,
         found: &mut ReadMessage,
@@ -219,14 +216,12 @@ impl ReadMessage<'_> {
         self.values.number(slot).map(Number::float).filter(|value| value.is_finite())
     }
 
-    /// Takes one number or several; none if the message has none. `channels` bounds how many are
-    /// converted.
+    /// Takes one number or several; none if the message has none.
     fn floats(&mut self, slot: Slot, channels: usize) -> Vec<f32> {
         self.values.take(slot).map_or(Vec::new(), |value| value.floats(channels))
     }
 
-    /// Takes the samples. A message without the field has no samples in protobuf, and is
-    /// undecodable in JSON.
+    /// Takes the samples.
     fn samples(&mut self, most_bytes: u64) -> Result<Samples, Reason> {
         let format = self.plan.dialect.format;
         match self.values.take(Slot::Samples) {
@@ -239,8 +234,7 @@ impl ReadMessage<'_> {
     }
 }
 
-/// A number of channels or samples, or the number of a channel. A negative number or one with a
-/// fraction is undecodable, one beyond u32 too large.
+/// A number of channels or samples, or the number of a channel.
 fn count(number: Number) -> Result<u32, Reason> {
     match number.integer() {
         Some(i) if i >= 0 => u32::try_from(i).map_err(|_| Reason::TooLarge),

@@ -8,7 +8,6 @@ use super::wanted::Slot;
 
 /// At most so many fields are named in an error.
 const MOST_LISTED: usize = 40;
-/// At most so many fields of a schema are listed.
 pub const MOST_FIELDS: usize = 400;
 /// Fields are listed down to this depth of messages within messages, since types may contain themselves.
 pub const MOST_DEPTH: usize = 5;
@@ -36,7 +35,6 @@ pub enum Kind {
 pub struct FieldInfo {
     pub path: String,
     pub kind: Kind,
-    /// Whether it has several elements.
     pub list: bool,
     /// If a field of a JSON message is a list of lists: how many lists.
     pub rows: Option<usize>,
@@ -70,7 +68,6 @@ impl FieldInfo {
         }
     }
 
-    /// Whether it is one number.
     fn is_number(&self) -> bool {
         matches!((self.kind, self.list), (Kind::Integer | Kind::Float, false))
     }
@@ -99,19 +96,15 @@ pub fn due(slot: Slot) -> &'static str {
 }
 
 /// Fields in one line, such as `header.stamp (time), wave.data (bytes)`, at most `MOST_LISTED` of
-/// them; "none" if there are none. Messages are left out, since only fields inside them can be
-/// named.
+/// them; "none" if there are none.
 pub fn listed(fields: &[FieldInfo]) -> String {
-    let named: Vec<&FieldInfo> = fields.iter().filter(|f| f.kind != Kind::Message).collect();
-    let more = named.len().saturating_sub(MOST_LISTED);
-    let named: Vec<String> = named
-        .iter()
-        .take(MOST_LISTED)
-        .map(|field| format!("{} ({})", field.path, field.typed()))
-        .collect();
-    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
-    match named.is_empty() {
-        true => "none".into(),
-        false => crate::printable::line(&(named.join(", ") + &more), 2000),
+    let named = fields.iter().filter(|field| field.kind != Kind::Message);
+    let named: Vec<String> =
+        named.map(|field| format!("{} ({})", field.path, field.typed())).collect();
+    let shown = named[..named.len().min(MOST_LISTED)].join(", ");
+    match named.len().saturating_sub(MOST_LISTED) {
+        _ if named.is_empty() => "none".into(),
+        0 => crate::printable::line(&shown, 2000),
+        more => crate::printable::line(&format!("{shown} and {more} more"), 2000),
     }
 }

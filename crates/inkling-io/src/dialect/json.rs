@@ -5,10 +5,10 @@
 //! In, from `plan.rs`: a message and the tree of wanted fields. Out: [`SlotValues`]. `serde_json`
 //! finds where each value ends and checks that it is JSON; this file looks only into values that
 //! are wanted. JSON has no schema, so what kind a field is shows only here: a field that is not
-//! what the dialect says is [`Unread::Unfit`].
+//! what the dialect says is [`ReadError::Unfit`].
 
 use super::fields::{FieldInfo, Kind, MOST_DEPTH, MOST_FIELDS, NANOSECONDS, SECONDS};
-use super::value::{Gathered, Number, SlotValues, Unread, Value};
+use super::value::{Gathered, Number, ReadError, SlotValues, Value};
 use super::wanted::{Slot, Then, Wanted, WantedField};
 use serde::de::IgnoredAny;
 use serde_json::Value as Json;
@@ -16,20 +16,19 @@ use serde_json::Value as Json;
 /// A larger message is not parsed to list its fields.
 const MOST_SAMPLE_BYTES: usize = 8 << 20;
 
-/// Walks one message and puts the values of wanted fields into `values`. The message must be one
-/// object with nothing behind it.
-pub fn walk(message: &[u8], wanted: &Wanted, values: &mut SlotValues) -> Result<(), Unread> {
+/// Walks one message and puts the values of wanted fields into `values`.
+pub fn walk(message: &[u8], wanted: &Wanted, values: &mut SlotValues) -> Result<(), ReadError> {
     let message = message.trim_ascii();
     match message.first() {
         Some(b'{') => {}
         _ if serde_json::from_slice::<IgnoredAny>(message).is_err() => {
-            return Err(Unread::Malformed);
+            return Err(ReadError::Malformed);
         }
         _ => return Err(unfit("it is no object")),
     }
     match object(message, wanted, values)? {
         [] => Ok(()),
-        _ => Err(Unread::Malformed),
+        _ => Err(ReadError::Malformed),
     }
 }
 
@@ -39,7 +38,7 @@ fn object<'m>(
     text: &'m [u8],
     wanted: &Wanted,
     values: &mut SlotValues,
-) -> Result<&'m [u8], Unread> {
+) -> Result<&'m [u8], ReadError> {
     let mut members = Members::of(text);
     while let Some(Member { key, value }) = members.member()? {
         for field in wanted.fields.iter().filter(|field| field.at.name == key) {
@@ -50,8 +49,8 @@ fn object<'m>(
 }
 
 /// The error for a value that is not what a dialect wants there.
-fn unfit(what: &str) -> Unread {
-    Unread::Unfit(what.to_owned())
+fn unfit(what: &str) -> ReadError {
+    ReadError::Unfit(what.to_owned())
 }
 
 /// A member of an object, or an element of an array (then `key` is empty). The value is still text.
@@ -78,18 +77,18 @@ impl<'m> Members<'m> {
     }
 
     /// The next member. `None`: the closing bracket was met.
-    fn member(&mut self) -> Result<Option<Member<'m>>, Unread> {
+    fn member(&mut self) -> Result<Option<Member<'m>>, ReadError> {
         if self.passes(self.end) {
             return Ok(None);
         }
         if !std::mem::take(&mut self.is_first) && !self.passes(b',') {
-            return Err(Unread::Malformed);
+            return Err(ReadError::Malformed);
         }
         let mut key = String::new();
         if self.end == b'}' {
             key = text(self.value()?)?;
             if !self.passes(b':') {
-                return Err(Unread::Malformed);
+                return Err(ReadError::Malformed);
             }
         }
         Ok(Some(Member { key, value: self.value()? }))
@@ -103,12 +102,11 @@ impl<'m> Members<'m> {
         behind.is_some()
     }
 
-    /// The next value, as text.
-    fn value(&mut self) -> Result<&'m [u8], Unread> {
+    fn value(&mut self) -> Result<&'m [u8], ReadError> {
         let text = self.rest.trim_ascii_start();
         // the deserializer stops behind the first value, and says where
         let mut values = serde_json::Deserializer::from_slice(text).into_iter::<IgnoredAny>();
-        let Some(Ok(_)) = values.next() else { return Err(Unread::Malformed) };
+        let Some(Ok(_)) = values.next() else { return Err(ReadError::Malformed) };
         let (value, rest) = text.split_at(values.byte_offset());
         self.rest = rest;
         Ok(value)
@@ -116,22 +114,22 @@ impl<'m> Members<'m> {
 }
 
 impl<'m> Iterator for Members<'m> {
-    type Item = Result<Member<'m>, Unread>;
+    type Item = Result<Member<'m>, ReadError>;
 
-    fn next(&mut self) -> Option<Result<Member<'m>, Unread>> {
+    fn next(&mut self) -> Option<Result<Member<'m>, ReadError>> {
         self.member().transpose()
     }
 }
 
 /// The text that a JSON string is, without its quotes and escapes.
-fn text(quoted: &[u8]) -> Result<String, Unread> {
-    serde_json::from_slice(quoted).map_err(|_| Unread::Malformed)
+fn text(quoted: &[u8]) -> Result<String, ReadError> {
+    serde_json::from_slice(quoted).map_err(|_| ReadError::Malformed)
 }
 
 /// Takes the value of a wanted field, or walks into it. If a dialect wants one element of an array
 /// and the array has fewer, nothing is taken; if a dialect wants one value and there are several,
 /// the message does not fit.
-fn take(field: &WantedField, value: &[u8], values: &mut SlotValues) -> Result<(), Unread> {
+fn take(field: &WantedField, value: &[u8], values: &mut SlotValues) -> Result<(), ReadError> {
     let name = &field.at.name;
     // an index picks one element first
     let value = match (field.at.index, value[0]) {
@@ -142,7 +140,7 @@ fn take(field: &WantedField, value: &[u8], values: &mut SlotValues) -> Result<()
         },
         (Some(_), b'{') => {
             let what = format!("\"{name}\" is one object where a dialect wants one of several");
-            return Err(Unread::Unfit(what));
+            return Err(ReadError::Unfit(what));
         }
         (Some(_), _) => return Ok(()),
     };
@@ -152,7 +150,7 @@ fn take(field: &WantedField, value: &[u8], values: &mut SlotValues) -> Result<()
         (_, b'n') => Ok(()), // null: not recorded
         (Then::Into(inside), b'{') => object(value, inside, values).map(drop),
         (Then::Into(_), b'[') => {
-            Err(Unread::Unfit(format!("\"{name}\" is several values where a dialect wants one")))
+            Err(ReadError::Unfit(format!("\"{name}\" is several values where a dialect wants one")))
         }
         (Then::Into(_), _) => Ok(()),
         (Then::Take(Slot::Time), b'{') => time(value, values),
@@ -173,7 +171,7 @@ fn take(field: &WantedField, value: &[u8], values: &mut SlotValues) -> Result<()
 }
 
 /// A text or a number; anything else does not fit.
-fn scalar(name: &str, value: &[u8]) -> Result<Value, Unread> {
+fn scalar(name: &str, value: &[u8]) -> Result<Value, ReadError> {
     let what = match value[0] {
         b'"' => return text(value).map(Value::Text),
         b'{' => "an object where a dialect wants a value",
@@ -181,15 +179,15 @@ fn scalar(name: &str, value: &[u8]) -> Result<Value, Unread> {
         b't' | b'f' => "true or false where a dialect wants another value",
         _ => {
             let number = str::from_utf8(value).ok().and_then(Number::parse);
-            return number.map(Value::Number).ok_or(Unread::Malformed);
+            return number.map(Value::Number).ok_or(ReadError::Malformed);
         }
     };
-    Err(Unread::Unfit(format!("\"{name}\" is {what}")))
+    Err(ReadError::Unfit(format!("\"{name}\" is {what}")))
 }
 
 /// Takes a time that is an object of seconds and nanoseconds, such as `{"sec": 1, "nanosec": 2}`;
 /// it fills two slots.
-fn time(value: &[u8], values: &mut SlotValues) -> Result<(), Unread> {
+fn time(value: &[u8], values: &mut SlotValues) -> Result<(), ReadError> {
     for member in Members::of(value) {
         let Member { key, value } = member?;
         let slot = match key.as_str() {
@@ -205,10 +203,11 @@ fn time(value: &[u8], values: &mut SlotValues) -> Result<(), Unread> {
 }
 
 /// Gathers an array of numbers. Samples may also be an array of rows of numbers, all equally long.
-fn numbers(array: &[u8], may_have_rows: bool, all: &mut Gathered) -> Result<(), Unread> {
+fn numbers(array: &[u8], may_have_rows: bool, all: &mut Gathered) -> Result<(), ReadError> {
     // the array is known to be JSON, so its text can be split at commas and brackets
     let inside = array.strip_prefix(b"[").and_then(|inside| inside.strip_suffix(b"]"));
-    let inside = inside.and_then(|inside| str::from_utf8(inside).ok()).ok_or(Unread::Malformed)?;
+    let inside =
+        inside.and_then(|inside| str::from_utf8(inside).ok()).ok_or(ReadError::Malformed)?;
     let inside = inside.trim();
     if !may_have_rows || !inside.starts_with('[') {
         return row(inside, all).map(drop);
@@ -231,7 +230,7 @@ fn numbers(array: &[u8], may_have_rows: bool, all: &mut Gathered) -> Result<(), 
 
 /// Gathers numbers with commas between them; gives how many there are. The text is known to be JSON, so
 /// commas can only stand between values here.
-fn row(text: &str, all: &mut Gathered) -> Result<usize, Unread> {
+fn row(text: &str, all: &mut Gathered) -> Result<usize, ReadError> {
     if text.trim().is_empty() {
         return Ok(0);
     }
@@ -262,8 +261,7 @@ pub fn fields(message: &[u8]) -> Vec<FieldInfo> {
     found
 }
 
-/// Adds a value at a path to `found`, and all that is in it. An array of objects is described by
-/// its first element.
+/// Adds a value at a path to `found`, and all that is in it.
 fn list(value: &Json, path: &str, depth: usize, found: &mut Vec<FieldInfo>) {
     if found.len() >= MOST_FIELDS || depth > MOST_DEPTH {
         return;
@@ -314,7 +312,7 @@ mod tests {
     use crate::dialect::path::{FieldPath, Step};
 
     /// What the paths find in a message, as their slots say it.
-    fn found(message: &str, paths: &[(&str, Slot)]) -> Result<SlotValues, Unread> {
+    fn found(message: &str, paths: &[(&str, Slot)]) -> Result<SlotValues, ReadError> {
         let mut wanted = Wanted::default();
         for (path, slot) in paths {
             let path = FieldPath::try_from((*path).to_owned()).unwrap();
@@ -362,12 +360,12 @@ mod tests {
         {
             let message = format!("{{\"a\":{array}}}");
             let e = found(&message, &[("a", Slot::Samples)]).unwrap_err();
-            assert!(matches!(e, Unread::Unfit(_)), "{array}: {e:?}");
+            assert!(matches!(e, ReadError::Unfit(_)), "{array}: {e:?}");
         }
         for message in ["", "{", "{\"a\":1,}", "{\"a\":[1,]}", "{} {}", "{\"a\":01}"] {
             let e = found(message, &[("a", Slot::Period)]).unwrap_err();
-            assert!(matches!(e, Unread::Malformed), "{message}: {e:?}");
+            assert!(matches!(e, ReadError::Malformed), "{message}: {e:?}");
         }
-        assert!(matches!(found("[1]", &[("a", Slot::Period)]), Err(Unread::Unfit(_))));
+        assert!(matches!(found("[1]", &[("a", Slot::Period)]), Err(ReadError::Unfit(_))));
     }
 }

@@ -18,7 +18,8 @@
 //! json
 //! value           what was found in a message
 //! decoder         what was found becomes a burst
-//! guess           the other way round: messages that look like bursts become a block to paste
+//! guess,          the other way round: messages that look like bursts become a block to paste
+//! first_message
 //! ```
 //!
 //! All encodings share the middle: a schema of any encoding becomes a shape, in which paths are
@@ -30,6 +31,7 @@
 
 pub mod decoder;
 pub mod fields;
+mod first_message;
 pub mod guess;
 mod json;
 pub mod path;
@@ -44,7 +46,7 @@ mod wanted;
 
 use bytes::Bytes;
 use globset::{GlobBuilder, GlobMatcher};
-use plan::{Plan, Schema, Written};
+use plan::{ChannelDescription, Plan, Schema};
 use settings::{Dialect, MOST_DIALECTS};
 use std::sync::Arc;
 
@@ -52,21 +54,21 @@ use std::sync::Arc;
 /// by their number, from 0 in the order of the settings. Cheap to clone.
 #[derive(Clone, Debug, Default)]
 pub struct Dialects {
-    all: Arc<[Fitting]>,
+    all: Arc<[CompiledDialect]>,
 }
 
 /// A dialect, and the compiled pattern that a topic must fit.
 #[derive(Debug)]
-struct Fitting {
+struct CompiledDialect {
     dialect: Arc<Dialect>,
     topic: GlobMatcher,
 }
 
 /// A set of dialects by their numbers, one bit each; the first dialect is the lowest bit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Fits(u64);
+pub struct DialectSet(u64);
 
-impl Fits {
+impl DialectSet {
     /// Whether at least one dialect is in the set.
     pub fn any(self) -> bool {
         self.0 != 0
@@ -78,20 +80,19 @@ impl Fits {
     }
 
     /// The dialects that are in both sets.
-    pub fn and(self, other: Fits) -> Fits {
-        Fits(self.0 & other.0)
+    pub fn and(self, other: DialectSet) -> DialectSet {
+        DialectSet(self.0 & other.0)
     }
 }
 
 impl Dialects {
-    /// Checks and compiles the dialects. It refuses a block that is wrong by itself and one that could never
-    /// take effect; the error names the block's key, such as `input.dialect[1]`.
+    /// Checks and compiles the dialects.
     pub fn new(dialects: &[Dialect]) -> Result<Dialects, String> {
         let key = |number: usize| format!("input.dialect[{number}]");
         if dialects.len() > MOST_DIALECTS {
             return Err(format!("{} of input.dialect: at most {MOST_DIALECTS}", dialects.len()));
         }
-        let mut all: Vec<Fitting> = Vec::new();
+        let mut all: Vec<CompiledDialect> = Vec::new();
         for (number, dialect) in dialects.iter().enumerate() {
             dialect.check().map_err(|what| format!("{}: {what}", key(number)))?;
             let before = dialects[..number].iter().position(|before| before.hides(dialect));
@@ -104,12 +105,11 @@ impl Dialects {
             }
             let topic =
                 matcher(&dialect.topic).map_err(|e| format!("{}.topic: {e}", key(number)))?;
-            all.push(Fitting { dialect: Arc::new(dialect.clone()), topic });
+            all.push(CompiledDialect { dialect: Arc::new(dialect.clone()), topic });
         }
         Ok(Dialects { all: all.into() })
     }
 
-    /// How many dialects there are.
     pub fn len(&self) -> usize {
         self.all.len()
     }
@@ -119,26 +119,24 @@ impl Dialects {
     }
 
     /// The dialects whose pattern fits a topic.
-    pub fn of_topic(&self, topic: &str) -> Fits {
+    pub fn of_topic(&self, topic: &str) -> DialectSet {
         self.fitting(|fitting| fitting.topic.is_match(topic))
     }
 
     /// The dialects that read messages with a schema of this name; `None`: without a schema.
-    pub fn of_schema(&self, name: Option<&str>) -> Fits {
-        self.fitting(|Fitting { dialect, .. }| {
+    pub fn of_schema(&self, name: Option<&str>) -> DialectSet {
+        self.fitting(|CompiledDialect { dialect, .. }| {
             dialect.schema.is_none() || dialect.schema.as_deref() == name
         })
     }
 
-    /// The set of the dialects that fit.
-    fn fitting(&self, fits: impl Fn(&Fitting) -> bool) -> Fits {
+    fn fitting(&self, fits: impl Fn(&CompiledDialect) -> bool) -> DialectSet {
         let bit = |(number, fitting)| u64::from(fits(fitting)) << number;
-        Fits(self.all.iter().enumerate().map(bit).sum())
+        DialectSet(self.all.iter().enumerate().map(bit).sum())
     }
 
-    /// How a channel's messages are read by the dialect of this number. An error says which path leads
-    /// nowhere, or why the encoding cannot be read.
-    pub fn plan(&self, number: usize, written: &Written) -> Result<Plan, String> {
+    /// How a channel's messages are read by the dialect of this number.
+    pub fn plan(&self, number: usize, written: &ChannelDescription) -> Result<Plan, String> {
         let fitting = &self.all[number];
         Plan::new(&fitting.dialect, written)
             .map_err(|what| format!("input.dialect[{number}], topic {}: {what}", shown(written)))
@@ -146,7 +144,12 @@ impl Dialects {
 
     /// Whether at least one dialect could read these messages if the topic and schema name that it
     /// asks for are ignored. Such a dialect is probably mistyped, and the user is told so.
-    pub fn could_read(&self, written: &Written, message: &Bytes, most_bytes: u64) -> bool {
+    pub fn could_read(
+        &self,
+        written: &ChannelDescription,
+        message: &Bytes,
+        most_bytes: u64,
+    ) -> bool {
         (0..self.len()).filter_map(|number| self.plan(number, written).ok()).any(|plan| {
             plan.check_message(message, most_bytes).is_ok()
                 && plan.find(message, most_bytes).is_ok()
@@ -155,45 +158,40 @@ impl Dialects {
 
     /// The dialects that are not `used`, each by its key, topic and schema, for a message to the user.
     pub fn without(&self, used: impl Fn(usize) -> bool) -> Vec<String> {
-        self.all
-            .iter()
-            .enumerate()
-            .filter(|(number, _)| !used(*number))
-            .map(|(number, fitting)| {
-                let schema = fitting.dialect.schema.as_ref();
-                let schema = schema.map_or(String::new(), |name| format!(", schema {name:?}"));
-                format!("input.dialect[{number}] (topic {:?}{schema})", fitting.dialect.topic)
-            })
-            .collect()
+        let unused = self.all.iter().enumerate().filter(|(number, _)| !used(*number));
+        let named = unused.map(|(number, CompiledDialect { dialect, .. })| {
+            let schema = dialect.schema.as_ref();
+            let schema = schema.map_or(String::new(), |name| format!(", schema {name:?}"));
+            format!("input.dialect[{number}] (topic {:?}{schema})", dialect.topic)
+        });
+        named.collect()
     }
 }
 
 /// Patterns of topics that the user knows and does not want to be warned of (setting
 /// `input.ignore`), of the same form as those of dialects.
 #[derive(Clone, Debug, Default)]
-pub struct Ignored(Vec<GlobMatcher>);
+pub struct IgnoredTopics(Vec<GlobMatcher>);
 
-impl Ignored {
+impl IgnoredTopics {
     /// Compiles the patterns; an error says what is wrong with one of them.
-    pub fn new(patterns: &[String]) -> Result<Ignored, String> {
-        patterns.iter().map(|pattern| matcher(pattern)).collect::<Result<_, _>>().map(Ignored)
+    pub fn new(patterns: &[String]) -> Result<IgnoredTopics, String> {
+        patterns.iter().map(|pattern| matcher(pattern)).collect::<Result<_, _>>().map(IgnoredTopics)
     }
 
-    /// Whether a topic is to be ignored.
     pub fn has(&self, topic: &str) -> bool {
         self.0.iter().any(|pattern| pattern.is_match(topic))
     }
 }
 
 /// Compiles a pattern. `*` stays within a part of the topic, and `**` goes over parts.
-fn matcher(pattern: &str) -> Result<GlobMatcher, String> {
+pub(super) fn matcher(pattern: &str) -> Result<GlobMatcher, String> {
     let glob = GlobBuilder::new(pattern).literal_separator(true).build();
     glob.map(|glob| glob.compile_matcher()).map_err(|e| format!("no valid pattern: {e}"))
 }
 
-/// A channel in words: topic, schema and encoding, such as `/heads/0 (acme.Wave, protobuf)`. Names from a
-/// recording are made printable and cut.
-fn shown(written: &Written) -> String {
+/// A channel in words: topic, schema and encoding, such as `/heads/0 (acme.Wave, protobuf)`.
+fn shown(written: &ChannelDescription) -> String {
     let schema = written.schema.map_or("no schema", |schema: &Schema| &schema.name);
     let encoding = crate::printable::cell(written.message_encoding);
     let topic = crate::printable::line(written.topic, 200);

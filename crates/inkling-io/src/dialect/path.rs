@@ -9,13 +9,11 @@ use std::fmt;
 
 /// At most so many steps of a path; nobody writes longer ones on purpose.
 const MOST_STEPS: usize = 32;
-/// At most so many bytes of its text.
 const MOST_BYTES: usize = 512;
 
 /// One step of a path: a field's name, and which of its elements is meant where it has several.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Step {
-    /// The field's name.
     pub name: String,
     /// Which element, from 0; `None`: the path has no index.
     pub index: Option<u32>,
@@ -69,8 +67,7 @@ impl Step {
         Step { place, ..self.clone() }
     }
 
-    /// Refuses an index at a field that has only one element. `several`: the field has or may have
-    /// several.
+    /// Refuses an index at a field that has only one element.
     pub fn check_index(&self, several: bool) -> Result<(), String> {
         match self.index {
             Some(_) if !several => Err(format!("\"{}\" is only one: no [..]", self.name)),
@@ -87,8 +84,7 @@ impl Step {
         }
     }
 
-    /// Parses a name, and perhaps a number in brackets. Names in other loggers' JSON may have
-    /// blanks and dashes in them.
+    /// Parses a name, and perhaps a number in brackets.
     fn parse(text: &str) -> Option<Step> {
         let (name, index) = match text.split_once('[') {
             None => (text, None),
@@ -112,10 +108,8 @@ impl fmt::Display for Step {
 
 impl fmt::Display for FieldPath {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (i, step) in self.0.iter().enumerate() {
-            write!(f, "{}{step}", if i == 0 { "" } else { "." })?;
-        }
-        Ok(())
+        let steps: Vec<String> = self.0.iter().map(Step::to_string).collect();
+        f.write_str(&steps.join("."))
     }
 }
 

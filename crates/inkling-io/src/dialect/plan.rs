@@ -1,21 +1,20 @@
 //! Resolves a dialect's paths in a recording's own schema, once for each channel, or says that they
 //! lead nowhere.
 //!
-//! In, from `channels.rs`: a [`Dialect`], and how the recording describes the channel
-//! ([`Written`]). Out: a [`Plan`], which finds in each message the values that a burst is made of
-//! ([`Plan::find`], called by `decoder.rs`). Schemas of protobuf and ROS are known beforehand, so
-//! wrong paths are found when the plan is made; JSON has no schema, so its first message is checked
-//! instead ([`Plan::check_message`]).
+//! In: a [`Dialect`], and how the recording describes the channel ([`ChannelDescription`]). Out: a
+//! [`Plan`], which finds in each message the values that a burst is made of ([`Plan::find`]).
+//! Schemas of protobuf and ROS are known beforehand, so wrong paths are found when the plan is made;
+//! JSON has no schema, so its first message is checked instead ([`Plan::check_message`]).
 //!
-//! Layers: `Encoding` knows the schema; `Reading` adds which fields are wanted; `Plan` adds the
-//! dialect's constants and the printhead's name.
+//! Layers: `Reading` knows the schema and which fields are wanted; `Plan` adds the dialect's
+//! constants and the printhead's name.
 
 use super::fields::{FieldInfo, Kind, due, listed};
 use super::path::FieldPath;
 use super::ros_definition::{self, Flavour};
-use super::settings::{Dialect, Part, Place, Source};
+use super::settings::{Dialect, Key, Part, Source};
 use super::shape::Shape;
-use super::value::{Number, SlotValues, Unread, Value, is_base64};
+use super::value::{Number, ReadError, SlotValues, Value, is_base64};
 use super::wanted::{Slot, Wanted};
 use super::{json, protobuf, ros};
 use crate::printable;
@@ -34,7 +33,7 @@ pub struct Schema {
 
 /// How a recording describes a channel's messages.
 #[derive(Clone, Copy, Debug)]
-pub struct Written<'a> {
+pub struct ChannelDescription<'a> {
     pub topic: &'a str,
     pub message_encoding: &'a str,
     pub schema: Option<&'a Schema>,
@@ -60,9 +59,18 @@ pub struct Reading {
 const ENCODINGS: &str = "protobuf, json, cdr with ros2msg, ros1 with ros1msg";
 
 impl Encoding {
-    /// Parses the schema of a channel. An error says which encoding is not read, or what is wrong with the
-    /// schema.
-    fn of(written: &Written) -> Result<Encoding, String> {
+    /// The message types of the schema; `None` of JSON, which has no schema.
+    fn shape(&self) -> Option<&Shape> {
+        match self {
+            Encoding::Protobuf(shape) | Encoding::Ros(_, shape) => Some(shape),
+            Encoding::Json => None,
+        }
+    }
+}
+
+impl Reading {
+    /// Parses the schema of a channel; nothing is wanted of its messages yet.
+    pub fn of(written: &ChannelDescription) -> Result<Reading, String> {
         let name = written.message_encoding;
         // only JSON may be without a schema
         let schema =
@@ -76,34 +84,21 @@ impl Encoding {
             let shape = ros_definition::shape(&schema.data, &schema.name, flavour)?;
             Ok(Encoding::Ros(flavour, Arc::new(shape)))
         };
-        match name {
-            "json" => Ok(Encoding::Json),
+        let encoding = match name {
+            "json" => Encoding::Json,
             "protobuf" => {
                 let Schema { name, data, .. } = schema?;
-                Ok(Encoding::Protobuf(Arc::new(protobuf::shape(data, name)?)))
+                Encoding::Protobuf(Arc::new(protobuf::shape(data, name)?))
             }
-            "cdr" => ros(Flavour::Ros2, schema?),
-            "ros1" => ros(Flavour::Ros1, schema?),
+            "cdr" => ros(Flavour::Ros2, schema?)?,
+            "ros1" => ros(Flavour::Ros1, schema?)?,
             other => {
                 let other = printable::cell(other);
-                Err(format!("messages of encoding {other:?} are not read; read are {ENCODINGS}"))
+                let what = format!("messages of encoding {other:?} are not read");
+                return Err(format!("{what}; read are {ENCODINGS}"));
             }
-        }
-    }
-
-    /// The message types of the schema; `None` of JSON, which has no schema.
-    fn shape(&self) -> Option<&Shape> {
-        match self {
-            Encoding::Protobuf(shape) | Encoding::Ros(_, shape) => Some(shape),
-            Encoding::Json => None,
-        }
-    }
-}
-
-impl Reading {
-    /// A reading of a channel's messages that wants nothing yet.
-    pub fn of(written: &Written) -> Result<Reading, String> {
-        Ok(Reading { encoding: Encoding::of(written)?, wanted: Wanted::default() })
+        };
+        Ok(Reading { encoding, wanted: Wanted::default() })
     }
 
     /// The fields that there are: by the schema, or of JSON those of `message`.
@@ -126,9 +121,8 @@ impl Reading {
         }
     }
 
-    /// Finds the values of all wanted fields in one message. `most_bytes` bounds the samples that
-    /// are gathered.
-    fn find(&self, message: &Bytes, most_bytes: u64) -> Result<SlotValues, Unread> {
+    /// Finds the values of all wanted fields in one message.
+    fn find(&self, message: &Bytes, most_bytes: u64) -> Result<SlotValues, ReadError> {
         let mut values = SlotValues::new(most_bytes);
         match &self.encoding {
             Encoding::Protobuf(shape) => protobuf::walk(message, shape, &self.wanted, &mut values),
@@ -140,8 +134,7 @@ impl Reading {
         Ok(values)
     }
 
-    /// The value that a message has at one path, as the slot takes it. `guess.rs` tries fields this
-    /// way.
+    /// The value that a message has at one path, as the slot takes it.
     pub fn look(
         &self,
         message: &Bytes,
@@ -165,88 +158,86 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Resolves a dialect's paths in a channel's schema. An error names the key, what is wrong with it, and
-    /// the fields that exist.
-    pub fn new(dialect: &Arc<Dialect>, written: &Written) -> Result<Plan, String> {
+    /// Resolves a dialect's paths in a channel's schema.
+    pub fn new(dialect: &Arc<Dialect>, written: &ChannelDescription) -> Result<Plan, String> {
         let mut reading = Reading::of(written)?;
         let name = name(dialect, written.topic)?;
-        for place in dialect.places() {
-            let checked = reading.want(place.path, place.slot).and_then(|found| match found {
-                Some(info) if place.slot == Slot::Samples => check_format(dialect.format, &info),
+        for key in dialect.paths() {
+            let checked = reading.want(key.value, key.slot).and_then(|found| match found {
+                Some(FieldInfo { kind, type_name, .. }) if key.slot == Slot::Samples => {
+                    check_format(dialect.format, kind == Kind::Bytes, &type_name)
+                }
                 _ => Ok(()),
             });
-            checked.map_err(|what| place.wrong(&what, &reading.fields(None)))?;
+            checked.map_err(|what| key.wrong(&what, &reading.fields(None)))?;
         }
         Ok(Plan { dialect: dialect.clone(), reading, name })
     }
 
     /// The values of a burst: those that stand in the message, and the constants of the dialect.
-    pub fn find(&self, message: &Bytes, most_bytes: u64) -> Result<SlotValues, Unread> {
+    pub fn find(&self, message: &Bytes, most_bytes: u64) -> Result<SlotValues, ReadError> {
         let mut values = self.reading.find(message, most_bytes)?;
         for number in self.dialect.numbers() {
             // constants are values like those of the message, so that whoever reads them need not tell them
             // apart
-            if let Source::Constant(x) = number.source {
+            if let Source::Constant(x) = number.value {
                 values.set(number.slot, Value::Number(Number::Float(*x)));
             }
         }
         Ok(values)
     }
 
-    /// Whether a field that is missing in a message is an error. It is in JSON; protobuf leaves
-    /// fields out that are zero.
+    /// Whether a field that is missing in a message is an error.
     pub fn names_every_field(&self) -> bool {
         matches!(self.reading.encoding, Encoding::Json)
     }
 
     /// Checks the paths of a JSON dialect against a message, since no schema can check them; the
-    /// error says which key is wrong. Other encodings are checked when the plan is made, and always
-    /// pass here.
+    /// error says which key is wrong.
     pub fn check_message(&self, message: &Bytes, most_bytes: u64) -> Result<(), String> {
         if !self.names_every_field() {
             return Ok(());
         }
         let mut values = match self.reading.find(message, most_bytes) {
             Ok(values) => values,
-            Err(Unread::Malformed) => return Ok(()), // it becomes a rejected row; the paths may be right
-            Err(Unread::Unfit(what)) => {
+            Err(ReadError::Malformed) => return Ok(()), // it becomes a rejected row; the paths may be right
+            Err(ReadError::Unfit(what)) => {
                 let there = listed(&json::fields(message));
                 return Err(format!("its first message: {what}; fields that exist: {there}"));
             }
         };
-        for place in self.dialect.places() {
+        for key in self.dialect.paths() {
             // a time may have been found as seconds and nanoseconds
-            let value = values.take(place.slot).or_else(|| match place.slot {
+            let value = values.take(key.slot).or_else(|| match key.slot {
                 Slot::Time => values.take(Slot::Seconds),
                 _ => None,
             });
             let checked = match value {
-                Some(value) => check_value(place.slot, &value, self.dialect.format),
-                None if place.slot.is_optional() => Ok(()),
+                Some(value) => check_value(key.slot, &value, self.dialect.format),
+                None if key.slot.is_optional() => Ok(()),
                 None => Err("not in its first message".into()),
             };
-            checked.map_err(|what| place.wrong(&what, &json::fields(message)))?;
+            checked.map_err(|what| key.wrong(&what, &json::fields(message)))?;
         }
         Ok(())
     }
 }
 
-impl Place<'_> {
+impl Key<'_, FieldPath> {
     /// An error about a path, with the fields that exist.
     fn wrong(&self, what: &str, there: &[FieldInfo]) -> String {
-        let Place { key, path, .. } = self;
-        format!("{key} = \"{path}\": {what}; fields that exist: {}", listed(there))
+        let Key { name, value, .. } = self;
+        format!("{name} = \"{value}\": {what}; fields that exist: {}", listed(there))
     }
 }
 
 /// Checks the key `format` against the field of the samples: bytes need a format; numbers have a
 /// type of their own, and a format beside it would have no effect.
-fn check_format(format: Option<Format>, info: &FieldInfo) -> Result<(), String> {
-    match (info.kind == Kind::Bytes, format) {
+fn check_format(format: Option<Format>, is_bytes: bool, type_name: &str) -> Result<(), String> {
+    match (is_bytes, format) {
         (true, None) => Err("is bytes: say format = \"s16le\" or \"f32le\"".into()),
         (false, Some(_)) => Err(format!(
-            "is an array of {}, whose type says how it lies: leave format out",
-            info.type_name
+            "is an array of {type_name}, whose type says how it lies: leave format out"
         )),
         _ => Ok(()),
     }
@@ -257,13 +248,9 @@ fn check_format(format: Option<Format>, info: &FieldInfo) -> Result<(), String> 
 fn check_value(slot: Slot, value: &Value, format: Option<Format>) -> Result<(), String> {
     let number = value.number();
     let fits = match (slot, value) {
-        (Slot::Samples, Value::Gathered(_)) => {
-            let info = FieldInfo::new(String::new(), Kind::Float, true, "numbers");
-            return check_format(format, &info);
-        }
+        (Slot::Samples, Value::Gathered(_)) => return check_format(format, false, "numbers"),
         (Slot::Samples, Value::Text(text)) if is_base64(text) => {
-            let info = FieldInfo::new(String::new(), Kind::Bytes, false, "base64");
-            return check_format(format, &info);
+            return check_format(format, true, "base64");
         }
         (Slot::Samples, _) => false,
         (Slot::Channels | Slot::SamplesPerChannel | Slot::FirstChannel, _) => {
@@ -283,8 +270,7 @@ pub(super) fn is_time(text: &str) -> bool {
     text.parse::<i64>().is_ok() || chrono::DateTime::parse_from_rfc3339(text).is_ok()
 }
 
-/// The pattern of a printhead's name with the topic's own parts put in. An error lists the parts that the
-/// topic has.
+/// The pattern of a printhead's name with the topic's own parts put in.
 fn name(dialect: &Dialect, topic: &str) -> Result<Vec<Part>, String> {
     let parts: Vec<&str> = topic.trim_start_matches('/').split('/').collect();
     let put_in = |part: &Part| match part {

@@ -7,7 +7,7 @@
 //! length and samples are not copied. Only the schema is decoded by a library.
 
 use super::shape::{Base, Count, Field, MessageType, Shape, Sign};
-use super::value::{Array, Element, Number, SlotValues, Unread, Value};
+use super::value::{Array, Element, Number, ReadError, SlotValues, Value};
 use super::wanted::{Then, Wanted, WantedField};
 use crate::unpanicked::unpanicked;
 use bytes::Bytes;
@@ -56,7 +56,6 @@ impl NumberedTypes {
         number
     }
 
-    /// How a field of the descriptor stands in a shape.
     fn field(&mut self, of: &FieldDescriptor) -> Field {
         let kind = of.kind();
         let base = match &kind {
@@ -93,7 +92,7 @@ pub fn walk(
     shape: &Shape,
     wanted: &Wanted,
     values: &mut SlotValues,
-) -> Result<(), Unread> {
+) -> Result<(), ReadError> {
     Walk { message, shape, values }.inside(0, message, wanted)
 }
 
@@ -105,22 +104,22 @@ struct Walk<'m> {
 }
 
 /// One occurrence of a field on the wire.
-struct Piece<'m> {
+struct WireValue<'m> {
     wire: WireType,
     /// The value's bytes, without the length that stands before them.
     bytes: &'m [u8],
 }
 
-impl From<DecodeError> for Unread {
-    fn from(_: DecodeError) -> Unread {
-        Unread::Malformed
+impl From<DecodeError> for ReadError {
+    fn from(_: DecodeError) -> ReadError {
+        ReadError::Malformed
     }
 }
 
 impl Walk<'_> {
     /// Walks the whole message, or a message within it. `number` is that of its type in the shape,
     /// `bytes` are its bytes.
-    fn inside(&mut self, number: usize, bytes: &[u8], wanted: &Wanted) -> Result<(), Unread> {
+    fn inside(&mut self, number: usize, bytes: &[u8], wanted: &Wanted) -> Result<(), ReadError> {
         let fields = &self.shape.types[number].fields;
         // for each wanted field, how many elements of it came before: protobuf writes a list as a
         // field that repeats
@@ -140,32 +139,31 @@ impl Walk<'_> {
             for (wanted, seen) in wanted.fields.iter().zip(&mut seen) {
                 let field = &fields[wanted.at.place];
                 if field.number == number {
-                    self.take(field, wanted, &Piece { wire, bytes }, seen)?;
+                    self.take(field, wanted, &WireValue { wire, bytes }, seen)?;
                 }
             }
         }
         Ok(())
     }
 
-    /// Takes one occurrence of a wanted field, or walks into it. `seen`: how many elements of the field came
-    /// before.
+    /// Takes one occurrence of a wanted field, or walks into it.
     fn take(
         &mut self,
         field: &Field,
         wanted: &WantedField,
-        piece: &Piece,
+        piece: &WireValue,
         seen: &mut u32,
-    ) -> Result<(), Unread> {
+    ) -> Result<(), ReadError> {
         // numbers of a list may stand side by side in one piece of bytes ("packed")
         let is_packed = field.is_several() && piece.wire == WireType::LengthDelimited;
         if let Base::Number(_) | Base::Varint(_) = field.base {
             return match is_packed || piece.wire == wire_type(field.base) {
                 true => self.numbers(field, wanted, piece.bytes, seen),
-                false => Err(Unread::Malformed),
+                false => Err(ReadError::Malformed),
             };
         }
         if piece.wire != wire_type(field.base) {
-            return Err(Unread::Malformed);
+            return Err(ReadError::Malformed);
         }
 
         // texts, bytes and messages: an index counts the occurrences
@@ -177,7 +175,7 @@ impl Walk<'_> {
                 self.inside(number, piece.bytes, inside)?;
             }
             (Then::Take(slot), Base::Text) => {
-                let text = str::from_utf8(piece.bytes).map_err(|_| Unread::Malformed)?;
+                let text = str::from_utf8(piece.bytes).map_err(|_| ReadError::Malformed)?;
                 self.values.set(*slot, Value::Text(text.to_owned()));
             }
             // bytes are samples or neighbours
@@ -185,7 +183,7 @@ impl Walk<'_> {
                 let array = self.array(Element::U8, piece.bytes);
                 self.values.set(*slot, Value::Array(array));
             }
-            (Then::Into(_), _) => return Err(Unread::Malformed),
+            (Then::Into(_), _) => return Err(ReadError::Malformed),
         }
         Ok(())
     }
@@ -198,13 +196,13 @@ impl Walk<'_> {
         wanted: &WantedField,
         mut bytes: &[u8],
         seen: &mut u32,
-    ) -> Result<(), Unread> {
-        let Then::Take(slot) = wanted.then else { return Err(Unread::Malformed) };
+    ) -> Result<(), ReadError> {
+        let Then::Take(slot) = wanted.then else { return Err(ReadError::Malformed) };
         match (wanted.at.index, field.base) {
             // a list of numbers of fixed width is taken without a copy; if it comes in parts, they are joined
             (None, Base::Number(element)) if field.is_several() => {
                 if !bytes.len().is_multiple_of(element.bytes()) {
-                    return Err(Unread::Malformed);
+                    return Err(ReadError::Malformed);
                 }
                 self.values.append(slot, self.array(element, bytes));
             }
@@ -237,8 +235,7 @@ impl Walk<'_> {
     }
 }
 
-/// How one element of a field is written on the wire. Groups are never wanted, so their type matches nothing
-/// else.
+/// How one element of a field is written on the wire.
 fn wire_type(base: Base) -> WireType {
     match base {
         Base::Number(element) if element.bytes() == 8 => WireType::SixtyFourBit,
@@ -250,11 +247,11 @@ fn wire_type(base: Base) -> WireType {
 }
 
 /// Takes the next number off the front of `rest`.
-fn next(base: Base, rest: &mut &[u8]) -> Result<Number, Unread> {
+fn next(base: Base, rest: &mut &[u8]) -> Result<Number, ReadError> {
     if let Base::Number(element) = base {
-        let (one, after) = rest.split_at_checked(element.bytes()).ok_or(Unread::Malformed)?;
+        let (one, after) = rest.split_at_checked(element.bytes()).ok_or(ReadError::Malformed)?;
         *rest = after;
-        return element.read(one, false).ok_or(Unread::Malformed);
+        return element.read(one, false).ok_or(ReadError::Malformed);
     }
     let bits = decode_varint(rest)?;
     Ok(Number::Integer(match base {

@@ -9,7 +9,7 @@
 
 use super::ros_definition::Flavour;
 use super::shape::{Base, Count, Field, Shape};
-use super::value::{Array, Element, SlotValues, Unread, Value};
+use super::value::{Array, Element, ReadError, SlotValues, Value};
 use super::wanted::{Then, Wanted, WantedField};
 use bytes::Bytes;
 use std::ops::Range;
@@ -28,31 +28,25 @@ pub fn walk(
     shape: &Shape,
     wanted: &Wanted,
     values: &mut SlotValues,
-) -> Result<(), Unread> {
+) -> Result<(), ReadError> {
     // The first two bytes of CDR say the order of bytes and the version. The second version (6, 7)
     // aligns numbers of 8 bytes to 4 bytes only.
-    let (at, (big_endian, widest)) = match flavour {
-        Flavour::Ros1 => (0, (false, 1)),
-        Flavour::Ros2 => (
-            ENCAPSULATION,
-            match message.get(..2).ok_or(Unread::Malformed)? {
-                [0, 0] => (true, 8),
-                [0, 1] => (false, 8),
-                [0, 6] => (true, 4),
-                [0, 7] => (false, 4),
-                _ => return Err(Unread::Malformed), // has parameters or delimiters, which ROS never writes
-            },
-        ),
+    let (at, big_endian, widest) = match (flavour, message.get(..2)) {
+        (Flavour::Ros1, _) => (0, false, 1),
+        (Flavour::Ros2, Some([0, 0])) => (ENCAPSULATION, true, 8),
+        (Flavour::Ros2, Some([0, 1])) => (ENCAPSULATION, false, 8),
+        (Flavour::Ros2, Some([0, 6])) => (ENCAPSULATION, true, 4),
+        (Flavour::Ros2, Some([0, 7])) => (ENCAPSULATION, false, 4),
+        _ => return Err(ReadError::Malformed), // has parameters or delimiters, which ROS never writes
     };
     let mut walk = Walk { shape, flavour, message, values, at, origin: at, widest, big_endian };
     walk.message_of(0, &wanted.fields)?;
     // what is left behind the last field must be padding
-    let left = message.len().checked_sub(walk.at).ok_or(Unread::Malformed)?;
+    let left = message.len().checked_sub(walk.at).ok_or(ReadError::Malformed)?;
     let most = if flavour == Flavour::Ros1 { 0 } else { MOST_PADDING };
-    if left > most { Err(Unread::Malformed) } else { Ok(()) }
+    if left > most { Err(ReadError::Malformed) } else { Ok(()) }
 }
 
-/// A message that is being walked.
 struct Walk<'m> {
     shape: &'m Shape,
     flavour: Flavour,
@@ -68,9 +62,8 @@ struct Walk<'m> {
 }
 
 impl Walk<'_> {
-    /// Walks a message whose type has this number: the whole message, or one inside it. `wanted`
-    /// are the wanted fields of this message; there may be none.
-    fn message_of(&mut self, number: usize, wanted: &[WantedField]) -> Result<(), Unread> {
+    /// Walks a message whose type has this number: the whole message, or one inside it.
+    fn message_of(&mut self, number: usize, wanted: &[WantedField]) -> Result<(), ReadError> {
         let of = &self.shape.types[number];
         if of.empty {
             return Ok(());
@@ -86,9 +79,8 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// Walks one field with all of its elements. `wanted`: the wanted fields that are this field or
-    /// elements of it.
-    fn field(&mut self, field: &Field, wanted: &[&WantedField]) -> Result<(), Unread> {
+    /// Walks one field with all of its elements.
+    fn field(&mut self, field: &Field, wanted: &[&WantedField]) -> Result<(), ReadError> {
         let count = match field.count {
             Count::One => 1,
             Count::Fixed(n) => n,
@@ -117,7 +109,7 @@ impl Walk<'_> {
             let text = self.text()?;
             for wanted in here {
                 let text = str::from_utf8(&self.message[text.clone()]);
-                let text = text.map_err(|_| Unread::Malformed)?.to_owned();
+                let text = text.map_err(|_| ReadError::Malformed)?.to_owned();
                 self.set(wanted, Value::Text(text));
             }
         }
@@ -131,12 +123,12 @@ impl Walk<'_> {
         element: Element,
         count: u32,
         wanted: &[&WantedField],
-    ) -> Result<(), Unread> {
+    ) -> Result<(), ReadError> {
         if count == 0 {
             return Ok(()); // CDR does not align for an array without elements
         }
         let width = element.bytes();
-        let bytes = (count as usize).checked_mul(width).ok_or(Unread::Malformed)?;
+        let bytes = (count as usize).checked_mul(width).ok_or(ReadError::Malformed)?;
         let at = self.take(bytes, width)?;
         for wanted in wanted {
             let value = match wanted.at.index {
@@ -166,15 +158,15 @@ impl Walk<'_> {
     }
 
     /// A whole number of 4 bytes: a count, or the length of a text.
-    fn u32(&mut self) -> Result<u32, Unread> {
+    fn u32(&mut self) -> Result<u32, ReadError> {
         let at = self.take(4, 4)?;
-        let bytes = self.message[at].first_chunk().copied().ok_or(Unread::Malformed)?;
+        let bytes = self.message[at].first_chunk().copied().ok_or(ReadError::Malformed)?;
         Ok(if self.big_endian { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) })
     }
 
     /// Passes over a text and gives its place. CDR ends a text with a zero byte, which its length
     /// counts; the zero is cut off.
-    fn text(&mut self) -> Result<Range<usize>, Unread> {
+    fn text(&mut self) -> Result<Range<usize>, ReadError> {
         let n = self.u32()? as usize;
         let at = self.take(n, 1)?;
         let zero = self.flavour == Flavour::Ros2 && self.message[at.clone()].ends_with(&[0]);
@@ -183,12 +175,12 @@ impl Walk<'_> {
 
     /// Passes over `bytes` bytes, which begin at the next multiple of `align` from `origin` where
     /// the encoding aligns; gives their place. An error if the message ends before.
-    fn take(&mut self, bytes: usize, align: usize) -> Result<Range<usize>, Unread> {
+    fn take(&mut self, bytes: usize, align: usize) -> Result<Range<usize>, ReadError> {
         let align = align.min(self.widest);
         // up to the next multiple of `align`
         let from = self.at + (self.at - self.origin).wrapping_neg() % align;
         let to = from.checked_add(bytes).filter(|to| *to <= self.message.len());
-        self.at = to.ok_or(Unread::Malformed)?;
+        self.at = to.ok_or(ReadError::Malformed)?;
         Ok(from..self.at)
     }
 }

@@ -39,10 +39,9 @@ impl Flavour {
 }
 
 /// The lines of each message, by the message's name.
-type Written<'t> = HashMap<String, Vec<&'t str>>;
+type LinesOfTypes<'t> = HashMap<String, Vec<&'t str>>;
 
-/// The shape of the message type `name`, with all types that it uses. An error says what in the definition is
-/// wrong.
+/// The shape of the message type `name`, with all types that it uses.
 pub fn shape(text: &[u8], name: &str, flavour: Flavour) -> Result<Shape, String> {
     if text.len() > MOST_BYTES {
         return Err(format!("its definition has {} bytes, too many", text.len()));
@@ -51,7 +50,7 @@ pub fn shape(text: &[u8], name: &str, flavour: Flavour) -> Result<Shape, String>
 
     // the lines belong to the message itself until the first separator
     let root = short(name);
-    let mut written: Written = HashMap::new();
+    let mut written: LinesOfTypes = HashMap::new();
     let mut at = root.clone();
     let mut lines = text.lines();
     written.insert(at.clone(), Vec::new());
@@ -74,20 +73,18 @@ pub fn shape(text: &[u8], name: &str, flavour: Flavour) -> Result<Shape, String>
     Ok(Shape { types: parser.types })
 }
 
-/// The types so far. A type gets its number before its fields are parsed, so the message itself has
-/// number 0.
+/// The types so far.
 struct Parser<'t> {
     types: Vec<MessageType>,
     flavour: Flavour,
-    written: Written<'t>,
+    written: LinesOfTypes<'t>,
     /// Numbers of the types by name; `None` while a type is being defined, so that a type that
     /// contains itself is noticed.
     known: HashMap<String, Option<usize>>,
 }
 
 impl Parser<'_> {
-    /// The number of a type. If the type has none yet, it is defined first, and with it all types
-    /// that it uses. `depth`: how many types are being defined around it.
+    /// The number of a type.
     fn define(&mut self, name: &str, depth: usize) -> Result<usize, String> {
         match self.known.get(name) {
             Some(Some(number)) => return Ok(*number),
@@ -164,7 +161,7 @@ fn short(name: &str) -> String {
 /// The full name of the message type that a field's type name `base` means within the message
 /// `within`. The order of the search: a type of the same package, one without a package, one of any
 /// other package.
-fn resolve(base: &str, within: &str, written: &Written, flavour: Flavour) -> String {
+fn resolve(base: &str, within: &str, written: &LinesOfTypes, flavour: Flavour) -> String {
     if base.contains('/') {
         return short(base);
     }

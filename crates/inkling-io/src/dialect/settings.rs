@@ -10,7 +10,7 @@ use super::wanted::Slot;
 use inkling_core::burst::{Format, Layout};
 use serde::{Deserialize, Serialize, Serializer};
 
-/// At most so many dialects: a set of them is the bits of a u64 ([`super::Fits`]).
+/// At most so many dialects: a set of them is the bits of a u64 ([`super::DialectSet`]).
 pub const MOST_DIALECTS: usize = 64;
 /// At most so many field paths in the pattern of a printhead's name.
 pub const MOST_TEXTS: usize = 4;
@@ -32,23 +32,18 @@ pub struct Dialect {
     /// Order of the samples; channel by channel if nothing is said.
     #[serde(default)]
     pub layout: Layout,
-    /// Number of channels.
     pub channels: Source,
     /// Samples of each channel; `None`: as many as there are, divided by the channels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub samples_per_channel: Option<Source>,
-    /// Number of the first channel.
     #[serde(default = "Source::zero")]
     pub first_channel: Source,
     /// Sample period in s. Exactly one of this and `rate_hz` must be given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub period_s: Option<Source>,
-    /// Sampling rate in Hz.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rate_hz: Option<Source>,
-    /// Name of the printhead.
     pub printhead: Template,
-    /// Time of the first sample.
     #[serde(default)]
     pub time: TimeSource,
     /// Temperature of the ink in °C; `None`: not recorded.
@@ -150,7 +145,6 @@ impl From<TimeSource> for String {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Template {
-    /// As the user wrote it.
     text: String,
     pub parts: Vec<Part>,
 }
@@ -177,8 +171,7 @@ impl Template {
 impl TryFrom<String> for Template {
     type Error = String;
 
-    /// Parses a pattern: text in which each pair of braces holds `topic.N` or a path. There is no
-    /// way to write an opening brace itself.
+    /// Parses a pattern: text in which each pair of braces holds `topic.N` or a path.
     fn try_from(text: String) -> Result<Template, String> {
         let (mut parts, mut rest) = (Vec::new(), text.as_str());
         while let Some((before, after)) = rest.split_once('{') {
@@ -210,23 +203,16 @@ impl From<Template> for String {
     }
 }
 
-/// A key of a dialect that takes a number or a path, with its value and the slot that it fills.
-pub struct Numbered<'a> {
-    pub key: &'static str,
+/// A key of a dialect with its value, which is a [`Source`] or a path, and the slot that it fills.
+pub struct Key<'a, T> {
+    pub name: &'static str,
     pub slot: Slot,
-    pub source: &'a Source,
-}
-
-/// A key whose value is a path, with the slot that is filled from there.
-pub struct Place<'a> {
-    pub key: &'static str,
-    pub slot: Slot,
-    pub path: &'a FieldPath,
+    pub value: &'a T,
 }
 
 impl Dialect {
     /// The keys that take a number or a path, as far as the block gives them.
-    pub fn numbers(&self) -> impl Iterator<Item = Numbered<'_>> {
+    pub fn numbers(&self) -> impl Iterator<Item = Key<'_, Source>> {
         let all = [
             ("channels", Slot::Channels, Some(&self.channels)),
             ("samples_per_channel", Slot::SamplesPerChannel, self.samples_per_channel.as_ref()),
@@ -238,31 +224,29 @@ impl Dialect {
             ("idle", Slot::Idle, self.idle.as_ref()),
             ("neighbours", Slot::Neighbours, self.neighbours.as_ref()),
         ];
-        all.into_iter()
-            .filter_map(|(key, slot, source)| Some(Numbered { key, slot, source: source? }))
+        all.into_iter().filter_map(|(name, slot, value)| Some(Key { name, slot, value: value? }))
     }
 
-    /// All paths of the dialect, each with its key.
-    pub fn places(&self) -> Vec<Place<'_>> {
-        let mut places = vec![Place { key: "samples", slot: Slot::Samples, path: &self.samples }];
-        places.extend(self.numbers().filter_map(|Numbered { key, slot, source }| match source {
+    pub fn paths(&self) -> Vec<Key<'_, FieldPath>> {
+        let mut paths = vec![Key { name: "samples", slot: Slot::Samples, value: &self.samples }];
+        paths.extend(self.numbers().filter_map(|Key { name, slot, value }| match value {
             Source::Constant(_) => None,
-            Source::Path(path) => Some(Place { key, slot, path }),
+            Source::Path(value) => Some(Key { name, slot, value }),
         }));
-        if let TimeSource::Path(path) = &self.time {
-            places.push(Place { key: "time", slot: Slot::Time, path });
+        if let TimeSource::Path(value) = &self.time {
+            paths.push(Key { name: "time", slot: Slot::Time, value });
         }
         let texts = self.printhead.paths().zip(0..);
-        let key = "printhead";
-        places.extend(texts.map(|(path, n)| Place { key, slot: Slot::Text(n), path }));
-        places
+        let name = "printhead";
+        paths.extend(texts.map(|(value, n)| Key { name, slot: Slot::Text(n), value }));
+        paths
     }
 
     /// Checks what is wrong whatever the recording: constants out of range, and both or neither of period and
     /// rate. The error names the key and says what to give.
     pub fn check(&self) -> Result<(), String> {
-        for Numbered { key, slot, source } in self.numbers() {
-            let Source::Constant(x) = *source else { continue };
+        for Key { name, slot, value } in self.numbers() {
+            let Source::Constant(x) = *value else { continue };
             let is_whole = x.fract() == 0.0;
             let (is_good, what) = match slot {
                 Slot::Channels | Slot::SamplesPerChannel => {
@@ -280,7 +264,7 @@ impl Dialect {
                 _ => (is_whole && (0.0..=255.0).contains(&x), "give 0 to 255"),
             };
             if !is_good {
-                return Err(format!("{key} = {x:?}: {what}"));
+                return Err(format!("{name} = {x:?}: {what}"));
             }
         }
         match (&self.period_s, &self.rate_hz) {

@@ -28,7 +28,6 @@ pub struct MessageType {
     pub empty: bool,
 }
 
-/// One field of a message type.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Field {
     pub name: String,
@@ -76,7 +75,6 @@ pub enum Count {
 }
 
 impl Field {
-    /// Whether the field has several elements, or can have.
     pub fn is_several(&self) -> bool {
         self.count != Count::One
     }
@@ -108,8 +106,7 @@ impl Shape {
         }
     }
 
-    /// Describes a field. `list`: the path means all elements of a field that has several, not one
-    /// of them.
+    /// Describes a field.
     fn info(&self, field: &Field, path: String, list: bool) -> FieldInfo {
         let kind = match field.base {
             Base::Number(Element::U8) if list => {
@@ -126,8 +123,7 @@ impl Shape {
         FieldInfo::new(path, kind, list, &field.type_name)
     }
 
-    /// The places of the fields for seconds and nanoseconds, if a message type has both. A message
-    /// of such a type counts as a time, whatever the type is called.
+    /// The places of the fields for seconds and nanoseconds, if a message type has both.
     fn time_places(&self, message: usize) -> Option<[usize; 2]> {
         let fields = &self.types[message].fields;
         let is_whole = |field: &Field| match field.base {
@@ -141,7 +137,6 @@ impl Shape {
         Some([find(&SECONDS)?, find(&NANOSECONDS)?])
     }
 
-    /// The place of a field in a message type, by its name.
     fn place(&self, message: usize, name: &str) -> Result<usize, String> {
         let of = &self.types[message];
         let place = of.fields.iter().position(|field| field.name == name);

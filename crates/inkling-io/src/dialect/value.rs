@@ -43,23 +43,12 @@ impl Element {
         (Element::F64, "f8", "float64"),
     ];
 
-    /// Bytes of one number.
     pub fn bytes(self) -> usize {
         match self {
             Element::I8 | Element::U8 => 1,
             Element::I16 | Element::U16 => 2,
             Element::I32 | Element::U32 | Element::F32 => 4,
             Element::I64 | Element::U64 | Element::F64 => 8,
-        }
-    }
-
-    /// The format of a burst whose bytes little-endian numbers of this type are already. `None`:
-    /// they must be converted.
-    pub fn format(self) -> Option<Format> {
-        match self {
-            Element::I16 => Some(Format::S16Le),
-            Element::F32 => Some(Format::F32Le),
-            _ => None,
         }
     }
 
@@ -132,7 +121,6 @@ impl Number {
 pub struct Gathered {
     pub bytes: Vec<u8>,
     pub format: Format,
-    /// Bound on the bytes that are gathered.
     most_bytes: usize,
     /// Whether there were more numbers than the bound allows. Those are not kept.
     pub too_many: bool,
@@ -168,7 +156,6 @@ impl Gathered {
         self.bytes.extend((x as f32).to_le_bytes());
     }
 
-    /// The samples as f32.
     fn floats(&self) -> impl Iterator<Item = f32> {
         samples(&self.bytes, self.format).map(|x| x as f32)
     }
@@ -185,11 +172,10 @@ pub fn samples(of: &[u8], format: Format) -> impl Iterator<Item = f64> {
 
 /// Why nothing could be read from a message.
 #[derive(Debug)]
-pub enum Unread {
+pub enum ReadError {
     /// The message is not what its schema says, or it is no JSON. It becomes a rejected row.
     Malformed,
-    /// A field of a JSON message is not what the dialect says. This is found only when a message is read,
-    /// because JSON has no schema.
+    /// A field of a JSON message is not what the dialect says.
     Unfit(String),
 }
 
@@ -202,7 +188,6 @@ pub struct Array {
 }
 
 impl Array {
-    /// All numbers of the array.
     fn numbers(&self) -> impl Iterator<Item = f64> {
         self.element.numbers(&self.bytes, self.big_endian)
     }
@@ -240,7 +225,6 @@ impl SlotValues {
         SlotValues { values: BTreeMap::new(), most_bytes }
     }
 
-    /// Sets the value of a slot, in place of an earlier one.
     pub fn set(&mut self, slot: Slot, value: Value) {
         self.values.insert(slot, value);
     }
@@ -279,13 +263,11 @@ impl SlotValues {
     }
 }
 
-/// Whether a text can be decoded as base64.
 pub fn is_base64(text: &str) -> bool {
     BASE64.decode(text).is_ok()
 }
 
-/// The samples of a burst in their format. `too_many`: there were more than the bound allows, and
-/// `bytes` cannot be used.
+/// The samples of a burst in their format.
 pub struct Samples {
     pub bytes: Bytes,
     pub format: Format,
@@ -317,7 +299,9 @@ impl Value {
                 let lie = match array.element {
                     Element::U8 => format,
                     _ if array.big_endian => None,
-                    element => element.format(),
+                    Element::I16 => Some(Format::S16Le),
+                    Element::F32 => Some(Format::F32Le),
+                    _ => None,
                 };
                 match lie {
                     Some(format) => return whole(array.bytes, format),

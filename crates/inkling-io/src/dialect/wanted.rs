@@ -7,8 +7,7 @@
 
 use super::path::Step;
 
-/// The part of a burst that a field becomes. There is one slot for each key of a dialect that may
-/// be a path, except that a time may take two slots and a name several.
+/// The part of a burst that a field becomes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Slot {
     Samples,
@@ -61,8 +60,7 @@ pub enum Then {
 }
 
 impl Wanted {
-    /// Adds a path, and the slot that its field fills. Paths with the same beginning share it, so
-    /// that a message inside the message is walked once. `path` has at least one step.
+    /// Adds a path, and the slot that its field fills.
     pub fn want(&mut self, path: &[Step], slot: Slot) {
         let [at, rest @ ..] = path else { return };
         if rest.is_empty() {

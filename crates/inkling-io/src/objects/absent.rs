@@ -14,8 +14,7 @@ fn absent<T>() -> io::Result<T> {
     Err(io::Error::new(io::ErrorKind::Unsupported, WHAT))
 }
 
-/// An object of a store. This build can open none, so the type has no values, and its methods can never be
-/// called.
+/// An object of a store.
 #[derive(Debug)]
 pub enum Object {}
 

@@ -38,8 +38,7 @@ const MOST_KEPT: usize = MOST_AHEAD as usize + 6;
 #[derive(Debug)]
 pub struct Object {
     place: Place,
-    /// What the server said of the object when it was opened. Its tag (`e_tag`) identifies the state that
-    /// every part must be of.
+    /// What the server said of the object when it was opened.
     meta: ObjectMeta,
     /// Shared with the tasks that fetch the parts.
     parts: Arc<Parts>,
@@ -75,8 +74,7 @@ enum Fetch {
     Coming(AbortHandle),
     /// The request gave the whole part.
     Here(Bytes),
-    /// The request's last try failed. The reader that finds this gets the error, in kind and words;
-    /// the next reader asks for the part anew.
+    /// The request's last try failed.
     Failed(ErrorKind, String),
 }
 
@@ -117,8 +115,7 @@ impl Parts {
 }
 
 impl Object {
-    /// Asks for the object's size and state. An error has a kind, such as `NotFound`, and words without
-    /// credentials.
+    /// Asks for the object's size and state.
     pub fn open(path: &Path) -> io::Result<Object> {
         let place = Place::of(path)?;
         let meta = runtime()?.block_on(async { place.store.head(&place.key).await });
@@ -141,8 +138,7 @@ impl Object {
         Ok(if same { stamp } else { Stamp { modified_ns: None, ..stamp } })
     }
 
-    /// Fills `buffer` with the bytes from `offset` on. An object that ends before is an error
-    /// (`UnexpectedEof`).
+    /// Fills `buffer` with the bytes from `offset` on.
     pub fn read_at(&self, offset: u64, buffer: &mut [u8]) -> io::Result<()> {
         let end = offset.checked_add(buffer.len() as u64).filter(|&end| end <= self.meta.size);
         let end = end.ok_or(ErrorKind::UnexpectedEof)?;
@@ -224,8 +220,7 @@ impl Object {
 }
 
 impl PartCache {
-    /// Notes that part `number` is read, of an object of `parts` parts. Gives the numbers of the
-    /// parts to ask for: this part and those ahead of it.
+    /// Notes that part `number` is read, of an object of `parts` parts.
     fn wanted(&mut self, number: u64, parts: u64) -> std::ops::Range<u64> {
         if number == self.furthest + 1 {
             self.ahead = (self.ahead * 2).clamp(1, MOST_AHEAD);

@@ -37,8 +37,7 @@ impl Profile {
         profile
     }
 
-    /// Takes the keys of one section of an INI file. Keys of other sections and lines of other forms are
-    /// ignored; what was taken from another file before stays where this one says nothing.
+    /// Takes the keys of one section of an INI file.
     fn take(&mut self, text: &str, section: &str) {
         let mut ours = false;
         for line in text.lines().map(str::trim) {

@@ -31,8 +31,7 @@ const MOST_RETRIES: usize = 4;
 /// Characters of a library's error that are shown; a server may answer with a whole page.
 const MOST_WORDS: usize = 300;
 
-/// Where an object lies: a bucket's store and a key in it. The key may also be the common beginning
-/// (a prefix, up to a `/`) of many objects' keys.
+/// Where an object lies: a bucket's store and a key in it.
 #[derive(Clone, Debug)]
 pub struct Place {
     pub store: Arc<dyn ObjectStore>,
@@ -42,8 +41,7 @@ pub struct Place {
 }
 
 impl Place {
-    /// The place that a name means; asks no server. A name without a bucket or with a key that no object can
-    /// have, such as one with `..`, is `InvalidInput`; missing credentials are `PermissionDenied`.
+    /// The place that a name means; asks no server.
     pub fn of(name: &Name) -> io::Result<Place> {
         let text = name.to_str().ok_or_else(|| wrong("its name is not UTF-8".into()))?;
         // on Windows a path that was put together has backslashes
@@ -61,13 +59,11 @@ impl Place {
     }
 }
 
-/// Checks that a name is valid and that there are credentials for it; asks no server. Commands call it before
-/// they begin, so that hours of work do not end at the first result.
+/// Checks that a name is valid and that there are credentials for it; asks no server.
 pub fn check(name: &Name) -> io::Result<()> {
     Place::of(name).map(drop)
 }
 
-/// An error about a name.
 fn wrong(what: String) -> io::Error {
     io::Error::new(ErrorKind::InvalidInput, what)
 }

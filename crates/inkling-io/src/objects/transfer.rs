@@ -19,7 +19,6 @@ const PART_BYTES: usize = 8 << 20;
 /// Parts on their way at once; with the bytes of a part this bounds the memory of sending.
 const MOST_PARTS: usize = 3;
 
-/// The stamp of an object, from what the server says of it.
 pub fn stamp_of(meta: &ObjectMeta) -> Stamp {
     Stamp { bytes: meta.size, modified_ns: meta.last_modified.timestamp_nanos_opt() }
 }

@@ -1,0 +1,274 @@
+//! Reads tables of CSV that other programs wrote.
+//!
+//! In: CSV, and which columns are what ([`Columns`]). Out: a [`Table`] of decays.
+//!
+//! Cells are separated by comma, semicolon or tab; with semicolon and tab, decimal commas are read,
+//! too. A byte order mark and lines that begin with `#` are passed over. No cell of times and
+//! outputs is dropped silently: a cell that is no number is an error that names the line, and so is
+//! a missing time; a missing output is kept as NaN, and `sampling.rs` counts it. Of the columns
+//! beside them ([`Columns::beside`]) only the first row of each decay is read.
+
+use super::file_error::{FileError, line_of};
+use super::printable;
+use super::regular_file::{self, BoundedRecords};
+use super::table_file::{
+    ChosenColumns, Columns, LONGEST_NAME, Rows, Table, choose_columns, unit_ns, unread,
+};
+use chrono::{DateTime, NaiveDateTime};
+use csv::StringRecord;
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+
+/// Most bytes of CSV that are read; columns that nobody asks for count, too.
+const MOST_BYTES: u64 = 1 << 34;
+pub fn read(path: &Path, columns: &Columns) -> Result<Table, FileError> {
+    let file = regular_file::open(path).map_err(unread(path))?;
+    let mut file = BufReader::with_capacity(1 << 16, file);
+    let delimiter = delimiter(file.fill_buf().map_err(unread(path))?);
+    read_from(file, delimiter, path, columns)
+}
+
+/// The byte that separates cells, told from the first line that is neither empty nor a comment: the semicolon
+/// if that line has one, else the tab if it has one, else the comma.
+fn delimiter(start: &[u8]) -> u8 {
+    let mut lines = start.split(|b| *b == b'\n').filter(|line| !line.trim_ascii().is_empty());
+    let header = lines.find(|line| !line.starts_with(b"#")).unwrap_or_default();
+    [b';', b'\t'].into_iter().find(|d| header.contains(d)).unwrap_or(b',')
+}
+
+/// Reads the header, chooses the columns, and reads rows until the input ends.
+fn read_from(
+    input: impl Read,
+    delimiter: u8,
+    path: &Path,
+    columns: &Columns,
+) -> Result<Table, FileError> {
+    let mut csv = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .delimiter(delimiter)
+        .comment(Some(b'#'))
+        .from_reader(BoundedRecords::new(input, MOST_BYTES));
+    let failed = |e| csv_error(path, e);
+    let header = csv.headers().map_err(failed)?.clone();
+    if header.is_empty() {
+        let what = "is empty: a line of column names and rows of numbers are needed";
+        return Err(FileError::failed(path, what));
+    }
+
+    // which columns are read
+    let decimal_comma = delimiter != b',';
+    let chosen =
+        choose(&header, columns, decimal_comma).map_err(|what| columns.refused(path, what))?;
+
+    // dates become numbers in the unit of their column, seconds where its name says none; as f64 these hold
+    // steps of .24 µs
+    let date_unit_ns = chosen.time.and_then(|c| unit_ns(&chosen.names[c])).unwrap_or(1e9);
+
+    let mut rows = Rows::new(&chosen);
+    let mut record = StringRecord::new();
+    while csv.read_record(&mut record).map_err(failed)? {
+        csv.get_mut().record_ends();
+        let line = record.position().map_or(0, csv::Position::line);
+        let text = |c: Option<usize>| c.and_then(|c| record.get(c)).unwrap_or_default();
+        let cell = |c: usize| {
+            let cell = record.get(c).unwrap_or_default();
+            // only cells in the column of times may be dates
+            let date = || time_in(cell).filter(|_| chosen.time == Some(c));
+            let time = || date().map(|ns| ns as f64 / date_unit_ns);
+            number_in(cell, decimal_comma).or_else(|e| time().ok_or(e))
+        };
+        rows.add(line, text(chosen.burst), text(chosen.printhead), cell)
+            .map_err(|what| FileError::Failed { place: line_of(path, line), what })?;
+    }
+    let time = chosen.time.map(|c| chosen.names[c].clone());
+    rows.table(time).ok_or_else(|| FileError::failed(path, "a header and no rows"))
+}
+
+/// An error of the csv crate in words, with its line.
+fn csv_error(path: &Path, e: csv::Error) -> FileError {
+    let line = e.position().map_or(1, csv::Position::line);
+    let what = match e.into_kind() {
+        csv::ErrorKind::Io(source) => return unread(path)(source),
+        csv::ErrorKind::Utf8 { .. } => "is not UTF-8 text".into(),
+        csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
+            format!("{len} cells where the header has {expected_len}")
+        }
+        other => format!("{other:?}"),
+    };
+    FileError::Failed { place: line_of(path, line), what }
+}
+
+/// Parses a time such as 2026-11-01T08:00:00.5Z to ns since 1970. A blank may stand instead of the
+/// T. A time without a zone is taken as UTC. `None`: the cell is no such time.
+fn time_in(cell: &str) -> Option<i64> {
+    let cell = unquoted(cell);
+    let zoned = || DateTime::parse_from_rfc3339(cell).ok()?.timestamp_nanos_opt();
+    let plain =
+        |format| NaiveDateTime::parse_from_str(cell, format).ok()?.and_utc().timestamp_nanos_opt();
+    zoned().or_else(|| plain("%Y-%m-%d %H:%M:%S%.f")).or_else(|| plain("%Y-%m-%dT%H:%M:%S%.f"))
+}
+
+/// Finds the columns of a CSV by the names in its first line.
+fn choose(
+    header: &StringRecord,
+    columns: &Columns,
+    decimal_comma: bool,
+) -> Result<ChosenColumns, String> {
+    let names: Vec<String> = header
+        .iter()
+        .map(|h| unquoted(h.trim_start_matches('\u{feff}').trim()).to_owned())
+        .collect();
+    if let Some(name) = names.iter().find(|name| name.len() > LONGEST_NAME) {
+        return Err(format!("a column's name is too long: {:?}", printable::cell(name)));
+    }
+    let numbers =
+        names.iter().filter(|name| number_in(name, decimal_comma).is_ok_and(f64::is_finite));
+    if numbers.count() == names.len() {
+        return Err("the first line holds numbers: it must name the columns".to_owned());
+    }
+    choose_columns(names, columns)
+}
+
+/// A cell as a number; NaN where it is empty or says that nothing was measured.
+fn number_in(cell: &str, decimal_comma: bool) -> Result<f64, String> {
+    let cell = unquoted(cell);
+    if cell.is_empty()
+        || ["nan", "na", "null", "none", "-"].iter().any(|w| cell.eq_ignore_ascii_case(w))
+    {
+        return Ok(f64::NAN);
+    }
+    let parsed = match decimal_comma && cell.contains(',') && !cell.contains('.') {
+        true => cell.replacen(',', ".", 1).parse::<f64>(),
+        false => cell.parse(),
+    };
+    match parsed {
+        // samples are stored as f32; times have the same bound
+        Ok(x) if x.abs() <= f64::from(f32::MAX) || x.is_nan() => Ok(x),
+        Ok(_) => Err(format!("{} is too large for a sample (f32)", printable::cell(cell))),
+        Err(_) => Err(format!("{:?} is no number", printable::cell(cell))),
+    }
+}
+
+/// A cell without quotes. The csv crate takes quotes that follow a blank for a part of the cell.
+fn unquoted(cell: &str) -> &str {
+    cell.strip_prefix('"').and_then(|cell| cell.strip_suffix('"')).unwrap_or(cell)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::table_file::{Content, Decay};
+    use super::*;
+
+    fn table(text: &str, columns: &Columns) -> Result<(Table, Vec<Decay>), String> {
+        let path = Path::new("t.csv");
+        let mut table = read_from(text.as_bytes(), delimiter(text.as_bytes()), path, columns)
+            .map_err(|e| e.to_string())?;
+        match std::mem::replace(&mut table.content, Content::Decays(Vec::new())) {
+            Content::Decays(decays) => Ok((table, decays)),
+            Content::Bursts(_) => panic!("rows, not bursts"),
+        }
+    }
+
+    fn columns(time: &str, outputs: &str, burst: &str) -> Columns {
+        let some = |name: &str| (!name.is_empty()).then(|| name.to_owned());
+        Columns {
+            time: some(time),
+            outputs: some(outputs).map(|o| o.split(',').map(str::to_owned).collect()),
+            burst: some(burst),
+            ..Columns::default()
+        }
+    }
+
+    #[test]
+    fn the_first_column_is_time_and_the_rest_are_outputs() {
+        let (t, decays) = table("t,a,b\n0,1,2\n1,3,4\n", &Columns::default()).unwrap();
+        assert_eq!((t.time.as_deref(), t.first_time), (Some("t"), Some(0.0)));
+        assert_eq!(t.outputs, ["a", "b"]);
+        assert_eq!(decays.len(), 1);
+        assert_eq!(decays[0].times, [0.0, 1.0]);
+        assert_eq!(decays[0].outputs, [[1.0, 3.0], [2.0, 4.0]]);
+    }
+
+    #[test]
+    fn a_burst_column_groups_rows_also_where_they_alternate() {
+        let text = "gap,t,in,out\nx,0,9,1\ny,0,9,2\nx,1,9,3\ny,1,9,4\n";
+        let (_, decays) = table(text, &columns("t", "out", "gap")).unwrap();
+        let names: Vec<&str> = decays.iter().map(|d| d.name.as_str()).collect();
+        assert_eq!(names, ["x", "y"]);
+        assert_eq!(decays[1].outputs, [[2.0, 4.0]]);
+        assert_eq!(decays[1].line, 3);
+        let (t, _) = table(text, &columns("", "", "gap")).unwrap();
+        assert_eq!(t.outputs, ["in", "out"]);
+    }
+
+    #[test]
+    fn semicolons_decimal_commas_tabs_marks_comments_and_quotes_are_read() {
+        let expected = vec![vec![1.5, -2e3]];
+        for text in [
+            "\u{feff}t;y\r\n0;1,5\r\n1;-2e3\r\n",
+            "# made by hand\nt\ty\n0\t1.5\n1\t-2000\n",
+            "\"t\", \"y\"\n\n0, \"1.5\"\n1, -2000.0\n",
+        ] {
+            let (t, decays) = table(text, &Columns::default()).unwrap();
+            assert_eq!((t.time.as_deref(), &decays[0].outputs), (Some("t"), &expected), "{text}");
+        }
+    }
+
+    #[test]
+    fn missing_cells_are_nan_and_what_is_no_number_names_its_line() {
+        let (_, decays) = table("t,y\n0,\n1,NaN\n2,3\n", &Columns::default()).unwrap();
+        let y = &decays[0].outputs[0];
+        assert!(y[0].is_nan() && y[1].is_nan() && y[2] == 3.0);
+        for (text, says) in [
+            ("t,y\n0,1\n1,abc\n", "line 3: column \"y\": \"abc\" is no number"),
+            ("t,y\n0,1\n,2\n", "line 3: column \"t\": a row without a time"),
+            ("t,y\n0,1\ninf,2\n", "line 3"),
+            ("t,y\n0,1e60\n", "too large"),
+            ("t,y\n0,1\n1\n", "line 3: 1 cells where the header has 2"),
+            ("t,y\n", "no rows"),
+            ("", "is empty: a line of column names"),
+            ("0,1\n1,2\n", "must name the columns"),
+            ("t\n0\n", "no column is left for an output"),
+            ("t,y,y\n0,1,2\n", "several columns \"y\""),
+        ] {
+            let e = table(text, &Columns::default()).err().unwrap();
+            assert!(e.contains(says), "{text:?}: {e}");
+        }
+        for (columns, says) in [
+            (columns("u", "", ""), "no column \"u\"; there are t, y"),
+            (columns("t", "y,y", ""), "asked for twice"),
+            (columns("t", "t", ""), "asked for twice"),
+            (columns("", "t", ""), "unless --time names another"),
+        ] {
+            let e = table("t,y\n0,1\n", &columns).err().unwrap();
+            assert!(e.contains(says), "{e}");
+        }
+    }
+
+    #[test]
+    fn dates_are_in_the_unit_of_their_column() {
+        for (time, second) in
+            [("t", 1.0), ("t_s", 1.0), ("t_ms", 1e3), ("t_us", 1e6), ("t_ns", 1e9)]
+        {
+            let text = format!("{time},y\n1970-01-01T00:00:01Z,1\n1970-01-01 00:00:01.5,2\n");
+            let (_, decays) = table(&text, &Columns::default()).unwrap();
+            assert_eq!(decays[0].times, [second, 1.5 * second], "{time}");
+        }
+    }
+
+    #[test]
+    fn who_names_a_printhead_has_not_chosen_wrong_columns() {
+        let read = |columns: &Columns| {
+            read_from(&b"0,1\n1,2\n"[..], b',', Path::new("t.csv"), columns).err().unwrap()
+        };
+        let printhead = Columns { printhead: Some("K1".into()), ..Columns::default() };
+        assert!(matches!(read(&printhead), FileError::Failed { .. }));
+        assert!(matches!(read(&columns("t", "", "")), FileError::Mistaken { .. }));
+    }
+
+    #[test]
+    fn text_that_is_not_utf_8_is_an_error() {
+        let e = read_from(&b"t,y\n0,1\n1,\xff\n"[..], b',', Path::new("t"), &Columns::default());
+        assert!(e.err().unwrap().to_string().contains("line 3: is not UTF-8"));
+    }
+}

@@ -1,0 +1,134 @@
+//! The first message of a channel as a proposal of a dialect looks at it (`guess.rs`): what its fields
+//! hold, and what samples they would give.
+//!
+//! In: a message, how it is read, and its fields. Out: numbers, texts and [`MessageSamples`], field
+//! by field; fields as the user is shown them ([`ShownField`]).
+
+use super::fields::{FieldInfo, Kind};
+use super::plan::Reading;
+use super::value::{self, Number, SlotValues, Value};
+use super::wanted::Slot;
+use crate::printable;
+use bytes::Bytes;
+use chrono::{DateTime, SecondsFormat};
+use inkling_core::burst::Format;
+
+/// A first message that is larger is not looked at.
+pub const MOST_MESSAGE_BYTES: usize = 1 << 20;
+/// Bound on the bytes of samples that are made of the first message. It is four times the message,
+/// because a number of one byte (in an array of int8) may become a float32 of four.
+const MOST_LOOKED_AT: u64 = MOST_MESSAGE_BYTES as u64 * 4;
+
+/// A field of the first message.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct ShownField {
+    pub path: String,
+    #[serde(rename = "type")]
+    pub type_name: String,
+    /// Of a field with several elements, how many; of bytes, how many bytes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub length: Option<usize>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub value: Option<String>,
+}
+
+/// The samples that one field of the first message would give.
+pub struct MessageSamples {
+    /// Length of the field as the user sees it: bytes of a field of bytes, else numbers.
+    pub length: usize,
+    /// If the field is a list of lists, how many inner lists it has.
+    pub outer: Option<usize>,
+    /// The samples themselves, in the message's order.
+    pub numbers: Vec<f64>,
+    /// The guessed format of a field of bytes; `None` for arrays of numbers, whose type is known.
+    pub format: Option<Format>,
+}
+
+/// The first message, how it is read, and its fields.
+pub struct FirstMessage<'a> {
+    pub reading: Reading,
+    pub message: &'a Bytes,
+    pub fields: &'a [FieldInfo],
+}
+
+impl FirstMessage<'_> {
+    /// A field as the user is shown it: with its length if it has several elements, else with its
+    /// value.
+    pub fn shown(&self, field: &FieldInfo) -> ShownField {
+        let several = field.list || field.kind == Kind::Bytes;
+        let samples = several.then(|| self.samples(field)).flatten();
+        let value = if several { None } else { self.value(field) };
+        let length = samples.map(|samples| samples.length);
+        ShownField { path: field.path.clone(), type_name: field.typed(), length, value }
+    }
+
+    /// The samples that this field would give. `None`: it cannot be read as samples.
+    pub fn samples(&self, field: &FieldInfo) -> Option<MessageSamples> {
+        let is_bytes = field.kind == Kind::Bytes;
+        let value = self.values_at(&field.path, Slot::Samples)?.take(Slot::Samples)?;
+        // bytes are read as int16 first; if they look more like float32, they are read as float32
+        let written = is_bytes.then_some(Format::S16Le);
+        let samples = value.samples(written, MOST_LOOKED_AT)?;
+        let bytes = &samples.bytes;
+        let format = match is_bytes && bytes.len().is_multiple_of(4) && look_like_floats(bytes) {
+            true => Format::F32Le,
+            false => samples.format,
+        };
+        let numbers: Vec<f64> = value::samples(bytes, format).collect();
+        Some(MessageSamples {
+            length: if is_bytes { bytes.len() } else { numbers.len() },
+            outer: field.rows,
+            numbers,
+            format: is_bytes.then_some(format),
+        })
+    }
+
+    pub fn value(&self, field: &FieldInfo) -> Option<String> {
+        match field.kind {
+            Kind::Integer | Kind::Float => match self.number(&field.path)? {
+                Number::Integer(n) => Some(n.to_string()),
+                Number::Float(x) => Some(x.to_string()),
+            },
+            Kind::Text => match self.values_at(&field.path, Slot::Text(0))?.take(Slot::Text(0))? {
+                Value::Text(text) => Some(printable::cell(&text)),
+                Value::Number(number) => Some(number.float().to_string()),
+                _ => None,
+            },
+            Kind::Time => {
+                let mut values = self.values_at(&field.path, Slot::Time)?;
+                let seconds = values.number(Slot::Seconds)?.integer()?.try_into().ok()?;
+                let nanoseconds = values.number(Slot::Nanoseconds)?.integer()?.try_into().ok()?;
+                let time = DateTime::from_timestamp(seconds, nanoseconds)?;
+                Some(time.to_rfc3339_opts(SecondsFormat::Nanos, true))
+            }
+            Kind::Bool | Kind::Bytes | Kind::Message => None,
+        }
+    }
+
+    pub fn number(&self, path: &str) -> Option<Number> {
+        let slot = Slot::SamplesPerChannel;
+        self.values_at(path, slot)?.number(slot)
+    }
+
+    /// A whole number of more than 0.
+    pub fn count(&self, path: &str) -> Option<usize> {
+        let n = self.number(path).and_then(Number::integer)?;
+        usize::try_from(n).ok().filter(|n| *n > 0)
+    }
+
+    /// What the first message has at a path, as what the slot asks for.
+    fn values_at(&self, path: &str, slot: Slot) -> Option<SlotValues> {
+        self.reading.look(self.message, path, slot, MOST_LOOKED_AT)
+    }
+}
+
+/// Whether bytes look like float32 rather than int16: more than 19 of 20 are, as floats, zero or of
+/// a magnitude that samples have (1e-6 to 1e7).
+fn look_like_floats(bytes: &[u8]) -> bool {
+    let all = bytes.as_chunks::<4>().0;
+    let usual = all.iter().filter(|b| {
+        let x = f32::from_le_bytes(**b).abs();
+        x == 0.0 || (1e-6..1e7).contains(&x)
+    });
+    usual.count() * 20 > all.len() * 19
+}

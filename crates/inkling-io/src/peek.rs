@@ -1,0 +1,131 @@
+//! Looks at the beginning of a recording: which dialects read something in it, and which channels
+//! look like bursts although nothing reads them.
+//!
+//! In: a [`Recording`], of which a few blocks are decoded. Out: [`DialectsUsed`] and
+//! [`UnreadChannel`]s, of which the user is told before anything is judged.
+
+use super::block::Block;
+use super::block_reader::BlockReader;
+use super::census::{Census, MessageKind, TopicSummary};
+use super::damage::RecordingError;
+use super::dialect::Dialects;
+use super::dialect::guess::guess;
+use super::mcap_summary::MOST_OF_A_NAME;
+use super::printable;
+use super::recording::Recording;
+use std::collections::BTreeSet;
+
+/// A channel whose messages look like bursts, and that nothing reads. `replay` warns of it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UnreadChannel {
+    pub topic: String,
+    pub schema: String,
+    /// Number of messages by the statistics; `None`: the file does not say.
+    pub messages: Option<u64>,
+    /// Whether a dialect would read the channel under another topic or schema name: then a name is
+    /// probably mistyped.
+    pub by_dialect: bool,
+}
+
+/// Which dialects a recording uses, by their numbers, which may come several times.
+#[derive(Clone, Debug)]
+pub struct DialectsUsed {
+    pub numbers: Vec<usize>,
+    /// Whether the recording can use no other dialects.
+    pub all: bool,
+}
+
+/// Bytes of a recording after which the search for what dialects read gives up (roughly, to a
+/// block).
+const MOST_PEEKED_BYTES: u64 = 64 << 20;
+/// Blocks that are looked at in any case, because only a channel's first message says whether paths
+/// in JSON lead anywhere. After each further so many blocks it is asked whether that is enough.
+const PEEKED_AT_ONCE: u64 = 16;
+const MOST_PEEKED_ROWS: usize = 32_768;
+
+impl Recording {
+    /// Which dialects read something of this recording; `dialects` is how many the settings have.
+    /// Only the beginning is looked at: until each channel that a dialect reads has had a message
+    /// and, without a summary, every dialect has read something. It is an error if a path of a
+    /// dialect leads nowhere in the first message of a channel.
+    pub fn dialects_used(&self, dialects: usize) -> Result<DialectsUsed, RecordingError> {
+        let wrong = |what: String| RecordingError::Dialect { path: self.path.clone(), what };
+        // a summary names all channels, and so all dialects that read something
+        let mut used = DialectsUsed { numbers: Vec::new(), all: self.channels_known_upfront };
+        used.numbers.extend(self.channels.dialects_used());
+        if used.all && used.numbers.is_empty() {
+            return Ok(used);
+        }
+
+        // the messages at the beginning, asked every 16 blocks whether they suffice
+        let (known, topics) = self.peek(|block, reader| {
+            if block.index == 0 || !block.index.is_multiple_of(PEEKED_AT_ONCE) {
+                return false;
+            }
+            // one number for each channel that a dialect reads
+            let met = if used.all { used.numbers.clone() } else { reader.dialects_met() };
+            let all = used.all || met.iter().collect::<BTreeSet<_>>().len() >= dialects;
+            all && reader.foreign_seen() >= met.len() || block.offset > MOST_PEEKED_BYTES
+        });
+
+        // then each channel's first message is checked
+        for TopicSummary { topic, kind, first_message, .. } in &topics {
+            let checked = match (kind, first_message) {
+                (MessageKind::Unread(why), _) => Err(why.to_string()),
+                (MessageKind::Foreign(plan), Some(message)) => plan
+                    .check_message(message, self.limits.samples_bytes)
+                    .map_err(|what| format!("{}: {what}", printable::line(topic, 200))),
+                _ => Ok(()),
+            };
+            checked.map_err(wrong)?;
+        }
+        used.numbers.extend(known);
+        Ok(used)
+    }
+
+    /// Reads blocks until `is_enough` says so of the next block. Gives the numbers of the dialects
+    /// that read channels of these blocks, and the channels with their first messages.
+    fn peek(
+        &self,
+        is_enough: impl Fn(&Block, &BlockReader) -> bool,
+    ) -> (Vec<usize>, Vec<TopicSummary>) {
+        let mut reader = self.reader().counting();
+        for block in self.blocks().filter_map(Result::ok) {
+            if is_enough(&block, &reader) {
+                break;
+            }
+            reader.load(&block);
+            reader.next_piece(MOST_PEEKED_ROWS);
+        }
+        (reader.dialects_met(), reader.census().map(Census::topics).unwrap_or_default())
+    }
+
+    /// Channels whose messages look like bursts and that nothing reads, as far as the first 16
+    /// blocks tell.
+    pub fn unread(&self, dialects: &Dialects) -> Vec<UnreadChannel> {
+        if self.channels_known_upfront && self.others.is_empty() {
+            return Vec::new();
+        }
+        let (_, topics) = self.peek(|block, _| block.index >= PEEKED_AT_ONCE);
+        // the schemas that a dialect reads on other topics: there a topic's pattern may be mistyped
+        let read = |summary: &&TopicSummary| matches!(summary.kind, MessageKind::Foreign(_));
+        let read: BTreeSet<&str> =
+            topics.iter().filter(read).map(|summary| &*summary.schema_name).collect();
+        let unread = |summary: &TopicSummary| {
+            let (written, message) = (summary.written()?, summary.first_message.as_ref()?);
+            guess(&written, message, &[&summary.topic])?;
+            let fits =
+                dialects.of_topic(&summary.topic).any() || read.contains(&*summary.schema_name);
+            let of_it = self.others.iter().find(|other| other.topic == summary.topic);
+            Some(UnreadChannel {
+                topic: printable::line(&summary.topic, MOST_OF_A_NAME),
+                schema: printable::line(&summary.schema_name, MOST_OF_A_NAME),
+                messages: of_it.and_then(|other| other.messages),
+                by_dialect: fits
+                    && dialects.could_read(&written, message, self.limits.samples_bytes),
+            })
+        };
+        let nothing = topics.iter().filter(|summary| matches!(summary.kind, MessageKind::Nothing));
+        nothing.filter_map(unread).collect()
+    }
+}
