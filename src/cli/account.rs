@@ -144,20 +144,19 @@ impl Account {
 
     /// The totals of the rows so far.
     pub fn totals(&self) -> Totals {
-        let count = |of: &dyn Fn(&Row) -> bool| self.rows.iter().filter(|row| of(row)).count();
-        let judged = |row: &Row| row.outcome.is_judged();
-        let of_this = self.rows.iter().filter(|row| !row.skipped);
-        let signals = of_this.map(|row| row.signals).sum();
+        let new = || self.rows.iter().filter(|row| !row.skipped);
+        let number = |of| self.rows.iter().filter(|row| row.outcome == of).count();
+        let signals = new().map(|row| row.signals).sum();
         let seconds = self.started.elapsed().as_secs_f64();
         Totals {
             recordings: self.rows.len(),
-            judged: count(&|row| judged(row) && !row.skipped),
-            skipped: count(&|row| row.skipped),
-            damaged: count(&|row| row.outcome == Outcome::Damaged),
-            not_judged: count(&|row| row.outcome == Outcome::NotJudged),
-            window_refused: count(&|row| row.outcome == Outcome::WindowRefused),
-            failed: count(&|row| row.outcome == Outcome::Failed),
-            not_reached: count(&|row| row.outcome == Outcome::NotReached),
+            judged: new().filter(|row| row.outcome.is_judged()).count(),
+            skipped: self.rows.len() - new().count(),
+            damaged: number(Outcome::Damaged),
+            not_judged: number(Outcome::NotJudged),
+            window_refused: number(Outcome::WindowRefused),
+            failed: number(Outcome::Failed),
+            not_reached: number(Outcome::NotReached),
             not_annotated: self.not_annotated,
             signals,
             seconds,
@@ -169,15 +168,15 @@ impl Account {
     /// decides: that something was not judged counts more than that something was lost. A run
     /// without any verdicts, new or of earlier runs, has failed.
     pub fn exit(&self) -> Exit {
-        let totals = self.totals();
-        let news = |outcome| self.news().any(|row| row.outcome == outcome);
-        match totals.judged + totals.skipped {
-            0 => Exit::Failed,
-            _ if news(Outcome::NotJudged) => Exit::NotJudged,
-            _ if news(Outcome::Failed) || news(Outcome::Damaged) || self.not_annotated > 0 => {
-                Exit::Incomplete
-            }
-            _ => Exit::Done,
+        let is_news = |outcome| self.news().any(|row| row.outcome == outcome);
+        if !self.rows.iter().any(|row| row.skipped || row.outcome.is_judged()) {
+            Exit::Failed
+        } else if is_news(Outcome::NotJudged) {
+            Exit::NotJudged
+        } else if is_news(Outcome::Failed) || is_news(Outcome::Damaged) || self.not_annotated > 0 {
+            Exit::Incomplete
+        } else {
+            Exit::Done
         }
     }
 
@@ -203,8 +202,7 @@ impl Account {
             notes: self.notes.list(),
             recordings: &self.rows,
         };
-        let mut text = serde_json::to_string_pretty(&run)?;
-        text.push('\n');
+        let text = serde_json::to_string_pretty(&run)? + "\n";
         part_file::write(&out.join(RUN_NAME), text.as_bytes())
     }
 
@@ -226,30 +224,20 @@ impl Account {
                 parts.push(format!("{} {what}", thousands(n as u64)));
             }
         }
-        writeln!(
-            out,
-            "{}: {}; {} signals in {:.1} s, {} signals/s",
-            counted(totals.recordings as u64, "recording"),
-            parts.join(", "),
-            thousands(totals.signals),
-            totals.seconds,
-            thousands(totals.signals_per_s as u64)
-        )?;
+        let (all, parts) = (counted(totals.recordings as u64, "recording"), parts.join(", "));
+        let [n, rate] = [totals.signals, totals.signals_per_s as u64].map(thousands);
+        writeln!(out, "{all}: {parts}; {n} signals in {:.1} s, {rate} signals/s", totals.seconds)?;
 
         // each warning was told once, when it first came; here is how often it came in all
-        for note in self.warnings.list().iter().filter(|note| note.times > 1) {
-            writeln!(
-                out,
-                "  {} times in {}: {}",
-                thousands(note.times),
-                counted(note.recordings, "recording"),
-                note.what
-            )?;
+        for Note { what, times, recordings, .. } in self.warnings.list() {
+            if *times > 1 {
+                let (times, all) = (thousands(*times), counted(*recordings, "recording"));
+                writeln!(out, "  {times} times in {all}: {what}")?;
+            }
         }
 
         // outcomes are ordered from the worst on; all before `Judged` are not as they should be
-        let mut worst: Vec<&Row> =
-            self.news().filter(|row| row.outcome < Outcome::Judged).collect();
+        let mut worst: Vec<_> = self.news().filter(|row| row.outcome < Outcome::Judged).collect();
         worst.sort_by_key(|row| row.outcome);
         for row in worst.iter().take(MOST_NAMED) {
             let word = match row.outcome {

@@ -10,7 +10,7 @@
 
 use super::collected::RecordingSource;
 use super::exit::{Exit, Failure};
-use super::progress::{called_by, told};
+use super::progress::{called_by, take_messages};
 use super::train::{self, Learned, Lesson};
 use super::{Cli, critique, effect, notes, output, parse, replay};
 use crate::pipeline::{self, Control, Replay};
@@ -62,7 +62,7 @@ pub fn verb(words: &[String]) -> Result<Ended, Failure> {
 
 /// Adds to a verb's result the messages that were collected on this thread.
 fn ended(done: Result<Exit, Failure>) -> Result<Ended, Failure> {
-    let warnings = told();
+    let warnings = take_messages();
     match done {
         Ok(exit) => Ok(Ended { exit, warnings }),
         Err(failure) => Err(after(failure, &warnings)),
@@ -99,7 +99,7 @@ pub fn learn(
     effect::check(set, &settings, effect::Command::Train)?;
     let learned =
         train::learn(Lesson { recordings, labels, outcomes: None, new_class, settings: &settings });
-    let mut warnings = told();
+    let mut warnings = take_messages();
     let mut learned = learned.map_err(|failure| after(failure, &warnings))?;
     warnings.append(&mut learned.warnings);
     Ok(Learned { warnings, ..learned })
