@@ -14,15 +14,18 @@ use super::account::{Account, End, RUN_NAME, Row};
 use super::annotate::{self, NotAnnotated};
 use super::exit::{Exit, Failure, in_words, no_room, unless_reader_gone};
 use super::judge::{Judge, Judged, NotJudged, Run};
+use super::notes::Notes;
+use super::output;
 use super::plan::{self, PlannedRecording};
 use super::report::printable_path;
-use super::{output, results};
+use super::results::{self, Read};
 use crate::pipeline::PipelineError;
 use crate::pipeline::resume::{self, Decision, JudgeReason};
+use crate::report::print as print_report;
 use inkling_io::baseline_file::BaselineFile;
 use inkling_io::file_error::FileError;
 use inkling_io::inputs::Input;
-use inkling_io::journal::{self, Entry, JournalWriter, Link, Outcome, Source};
+use inkling_io::journal::{self, CountedMessage, Entry, JournalWriter, Link, Outcome, Source};
 use inkling_io::layout::PlacedRecording;
 use inkling_io::{annotation_writer, printable, stored};
 use serde_json::{Value, json};
@@ -68,16 +71,10 @@ pub struct Stop {
     pub failure: Failure,
 }
 
+/// A failure that would meet all other recordings, too.
 impl From<Failure> for Stop {
     fn from(failure: Failure) -> Stop {
         Stop { end: End::Broken, failure }
-    }
-}
-
-impl Stop {
-    /// The stop at an error that would meet all other recordings, too.
-    fn broken(e: impl ToString) -> Stop {
-        Failure::new(e).into()
     }
 }
 
@@ -112,34 +109,31 @@ impl Batch<'_> {
             Some(stop) => return Err(stop.failure), // run.json on a full disk is the lesser loss
             None => written.map_err(FileError::unwritten(&self.run.out.join(RUN_NAME)))?,
         }
+        let of = self.account.rows.len();
         match exit {
-            Exit::Failed => Err(Failure::new(format!(
-                "none of {} recordings could be judged",
-                self.account.rows.len()
-            ))),
+            Exit::Failed => Err(Failure::new(format!("none of {of} recordings could be judged"))),
             exit => Ok(exit),
         }
     }
 
     /// Prints the cleaning list over all recordings of the run, if at least two of them have verdicts.
     fn list_faults(&self) -> Result<(), Failure> {
+        let Run { out, replay, progress, control, .. } = &self.run;
         let verdicts = self.account.rows.iter().filter_map(|row| row.verdicts.as_ref());
         let inputs: Vec<Input> = verdicts
-            .map(|name| Input { path: self.run.out.join(name), below: PathBuf::new() })
+            .map(|name| Input { path: out.join(name), below: PathBuf::new() })
             .filter(|input| stored::is_file(&input.path))
             .collect();
         if inputs.len() < 2 {
             return Ok(());
         }
-        let settings = &self.run.replay.settings.report;
-        match results::read(&inputs, settings, false, self.run.progress, self.run.control) {
-            Ok(read) => unless_reader_gone(crate::report::print(
-                &read.report,
-                printable::line,
-                &mut output::report(),
-            )),
+        match results::read(&inputs, &replay.settings.report, false, progress, control) {
+            Ok(Read { report, .. }) => {
+                let printed = print_report(&report, printable::line, &mut output::report());
+                unless_reader_gone(printed)
+            }
             Err(e) => {
-                self.run.progress.say(&format!("warning: no cleaning list: {}", e.message));
+                progress.say(&format!("warning: no cleaning list: {}", e.message));
                 Ok(())
             }
         }
@@ -153,8 +147,7 @@ impl Batch<'_> {
             return Err(self.not_reached(planned, stop));
         }
 
-        // A judge that judges all at once may write any of the results from now on: what is out of
-        // date is set aside before. Else each recording's is set aside in its turn.
+        // such a judge may write any of the results from now on: what is out of date is set aside before
         if self.judge.all_at_once() {
             plan::to_judge(planned).for_each(|this| self.set_aside_outdated(this));
         }
@@ -176,8 +169,7 @@ impl Batch<'_> {
                 }
             };
             if let Err(stop) = done {
-                // the recording at which the run stopped may have its row already; else it was not
-                // reached
+                // the recording at which the run stopped may have its row already
                 let looked_at = at + usize::from(self.account.rows.len() > reached);
                 return Err(self.not_reached(&planned[looked_at..], stop));
             }
@@ -219,22 +211,23 @@ impl Batch<'_> {
         if !self.judge.all_at_once() {
             self.set_aside_outdated(this);
         }
-        match self.judge.judge(&self.run, nth, &this.placed) {
-            Ok(judged) => self.keep(this, judged),
-            Err(NotJudged::Interrupted) => {
-                Err(Stop { end: End::Interrupted, failure: PipelineError::Interrupted.into() })
+        let why_not = match self.judge.judge(&self.run, nth, &this.placed) {
+            Ok(judged) => return self.keep(this, judged),
+            Err(why_not) => why_not,
+        };
+        Err(match why_not {
+            NotJudged::Interrupted => {
+                Stop { end: End::Interrupted, failure: PipelineError::Interrupted.into() }
             }
-            Err(NotJudged::NoRoom(what)) => {
-                Err(Stop { end: End::NoRoom, failure: self.no_room(&what) })
-            }
-            Err(NotJudged::Broken(what)) => Err(Stop::broken(what)),
-            Err(NotJudged::Failed { why, usage }) => {
+            NotJudged::NoRoom(what) => self.no_room(&what),
+            NotJudged::Broken(what) => Failure::new(what).into(),
+            NotJudged::Failed { why, usage } => {
                 // what earlier runs wrote of it no longer belongs to what the journal says
                 self.set_aside(&this.placed.verdicts_in(self.run.out));
                 let failure = if usage { Failure::usage(&why) } else { Failure::new(&why) };
-                self.note_failure(this, why, Some(failure))
+                return self.note_failure(this, why, Some(failure));
             }
-        }
+        })
     }
 
     /// Notes a judged recording in the journal, then replaces the baselines. The order matters: the next run
@@ -264,7 +257,7 @@ impl Batch<'_> {
 
         // 4. only then the new baselines replace the old ones
         let replaced = match (&mut self.baseline_file, prepared) {
-            (Some(file), Some(prepared)) => file.replace(prepared).map_err(Stop::broken),
+            (Some(file), Some(prepared)) => file.replace(prepared).map_err(Failure::new),
             _ => Ok(()),
         };
 
@@ -287,7 +280,7 @@ impl Batch<'_> {
             return Ok(());
         }
         match annotate::annotate(&verdicts) {
-            Ok(()) => {}
+            Ok(()) => self.account.annotated += 1,
             Err(NotAnnotated::Unwritten(e)) => return Err(self.unwritten(&e, &in_words(&e))),
             Err(NotAnnotated::Unreadable(why)) => {
                 self.account.not_annotated += 1;
@@ -295,13 +288,10 @@ impl Batch<'_> {
                 return Ok(());
             }
         }
-        self.account.annotated += 1;
         let path = path.to_string_lossy();
-        Ok(unless_reader_gone(output::tell(
-            self.json,
-            || json!({ "event": "annotations", "file": path.as_ref() }),
-            || format!("  annotations: {}", printable_path(&path)),
-        ))?)
+        let document = || json!({ "event": "annotations", "file": path.as_ref() });
+        let text = || format!("  annotations: {}", printable_path(&path));
+        Ok(unless_reader_gone(output::tell(self.json, document, text))?)
     }
 
     /// Adds a judged recording's row to the account; tells its warnings and notes, each kind once
@@ -311,20 +301,19 @@ impl Batch<'_> {
         let row = this.row_of(entry);
         self.account.rows.push(row.clone());
         let label = printable_path(&this.placed.label());
-        let Account { warnings, notes, .. } = &mut self.account;
-        let warned = entry.damage.iter().chain(&entry.warnings).map(|told| ("warning", told));
-        for (kind, told) in warned.chain(entry.notes.iter().map(|told| ("note", told))) {
-            // the account counts all messages, and says which is the first of its kind
-            let of_kind = if kind == "note" { &mut *notes } else { &mut *warnings };
-            if of_kind.add(&label, told) {
-                let more = match (told.times, kind) {
-                    (1, _) => String::new(),
-                    (n, "note") => format!(" ({n} times)"),
-                    (n, _) => format!(" ({n} times; all in its summary.json)"),
-                };
-                self.run.progress.say(&format!("{kind}: {label}: {}{more}", told.what));
+        // the account counts all messages, and says which is the first of its kind
+        let tell = |counts: &mut Notes, kind: &str, message: &CountedMessage, all: &str| {
+            if counts.add(&label, message) {
+                let CountedMessage { what, times } = message;
+                let more = if *times > 1 { format!(" ({times} times{all})") } else { "".into() };
+                self.run.progress.say(&format!("{kind}: {label}: {what}{more}"));
             }
+        };
+        let Account { warnings, notes, .. } = &mut self.account;
+        for message in entry.damage.iter().chain(&entry.warnings) {
+            tell(warnings, "warning", message, "; all in its summary.json");
         }
+        entry.notes.iter().for_each(|message| tell(notes, "note", message, ""));
         entry.not_judged.iter().for_each(|what| self.complain(&format!("{label}: {what}")));
         if self.timings {
             judged.timings.iter().for_each(|line| self.run.progress.say(line));
@@ -380,10 +369,11 @@ impl Batch<'_> {
     fn complain(&mut self, of: &str) {
         match self.failures {
             n if n < MOST_FAILURES => self.run.progress.fail(&format!("inkling: {of}")),
-            MOST_FAILURES => self.run.progress.fail(&format!(
-                "inkling: more recordings failed or were not judged whole; {} lists all",
-                self.run.out.join(RUN_NAME).display()
-            )),
+            MOST_FAILURES => {
+                let list = self.run.out.join(RUN_NAME);
+                let what = "more recordings failed or were not judged whole";
+                self.run.progress.fail(&format!("inkling: {what}; {} lists all", list.display()));
+            }
             _ => {}
         }
         self.failures += 1;
@@ -392,26 +382,24 @@ impl Batch<'_> {
     /// Appends a line to the journal.
     fn append(&mut self, entry: &Entry) -> Result<(), Stop> {
         self.journal.append(entry).map_err(|e| {
-            let words = format!("{}: cannot be written: {e}", self.journal.path.display());
-            self.unwritten(&e, &words)
+            let path = self.journal.path.display();
+            self.unwritten(&e, &format!("{path}: cannot be written: {e}"))
         })
     }
 
     /// The stop for a file that cannot be written. `words`: the error with the file's name.
     fn unwritten(&self, e: &(dyn Error + 'static), words: &str) -> Stop {
-        match no_room(e) {
-            true => Stop { end: End::NoRoom, failure: self.no_room(words) },
-            false => Stop::broken(words),
-        }
+        if no_room(e) { self.no_room(words) } else { Failure::new(words).into() }
     }
 
-    /// The failure of a run for whose results no room is left. `what`: the error in words.
-    fn no_room(&self, what: &str) -> Failure {
-        Failure::new(format!(
-            "{what}; there is no room left for results in {}. Make room and run the same command \
-             again: it goes on where it stopped",
-            self.run.out.display()
-        ))
+    /// The stop of a run for whose results no room is left. `what`: the error in words.
+    fn no_room(&self, what: &str) -> Stop {
+        let out = self.run.out.display();
+        let failure = Failure::new(format!(
+            "{what}; there is no room left for results in {out}. Make room and run the same command \
+             again: it goes on where it stopped"
+        ));
+        Stop { end: End::NoRoom, failure }
     }
 
     /// Sets the verdicts of a recording aside if its content has changed since they were made.
@@ -427,8 +415,8 @@ impl Batch<'_> {
     fn set_aside(&self, verdicts: &Path) {
         for file in results_of(verdicts).rev().filter(|file| stored::is_file(file)) {
             if let Err(e) = stored::rename(&file, &stale(&file)) {
-                let file = file.display();
-                self.run.progress.fail(&format!("inkling: {file}: out of date, and stays: {e}"));
+                let what = format!("{}: out of date, and stays: {e}", file.display());
+                self.run.progress.fail(&format!("inkling: {what}"));
             }
         }
     }
@@ -442,7 +430,6 @@ fn results_of(verdicts: &Path) -> impl DoubleEndedIterator<Item = PathBuf> {
 
 /// The name `<file>.stale` for results that are out of date.
 fn stale(file: &Path) -> PathBuf {
-    let mut name = file.file_name().unwrap_or_default().to_os_string();
-    name.push(".stale");
-    file.with_file_name(name)
+    let name = file.file_name().unwrap_or_default().to_string_lossy();
+    file.with_file_name(format!("{name}.stale"))
 }
