@@ -5,7 +5,7 @@
 //!
 //! ```text
 //! verb       its files                                   what it shares with other verbs
-//! replay     replay plan batch judge account notes       collected (check of dialects)
+//! replay     replay/ plan batch judge account notes      collected (check of dialects)
 //!            lines follow live annotate report
 //! train      train                                       collected (signals by label)
 //! identify   identify identified                         collected
@@ -13,7 +13,7 @@
 //! thesis     thesis                                      collected
 //! inspect    inspect contents topics                     collected (check of dialects)
 //! report     report_page changes_since lost              results, copies (verdict tables)
-//! score      score scored                                results, copies
+//! score      score scored score_critiques                results, copies
 //! convert    convert
 //! simulate   simulate
 //! generate   generate
@@ -51,6 +51,7 @@ mod report;
 mod report_page;
 mod results;
 mod score;
+mod score_critiques;
 mod scored;
 mod simulate;
 mod thesis;

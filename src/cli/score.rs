@@ -6,7 +6,8 @@
 //!   those of `inkling_lab::score`, which computes the figures from them; `scored` prints these.
 //! * `--design` alone or beside that: the promise of the design, computed from itself, without any
 //!   verdict.
-//! * `--truth`: critiques against the truths that `inkling simulate --hide` sealed (`critiques`).
+//! * `--truth`: critiques against the truths that `inkling simulate --hide` sealed
+//!   (`score_critiques`).
 //!
 //! Out: text, JSON (`--json`), or a page with curves (`--report`).
 
@@ -14,20 +15,17 @@ use super::copies::{self, Table};
 use super::exit::{Exit, Failure};
 use super::progress::complain;
 use super::report_page::write_text;
-use super::{output, results, scored};
+use super::{output, results, score_critiques, scored};
 use inkling_core::design::IsolateSettings;
 use inkling_core::fault::{Categories, HEALTHY, category};
 use inkling_core::labels::{Channels, Label, Labels, Met, Span};
 use inkling_core::model::faults::Catalogue;
 use inkling_core::promise::Promise;
 use inkling_core::verdict::{Outcome, VerdictColumns};
-use inkling_io::truth_file::Seal;
 use inkling_io::verdict_reader::VerdictReader;
 use inkling_io::{
-    design_file, episode_table, labels_file, outputs, printable, regular_file, stored,
-    summary_file, truth_file,
+    design_file, episode_table, labels_file, outputs, printable, stored, summary_file,
 };
-use inkling_lab::score::blind::{Blind, CritiqueAnswer, Truth};
 use inkling_lab::score::curves::Curves;
 use inkling_lab::score::episodes::{DetectedEpisode, EpisodeScore};
 use inkling_lab::score::severity::SeverityScore;
@@ -88,7 +86,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         outputs::check_file(page, outputs::ResultFile::Page)?;
     }
     if !args.truth.is_empty() {
-        return critiques(&args);
+        return score_critiques::run(&args.verdicts, &args.truth, args.json);
     }
     let promise = args.design.as_deref().map(promise).transpose()?;
     let labels_path = match (&args.labels, &promise) {
@@ -97,9 +95,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             return tell(&args, None, None, Some(promise));
         }
         _ => {
-            return Err(Failure::usage(
-                "verdicts and --labels belong together: give both, or --design alone",
-            ));
+            let what = "verdicts and --labels belong together: give both, or --design alone";
+            return Err(Failure::usage(what));
         }
     };
 
@@ -112,9 +109,9 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         files.iter().map(|file| summary_file::of_table(&file.path)).collect();
 
     // of several tables of one recording one is scored, so that no signal counts twice
-    let of = files.iter().zip(&documents);
+    let tables = files.iter().zip(&documents);
     let tables: Vec<Table> =
-        of.map(|(file, document)| Table { path: &file.path, document }).collect();
+        tables.map(|(file, document)| Table { path: &file.path, document }).collect();
     for (table, left_out) in tables.iter().zip(copies::left_out(&tables)) {
         match left_out {
             Some(note) => complain(&format!("warning: {note}")),
@@ -124,18 +121,16 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
 
     // labels of printheads or times that no recording has are a mistake
     labels_file::check(labels_path, &labels, &scoring.met)?;
-    let report = scoring.report();
+    let (report, path) = (scoring.report(), labels_path.display());
     if report.by_state.is_empty() {
+        let Report { unlabelled, rejected, .. } = report;
         return Err(Failure::new(format!(
-            "{}: none of its rows covers a verdict ({} judged, {} rejected), so there is nothing to score: do \
-             printhead names, channels and times agree? `inkling inspect` shows a recording's",
-            labels_path.display(),
-            report.unlabelled,
-            report.rejected
+            "{path}: none of its rows covers a verdict ({unlabelled} judged, {rejected} rejected), so there is \
+             nothing to score: do printhead names, channels and times agree? `inkling inspect` shows a recording's"
         )));
     }
     if let Some(unused) = scoring.met.unused(&labels) {
-        complain(&format!("note: {}: {}", labels_path.display(), printable::line(&unused, 400)));
+        complain(&format!("note: {path}: {}", printable::line(&unused, 400)));
     }
     tell(&args, Some(&report), scoring.curves.as_ref(), promise.as_ref())
 }
@@ -327,11 +322,11 @@ fn tell(
     }
     let mut out = output::result(args.report.is_some());
     if args.json {
-        let mut told = report.map_or_else(|| json!({}), |report| json!(report));
+        let mut document = report.map_or_else(|| json!({}), |report| json!(report));
         if let Some(promise) = promise {
-            told["promise"] = json!(promise);
+            document["promise"] = json!(promise);
         }
-        writeln!(out, "{told:#}")?;
+        writeln!(out, "{document:#}")?;
         return Ok(Exit::Done);
     }
     if let Some(report) = report {
@@ -349,11 +344,9 @@ fn promise(path: &Path) -> Result<Promise, Failure> {
     let (design, _) = design_file::read(path)?;
     let promise = design.promise(&IsolateSettings::default()).map_err(Failure::new)?;
     promise.ok_or_else(|| {
-        Failure::new(format!(
-            "{}: promises nothing that could be computed: it was trained without the physics of faults \
-             (isolate.method = posterior) or without detect.method = sensitivity",
-            path.display()
-        ))
+        let what = "promises nothing that could be computed: it was trained without the physics of faults \
+                    (isolate.method = posterior) or without detect.method = sensitivity";
+        Failure::new(format!("{}: {what}", path.display()))
     })
 }
 
@@ -435,64 +428,6 @@ fn draw(curves: &mut Curves, row: &Row, label: &Label, prediction: &Prediction, 
     if let (Some(stated), Some(size), true) = (c.severity[place], label.severity, is_right) {
         curves.add_severity(&label.state, size, stated.into());
     }
-}
-
-/// Scores critiques against truths, pair by pair: the n-th critique against the n-th truth. Prints
-/// a line per pair and a table, or JSON.
-fn critiques(args: &Args) -> Result<Exit, Failure> {
-    if args.verdicts.len() != args.truth.len() {
-        return Err(Failure::usage(format!(
-            "{} critiques and {} truths: give one truth per critique, in the same order",
-            args.verdicts.len(),
-            args.truth.len()
-        )));
-    }
-    let mut blind = Blind::default();
-    let mut lines = Vec::new();
-    for (path, truth_path) in args.verdicts.iter().zip(&args.truth) {
-        // the critique's answer
-        let bad = |what: &dyn std::fmt::Display| Failure::new(format!("{path}: {what}"));
-        let bytes = regular_file::read(Path::new(path), regular_file::MOST_CRITIQUE_BYTES)
-            .map_err(|e| bad(&format!("cannot be read: {e}")))?;
-        let answer: CritiqueAnswer = serde_json::from_slice(&bytes)
-            .map_err(|e| bad(&format!("is no critique.json: {}", printable::of_parser(&e))))?;
-        answer.check().map_err(|what| bad(&format!("is no critique.json: {what}")))?;
-
-        // the truth; one that was changed after it was sealed is refused by `read`
-        let (truth, seal) = truth_file::read(truth_path).map_err(Failure::new)?;
-        let no_truth =
-            |what: String| Failure::new(format!("{}: is no truth: {what}", truth_path.display()));
-        let truth: Truth =
-            serde_json::from_value(truth).map_err(|e| no_truth(printable::of_parser(&e)))?;
-        truth.check().map_err(no_truth)?;
-        if seal == Seal::Missing {
-            complain(&format!(
-                "warning: {}: not sealed: no truth.sha256 beside its directory, so nobody can tell \
-                 whether it was changed",
-                truth_path.display()
-            ));
-        }
-
-        // the outcome in one line
-        let names = |ids: Vec<&str>| {
-            if ids.is_empty() { "nothing".to_owned() } else { ids.join(" + ") }
-        };
-        let hidden = names(truth.effects.iter().map(|e| e.id.as_str()).collect());
-        let causes = names(answer.causes.iter().map(|c| c.id.as_str()).collect());
-        let outcome = blind.add(&answer, &truth).word();
-        lines.push(format!(
-            "{path}: {outcome} (hidden: {hidden}; said: {}, {causes})",
-            answer.verdict
-        ));
-    }
-    let mut out = std::io::stdout().lock();
-    if args.json {
-        writeln!(out, "{:#}", blind.json())?;
-    } else {
-        lines.iter().try_for_each(|line| writeln!(out, "{}", printable::line(line, 4000)))?;
-        writeln!(out, "\n{}", printable::lines(&blind.markdown(), 1_000_000))?;
-    }
-    Ok(Exit::Done)
 }
 
 #[cfg(test)]
