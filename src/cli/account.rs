@@ -7,7 +7,7 @@
 
 use super::exit::Exit;
 use super::notes::{Note, Notes};
-use super::progress::thousands;
+use super::progress::{counted, thousands};
 use super::report::printable_path;
 use inkling_io::journal::{self, Means, Outcome};
 use inkling_io::part_file;
@@ -120,11 +120,6 @@ struct Run<'a> {
     warnings: &'a [Note],
     notes: &'a [Note],
     recordings: &'a [Row],
-}
-
-/// A number with its noun in the singular or plural: `1 recording`, `2 recordings`.
-fn counted(n: u64, what: &str) -> String {
-    format!("{} {what}{}", thousands(n), if n == 1 { "" } else { "s" })
 }
 
 impl Account {

@@ -18,12 +18,14 @@ use crate::pipeline::collect::Observer;
 use crate::report::{Column, columns};
 use crate::settings::Settings;
 use inkling_io::outputs::ResultFile;
-use inkling_io::plain_columns::{Cells, count, flag, number, text};
+use inkling_io::plain_columns::{count, flag, number, text};
 use inkling_io::recording::Recording;
 use inkling_io::verdict_table::TableError;
 use inkling_io::{design_file, labels_file, outputs, plain_columns, printable};
 use inkling_lab::critique::engine::{self, MOST_SAMPLES, Rings};
-use inkling_lab::critique::finding::{Compared, Critique, Evidence, Gain, GainFigures, Verdict};
+use inkling_lab::critique::finding::{
+    Compared, Critique, Evidence, Gain, GainFigures, HeldOut, Verdict,
+};
 use inkling_lab::critique::{decay, digits, report};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -104,7 +106,7 @@ fn criticised(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
     let damaged = recordings.each(|pass| observer.take(pass))?;
     let data = observer.finish().ok_or_else(|| Failure::new(NO_BURSTS))?;
     let (rejected, other_sampling) = (observer.rejected, observer.other_sampling);
-    let (left_out, cut) = (rejected + other_sampling, observer.is_cut);
+    let left_out = rejected + other_sampling;
     let Recordings { progress, control, .. } = recordings;
     if left_out > 0 {
         progress.say(&format!(
@@ -141,10 +143,10 @@ fn criticised(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
     outputs::remove_earlier(&args.out, &FILES.map(|(name, _)| name)).map_err(Failure::new)?;
     if !oscillator && !outcome.critique.causes.is_empty() {
         progress.say("extending the design ...");
-        let design = match cut {
+        let samples = data.samples;
+        let design = match observer.is_cut {
             true => Err(format!(
-                "it would be one of signals of {} samples, and some of these are longer",
-                data.samples
+                "it would be one of signals of {samples} samples, and some of these are longer"
             )),
             false => extended_design::train(&data, &outcome, &settings),
         };
@@ -179,7 +181,7 @@ fn write(dir: &Path, critique: &Critique) -> Result<(), Failure> {
 fn write_evidence(path: &Path, critique: &Critique) -> Result<(), TableError> {
     let rows = &critique.evidence;
     let why_not: Vec<String> = rows.iter().map(Evidence::why_not_in_words).collect();
-    let columns: Vec<(&str, Cells)> = vec![
+    let columns = vec![
         ("step", count(rows.iter().map(|e| e.step))),
         ("id", text(rows.iter().map(|e| e.id.name()))),
         ("statistic", number(rows.iter().map(|e| e.statistic))),
@@ -199,13 +201,13 @@ fn write_evidence(path: &Path, critique: &Critique) -> Result<(), TableError> {
 /// Writes the numbers behind the report's figures: one row per figure, series and point, with the
 /// point's x, its y, and the bounds of y.
 fn write_residuals(path: &Path, critique: &Critique) -> Result<(), TableError> {
-    // figure, series, x, y, low, high
-    let mut rows: Vec<(&str, String, f64, f64, f64, f64)> = Vec::new();
+    // figure and series, then x, y, low, high
+    let mut rows: Vec<(&str, String, [f64; 4])> = Vec::new();
     let mut add = |figure, of: &str, compared: &Compared| {
         for (k, x) in compared.x.iter().enumerate() {
             for (when, curve) in [("before", &compared.before), ("after", &compared.after)] {
-                let series = format!("{of}{when}");
-                rows.push((figure, series, *x, curve.y[k], curve.low[k], curve.high[k]));
+                let point = [*x, curve.y[k], curve.low[k], curve.high[k]];
+                rows.push((figure, format!("{of}{when}"), point));
             }
         }
     };
@@ -214,14 +216,13 @@ fn write_residuals(path: &Path, critique: &Critique) -> Result<(), TableError> {
     for c in &critique.figures.covariates {
         add("covariate", &format!("{} of {}, ", c.parameter, c.covariate), &c.means);
     }
-    let columns: Vec<(&str, Cells)> = vec![
-        ("figure", text(rows.iter().map(|r| r.0))),
-        ("series", text(rows.iter().map(|r| r.1.as_str()))),
-        ("x", number(rows.iter().map(|r| r.2))),
-        ("y", number(rows.iter().map(|r| r.3))),
-        ("low", number(rows.iter().map(|r| r.4))),
-        ("high", number(rows.iter().map(|r| r.5))),
+    let mut columns = vec![
+        ("figure", text(rows.iter().map(|row| row.0))),
+        ("series", text(rows.iter().map(|row| row.1.as_str()))),
     ];
+    for (k, name) in ["x", "y", "low", "high"].into_iter().enumerate() {
+        columns.push((name, number(rows.iter().map(|row| row.2[k]))));
+    }
     plain_columns::write(path, columns)
 }
 
@@ -258,15 +259,13 @@ fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Resu
 /// Prints what the extended model gains on signals to which nothing was fitted: the figures of the
 /// plain model (before) and of the extended one (after).
 fn print_gain(critique: &Critique, out: &mut impl Write) -> std::io::Result<()> {
-    let Gain { held_out, before, after, .. } = &critique.gain;
-    if held_out.signals == 0 {
+    let Gain { held_out: HeldOut { signals, channels, by, .. }, before, after, .. } =
+        &critique.gain;
+    if *signals == 0 {
         return Ok(());
     }
-    writeln!(
-        out,
-        "  on {} signals of {} channels that nothing was fitted to (by {}):",
-        held_out.signals, held_out.channels, held_out.by
-    )?;
+    write!(out, "  on {signals} signals of {channels} channels ")?;
+    writeln!(out, "that nothing was fitted to (by {by}):")?;
     if critique.verdict == Verdict::None {
         return print_figures("", before, out);
     }
@@ -276,20 +275,12 @@ fn print_gain(critique: &Critique, out: &mut impl Write) -> std::io::Result<()> 
 
 /// Prints the figures of one model on the held-out signals.
 fn print_figures(when: &str, g: &GainFigures, out: &mut impl Write) -> std::io::Result<()> {
-    write!(
-        out,
-        "  {when:<8} chi²/dof {:.4}, nrmse {:.2} %, whiteness {}",
-        g.chi2_per_dof,
-        g.nrmse_percent,
-        digits::p_is(g.whiteness_p)
-    )?;
-    if g.detection_auc.is_finite() {
-        write!(
-            out,
-            ", false alarms {:.2} %, detection AUC {:.3}",
-            100.0 * g.false_alarms,
-            g.detection_auc
-        )?;
+    let GainFigures { chi2_per_dof, nrmse_percent, detection_auc, .. } = g;
+    let (whiteness, false_alarms) = (digits::p_is(g.whiteness_p), 100.0 * g.false_alarms);
+    write!(out, "  {when:<8} chi²/dof {chi2_per_dof:.4}, ")?;
+    write!(out, "nrmse {nrmse_percent:.2} %, whiteness {whiteness}")?;
+    if detection_auc.is_finite() {
+        write!(out, ", false alarms {false_alarms:.2} %, detection AUC {detection_auc:.3}")?;
     }
     writeln!(out)
 }

@@ -314,3 +314,8 @@ fn style(template: &str) -> ProgressStyle {
 pub fn thousands(n: u64) -> String {
     grouped(n, ' ')
 }
+
+/// A number with its noun in the singular or plural: `1 recording`, `2 recordings`.
+pub fn counted(n: u64, what: &str) -> String {
+    format!("{} {what}{}", thousands(n), if n == 1 { "" } else { "s" })
+}

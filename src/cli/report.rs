@@ -86,8 +86,9 @@ fn print_printheads(report: &RecordingReport, out: &mut impl Write) -> io::Resul
         let words = "times UTC; ± one standard deviation; certainty: of that class, from 0 to 1";
         writeln!(out, "  {words}")?;
     }
-    if let more @ 1.. = printheads.len().saturating_sub(MOST_PRINTHEADS) {
-        writeln!(out, "  and {} printheads more", thousands(more as u64))?;
+    let more = printheads.len().saturating_sub(MOST_PRINTHEADS) as u64;
+    if more > 0 {
+        writeln!(out, "  and {} printheads more", thousands(more))?;
     }
     let counts = &report.episodes.counts;
     let left_out =
