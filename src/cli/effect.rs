@@ -53,6 +53,10 @@ const OF_TRAINING: [&str; 7] = [
     "physics",
 ];
 
+/// Settings of `[detect]` that `identify --detectability` reads.
+const OF_DETECTABILITY: [&str; 5] =
+    ["oscillations", "oscillations_of_ring", "other_poles_per_s", "false_alarm_rate", "confidence"];
+
 /// Refuses the first key of `set` (KEY=VALUE each) that the command does not read. `settings`: those with all
 /// of `set` applied, as the method that one key chooses decides whether another key is read.
 pub fn check(set: &[String], settings: &Settings, command: Command) -> Result<(), Failure> {
@@ -77,24 +81,20 @@ pub fn check_common_change(
     if !keys(set).any(|key| key == COMMON_CHANGE) {
         return Ok(());
     }
-    if !settings.input.baseline.is_empty() {
-        return Err(Failure::usage(format!(
-            "--set {COMMON_CHANGE}: has no effect here: with --baseline what all channels have in common is \
-             followed anyway, and kept in that file"
-        )));
-    }
-    if !settings.identify.common_change {
-        return Ok(());
-    }
-    let why = match settings.detect.method {
+    let (value, why) = match settings.detect.method {
+        _ if !settings.input.baseline.is_empty() => (
+            "",
+            "with --baseline what all channels have in common is followed anyway, and kept in that file",
+        ),
+        _ if !settings.identify.common_change => return Ok(()),
         // the extension's decay and covariates may hold the same change already
         _ if design.is_some_and(|design| design.extension.is_some()) => {
-            "the design has a critique's extension, which is not moved"
+            ("=true", "the design has a critique's extension, which is not moved")
         }
         DetectMethod::Sensitivity => return Ok(()),
-        _ => "it needs detect.method = \"sensitivity\"",
+        _ => ("=true", "it needs detect.method = \"sensitivity\""),
     };
-    Err(Failure::usage(format!("--set {COMMON_CHANGE}=true: has no effect here: {why}")))
+    Err(Failure::usage(format!("--set {COMMON_CHANGE}{value}: has no effect here: {why}")))
 }
 
 /// Why a command does not read a key; `None` if it does. The order of the cases matters: the first that fits
@@ -131,20 +131,10 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<&'stat
         }
         // with a design `replay` itself compares these settings with the design's, and accepts equal ones
         ("detect", Command::Replay { .. }) => None,
-        ("detect", Command::Identify { detects }) => match name {
-            "oscillations"
-            | "oscillations_of_ring"
-            | "other_poles_per_s"
-            | "false_alarm_rate"
-            | "confidence"
-                if detects =>
-            {
-                None
-            }
-            _ => Some(
-                "`identify` detects nothing; with --detectability it reads oscillations, oscillations_of_ring, other_poles_per_s, false_alarm_rate and confidence",
-            ),
-        },
+        ("detect", Command::Identify { detects: true }) if OF_DETECTABILITY.contains(&name) => None,
+        ("detect", Command::Identify { .. }) => Some(
+            "`identify` detects nothing; with --detectability it reads oscillations, oscillations_of_ring, other_poles_per_s, false_alarm_rate and confidence",
+        ),
         // `train`, and the design that a critique trains
         ("detect", _) => by_detection(name, &settings.detect),
         ("report", Command::Replay { .. }) if matches!(name, "rows" | "pitch") => {

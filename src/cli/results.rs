@@ -47,32 +47,34 @@ const OTHERS: [&str; 2] = [".episodes.parquet", ".faults.parquet"];
 /// is made of the tables (`a report`), for messages. A usage failure if a name is that of another
 /// kind of file.
 pub fn find(named: &[String], what: &str) -> Result<Vec<Input>, Failure> {
-    let other = |name: &&String| OTHERS.iter().any(|ending| name.ends_with(ending));
-    if let Some(other) = named.iter().find(|name| name.ends_with(".mcap")) {
-        let other = printable::cell(other);
+    let ends = |endings: &[&str]| {
+        let name = named.iter().find(|name| endings.iter().any(|ending| name.ends_with(ending)));
+        name.map(|name| printable::cell(name))
+    };
+    if let Some(name) = ends(&[".mcap"]) {
         return Err(Failure::usage(format!(
-            "{other}: is a recording, and {what} reads what `inkling replay {other} -o verdicts` writes: give that \
+            "{name}: is a recording, and {what} reads what `inkling replay {name} -o verdicts` writes: give that \
              directory"
         )));
     }
-    if let Some(other) = named.iter().find(other) {
+    if let Some(name) = ends(&OTHERS) {
         return Err(Failure::usage(format!(
-            "{}: is another table, and {what} reads verdicts and what lies beside them: give their directory, or \
-             *.verdicts.parquet",
-            printable::cell(other)
+            "{name}: is another table, and {what} reads verdicts and what lies beside them: give their \
+             directory, or *.verdicts.parquet"
         )));
     }
 
     // what was found is looked into, as a file may have any name
     let found = inputs::find_verdicts(named)?;
-    match found.iter().find(|input| !begins_as_a_table(&input.path)) {
-        Some(Input { path, .. }) => Err(Failure::usage(format!(
-            "{}: no table of verdicts{}; {what} reads *.verdicts.parquet of `inkling replay`, or their directory",
-            printable::cell(&path.to_string_lossy()),
-            result_file::instead(path)
-        ))),
-        None => Ok(found),
+    if let Some(Input { path, .. }) = found.iter().find(|input| !begins_as_a_table(&input.path)) {
+        let name = printable::cell(&path.to_string_lossy());
+        let instead = result_file::instead(path);
+        return Err(Failure::usage(format!(
+            "{name}: no table of verdicts{instead}; {what} reads *.verdicts.parquet of `inkling replay`, or their \
+             directory"
+        )));
     }
+    Ok(found)
 }
 
 /// Whether a file may be a table. Damage is told when the file is read.
@@ -182,12 +184,10 @@ pub fn read(
 /// less. An unreadable summary is told in `notes`; the error is that of the table.
 fn source(input: &Input, notes: &mut Vec<String>) -> Result<Source, String> {
     let name = lost::name(input);
-    let beside = summary_file::read(&summary_file::path_beside(&input.path)).unwrap_or_else(|e| {
-        notes.push(e);
-        None
-    });
-    if let Some(document) = beside {
-        return Ok(Source { name, document, missing: Vec::new() });
+    match summary_file::read(&summary_file::path_beside(&input.path)) {
+        Ok(Some(document)) => return Ok(Source { name, document, missing: Vec::new() }),
+        Ok(None) => {}
+        Err(e) => notes.push(e),
     }
     let verdicts = VerdictReader::open_columns(&input.path, &[]).map_err(|e| e.to_string())?;
     let document = summary_file::of_metadata(verdicts.metadata_json());
@@ -204,12 +204,10 @@ fn episodes_of(
     let read = episode_table::read(&path);
     read.unwrap_or_else(|e| {
         source.missing.push("episodes");
+        let path = path.display();
         failed.push(match e {
             TableError::Io { source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
-                format!(
-                    "{}: is missing: its faults are not in the report; replay again",
-                    path.display()
-                )
+                format!("{path}: is missing: its faults are not in the report; replay again")
             }
             e => e.to_string(),
         });
@@ -222,15 +220,13 @@ fn episodes_of(
 /// files.
 fn read_all(files: &[&Path], control: &Control, send: &SyncSender<Result<Batch, String>>) {
     for (recording, file) in files.iter().enumerate() {
-        let read = read_one(recording, file, control, send);
-        if let Err(e) = read.map_err(|e| e.to_string()) {
-            let rows = "its rows from there on are not in the report";
-            if send.send(Err(format!("{e}; {rows}"))).is_err() {
+        if let Err(e) = read_one(recording, file, control, send) {
+            let failed = format!("{e}; its rows from there on are not in the report");
+            if send.send(Err(failed)).is_err() {
                 return;
             }
         }
-        let bytes = stored::bytes(file);
-        control.bytes_read.fetch_add(bytes, Ordering::Relaxed);
+        control.bytes_read.fetch_add(stored::bytes(file), Ordering::Relaxed);
         if control.interrupted() {
             return;
         }

@@ -6,7 +6,6 @@
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{Shutdown, TcpStream};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 /// Time, and below it number of bytes, for reading what the client still sends. If it were left unread, the
@@ -66,22 +65,15 @@ impl Write for Client {
     }
 }
 
-/// One of a limited number of seats, which is given back when it is dropped.
-pub struct Seat(Arc<AtomicUsize>);
+/// One of a limited number of seats, which is given back when it is dropped: the references to one
+/// value are counted.
+pub type Seat = Arc<()>;
 
-impl Seat {
-    /// Takes a seat; `None` if `most` are taken.
-    pub fn take(taken: &Arc<AtomicUsize>, most: usize) -> Option<Seat> {
-        let seat = Seat(taken.clone());
-        // if there was no room, the seat is dropped here, which takes its count back
-        (taken.fetch_add(1, Ordering::Relaxed) < most).then_some(seat)
-    }
-}
-
-impl Drop for Seat {
-    fn drop(&mut self) {
-        self.0.fetch_sub(1, Ordering::Relaxed);
-    }
+/// Takes a seat beside those of `all`; `None` if `most` are taken.
+pub fn take_seat(all: &Seat, most: usize) -> Option<Seat> {
+    let seat = all.clone();
+    // `all` is a reference that is no seat
+    (Arc::strong_count(all) <= most + 1).then_some(seat)
 }
 
 /// Most bytes of a request's head: browsers send less.
@@ -129,11 +121,10 @@ impl Request {
                 return Err(ErrorKind::UnexpectedEof.into());
             }
             head.extend_from_slice(&piece[..n]);
-            match Request::parse(&head) {
-                Ok(None) if head.len() >= MOST_BYTES => return Ok(Err(TOO_LARGE)),
-                Ok(None) => {}
-                Ok(Some(request)) => return Ok(Ok(request)),
-                Err(refused) => return Ok(Err(refused)),
+            match Request::parse(&head).transpose() {
+                Some(parsed) => return Ok(parsed),
+                None if head.len() >= MOST_BYTES => return Ok(Err(TOO_LARGE)),
+                None => {}
             }
         }
     }

@@ -3,7 +3,7 @@
 //! request is read and answered per connection.
 
 use super::answers;
-use super::client::{Client, NO_ROOM, Request, Seat};
+use super::client::{Client, NO_ROOM, Request, Seat, take_seat};
 use super::place::{Live, Place};
 use super::state::State;
 use crate::cli::exit::Failure;
@@ -26,7 +26,7 @@ const PAUSE: Duration = Duration::from_millis(100);
 pub fn start(place: Place, recording: &str, control: &Arc<Control>) -> Result<Arc<Live>, Failure> {
     let path = PathBuf::from(recording);
     let recording = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let (state, control, pages) = (State::default(), control.clone(), Arc::default());
+    let (state, control, pages) = (State::default(), control.clone(), Seat::default());
     let live = Arc::new(Live { state, place, recording, path, control, pages });
     let serving = live.clone();
     thread::Builder::new()
@@ -38,14 +38,14 @@ pub fn start(place: Place, recording: &str, control: &Arc<Control>) -> Result<Ar
 
 /// Accepts and answers connections until the process ends.
 fn accept(live: &Arc<Live>) {
-    let connections = Arc::default();
+    let connections = Seat::default();
     for stream in live.place.listener.incoming() {
         let Ok(stream) = stream else {
             thread::sleep(PAUSE);
             continue;
         };
         let mut client = Client::new(stream);
-        let Some(seat) = Seat::take(&connections, MOST_CONNECTIONS) else {
+        let Some(seat) = take_seat(&connections, MOST_CONNECTIONS) else {
             // the short answer is written without reading the request, so that this thread does not wait for
             // the client
             let _ = answers::refuse(&mut client, NO_ROOM);
@@ -54,7 +54,7 @@ fn accept(live: &Arc<Live>) {
         let live = live.clone();
         let answer = move || {
             // an error means that the client is gone, so nobody is left to tell
-            let _ = hear(client, &live);
+            let _ = serve(client, &live);
             drop(seat);
         };
         if thread::Builder::new().name("live client".into()).spawn(answer).is_err() {
@@ -64,7 +64,7 @@ fn accept(live: &Arc<Live>) {
 }
 
 /// Reads one request and answers it.
-fn hear(mut client: Client, live: &Live) -> io::Result<()> {
+fn serve(mut client: Client, live: &Live) -> io::Result<()> {
     client.give(ASKING);
     match Request::read(&mut client)? {
         Ok(request) => answers::answer(&request, &mut client, live)?,

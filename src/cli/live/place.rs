@@ -1,6 +1,7 @@
 //! The live view that is served: the address and the token, which are checked, and the port, which is bound,
 //! before anything else is done; and what the threads of the view share.
 
+use super::client::Seat;
 use super::state::State;
 use crate::cli::exit::Failure;
 use crate::pipeline::Control;
@@ -8,7 +9,7 @@ use inkling_io::regular_file;
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::Duration;
 
@@ -41,11 +42,12 @@ pub fn check(
     token: Option<&Path>,
     follow: bool,
 ) -> Result<Option<Place>, Failure> {
-    let Some(address) = address else {
-        return match token {
-            Some(_) => Err(Failure::usage("--serve-token: has no effect here: add --serve")),
-            None => Ok(None),
-        };
+    let address = match (address, token) {
+        (Some(address), _) => address,
+        (None, Some(_)) => {
+            return Err(Failure::usage("--serve-token: has no effect here: add --serve"));
+        }
+        (None, None) => return Ok(None),
     };
     if !follow {
         return Err(Failure::usage(
@@ -56,10 +58,10 @@ pub fn check(
     let token = token.map(read_token).transpose()?;
     let addresses = resolve(address)?;
     if let Some(open) = addresses.iter().find(|of| token.is_none() && !of.ip().is_loopback()) {
+        let port = open.port();
         return Err(Failure::usage(format!(
-            "--serve {address}: whoever reaches this machine could look: serve 127.0.0.1:{}, or give --serve-token \
-             FILE with a secret of {LEAST_TOKEN} characters or more",
-            open.port()
+            "--serve {address}: whoever reaches this machine could look: serve 127.0.0.1:{port}, or give \
+             --serve-token FILE with a secret of {LEAST_TOKEN} characters or more"
         )));
     }
     let failed = |e| Failure::new(format!("--serve {address}: cannot listen: {e}"));
@@ -99,12 +101,11 @@ fn read_token(path: &Path) -> Result<String, Failure> {
     let text = regular_file::read(path, MOST_TOKEN).map_err(|e| failed(e.to_string()))?;
     let token = String::from_utf8_lossy(&text).trim().to_owned();
     let is_plain = token.bytes().all(|c| c.is_ascii_alphanumeric() || b"-._~".contains(&c));
-    match is_plain && token.len() >= LEAST_TOKEN {
-        true => Ok(token),
-        false => Err(failed(format!(
-            "give one line of {LEAST_TOKEN} or more letters, digits, `-`, `.`, `_` or `~`"
-        ))),
+    if !is_plain || token.len() < LEAST_TOKEN {
+        let such = "or more letters, digits, `-`, `.`, `_` or `~`";
+        return Err(failed(format!("give one line of {LEAST_TOKEN} {such}")));
     }
+    Ok(token)
 }
 
 /// Everything that the threads of the live view share.
@@ -117,8 +118,8 @@ pub struct Live {
     pub path: PathBuf,
     /// Tells how far the recording was read.
     pub control: Arc<Control>,
-    /// Number of clients that are pages, which stay connected.
-    pub pages: Arc<AtomicUsize>,
+    /// The seats of clients that are pages, which stay connected.
+    pub pages: Seat,
 }
 
 impl Live {
