@@ -62,18 +62,19 @@ pub fn verb(words: &[String]) -> Result<Ended, Failure> {
 
 /// Adds to a verb's result the messages that were collected on this thread.
 fn ended(done: Result<Exit, Failure>) -> Result<Ended, Failure> {
-    let warnings = take_messages();
-    match done {
-        Ok(exit) => Ok(Ended { exit, warnings }),
-        Err(failure) => Err(after(failure, &warnings)),
-    }
+    let (exit, warnings) = with_messages(done)?;
+    Ok(Ended { exit, warnings })
 }
 
-/// A failure with the messages that were told before it, one per line below its own.
-fn after(failure: Failure, told: &[String]) -> Failure {
-    let lines: Vec<&str> =
-        std::iter::once(&failure.message).chain(told).map(String::as_str).collect();
-    Failure { exit: failure.exit, message: lines.join("\n") }
+/// A result with the messages that were collected on this thread; a failure has them below its own,
+/// one per line.
+fn with_messages<T>(done: Result<T, Failure>) -> Result<(T, Vec<String>), Failure> {
+    let mut messages = take_messages();
+    done.map_err(|Failure { exit, message }| {
+        messages.insert(0, message);
+        Failure { exit, message: messages.join("\n") }
+    })
+    .map(|result| (result, messages))
 }
 
 /// Parses words as the command line does. The failure has the parser's message without its usual
@@ -82,8 +83,8 @@ fn parsed<C: Parser>(words: &[String]) -> Result<C, Failure> {
     let words = ["inkling"].into_iter().chain(words.iter().map(String::as_str));
     parse(words).map_err(|e: clap::Error| {
         let text = e.render().to_string();
-        let said = text.split("\n\nFor more information").next().unwrap_or(&text); // of the command's options
-        Failure::usage(said.trim_start_matches("error: ").trim_end())
+        let what = text.split("\n\nFor more information").next().unwrap_or(&text);
+        Failure::usage(what.trim_start_matches("error: ").trim_end())
     })
 }
 
@@ -97,12 +98,10 @@ pub fn learn(
 ) -> Result<Learned, Failure> {
     let settings = Settings::load(None, None, set)?;
     effect::check(set, &settings, effect::Command::Train)?;
-    let learned =
-        train::learn(Lesson { recordings, labels, outcomes: None, new_class, settings: &settings });
-    let mut warnings = take_messages();
-    let mut learned = learned.map_err(|failure| after(failure, &warnings))?;
-    warnings.append(&mut learned.warnings);
-    Ok(Learned { warnings, ..learned })
+    let lesson = Lesson { recordings, labels, outcomes: None, new_class, settings: &settings };
+    let (mut learned, messages) = with_messages(train::learn(lesson))?;
+    learned.warnings.splice(0..0, messages);
+    Ok(learned)
 }
 
 // The options of one verb as a command line of their own, without the verb's name.
@@ -138,8 +137,8 @@ pub struct Judged {
 pub fn judge(replay: &Replay, recording: &Recording, control: &Control) -> Result<Judged, Failure> {
     let mut report = pipeline::judge(replay, recording, control)?;
     let mut warnings = notes::not_judged(&report);
-    let told = notes::warnings(&report).into_iter().chain(notes::damage(&report));
-    warnings.extend(told.map(|told| told.what));
+    let counted = notes::warnings(&report).into_iter().chain(notes::damage(&report));
+    warnings.extend(counted.map(|message| message.what));
     let rows = report.arrays.take().ok_or_else(|| Failure::new("no rows; this is our bug"))?;
     Ok(Judged { rows, state: report.baselines, warnings })
 }

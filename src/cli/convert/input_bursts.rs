@@ -44,16 +44,14 @@ impl InputBursts {
         // 1. read the file by its kind
         let table = match kind {
             FileKind::Text => table_file::read(&args.table, &columns)?,
-            FileKind::Numpy => {
-                if args.burst.is_some() || args.resample {
-                    let what = "--burst and --resample are of tables, not of arrays";
-                    return Err(Failure::usage(what));
-                }
-                if args.outputs.as_ref().is_some_and(|names| names.len() != 1) {
-                    return Err(Failure::usage("--outputs: one array of a .npz"));
-                }
-                numpy::read(&args.table, &columns)?
+            FileKind::Numpy if args.burst.is_some() || args.resample => {
+                let what = "--burst and --resample are of tables, not of arrays";
+                return Err(Failure::usage(what));
             }
+            FileKind::Numpy if args.outputs.as_ref().is_some_and(|names| names.len() != 1) => {
+                return Err(Failure::usage("--outputs: one array of a .npz"));
+            }
+            FileKind::Numpy => numpy::read(&args.table, &columns)?,
             kind => columnar::read(&args.table, kind, &columns)?,
         };
 
