@@ -82,12 +82,19 @@ impl Batch<'_> {
     /// Judges the planned recordings in this order, then writes and prints the account of the run.
     /// Returns the exit status; a failure if the run was stopped or nothing could be judged.
     pub fn run(mut self, planned: &[PlannedRecording]) -> Result<Exit, Failure> {
-        // 1. judge; `run.json` is written however that ends, before the closing table is printed
+        // 1. judge; each recording that is looked at gets a row, and so do those that are not reached
+        let lost = self.account.rows.len();
         let stopped = self.all(planned).err();
         let (end, exit) = match &stopped {
-            Some(stop) => (stop.end, stop.failure.exit),
+            Some(Stop { end, failure }) => {
+                let why = printable::line(&failure.message, MOST_OF_AN_ERROR);
+                let left = &planned[self.account.rows.len() - lost..];
+                self.account.rows.extend(left.iter().map(|p| p.row(Outcome::NotReached, &why)));
+                (*end, failure.exit)
+            }
             None => (End::Finished, self.account.exit()),
         };
+        // `run.json` is written however that ended, before the closing table is printed
         let written = self.account.write(self.run.out, self.run.means, end, exit);
 
         // 2. tell the run as a whole; a single recording that was judged has been reported already
@@ -127,24 +134,24 @@ impl Batch<'_> {
         if inputs.len() < 2 {
             return Ok(());
         }
-        match results::read(&inputs, &replay.settings.report, false, progress, control) {
-            Ok(Read { report, .. }) => {
-                let printed = print_report(&report, printable::line, &mut output::report());
-                unless_reader_gone(printed)
-            }
+        let read = results::read(&inputs, &replay.settings.report, false, progress, control);
+        let Read { report, .. } = match read {
+            Ok(read) => read,
             Err(e) => {
                 progress.say(&format!("warning: no cleaning list: {}", e.message));
-                Ok(())
+                return Ok(());
             }
-        }
+        };
+        unless_reader_gone(print_report(&report, printable::line, &mut output::report()))
     }
 
     /// Hands all recordings that are to be judged to the judge, then takes the planned ones in
-    /// turn: skips, refuses or judges each. If the run stops, the remaining recordings get rows as
-    /// not reached, and the reason is the error.
+    /// turn: skips, refuses or judges each. The error is why the run stops before the last.
     fn all(&mut self, planned: &[PlannedRecording]) -> Result<(), Stop> {
-        if let Err(stop) = self.tell_lost() {
-            return Err(self.not_reached(planned, stop));
+        // names that were given and not found have their rows already
+        for row in &self.account.rows {
+            self.run.progress.fail(&format!("inkling: {}", row.why));
+            self.print_row(row, &Value::Null)?;
         }
 
         // such a judge may write any of the results from now on: what is out of date is set aside before
@@ -155,41 +162,20 @@ impl Batch<'_> {
             plan::to_judge(planned).map(|this| this.placed.clone()).collect();
         // a failure to begin stops the run only at the first recording that is to be judged, so
         // that those before it are still told as skipped
-        let mut begun = self.judge.begin(&self.run, &placed).map_err(Stop::from);
-
+        let mut begun = self.judge.begin(&self.run, &placed);
         let mut nth = 0; // number of recordings handed to the judge so far
-        for (at, this) in planned.iter().enumerate() {
-            let reached = self.account.rows.len();
-            let done = match &this.decision {
-                Decision::Finished { entry, moved } => self.skip(this, entry, *moved),
-                Decision::Refuse(why) => self.note_failure(this, why.clone(), None),
+        for this in planned {
+            match &this.decision {
+                Decision::Finished { entry, moved } => self.skip(this, entry, *moved)?,
+                Decision::Refuse(why) => self.note_failure(this, why.clone(), None)?,
                 Decision::Judge(_) => {
+                    std::mem::replace(&mut begun, Ok(()))?;
+                    self.judge(this, nth)?;
                     nth += 1;
-                    std::mem::replace(&mut begun, Ok(())).and_then(|()| self.judge(this, nth - 1))
                 }
-            };
-            if let Err(stop) = done {
-                // the recording at which the run stopped may have its row already
-                let looked_at = at + usize::from(self.account.rows.len() > reached);
-                return Err(self.not_reached(&planned[looked_at..], stop));
             }
         }
         Ok(())
-    }
-
-    /// Tells the names that were given and not found, which have their rows already.
-    fn tell_lost(&self) -> Result<(), Stop> {
-        self.account.rows.iter().try_for_each(|row| {
-            self.run.progress.fail(&format!("inkling: {}", row.why));
-            self.print_row(row, &Value::Null)
-        })
-    }
-
-    /// Adds rows for the recordings that a run which stops does not reach; returns why it stops.
-    fn not_reached(&mut self, left: &[PlannedRecording], stop: Stop) -> Stop {
-        let why = printable::line(&stop.failure.message, MOST_OF_AN_ERROR);
-        self.account.rows.extend(left.iter().map(|p| p.row(Outcome::NotReached, &why)));
-        stop
     }
 
     /// Leaves a finished recording as it is. If the same content was found under another path or with another
@@ -211,23 +197,20 @@ impl Batch<'_> {
         if !self.judge.all_at_once() {
             self.set_aside_outdated(this);
         }
-        let why_not = match self.judge.judge(&self.run, nth, &this.placed) {
-            Ok(judged) => return self.keep(this, judged),
-            Err(why_not) => why_not,
-        };
-        Err(match why_not {
-            NotJudged::Interrupted => {
-                Stop { end: End::Interrupted, failure: PipelineError::Interrupted.into() }
-            }
-            NotJudged::NoRoom(what) => self.no_room(&what),
-            NotJudged::Broken(what) => Failure::new(what).into(),
-            NotJudged::Failed { why, usage } => {
+        match self.judge.judge(&self.run, nth, &this.placed) {
+            Ok(judged) => self.keep(this, judged),
+            Err(NotJudged::Failed { why, usage }) => {
                 // what earlier runs wrote of it no longer belongs to what the journal says
                 self.set_aside(&this.placed.verdicts_in(self.run.out));
                 let failure = if usage { Failure::usage(&why) } else { Failure::new(&why) };
-                return self.note_failure(this, why, Some(failure));
+                self.note_failure(this, why, Some(failure))
             }
-        })
+            Err(NotJudged::NoRoom(what)) => Err(self.no_room(&what)),
+            Err(NotJudged::Broken(what)) => Err(Failure::new(what).into()),
+            Err(NotJudged::Interrupted) => {
+                Err(Stop { end: End::Interrupted, failure: PipelineError::Interrupted.into() })
+            }
+        }
     }
 
     /// Notes a judged recording in the journal, then replaces the baselines. The order matters: the next run

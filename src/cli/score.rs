@@ -22,7 +22,7 @@ use inkling_core::labels::{Channels, Label, Labels, Met, Span};
 use inkling_core::model::faults::Catalogue;
 use inkling_core::promise::Promise;
 use inkling_core::verdict::{Outcome, VerdictColumns};
-use inkling_io::verdict_reader::VerdictReader;
+use inkling_io::verdict_reader::{self, VerdictReader};
 use inkling_io::{
     design_file, episode_table, labels_file, outputs, printable, stored, summary_file,
 };
@@ -182,16 +182,13 @@ impl<'a> Scoring<'a> {
         let mut verdicts = VerdictReader::open(path).map_err(Failure::new)?;
 
         // 1. the metadata say from which certainty on these verdicts were called certain
-        let document: serde_json::Value = verdicts
-            .metadata_json()
-            .and_then(|json| serde_json::from_str(json).ok())
-            .unwrap_or_default();
-        let bound = document["settings"]["isolate"]["certainty"].as_f64();
-        self.score.bound = bound.or(self.score.bound);
+        let document = verdict_reader::document_of(path);
+        let isolate = &document["settings"]["isolate"];
+        self.score.bound = isolate["certainty"].as_f64().or(self.score.bound);
         // 2. the user's own classes (`isolate.physics`) belong to categories that only these
         // settings know
-        let laws = &document["settings"]["isolate"]["physics"];
-        let laws: Catalogue = serde_json::from_value(laws.clone()).unwrap_or_default();
+        let laws: Catalogue =
+            serde_json::from_value(isolate["physics"].clone()).unwrap_or_default();
         let categories = laws.categories();
 
         // 3. the episodes come before the rows: the score counts for each fault the signals up to
@@ -381,21 +378,16 @@ fn onsets(labels: &Labels) -> Onsets {
     let mut faulty: Vec<&Label> = labels.rows().iter().filter(|l| l.is_fault()).collect();
     faulty.sort_by_key(|l| (&l.printhead, l.channel, l.from_ns));
     let mut onsets = Onsets::new();
-    // the label before, with the onset of its fault and the latest end of the fault's labels so
-    // far, which may be that of an earlier one; `None` as end or start: unlimited
-    let mut before: Option<(&Label, Option<i64>, Option<i64>)> = None;
-    for label in faulty {
-        // whether this label goes on with the fault of the label before
-        let goes_on = |&(last, _, end): &(&Label, Option<i64>, Option<i64>)| {
-            let same = (&last.printhead, last.channel) == (&label.printhead, label.channel);
-            same && end.is_none_or(|to| label.from_ns.is_none_or(|from| from <= to))
-        };
-        let (onset, end) = match before.filter(goes_on) {
-            Some((_, onset, end)) => (onset, end.zip(label.to_ns).map(|(a, b)| a.max(b))),
-            None => (label.from_ns, label.to_ns),
-        };
-        onsets.insert((label.printhead.clone(), label.channel, label.from_ns), onset);
-        before = Some((label, onset, end));
+    for labels in faulty.chunk_by(|a, b| (&a.printhead, a.channel) == (&b.printhead, b.channel)) {
+        // the onset of the fault at hand, and the latest end of its labels so far; `None`: unlimited
+        let (mut onset, mut end) = (labels[0].from_ns, labels[0].to_ns);
+        for label in labels {
+            (onset, end) = match end.is_none_or(|to| label.from_ns.is_none_or(|from| from <= to)) {
+                true => (onset, end.zip(label.to_ns).map(|(a, b)| a.max(b))),
+                false => (label.from_ns, label.to_ns),
+            };
+            onsets.insert((label.printhead.clone(), label.channel, label.from_ns), onset);
+        }
     }
     onsets
 }
