@@ -7,7 +7,7 @@
 
 use super::exit::Exit;
 use super::notes::{Note, Notes};
-use super::progress::{counted, thousands};
+use super::progress::{counted, first_few, thousands};
 use super::report::printable_path;
 use inkling_io::journal::{self, Means, Outcome};
 use inkling_io::part_file;
@@ -234,7 +234,7 @@ impl Account {
         // outcomes are ordered from the worst on; all before `Judged` are not as they should be
         let mut worst: Vec<_> = self.news().filter(|row| row.outcome < Outcome::Judged).collect();
         worst.sort_by_key(|row| row.outcome);
-        for row in worst.iter().take(MOST_NAMED) {
+        let lines = worst.iter().map(|row| {
             let word = match row.outcome {
                 Outcome::Failed => "failed",
                 Outcome::NotReached => "not reached",
@@ -242,11 +242,9 @@ impl Account {
                 Outcome::WindowRefused => "refused a window",
                 _ => "damaged",
             };
-            writeln!(out, "  {word:<11}  {}  {}", printable_path(&row.recording), row.why)?;
-        }
-        if worst.len() > MOST_NAMED {
-            writeln!(out, "  and {} more: see {RUN_NAME}", worst.len() - MOST_NAMED)?;
-        }
-        Ok(())
+            format!("{word:<11}  {}  {}", printable_path(&row.recording), row.why)
+        });
+        first_few(lines, MOST_NAMED, |more| format!("and {more} more: see {RUN_NAME}"))
+            .try_for_each(|line| writeln!(out, "  {line}"))
     }
 }

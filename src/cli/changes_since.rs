@@ -11,7 +11,7 @@
 use super::account::{MOST_RUN_BYTES, RUN_NAME, Row};
 use super::exit::Failure;
 use super::lost;
-use super::progress::{counted, thousands};
+use super::progress::{counted, first_few, thousands};
 use super::report::printable;
 use crate::pipeline::rfc3339;
 use crate::report::{Changes, Fault, Report, clock};
@@ -229,13 +229,8 @@ fn list(
     if all > 0 {
         writeln!(out, "{words}: {}", thousands(all as u64))?;
     }
-    for line in lines.take(MOST_LISTED) {
-        writeln!(out, "  {line}")?;
-    }
-    match all.saturating_sub(MOST_LISTED) {
-        0 => Ok(()),
-        more => writeln!(out, "  and {} more", thousands(more as u64)),
-    }
+    first_few(lines, MOST_LISTED, |more| format!("and {} more", thousands(more as u64)))
+        .try_for_each(|line| writeln!(out, "  {line}"))
 }
 
 /// A fault as JSON. The keys are names of columns of `report.faults.parquet`, though not of all; times are

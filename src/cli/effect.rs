@@ -113,19 +113,10 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<&'stat
             Some("it is part of the design; train with it")
         }
         ("isolate", Command::Replay { .. }) => by_isolation(name, isolation),
+        ("isolate", Command::Train) if OF_TRAINING.contains(&name) => by_isolation(name, isolation),
         // A critique trains a design with these settings. Settings that only judging reads are
-        // accepted here, and below for `train`, so that the same --set can be given to all three
-        // commands.
-        ("isolate", Command::Critique) => None,
-        ("isolate", Command::Train) => match name {
-            "matching_share" if isolation != IsolateMethod::ModelMatching => {
-                Some("it is of isolate.method = \"model-matching\" alone")
-            }
-            "waveform" | "pulse_s" | "delay_s" if isolation != IsolateMethod::Posterior => {
-                Some("it is of isolate.method = \"posterior\" alone")
-            }
-            _ => None,
-        },
+        // accepted here, so that the same --set can be given to all three commands.
+        ("isolate", Command::Critique | Command::Train) => None,
         ("detect", Command::Replay { detects: true, .. }) => {
             without_labels(name, &settings.detect).or_else(|| by_detection(name, &settings.detect))
         }
@@ -196,17 +187,22 @@ fn by_detection(name: &str, detect: &DetectSettings) -> Option<&'static str> {
     }
 }
 
-/// Why a setting of `[isolate]` is not read when a signal is named by the chosen method; `None` if it is.
+/// Why a setting of `[isolate]` is not read beside the chosen method of isolation; `None` if it is.
 fn by_isolation(name: &str, method: IsolateMethod) -> Option<&'static str> {
-    use IsolateMethod::{Neighbours, Posterior, ResidualMatching};
-    match name {
-        "signal" if ![ResidualMatching, Neighbours].contains(&method) => {
-            Some("it is of isolate.method = \"residual-matching\" and \"neighbours\" alone")
+    use IsolateMethod::{ModelMatching, Neighbours, Posterior, ResidualMatching};
+    let (readers, why): (&[IsolateMethod], _) = match name {
+        "signal" => (
+            &[ResidualMatching, Neighbours],
+            "it is of isolate.method = \"residual-matching\" and \"neighbours\" alone",
+        ),
+        "neighbours" => (&[Neighbours], "it is of isolate.method = \"neighbours\" alone"),
+        "matching_share" => {
+            (&[ModelMatching], "it is of isolate.method = \"model-matching\" alone")
         }
-        "neighbours" if method != Neighbours => {
-            Some("it is of isolate.method = \"neighbours\" alone")
+        "priors" | "waveform" | "pulse_s" | "delay_s" => {
+            (&[Posterior], "it is of isolate.method = \"posterior\" alone")
         }
-        "priors" if method != Posterior => Some("it is of isolate.method = \"posterior\" alone"),
-        _ => None,
-    }
+        _ => return None,
+    };
+    (!readers.contains(&method)).then_some(why)
 }

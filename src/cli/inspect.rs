@@ -16,7 +16,7 @@ use crate::pipeline::visit::Pass;
 use crate::pipeline::{Control, ring_look};
 use crate::settings::Settings;
 use inkling_core::burst::Acquisition;
-use inkling_io::damage::note;
+use inkling_io::damage::{Damage, note};
 use inkling_io::dialect::guess::Proposal;
 use inkling_io::file_error::FileError;
 use inkling_io::recording::Recording;
@@ -102,9 +102,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
 fn write(file: &Path, proposals: &[Proposal], progress: &Progress) -> Result<(), Failure> {
     let shown = file.display();
     if proposals.is_empty() {
-        return Err(Failure::new(format!(
-            "--write {shown}: nothing is proposed: no message that is not read already looks like a burst"
-        )));
+        let why = "no message that is not read already looks like a burst";
+        return Err(Failure::new(format!("--write {shown}: nothing is proposed: {why}")));
     }
     let blocks: Vec<&str> = proposals.iter().map(|proposal| proposal.toml.as_str()).collect();
     part_file::write(file, blocks.join("\n").as_bytes()).map_err(FileError::unwritten(file))?;
@@ -147,25 +146,26 @@ fn one(
     let whole = contents.damage.is_empty() && contents.unusable.is_empty();
     let exit = if whole { Exit::Done } else { Exit::Incomplete };
 
+    let doubts = doubts(recording);
     if as_json {
         let mut document = contents.document(recording, &digest.text, exit);
         topics.describe(&mut document);
-        document["doubts"] = doubts(recording).into();
+        document["doubts"] = doubts.into();
         output::event(&document)?;
         return Ok((exit, topics.proposals));
     }
     let mut out = std::io::stdout().lock();
-    let has_name = !recording.name.is_empty();
-    let name = if has_name { recording.name.clone() } else { path.to_string_lossy().into_owned() };
-    let (name, bytes) = (printable(&name), thousands(recording.bytes));
+    let name = Some(&recording.name).filter(|name| !name.is_empty());
+    let name = printable(name.map_or(&*path.to_string_lossy(), String::as_str));
+    let bytes = thousands(recording.bytes);
     writeln!(out, "{name}: {bytes} bytes, {}", digest.text)?;
     contents.print(recording, &mut out)?;
     topics.print(&mut out)?;
-    for doubt in doubts(recording) {
-        writeln!(out, "  doubt    {}", printable(&doubt))?;
+    for doubt in &doubts {
+        writeln!(out, "  doubt    {}", printable(doubt))?;
     }
-    for d in &contents.damage {
-        writeln!(out, "  damage   bytes {} to {}: {}", d.from_byte, d.to_byte, d.what)?;
+    for Damage { from_byte, to_byte, what } in &contents.damage {
+        writeln!(out, "  damage   bytes {from_byte} to {to_byte}: {what}")?;
     }
     writeln!(out, "  {}", if whole { "whole" } else { "NOT whole" })?;
     Ok((exit, topics.proposals))

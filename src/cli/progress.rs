@@ -226,13 +226,11 @@ impl Progress {
 
     /// Tells the first few damages of a recording, and how many more there are.
     pub fn say_damage(&self, name: &str, damage: &[Damage]) {
-        const MOST: usize = 10;
-        let first = damage.iter().take(MOST);
-        let first = first.map(|d| format!("bytes {} to {}: {}", d.from_byte, d.to_byte, d.what));
-        let more = damage.len().saturating_sub(MOST);
-        let more = (more > 0).then(|| format!("{more} damages more"));
-        for what in first.chain(more) {
-            self.say(&format!("warning: {}: {what}", printable::line(name, MOST_OF_A_NAME)));
+        let name = printable::line(name, MOST_OF_A_NAME);
+        let all = damage.iter();
+        let all = all.map(|d| format!("bytes {} to {}: {}", d.from_byte, d.to_byte, d.what));
+        for what in first_few(all, 10, |more| format!("{more} damages more")) {
+            self.say(&format!("warning: {name}: {what}"));
         }
     }
 
@@ -318,4 +316,14 @@ pub fn thousands(n: u64) -> String {
 /// A number with its noun in the singular or plural: `1 recording`, `2 recordings`.
 pub fn counted(n: u64, what: &str) -> String {
     format!("{} {what}{}", thousands(n), if n == 1 { "" } else { "s" })
+}
+
+/// The first `most` lines, and after them what `more` says of the number of those that are left.
+pub fn first_few(
+    lines: impl ExactSizeIterator<Item = String>,
+    most: usize,
+    more: impl Fn(usize) -> String,
+) -> impl Iterator<Item = String> {
+    let left = lines.len().saturating_sub(most);
+    lines.take(most).chain((left > 0).then(|| more(left)))
 }

@@ -3,7 +3,7 @@
 //! in which names from files are made harmless. (The page of `inkling report` is made elsewhere:
 //! `report_page`.)
 
-use super::progress::thousands;
+use super::progress::{first_few, thousands};
 use crate::pipeline::RecordingReport;
 use crate::pipeline::tally::PrintheadTally;
 use crate::report::clock;
@@ -113,16 +113,14 @@ fn print_printhead(name: &str, printhead: &PrintheadTally, out: &mut impl Write)
 
 /// Prints the episodes of a printhead: since when, until when, in how many bursts, and what was found.
 fn print_episodes(episodes: &[&Episode], out: &mut impl Write) -> io::Result<()> {
-    for e in episodes.iter().take(MOST_LISTED) {
+    let lines = episodes.iter().map(|e| {
         let (since, bursts) = (clock(e.began_at_ns), thousands(e.bursts));
         let until = e.ended_at_ns.map_or("still on".to_owned(), clock);
         let explanation = printable::line(&e.explanation, 1000);
-        writeln!(out, "    {since} to {until:<19} {bursts:>7}  {explanation}")?;
-    }
-    if episodes.len() > MOST_LISTED {
-        writeln!(out, "    and {} episodes more", episodes.len() - MOST_LISTED)?;
-    }
-    Ok(())
+        format!("{since} to {until:<19} {bursts:>7}  {explanation}")
+    });
+    first_few(lines, MOST_LISTED, |more| format!("and {more} episodes more"))
+        .try_for_each(|line| writeln!(out, "    {line}"))
 }
 
 /// The lines of `--timings`: where the time went by phase and by stage.

@@ -11,7 +11,7 @@
 use super::changes_since::{ChangesSince, EarlierRun, as_json};
 use super::exit::{Exit, Failure};
 use super::output;
-use super::progress::{Progress, interruptible};
+use super::progress::{Progress, first_few, interruptible};
 use super::results::{self, Read};
 use crate::report::{self, Fault, Report};
 use crate::settings::Settings;
@@ -101,11 +101,9 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     for note in &read.notes {
         progress.say(&format!("warning: {note}"));
     }
-    for failure in read.failed.iter().take(MOST_TOLD) {
+    let failed = read.failed.iter().cloned();
+    for failure in first_few(failed, MOST_TOLD, |more| format!("and {more} more")) {
         progress.fail(&format!("inkling: {failure}"));
-    }
-    if read.failed.len() > MOST_TOLD {
-        progress.fail(&format!("inkling: and {} more", read.failed.len() - MOST_TOLD));
     }
     let since = earlier.as_ref().map(|earlier| ChangesSince::of(earlier, &read.report));
     let since = since.transpose()?;
