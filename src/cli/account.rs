@@ -16,7 +16,6 @@ use std::io::{self, Write};
 use std::path::Path;
 use std::time::Instant;
 
-/// Name of the account's file in the directory of results.
 pub const RUN_NAME: &str = "run.json";
 /// Most bytes of that file that are read: enough for a million recordings, of some 300 bytes each.
 pub const MOST_RUN_BYTES: u64 = 1 << 30;
@@ -97,7 +96,6 @@ pub struct Totals {
     /// the run stopped before them.
     pub failed: usize,
     pub not_reached: usize,
-    /// Recordings whose annotations were asked for, and whose tables cannot be read.
     pub not_annotated: usize,
     /// Signals of the recordings that this run did not skip.
     pub signals: u64,
@@ -123,7 +121,6 @@ struct Run<'a> {
 }
 
 impl Account {
-    /// The account of a run that begins now.
     pub fn new(strict: bool) -> Account {
         Account {
             began: journal::now(),
@@ -137,7 +134,6 @@ impl Account {
         }
     }
 
-    /// The totals of the rows so far.
     pub fn totals(&self) -> Totals {
         let new = || self.rows.iter().filter(|row| !row.skipped);
         let number = |of| self.rows.iter().filter(|row| row.outcome == of).count();

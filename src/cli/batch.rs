@@ -33,7 +33,6 @@ use std::error::Error;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Most characters of an error in the journal.
 const MOST_OF_AN_ERROR: usize = 2000;
 
 /// Most failures that are told one by one as they occur, over the whole run.
@@ -41,9 +40,7 @@ const MOST_FAILURES: usize = 10;
 
 /// A run over planned recordings, and what it needs.
 pub struct Batch<'a> {
-    /// Who judges: this process, or others.
     pub judge: &'a mut dyn Judge,
-    /// What the judge is told of the run.
     pub run: Run<'a>,
     /// The file of `--baseline`; `None`: there are no baselines.
     pub baseline_file: Option<BaselineFile>,
@@ -67,7 +64,6 @@ pub struct Batch<'a> {
 pub struct Stop {
     /// How the run ended, for `run.json`.
     pub end: End,
-    /// The message and the exit status.
     pub failure: Failure,
 }
 
@@ -111,7 +107,6 @@ impl Batch<'_> {
             }
         }
 
-        // 3. the exit status, or the most important failure
         match stopped {
             Some(stop) => return Err(stop.failure), // run.json on a full disk is the lesser loss
             None => written.map_err(FileError::unwritten(&self.run.out.join(RUN_NAME)))?,
@@ -247,7 +242,6 @@ impl Batch<'_> {
         // 5. what the journal calls finished has its row and is told, whatever failed in step 4
         self.tell_of(this, &judged)?;
         replaced?;
-        // the next recording is judged by the new baselines
         if baselines.is_some() {
             self.run.replay.baselines = baselines;
         }
@@ -308,7 +302,6 @@ impl Batch<'_> {
         self.print_row(&row, &entry.counts)
     }
 
-    /// Adds a recording's row to the account, then prints it.
     fn add_row(&mut self, row: Row, counts: &Value) -> Result<(), Stop> {
         self.account.rows.push(row.clone());
         self.print_row(&row, counts)
@@ -362,7 +355,6 @@ impl Batch<'_> {
         self.failures += 1;
     }
 
-    /// Appends a line to the journal.
     fn append(&mut self, entry: &Entry) -> Result<(), Stop> {
         self.journal.append(entry).map_err(|e| {
             let path = self.journal.path.display();
@@ -411,7 +403,6 @@ fn results_of(verdicts: &Path) -> impl DoubleEndedIterator<Item = PathBuf> {
     std::iter::once(annotation_writer::path_beside(verdicts)).chain(resume::files(verdicts))
 }
 
-/// The name `<file>.stale` for results that are out of date.
 fn stale(file: &Path) -> PathBuf {
     let name = file.file_name().unwrap_or_default().to_string_lossy();
     file.with_file_name(format!("{name}.stale"))

@@ -124,7 +124,6 @@ pub fn judging(design: Design, digest: String, options: &[String]) -> Result<Rep
 
 /// The verdicts of bursts in memory.
 pub struct Judged {
-    /// The rows of the verdict table, as columns.
     pub rows: VerdictArrays,
     /// The state after these bursts, if there was one before.
     pub state: Option<Memory>,
@@ -143,7 +142,6 @@ pub fn judge(replay: &Replay, recording: &Recording, control: &Control) -> Resul
     Ok(Judged { rows, state: report.baselines, warnings })
 }
 
-/// `inkling critique OPTIONS` on bursts in memory.
 pub fn critique(recording: Recording, options: &[String]) -> Result<Ended, Failure> {
     ended(critique::run_in_memory(asked(options)?, recording))
 }

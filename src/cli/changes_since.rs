@@ -4,9 +4,8 @@
 //!
 //! The report is of the results as they lie now. Results that the earlier run had and that were not
 //! made anew since are what was known then; all other results are what came since, even if their
-//! recordings are of an earlier time. `Changes::since` divides the faults by that. This file
-//! decides which results are which ([`EarlierRun::read`] and `has_results`), adds what was not
-//! judged since, and prints.
+//! recordings are of an earlier time. This file decides which results are which (`has_results`),
+//! adds what was not judged since, and prints; `Changes::since` divides the faults.
 
 use super::account::{MOST_RUN_BYTES, RUN_NAME, Row};
 use super::exit::Failure;
@@ -114,7 +113,6 @@ impl EarlierRun {
 pub struct ChangesSince<'a> {
     /// The path by which the earlier run was given.
     run: &'a Path,
-    /// The faults by what became of them.
     changes: Changes<'a>,
     /// Printheads, recordings and parts of recordings that were not judged since then, and why.
     unjudged: Vec<Unjudged>,
@@ -184,7 +182,6 @@ impl<'a> ChangesSince<'a> {
         document
     }
 
-    /// Prints the changes as text.
     pub fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
         let Changes { from_ns, to_ns, recordings, still, .. } = &self.changes;
         if *recordings > 0 {

@@ -12,7 +12,6 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-/// A verdict table and its metadata.
 #[derive(Clone, Copy)]
 pub struct Table<'a> {
     pub path: &'a Path,
@@ -44,7 +43,6 @@ pub fn left_out(tables: &[Table]) -> Vec<Option<String>> {
     notes
 }
 
-/// Number of judged signals of a table, by its metadata.
 fn judged(table: &Table) -> u64 {
     table.document["counts"]["judged"].as_u64().unwrap_or_default()
 }
@@ -124,12 +122,10 @@ fn holds_the_same(a: &Path, b: &Path) -> bool {
     }
 }
 
-/// The printhead's name of each row.
 fn heads(c: &VerdictColumns) -> impl Iterator<Item = &str> {
     c.printhead.iter().map(|k| &*c.printheads[*k as usize])
 }
 
-/// Whether each row was rejected.
 fn rejected(c: &VerdictColumns) -> impl Iterator<Item = bool> {
     c.outcome.iter().map(|outcome| *outcome == Outcome::Rejected)
 }

@@ -30,7 +30,6 @@ use inkling_lab::critique::{decay, digits, report};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Name of the file of the extended design.
 const EXTENDED_DESIGN: &str = "extended.design.json";
 /// The files of a critique. Those of an earlier run are removed first, so that none lies beside those of this
 /// one. `critique.json` is the first to go and the last to be written: if it is there, all are.
@@ -160,7 +159,6 @@ fn criticised(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
         }
     }
 
-    // 5. write and tell
     write(&args.out, &outcome.critique)?;
     let mut out = super::output::report();
     print(&args.out, &outcome.critique, &mut out)?;
@@ -273,7 +271,6 @@ fn print_gain(critique: &Critique, out: &mut impl Write) -> std::io::Result<()> 
     print_figures("after", after, out)
 }
 
-/// Prints the figures of one model on the held-out signals.
 fn print_figures(when: &str, g: &GainFigures, out: &mut impl Write) -> std::io::Result<()> {
     let GainFigures { chi2_per_dof, nrmse_percent, detection_auc, .. } = g;
     let (whiteness, false_alarms) = (digits::p_is(g.whiteness_p), 100.0 * g.false_alarms);

@@ -6,9 +6,8 @@
 //! that is not read. `replay` is checked once its design has been read, the other commands before they read a
 //! recording.
 //!
-//! The rules are written as one `match` over section and command (`why_unread`), with a function
-//! each for what the chosen method of detection or isolation decides. They state what the code of
-//! the commands reads; who adds a setting, or reads one in another command, changes them here.
+//! The rules (`why_unread`) state what the code of the commands reads; who adds a setting, or reads
+//! one in another command, changes them here.
 
 use super::exit::Failure;
 use crate::settings::{Settings, keys};

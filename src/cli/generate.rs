@@ -45,7 +45,6 @@ pub fn run(args: Args, mut command: Command) -> Result<Exit, Failure> {
     }
 }
 
-/// Writes the man pages of all verbs into a directory.
 fn man(dir: &Path, command: Command) -> Result<Exit, Failure> {
     let failed = |e: std::io::Error| Failure::new(format!("{}: {e}", dir.display()));
     // `build` derives what is inherited, such as the names of subcommands; pages are rendered before any is

@@ -15,7 +15,6 @@ use std::collections::HashMap;
 
 /// Most kinds of messages that are distinguished; all further ones count as one kind.
 const MOST_KINDS: usize = 64;
-/// Most characters of a message.
 const MOST_OF_A_NOTE: usize = 1000;
 
 /// A kind of message over a run, or within one recording.
@@ -44,7 +43,6 @@ impl Notes {
         self.count(&message.what, message.times, || [message.what.clone(), recording.into()])
     }
 
-    /// The kinds that were met, with their counts.
     pub fn list(&self) -> &[Note] {
         &self.list
     }
@@ -130,7 +128,6 @@ pub fn not_judged(report: &RecordingReport) -> Vec<String> {
     report.not_judged.iter().map(|of| printable::line(&of.what, MOST_OF_A_NOTE)).collect()
 }
 
-/// Messages about damage of the recording.
 pub fn damage(report: &RecordingReport) -> Vec<CountedMessage> {
     let message = |Damage { from_byte, to_byte, what }: &Damage| {
         (format!("bytes {from_byte} to {to_byte}: "), what.clone())

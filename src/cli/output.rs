@@ -17,7 +17,6 @@ pub fn be_quiet() {
     QUIET.store(true, Ordering::Relaxed);
 }
 
-/// Whether only failures are to be told.
 pub fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }

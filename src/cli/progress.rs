@@ -30,17 +30,13 @@ const TICK: Duration = Duration::from_millis(100);
 /// Time between two lines if there is no terminal.
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
-/// Most characters of one message.
 const MOST_OF_A_MESSAGE: usize = 20_000;
-/// Prefix of messages about what makes a result less certain. [`Progress::say`] tells warnings by
-/// it.
+/// Prefix of messages about what makes a result less certain.
 const WARNING: &str = "warning: ";
-/// Most characters of a name in a message.
 const MOST_OF_A_NAME: usize = 64;
 
-/// Writes a message to stderr, or collects it for the program that called. Control characters from files are
-/// made harmless. An error of writing is ignored, since the exit status still tells the failure; `eprintln!`
-/// would panic.
+/// Writes a message to stderr, or collects it for the program that called. An error of writing is
+/// ignored, since the exit status still tells the failure; `eprintln!` would panic.
 pub fn complain(message: &str) {
     let message = printable::lines(message, MOST_OF_A_MESSAGE);
     if is_called() {
@@ -53,7 +49,6 @@ pub fn complain(message: &str) {
 thread_local! {
     /// The control by which another program interrupts this thread, if the thread works for one.
     static CALLER: RefCell<Option<Arc<Control>>> = const { RefCell::new(None) };
-    /// Messages for that program.
     static MESSAGES: RefCell<Vec<String>> = const { RefCell::new(Vec::new()) };
 }
 
@@ -133,7 +128,6 @@ pub struct Progress {
 
 /// The progress through all recordings, if there are several.
 struct Overall {
-    /// The bar of the bytes of all recordings.
     bar: ProgressBar,
     /// Number of recordings in all, and of those that are done, with the bytes of the latter.
     recordings: usize,

@@ -110,7 +110,6 @@ pub struct Lesson<'a> {
     pub labels: Written<'a>,
     /// The file of what somebody found where a report had doubts (`--outcomes`).
     pub outcomes: Option<&'a Path>,
-    /// Own classes that nothing else declares.
     pub new_class: &'a [String],
     pub settings: &'a Settings,
 }
@@ -213,7 +212,6 @@ fn labels(
     let isolate = &settings.isolate;
     let own = isolate.classes.keys().map(String::as_str).chain(isolate.physics.own_classes());
 
-    // a new class may not have a name that means something else
     for name in new_class {
         let is_taken = is_reserved(name)
             || isolate.classes.contains_key(name)
@@ -264,7 +262,6 @@ fn not_trained(e: &DesignError, labels: &Path) -> Failure {
     }
 }
 
-/// Refuses a design with a class that would never be named.
 fn refuse_never_named(reviews: &[ClassReview], labels: &Path) -> Result<(), Failure> {
     let why = |class: &ClassReview| {
         let name = printable(&class.name);

@@ -18,7 +18,6 @@ const ABSOLUTE_NS: f64 = 3e17;
 /// 2025-01-01T08:00:00Z
 const SOME_START_NS: i64 = 1_735_718_400_000_000_000;
 
-/// Gives one burst after another its time.
 #[derive(Default)]
 pub struct BurstClock {
     /// Time of the first burst by `--start`, ns since the epoch, and time between bursts by

@@ -22,7 +22,6 @@ pub struct InputBursts {
     pub period_s: Option<f64>,
     /// Number of cells without a value that no interpolation fills.
     pub missing: usize,
-    /// Names of the channels.
     pub outputs: Vec<String>,
     /// How regular the table's times are, if they are the times of samples.
     pub sampled: Option<Sampled>,
@@ -78,7 +77,6 @@ impl InputBursts {
         }
         .map_err(|e| Failure::new(format!("{}: {e}", args.table.display())))?;
 
-        // 4. a matrix per decay
         let too_large = || Failure::new(format!("{}: a burst too large", args.table.display()));
         let matrix = |decay: Decay| decay.matrix(time.is_some()).ok_or_else(too_large);
         let decays = std::mem::take(&mut sampled.decays).into_iter();
@@ -94,7 +92,6 @@ impl InputBursts {
 /// The unit of a time column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimeUnit {
-    /// The unit in ns.
     pub ns: f64,
     /// Name of the unit, if it was recognised by the size of the first time, and not by the column's name or
     /// type.
