@@ -99,9 +99,9 @@ pub fn learn(
     let settings = Settings::load(None, None, set)?;
     effect::check(set, &settings, effect::Command::Train)?;
     let lesson = Lesson { recordings, labels, outcomes: None, new_class, settings: &settings };
-    let (mut learned, messages) = with_messages(train::learn(lesson))?;
-    learned.warnings.splice(0..0, messages);
-    Ok(learned)
+    let (mut learned, mut warnings) = with_messages(train::learn(lesson))?;
+    warnings.append(&mut learned.warnings);
+    Ok(Learned { warnings, ..learned })
 }
 
 // The options of one verb as a command line of their own, without the verb's name.

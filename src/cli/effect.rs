@@ -189,19 +189,19 @@ fn by_detection(name: &str, detect: &DetectSettings) -> Option<&'static str> {
 /// Why a setting of `[isolate]` is not read beside the chosen method of isolation; `None` if it is.
 fn by_isolation(name: &str, method: IsolateMethod) -> Option<&'static str> {
     use IsolateMethod::{ModelMatching, Neighbours, Posterior, ResidualMatching};
-    let (readers, why): (&[IsolateMethod], _) = match name {
-        "signal" => (
-            &[ResidualMatching, Neighbours],
-            "it is of isolate.method = \"residual-matching\" and \"neighbours\" alone",
-        ),
-        "neighbours" => (&[Neighbours], "it is of isolate.method = \"neighbours\" alone"),
-        "matching_share" => {
-            (&[ModelMatching], "it is of isolate.method = \"model-matching\" alone")
+    match name {
+        "signal" if ![ResidualMatching, Neighbours].contains(&method) => {
+            Some("it is of isolate.method = \"residual-matching\" and \"neighbours\" alone")
         }
-        "priors" | "waveform" | "pulse_s" | "delay_s" => {
-            (&[Posterior], "it is of isolate.method = \"posterior\" alone")
+        "neighbours" if method != Neighbours => {
+            Some("it is of isolate.method = \"neighbours\" alone")
         }
-        _ => return None,
-    };
-    (!readers.contains(&method)).then_some(why)
+        "matching_share" if method != ModelMatching => {
+            Some("it is of isolate.method = \"model-matching\" alone")
+        }
+        "priors" | "waveform" | "pulse_s" | "delay_s" if method != Posterior => {
+            Some("it is of isolate.method = \"posterior\" alone")
+        }
+        _ => None,
+    }
 }

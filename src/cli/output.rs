@@ -59,7 +59,8 @@ pub fn event(of: &impl serde::Serialize) -> io::Result<()> {
 /// Columns of the table of episodes that are only known when an episode has ended.
 const UNKNOWN_AT_FIRST: [&str; 3] = ["ended_at", "severity_first", "severity_max"];
 
-/// The event of an episode as JSON, with the columns of the table of episodes as keys. A revised or withdrawn episode has the earlier one under `revises`.
+/// The event of an episode as JSON, with the columns of the table of episodes as keys. A revised or
+/// withdrawn episode has the earlier one under `revises`.
 pub fn episode_event(recording: &str, happened: EpisodeEvent) -> Value {
     // a withdrawn episode is both the one that is told and the one that it revises
     let (episode, before) = match happened {
