@@ -13,7 +13,7 @@
 use super::account::{Account, End, RUN_NAME, Row};
 use super::annotate::{self, NotAnnotated};
 use super::exit::{Exit, Failure, in_words, no_room, unless_reader_gone};
-use super::judge::{Judge, Judged, NotJudged, Run};
+use super::judge::{Detail, Judge, Judged, NotJudged, Run};
 use super::notes::Notes;
 use super::output;
 use super::plan::{self, PlannedRecording};
@@ -53,8 +53,6 @@ pub struct Batch<'a> {
     pub timings: bool,
     /// Whether to write annotations beside the verdicts (`--annotate`).
     pub annotate: bool,
-    /// Whether the run has a single recording, whose own report is then enough.
-    pub alone: bool,
     /// Number of complaints about recordings so far.
     pub failures: usize,
 }
@@ -100,7 +98,7 @@ impl Batch<'_> {
             (event["event"], event["end"]) = (json!("run"), json!(end));
             event["exit"] = json!(exit as u8);
             unless_reader_gone(output::event(&event))?;
-        } else if !self.alone || skipped {
+        } else if !self.is_alone() || skipped {
             unless_reader_gone(self.account.print(&mut output::report()))?;
             if stopped.is_none() && !output::is_quiet() {
                 self.list_faults()?;
@@ -116,6 +114,11 @@ impl Batch<'_> {
             Exit::Failed => Err(Failure::new(format!("none of {of} recordings could be judged"))),
             exit => Ok(exit),
         }
+    }
+
+    /// Whether the run has a single recording, whose own report is then enough.
+    fn is_alone(&self) -> bool {
+        self.run.detail == Detail::All
     }
 
     /// Prints the cleaning list over all recordings of the run, if at least two of them have verdicts.
@@ -333,7 +336,7 @@ impl Batch<'_> {
         let path = format!("{}: ", this.placed.input.path.display());
         let row = this.row(Outcome::Failed, error.strip_prefix(&path).unwrap_or(&error));
         self.add_row(row, &Value::Null)?;
-        if self.alone {
+        if self.is_alone() {
             let failure = failure.unwrap_or_else(|| Failure::new(&error));
             return Err(Stop { end: End::Finished, failure });
         }

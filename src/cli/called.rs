@@ -143,7 +143,7 @@ pub fn judge(replay: &Replay, recording: &Recording, control: &Control) -> Resul
 }
 
 pub fn critique(recording: Recording, options: &[String]) -> Result<Ended, Failure> {
-    ended(critique::run_in_memory(asked(options)?, recording))
+    ended(critique::run_on(&asked(options)?, RecordingSource::InMemory(Box::new(recording))))
 }
 
 /// Reads what `--baseline FILE` reads: the state of printheads and channels for a design, or a new state if

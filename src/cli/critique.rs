@@ -4,7 +4,7 @@
 //! critique itself is made by `inkling_lab::critique`; here the signals are collected, the files
 //! written, and the result told.
 //!
-//! The steps (`criticised`): a bounded sample of the signals is collected (`Observer`); the engine
+//! The steps (`run_on`): a bounded sample of the signals is collected (`Observer`); the engine
 //! looks for causes and measures what each gains on signals held out; the files of an earlier
 //! critique are removed; if causes were found on ink channels, a design is trained that knows them
 //! (`extended_design`); all is written, `critique.json` last.
@@ -19,7 +19,6 @@ use crate::report::{Column, columns};
 use crate::settings::Settings;
 use inkling_io::outputs::ResultFile;
 use inkling_io::plain_columns::{count, flag, number, text};
-use inkling_io::recording::Recording;
 use inkling_io::verdict_table::TableError;
 use inkling_io::{design_file, labels_file, outputs, plain_columns, printable};
 use inkling_lab::critique::engine::{self, MOST_SAMPLES, Rings};
@@ -80,17 +79,13 @@ enum PlantArg {
 }
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
-    criticised(&args, RecordingSource::Named(&args.recordings))
-}
-
-/// A critique of bursts in memory; the recordings that `args` names are ignored.
-pub fn run_in_memory(args: Args, recording: Recording) -> Result<Exit, Failure> {
-    criticised(&args, RecordingSource::InMemory(Box::new(recording)))
+    run_on(&args, RecordingSource::Named(&args.recordings))
 }
 
 /// Reads the signals, runs the critique, extends the design if causes were found, and writes
-/// everything. The exit status is 3 if some signals could not be used.
-fn criticised(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
+/// everything. The exit status is 3 if some signals could not be used. The recordings that `args`
+/// names are not read, but those that are `given`.
+pub fn run_on(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
     // 1. what can be wrong is checked before any recording is read
     outputs::check_files(&args.out, FILES)?;
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;

@@ -178,10 +178,8 @@ impl Planner<'_> {
         };
 
         // 3. all recordings from there on are judged again, since the baselines before them change
-        for this in chained[from..].iter_mut() {
-            if let Decision::Finished { .. } = this.decision {
-                this.decision = Decision::Judge(JudgeReason::AfterAnother);
-            }
+        for this in chained[from..].iter_mut().filter(|this| !this.is_to_be_judged()) {
+            this.decision = Decision::Judge(JudgeReason::AfterAnother);
         }
         chained.extend(others);
         Ok(chained)

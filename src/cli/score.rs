@@ -265,33 +265,26 @@ impl<'a> Scoring<'a> {
 }
 
 impl<'a> Row<'a> {
-    /// What the row says of its signal, in the form that the score compares with a label.
+    /// What the row says of its signal, in the form that the score compares with a label. The
+    /// certainty is that of the candidate class: its weight, if weights were written
+    /// (`output.weights`), else the column `certainty`, unless the row names only a category: the
+    /// column then holds that of the category, which says nothing about the class.
     fn prediction(&self) -> Prediction<'a> {
         let (c, place) = (self.c, self.place);
+        // the row's weights are the first of these, one per class; those of later rows follow
         let start = c.weights_start.get(place).copied().flatten();
+        let weights = start.map(|start| &c.weights[start as usize..]);
+        let of_category = c.category[place].is_some() && c.fault[place].is_none();
+        let certainty = match weights.zip(c.candidate[place]) {
+            Some((weights, class)) => weights.get(usize::from(class)).copied(),
+            None => c.certainty[place].filter(|_| !of_category),
+        };
         Prediction {
             flagged: c.outcome[place] != Outcome::Healthy,
             candidate: c.candidate[place].map(|k| self.classes[k as usize].as_str()),
-            certainty: self.class_certainty().map(f64::from),
-            // the row's weights are the first of these, one per class; those of later rows follow
-            // them
-            weights: start.map(|start| &c.weights[start as usize..]),
+            certainty: certainty.map(f64::from),
+            weights,
         }
-    }
-
-    /// The certainty of the candidate class: its weight, if weights were written
-    /// (`output.weights`). Otherwise it is that of the column `certainty`, unless the row names
-    /// only a category: the column then holds the certainty of the category, which says nothing
-    /// about the class. `None`: no certainty is known.
-    fn class_certainty(&self) -> Option<f32> {
-        let (c, place) = (self.c, self.place);
-        // the weights of a row lie in one column for all rows, from its start on, one per class
-        let own = c.weights_start.get(place).copied().flatten().zip(c.candidate[place]);
-        if let Some((start, class)) = own {
-            return c.weights.get(start as usize + usize::from(class)).copied();
-        }
-        let of_category = c.category[place].is_some() && c.fault[place].is_none();
-        c.certainty[place].filter(|_| !of_category)
     }
 
     /// The class or category that the row names, or else its outcome.

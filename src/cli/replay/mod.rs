@@ -150,7 +150,6 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
         json: args.json,
         timings: args.timings,
         annotate: args.annotate,
-        alone,
         failures: 0,
     };
     let ended = batch.run(&planned);
