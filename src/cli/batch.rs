@@ -18,7 +18,7 @@ use super::notes::Notes;
 use super::output;
 use super::plan::{self, PlannedRecording};
 use super::report::printable_path;
-use super::results::{self, Read};
+use super::results::{self, ReadReport};
 use crate::pipeline::PipelineError;
 use crate::pipeline::resume::{self, Decision, JudgeReason};
 use crate::report::print as print_report;
@@ -133,7 +133,7 @@ impl Batch<'_> {
             return Ok(());
         }
         let read = results::read(&inputs, &replay.settings.report, false, progress, control);
-        let Read { report, .. } = match read {
+        let ReadReport { report, .. } = match read {
             Ok(read) => read,
             Err(e) => {
                 progress.say(&format!("warning: no cleaning list: {}", e.message));

@@ -11,7 +11,7 @@
 use super::collected::RecordingSource;
 use super::exit::{Exit, Failure};
 use super::progress::{called_by, take_messages};
-use super::train::{self, Learned, Lesson};
+use super::train::{self, TrainedDesign, TrainingInput};
 use super::{Cli, critique, effect, notes, output, parse, replay};
 use crate::pipeline::{self, Control, Replay};
 use crate::settings::Settings;
@@ -95,31 +95,32 @@ pub fn learn(
     labels: Written,
     new_class: &[String],
     set: &[String],
-) -> Result<Learned, Failure> {
+) -> Result<TrainedDesign, Failure> {
     let settings = Settings::load(None, None, set)?;
     effect::check(set, &settings, effect::Command::Train)?;
-    let lesson = Lesson { recordings, labels, outcomes: None, new_class, settings: &settings };
+    let lesson =
+        TrainingInput { recordings, labels, outcomes: None, new_class, settings: &settings };
     let (mut learned, mut warnings) = with_messages(train::learn(lesson))?;
     warnings.append(&mut learned.warnings);
-    Ok(Learned { warnings, ..learned })
+    Ok(TrainedDesign { warnings, ..learned })
 }
 
 // The options of one verb as a command line of their own, without the verb's name.
 #[derive(Debug, Parser)]
-struct Asked<A: clap::Args> {
+struct VerbOptions<A: clap::Args> {
     #[command(flatten)]
     args: A,
 }
 
 /// The arguments of a verb on bursts in memory. The required name of a recording is filled with a dummy.
-fn asked<A: clap::Args>(options: &[String]) -> Result<A, Failure> {
+fn options_of<A: clap::Args>(options: &[String]) -> Result<A, Failure> {
     let words = [&["array".to_owned()], options].concat();
-    Ok(parsed::<Asked<A>>(&words)?.args)
+    Ok(parsed::<VerbOptions<A>>(&words)?.args)
 }
 
 /// How `inkling replay OPTIONS` judges by a design. `digest`: the digest of the design's file.
 pub fn judging(design: Design, digest: String, options: &[String]) -> Result<Replay, Failure> {
-    replay::judging(asked(options)?, (design, digest))
+    replay::judging(options_of(options)?, (design, digest))
 }
 
 /// The verdicts of bursts in memory.
@@ -143,7 +144,7 @@ pub fn judge(replay: &Replay, recording: &Recording, control: &Control) -> Resul
 }
 
 pub fn critique(recording: Recording, options: &[String]) -> Result<Ended, Failure> {
-    ended(critique::run_on(&asked(options)?, RecordingSource::InMemory(Box::new(recording))))
+    ended(critique::run_on(&options_of(options)?, RecordingSource::InMemory(Box::new(recording))))
 }
 
 /// Reads what `--baseline FILE` reads: the state of printheads and channels for a design, or a new state if
@@ -167,7 +168,7 @@ mod tests {
     #[test]
     fn negative_numbers_are_values_as_on_the_command_line() {
         let options = ["--pace".to_owned(), "-5".to_owned()];
-        let refused = asked::<replay::Args>(&options).unwrap_err().message;
+        let refused = options_of::<replay::Args>(&options).unwrap_err().message;
         assert!(refused.contains("invalid value '-5' for '--pace"), "{refused}");
     }
 }

@@ -102,7 +102,7 @@ impl EarlierRun {
 
     /// Whether the earlier run has told that there are no verdicts of the recording whose path ends with
     /// `name`. Where several paths end so, the run must have told that of each.
-    fn knew_lost(&self, name: &str) -> bool {
+    fn reported_lost(&self, name: &str) -> bool {
         let rows = self.recordings.iter();
         let mut rows = rows.filter(|row| Path::new(&row.recording).ends_with(name)).peekable();
         rows.peek().is_some() && rows.all(|row| !row.outcome.is_judged())
@@ -159,7 +159,7 @@ impl<'a> ChangesSince<'a> {
         let gaps = gaps.map(|gap| Unjudged::new(&gap.recording, &gap.what));
 
         // last, recordings without verdicts, but for those of which the earlier run has told that
-        let lost = report.coverage.lost.iter().filter(|lost| !earlier.knew_lost(&lost.name));
+        let lost = report.coverage.lost.iter().filter(|lost| !earlier.reported_lost(&lost.name));
         let lost = lost.map(|lost| Unjudged::new(&lost.name, &lost.why));
         let unjudged = silent.chain(gaps).chain(lost).collect();
         Ok(ChangesSince { run: &earlier.run, changes, unjudged })
@@ -281,7 +281,7 @@ mod tests {
         let rows =
             [row("day/a.mcap", "failed"), row("b.mcap", "judged"), row("c.mcap", "not_reached")];
         let earlier: EarlierRun = serde_json::from_value(json!({ "recordings": rows })).unwrap();
-        let told = ["a.mcap", "b.mcap", "c.mcap", "d.mcap"].map(|name| earlier.knew_lost(name));
+        let told = ["a.mcap", "b.mcap", "c.mcap", "d.mcap"].map(|name| earlier.reported_lost(name));
         assert_eq!(told, [true, false, true, false]);
     }
 }

@@ -6,7 +6,7 @@
 //! ```text
 //! verb       its files                                   what it shares with other verbs
 //! replay     replay/ plan batch judge account notes      collected (check of dialects)
-//!            lines follow live annotate report
+//!            entries follow live annotate report
 //! train      train                                       collected (signals by label)
 //! identify   identify identified                         collected
 //! critique   critique extended_design                    collected
@@ -31,6 +31,7 @@ mod convert;
 mod copies;
 mod critique;
 mod effect;
+mod entries;
 pub mod exit;
 mod extended_design;
 mod follow;
@@ -39,7 +40,6 @@ mod identified;
 mod identify;
 mod inspect;
 pub mod judge;
-mod lines;
 mod live;
 mod lost;
 mod notes;

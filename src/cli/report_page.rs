@@ -12,7 +12,7 @@ use super::changes_since::{ChangesSince, EarlierRun, as_json};
 use super::exit::{Exit, Failure};
 use super::output;
 use super::progress::{Progress, first_few, interruptible};
-use super::results::{self, Read};
+use super::results::{self, ReadReport};
 use crate::report::{self, Fault, Report};
 use crate::settings::Settings;
 use inkling_io::column_types::TimestampUnit;
@@ -164,7 +164,7 @@ impl<'a> Page<'a> {
 
 /// Prints the result as one JSON document: the changes or all faults, the files, and what was not judged.
 fn tell_json(
-    read: &Read,
+    read: &ReadReport,
     since: Option<&ChangesSince>,
     page: Option<&Page>,
 ) -> std::io::Result<()> {
@@ -183,7 +183,11 @@ fn tell_json(
 
 /// Prints the result as text: the changes or the cleaning list, and the files. With `--quiet` it is
 /// printed only where stdout is the result itself: changes without a page.
-fn tell(read: &Read, since: Option<&ChangesSince>, page: Option<&Page>) -> std::io::Result<()> {
+fn tell(
+    read: &ReadReport,
+    since: Option<&ChangesSince>,
+    page: Option<&Page>,
+) -> std::io::Result<()> {
     let mut out = output::result(since.is_none() || page.is_some());
     match since {
         None => report::print(&read.report, printable::line, &mut out)?,

@@ -1,6 +1,6 @@
 //! Reads the results of earlier replays for a report: first summaries and episodes, then all
 //! verdicts once. In: verdict tables, from `report_page`, or from `batch` for its cleaning list.
-//! Out: a [`Read`]: the report, and what could not be read. `score` uses only [`find`].
+//! Out: a [`ReadReport`]: the report, and what could not be read. `score` uses only [`find`].
 //!
 //! Verdicts of a year do not fit into memory, so one thread reads batches of a few columns ahead,
 //! and another one adds them up (`Survey`). The survey needs all episodes before the first verdict.
@@ -86,7 +86,7 @@ fn begins_as_a_table(path: &Path) -> bool {
 }
 
 /// A report, and messages about results that could not be read.
-pub struct Read {
+pub struct ReadReport {
     pub report: Report,
     /// Messages about results that could not be read, and are missing in the report.
     pub failed: Vec<String>,
@@ -97,7 +97,7 @@ pub struct Read {
 }
 
 /// Some rows of a recording, with the names to which the indices in their columns refer.
-struct Batch {
+struct VerdictBatch {
     /// Index of the recording.
     recording: usize,
     columns: VerdictColumns,
@@ -114,7 +114,7 @@ pub fn read(
     with_maps: bool,
     progress: &Progress,
     control: &Control,
-) -> Result<Read, Failure> {
+) -> Result<ReadReport, Failure> {
     // 1. the document of each recording: its summary, or what its table says of itself
     let (mut failed, mut notes) = (Vec::new(), Vec::new());
     let mut found = Vec::new();
@@ -156,7 +156,7 @@ pub fn read(
             scope.spawn(move || read_all(files, control, &send));
             for batch in receive.into_iter().take_while(|_| !control.interrupted()) {
                 match batch {
-                    Ok(Batch { recording, columns, classes, categories }) => {
+                    Ok(VerdictBatch { recording, columns, classes, categories }) => {
                         let names = Names { classes: &classes, categories: &categories };
                         survey.add(recording, &columns, names);
                     }
@@ -177,7 +177,7 @@ pub fn read(
     let lost = lost::of(inputs, &failed);
     let mut report = Report::new(&sources, survey, lost, settings.clone());
     report.notes.append(&mut copies);
-    Ok(Read { report, failed, notes, classes })
+    Ok(ReadReport { report, failed, notes, classes })
 }
 
 /// The document of a recording: its summary, or else the metadata of its verdict table, which know
@@ -218,7 +218,7 @@ fn episodes_of(
 /// Reads the batches of all files in their order, and sends them ahead of their use. A file that
 /// cannot be read to its end is told as an error, and the next one is read. Progress counts whole
 /// files.
-fn read_all(files: &[&Path], control: &Control, send: &SyncSender<Result<Batch, String>>) {
+fn read_all(files: &[&Path], control: &Control, send: &SyncSender<Result<VerdictBatch, String>>) {
     for (recording, file) in files.iter().enumerate() {
         if let Err(e) = read_one(recording, file, control, send) {
             let failed = format!("{e}; its rows from there on are not in the report");
@@ -238,14 +238,14 @@ fn read_one(
     recording: usize,
     file: &Path,
     control: &Control,
-    send: &SyncSender<Result<Batch, String>>,
+    send: &SyncSender<Result<VerdictBatch, String>>,
 ) -> Result<(), TableError> {
     let mut verdicts = VerdictReader::open_columns(file, &COLUMNS)?;
     while let Some(columns) = verdicts.next() {
         let columns = columns?;
         control.signals.fetch_add(columns.len() as u64, Ordering::Relaxed);
         let (classes, categories) = (verdicts.classes().to_vec(), verdicts.categories().to_vec());
-        let sent = send.send(Ok(Batch { recording, columns, classes, categories }));
+        let sent = send.send(Ok(VerdictBatch { recording, columns, classes, categories }));
         if sent.is_err() || control.interrupted() {
             return Ok(()); // nobody looks any more
         }

@@ -85,7 +85,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = Settings::load(args.config.as_deref(), preset, &args.set)?;
     effect::check(&args.set, &settings, Command::Train)?;
     outputs::check_file(&args.out, outputs::ResultFile::Design)?;
-    let learned = learn(Lesson {
+    let learned = learn(TrainingInput {
         recordings: RecordingSource::Named(&args.recordings),
         labels: Written::File(&args.labels),
         outcomes: args.outcomes.as_deref(),
@@ -105,7 +105,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
 }
 
 /// What a design is learned from.
-pub struct Lesson<'a> {
+pub struct TrainingInput<'a> {
     pub recordings: RecordingSource<'a>,
     pub labels: Written<'a>,
     /// The file of what somebody found where a report had doubts (`--outcomes`).
@@ -115,7 +115,7 @@ pub struct Lesson<'a> {
 }
 
 /// A design, and what is to be told about it.
-pub struct Learned {
+pub struct TrainedDesign {
     pub design: Design,
     /// For each labelled class, how many of its signals are detected, and how they would be named.
     pub reviews: Vec<ClassReview>,
@@ -133,8 +133,9 @@ pub struct Learned {
 /// # Errors
 /// A usage failure if the labels or the settings are wrong, if too few signals are
 /// healthy, or if a class would never be named; else a failure.
-pub fn learn(lesson: Lesson) -> Result<Learned, Failure> {
-    let Lesson { recordings, labels: written, outcomes: found_in, new_class, settings } = lesson;
+pub fn learn(lesson: TrainingInput) -> Result<TrainedDesign, Failure> {
+    let TrainingInput { recordings, labels: written, outcomes: found_in, new_class, settings } =
+        lesson;
 
     // 1. labels are checked twice: their states before the recordings are read, their printheads
     // and times after that, against what the recordings hold
@@ -170,7 +171,7 @@ pub fn learn(lesson: Lesson) -> Result<Learned, Failure> {
     let reviews = design.tell_classes(&set, grey_box, &settings.isolate).map_err(Failure::new)?;
     refuse_never_named(&reviews, written.name())?;
     warnings.extend(reviews.iter().filter(|class| class.is_hardly_detected()).map(hardly_detected));
-    Ok(Learned { design, reviews, warnings, outcomes, unused, incomplete })
+    Ok(TrainedDesign { design, reviews, warnings, outcomes, unused, incomplete })
 }
 
 /// Refuses healthy signals that do not look like ring-downs: nothing can be learned from noise, or
@@ -285,8 +286,8 @@ fn hardly_detected(class: &ClassReview) -> String {
 }
 
 /// The result as JSON (`--json`).
-fn document(args: &Args, learned: &Learned) -> serde_json::Value {
-    let Learned { design, reviews, warnings, unused, .. } = learned;
+fn document(args: &Args, learned: &TrainedDesign) -> serde_json::Value {
+    let TrainedDesign { design, reviews, warnings, unused, .. } = learned;
     let poles = design.pooled.identification.poles;
     let class = |class: &ClassReview| {
         let ClassReview { name, labelled, trained_on, held_out, .. } = class;
@@ -318,8 +319,8 @@ fn document(args: &Args, learned: &Learned) -> serde_json::Value {
 }
 
 /// Prints the result: counts of signals, the classes, the pooled model and its threshold.
-fn tell(args: &Args, learned: &Learned) -> std::io::Result<()> {
-    let Learned { design, reviews, outcomes, unused, .. } = learned;
+fn tell(args: &Args, learned: &TrainedDesign) -> std::io::Result<()> {
+    let TrainedDesign { design, reviews, outcomes, unused, .. } = learned;
     let mut out = output::report();
     let (models, classes) = (design.models.len() + 1, design.classes.len());
     writeln!(out, "{}: {models} models, {classes} classes", args.out.display())?;

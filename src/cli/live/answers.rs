@@ -13,7 +13,7 @@
 use super::client::{
     Client, NO_ROOM, NO_SUCH_PATH, NO_TOKEN, NOT_GET, OTHER_HOST, Refusal, Request, take_seat,
 };
-use super::place::Live;
+use super::port::Live;
 use std::io::{self, Write};
 use std::net::IpAddr;
 use std::thread;
@@ -32,7 +32,7 @@ const LEAST_PAUSE: Duration = Duration::from_millis(200);
 const MOST_PAUSE: Duration = Duration::from_secs(1);
 /// Time in which a client has to take an answer or a state. A slower client is disconnected; a page then
 /// connects again by itself.
-const TAKING: Duration = Duration::from_secs(10);
+const ANSWER_TIME: Duration = Duration::from_secs(10);
 
 /// Answers one request. The error is one of the connection: the client is slow or gone.
 pub fn answer(request: &Request, client: &mut Client, live: &Live) -> io::Result<()> {
@@ -72,7 +72,7 @@ pub fn answer(request: &Request, client: &mut Client, live: &Live) -> io::Result
 /// Whether the request's `Host` is a name of this machine, if only this machine is served. Otherwise a
 /// foreign web page whose name resolves to this address could read the answers in a browser (DNS rebinding).
 fn is_named_as_here(host: &str, live: &Live) -> bool {
-    if !live.place.address.ip().is_loopback() {
+    if !live.port.address.ip().is_loopback() {
         return true; // names of machines are not known here; the token decides
     }
 
@@ -100,7 +100,7 @@ fn head(status: &str, kind: &str) -> String {
 
 /// Sends a whole answer: `status` line, content type `kind`, and text.
 fn write_whole(client: &mut Client, status: &str, kind: &str, text: &str) -> io::Result<()> {
-    client.give(TAKING);
+    client.set_deadline(ANSWER_TIME);
     let whole = format!("{}Content-Length: {}\r\n\r\n{text}", head(status, kind), text.len());
     client.write_all(whole.as_bytes())
 }
@@ -108,7 +108,7 @@ fn write_whole(client: &mut Client, status: &str, kind: &str, text: &str) -> io:
 /// Sends the state as server-sent events: again whenever it has changed, until the recording ends or the
 /// client is gone.
 fn send_events(client: &mut Client, live: &Live) -> io::Result<()> {
-    client.give(TAKING);
+    client.set_deadline(ANSWER_TIME);
     let begin = format!("{}\r\nretry: 1000\n\n", head("200 OK", "text/event-stream"));
     client.write_all(begin.as_bytes())?;
     let mut seen = 0;
@@ -117,7 +117,7 @@ fn send_events(client: &mut Client, live: &Live) -> io::Result<()> {
         seen = version;
         // the state is sent even if nothing has changed, so that the page knows that the connection lives
         let state = live.state.as_json(&live.recording, live.behind_bytes());
-        client.give(TAKING);
+        client.set_deadline(ANSWER_TIME);
         client.write_all(format!("data: {state}\n\n").as_bytes())?;
         if ended {
             return Ok(());

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 /// Time, and below it number of bytes, for reading what the client still sends. If it were left unread, the
 /// system could reset the connection, and the answer would be lost.
-const PARTING: Duration = Duration::from_secs(1);
+const CLOSING_TIME: Duration = Duration::from_secs(1);
 const MOST_UNREAD: u64 = 64 << 10;
 
 /// A client, and the time at which its reads and writes fail.
@@ -20,26 +20,26 @@ pub struct Client {
 }
 
 impl Client {
-    /// A client whose deadline has passed: [`Client::give`] is called before anything is read or
+    /// A client whose deadline has passed: [`Client::set_deadline`] is called before anything is read or
     /// written.
     pub fn new(stream: TcpStream) -> Client {
         Client { stream, until: Instant::now() }
     }
 
     /// Sets the deadline: once `time` has passed, reads and writes fail, however many there were.
-    pub fn give(&mut self, time: Duration) {
+    pub fn set_deadline(&mut self, time: Duration) {
         self.until = Instant::now() + time;
     }
 
     /// The time until the deadline; an error once it has passed.
-    fn left(&self) -> io::Result<Duration> {
+    fn remaining(&self) -> io::Result<Duration> {
         let left = self.until.saturating_duration_since(Instant::now());
         if left.is_zero() { Err(ErrorKind::TimedOut.into()) } else { Ok(left) }
     }
 
     /// Closes the connection after a complete answer.
-    pub fn part(mut self) {
-        self.give(PARTING);
+    pub fn close(mut self) {
+        self.set_deadline(CLOSING_TIME);
         if self.stream.shutdown(Shutdown::Write).is_ok() {
             // the result does not matter, as the answer has been sent
             let _ = io::copy(&mut (&mut self).take(MOST_UNREAD), &mut io::sink());
@@ -49,14 +49,14 @@ impl Client {
 
 impl Read for Client {
     fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
-        self.stream.set_read_timeout(Some(self.left()?))?;
+        self.stream.set_read_timeout(Some(self.remaining()?))?;
         self.stream.read(into)
     }
 }
 
 impl Write for Client {
     fn write(&mut self, from: &[u8]) -> io::Result<usize> {
-        self.stream.set_write_timeout(Some(self.left()?))?;
+        self.stream.set_write_timeout(Some(self.remaining()?))?;
         self.stream.write(from)
     }
 

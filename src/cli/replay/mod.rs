@@ -120,9 +120,9 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
 
     // 5. the judge, and the live view; then the batch judges everything
     let followed = &replay.settings.input.recordings[0]; // there is one, as `settings` checked
-    let live = serve.map(|place| live::start(place, followed, &control)).transpose()?;
+    let live = serve.map(|port| live::start(port, followed, &control)).transpose()?;
     live.iter()
-        .try_for_each(|live| follow::tell_address(live.place.address, args.json, &progress))?;
+        .try_for_each(|live| follow::tell_address(live.port.address, args.json, &progress))?;
     let mut following = FollowJudge { json: args.json, rotate: args.rotate, live };
     // a single recording is reported in full, and no table over all recordings follows
     let alone = planned.len() == 1 && lost.is_empty();

@@ -19,11 +19,11 @@ const LEAST_TOKEN: usize = 16;
 const MOST_TOKEN: u64 = 1024;
 
 /// Time that open pages get to be told of the end before the process goes on.
-const LAST_WORDS: Duration = Duration::from_millis(300);
+const END_NOTICE: Duration = Duration::from_millis(300);
 
 /// A bound port. From binding on, the system queues clients until `connections::start` accepts them.
 #[derive(Debug)]
-pub struct Place {
+pub struct BoundPort {
     pub listener: TcpListener,
     pub address: SocketAddr,
     /// The secret that a client must give; `None`: only this machine can look.
@@ -41,7 +41,7 @@ pub fn check(
     address: Option<&str>,
     token: Option<&Path>,
     follow: bool,
-) -> Result<Option<Place>, Failure> {
+) -> Result<Option<BoundPort>, Failure> {
     let address = match (address, token) {
         (Some(address), _) => address,
         (None, Some(_)) => {
@@ -67,7 +67,7 @@ pub fn check(
     let failed = |e| Failure::new(format!("--serve {address}: cannot listen: {e}"));
     let listener = TcpListener::bind(addresses.as_slice()).map_err(failed)?;
     let address = listener.local_addr().map_err(failed)?;
-    Ok(Some(Place { listener, address, token }))
+    Ok(Some(BoundPort { listener, address, token }))
 }
 
 /// All addresses of a name, IPv4 first: a port is bound at the first address that allows it, and for this
@@ -112,7 +112,7 @@ fn read_token(path: &Path) -> Result<String, Failure> {
 pub struct Live {
     /// What is known of the recording.
     pub state: State,
-    pub place: Place,
+    pub port: BoundPort,
     /// Name of the recording's file, and its path.
     pub recording: String,
     pub path: PathBuf,
@@ -124,10 +124,10 @@ pub struct Live {
 
 impl Live {
     /// Tells open pages that the judging has ended, also if it failed or was interrupted. Always waits 300 ms
-    /// (`LAST_WORDS`), whether pages are open or not.
+    /// (`END_NOTICE`), whether pages are open or not.
     pub fn end(&self) {
         self.state.end();
-        thread::sleep(LAST_WORDS);
+        thread::sleep(END_NOTICE);
     }
 
     /// Number of bytes of the recording that were written and not read yet.
@@ -139,7 +139,7 @@ impl Live {
     /// Whether a token is the right one. The comparison takes the same time wherever the first difference
     /// lies, so that a token cannot be guessed piece by piece.
     pub fn admits(&self, given: &str) -> bool {
-        let Some(token) = &self.place.token else { return true };
+        let Some(token) = &self.port.token else { return true };
         let differ = token.bytes().zip(given.bytes()).fold(0, |sum, (a, b)| sum | (a ^ b));
         differ == 0 && token.len() == given.len()
     }
