@@ -64,11 +64,9 @@ fn print_flagged(report: &RecordingReport, out: &mut impl Write) -> io::Result<(
     if report.tally.counts.judged == 0 {
         return writeln!(out, "  nothing could be judged");
     }
-    let [episodes, on] = [episodes, still_on].map(thousands);
-    writeln!(
-        out,
-        "  flagged {share:.2} %, {episodes} fault episodes, {on} of them still on at the end"
-    )
+    let [episodes, still_on] = [episodes, still_on].map(thousands);
+    write!(out, "  flagged {share:.2} %, {episodes} fault episodes, ")?;
+    writeln!(out, "{still_on} of them still on at the end")
 }
 
 /// Prints a line per printhead with its episodes below it, and where the verdicts are.
