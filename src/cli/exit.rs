@@ -71,15 +71,11 @@ impl From<FileError> for Failure {
 
 impl From<InputsError> for Failure {
     fn from(e: InputsError) -> Failure {
-        use InputsError::{InObjectStore, Nothing, NothingFits, Shared, Unreadable};
+        use InputsError::{BadPattern, Empty, Missing};
         match e {
+            Missing { .. } | Empty | BadPattern { .. } => Failure::usage(e),
             // a directory or a pattern may well match nothing, which is no wrong usage
-            InObjectStore { .. }
-            | Unreadable { .. }
-            | Nothing { .. }
-            | NothingFits { .. }
-            | Shared { .. } => Failure::new(e),
-            _ => Failure::usage(e),
+            _ => Failure::new(e),
         }
     }
 }

@@ -119,11 +119,10 @@ enum Verb {
 
 /// Runs the command line `args`, and returns its exit status.
 pub fn run(args: impl IntoIterator<Item = OsString>) -> Exit {
-    let cli: Cli = match parsed(args) {
-        Ok(cli) => cli,
-        Err(ended) => return ended,
-    };
-    run_verb(cli.quiet, || cli.verb.run())
+    match parsed::<Cli>(args) {
+        Ok(cli) => run_verb(cli.quiet, || cli.verb.run()),
+        Err(ended) => ended,
+    }
 }
 
 impl Verb {
