@@ -7,7 +7,7 @@
 
 use super::exit::Exit;
 use super::notes::{Note, Notes};
-use super::progress::thousands;
+use super::progress::{counted, first_few, thousands};
 use super::report::printable_path;
 use inkling_io::journal::{self, Means, Outcome};
 use inkling_io::part_file;
@@ -16,7 +16,6 @@ use std::io::{self, Write};
 use std::path::Path;
 use std::time::Instant;
 
-/// Name of the account's file in the directory of results.
 pub const RUN_NAME: &str = "run.json";
 /// Most bytes of that file that are read: enough for a million recordings, of some 300 bytes each.
 pub const MOST_RUN_BYTES: u64 = 1 << 30;
@@ -97,7 +96,6 @@ pub struct Totals {
     /// the run stopped before them.
     pub failed: usize,
     pub not_reached: usize,
-    /// Recordings whose annotations were asked for, and whose tables cannot be read.
     pub not_annotated: usize,
     /// Signals of the recordings that this run did not skip.
     pub signals: u64,
@@ -122,13 +120,7 @@ struct Run<'a> {
     recordings: &'a [Row],
 }
 
-/// A number with its noun in the singular or plural: `1 recording`, `2 recordings`.
-fn counted(n: u64, what: &str) -> String {
-    format!("{} {what}{}", thousands(n), if n == 1 { "" } else { "s" })
-}
-
 impl Account {
-    /// The account of a run that begins now.
     pub fn new(strict: bool) -> Account {
         Account {
             began: journal::now(),
@@ -142,22 +134,20 @@ impl Account {
         }
     }
 
-    /// The totals of the rows so far.
     pub fn totals(&self) -> Totals {
-        let count = |of: &dyn Fn(&Row) -> bool| self.rows.iter().filter(|row| of(row)).count();
-        let judged = |row: &Row| row.outcome.is_judged();
-        let of_this = self.rows.iter().filter(|row| !row.skipped);
-        let signals = of_this.map(|row| row.signals).sum();
+        let new = || self.rows.iter().filter(|row| !row.skipped);
+        let number = |of| self.rows.iter().filter(|row| row.outcome == of).count();
+        let signals = new().map(|row| row.signals).sum();
         let seconds = self.started.elapsed().as_secs_f64();
         Totals {
             recordings: self.rows.len(),
-            judged: count(&|row| judged(row) && !row.skipped),
-            skipped: count(&|row| row.skipped),
-            damaged: count(&|row| row.outcome == Outcome::Damaged),
-            not_judged: count(&|row| row.outcome == Outcome::NotJudged),
-            window_refused: count(&|row| row.outcome == Outcome::WindowRefused),
-            failed: count(&|row| row.outcome == Outcome::Failed),
-            not_reached: count(&|row| row.outcome == Outcome::NotReached),
+            judged: new().filter(|row| row.outcome.is_judged()).count(),
+            skipped: self.rows.len() - new().count(),
+            damaged: number(Outcome::Damaged),
+            not_judged: number(Outcome::NotJudged),
+            window_refused: number(Outcome::WindowRefused),
+            failed: number(Outcome::Failed),
+            not_reached: number(Outcome::NotReached),
             not_annotated: self.not_annotated,
             signals,
             seconds,
@@ -169,15 +159,15 @@ impl Account {
     /// decides: that something was not judged counts more than that something was lost. A run
     /// without any verdicts, new or of earlier runs, has failed.
     pub fn exit(&self) -> Exit {
-        let totals = self.totals();
-        let news = |outcome| self.news().any(|row| row.outcome == outcome);
-        match totals.judged + totals.skipped {
-            0 => Exit::Failed,
-            _ if news(Outcome::NotJudged) => Exit::NotJudged,
-            _ if news(Outcome::Failed) || news(Outcome::Damaged) || self.not_annotated > 0 => {
-                Exit::Incomplete
-            }
-            _ => Exit::Done,
+        let is_news = |outcome| self.news().any(|row| row.outcome == outcome);
+        if !self.rows.iter().any(|row| row.skipped || row.outcome.is_judged()) {
+            Exit::Failed
+        } else if is_news(Outcome::NotJudged) {
+            Exit::NotJudged
+        } else if is_news(Outcome::Failed) || is_news(Outcome::Damaged) || self.not_annotated > 0 {
+            Exit::Incomplete
+        } else {
+            Exit::Done
         }
     }
 
@@ -203,8 +193,7 @@ impl Account {
             notes: self.notes.list(),
             recordings: &self.rows,
         };
-        let mut text = serde_json::to_string_pretty(&run)?;
-        text.push('\n');
+        let text = serde_json::to_string_pretty(&run)? + "\n";
         part_file::write(&out.join(RUN_NAME), text.as_bytes())
     }
 
@@ -226,32 +215,22 @@ impl Account {
                 parts.push(format!("{} {what}", thousands(n as u64)));
             }
         }
-        writeln!(
-            out,
-            "{}: {}; {} signals in {:.1} s, {} signals/s",
-            counted(totals.recordings as u64, "recording"),
-            parts.join(", "),
-            thousands(totals.signals),
-            totals.seconds,
-            thousands(totals.signals_per_s as u64)
-        )?;
+        let (all, parts) = (counted(totals.recordings as u64, "recording"), parts.join(", "));
+        let [n, rate] = [totals.signals, totals.signals_per_s as u64].map(thousands);
+        writeln!(out, "{all}: {parts}; {n} signals in {:.1} s, {rate} signals/s", totals.seconds)?;
 
         // each warning was told once, when it first came; here is how often it came in all
-        for note in self.warnings.list().iter().filter(|note| note.times > 1) {
-            writeln!(
-                out,
-                "  {} times in {}: {}",
-                thousands(note.times),
-                counted(note.recordings, "recording"),
-                note.what
-            )?;
+        for Note { what, times, recordings, .. } in self.warnings.list() {
+            if *times > 1 {
+                let (times, all) = (thousands(*times), counted(*recordings, "recording"));
+                writeln!(out, "  {times} times in {all}: {what}")?;
+            }
         }
 
         // outcomes are ordered from the worst on; all before `Judged` are not as they should be
-        let mut worst: Vec<&Row> =
-            self.news().filter(|row| row.outcome < Outcome::Judged).collect();
+        let mut worst: Vec<_> = self.news().filter(|row| row.outcome < Outcome::Judged).collect();
         worst.sort_by_key(|row| row.outcome);
-        for row in worst.iter().take(MOST_NAMED) {
+        let lines = worst.iter().map(|row| {
             let word = match row.outcome {
                 Outcome::Failed => "failed",
                 Outcome::NotReached => "not reached",
@@ -259,11 +238,9 @@ impl Account {
                 Outcome::WindowRefused => "refused a window",
                 _ => "damaged",
             };
-            writeln!(out, "  {word:<11}  {}  {}", printable_path(&row.recording), row.why)?;
-        }
-        if worst.len() > MOST_NAMED {
-            writeln!(out, "  and {} more: see {RUN_NAME}", worst.len() - MOST_NAMED)?;
-        }
-        Ok(())
+            format!("{word:<11}  {}  {}", printable_path(&row.recording), row.why)
+        });
+        first_few(lines, MOST_NAMED, |more| format!("and {more} more: see {RUN_NAME}"))
+            .try_for_each(|line| writeln!(out, "  {line}"))
     }
 }

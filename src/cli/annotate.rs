@@ -51,11 +51,10 @@ pub fn annotate(verdicts: &Path) -> Result<(), NotAnnotated> {
 
     // the channels that get messages burst by burst: the first in the order of the table of
     // episodes
-    let channels = episodes.iter().map(|e| (e.printhead.clone(), e.channel));
     let mut watched = HashSet::new();
-    for channel in channels {
+    for e in &episodes {
         if watched.len() < MOST_WATCHED {
-            watched.insert(channel);
+            watched.insert((e.printhead.clone(), e.channel));
         }
     }
 
@@ -78,13 +77,9 @@ pub fn annotate(verdicts: &Path) -> Result<(), NotAnnotated> {
 /// Log lines of an episode: one when it was raised, and one when it ended.
 fn log(writer: &mut AnnotationWriter, e: &Episode) -> Result<(), RecordingError> {
     writer.log(e.raised_at_ns, Level::Warning, &e.printhead, &e.explanation)?;
-    match e.ended_at_ns {
-        Some(end) => {
-            let healthy = format!("channel {}: healthy again", e.channel);
-            writer.log(end, Level::Info, &e.printhead, &healthy)
-        }
-        None => Ok(()),
-    }
+    let Some(end) = e.ended_at_ns else { return Ok(()) };
+    let healthy = format!("channel {}: healthy again", e.channel);
+    writer.log(end, Level::Info, &e.printhead, &healthy)
 }
 
 /// Writes one message for each judged signal of the watched channels. `c`: a batch of verdict rows;
@@ -103,12 +98,11 @@ fn states(
         }
         let class = c.fault[row].and_then(|k| names.classes.get(usize::from(k)));
         let category = c.category[row].and_then(|k| names.categories.get(usize::from(k)));
-        let ratio =
-            c.statistic[row].zip(c.threshold[row]).map(|(s, t)| f64::from(s) / f64::from(t));
+        let number = |value: Option<f32>| value.map_or(f64::NAN, f64::from);
         let state = ChannelState {
             timestamp: None,
             channel: c.channel[row],
-            statistic_over_threshold: ratio.unwrap_or(f64::NAN),
+            statistic_over_threshold: number(c.statistic[row]) / number(c.threshold[row]),
             flagged: c.outcome[row] != Outcome::Healthy,
             severity: c.severity[row].map(f64::from),
             certainty: c.certainty[row].map(f64::from),

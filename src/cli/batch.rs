@@ -13,16 +13,19 @@
 use super::account::{Account, End, RUN_NAME, Row};
 use super::annotate::{self, NotAnnotated};
 use super::exit::{Exit, Failure, in_words, no_room, unless_reader_gone};
-use super::judge::{Judge, Judged, NotJudged, Run};
+use super::judge::{Detail, Judge, Judged, NotJudged, Run};
+use super::notes::Notes;
+use super::output;
 use super::plan::{self, PlannedRecording};
 use super::report::printable_path;
-use super::{output, results};
+use super::results::{self, ReadReport};
 use crate::pipeline::PipelineError;
 use crate::pipeline::resume::{self, Decision, JudgeReason};
+use crate::report::print as print_report;
 use inkling_io::baseline_file::BaselineFile;
 use inkling_io::file_error::FileError;
 use inkling_io::inputs::Input;
-use inkling_io::journal::{self, Entry, JournalWriter, Link, Outcome, Source};
+use inkling_io::journal::{self, CountedMessage, Entry, JournalWriter, Link, Outcome, Source};
 use inkling_io::layout::PlacedRecording;
 use inkling_io::{annotation_writer, printable, stored};
 use serde_json::{Value, json};
@@ -30,7 +33,6 @@ use std::error::Error;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Most characters of an error in the journal.
 const MOST_OF_AN_ERROR: usize = 2000;
 
 /// Most failures that are told one by one as they occur, over the whole run.
@@ -38,9 +40,7 @@ const MOST_FAILURES: usize = 10;
 
 /// A run over planned recordings, and what it needs.
 pub struct Batch<'a> {
-    /// Who judges: this process, or others.
     pub judge: &'a mut dyn Judge,
-    /// What the judge is told of the run.
     pub run: Run<'a>,
     /// The file of `--baseline`; `None`: there are no baselines.
     pub baseline_file: Option<BaselineFile>,
@@ -53,8 +53,6 @@ pub struct Batch<'a> {
     pub timings: bool,
     /// Whether to write annotations beside the verdicts (`--annotate`).
     pub annotate: bool,
-    /// Whether the run has a single recording, whose own report is then enough.
-    pub alone: bool,
     /// Number of complaints about recordings so far.
     pub failures: usize,
 }
@@ -64,20 +62,13 @@ pub struct Batch<'a> {
 pub struct Stop {
     /// How the run ended, for `run.json`.
     pub end: End,
-    /// The message and the exit status.
     pub failure: Failure,
 }
 
+/// A failure that would meet all other recordings, too.
 impl From<Failure> for Stop {
     fn from(failure: Failure) -> Stop {
         Stop { end: End::Broken, failure }
-    }
-}
-
-impl Stop {
-    /// The stop at an error that would meet all other recordings, too.
-    fn broken(e: impl ToString) -> Stop {
-        Failure::new(e).into()
     }
 }
 
@@ -85,12 +76,19 @@ impl Batch<'_> {
     /// Judges the planned recordings in this order, then writes and prints the account of the run.
     /// Returns the exit status; a failure if the run was stopped or nothing could be judged.
     pub fn run(mut self, planned: &[PlannedRecording]) -> Result<Exit, Failure> {
-        // 1. judge; `run.json` is written however that ends, before the closing table is printed
+        // 1. judge; each recording that is looked at gets a row, and so do those that are not reached
+        let lost = self.account.rows.len();
         let stopped = self.all(planned).err();
         let (end, exit) = match &stopped {
-            Some(stop) => (stop.end, stop.failure.exit),
+            Some(Stop { end, failure }) => {
+                let why = printable::line(&failure.message, MOST_OF_AN_ERROR);
+                let left = &planned[self.account.rows.len() - lost..];
+                self.account.rows.extend(left.iter().map(|p| p.row(Outcome::NotReached, &why)));
+                (*end, failure.exit)
+            }
             None => (End::Finished, self.account.exit()),
         };
+        // `run.json` is written however that ended, before the closing table is printed
         let written = self.account.write(self.run.out, self.run.means, end, exit);
 
         // 2. tell the run as a whole; a single recording that was judged has been reported already
@@ -100,61 +98,61 @@ impl Batch<'_> {
             (event["event"], event["end"]) = (json!("run"), json!(end));
             event["exit"] = json!(exit as u8);
             unless_reader_gone(output::event(&event))?;
-        } else if !self.alone || skipped {
+        } else if !self.is_alone() || skipped {
             unless_reader_gone(self.account.print(&mut output::report()))?;
             if stopped.is_none() && !output::is_quiet() {
                 self.list_faults()?;
             }
         }
 
-        // 3. the exit status, or the most important failure
         match stopped {
             Some(stop) => return Err(stop.failure), // run.json on a full disk is the lesser loss
             None => written.map_err(FileError::unwritten(&self.run.out.join(RUN_NAME)))?,
         }
+        let of = self.account.rows.len();
         match exit {
-            Exit::Failed => Err(Failure::new(format!(
-                "none of {} recordings could be judged",
-                self.account.rows.len()
-            ))),
+            Exit::Failed => Err(Failure::new(format!("none of {of} recordings could be judged"))),
             exit => Ok(exit),
         }
     }
 
+    /// Whether the run has a single recording, whose own report is then enough.
+    fn is_alone(&self) -> bool {
+        self.run.detail == Detail::All
+    }
+
     /// Prints the cleaning list over all recordings of the run, if at least two of them have verdicts.
     fn list_faults(&self) -> Result<(), Failure> {
+        let Run { out, replay, progress, control, .. } = &self.run;
         let verdicts = self.account.rows.iter().filter_map(|row| row.verdicts.as_ref());
         let inputs: Vec<Input> = verdicts
-            .map(|name| Input { path: self.run.out.join(name), below: PathBuf::new() })
+            .map(|name| Input { path: out.join(name), below: PathBuf::new() })
             .filter(|input| stored::is_file(&input.path))
             .collect();
         if inputs.len() < 2 {
             return Ok(());
         }
-        let settings = &self.run.replay.settings.report;
-        match results::read(&inputs, settings, false, self.run.progress, self.run.control) {
-            Ok(read) => unless_reader_gone(crate::report::print(
-                &read.report,
-                printable::line,
-                &mut output::report(),
-            )),
+        let read = results::read(&inputs, &replay.settings.report, false, progress, control);
+        let ReadReport { report, .. } = match read {
+            Ok(read) => read,
             Err(e) => {
-                self.run.progress.say(&format!("warning: no cleaning list: {}", e.message));
-                Ok(())
+                progress.say(&format!("warning: no cleaning list: {}", e.message));
+                return Ok(());
             }
-        }
+        };
+        unless_reader_gone(print_report(&report, printable::line, &mut output::report()))
     }
 
     /// Hands all recordings that are to be judged to the judge, then takes the planned ones in
-    /// turn: skips, refuses or judges each. If the run stops, the remaining recordings get rows as
-    /// not reached, and the reason is the error.
+    /// turn: skips, refuses or judges each. The error is why the run stops before the last.
     fn all(&mut self, planned: &[PlannedRecording]) -> Result<(), Stop> {
-        if let Err(stop) = self.tell_lost() {
-            return Err(self.not_reached(planned, stop));
+        // names that were given and not found have their rows already
+        for row in &self.account.rows {
+            self.run.progress.fail(&format!("inkling: {}", row.why));
+            self.print_row(row, &Value::Null)?;
         }
 
-        // A judge that judges all at once may write any of the results from now on: what is out of
-        // date is set aside before. Else each recording's is set aside in its turn.
+        // such a judge may write any of the results from now on: what is out of date is set aside before
         if self.judge.all_at_once() {
             plan::to_judge(planned).for_each(|this| self.set_aside_outdated(this));
         }
@@ -162,42 +160,20 @@ impl Batch<'_> {
             plan::to_judge(planned).map(|this| this.placed.clone()).collect();
         // a failure to begin stops the run only at the first recording that is to be judged, so
         // that those before it are still told as skipped
-        let mut begun = self.judge.begin(&self.run, &placed).map_err(Stop::from);
-
+        let mut begun = self.judge.begin(&self.run, &placed);
         let mut nth = 0; // number of recordings handed to the judge so far
-        for (at, this) in planned.iter().enumerate() {
-            let reached = self.account.rows.len();
-            let done = match &this.decision {
-                Decision::Finished { entry, moved } => self.skip(this, entry, *moved),
-                Decision::Refuse(why) => self.note_failure(this, why.clone(), None),
+        for this in planned {
+            match &this.decision {
+                Decision::Finished { entry, moved } => self.skip(this, entry, *moved)?,
+                Decision::Refuse(why) => self.note_failure(this, why.clone(), None)?,
                 Decision::Judge(_) => {
+                    std::mem::replace(&mut begun, Ok(()))?;
+                    self.judge(this, nth)?;
                     nth += 1;
-                    std::mem::replace(&mut begun, Ok(())).and_then(|()| self.judge(this, nth - 1))
                 }
-            };
-            if let Err(stop) = done {
-                // the recording at which the run stopped may have its row already; else it was not
-                // reached
-                let looked_at = at + usize::from(self.account.rows.len() > reached);
-                return Err(self.not_reached(&planned[looked_at..], stop));
             }
         }
         Ok(())
-    }
-
-    /// Tells the names that were given and not found, which have their rows already.
-    fn tell_lost(&self) -> Result<(), Stop> {
-        self.account.rows.iter().try_for_each(|row| {
-            self.run.progress.fail(&format!("inkling: {}", row.why));
-            self.print_row(row, &Value::Null)
-        })
-    }
-
-    /// Adds rows for the recordings that a run which stops does not reach; returns why it stops.
-    fn not_reached(&mut self, left: &[PlannedRecording], stop: Stop) -> Stop {
-        let why = printable::line(&stop.failure.message, MOST_OF_AN_ERROR);
-        self.account.rows.extend(left.iter().map(|p| p.row(Outcome::NotReached, &why)));
-        stop
     }
 
     /// Leaves a finished recording as it is. If the same content was found under another path or with another
@@ -221,18 +197,16 @@ impl Batch<'_> {
         }
         match self.judge.judge(&self.run, nth, &this.placed) {
             Ok(judged) => self.keep(this, judged),
-            Err(NotJudged::Interrupted) => {
-                Err(Stop { end: End::Interrupted, failure: PipelineError::Interrupted.into() })
-            }
-            Err(NotJudged::NoRoom(what)) => {
-                Err(Stop { end: End::NoRoom, failure: self.no_room(&what) })
-            }
-            Err(NotJudged::Broken(what)) => Err(Stop::broken(what)),
             Err(NotJudged::Failed { why, usage }) => {
                 // what earlier runs wrote of it no longer belongs to what the journal says
                 self.set_aside(&this.placed.verdicts_in(self.run.out));
                 let failure = if usage { Failure::usage(&why) } else { Failure::new(&why) };
                 self.note_failure(this, why, Some(failure))
+            }
+            Err(NotJudged::NoRoom(what)) => Err(self.no_room(&what)),
+            Err(NotJudged::Broken(what)) => Err(Failure::new(what).into()),
+            Err(NotJudged::Interrupted) => {
+                Err(Stop { end: End::Interrupted, failure: PipelineError::Interrupted.into() })
             }
         }
     }
@@ -264,14 +238,13 @@ impl Batch<'_> {
 
         // 4. only then the new baselines replace the old ones
         let replaced = match (&mut self.baseline_file, prepared) {
-            (Some(file), Some(prepared)) => file.replace(prepared).map_err(Stop::broken),
+            (Some(file), Some(prepared)) => file.replace(prepared).map_err(Failure::new),
             _ => Ok(()),
         };
 
         // 5. what the journal calls finished has its row and is told, whatever failed in step 4
         self.tell_of(this, &judged)?;
         replaced?;
-        // the next recording is judged by the new baselines
         if baselines.is_some() {
             self.run.replay.baselines = baselines;
         }
@@ -287,7 +260,7 @@ impl Batch<'_> {
             return Ok(());
         }
         match annotate::annotate(&verdicts) {
-            Ok(()) => {}
+            Ok(()) => self.account.annotated += 1,
             Err(NotAnnotated::Unwritten(e)) => return Err(self.unwritten(&e, &in_words(&e))),
             Err(NotAnnotated::Unreadable(why)) => {
                 self.account.not_annotated += 1;
@@ -295,13 +268,10 @@ impl Batch<'_> {
                 return Ok(());
             }
         }
-        self.account.annotated += 1;
         let path = path.to_string_lossy();
-        Ok(unless_reader_gone(output::tell(
-            self.json,
-            || json!({ "event": "annotations", "file": path.as_ref() }),
-            || format!("  annotations: {}", printable_path(&path)),
-        ))?)
+        let document = || json!({ "event": "annotations", "file": path.as_ref() });
+        let text = || format!("  annotations: {}", printable_path(&path));
+        Ok(unless_reader_gone(output::tell(self.json, document, text))?)
     }
 
     /// Adds a judged recording's row to the account; tells its warnings and notes, each kind once
@@ -311,20 +281,19 @@ impl Batch<'_> {
         let row = this.row_of(entry);
         self.account.rows.push(row.clone());
         let label = printable_path(&this.placed.label());
-        let Account { warnings, notes, .. } = &mut self.account;
-        let warned = entry.damage.iter().chain(&entry.warnings).map(|told| ("warning", told));
-        for (kind, told) in warned.chain(entry.notes.iter().map(|told| ("note", told))) {
-            // the account counts all messages, and says which is the first of its kind
-            let of_kind = if kind == "note" { &mut *notes } else { &mut *warnings };
-            if of_kind.add(&label, told) {
-                let more = match (told.times, kind) {
-                    (1, _) => String::new(),
-                    (n, "note") => format!(" ({n} times)"),
-                    (n, _) => format!(" ({n} times; all in its summary.json)"),
-                };
-                self.run.progress.say(&format!("{kind}: {label}: {}{more}", told.what));
+        // the account counts all messages, and says which is the first of its kind
+        let tell = |counts: &mut Notes, kind: &str, message: &CountedMessage, all: &str| {
+            if counts.add(&label, message) {
+                let CountedMessage { what, times } = message;
+                let more = if *times > 1 { format!(" ({times} times{all})") } else { "".into() };
+                self.run.progress.say(&format!("{kind}: {label}: {what}{more}"));
             }
+        };
+        let Account { warnings, notes, .. } = &mut self.account;
+        for message in entry.damage.iter().chain(&entry.warnings) {
+            tell(warnings, "warning", message, "; all in its summary.json");
         }
+        entry.notes.iter().for_each(|message| tell(notes, "note", message, ""));
         entry.not_judged.iter().for_each(|what| self.complain(&format!("{label}: {what}")));
         if self.timings {
             judged.timings.iter().for_each(|line| self.run.progress.say(line));
@@ -336,7 +305,6 @@ impl Batch<'_> {
         self.print_row(&row, &entry.counts)
     }
 
-    /// Adds a recording's row to the account, then prints it.
     fn add_row(&mut self, row: Row, counts: &Value) -> Result<(), Stop> {
         self.account.rows.push(row.clone());
         self.print_row(&row, counts)
@@ -368,7 +336,7 @@ impl Batch<'_> {
         let path = format!("{}: ", this.placed.input.path.display());
         let row = this.row(Outcome::Failed, error.strip_prefix(&path).unwrap_or(&error));
         self.add_row(row, &Value::Null)?;
-        if self.alone {
+        if self.is_alone() {
             let failure = failure.unwrap_or_else(|| Failure::new(&error));
             return Err(Stop { end: End::Finished, failure });
         }
@@ -380,38 +348,36 @@ impl Batch<'_> {
     fn complain(&mut self, of: &str) {
         match self.failures {
             n if n < MOST_FAILURES => self.run.progress.fail(&format!("inkling: {of}")),
-            MOST_FAILURES => self.run.progress.fail(&format!(
-                "inkling: more recordings failed or were not judged whole; {} lists all",
-                self.run.out.join(RUN_NAME).display()
-            )),
+            MOST_FAILURES => {
+                let list = self.run.out.join(RUN_NAME);
+                let what = "more recordings failed or were not judged whole";
+                self.run.progress.fail(&format!("inkling: {what}; {} lists all", list.display()));
+            }
             _ => {}
         }
         self.failures += 1;
     }
 
-    /// Appends a line to the journal.
     fn append(&mut self, entry: &Entry) -> Result<(), Stop> {
         self.journal.append(entry).map_err(|e| {
-            let words = format!("{}: cannot be written: {e}", self.journal.path.display());
-            self.unwritten(&e, &words)
+            let path = self.journal.path.display();
+            self.unwritten(&e, &format!("{path}: cannot be written: {e}"))
         })
     }
 
     /// The stop for a file that cannot be written. `words`: the error with the file's name.
     fn unwritten(&self, e: &(dyn Error + 'static), words: &str) -> Stop {
-        match no_room(e) {
-            true => Stop { end: End::NoRoom, failure: self.no_room(words) },
-            false => Stop::broken(words),
-        }
+        if no_room(e) { self.no_room(words) } else { Failure::new(words).into() }
     }
 
-    /// The failure of a run for whose results no room is left. `what`: the error in words.
-    fn no_room(&self, what: &str) -> Failure {
-        Failure::new(format!(
-            "{what}; there is no room left for results in {}. Make room and run the same command \
-             again: it goes on where it stopped",
-            self.run.out.display()
-        ))
+    /// The stop of a run for whose results no room is left. `what`: the error in words.
+    fn no_room(&self, what: &str) -> Stop {
+        let out = self.run.out.display();
+        let failure = Failure::new(format!(
+            "{what}; there is no room left for results in {out}. Make room and run the same command \
+             again: it goes on where it stopped"
+        ));
+        Stop { end: End::NoRoom, failure }
     }
 
     /// Sets the verdicts of a recording aside if its content has changed since they were made.
@@ -427,8 +393,8 @@ impl Batch<'_> {
     fn set_aside(&self, verdicts: &Path) {
         for file in results_of(verdicts).rev().filter(|file| stored::is_file(file)) {
             if let Err(e) = stored::rename(&file, &stale(&file)) {
-                let file = file.display();
-                self.run.progress.fail(&format!("inkling: {file}: out of date, and stays: {e}"));
+                let what = format!("{}: out of date, and stays: {e}", file.display());
+                self.run.progress.fail(&format!("inkling: {what}"));
             }
         }
     }
@@ -440,9 +406,7 @@ fn results_of(verdicts: &Path) -> impl DoubleEndedIterator<Item = PathBuf> {
     std::iter::once(annotation_writer::path_beside(verdicts)).chain(resume::files(verdicts))
 }
 
-/// The name `<file>.stale` for results that are out of date.
 fn stale(file: &Path) -> PathBuf {
-    let mut name = file.file_name().unwrap_or_default().to_os_string();
-    name.push(".stale");
-    file.with_file_name(name)
+    let name = file.file_name().unwrap_or_default().to_string_lossy();
+    file.with_file_name(format!("{name}.stale"))
 }

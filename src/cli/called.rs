@@ -10,8 +10,8 @@
 
 use super::collected::RecordingSource;
 use super::exit::{Exit, Failure};
-use super::progress::{called_by, told};
-use super::train::{self, Learned, Lesson};
+use super::progress::{called_by, take_messages};
+use super::train::{self, TrainedDesign, TrainingInput};
 use super::{Cli, critique, effect, notes, output, parse, replay};
 use crate::pipeline::{self, Control, Replay};
 use crate::settings::Settings;
@@ -62,18 +62,19 @@ pub fn verb(words: &[String]) -> Result<Ended, Failure> {
 
 /// Adds to a verb's result the messages that were collected on this thread.
 fn ended(done: Result<Exit, Failure>) -> Result<Ended, Failure> {
-    let warnings = told();
-    match done {
-        Ok(exit) => Ok(Ended { exit, warnings }),
-        Err(failure) => Err(after(failure, &warnings)),
-    }
+    let (exit, warnings) = with_messages(done)?;
+    Ok(Ended { exit, warnings })
 }
 
-/// A failure with the messages that were told before it, one per line below its own.
-fn after(failure: Failure, told: &[String]) -> Failure {
-    let lines: Vec<&str> =
-        std::iter::once(&failure.message).chain(told).map(String::as_str).collect();
-    Failure { exit: failure.exit, message: lines.join("\n") }
+/// A result with the messages that were collected on this thread; a failure has them below its own,
+/// one per line.
+fn with_messages<T>(done: Result<T, Failure>) -> Result<(T, Vec<String>), Failure> {
+    let mut messages = take_messages();
+    done.map_err(|Failure { exit, message }| {
+        messages.insert(0, message);
+        Failure { exit, message: messages.join("\n") }
+    })
+    .map(|result| (result, messages))
 }
 
 /// Parses words as the command line does. The failure has the parser's message without its usual
@@ -82,8 +83,8 @@ fn parsed<C: Parser>(words: &[String]) -> Result<C, Failure> {
     let words = ["inkling"].into_iter().chain(words.iter().map(String::as_str));
     parse(words).map_err(|e: clap::Error| {
         let text = e.render().to_string();
-        let said = text.split("\n\nFor more information").next().unwrap_or(&text); // of the command's options
-        Failure::usage(said.trim_start_matches("error: ").trim_end())
+        let what = text.split("\n\nFor more information").next().unwrap_or(&text);
+        Failure::usage(what.trim_start_matches("error: ").trim_end())
     })
 }
 
@@ -94,38 +95,36 @@ pub fn learn(
     labels: LabelSource,
     new_class: &[String],
     set: &[String],
-) -> Result<Learned, Failure> {
+) -> Result<TrainedDesign, Failure> {
     let settings = Settings::load(None, None, set)?;
     effect::check(set, &settings, effect::Command::Train)?;
-    let learned =
-        train::learn(Lesson { recordings, labels, outcomes: None, new_class, settings: &settings });
-    let mut warnings = told();
-    let mut learned = learned.map_err(|failure| after(failure, &warnings))?;
+    let lesson =
+        TrainingInput { recordings, labels, outcomes: None, new_class, settings: &settings };
+    let (mut learned, mut warnings) = with_messages(train::learn(lesson))?;
     warnings.append(&mut learned.warnings);
-    Ok(Learned { warnings, ..learned })
+    Ok(TrainedDesign { warnings, ..learned })
 }
 
 // The options of one verb as a command line of their own, without the verb's name.
 #[derive(Debug, Parser)]
-struct Asked<A: clap::Args> {
+struct VerbOptions<A: clap::Args> {
     #[command(flatten)]
     args: A,
 }
 
 /// The arguments of a verb on bursts in memory. The required name of a recording is filled with a dummy.
-fn asked<A: clap::Args>(options: &[String]) -> Result<A, Failure> {
+fn options_of<A: clap::Args>(options: &[String]) -> Result<A, Failure> {
     let words = [&["array".to_owned()], options].concat();
-    Ok(parsed::<Asked<A>>(&words)?.args)
+    Ok(parsed::<VerbOptions<A>>(&words)?.args)
 }
 
 /// How `inkling replay OPTIONS` judges by a design. `digest`: the digest of the design's file.
 pub fn judging(design: Design, digest: String, options: &[String]) -> Result<Replay, Failure> {
-    replay::judging(asked(options)?, (design, digest))
+    replay::judging(options_of(options)?, (design, digest))
 }
 
 /// The verdicts of bursts in memory.
 pub struct Judged {
-    /// The rows of the verdict table, as columns.
     pub rows: VerdictArrays,
     /// The state after these bursts, if there was one before.
     pub state: Option<Memory>,
@@ -138,15 +137,14 @@ pub struct Judged {
 pub fn judge(replay: &Replay, recording: &Recording, control: &Control) -> Result<Judged, Failure> {
     let mut report = pipeline::judge(replay, recording, control)?;
     let mut warnings = notes::not_judged(&report);
-    let told = notes::warnings(&report).into_iter().chain(notes::damage(&report));
-    warnings.extend(told.map(|told| told.what));
+    let counted = notes::warnings(&report).into_iter().chain(notes::damage(&report));
+    warnings.extend(counted.map(|message| message.what));
     let rows = report.arrays.take().ok_or_else(|| Failure::new("no rows; this is our bug"))?;
     Ok(Judged { rows, state: report.baselines, warnings })
 }
 
-/// `inkling critique OPTIONS` on bursts in memory.
 pub fn critique(recording: Recording, options: &[String]) -> Result<Ended, Failure> {
-    ended(critique::run_in_memory(asked(options)?, recording))
+    ended(critique::run_on(&options_of(options)?, RecordingSource::InMemory(Box::new(recording))))
 }
 
 /// Reads what `--baseline FILE` reads: the state of printheads and channels for a design, or a new state if
@@ -170,7 +168,7 @@ mod tests {
     #[test]
     fn negative_numbers_are_values_as_on_the_command_line() {
         let options = ["--pace".to_owned(), "-5".to_owned()];
-        let refused = asked::<replay::Args>(&options).unwrap_err().message;
+        let refused = options_of::<replay::Args>(&options).unwrap_err().message;
         assert!(refused.contains("invalid value '-5' for '--pace"), "{refused}");
     }
 }

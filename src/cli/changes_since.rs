@@ -4,14 +4,13 @@
 //!
 //! The report is of the results as they lie now. Results that the earlier run had and that were not
 //! made anew since are what was known then; all other results are what came since, even if their
-//! recordings are of an earlier time. `Changes::since` divides the faults by that. This file
-//! decides which results are which ([`EarlierRun::read`] and `has_results`), adds what was not
-//! judged since, and prints.
+//! recordings are of an earlier time. This file decides which results are which (`has_results`),
+//! adds what was not judged since, and prints; `Changes::since` divides the faults.
 
 use super::account::{MOST_RUN_BYTES, RUN_NAME, Row};
 use super::exit::Failure;
 use super::lost;
-use super::progress::thousands;
+use super::progress::{counted, first_few, thousands};
 use super::report::printable;
 use crate::pipeline::rfc3339;
 use crate::report::{Changes, Fault, Report, clock};
@@ -37,6 +36,9 @@ pub struct EarlierRun {
     by: Option<Means>,
     /// A row for each recording that it was given.
     recordings: Vec<Row>,
+    /// The path by which the run was given.
+    #[serde(skip)]
+    run: PathBuf,
     /// Not of the earlier run: what the journals say now of the report's tables, by the names that the report
     /// gives to recordings ([`lost::entries`]).
     #[serde(skip)]
@@ -48,12 +50,11 @@ pub struct EarlierRun {
 /// the report was asked for, without the ending. One directory may lie within the other, so that
 /// one path has to end with the other.
 fn is_of(row: &Row, name: &str) -> bool {
-    let place = |place: &str| {
-        let place = place.strip_suffix(".verdicts.parquet").unwrap_or(place);
-        let (place, name) = (Path::new(place), Path::new(name));
-        place.ends_with(name) || name.ends_with(place)
-    };
-    row.verdicts.as_deref().is_some_and(place)
+    row.verdicts.as_ref().is_some_and(|table| {
+        let stem = table.strip_suffix(".verdicts.parquet").unwrap_or(table);
+        let (stem, name) = (Path::new(stem), Path::new(name));
+        stem.ends_with(name) || name.ends_with(stem)
+    })
 }
 
 impl EarlierRun {
@@ -61,16 +62,16 @@ impl EarlierRun {
     /// the report. Another file is a usage failure.
     pub fn read(run: &Path, tables: &[Input]) -> Result<EarlierRun, Failure> {
         let path = if run.is_dir() { run.join(RUN_NAME) } else { run.to_path_buf() };
-        let failed = |what: String| Failure::usage(format!("{}: {what}", path.display()));
         let text = regular_file::read(&path, MOST_RUN_BYTES).map_err(FileError::unread(&path))?;
         let earlier = serde_json::from_slice::<EarlierRun>(&text).map_err(|e| {
-            let what = match result_file::instead(&path) {
-                instead if instead.is_empty() => format!(": {}", printable::of_parser(&e)),
-                instead => instead,
-            };
-            failed(format!("not the {RUN_NAME} of a replay{what}"))
+            let mut what = result_file::instead(&path);
+            if what.is_empty() {
+                what = format!(": {}", printable::of_parser(&e));
+            }
+            let path = path.display();
+            Failure::usage(format!("{path}: not the {RUN_NAME} of a replay{what}"))
         })?;
-        Ok(EarlierRun { now: lost::entries(tables), ..earlier })
+        Ok(EarlierRun { run: run.into(), now: lost::entries(tables), ..earlier })
     }
 
     /// Whether the earlier run has a row, with a verdict table, for the recording that the report calls
@@ -85,16 +86,14 @@ impl EarlierRun {
     /// the recording and the same design, labels and settings. The time alone does not tell, as it
     /// is kept to the second.
     fn has_results(&self, name: &str) -> bool {
-        // whether the row is of the results that lie there now
-        let same = |then: &Row| match (self.now.get(name), &then.judged_at) {
-            (Some(now), Some(at)) => {
+        // whether the row is of the results that lie there now; without a time (a `run.json` of an
+        // earlier version) or a journal it is taken for that
+        let same = |then: &Row| {
+            self.now.get(name).zip(then.judged_at.as_ref()).is_none_or(|(now, at)| {
                 *at == now.at
                     && then.digest == now.recording.digest
                     && self.by.as_ref().is_none_or(|by| *by == now.by)
-            }
-            // the row has no time (a `run.json` of an earlier version), or there is no journal: taken for the
-            // same results
-            _ => true,
+            })
         };
         // recordings of several directories may have this name
         let mut rows = self.recordings.iter();
@@ -103,7 +102,7 @@ impl EarlierRun {
 
     /// Whether the earlier run has told that there are no verdicts of the recording whose path ends with
     /// `name`. Where several paths end so, the run must have told that of each.
-    fn knew_lost(&self, name: &str) -> bool {
+    fn reported_lost(&self, name: &str) -> bool {
         let rows = self.recordings.iter();
         let mut rows = rows.filter(|row| Path::new(&row.recording).ends_with(name)).peekable();
         rows.peek().is_some() && rows.all(|row| !row.outcome.is_judged())
@@ -113,8 +112,7 @@ impl EarlierRun {
 /// What has changed since an earlier run, according to the results that it did not have.
 pub struct ChangesSince<'a> {
     /// The path by which the earlier run was given.
-    run: PathBuf,
-    /// The faults by what became of them.
+    run: &'a Path,
     changes: Changes<'a>,
     /// Printheads, recordings and parts of recordings that were not judged since then, and why.
     unjudged: Vec<Unjudged>,
@@ -137,18 +135,14 @@ impl Unjudged {
 impl<'a> ChangesSince<'a> {
     /// The changes since the earlier run. It is a mistake of usage if that run has no recording in common
     /// with the report.
-    pub fn of(
-        run: &Path,
-        earlier: &EarlierRun,
-        report: &'a Report,
-    ) -> Result<ChangesSince<'a>, Failure> {
+    pub fn of(earlier: &'a EarlierRun, report: &'a Report) -> Result<ChangesSince<'a>, Failure> {
         let has_results = |name: &str| earlier.has_results(name);
         let (lines, faults) = (&report.recordings, &report.faults);
         if !lines.iter().any(|line| earlier.named(&line.name)) {
+            let run = earlier.run.display();
             return Err(Failure::usage(format!(
-                "{}: none of that run's recordings is among these results: give the {RUN_NAME} of an earlier run that \
-                 wrote some of them",
-                run.display()
+                "{run}: none of that run's recordings is among these results: give the {RUN_NAME} of an earlier \
+                 run that wrote some of them"
             )));
         }
         let changes = Changes::since(lines, faults, has_results);
@@ -165,61 +159,58 @@ impl<'a> ChangesSince<'a> {
         let gaps = gaps.map(|gap| Unjudged::new(&gap.recording, &gap.what));
 
         // last, recordings without verdicts, but for those of which the earlier run has told that
-        let lost = report.coverage.lost.iter().filter(|lost| !earlier.knew_lost(&lost.name));
+        let lost = report.coverage.lost.iter().filter(|lost| !earlier.reported_lost(&lost.name));
         let lost = lost.map(|lost| Unjudged::new(&lost.name, &lost.why));
         let unjudged = silent.chain(gaps).chain(lost).collect();
-        Ok(ChangesSince { run: run.to_path_buf(), changes, unjudged })
+        Ok(ChangesSince { run: &earlier.run, changes, unjudged })
     }
 
     /// The changes as JSON. Its key `still` has the number of faults that are on as before.
     pub fn as_json(&self) -> Value {
         let Changes { from_ns, to_ns, recordings, still, .. } = &self.changes;
-        let mut told = json!({
+        let mut document = json!({
             "since": self.run,
             "from": (*recordings > 0).then(|| rfc3339(*from_ns)),
             "to": (*recordings > 0).then(|| rfc3339(*to_ns)),
             "recordings": recordings,
             "still": still,
+            "unjudged": self.unjudged,
         });
         for (key, _, faults) in self.changes.kinds() {
-            told[key] = faults.iter().map(|fault| as_json(fault)).collect();
+            document[key] = faults.iter().map(|fault| as_json(fault)).collect();
         }
-        told["unjudged"] = json!(self.unjudged);
-        told
+        document
     }
 
-    /// Prints the changes as text.
     pub fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
         let Changes { from_ns, to_ns, recordings, still, .. } = &self.changes;
-        let plural = if *recordings == 1 { "" } else { "s" };
-        let (count, from, to) = (thousands(*recordings as u64), clock(*from_ns), clock(*to_ns));
-        match recordings {
-            0 => writeln!(out, "no recording has verdicts that it had not at that run")?,
-            _ => {
-                writeln!(out, "{count} recording{plural} since that run, from {from} to {to} UTC")?
-            }
+        if *recordings > 0 {
+            let (from, to) = (clock(*from_ns), clock(*to_ns));
+            let count = counted(*recordings as u64, "recording");
+            writeln!(out, "{count} since that run, from {from} to {to} UTC")?;
+        } else {
+            writeln!(out, "no recording has verdicts that it had not at that run")?;
         }
         for (_, words, faults) in self.changes.kinds() {
-            let told = |fault: &&Fault| {
+            let line = |fault: &&Fault| {
                 let channel = fault.story.channel;
                 let head = printable(&fault.story.printhead);
                 // the sentence begins with the channel, which this line has named already
                 let sentence = fault.sentence.replacen(&format!("channel {channel}: "), "", 1);
                 format!("{head} channel {channel}: {}", printable::line(&sentence, 600))
             };
-            list(out, words, faults.iter().map(told))?;
+            list(out, words, faults.iter().map(line))?;
         }
-        let told = |Unjudged { what, why }: &Unjudged| {
+        let line = |Unjudged { what, why }: &Unjudged| {
             format!("{}: {}", printable::line(what, 200), printable::line(why, 600))
         };
-        list(out, "not judged", self.unjudged.iter().map(told))?;
+        list(out, "not judged", self.unjudged.iter().map(line))?;
         if *recordings > 0 && self.changes.kinds().iter().all(|(.., faults)| faults.is_empty()) {
             writeln!(out, "no change, of what was judged")?;
         }
-        match *still {
+        match *still as u64 {
             0 => Ok(()),
-            1 => writeln!(out, "1 channel to clean as before"),
-            n => writeln!(out, "{} channels to clean as before", thousands(n as u64)),
+            n => writeln!(out, "{} to clean as before", counted(n, "channel")),
         }
     }
 }
@@ -235,13 +226,8 @@ fn list(
     if all > 0 {
         writeln!(out, "{words}: {}", thousands(all as u64))?;
     }
-    for line in lines.take(MOST_LISTED) {
-        writeln!(out, "  {line}")?;
-    }
-    match all.saturating_sub(MOST_LISTED) {
-        0 => Ok(()),
-        more => writeln!(out, "  and {} more", thousands(more as u64)),
-    }
+    first_few(lines, MOST_LISTED, |more| format!("and {} more", thousands(more as u64)))
+        .try_for_each(|line| writeln!(out, "  {line}"))
 }
 
 /// A fault as JSON. The keys are names of columns of `report.faults.parquet`, though not of all; times are
@@ -295,7 +281,7 @@ mod tests {
         let rows =
             [row("day/a.mcap", "failed"), row("b.mcap", "judged"), row("c.mcap", "not_reached")];
         let earlier: EarlierRun = serde_json::from_value(json!({ "recordings": rows })).unwrap();
-        let told = ["a.mcap", "b.mcap", "c.mcap", "d.mcap"].map(|name| earlier.knew_lost(name));
+        let told = ["a.mcap", "b.mcap", "c.mcap", "d.mcap"].map(|name| earlier.reported_lost(name));
         assert_eq!(told, [true, false, true, false]);
     }
 }

@@ -24,7 +24,6 @@ use inkling_io::dialect::Dialects;
 use inkling_io::inputs::{self, Input};
 use inkling_io::recording::{OtherChannel, Recording};
 use std::collections::BTreeSet;
-use std::path::Path;
 use std::sync::Arc;
 
 /// Where the recordings of a verb come from.
@@ -55,7 +54,7 @@ impl Recordings {
             None => checked_dialects(settings, &inputs, |_| false)?,
             Some(_) => Dialects::default(),
         };
-        let (control, progress) = (interruptible(), Progress::new(inputs.len(), 0));
+        let (control, progress) = (interruptible(), Progress::through(&inputs));
         Ok(Recordings { inputs, in_memory, dialects, control, progress })
     }
 
@@ -137,16 +136,18 @@ pub fn checked_dialects(
     }
     let (known, new): (Vec<&Input>, Vec<&Input>) = inputs.iter().partition(|input| is_known(input));
 
-    // 1. look at the new recordings. `used`: numbers of the dialects that fit a message; `all`:
-    // whether every recording was looked at in full; `there`: topics that nothing reads; `wrong`:
-    // the first dialect that fits a topic and not its messages
+    // 1. look at the new recordings. `used`: dialects that fit a message; `all`: whether every
+    // recording was looked at in full; `there`: topics that nothing reads; `wrong`: the first
+    // dialect that fits a topic and not its messages
     let (mut used, mut all) = (BTreeSet::new(), known.is_empty());
     let (mut there, mut wrong) = (BTreeSet::new(), None);
     for input in new {
-        match look(&input.path, &dialects) {
-            Ok((recording, numbers, known)) => {
-                used.extend(numbers);
-                all &= known;
+        let looked = Recording::open_with(&input.path, Limits::default(), &dialects)
+            .and_then(|recording| Ok((recording.dialects_used(dialects.len())?, recording)));
+        match looked {
+            Ok((fitting, recording)) => {
+                used.extend(fitting.numbers);
+                all &= fitting.all;
                 there.extend(recording.others.iter().map(shown));
             }
             Err(e @ RecordingError::Dialect { .. }) => wrong = wrong.or(Some(e)),
@@ -156,31 +157,22 @@ pub fn checked_dialects(
 
     // 2. a dialect that does not fit its messages is a mistake, unless dialects fit other
     // recordings: an older recording with another schema then fails by itself
-    match wrong {
-        Some(e) if used.is_empty() && known.is_empty() => return Err(e.into()),
-        Some(_) => all = false,
-        None => {}
+    if let Some(e) = wrong {
+        if used.is_empty() && known.is_empty() {
+            return Err(e.into());
+        }
+        all = false;
     }
 
     // 3. a dialect that fits nothing
     let unused = dialects.without(|number| used.contains(&number));
-    match unused.as_slice() {
-        [] => Ok(dialects),
-        _ if !all => Ok(dialects), // what could not be looked at may need them
-        unused => Err(Failure::usage(format!(
-            "{}: no messages that it fits and that are not inkling.Burst already{}",
-            unused.join(", "),
-            topics(there)
-        ))),
+    if unused.is_empty() || !all {
+        return Ok(dialects); // what could not be looked at may need them
     }
-}
-
-/// Opens a recording; returns it with the numbers of the dialects that it uses, and whether all of it was
-/// looked at.
-fn look(path: &Path, dialects: &Dialects) -> Result<(Recording, Vec<usize>, bool), RecordingError> {
-    let recording = Recording::open_with(path, Limits::default(), dialects)?;
-    let used = recording.dialects_used(dialects.len())?;
-    Ok((recording, used.numbers, used.all))
+    let (unused, topics) = (unused.join(", "), topics(there));
+    Err(Failure::usage(format!(
+        "{unused}: no messages that it fits and that are not inkling.Burst already{topics}"
+    )))
 }
 
 /// A topic with its schema and encoding, for a message.

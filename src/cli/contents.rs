@@ -81,27 +81,18 @@ impl Contents {
             None => "its statistics do not say how many to expect".into(),
         };
         writeln!(out, "  bursts   {} ({expected})", thousands(self.bursts))?;
-        for ((printhead, samples, period_ps), f) in &self.groups {
-            writeln!(
-                out,
-                "  {:<16} {} bursts, {} signals of {samples} samples every {} ns, channels {} to {}",
-                printable(printhead),
-                thousands(f.bursts),
-                thousands(f.signals),
-                *period_ps as f64 / 1e3,
-                f.first_channel,
-                f.last_channel,
-            )?;
+        for ((printhead, samples, period_ps), group) in &self.groups {
+            let BurstGroup { first_channel, last_channel, .. } = group;
+            let (head, period_ns) = (printable(printhead), *period_ps as f64 / 1e3);
+            let [bursts, signals] = [group.bursts, group.signals].map(thousands);
+            let every = format!("{signals} signals of {samples} samples every {period_ns} ns");
+            let channels = format!("channels {first_channel} to {last_channel}");
+            writeln!(out, "  {head:<16} {bursts} bursts, {every}, {channels}")?;
+            let [from, to] = [group.first_ns, group.last_ns].map(time);
             let recorded = |yes: bool| if yes { "recorded" } else { "not recorded" };
-            writeln!(
-                out,
-                "  {:<16} {} to {}; temperature {}, drive voltage {}",
-                "",
-                time(f.first_ns),
-                time(f.last_ns),
-                recorded(f.temperature),
-                recorded(f.voltage)
-            )?;
+            let [temperature, voltage] = [group.temperature, group.voltage].map(recorded);
+            let covariates = format!("temperature {temperature}, drive voltage {voltage}");
+            writeln!(out, "  {:<16} {from} to {to}; {covariates}", "")?;
         }
         if self.beyond > 0 {
             writeln!(out, "  and {} bursts of further printheads", thousands(self.beyond))?;
@@ -115,8 +106,8 @@ impl Contents {
     /// The contents as JSON. `digest`: of the whole file; `exit`: `Done` if nothing is damaged or
     /// unusable.
     pub fn document(&self, recording: &Recording, digest: &str, exit: Exit) -> Value {
-        let groups = self.groups.iter().map(|((printhead, samples, period_ps), f)| {
-            let mut group = json!(f);
+        let groups = self.groups.iter().map(|((printhead, samples, period_ps), group)| {
+            let mut group = json!(group);
             (group["printhead"], group["samples"]) = (json!(printhead), json!(samples));
             group["sample_period_s"] = json!(*period_ps as f64 / 1e12);
             group
@@ -143,18 +134,16 @@ impl Contents {
             self.beyond += 1;
             return;
         }
-        let last_channel = burst.first_channel + (burst.channels - 1);
         let group = self.groups.entry(key).or_insert_with(|| BurstGroup {
-            first_channel: burst.first_channel,
-            last_channel,
-            first_ns: burst.t_acq_ns,
-            last_ns: burst.t_acq_ns,
+            first_channel: u32::MAX,
+            first_ns: i64::MAX,
+            last_ns: i64::MIN,
             ..BurstGroup::default()
         });
         group.bursts += 1;
         group.signals += u64::from(burst.channels);
         group.first_channel = group.first_channel.min(burst.first_channel);
-        group.last_channel = group.last_channel.max(last_channel);
+        group.last_channel = group.last_channel.max(burst.first_channel + (burst.channels - 1));
         group.first_ns = group.first_ns.min(burst.t_acq_ns);
         group.last_ns = group.last_ns.max(burst.t_acq_ns);
         group.temperature |= burst.temperature_c.is_some();

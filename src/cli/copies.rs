@@ -12,7 +12,6 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-/// A verdict table and its metadata.
 #[derive(Clone, Copy)]
 pub struct Table<'a> {
     pub path: &'a Path,
@@ -38,14 +37,12 @@ pub fn left_out(tables: &[Table]) -> Vec<Option<String>> {
         let (kept, left) = if is_better { (at, before) } else { (before, at) };
         stays.insert(first, kept);
         let (file, kept) = (tables[left].path.display(), tables[kept].path.display());
-        notes[left] = Some(format!(
-            "{file}: verdicts of a recording that is there already ({kept}): left out"
-        ));
+        let what = format!("verdicts of a recording that is there already ({kept}): left out");
+        notes[left] = Some(format!("{file}: {what}"));
     }
     notes
 }
 
-/// Number of judged signals of a table, by its metadata.
 fn judged(table: &Table) -> u64 {
     table.document["counts"]["judged"].as_u64().unwrap_or_default()
 }
@@ -78,8 +75,7 @@ impl<'a> MetRecordings<'a> {
         let mut first = at;
         if let Some(key) = signals.zip(first_signal(path)) {
             let alike = self.alike.entry(key).or_default();
-            let same = alike.iter().find(|other| holds_the_same(tables[**other].path, path));
-            match same {
+            match alike.iter().find(|other| holds_the_same(tables[**other].path, path)) {
                 Some(same) => first = *same,
                 None => alike.push(at),
             }
@@ -107,19 +103,13 @@ fn first_signal(path: &Path) -> Option<First> {
 /// and, if the same means judged both, with the same outcomes and statistics. A table that cannot be read is
 /// taken for a different one; the error is told where the table is read for the report.
 fn holds_the_same(a: &Path, b: &Path) -> bool {
-    let means = |path| {
-        let document = verdict_reader::document_of(path);
-        MEANS.map(|key| document[key].clone())
-    };
-    let same_means = means(a) == means(b);
+    let [of_a, of_b] = [a, b].map(verdict_reader::document_of);
+    let same_means = MEANS.iter().all(|key| of_a[*key] == of_b[*key]);
     let open = |path| VerdictReader::open_columns(path, &COLUMNS);
     let (Ok(mut a), Ok(mut b)) = (open(a), open(b)) else { return false };
     loop {
-        let (a, b) = match (a.next(), b.next()) {
-            (None, None) => return true,
-            (Some(Ok(a)), Some(Ok(b))) => (a, b),
-            _ => return false,
-        };
+        let next = (a.next(), b.next());
+        let (Some(Ok(a)), Some(Ok(b))) = next else { return matches!(next, (None, None)) };
         // batch by batch; indices of printheads may differ between tables, so names are compared
         let same_signals = a.acquired_at_ns == b.acquired_at_ns
             && a.channel == b.channel
@@ -132,12 +122,10 @@ fn holds_the_same(a: &Path, b: &Path) -> bool {
     }
 }
 
-/// The printhead's name of each row.
 fn heads(c: &VerdictColumns) -> impl Iterator<Item = &str> {
     c.printhead.iter().map(|k| &*c.printheads[*k as usize])
 }
 
-/// Whether each row was rejected.
 fn rejected(c: &VerdictColumns) -> impl Iterator<Item = bool> {
     c.outcome.iter().map(|outcome| *outcome == Outcome::Rejected)
 }

@@ -4,7 +4,7 @@
 //! critique itself is made by `inkling_lab::critique`; here the signals are collected, the files
 //! written, and the result told.
 //!
-//! The steps (`criticised`): a bounded sample of the signals is collected (`Observer`); the engine
+//! The steps (`run_on`): a bounded sample of the signals is collected (`Observer`); the engine
 //! looks for causes and measures what each gains on signals held out; the files of an earlier
 //! critique are removed; if causes were found on ink channels, a design is trained that knows them
 //! (`extended_design`); all is written, `critique.json` last.
@@ -18,17 +18,17 @@ use crate::pipeline::collect::Observer;
 use crate::report::{Column, columns};
 use crate::settings::Settings;
 use inkling_io::outputs::ResultFile;
-use inkling_io::plain_columns::{Cells, count, flag, number, text};
-use inkling_io::recording::Recording;
+use inkling_io::plain_columns::{count, flag, number, text};
 use inkling_io::verdict_table::TableError;
 use inkling_io::{design_file, labels_file, outputs, plain_columns, printable};
 use inkling_lab::critique::engine::{self, MOST_SAMPLES, Rings};
-use inkling_lab::critique::finding::{Compared, Critique, Evidence, Gain, GainFigures, Verdict};
+use inkling_lab::critique::finding::{
+    Compared, Critique, Evidence, Gain, GainFigures, HeldOut, Verdict,
+};
 use inkling_lab::critique::{decay, digits, report};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Name of the file of the extended design.
 const EXTENDED_DESIGN: &str = "extended.design.json";
 /// The files of a critique. Those of an earlier run are removed first, so that none lies beside those of this
 /// one. `critique.json` is the first to go and the last to be written: if it is there, all are.
@@ -79,17 +79,13 @@ enum PlantArg {
 }
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
-    criticised(&args, RecordingSource::Named(&args.recordings))
-}
-
-/// A critique of bursts in memory; the recordings that `args` names are ignored.
-pub fn run_in_memory(args: Args, recording: Recording) -> Result<Exit, Failure> {
-    criticised(&args, RecordingSource::InMemory(Box::new(recording)))
+    run_on(&args, RecordingSource::Named(&args.recordings))
 }
 
 /// Reads the signals, runs the critique, extends the design if causes were found, and writes
-/// everything. The exit status is 3 if some signals could not be used.
-fn criticised(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
+/// everything. The exit status is 3 if some signals could not be used. The recordings that `args`
+/// names are not read, but those that are `given`.
+pub fn run_on(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
     // 1. what can be wrong is checked before any recording is read
     outputs::check_files(&args.out, FILES)?;
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
@@ -104,7 +100,7 @@ fn criticised(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
     let damaged = recordings.each(|pass| observer.take(pass))?;
     let data = observer.finish().ok_or_else(|| Failure::new(NO_BURSTS))?;
     let (rejected, other_sampling) = (observer.rejected, observer.other_sampling);
-    let (left_out, cut) = (rejected + other_sampling, observer.is_cut);
+    let left_out = rejected + other_sampling;
     let Recordings { progress, control, .. } = recordings;
     if left_out > 0 {
         progress.say(&format!(
@@ -141,10 +137,10 @@ fn criticised(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
     outputs::remove_earlier(&args.out, &FILES.map(|(name, _)| name)).map_err(Failure::new)?;
     if !oscillator && !outcome.critique.causes.is_empty() {
         progress.say("extending the design ...");
-        let design = match cut {
+        let samples = data.samples;
+        let design = match observer.is_cut {
             true => Err(format!(
-                "it would be one of signals of {} samples, and some of these are longer",
-                data.samples
+                "it would be one of signals of {samples} samples, and some of these are longer"
             )),
             false => extended_design::train(&data, &outcome, &settings),
         };
@@ -158,7 +154,6 @@ fn criticised(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
         }
     }
 
-    // 5. write and tell
     write(&args.out, &outcome.critique)?;
     let mut out = super::output::report();
     print(&args.out, &outcome.critique, &mut out)?;
@@ -179,7 +174,7 @@ fn write(dir: &Path, critique: &Critique) -> Result<(), Failure> {
 fn write_evidence(path: &Path, critique: &Critique) -> Result<(), TableError> {
     let rows = &critique.evidence;
     let why_not: Vec<String> = rows.iter().map(Evidence::why_not_in_words).collect();
-    let columns: Vec<(&str, Cells)> = vec![
+    let columns = vec![
         ("step", count(rows.iter().map(|e| e.step))),
         ("id", text(rows.iter().map(|e| e.id.name()))),
         ("statistic", number(rows.iter().map(|e| e.statistic))),
@@ -199,13 +194,13 @@ fn write_evidence(path: &Path, critique: &Critique) -> Result<(), TableError> {
 /// Writes the numbers behind the report's figures: one row per figure, series and point, with the
 /// point's x, its y, and the bounds of y.
 fn write_residuals(path: &Path, critique: &Critique) -> Result<(), TableError> {
-    // figure, series, x, y, low, high
-    let mut rows: Vec<(&str, String, f64, f64, f64, f64)> = Vec::new();
+    // figure and series, then x, y, low, high
+    let mut rows: Vec<(&str, String, [f64; 4])> = Vec::new();
     let mut add = |figure, of: &str, compared: &Compared| {
         for (k, x) in compared.x.iter().enumerate() {
             for (when, curve) in [("before", &compared.before), ("after", &compared.after)] {
-                let series = format!("{of}{when}");
-                rows.push((figure, series, *x, curve.y[k], curve.low[k], curve.high[k]));
+                let point = [*x, curve.y[k], curve.low[k], curve.high[k]];
+                rows.push((figure, format!("{of}{when}"), point));
             }
         }
     };
@@ -214,14 +209,13 @@ fn write_residuals(path: &Path, critique: &Critique) -> Result<(), TableError> {
     for c in &critique.figures.covariates {
         add("covariate", &format!("{} of {}, ", c.parameter, c.covariate), &c.means);
     }
-    let columns: Vec<(&str, Cells)> = vec![
-        ("figure", text(rows.iter().map(|r| r.0))),
-        ("series", text(rows.iter().map(|r| r.1.as_str()))),
-        ("x", number(rows.iter().map(|r| r.2))),
-        ("y", number(rows.iter().map(|r| r.3))),
-        ("low", number(rows.iter().map(|r| r.4))),
-        ("high", number(rows.iter().map(|r| r.5))),
+    let mut columns = vec![
+        ("figure", text(rows.iter().map(|row| row.0))),
+        ("series", text(rows.iter().map(|row| row.1.as_str()))),
     ];
+    for (k, name) in ["x", "y", "low", "high"].into_iter().enumerate() {
+        columns.push((name, number(rows.iter().map(|row| row.2[k]))));
+    }
     plain_columns::write(path, columns)
 }
 
@@ -258,15 +252,13 @@ fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Resu
 /// Prints what the extended model gains on signals to which nothing was fitted: the figures of the
 /// plain model (before) and of the extended one (after).
 fn print_gain(critique: &Critique, out: &mut impl Write) -> std::io::Result<()> {
-    let Gain { held_out, before, after, .. } = &critique.gain;
-    if held_out.signals == 0 {
+    let Gain { held_out: HeldOut { signals, channels, by, .. }, before, after, .. } =
+        &critique.gain;
+    if *signals == 0 {
         return Ok(());
     }
-    writeln!(
-        out,
-        "  on {} signals of {} channels that nothing was fitted to (by {}):",
-        held_out.signals, held_out.channels, held_out.by
-    )?;
+    write!(out, "  on {signals} signals of {channels} channels ")?;
+    writeln!(out, "that nothing was fitted to (by {by}):")?;
     if critique.verdict == Verdict::None {
         return print_figures("", before, out);
     }
@@ -274,22 +266,13 @@ fn print_gain(critique: &Critique, out: &mut impl Write) -> std::io::Result<()> 
     print_figures("after", after, out)
 }
 
-/// Prints the figures of one model on the held-out signals.
 fn print_figures(when: &str, g: &GainFigures, out: &mut impl Write) -> std::io::Result<()> {
-    write!(
-        out,
-        "  {when:<8} chi²/dof {:.4}, nrmse {:.2} %, whiteness {}",
-        g.chi2_per_dof,
-        g.nrmse_percent,
-        digits::p_is(g.whiteness_p)
-    )?;
-    if g.detection_auc.is_finite() {
-        write!(
-            out,
-            ", false alarms {:.2} %, detection AUC {:.3}",
-            100.0 * g.false_alarms,
-            g.detection_auc
-        )?;
+    let GainFigures { chi2_per_dof, nrmse_percent, detection_auc, .. } = g;
+    let (whiteness, false_alarms) = (digits::p_is(g.whiteness_p), 100.0 * g.false_alarms);
+    write!(out, "  {when:<8} chi²/dof {chi2_per_dof:.4}, ")?;
+    write!(out, "nrmse {nrmse_percent:.2} %, whiteness {whiteness}")?;
+    if detection_auc.is_finite() {
+        write!(out, ", false alarms {false_alarms:.2} %, detection AUC {detection_auc:.3}")?;
     }
     writeln!(out)
 }

@@ -6,9 +6,8 @@
 //! that is not read. `replay` is checked once its design has been read, the other commands before they read a
 //! recording.
 //!
-//! The rules are written as one `match` over section and command (`why_unread`), with a function
-//! each for what the chosen method of detection or isolation decides. They state what the code of
-//! the commands reads; who adds a setting, or reads one in another command, changes them here.
+//! The rules (`why_unread`) state what the code of the commands reads; who adds a setting, or reads
+//! one in another command, changes them here.
 
 use super::exit::Failure;
 use crate::settings::{Settings, keys};
@@ -53,6 +52,10 @@ const OF_TRAINING: [&str; 7] = [
     "physics",
 ];
 
+/// Settings of `[detect]` that `identify --detectability` reads.
+const OF_DETECTABILITY: [&str; 5] =
+    ["oscillations", "oscillations_of_ring", "other_poles_per_s", "false_alarm_rate", "confidence"];
+
 /// Refuses the first key of `set` (KEY=VALUE each) that the command does not read. `settings`: those with all
 /// of `set` applied, as the method that one key chooses decides whether another key is read.
 pub fn check(set: &[String], settings: &Settings, command: Command) -> Result<(), Failure> {
@@ -77,24 +80,20 @@ pub fn check_common_change(
     if !keys(set).any(|key| key == COMMON_CHANGE) {
         return Ok(());
     }
-    if !settings.input.baseline.is_empty() {
-        return Err(Failure::usage(format!(
-            "--set {COMMON_CHANGE}: has no effect here: with --baseline what all channels have in common is \
-             followed anyway, and kept in that file"
-        )));
-    }
-    if !settings.identify.common_change {
-        return Ok(());
-    }
-    let why = match settings.detect.method {
+    let (value, why) = match settings.detect.method {
+        _ if !settings.input.baseline.is_empty() => (
+            "",
+            "with --baseline what all channels have in common is followed anyway, and kept in that file",
+        ),
+        _ if !settings.identify.common_change => return Ok(()),
         // the extension's decay and covariates may hold the same change already
         _ if design.is_some_and(|design| design.extension.is_some()) => {
-            "the design has a critique's extension, which is not moved"
+            ("=true", "the design has a critique's extension, which is not moved")
         }
         DetectMethod::Sensitivity => return Ok(()),
-        _ => "it needs detect.method = \"sensitivity\"",
+        _ => ("=true", "it needs detect.method = \"sensitivity\""),
     };
-    Err(Failure::usage(format!("--set {COMMON_CHANGE}=true: has no effect here: {why}")))
+    Err(Failure::usage(format!("--set {COMMON_CHANGE}{value}: has no effect here: {why}")))
 }
 
 /// Why a command does not read a key; `None` if it does. The order of the cases matters: the first that fits
@@ -113,38 +112,19 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<&'stat
             Some("it is part of the design; train with it")
         }
         ("isolate", Command::Replay { .. }) => by_isolation(name, isolation),
+        ("isolate", Command::Train) if OF_TRAINING.contains(&name) => by_isolation(name, isolation),
         // A critique trains a design with these settings. Settings that only judging reads are
-        // accepted here, and below for `train`, so that the same --set can be given to all three
-        // commands.
-        ("isolate", Command::Critique) => None,
-        ("isolate", Command::Train) => match name {
-            "matching_share" if isolation != IsolateMethod::ModelMatching => {
-                Some("it is of isolate.method = \"model-matching\" alone")
-            }
-            "waveform" | "pulse_s" | "delay_s" if isolation != IsolateMethod::Posterior => {
-                Some("it is of isolate.method = \"posterior\" alone")
-            }
-            _ => None,
-        },
+        // accepted here, so that the same --set can be given to all three commands.
+        ("isolate", Command::Critique | Command::Train) => None,
         ("detect", Command::Replay { detects: true, .. }) => {
             without_labels(name, &settings.detect).or_else(|| by_detection(name, &settings.detect))
         }
         // with a design `replay` itself compares these settings with the design's, and accepts equal ones
         ("detect", Command::Replay { .. }) => None,
-        ("detect", Command::Identify { detects }) => match name {
-            "oscillations"
-            | "oscillations_of_ring"
-            | "other_poles_per_s"
-            | "false_alarm_rate"
-            | "confidence"
-                if detects =>
-            {
-                None
-            }
-            _ => Some(
-                "`identify` detects nothing; with --detectability it reads oscillations, oscillations_of_ring, other_poles_per_s, false_alarm_rate and confidence",
-            ),
-        },
+        ("detect", Command::Identify { detects: true }) if OF_DETECTABILITY.contains(&name) => None,
+        ("detect", Command::Identify { .. }) => Some(
+            "`identify` detects nothing; with --detectability it reads oscillations, oscillations_of_ring, other_poles_per_s, false_alarm_rate and confidence",
+        ),
         // `train`, and the design that a critique trains
         ("detect", _) => by_detection(name, &settings.detect),
         ("report", Command::Replay { .. }) if matches!(name, "rows" | "pitch") => {
@@ -206,9 +186,9 @@ fn by_detection(name: &str, detect: &DetectSettings) -> Option<&'static str> {
     }
 }
 
-/// Why a setting of `[isolate]` is not read when a signal is named by the chosen method; `None` if it is.
+/// Why a setting of `[isolate]` is not read beside the chosen method of isolation; `None` if it is.
 fn by_isolation(name: &str, method: IsolateMethod) -> Option<&'static str> {
-    use IsolateMethod::{Neighbours, Posterior, ResidualMatching};
+    use IsolateMethod::{ModelMatching, Neighbours, Posterior, ResidualMatching};
     match name {
         "signal" if ![ResidualMatching, Neighbours].contains(&method) => {
             Some("it is of isolate.method = \"residual-matching\" and \"neighbours\" alone")
@@ -216,7 +196,12 @@ fn by_isolation(name: &str, method: IsolateMethod) -> Option<&'static str> {
         "neighbours" if method != Neighbours => {
             Some("it is of isolate.method = \"neighbours\" alone")
         }
-        "priors" if method != Posterior => Some("it is of isolate.method = \"posterior\" alone"),
+        "matching_share" if method != ModelMatching => {
+            Some("it is of isolate.method = \"model-matching\" alone")
+        }
+        "priors" | "waveform" | "pulse_s" | "delay_s" if method != Posterior => {
+            Some("it is of isolate.method = \"posterior\" alone")
+        }
         _ => None,
     }
 }

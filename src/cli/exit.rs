@@ -103,8 +103,8 @@ impl From<io::Error> for Failure {
 /// For what is printed while work remains: a reader of the output that has gone away must not stop
 /// the work, any other error of printing does.
 pub fn unless_reader_gone(printed: io::Result<()>) -> Result<(), Failure> {
-    match printed.map_err(Failure::from) {
-        Err(failure) if failure.exit != Exit::Done => Err(failure),
+    match printed {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(e.into()),
         _ => Ok(()),
     }
 }
@@ -117,12 +117,9 @@ pub fn no_room(e: &(dyn Error + 'static)) -> bool {
 
 /// An error in words, with what the user can do if the system's own text does not say it.
 pub fn in_words(e: &(dyn Error + 'static)) -> String {
-    match kind(e) {
-        Some(ErrorKind::FileTooLarge) => {
-            format!("{e}; no larger file may be written here (see `ulimit -f`)")
-        }
-        _ => e.to_string(),
-    }
+    let is_too_large = kind(e) == Some(ErrorKind::FileTooLarge);
+    let what = "; no larger file may be written here (see `ulimit -f`)";
+    format!("{e}{}", if is_too_large { what } else { "" })
 }
 
 /// The kind of the first I/O error in the chain of causes.

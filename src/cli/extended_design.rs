@@ -47,26 +47,21 @@ pub fn train(
         extension,
         ..TrainingSet::default()
     };
-    let (mut signal, mut row32) = (Vec::new(), Vec::new());
     for (&i, &drive) in kept.iter().zip(&beside.drive) {
         let row = &data.rows[i];
-        signal.clear();
-        signal.extend(data.signal(i).iter().map(|y| f64::from(*y)));
+        let mut signal: Vec<f64> = data.signal(i).iter().map(|y| f64::from(*y)).collect();
         if let Some(extension) = &set.extension {
             extension.subtract(&row.beside, drive, data.dt_s, &mut signal);
         }
-        row32.clear();
-        row32.extend(signal.iter().map(|y| *y as f32));
-        set.healthy
-            .entry(data.printheads[row.printhead].clone())
-            .or_insert_with(|| SignalSet::new(data.samples))
-            .push(&row32, row.beside.channel, drive, row.beside.temperature_c);
+        let signal: Vec<f32> = signal.iter().map(|y| *y as f32).collect();
+        let of_head = set.healthy.entry(data.printheads[row.printhead].clone());
+        let of_head = of_head.or_insert_with(|| SignalSet::new(data.samples));
+        of_head.push(&signal, row.beside.channel, drive, row.beside.temperature_c);
     }
     set.signals.insert(inkling_core::fault::HEALTHY.into(), kept.len() as u64);
-    let (design, _) =
-        Design::train(&set, &settings.identify.grey_box, &settings.detect, &settings.isolate)
-            .map_err(|e| e.to_string())?;
-    Ok(design)
+    let Settings { identify, detect, isolate, .. } = settings;
+    let trained = Design::train(&set, &identify.grey_box, detect, isolate);
+    trained.map(|(design, _)| design).map_err(|e| e.to_string())
 }
 
 /// The extension of the design: the same numbers as in the critique's model, in the units in which

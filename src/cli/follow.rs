@@ -66,10 +66,8 @@ const SPANS: RangeInclusive<Duration> =
 pub fn span(text: &str) -> Result<Duration, String> {
     let such = "give a span of recording time such as 10min or 1h";
     let span = humantime::parse_duration(text).map_err(|e| format!("{e}; {such}"))?;
-    match SPANS.contains(&span) {
-        true => Ok(span),
-        false => Err(format!("a part is of 1s to 366days; {such}")),
-    }
+    let is_good = SPANS.contains(&span);
+    is_good.then_some(span).ok_or_else(|| format!("a part is of 1s to 366days; {such}"))
 }
 
 /// Refuses `--rotate` where there can be no parts, with what to do instead. `out`: the directory of
@@ -115,7 +113,7 @@ impl Judge for FollowJudge {
 
         // if the reader of the output is gone, the tables are still written; another error is only
         // told
-        let told = |printed: std::io::Result<()>| {
+        let print = |printed: std::io::Result<()>| {
             if let Err(failure) = unless_reader_gone(printed) {
                 run.progress.fail(&failure.message);
             }
@@ -123,17 +121,18 @@ impl Judge for FollowJudge {
 
         // what the pipeline calls while it judges: everything goes to the output and to the live
         // view
+        let state = || self.live.iter().map(|live| &live.state);
         let episode = |event: EpisodeEvent| {
-            told(tell(label, event, self.json));
-            self.live.iter().for_each(|live| live.state.take_episode(event));
+            print(tell(label, event, self.json));
+            state().for_each(|state| state.take_episode(event));
         };
         let note = |what: &str| {
             run.progress.say(&format!("{}: {what}", printable_path(label)));
             // a note means that the recording is judged again from its beginning
-            self.live.iter().for_each(|live| live.state.begin_again());
+            state().for_each(|state| state.begin_again());
         };
-        let rows = |of: &Verdicts| self.live.iter().for_each(|live| live.state.take_rows(of));
-        let closed = |part: &ClosedPart| told(tell_part(label, part, self.json));
+        let rows = |of: &Verdicts| state().for_each(|state| state.take_rows(of));
+        let closed = |part: &ClosedPart| print(tell_part(label, part, self.json));
         let rotation = self.rotate.map(|every| Rotation { every, closed: &closed });
         let rows: Option<&(dyn Fn(&Verdicts) + Sync)> = self.live.is_some().then_some(&rows);
         let watch = Watch { episode: &episode, note: &note, rows, rotation };
@@ -153,16 +152,12 @@ impl Judge for FollowJudge {
 
 /// Tells the address of the live view (`--serve`), as an event or as a message.
 pub fn tell_address(address: SocketAddr, json: bool, progress: &Progress) -> Result<(), Failure> {
-    match json {
-        true => unless_reader_gone(output::event(&json!({
-            "event": "serving",
-            "address": address.to_string(),
-        }))),
-        false => {
-            progress.say(&format!("to be looked at on http://{address}/"));
-            Ok(())
-        }
+    if json {
+        let event = json!({ "event": "serving", "address": address.to_string() });
+        return unless_reader_gone(output::event(&event));
     }
+    progress.say(&format!("to be looked at on http://{address}/"));
+    Ok(())
 }
 
 /// Tells an episode when it is raised, revised or withdrawn: as a line, or as JSON with the keys of the table of
@@ -172,37 +167,34 @@ fn tell(recording: &str, event: EpisodeEvent, json: bool) -> std::io::Result<()>
         EpisodeEvent::Ended(_) => return Ok(()), // the table says it
         EpisodeEvent::Raised(now) => (now, ""),
         EpisodeEvent::Revised { now, .. } => (now, "revised: "),
-        EpisodeEvent::Withdrawn(told) => (told, "revised: no episode, told as: "),
+        EpisodeEvent::Withdrawn(before) => (before, "revised: no episode, told as: "),
     };
-    output::tell(
-        json,
-        || output::episode_event(recording, event),
-        || {
-            let (raised, head) = (clock(episode.raised_at_ns), printable(&episode.printhead));
-            let explanation = printable::line(&episode.explanation, 1000);
-            format!("{raised}  {head:<20}  {mark}{explanation}")
-        },
-    )
+    let text = || {
+        let (raised, head) = (clock(episode.raised_at_ns), printable(&episode.printhead));
+        let explanation = printable::line(&episode.explanation, 1000);
+        format!("{raised}  {head:<20}  {mark}{explanation}")
+    };
+    output::tell(json, || output::episode_event(recording, event), text)
 }
 
 /// Tells a part when it is closed.
 fn tell_part(recording: &str, part: &ClosedPart, json: bool) -> std::io::Result<()> {
-    let path = part.path.to_string_lossy();
+    let ClosedPart { number, path, rows, from_ns, to_ns } = part;
+    let path = path.to_string_lossy();
     let document = || {
         json!({
             "event": "part",
             "recording": recording,
-            "number": part.number,
+            "number": number,
             "file": path,
-            "rows": part.rows,
-            "from": rfc3339(part.from_ns),
-            "to": rfc3339(part.to_ns),
+            "rows": rows,
+            "from": rfc3339(*from_ns),
+            "to": rfc3339(*to_ns),
         })
     };
     output::tell(json, document, || {
-        let (from, to) = (clock(part.from_ns), clock(part.to_ns));
-        let (rows, path) = (thousands(part.rows), printable_path(&path));
-        format!("{to}  part {}, {rows} rows since {from}: {path}", part.number)
+        let ([from, to], path) = ([*from_ns, *to_ns].map(clock), printable_path(&path));
+        format!("{to}  part {number}, {} rows since {from}: {path}", thousands(*rows))
     })
 }
 

@@ -33,12 +33,11 @@ enum What {
 }
 
 /// Runs the verb. `command`: the definition of the whole command line.
-pub fn run(args: Args, command: Command) -> Result<Exit, Failure> {
+pub fn run(args: Args, mut command: Command) -> Result<Exit, Failure> {
     match args.what {
         What::Man { output } => man(&output, command),
         What::Completions { shell } => {
             let mut script = Vec::new(); // the generator panics where stdout is closed
-            let mut command = command;
             clap_complete::generate(shell, &mut command, "inkling", &mut script);
             std::io::stdout().lock().write_all(&script)?;
             Ok(Exit::Done)
@@ -46,7 +45,6 @@ pub fn run(args: Args, command: Command) -> Result<Exit, Failure> {
     }
 }
 
-/// Writes the man pages of all verbs into a directory.
 fn man(dir: &Path, command: Command) -> Result<Exit, Failure> {
     let failed = |e: std::io::Error| Failure::new(format!("{}: {e}", dir.display()));
     // `build` derives what is inherited, such as the names of subcommands; pages are rendered before any is
@@ -58,10 +56,8 @@ fn man(dir: &Path, command: Command) -> Result<Exit, Failure> {
     let files = pages.keys().map(|name| (name.as_str(), ResultFile::Manual));
     outputs::check_files(dir, files)?;
     std::fs::create_dir_all(dir).map_err(failed)?;
-    pages
-        .iter()
-        .try_for_each(|(name, page)| std::fs::write(dir.join(name), page))
-        .map_err(failed)?;
+    let mut pages = pages.iter();
+    pages.try_for_each(|(name, page)| std::fs::write(dir.join(name), page)).map_err(failed)?;
     Ok(Exit::Done)
 }
 

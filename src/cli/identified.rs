@@ -107,20 +107,20 @@ impl<'a> Identified<'a> {
     pub fn detect(&mut self, settings: &Settings) -> Result<(), DesignError> {
         let (grey_box, detect) = (&settings.identify.grey_box, &settings.detect);
         let (fit, dt_s) = (&self.identification, self.sample_period_s);
-        let seen = Detectability::of(fit, &self.healthy, dt_s, grey_box, detect)?;
-        self.detectability = Some(seen);
+        let found = Detectability::of(fit, &self.healthy, dt_s, grey_box, detect)?;
+        self.detectability = Some(found);
         Ok(())
     }
 
     /// Prints the identification: rates with 95 % intervals, how the search ended, whether the misfit is
     /// white, and what could not be identified.
     pub fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
-        let (fit, name) = (&self.identification, printable(self.printhead));
-        let (poles, sd, of) = (&fit.poles, &fit.uncertainty, self.of);
-        let used = self.signals;
-        writeln!(out, "{name}: average of {used} of {of} signals, fit {:.2} %", fit.fit_percent)?;
+        let Identified { identification: fit, signals, of, .. } = self;
+        let (name, percent) = (printable(self.printhead), fit.fit_percent);
+        writeln!(out, "{name}: average of {signals} of {of} signals, fit {percent:.2} %")?;
 
         // poles, then the coefficients p2, p1, p0 of the cubic whose roots the poles are
+        let (poles, sd) = (&fit.poles, &fit.uncertainty);
         let mut line = |what: &str, value: f64, sd: f64, unit: &str| {
             writeln!(out, "  {what:<22} {value:>13.6e} ± {:>9.2e} {unit} (95 %)", 1.96 * sd)
         };
@@ -130,22 +130,17 @@ impl<'a> Identified<'a> {
         for (k, unit) in ["1/s", "1/s²", "1/s³"].iter().enumerate() {
             line(&format!("p{}", 2 - k), fit.cubic[k], sd.cubic_sd[k], unit)?;
         }
-        writeln!(
-            out,
-            "  ended by {:?} after {} steps, {} of {} starts agree; misfit {:.3} counts rms",
-            fit.convergence, fit.iterations, fit.starts_agreeing, fit.starts, fit.misfit_rms
-        )?;
-        if let Some(white) = &self.whiteness {
-            let word = if white.p_value < 0.01 {
-                "not white: the model misses something"
-            } else {
-                "white"
+        let Identification { convergence, iterations, starts_agreeing, starts, .. } = fit;
+        write!(out, "  ended by {convergence:?} after {iterations} steps, ")?;
+        write!(out, "{starts_agreeing} of {starts} starts agree; ")?;
+        writeln!(out, "misfit {:.3} counts rms", fit.misfit_rms)?;
+        if let Some(Whiteness { ljung_box, lags, p_value }) = &self.whiteness {
+            let found = match *p_value < 0.01 {
+                true => "not white: the model misses something",
+                false => "white",
             };
-            writeln!(
-                out,
-                "  misfit {word} (Ljung-Box {:.1} over {} lags, p = {:.2e})",
-                white.ljung_box, white.lags, white.p_value
-            )?;
+            write!(out, "  misfit {found} (Ljung-Box {ljung_box:.1} over {lags} lags, ")?;
+            writeln!(out, "p = {p_value:.2e})")?;
         }
         let listed = [
             ("held fixed", &fit.held_fixed),
@@ -157,13 +152,9 @@ impl<'a> Identified<'a> {
                 writeln!(out, "  {what}: {item}")?;
             }
         }
-        if let Some(physical) = &self.physical {
-            physical.print(out)?;
-        }
-        if let Some(known) = &self.by_temperature {
-            print_by_temperature(known, out)?;
-        }
-        self.detectability.iter().try_for_each(|seen| print_detectable(seen, out))
+        self.physical.iter().try_for_each(|physical| physical.print(out))?;
+        self.by_temperature.iter().try_for_each(|told| print_by_temperature(told, out))?;
+        self.detectability.iter().try_for_each(|found| print_detectable(found, out))
     }
 
     /// Draws measured against simulated signal, as in Fig. 3-3 of the thesis. `names`: the names of
@@ -171,19 +162,15 @@ impl<'a> Identified<'a> {
     pub fn plot(&self, dir: &Path, names: &mut BTreeSet<String>) -> Result<(), Failure> {
         std::fs::create_dir_all(dir)
             .map_err(|e| Failure::new(format!("{}: {e}", dir.display())))?;
+        let (name, percent) = (printable(self.printhead), self.identification.fit_percent);
+        let title =
+            format!("{name}: the identified model fits {percent:.2} % of the average signal");
         let dt_s = self.sample_period_s;
-        let figure = Figure::over_time(
-            format!(
-                "{}: the identified model fits {:.2} % of the average signal",
-                printable(self.printhead),
-                self.identification.fit_percent
-            ),
-            "sensor signal, counts",
-            vec![
-                Series::over_time("measured, average", Mark::Points, &self.average, dt_s),
-                Series::over_time("simulated", Mark::Line, &self.simulated, dt_s),
-            ],
-        );
+        let series = vec![
+            Series::over_time("measured, average", Mark::Points, &self.average, dt_s),
+            Series::over_time("simulated", Mark::Line, &self.simulated, dt_s),
+        ];
+        let figure = Figure::over_time(title, "sensor signal, counts", series);
         let name = figure_name(self.printhead, names);
         figure.write(dir, &format!("identify_{name}")).map_err(Failure::new)
     }
@@ -196,63 +183,48 @@ impl<'a> Identified<'a> {
 fn figure_name(printhead: &str, names: &mut BTreeSet<String>) -> String {
     let safe = |c: char| if c.is_alphanumeric() || c == '-' { c } else { '_' };
     let safe: String = printhead.chars().map(safe).take(80).collect();
-    let mut name = safe.clone();
-    for number in 2.. {
-        if names.insert(name.to_lowercase()) {
-            break;
-        }
-        name = format!("{safe}_{number}");
-    }
-    name
+    let numbered = (2..).map(|number| format!("{safe}_{number}"));
+    let mut all = std::iter::once(safe.clone()).chain(numbered);
+    all.find(|name| names.insert(name.to_lowercase())).unwrap_or_default()
 }
 
 /// Prints which ratios signals at several temperatures make identifiable, or why they stay unknown.
-fn print_by_temperature(known: &ByTemperature, out: &mut impl Write) -> std::io::Result<()> {
-    let ends = known.temperatures_c.first().zip(known.temperatures_c.last());
-    let (from, to) = ends.map_or((f64::NAN, f64::NAN), |(from, to)| (*from, *to));
-    // standard deviations are those of logarithms, so an interval is a factor
-    let factor = |sd: f64| (1.96 * sd).exp();
+fn print_by_temperature(told: &ByTemperature, out: &mut impl Write) -> std::io::Result<()> {
+    let ByTemperature { temperatures_c, g_over_d, a_over_b, p_value, .. } = told;
+    let end = |temperature_c: Option<&f64>| temperature_c.copied().unwrap_or(f64::NAN);
+    let (from, to) = (end(temperatures_c.first()), end(temperatures_c.last()));
     write!(out, "  by temperature, {from:.1} to {to:.1} °C: ")?;
-    if !known.is_known() {
-        let why = match known.p_value <= 0.01 {
-            true => format!("it does more than thin the ink (p = {:.1e})", known.p_value),
+    if !told.is_known() {
+        let why = match *p_value <= 0.01 {
+            true => format!("it does more than thin the ink (p = {p_value:.1e})"),
             false => "too little to tell".into(),
         };
         return writeln!(out, "R_r/I_r over R_n/I_n and a / b stay unknown: {why}");
     }
-    writeln!(
-        out,
-        "R_r/I_r over R_n/I_n = {:.3} (within a factor of {:.2}, 95 %), a / b = {:.3} ({:.2})",
-        known.g_over_d,
-        factor(known.g_over_d_sd),
-        known.a_over_b,
-        factor(known.a_over_b_sd)
-    )
+    // standard deviations are those of logarithms, so an interval is a factor
+    let [of_g, of_a] = [told.g_over_d_sd, told.a_over_b_sd].map(|sd| (1.96 * sd).exp());
+    write!(out, "R_r/I_r over R_n/I_n = {g_over_d:.3} (within a factor of {of_g:.2}, 95 %), ")?;
+    writeln!(out, "a / b = {a_over_b:.3} ({of_a:.2})")
 }
 
 /// Prints which filters there are, at which frequencies they are blind, and which faults they could find.
-fn print_detectable(seen: &Detectability, out: &mut impl Write) -> std::io::Result<()> {
-    writeln!(
-        out,
-        "  filters of degree {} that a healthy signal does not excite: {}",
-        seen.degree, seen.nullity
-    )?;
-    if seen.blind_hz.is_empty() {
+fn print_detectable(found: &Detectability, out: &mut impl Write) -> std::io::Result<()> {
+    let Detectability { degree, nullity, blind_hz, promise, .. } = found;
+    writeln!(out, "  filters of degree {degree} that a healthy signal does not excite: {nullity}")?;
+    if blind_hz.is_empty() {
         writeln!(out, "  blind at no frequency")?;
     }
-    for [from, to] in &seen.blind_hz {
+    for [from, to] in blind_hz {
         match to > from {
             true => writeln!(out, "  blind from {from:.0} to {to:.0} Hz")?,
             false => writeln!(out, "  blind at {from:.0} Hz")?,
         }
     }
-    match &seen.promise {
-        Some(promise) => crate::report::print_promise(promise, inkling_io::printable::line, out),
-        None => writeln!(
-            out,
-            "  how small a fault would be found: these signals are too few to tell how channels differ"
-        ),
+    if let Some(promise) = promise {
+        return crate::report::print_promise(promise, inkling_io::printable::line, out);
     }
+    let why = "these signals are too few to tell how channels differ";
+    writeln!(out, "  how small a fault would be found: {why}")
 }
 
 /// The individual parameters of thesis (2-3)..(2-5). One decay gives only ratios of these

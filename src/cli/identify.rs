@@ -13,6 +13,7 @@ use super::report::printable;
 use super::report_page::write_json;
 use crate::settings::Settings;
 use inkling_core::identify::IdentifyError;
+use inkling_core::identify::grey_box::Identification;
 use inkling_io::{labels_file, outputs};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -80,10 +81,12 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
 
     // each printhead in turn; one that cannot be identified is left out with a warning, and if none
     // can be identified, that is the failure
-    let mut said = Vec::new();
+    let mut text = Vec::new();
     let mut models: Vec<Value> = Vec::new();
     let mut figures = BTreeSet::new();
     for (name, signals) in &set.healthy {
+        let warn =
+            |what: &str| progress.say(&format!("warning: printhead {}: {what}", printable(name)));
         let labelled = labels.is_some();
         let identified = Identified::of(name, signals, labelled, &set, &settings.identify);
         let mut identified = match identified {
@@ -91,33 +94,25 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             Err(e) => {
                 incomplete = true;
                 // the usual advice speaks of windows, which there are none of here
-                let why = match (&e, labelled) {
-                    (IdentifyError::TooFewSignals { .. }, false) => {
-                        format!(
-                            "{e}: give more recordings, or look at input.rails if they are saturated"
-                        )
-                    }
-                    (e, labelled) => e.advice(labelled),
-                };
-                progress.say(&format!("warning: printhead {}: {why}", printable(name)));
+                let is_few = matches!(e, IdentifyError::TooFewSignals { .. }) && !labelled;
+                let more = "give more recordings, or look at input.rails if they are saturated";
+                warn(&if is_few { format!("{e}: {more}") } else { e.advice(labelled) });
                 continue;
             }
         };
-        let fit = &identified.identification;
+        let Identification { fit_percent, at_bounds, .. } = &identified.identification;
         // a poor fit, or a rate at its bound, casts doubt on the signals or on the settings
-        if fit.fit_percent < LEAST_FIT_PERCENT || !fit.at_bounds.is_empty() {
-            progress.say(&format!(
-                "warning: printhead {}: the model fits {:.1} % of the average{}; are these signals \
-                 healthy, and is identify.grey_box of this printhead?",
-                printable(name),
-                fit.fit_percent,
-                if fit.at_bounds.is_empty() { "" } else { ", with a rate at its bound" }
+        if *fit_percent < LEAST_FIT_PERCENT || !at_bounds.is_empty() {
+            let bound = if at_bounds.is_empty() { "" } else { ", with a rate at its bound" };
+            warn(&format!(
+                "the model fits {fit_percent:.1} % of the average{bound}; are these signals \
+                 healthy, and is identify.grey_box of this printhead?"
             ));
         }
         if args.detectability {
             identified.detect(&settings).map_err(Failure::new)?;
         }
-        identified.print(&mut said)?;
+        identified.print(&mut text)?;
         if let Some(dir) = &args.plot {
             identified.plot(dir, &mut figures)?;
         }
@@ -127,6 +122,6 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         return Err(Failure::new("no printhead could be identified"));
     }
     write_json(&args.out, &json!({ "models": models }))?;
-    super::output::report().write_all(&said)?;
+    super::output::report().write_all(&text)?;
     Ok(if incomplete { Exit::Incomplete } else { Exit::Done })
 }

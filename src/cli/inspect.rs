@@ -16,11 +16,12 @@ use crate::pipeline::visit::Pass;
 use crate::pipeline::{Control, ring_look};
 use crate::settings::Settings;
 use inkling_core::burst::Acquisition;
-use inkling_io::damage::note;
+use inkling_io::damage::{Damage, note};
 use inkling_io::dialect::guess::Proposal;
 use inkling_io::file_error::FileError;
 use inkling_io::recording::Recording;
 use inkling_io::{Limits, inputs, part_file};
+use std::collections::HashSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -57,10 +58,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let inputs = inputs::find_recordings(&args.recordings)?;
     let dialects = checked_dialects(&settings, &inputs, |_| false)?;
     if let Some(file) = args.config.filter(|_| dialects.is_empty()) {
-        return Err(Failure::usage(format!(
-            "--config {}: there is no [[input.dialect]] in it, and nothing else of it has an effect here",
-            file.display()
-        )));
+        let what = "there is no [[input.dialect]] in it, and nothing else of it has an effect here";
+        return Err(Failure::usage(format!("--config {}: {what}", file.display())));
     }
     if let Some(file) = args.write.as_ref().filter(|file| file.exists()) {
         let what = "is there already; name a file that is not";
@@ -70,7 +69,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     // each recording; one that cannot be read fails alone, unless it is the only one
     let mut proposals: Vec<Proposal> = Vec::new();
     let control = interruptible();
-    let progress = Progress::new(inputs.len(), 0);
+    let progress = Progress::through(&inputs);
     let mut exit = Exit::Done;
     for input in &inputs {
         let looked = Recording::open_with(&input.path, Limits::default(), &dialects)
@@ -81,10 +80,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
                 if ended != Exit::Done {
                     exit = Exit::Incomplete;
                 }
-                // recordings of one logger lead to the same proposal, which is written once
-                let is_new = |p: &Proposal| proposals.iter().all(|known| known.toml != p.toml);
-                let new: Vec<Proposal> = proposed.into_iter().filter(is_new).collect();
-                proposals.extend(new);
+                proposals.extend(proposed);
             }
             Err(failure) if inputs.len() == 1 || control.interrupted() => return Err(failure),
             Err(failure) => {
@@ -94,6 +90,9 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         }
     }
     if let Some(file) = &args.write {
+        // recordings of one logger lead to the same proposal, which is written once
+        let mut written = HashSet::new();
+        proposals.retain(|proposal| written.insert(proposal.toml.clone()));
         write(file, &proposals, &progress)?;
     }
     Ok(exit)
@@ -103,14 +102,12 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
 fn write(file: &Path, proposals: &[Proposal], progress: &Progress) -> Result<(), Failure> {
     let shown = file.display();
     if proposals.is_empty() {
-        return Err(Failure::new(format!(
-            "--write {shown}: nothing is proposed: no message that is not read already looks like a burst"
-        )));
+        let why = "no message that is not read already looks like a burst";
+        return Err(Failure::new(format!("--write {shown}: nothing is proposed: {why}")));
     }
     let blocks: Vec<&str> = proposals.iter().map(|proposal| proposal.toml.as_str()).collect();
     part_file::write(file, blocks.join("\n").as_bytes()).map_err(FileError::unwritten(file))?;
-    let open: Vec<&str> =
-        proposals.iter().flat_map(|p| p.open.iter().map(String::as_str)).collect();
+    let open: Vec<&str> = proposals.iter().flat_map(|p| &p.open).map(String::as_str).collect();
     progress.say(&match open.is_empty() {
         true => format!("{shown}: written; inkling replay ... --config {shown} reads by it"),
         false => format!("{shown}: written; fill in {} before it is used", open.join(", ")),
@@ -140,8 +137,7 @@ fn one(
     damage.into_iter().for_each(|damage| note(&mut contents.damage, damage));
     let topics = topics::of(reader.census());
 
-    // damage that only hashing the file, and comparing the number of bursts with the file's
-    // statistics, tell
+    // further damage is told by hashing the file, and by its statistics
     let digest = recording.digest().map_err(Failure::new)?;
     contents.damage.extend(digest.damage);
     contents.damage.extend(recording.missing(contents.bursts));
@@ -150,25 +146,26 @@ fn one(
     let whole = contents.damage.is_empty() && contents.unusable.is_empty();
     let exit = if whole { Exit::Done } else { Exit::Incomplete };
 
+    let doubts = doubts(recording);
     if as_json {
         let mut document = contents.document(recording, &digest.text, exit);
         topics.describe(&mut document);
-        document["doubts"] = doubts(recording).into();
+        document["doubts"] = doubts.into();
         output::event(&document)?;
         return Ok((exit, topics.proposals));
     }
     let mut out = std::io::stdout().lock();
-    let name =
-        if recording.name.is_empty() { path.to_string_lossy() } else { (&*recording.name).into() };
-    let (name, bytes) = (printable(&name), thousands(recording.bytes));
+    let name = Some(&recording.name).filter(|name| !name.is_empty());
+    let name = printable(name.map_or(&*path.to_string_lossy(), String::as_str));
+    let bytes = thousands(recording.bytes);
     writeln!(out, "{name}: {bytes} bytes, {}", digest.text)?;
     contents.print(recording, &mut out)?;
     topics.print(&mut out)?;
-    for doubt in doubts(recording) {
-        writeln!(out, "  doubt    {}", printable(&doubt))?;
+    for doubt in &doubts {
+        writeln!(out, "  doubt    {}", printable(doubt))?;
     }
-    for d in &contents.damage {
-        writeln!(out, "  damage   bytes {} to {}: {}", d.from_byte, d.to_byte, d.what)?;
+    for Damage { from_byte, to_byte, what } in &contents.damage {
+        writeln!(out, "  damage   bytes {from_byte} to {to_byte}: {what}")?;
     }
     writeln!(out, "  {}", if whole { "whole" } else { "NOT whole" })?;
     Ok((exit, topics.proposals))

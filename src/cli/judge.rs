@@ -26,16 +26,13 @@ pub use super::report::Detail;
 /// What a recording is judged with. All recordings of a run share it, except `replay` with
 /// `--baseline`.
 pub struct Run<'a> {
-    /// Directory of results.
     pub out: &'a Path,
     /// How to judge. With `--baseline` its baselines change from recording to recording, since they
     /// learn.
     pub replay: Replay,
     /// How to judge, in digests, as the journal notes it.
     pub means: &'a Means,
-    /// How messages of other loggers become bursts.
     pub dialects: &'a Dialects,
-    /// How much is printed about the recording.
     pub detail: Detail,
     /// Whether finished work of earlier runs is to be done again.
     pub force: bool,
@@ -49,7 +46,6 @@ pub struct Run<'a> {
 pub struct Judged {
     /// Its line in the journal, without the baselines that it was judged by.
     pub entry: Entry,
-    /// The printed report of the recording.
     pub report: String,
     /// Where the time went, as lines of text.
     pub timings: Vec<String>,

@@ -27,16 +27,14 @@ pub fn of(tables: &[Input], unread: &[String]) -> Vec<LostRecording> {
     let out: BTreeSet<PathBuf> = named.iter().filter_map(|dir| results_above(dir)).collect();
 
     // failed recordings count if their results would lie where the user looks
-    let mut lost: Vec<LostRecording> = out
-        .iter()
-        .flat_map(|out| failed(out, |place| named.iter().any(|dir| place.starts_with(dir))))
-        .collect();
+    let is_named = |place: &Path| named.iter().any(|dir| place.starts_with(dir));
+    let mut lost: Vec<LostRecording> = out.iter().flat_map(|out| failed(out, is_named)).collect();
 
     // Where the others' results would lie is not known here, so they count only if the user named
     // the whole directory of results.
-    let is_whole = |out: &&PathBuf| named.iter().any(|dir| out.starts_with(dir));
-    lost.extend(out.iter().filter(is_whole).flat_map(|out| not_reached(out)));
-    lost.extend(out.iter().filter(is_whole).flat_map(|out| under_way(out)));
+    let whole = || out.iter().filter(|out| is_named(out));
+    lost.extend(whole().flat_map(|out| not_reached(out)));
+    lost.extend(whole().flat_map(|out| under_way(out)));
     lost.sort_by(|a, b| a.name.cmp(&b.name));
     let unread = unread.iter().map(|words| {
         let (name, why) = words.split_once(": ").unwrap_or(("a table", words));
@@ -93,10 +91,8 @@ fn not_reached(out: &Path) -> Vec<LostRecording> {
     let rows = rows.filter(|row| row["outcome"] == json!(Outcome::NotReached));
     let lost = rows.filter_map(|row| {
         let why = row["why"].as_str().unwrap_or("the run ended before it");
-        Some(LostRecording {
-            name: row["recording"].as_str()?.to_owned(),
-            why: format!("not reached: {why}"),
-        })
+        let name = row["recording"].as_str()?.to_owned();
+        Some(LostRecording { name, why: format!("not reached: {why}") })
     });
     lost.collect()
 }
@@ -112,14 +108,11 @@ fn under_way(out: &Path) -> Vec<LostRecording> {
     let is_done =
         |of: &ToJudge| journal.of_recording(&of.path).is_some_and(|entry| entry.at >= since);
     let left = recordings.into_iter().filter(|of| !is_done(of));
-    let lost = left.map(|of| LostRecording {
-        name: of.recording,
-        why: format!(
-            "not judged yet by the run that began at {since}: it is still under way, or was killed, and then the same \
-             `inkling replay` goes on where it stopped"
-        ),
-    });
-    lost.collect()
+    let why = format!(
+        "not judged yet by the run that began at {since}: it is still under way, or was killed, and then the same \
+         `inkling replay` goes on where it stopped"
+    );
+    left.map(|of| LostRecording { name: of.recording, why: why.clone() }).collect()
 }
 
 /// Recordings that failed, still exist, and would have their tables at a place that `is_asked_for` accepts.

@@ -5,15 +5,15 @@
 //!
 //! ```text
 //! verb       its files                                   what it shares with other verbs
-//! replay     replay plan batch judge account notes       collected (check of dialects)
-//!            lines follow live annotate report
+//! replay     replay/ plan batch judge account notes      collected (check of dialects)
+//!            entries follow live annotate report
 //! train      train                                       collected (signals by label)
 //! identify   identify identified                         collected
 //! critique   critique extended_design                    collected
 //! thesis     thesis                                      collected
 //! inspect    inspect contents topics                     collected (check of dialects)
 //! report     report_page changes_since lost              results, copies (verdict tables)
-//! score      score scored                                results, copies
+//! score      score scored score_critiques                results, copies
 //! convert    convert
 //! simulate   simulate
 //! generate   generate
@@ -31,6 +31,7 @@ mod convert;
 mod copies;
 mod critique;
 mod effect;
+mod entries;
 pub mod exit;
 mod extended_design;
 mod follow;
@@ -39,7 +40,6 @@ mod identified;
 mod identify;
 mod inspect;
 pub mod judge;
-mod lines;
 mod live;
 mod lost;
 mod notes;
@@ -51,6 +51,7 @@ mod report;
 mod report_page;
 mod results;
 mod score;
+mod score_critiques;
 mod scored;
 mod simulate;
 mod thesis;
@@ -118,11 +119,10 @@ enum Verb {
 
 /// Runs the command line `args`, and returns its exit status.
 pub fn run(args: impl IntoIterator<Item = OsString>) -> Exit {
-    let cli: Cli = match parsed(args) {
-        Ok(cli) => cli,
-        Err(ended) => return ended,
-    };
-    run_verb(cli.quiet, || cli.verb.run())
+    match parsed::<Cli>(args) {
+        Ok(cli) => run_verb(cli.quiet, || cli.verb.run()),
+        Err(ended) => ended,
+    }
 }
 
 impl Verb {

@@ -8,13 +8,13 @@
 
 use crate::pipeline::RecordingReport;
 use crate::report::clock;
+use inkling_io::damage::Damage;
 use inkling_io::journal::CountedMessage;
 use inkling_io::printable;
 use std::collections::HashMap;
 
 /// Most kinds of messages that are distinguished; all further ones count as one kind.
 const MOST_KINDS: usize = 64;
-/// Most characters of a message.
 const MOST_OF_A_NOTE: usize = 1000;
 
 /// A kind of message over a run, or within one recording.
@@ -43,7 +43,6 @@ impl Notes {
         self.count(&message.what, message.times, || [message.what.clone(), recording.into()])
     }
 
-    /// The kinds that were met, with their counts.
     pub fn list(&self) -> &[Note] {
         &self.list
     }
@@ -73,13 +72,11 @@ fn kind(what: &str) -> String {
     let mut kind = String::new();
     let mut in_number = false;
     for c in what.chars() {
-        let of_number = c.is_ascii_digit() || (in_number && c == '.');
-        if !of_number {
-            kind.push(c);
-        } else if !in_number {
-            kind.push('#');
+        let was_in_number = in_number;
+        in_number = c.is_ascii_digit() || (in_number && c == '.');
+        if !(in_number && was_in_number) {
+            kind.push(if in_number { '#' } else { c });
         }
-        in_number = of_number;
     }
     kind
 }
@@ -116,15 +113,14 @@ pub fn warnings(report: &RecordingReport) -> Vec<CountedMessage> {
 /// removed, and a recording that was judged before it was closed.
 pub fn notes(report: &RecordingReport) -> Vec<CountedMessage> {
     let left = report.parts_left.iter().map(|e| {
-        let says = "parts of its table, written while it was followed, could not be removed";
-        (String::new(), format!("{says}: {e}"))
+        format!("parts of its table, written while it was followed, could not be removed: {e}")
     });
     let cut_off = report.cut_off.then(|| {
-        let says = "the recording was not closed: it is judged as far as it was complete; replay it when its recorder \
-                    has closed it";
-        (String::new(), says.to_owned())
+        "the recording was not closed: it is judged as far as it was complete; replay it when its recorder has \
+         closed it"
+            .to_owned()
     });
-    counted(left.chain(cut_off))
+    counted(left.chain(cut_off).map(|what| (String::new(), what)))
 }
 
 /// Sentences about parts of which nothing, or less than half, could be judged.
@@ -132,12 +128,11 @@ pub fn not_judged(report: &RecordingReport) -> Vec<String> {
     report.not_judged.iter().map(|of| printable::line(&of.what, MOST_OF_A_NOTE)).collect()
 }
 
-/// Messages about damage of the recording.
 pub fn damage(report: &RecordingReport) -> Vec<CountedMessage> {
-    counted(report.damage.iter().map(|damage| {
-        let place = format!("bytes {} to {}: ", damage.from_byte, damage.to_byte);
-        (place, damage.what.clone())
-    }))
+    let message = |Damage { from_byte, to_byte, what }: &Damage| {
+        (format!("bytes {from_byte} to {to_byte}: "), what.clone())
+    };
+    counted(report.damage.iter().map(message))
 }
 
 #[cfg(test)]

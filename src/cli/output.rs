@@ -6,7 +6,7 @@
 
 use crate::pipeline::{EpisodeEvent, rfc3339};
 use serde_json::{Value, json};
-use std::io::{self, StdoutLock, Write};
+use std::io::{self, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Whether `--quiet` is given; of the whole process.
@@ -17,34 +17,19 @@ pub fn be_quiet() {
     QUIET.store(true, Ordering::Relaxed);
 }
 
-/// Whether only failures are to be told.
 pub fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }
 
-/// Stdout, or nowhere with `--quiet`, for verbs whose result is a file. If stdout is the result itself, this
-/// is not used.
-pub fn report() -> Report {
-    Report((!is_quiet()).then(|| io::stdout().lock()))
+/// Stdout, or nowhere with `--quiet`, for verbs whose result is a file.
+pub fn report() -> Box<dyn Write> {
+    result(true)
 }
 
 /// The same as [`report`] for a verb that writes its result to a file (`is_file`) or else to stdout, which
 /// `--quiet` does not silence.
-pub fn result(is_file: bool) -> Report {
-    if is_file { report() } else { Report(Some(io::stdout().lock())) }
-}
-
-/// A writer to stdout, or to nowhere.
-pub struct Report(Option<StdoutLock<'static>>);
-
-impl Write for Report {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.as_mut().map_or(Ok(bytes.len()), |out| out.write(bytes))
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.0.as_mut().map_or(Ok(()), Write::flush)
-    }
+pub fn result(is_file: bool) -> Box<dyn Write> {
+    if is_file && is_quiet() { Box::new(io::sink()) } else { Box::new(io::stdout().lock()) }
 }
 
 /// Writes what has just happened to stdout, for whoever reads along: as a line of JSON, also with
@@ -71,7 +56,11 @@ pub fn event(of: &impl serde::Serialize) -> io::Result<()> {
     out.flush() // whoever reads along waits for lines
 }
 
-/// The event of an episode as JSON. A revised or withdrawn episode has the earlier one under `revises`.
+/// Columns of the table of episodes that are only known when an episode has ended.
+const UNKNOWN_AT_FIRST: [&str; 3] = ["ended_at", "severity_first", "severity_max"];
+
+/// The event of an episode as JSON, with the columns of the table of episodes as keys. A revised or
+/// withdrawn episode has the earlier one under `revises`.
 pub fn episode_event(recording: &str, happened: EpisodeEvent) -> Value {
     // a withdrawn episode is both the one that is told and the one that it revises
     let (episode, before) = match happened {
@@ -79,28 +68,22 @@ pub fn episode_event(recording: &str, happened: EpisodeEvent) -> Value {
         EpisodeEvent::Revised { now, before } => (now, Some(before)),
         EpisodeEvent::Withdrawn(before) => (before, Some(before)),
     };
-    // the keys of the table of episodes, without those that are only known when the episode has
-    // ended
     let mut event = json!(episode);
-    let untold = ["ended_at", "severity_first", "severity_max"];
     if let Some(keys) = event.as_object_mut() {
-        keys.retain(|key, _| !untold.contains(&key.as_str()));
+        keys.retain(|key, _| !UNKNOWN_AT_FIRST.contains(&key.as_str()));
     }
-    event["event"] = json!("episode");
+    let is_withdrawn = matches!(happened, EpisodeEvent::Withdrawn(_));
+    event["event"] = json!(if is_withdrawn { "withdrawn" } else { "episode" });
     event["recording"] = json!(recording);
     event["raised_at"] = json!(rfc3339(episode.raised_at_ns));
     event["began_at"] = json!(rfc3339(episode.began_at_ns));
     if let Some(before) = before {
-        let (raised_at, explanation) = (rfc3339(before.raised_at_ns), &before.explanation);
         event["revises"] = json!({
-            "raised_at": raised_at,
+            "raised_at": rfc3339(before.raised_at_ns),
             "category": before.category,
             "fault": before.fault,
-            "explanation": explanation,
+            "explanation": before.explanation,
         });
-    }
-    if let EpisodeEvent::Withdrawn(_) = happened {
-        event["event"] = json!("withdrawn");
     }
     event
 }

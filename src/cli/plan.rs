@@ -24,9 +24,9 @@ use inkling_io::recording::Recording;
 use inkling_io::run_lock::ToJudge;
 use inkling_io::{Limits, digest, part_file, stored};
 use serde_json::json;
-use std::collections::BTreeMap;
-use std::io::Write;
-use std::path::Path;
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
 /// A recording of a run, and what is to be done with it.
@@ -51,12 +51,13 @@ pub fn place(
         let stamp = stored::stamp(path).ok();
         let known = journal.of_recording(source).map(|entry| &entry.recording);
         let day_then = known.and_then(|of| of.day.clone());
-        match known {
-            Some(of) if stamp.is_some() && of.stamp == stamp && day_then.is_some() => day_then,
-            // if the recording cannot be read now, its earlier results are still where they were
-            _ => layout::day_of(path, dialects).or(day_then),
-        }
-        .unwrap_or_else(|| layout::UNDATED.into())
+        let is_unchanged = stamp.is_some() && known.is_some_and(|of| of.stamp == stamp);
+        // if the recording cannot be read now, its earlier results are still where they were
+        let day = match day_then {
+            Some(day) if is_unchanged => Some(day),
+            day_then => layout::day_of(path, dialects).or(day_then),
+        };
+        day.unwrap_or_else(|| layout::UNDATED.into())
     };
     let of_input = |input: Input| {
         let path = input.path.clone();
@@ -70,12 +71,10 @@ pub fn place(
 pub fn is_known(input: &Input, journal: &Journal, settings: &Settings) -> bool {
     let stamp = stored::stamp(&input.path).ok().filter(|stamp| stamp.modified_ns.is_some());
     let (Some(stamp), Ok(source)) = (stamp, input.path.canonicalize()) else { return false };
-    let entry = journal.of_recording(&source.to_string_lossy());
-    entry.is_some_and(|entry| {
-        let dialect = &entry.by.settings["input"]["dialect"];
+    journal.of_recording(&source.to_string_lossy()).is_some_and(|entry| {
         entry.outcome.is_judged()
             && entry.recording.stamp == Some(stamp)
-            && *dialect == json!(settings.input.dialect)
+            && entry.by.settings["input"]["dialect"] == json!(settings.input.dialect)
     })
 }
 
@@ -93,17 +92,12 @@ pub fn to_judge(planned: &[PlannedRecording]) -> impl Iterator<Item = &PlannedRe
 /// Removes the unfinished files (`.part`) that killed runs left in the directories to which this
 /// run writes: those of verdicts, episodes, summaries and `run.json`.
 pub fn sweep(planned: &[PlannedRecording], out: &Path) {
-    let of_planned = |p: &PlannedRecording| resume::files(&p.placed.verdicts_in(out));
-    let files = planned.iter().flat_map(of_planned);
-    let mut dirs: Vec<_> = files.filter_map(|file| file.parent().map(Path::to_path_buf)).collect();
-    dirs.push(out.into());
-    dirs.sort_unstable();
-    dirs.dedup();
+    let files = planned.iter().flat_map(|p| resume::files(&p.placed.verdicts_in(out)));
+    let dirs = files.filter_map(|file| file.parent().map(Path::to_path_buf));
+    let dirs: BTreeSet<PathBuf> = dirs.chain([out.into()]).collect();
     let endings = [".verdicts.parquet", ".episodes.parquet", ".summary.json"];
     let ours = |name: &str| name == RUN_NAME || endings.iter().any(|end| name.ends_with(end));
-    for dir in &dirs {
-        part_file::sweep(dir, ours);
-    }
+    dirs.iter().for_each(|dir| part_file::sweep(dir, ours));
 }
 
 /// Decides what is to be done with recordings.
@@ -139,9 +133,9 @@ impl Planner<'_> {
     /// The states of the baselines before and after they learned from a recording that is to be judged again;
     /// `None` if they did not.
     fn learned_from(&self, placed: &PlacedRecording) -> Option<Link> {
-        let known = self.resume.journal.of_result(&placed.verdicts);
-        let known = known.filter(|entry| entry.recording.path == placed.source.path);
-        known.and_then(|entry| entry.baseline.clone())
+        let known = self.resume.journal.of_result(&placed.verdicts)?;
+        let is_of_it = known.recording.path == placed.source.path;
+        known.baseline.clone().filter(|_| is_of_it)
     }
 
     /// Orders the recordings by the times of their first bursts, since each is judged by the
@@ -169,16 +163,14 @@ impl Planner<'_> {
         }
         planned.sort_by_key(|this| this.placed.source.starts_at_ns.unwrap_or(i64::MAX));
 
-        // the baselines do not learn from recordings that are refused or cannot be read: these are
-        // no links of the chain
-        let teaches = |p: &PlannedRecording| {
-            p.placed.source.starts_at_ns.is_some() && !matches!(p.decision, Decision::Refuse(_))
-        };
+        // the baselines do not learn from recordings that are refused or cannot be read, which have
+        // no time: these are no links of the chain
+        let teaches = |p: &PlannedRecording| p.placed.source.starts_at_ns.is_some();
         let (mut chained, others): (Vec<_>, Vec<_>) = planned.into_iter().partition(teaches);
 
         // 2. The baselines must be as they were before the first recording that is to be judged. If
         // they are not, judging resumes at an earlier recording, or is impossible.
-        let first = chained.iter().position(|p| matches!(p.decision, Decision::Judge(_)));
+        let first = chained.iter().position(PlannedRecording::is_to_be_judged);
         let first = first.unwrap_or(chained.len());
         let links: Vec<Option<Link>> = chained.iter().map(|p| p.link.clone()).collect();
         let Some(from) = chain::resume_at(&links, first, baselines) else {
@@ -186,10 +178,8 @@ impl Planner<'_> {
         };
 
         // 3. all recordings from there on are judged again, since the baselines before them change
-        for this in chained[from..].iter_mut() {
-            if let Decision::Finished { .. } = this.decision {
-                this.decision = Decision::Judge(JudgeReason::AfterAnother);
-            }
+        for this in chained[from..].iter_mut().filter(|this| !this.is_to_be_judged()) {
+            this.decision = Decision::Judge(JudgeReason::AfterAnother);
         }
         chained.extend(others);
         Ok(chained)
@@ -203,16 +193,15 @@ impl Planner<'_> {
             return Ok(None);
         };
         let pass = Pass { recording: &recording, control: self.control };
-        match chain::starts(pass, self.printheads) {
-            Err(e @ PipelineError::Interrupted) => Err(e.into()),
-            Err(_) => Ok(None),
-            Ok(starts) => {
-                if self.printheads {
-                    placed.printheads = starts.keys().map(|name| name.to_string()).collect();
-                }
-                Ok(starts.into_values().min())
-            }
+        let starts = match chain::starts(pass, self.printheads) {
+            Ok(starts) => starts,
+            Err(e @ PipelineError::Interrupted) => return Err(e.into()),
+            Err(_) => return Ok(None),
+        };
+        if self.printheads {
+            placed.printheads = starts.keys().map(|name| name.to_string()).collect();
         }
+        Ok(starts.into_values().min())
     }
 
     /// The digest of a file, with progress; `None` if it cannot be read. An interruption is a failure.
@@ -221,30 +210,26 @@ impl Planner<'_> {
         self.control.bytes_read.store(0, Ordering::Relaxed);
         let check = |n| {
             self.control.bytes_read.fetch_add(n, Ordering::Relaxed);
-            match self.control.interrupted() {
-                true => Err(std::io::Error::from(std::io::ErrorKind::Interrupted)),
-                false => Ok(()),
-            }
+            let is_interrupted = self.control.interrupted();
+            if is_interrupted { Err(io::Error::from(io::ErrorKind::Interrupted)) } else { Ok(()) }
         };
         let digest =
             self.progress.during(&name, bytes, self.control, || digest::of_file(path, check));
-        match digest {
-            Ok(digest) => Ok(Some(digest)),
-            Err(_) if self.control.interrupted() => Err(PipelineError::Interrupted.into()),
-            Err(_) => Ok(None),
+        if digest.is_err() && self.control.interrupted() {
+            return Err(PipelineError::Interrupted.into());
         }
+        Ok(digest.ok())
     }
 }
 
 /// The failure if no state of the baselines is left from which `first` could be judged again.
 fn broken_chain(first: &PlannedRecording) -> Failure {
-    let (_, why) = first.words();
+    let (name, (_, why)) = (printable_path(&first.placed.label()), first.words());
     Failure::new(format!(
-        "{}: to be judged ({why}), but the channels' baselines have meanwhile learned from it or from \
+        "{name}: to be judged ({why}), but the channels' baselines have meanwhile learned from it or from \
          recordings after it: its verdicts would not be those of an undisturbed run. Put the baseline \
          file back as it was before this recording, or remove it to judge all of them again in their \
-         order; what another run judges needs a baseline file of its own",
-        printable_path(&first.placed.label())
+         order; what another run judges needs a baseline file of its own"
     ))
 }
 
@@ -276,11 +261,9 @@ pub fn print(planned: &[PlannedRecording], lost: &[Row], json: bool) -> Result<E
     let mut counts: BTreeMap<&str, u64> = BTreeMap::new();
     for (recording, (what, why)) in all {
         *counts.entry(what).or_default() += 1;
-        output::tell(
-            json,
-            || json!({ "event": "plan", "recording": recording, "do": what, "why": why }),
-            || format!("{what:<6}  {}  {why}", printable_path(&recording)),
-        )?;
+        let event = || json!({ "event": "plan", "recording": recording, "do": what, "why": why });
+        let text = || format!("{what:<6}  {}  {why}", printable_path(&recording));
+        output::tell(json, event, text)?;
     }
     let [judge, skip, refuse, lost] =
         ["judge", "skip", "refuse", "lost"].map(|what| counts.get(what).copied().unwrap_or(0));

@@ -16,12 +16,13 @@ use indicatif::{
     ProgressStyle,
 };
 use inkling_io::damage::Damage;
-use inkling_io::printable;
+use inkling_io::inputs::Input;
+use inkling_io::{printable, stored};
 use std::cell::RefCell;
 use std::io::{IsTerminal, Write};
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::sync::{Arc, Once};
-use std::thread::Thread;
 use std::time::{Duration, Instant};
 
 /// Time between two updates of the bars.
@@ -29,21 +30,17 @@ const TICK: Duration = Duration::from_millis(100);
 /// Time between two lines if there is no terminal.
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
-/// Most characters of one message.
 const MOST_OF_A_MESSAGE: usize = 20_000;
-/// Prefix of messages about what makes a result less certain. [`Progress::say`] tells warnings by
-/// it.
+/// Prefix of messages about what makes a result less certain.
 const WARNING: &str = "warning: ";
-/// Most characters of a name in a message.
 const MOST_OF_A_NAME: usize = 64;
 
-/// Writes a message to stderr, or collects it for the program that called. Control characters from files are
-/// made harmless. An error of writing is ignored, since the exit status still tells the failure; `eprintln!`
-/// would panic.
+/// Writes a message to stderr, or collects it for the program that called. An error of writing is
+/// ignored, since the exit status still tells the failure; `eprintln!` would panic.
 pub fn complain(message: &str) {
     let message = printable::lines(message, MOST_OF_A_MESSAGE);
     if is_called() {
-        TOLD.with_borrow_mut(|told| told.push(message));
+        MESSAGES.with_borrow_mut(|messages| messages.push(message));
     } else {
         let _ = writeln!(std::io::stderr(), "{message}");
     }
@@ -52,8 +49,7 @@ pub fn complain(message: &str) {
 thread_local! {
     /// The control by which another program interrupts this thread, if the thread works for one.
     static CALLER: RefCell<Option<Arc<Control>>> = const { RefCell::new(None) };
-    /// Messages for that program.
-    static TOLD: RefCell<Vec<String>> = const { RefCell::new(Vec::new()) };
+    static MESSAGES: RefCell<Vec<String>> = const { RefCell::new(Vec::new()) };
 }
 
 /// Whether this thread works for another program.
@@ -63,12 +59,12 @@ fn is_called() -> bool {
 
 /// Takes the messages that were collected on this thread for another program, without their
 /// prefixes `warning: ` and `inkling: `.
-pub fn told() -> Vec<String> {
+pub fn take_messages() -> Vec<String> {
     let sentence = |line: &String| {
         let line = line.strip_prefix(WARNING).unwrap_or(line);
         line.strip_prefix("inkling: ").unwrap_or(line).to_owned()
     };
-    TOLD.take().iter().map(sentence).collect()
+    MESSAGES.take().iter().map(sentence).collect()
 }
 
 /// Does `work` for another program, which interrupts it by `control`. Signals of the system are left to that
@@ -132,7 +128,6 @@ pub struct Progress {
 
 /// The progress through all recordings, if there are several.
 struct Overall {
-    /// The bar of the bytes of all recordings.
     bar: ProgressBar,
     /// Number of recordings in all, and of those that are done, with the bytes of the latter.
     recordings: usize,
@@ -144,21 +139,19 @@ impl Overall {
     /// `12 of 60 recordings, 3 400 000 signals/s, 4 minutes left`. `bytes`: those of the recording
     /// at hand that were read; `signals`: those of the whole run.
     fn in_words(&self, bytes: u64, signals: u64) -> String {
-        let number = self.done_recordings.load(Ordering::Relaxed) + 1;
+        let number = (self.done_recordings.load(Ordering::Relaxed) + 1).min(self.recordings);
         let spent_s = self.bar.elapsed().as_secs_f64().max(1e-9);
         let done = (self.done_bytes.load(Ordering::Relaxed) + bytes) as f64;
-        let left = (self.bar.length().unwrap_or(0) as f64 - done).max(0.0);
-        // the time that is left, if the rest goes as fast per byte as what was read so far
-        let left = match done > 0.0 {
-            true => {
-                format!(", {} left", HumanDuration(Duration::from_secs_f64(spent_s * left / done)))
-            }
-            false => String::new(),
-        };
-        let number = thousands(number.min(self.recordings) as u64);
-        let (of, rate) =
-            (thousands(self.recordings as u64), thousands((signals as f64 / spent_s) as u64));
-        format!("{number} of {of} recordings, {rate} signals/s{left}")
+        let rest = (self.bar.length().unwrap_or(0) as f64 - done).max(0.0);
+        let [number, of] = [number, self.recordings].map(|n| thousands(n as u64));
+        let rate = thousands((signals as f64 / spent_s) as u64);
+        let mut words = format!("{number} of {of} recordings, {rate} signals/s");
+        if done > 0.0 {
+            // if the rest goes as fast per byte as what was read so far
+            let left = Duration::from_secs_f64(spent_s * rest / done);
+            words += &format!(", {} left", HumanDuration(left));
+        }
+        words
     }
 }
 
@@ -173,14 +166,15 @@ impl Progress {
         let overall = (recordings > 1).then(|| {
             let bar = bars.add(ProgressBar::new(total_bytes));
             bar.set_style(style("{spinner} all recordings   {bar:30} {percent:>3} %  {msg}"));
-            Overall {
-                bar,
-                recordings,
-                done_recordings: AtomicUsize::new(0),
-                done_bytes: AtomicU64::new(0),
-            }
+            Overall { bar, recordings, done_recordings: 0.into(), done_bytes: 0.into() }
         });
         Progress { bars, overall }
+    }
+
+    /// Progress through recordings that are all read from begin to end.
+    pub fn through(recordings: &[Input]) -> Progress {
+        let bytes = recordings.iter().map(|input| stored::bytes(&input.path));
+        Progress::new(recordings.len(), bytes.sum())
     }
 
     /// Runs `job` on this thread, and shows its progress through the `bytes` of the recording
@@ -194,14 +188,13 @@ impl Progress {
         job: impl FnOnce() -> T,
     ) -> T {
         let bytes = bytes.into();
-        let done = AtomicBool::new(false);
         // the control counts signals over the whole run
         let signals_before = control.signals.load(Ordering::Relaxed);
         let result = std::thread::scope(|scope| {
-            let watcher = scope.spawn(|| self.watch(name, bytes, control, signals_before, &done));
-            // the guard stops the watcher even if the job panics: otherwise the scope would wait for it
-            // forever
-            let _ended = Ended { done: &done, watcher: watcher.thread().clone() };
+            // the watcher ends when `_under_way` is dropped, also by a panic of the job: otherwise
+            // the scope would wait for it forever
+            let (_under_way, end) = channel();
+            scope.spawn(move || self.watch(name, bytes, control, signals_before, &end));
             job()
         });
         if let (Some(overall), Some(bytes)) = (&self.overall, bytes) {
@@ -227,30 +220,25 @@ impl Progress {
 
     /// Tells the first few damages of a recording, and how many more there are.
     pub fn say_damage(&self, name: &str, damage: &[Damage]) {
-        const MOST: usize = 10;
-        let first = damage.iter().take(MOST);
-        let first = first.map(|d| format!("bytes {} to {}: {}", d.from_byte, d.to_byte, d.what));
-        let more = damage.len().saturating_sub(MOST);
-        let more = (more > 0).then(|| format!("{more} damages more"));
-        for what in first.chain(more) {
-            self.say(&format!("warning: {}: {what}", printable::line(name, MOST_OF_A_NAME)));
+        let name = printable::line(name, MOST_OF_A_NAME);
+        let all = damage.iter();
+        let all = all.map(|d| format!("bytes {} to {}: {}", d.from_byte, d.to_byte, d.what));
+        for what in first_few(all, 10, |more| format!("{more} damages more")) {
+            self.say(&format!("warning: {name}: {what}"));
         }
     }
 
-    /// Updates the bars, or prints a line now and then, until `done`. Runs on a thread beside the job.
-    /// `before`: number of signals that earlier recordings had.
+    /// Updates the bars, or prints a line now and then, until the sender of `end` is dropped. Runs on a
+    /// thread beside the job. `before`: number of signals that earlier recordings had.
     fn watch(
         &self,
         name: &str,
         bytes: Option<u64>,
         control: &Control,
         before: u64,
-        done: &AtomicBool,
+        end: &Receiver<()>,
     ) {
         let started = Instant::now();
-        let signals = || control.signals.load(Ordering::Relaxed).saturating_sub(before);
-        let rate =
-            || thousands((signals() as f64 / started.elapsed().as_secs_f64().max(1e-9)) as u64);
         let bar = bytes.map_or_else(ProgressBar::new_spinner, ProgressBar::new);
         let bar = self.bars.add(bar);
         bar.set_style(style(match bytes {
@@ -260,19 +248,21 @@ impl Progress {
         bar.set_prefix(printable::line(name, MOST_OF_A_NAME));
 
         let mut last_line = Instant::now();
-        while !done.load(Ordering::Relaxed) {
-            std::thread::park_timeout(TICK); // the end of the job wakes it
+        let mut is_under_way = true;
+        while is_under_way {
+            is_under_way = end.recv_timeout(TICK) == Err(RecvTimeoutError::Timeout);
             let read = control.bytes_read.load(Ordering::Relaxed).min(bytes.unwrap_or(u64::MAX));
-            let all = self
-                .overall
-                .as_ref()
-                .map(|all| (all, all.in_words(read, control.signals.load(Ordering::Relaxed))));
+            let total = control.signals.load(Ordering::Relaxed);
+            let signals = total.saturating_sub(before);
+            let rate = signals as f64 / started.elapsed().as_secs_f64().max(1e-9);
+            let (signals, rate) = (thousands(signals), thousands(rate as u64));
+            let all = self.overall.as_ref().map(|all| (all, all.in_words(read, total)));
             // on a terminal the bars, at each tick; elsewhere a line every ten seconds
             if !self.bars.is_hidden() {
                 bar.set_position(read);
                 bar.set_message(match bytes {
-                    Some(_) => format!("{} signals/s", rate()),
-                    None => format!("{} signals", thousands(signals())),
+                    Some(_) => format!("{rate} signals/s"),
+                    None => format!("{signals} signals"),
                 });
                 if let Some((Overall { bar, done_bytes, .. }, words)) = all {
                     bar.set_position(done_bytes.load(Ordering::Relaxed) + read);
@@ -283,7 +273,7 @@ impl Progress {
                 let of = bytes.map_or(String::new(), |bytes| format!(" of {}", HumanBytes(bytes)));
                 let all = all.map_or(String::new(), |(_, words)| format!("; {words}"));
                 let (name, read) = (printable::line(name, MOST_OF_A_NAME), HumanBytes(read));
-                complain(&format!("{name}: {read}{of}, {} signals/s{all}", rate()));
+                complain(&format!("{name}: {read}{of}, {rate} signals/s{all}"));
             }
         }
         bar.finish_and_clear();
@@ -307,19 +297,6 @@ pub fn steps(what: &str, steps: Option<u64>, unit: &'static str) -> ProgressBar 
     bar.with_finish(ProgressFinish::AndClear)
 }
 
-/// A guard that tells the thread of `Progress::watch` to stop when it is dropped.
-struct Ended<'a> {
-    done: &'a AtomicBool,
-    watcher: Thread,
-}
-
-impl Drop for Ended<'_> {
-    fn drop(&mut self) {
-        self.done.store(true, Ordering::Relaxed);
-        self.watcher.unpark();
-    }
-}
-
 /// The style of a template of indicatif; the default one if the template were wrong.
 fn style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
@@ -328,4 +305,19 @@ fn style(template: &str) -> ProgressStyle {
 /// A number with its digits in groups of three: 1234567 -> "1 234 567".
 pub fn thousands(n: u64) -> String {
     grouped(n, ' ')
+}
+
+/// A number with its noun in the singular or plural: `1 recording`, `2 recordings`.
+pub fn counted(n: u64, what: &str) -> String {
+    format!("{} {what}{}", thousands(n), if n == 1 { "" } else { "s" })
+}
+
+/// The first `most` lines, and after them what `more` says of the number of those that are left.
+pub fn first_few(
+    lines: impl ExactSizeIterator<Item = String>,
+    most: usize,
+    more: impl Fn(usize) -> String,
+) -> impl Iterator<Item = String> {
+    let left = lines.len().saturating_sub(most);
+    lines.take(most).chain((left > 0).then(|| more(left)))
 }

@@ -3,7 +3,7 @@
 //! in which names from files are made harmless. (The page of `inkling report` is made elsewhere:
 //! `report_page`.)
 
-use super::progress::thousands;
+use super::progress::{first_few, thousands};
 use crate::pipeline::RecordingReport;
 use crate::pipeline::tally::PrintheadTally;
 use crate::report::clock;
@@ -37,23 +37,15 @@ pub fn print(report: &RecordingReport, detail: Detail, out: &mut impl Write) -> 
 
 /// Prints the counts of signals and the speed, and what was rejected.
 fn print_counts(report: &RecordingReport, out: &mut impl Write) -> io::Result<()> {
-    let counts = &report.tally.counts;
+    let (counts, seconds, models) = (&report.tally.counts, report.seconds, report.models);
+    let rate = (counts.signals as f64 / seconds.max(1e-9)) as u64;
+    let [signals, bursts, rate] = [counts.signals, counts.bursts, rate].map(thousands);
     writeln!(out, "{}", printable_path(&report.name))?;
-    writeln!(
-        out,
-        "  {} signals in {} bursts, {} models, {:.1} s, {} signals/s",
-        thousands(counts.signals),
-        thousands(counts.bursts),
-        report.models,
-        report.seconds,
-        thousands((counts.signals as f64 / report.seconds.max(1e-9)) as u64),
-    )?;
+    write!(out, "  {signals} signals in {bursts} bursts, {models} models, ")?;
+    writeln!(out, "{seconds:.1} s, {rate} signals/s")?;
     if let Some(paced) = report.paced {
-        writeln!(
-            out,
-            "  at the pace that was asked for, at most {:.3} s behind",
-            paced.behind.as_secs_f64()
-        )?;
+        let behind_s = paced.behind.as_secs_f64();
+        writeln!(out, "  at the pace that was asked for, at most {behind_s:.3} s behind")?;
     }
     let rejected: u64 = counts.rejected.values().sum();
     if rejected > 0 {
@@ -72,12 +64,9 @@ fn print_flagged(report: &RecordingReport, out: &mut impl Write) -> io::Result<(
     if report.tally.counts.judged == 0 {
         return writeln!(out, "  nothing could be judged");
     }
-    writeln!(
-        out,
-        "  flagged {share:.2} %, {} fault episodes, {} of them still on at the end",
-        thousands(episodes),
-        thousands(still_on)
-    )
+    let [episodes, still_on] = [episodes, still_on].map(thousands);
+    write!(out, "  flagged {share:.2} %, {episodes} fault episodes, ")?;
+    writeln!(out, "{still_on} of them still on at the end")
 }
 
 /// Prints a line per printhead with its episodes below it, and where the verdicts are.
@@ -92,27 +81,19 @@ fn print_printheads(report: &RecordingReport, out: &mut impl Write) -> io::Resul
         print_episodes(&of_it, out)?;
     }
     if !report.episodes.listed.is_empty() {
-        writeln!(
-            out,
-            "  times UTC; ± one standard deviation; certainty: of that class, from 0 to 1"
-        )?;
+        let words = "times UTC; ± one standard deviation; certainty: of that class, from 0 to 1";
+        writeln!(out, "  {words}")?;
     }
-    if printheads.len() > MOST_PRINTHEADS {
-        writeln!(
-            out,
-            "  and {} printheads more",
-            thousands((printheads.len() - MOST_PRINTHEADS) as u64)
-        )?;
+    let more = printheads.len().saturating_sub(MOST_PRINTHEADS) as u64;
+    if more > 0 {
+        writeln!(out, "  and {} printheads more", thousands(more))?;
     }
     let counts = &report.episodes.counts;
     let left_out =
         counts.signals_too_late + counts.signals_at_one_time + counts.signals_beyond_limit;
     if left_out > 0 {
-        writeln!(
-            out,
-            "  {} signals left out of the episodes: see its summary.json",
-            thousands(left_out)
-        )?;
+        let left_out = thousands(left_out);
+        writeln!(out, "  {left_out} signals left out of the episodes: see its summary.json")?;
     }
     writeln!(out, "  verdicts: {}", printable::line(&report.verdicts.to_string_lossy(), 4096))
 }
@@ -124,30 +105,20 @@ fn print_printhead(name: &str, printhead: &PrintheadTally, out: &mut impl Write)
         0 => "not judged".to_owned(),
         _ => format!("{share:>6.2} %"),
     };
-    writeln!(
-        out,
-        "  {name:<20} {:>8} {:>10} {flagged}",
-        printhead.channels.len(),
-        thousands(printhead.signals)
-    )
+    let (channels, signals) = (printhead.channels.len(), thousands(printhead.signals));
+    writeln!(out, "  {name:<20} {channels:>8} {signals:>10} {flagged}")
 }
 
 /// Prints the episodes of a printhead: since when, until when, in how many bursts, and what was found.
 fn print_episodes(episodes: &[&Episode], out: &mut impl Write) -> io::Result<()> {
-    for e in episodes.iter().take(MOST_LISTED) {
+    let lines = episodes.iter().map(|e| {
+        let (since, bursts) = (clock(e.began_at_ns), thousands(e.bursts));
         let until = e.ended_at_ns.map_or("still on".to_owned(), clock);
-        writeln!(
-            out,
-            "    {} to {until:<19} {:>7}  {}",
-            clock(e.began_at_ns),
-            thousands(e.bursts),
-            printable::line(&e.explanation, 1000)
-        )?;
-    }
-    if episodes.len() > MOST_LISTED {
-        writeln!(out, "    and {} episodes more", episodes.len() - MOST_LISTED)?;
-    }
-    Ok(())
+        let explanation = printable::line(&e.explanation, 1000);
+        format!("{since} to {until:<19} {bursts:>7}  {explanation}")
+    });
+    first_few(lines, MOST_LISTED, |more| format!("and {more} episodes more"))
+        .try_for_each(|line| writeln!(out, "    {line}"))
 }
 
 /// The lines of `--timings`: where the time went by phase and by stage.
@@ -156,10 +127,7 @@ pub fn timings(report: &RecordingReport) -> Vec<String> {
     let phases: Vec<String> = phases.collect();
     let mut lines = vec![format!("{:.2} s: {}", report.seconds, phases.join(", "))];
     lines.extend(report.identified.in_words());
-    lines.push(format!(
-        "{:9} {:>7} {:>8} {:>9} {:>9} {:>9} {:>6}",
-        "stage", "workers", "batches", "busy s", "starved s", "blocked s", "queue"
-    ));
+    lines.push("stage     workers  batches    busy s starved s blocked s  queue".into());
     let stages = report.timings.iter().map(|s| {
         format!(
             "{:9} {:>7} {:>8} {:>9.2} {:>9.2} {:>9.2} {:>6.1}",

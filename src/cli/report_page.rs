@@ -11,8 +11,8 @@
 use super::changes_since::{ChangesSince, EarlierRun, as_json};
 use super::exit::{Exit, Failure};
 use super::output;
-use super::progress::{Progress, interruptible};
-use super::results::{self, Read};
+use super::progress::{Progress, first_few, interruptible};
+use super::results::{self, ReadReport};
 use crate::report::{self, Fault, Report};
 use crate::settings::Settings;
 use inkling_io::column_types::TimestampUnit;
@@ -76,10 +76,8 @@ pub struct Args {
 pub fn run(args: Args) -> Result<Exit, Failure> {
     // 1. settings and places
     if let Some(other) = args.set.iter().find(|pair| !pair.trim_start().starts_with("report.")) {
-        return Err(Failure::usage(format!(
-            "--set {}: has no effect on a report: its settings begin with report.",
-            printable::cell(other)
-        )));
+        let what = "has no effect on a report: its settings begin with report.";
+        return Err(Failure::usage(format!("--set {}: {what}", printable::cell(other))));
     }
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
     // actions may be given for classes of the recordings and for classes that the settings declare
@@ -103,16 +101,12 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     for note in &read.notes {
         progress.say(&format!("warning: {note}"));
     }
-    for failure in read.failed.iter().take(MOST_TOLD) {
+    let failed = read.failed.iter().cloned();
+    for failure in first_few(failed, MOST_TOLD, |more| format!("and {more} more")) {
         progress.fail(&format!("inkling: {failure}"));
     }
-    if read.failed.len() > MOST_TOLD {
-        progress.fail(&format!("inkling: and {} more", read.failed.len() - MOST_TOLD));
-    }
-    let since = match (&args.changes_since, &earlier) {
-        (Some(run), Some(earlier)) => Some(ChangesSince::of(run, earlier, &read.report)?),
-        _ => None,
-    };
+    let since = earlier.as_ref().map(|earlier| ChangesSince::of(earlier, &read.report));
+    let since = since.transpose()?;
     // 4. files first, then stdout
     page.iter().try_for_each(|page| page.write(&read.report))?;
     if let Some(path) = &args.doubts {
@@ -130,16 +124,13 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
 fn doubts(report: &Report) -> Vec<Doubt> {
     let last_ns = report.recordings.iter().filter_map(|line| line.span).map(|span| span.1).max();
     let unnamed = |fault: &&Fault| fault.is_open() && fault.story.fault.is_none();
-    let doubt = |fault: &Fault| {
-        let story = &fault.story;
-        Doubt {
-            printhead: story.printhead.to_string(),
-            channel: story.channel,
-            from_ns: story.last_began_at_ns,
-            // the end of a label is exclusive
-            to_ns: story.ended_at_ns.or(last_ns).map(|ns| ns.saturating_add(1)),
-            sentence: fault.sentence.clone(),
-        }
+    let doubt = |Fault { story, sentence, .. }: &Fault| Doubt {
+        printhead: story.printhead.to_string(),
+        channel: story.channel,
+        from_ns: story.last_began_at_ns,
+        // the end of a label is exclusive
+        to_ns: story.ended_at_ns.or(last_ns).map(|ns| ns.saturating_add(1)),
+        sentence: sentence.clone(),
     };
     report.faults.iter().filter(unnamed).map(doubt).collect()
 }
@@ -159,10 +150,8 @@ impl<'a> Page<'a> {
             return Err(Failure::usage(format!("{name}: the result is a page: give a name.html")));
         }
         let table = page.with_extension("faults.parquet");
-        let both = [(page, ResultFile::Page), (table.as_path(), ResultFile::Faults)];
-        for (path, kind) in both {
-            outputs::check_file(path, kind)?;
-        }
+        outputs::check_file(page, ResultFile::Page)?;
+        outputs::check_file(&table, ResultFile::Faults)?;
         Ok(Page { page, table })
     }
 
@@ -175,28 +164,30 @@ impl<'a> Page<'a> {
 
 /// Prints the result as one JSON document: the changes or all faults, the files, and what was not judged.
 fn tell_json(
-    read: &Read,
+    read: &ReadReport,
     since: Option<&ChangesSince>,
     page: Option<&Page>,
 ) -> std::io::Result<()> {
-    let mut told = since.map_or_else(|| json!({}), ChangesSince::as_json);
-    if since.is_none() {
-        told["faults"] = read.report.faults.iter().map(as_json).collect();
-    }
+    let faults = || read.report.faults.iter().map(as_json).collect::<Vec<_>>();
+    let mut document = since.map_or_else(|| json!({ "faults": faults() }), ChangesSince::as_json);
     if let Some(Page { page, table }) = page {
-        (told["page"], told["table"]) = (json!(page), json!(table));
+        (document["page"], document["table"]) = (json!(page), json!(table));
     }
     let coverage = &read.report.coverage;
-    told["coverage"] = json!(coverage);
-    told["coverage"]["complete"] = json!(coverage.is_complete());
-    told["notes"] = json!(read.report.notes);
-    told["failed"] = json!(read.failed);
-    output::event(&told)
+    document["coverage"] = json!(coverage);
+    document["coverage"]["complete"] = json!(coverage.is_complete());
+    document["notes"] = json!(read.report.notes);
+    document["failed"] = json!(read.failed);
+    output::event(&document)
 }
 
 /// Prints the result as text: the changes or the cleaning list, and the files. With `--quiet` it is
 /// printed only where stdout is the result itself: changes without a page.
-fn tell(read: &Read, since: Option<&ChangesSince>, page: Option<&Page>) -> std::io::Result<()> {
+fn tell(
+    read: &ReadReport,
+    since: Option<&ChangesSince>,
+    page: Option<&Page>,
+) -> std::io::Result<()> {
     let mut out = output::result(since.is_none() || page.is_some());
     match since {
         None => report::print(&read.report, printable::line, &mut out)?,

@@ -1,6 +1,6 @@
 //! Reads the results of earlier replays for a report: first summaries and episodes, then all
 //! verdicts once. In: verdict tables, from `report_page`, or from `batch` for its cleaning list.
-//! Out: a [`Read`]: the report, and what could not be read. `score` uses only [`find`].
+//! Out: a [`ReadReport`]: the report, and what could not be read. `score` uses only [`find`].
 //!
 //! Verdicts of a year do not fit into memory, so one thread reads batches of a few columns ahead,
 //! and another one adds them up (`Survey`). The survey needs all episodes before the first verdict.
@@ -47,32 +47,34 @@ const OTHERS: [&str; 2] = [".episodes.parquet", ".faults.parquet"];
 /// is made of the tables (`a report`), for messages. A usage failure if a name is that of another
 /// kind of file.
 pub fn find(named: &[String], what: &str) -> Result<Vec<Input>, Failure> {
-    let other = |name: &&String| OTHERS.iter().any(|ending| name.ends_with(ending));
-    if let Some(other) = named.iter().find(|name| name.ends_with(".mcap")) {
-        let other = printable::cell(other);
+    let ends = |endings: &[&str]| {
+        let name = named.iter().find(|name| endings.iter().any(|ending| name.ends_with(ending)));
+        name.map(|name| printable::cell(name))
+    };
+    if let Some(name) = ends(&[".mcap"]) {
         return Err(Failure::usage(format!(
-            "{other}: is a recording, and {what} reads what `inkling replay {other} -o verdicts` writes: give that \
+            "{name}: is a recording, and {what} reads what `inkling replay {name} -o verdicts` writes: give that \
              directory"
         )));
     }
-    if let Some(other) = named.iter().find(other) {
+    if let Some(name) = ends(&OTHERS) {
         return Err(Failure::usage(format!(
-            "{}: is another table, and {what} reads verdicts and what lies beside them: give their directory, or \
-             *.verdicts.parquet",
-            printable::cell(other)
+            "{name}: is another table, and {what} reads verdicts and what lies beside them: give their \
+             directory, or *.verdicts.parquet"
         )));
     }
 
     // what was found is looked into, as a file may have any name
     let found = inputs::find_verdicts(named)?;
-    match found.iter().find(|input| !begins_as_a_table(&input.path)) {
-        Some(Input { path, .. }) => Err(Failure::usage(format!(
-            "{}: no table of verdicts{}; {what} reads *.verdicts.parquet of `inkling replay`, or their directory",
-            printable::cell(&path.to_string_lossy()),
-            result_file::instead(path)
-        ))),
-        None => Ok(found),
+    if let Some(Input { path, .. }) = found.iter().find(|input| !begins_as_a_table(&input.path)) {
+        let name = printable::cell(&path.to_string_lossy());
+        let instead = result_file::instead(path);
+        return Err(Failure::usage(format!(
+            "{name}: no table of verdicts{instead}; {what} reads *.verdicts.parquet of `inkling replay`, or their \
+             directory"
+        )));
     }
+    Ok(found)
 }
 
 /// Whether a file may be a table. Damage is told when the file is read.
@@ -84,7 +86,7 @@ fn begins_as_a_table(path: &Path) -> bool {
 }
 
 /// A report, and messages about results that could not be read.
-pub struct Read {
+pub struct ReadReport {
     pub report: Report,
     /// Messages about results that could not be read, and are missing in the report.
     pub failed: Vec<String>,
@@ -95,7 +97,7 @@ pub struct Read {
 }
 
 /// Some rows of a recording, with the names to which the indices in their columns refer.
-struct Batch {
+struct VerdictBatch {
     /// Index of the recording.
     recording: usize,
     columns: VerdictColumns,
@@ -112,7 +114,7 @@ pub fn read(
     with_maps: bool,
     progress: &Progress,
     control: &Control,
-) -> Result<Read, Failure> {
+) -> Result<ReadReport, Failure> {
     // 1. the document of each recording: its summary, or what its table says of itself
     let (mut failed, mut notes) = (Vec::new(), Vec::new());
     let mut found = Vec::new();
@@ -154,7 +156,7 @@ pub fn read(
             scope.spawn(move || read_all(files, control, &send));
             for batch in receive.into_iter().take_while(|_| !control.interrupted()) {
                 match batch {
-                    Ok(Batch { recording, columns, classes, categories }) => {
+                    Ok(VerdictBatch { recording, columns, classes, categories }) => {
                         let names = Names { classes: &classes, categories: &categories };
                         survey.add(recording, &columns, names);
                     }
@@ -175,19 +177,17 @@ pub fn read(
     let lost = lost::of(inputs, &failed);
     let mut report = Report::new(&sources, survey, lost, settings.clone());
     report.notes.append(&mut copies);
-    Ok(Read { report, failed, notes, classes })
+    Ok(ReadReport { report, failed, notes, classes })
 }
 
 /// The document of a recording: its summary, or else the metadata of its verdict table, which know
 /// less. An unreadable summary is told in `notes`; the error is that of the table.
 fn source(input: &Input, notes: &mut Vec<String>) -> Result<Source, String> {
     let name = lost::name(input);
-    let beside = summary_file::read(&summary_file::path_beside(&input.path)).unwrap_or_else(|e| {
-        notes.push(e);
-        None
-    });
-    if let Some(document) = beside {
-        return Ok(Source { name, document, missing: Vec::new() });
+    match summary_file::read(&summary_file::path_beside(&input.path)) {
+        Ok(Some(document)) => return Ok(Source { name, document, missing: Vec::new() }),
+        Ok(None) => {}
+        Err(e) => notes.push(e),
     }
     let verdicts = VerdictReader::open_columns(&input.path, &[]).map_err(|e| e.to_string())?;
     let document = summary_file::of_metadata(verdicts.metadata_json());
@@ -204,12 +204,10 @@ fn episodes_of(
     let read = episode_table::read(&path);
     read.unwrap_or_else(|e| {
         source.missing.push("episodes");
+        let path = path.display();
         failed.push(match e {
             TableError::Io { source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
-                format!(
-                    "{}: is missing: its faults are not in the report; replay again",
-                    path.display()
-                )
+                format!("{path}: is missing: its faults are not in the report; replay again")
             }
             e => e.to_string(),
         });
@@ -220,17 +218,15 @@ fn episodes_of(
 /// Reads the batches of all files in their order, and sends them ahead of their use. A file that
 /// cannot be read to its end is told as an error, and the next one is read. Progress counts whole
 /// files.
-fn read_all(files: &[&Path], control: &Control, send: &SyncSender<Result<Batch, String>>) {
+fn read_all(files: &[&Path], control: &Control, send: &SyncSender<Result<VerdictBatch, String>>) {
     for (recording, file) in files.iter().enumerate() {
-        let read = read_one(recording, file, control, send);
-        if let Err(e) = read.map_err(|e| e.to_string()) {
-            let rows = "its rows from there on are not in the report";
-            if send.send(Err(format!("{e}; {rows}"))).is_err() {
+        if let Err(e) = read_one(recording, file, control, send) {
+            let failed = format!("{e}; its rows from there on are not in the report");
+            if send.send(Err(failed)).is_err() {
                 return;
             }
         }
-        let bytes = stored::bytes(file);
-        control.bytes_read.fetch_add(bytes, Ordering::Relaxed);
+        control.bytes_read.fetch_add(stored::bytes(file), Ordering::Relaxed);
         if control.interrupted() {
             return;
         }
@@ -242,14 +238,14 @@ fn read_one(
     recording: usize,
     file: &Path,
     control: &Control,
-    send: &SyncSender<Result<Batch, String>>,
+    send: &SyncSender<Result<VerdictBatch, String>>,
 ) -> Result<(), TableError> {
     let mut verdicts = VerdictReader::open_columns(file, &COLUMNS)?;
     while let Some(columns) = verdicts.next() {
         let columns = columns?;
         control.signals.fetch_add(columns.len() as u64, Ordering::Relaxed);
         let (classes, categories) = (verdicts.classes().to_vec(), verdicts.categories().to_vec());
-        let sent = send.send(Ok(Batch { recording, columns, classes, categories }));
+        let sent = send.send(Ok(VerdictBatch { recording, columns, classes, categories }));
         if sent.is_err() || control.interrupted() {
             return Ok(()); // nobody looks any more
         }

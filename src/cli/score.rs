@@ -6,7 +6,8 @@
 //!   those of `inkling_lab::score`, which computes the figures from them; `scored` prints these.
 //! * `--design` alone or beside that: the promise of the design, computed from itself, without any
 //!   verdict.
-//! * `--truth`: critiques against the truths that `inkling simulate --hide` sealed (`critiques`).
+//! * `--truth`: critiques against the truths that `inkling simulate --hide` sealed
+//!   (`score_critiques`).
 //!
 //! Out: text, JSON (`--json`), or a page with curves (`--report`).
 
@@ -14,20 +15,17 @@ use super::copies::{self, Table};
 use super::exit::{Exit, Failure};
 use super::progress::complain;
 use super::report_page::write_text;
-use super::{output, results, scored};
+use super::{output, results, score_critiques, scored};
 use inkling_core::design::IsolateSettings;
 use inkling_core::fault::{HEALTHY, category};
 use inkling_core::labels::{Channels, Label, Labels, Met, Span};
 use inkling_core::model::faults::Catalogue;
 use inkling_core::promise::Promise;
 use inkling_core::verdict::{Outcome, VerdictColumns};
-use inkling_io::truth_file::Seal;
-use inkling_io::verdict_reader::VerdictReader;
+use inkling_io::verdict_reader::{self, VerdictReader};
 use inkling_io::{
-    design_file, episode_table, labels_file, outputs, printable, regular_file, stored,
-    summary_file, truth_file,
+    design_file, episode_table, labels_file, outputs, printable, stored, summary_file,
 };
-use inkling_lab::score::blind::{Blind, CritiqueAnswer, Truth};
 use inkling_lab::score::curves::Curves;
 use inkling_lab::score::episodes::{DetectedEpisode, EpisodeScore};
 use inkling_lab::score::severity::SeverityScore;
@@ -88,7 +86,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         outputs::check_file(page, outputs::ResultFile::Page)?;
     }
     if !args.truth.is_empty() {
-        return critiques(&args);
+        return score_critiques::run(&args.verdicts, &args.truth, args.json);
     }
     let promise = args.design.as_deref().map(promise).transpose()?;
     let labels_path = match (&args.labels, &promise) {
@@ -97,9 +95,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             return tell(&args, None, None, Some(promise));
         }
         _ => {
-            return Err(Failure::usage(
-                "verdicts and --labels belong together: give both, or --design alone",
-            ));
+            let what = "verdicts and --labels belong together: give both, or --design alone";
+            return Err(Failure::usage(what));
         }
     };
 
@@ -112,9 +109,9 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         files.iter().map(|file| summary_file::of_table(&file.path)).collect();
 
     // of several tables of one recording one is scored, so that no signal counts twice
-    let of = files.iter().zip(&documents);
+    let tables = files.iter().zip(&documents);
     let tables: Vec<Table> =
-        of.map(|(file, document)| Table { path: &file.path, document }).collect();
+        tables.map(|(file, document)| Table { path: &file.path, document }).collect();
     let mut scored: Vec<&Path> = Vec::new();
     for (table, left_out) in tables.iter().zip(copies::left_out(&tables)) {
         match left_out {
@@ -129,18 +126,16 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
 
     // labels of printheads or times that no recording has are a mistake
     labels_file::check(labels_path, &labels, &scoring.met)?;
-    let report = scoring.report();
+    let (report, path) = (scoring.report(), labels_path.display());
     if report.by_state.is_empty() {
+        let Report { unlabelled, rejected, .. } = report;
         return Err(Failure::new(format!(
-            "{}: none of its rows covers a verdict ({} judged, {} rejected), so there is nothing to score: do \
-             printhead names, channels and times agree? `inkling inspect` shows a recording's",
-            labels_path.display(),
-            report.unlabelled,
-            report.rejected
+            "{path}: none of its rows covers a verdict ({unlabelled} judged, {rejected} rejected), so there is \
+             nothing to score: do printhead names, channels and times agree? `inkling inspect` shows a recording's"
         )));
     }
     if let Some(unused) = scoring.met.unused(&labels) {
-        complain(&format!("note: {}: {}", labels_path.display(), printable::line(&unused, 400)));
+        complain(&format!("note: {path}: {}", printable::line(&unused, 400)));
     }
     tell(&args, Some(&report), scoring.curves.as_ref(), promise.as_ref())
 }
@@ -190,17 +185,13 @@ impl<'a> Scoring<'a> {
     /// Adds the episodes beside a verdict table, if there are any, and what the table's metadata
     /// say of its names.
     fn add_episodes(&mut self, path: &Path) -> Result<(), Failure> {
-        let verdicts = VerdictReader::open(path).map_err(Failure::new)?;
-        let document: serde_json::Value = verdicts
-            .metadata_json()
-            .and_then(|json| serde_json::from_str(json).ok())
-            .unwrap_or_default();
+        let document = verdict_reader::document_of(path);
+        let isolate = &document["settings"]["isolate"];
         // from which certainty on the verdicts were called certain
-        let bound = document["settings"]["isolate"]["certainty"].as_f64();
-        self.score.bound = bound.or(self.score.bound);
+        self.score.bound = isolate["certainty"].as_f64().or(self.score.bound);
         // the user's own classes belong to categories that only these settings know
-        let laws = &document["settings"]["isolate"]["physics"];
-        let laws: Catalogue = serde_json::from_value(laws.clone()).unwrap_or_default();
+        let laws: Catalogue =
+            serde_json::from_value(isolate["physics"].clone()).unwrap_or_default();
         self.score.categories.0.extend(laws.categories().0);
 
         let beside = episode_table::path_beside(path);
@@ -288,33 +279,26 @@ impl<'a> Scoring<'a> {
 }
 
 impl<'a> Row<'a> {
-    /// What the row says of its signal, in the form that the score compares with a label.
+    /// What the row says of its signal, in the form that the score compares with a label. The
+    /// certainty is that of the candidate class: its weight, if weights were written
+    /// (`output.weights`), else the column `certainty`, unless the row names only a category: the
+    /// column then holds that of the category, which says nothing about the class.
     fn prediction(&self) -> Prediction<'a> {
         let (c, place) = (self.c, self.place);
+        // the row's weights are the first of these, one per class; those of later rows follow
         let start = c.weights_start.get(place).copied().flatten();
+        let weights = start.map(|start| &c.weights[start as usize..]);
+        let of_category = c.category[place].is_some() && c.fault[place].is_none();
+        let certainty = match weights.zip(c.candidate[place]) {
+            Some((weights, class)) => weights.get(usize::from(class)).copied(),
+            None => c.certainty[place].filter(|_| !of_category),
+        };
         Prediction {
             flagged: c.outcome[place] != Outcome::Healthy,
             candidate: c.candidate[place].map(|k| self.classes[k as usize].as_str()),
-            certainty: self.class_certainty().map(f64::from),
-            // the row's weights are the first of these, one per class; those of later rows follow
-            // them
-            weights: start.map(|start| &c.weights[start as usize..]),
+            certainty: certainty.map(f64::from),
+            weights,
         }
-    }
-
-    /// The certainty of the candidate class: its weight, if weights were written
-    /// (`output.weights`). Otherwise it is that of the column `certainty`, unless the row names
-    /// only a category: the column then holds the certainty of the category, which says nothing
-    /// about the class. `None`: no certainty is known.
-    fn class_certainty(&self) -> Option<f32> {
-        let (c, place) = (self.c, self.place);
-        // the weights of a row lie in one column for all rows, from its start on, one per class
-        let own = c.weights_start.get(place).copied().flatten().zip(c.candidate[place]);
-        if let Some((start, class)) = own {
-            return c.weights.get(start as usize + usize::from(class)).copied();
-        }
-        let of_category = c.category[place].is_some() && c.fault[place].is_none();
-        c.certainty[place].filter(|_| !of_category)
     }
 
     /// The class or category that the row names, or else its outcome.
@@ -342,11 +326,11 @@ fn tell(
     }
     let mut out = output::result(args.report.is_some());
     if args.json {
-        let mut told = report.map_or_else(|| json!({}), |report| json!(report));
+        let mut document = report.map_or_else(|| json!({}), |report| json!(report));
         if let Some(promise) = promise {
-            told["promise"] = json!(promise);
+            document["promise"] = json!(promise);
         }
-        writeln!(out, "{told:#}")?;
+        writeln!(out, "{document:#}")?;
         return Ok(Exit::Done);
     }
     if let Some(report) = report {
@@ -364,11 +348,9 @@ fn promise(path: &Path) -> Result<Promise, Failure> {
     let (design, _) = design_file::read(path)?;
     let promise = design.promise(&IsolateSettings::default()).map_err(Failure::new)?;
     promise.ok_or_else(|| {
-        Failure::new(format!(
-            "{}: promises nothing that could be computed: it was trained without the physics of faults \
-             (isolate.method = posterior) or without detect.method = sensitivity",
-            path.display()
-        ))
+        let what = "promises nothing that could be computed: it was trained without the physics of faults \
+                    (isolate.method = posterior) or without detect.method = sensitivity";
+        Failure::new(format!("{}: {what}", path.display()))
     })
 }
 
@@ -383,21 +365,16 @@ fn onsets(labels: &Labels) -> Onsets {
     let mut faulty: Vec<&Label> = labels.rows().iter().filter(|l| l.is_fault()).collect();
     faulty.sort_by_key(|l| (&l.printhead, l.channel, l.from_ns));
     let mut onsets = Onsets::new();
-    // the label before, with the onset of its fault and the latest end of the fault's labels so
-    // far, which may be that of an earlier one; `None` as end or start: unlimited
-    let mut before: Option<(&Label, Option<i64>, Option<i64>)> = None;
-    for label in faulty {
-        // whether this label goes on with the fault of the label before
-        let goes_on = |&(last, _, end): &(&Label, Option<i64>, Option<i64>)| {
-            let same = (&last.printhead, last.channel) == (&label.printhead, label.channel);
-            same && end.is_none_or(|to| label.from_ns.is_none_or(|from| from <= to))
-        };
-        let (onset, end) = match before.filter(goes_on) {
-            Some((_, onset, end)) => (onset, end.zip(label.to_ns).map(|(a, b)| a.max(b))),
-            None => (label.from_ns, label.to_ns),
-        };
-        onsets.insert((label.printhead.clone(), label.channel, label.from_ns), onset);
-        before = Some((label, onset, end));
+    for labels in faulty.chunk_by(|a, b| (&a.printhead, a.channel) == (&b.printhead, b.channel)) {
+        // the onset of the fault at hand, and the latest end of its labels so far; `None`: unlimited
+        let (mut onset, mut end) = (labels[0].from_ns, labels[0].to_ns);
+        for label in labels {
+            (onset, end) = match end.is_none_or(|to| label.from_ns.is_none_or(|from| from <= to)) {
+                true => (onset, end.zip(label.to_ns).map(|(a, b)| a.max(b))),
+                false => (label.from_ns, label.to_ns),
+            };
+            onsets.insert((label.printhead.clone(), label.channel, label.from_ns), onset);
+        }
     }
     onsets
 }
@@ -430,64 +407,6 @@ fn draw(curves: &mut Curves, row: &Row, label: &Label, prediction: &Prediction, 
     if let (Some(stated), Some(size), true) = (c.severity[place], label.severity, is_right) {
         curves.add_severity(&label.state, size, stated.into());
     }
-}
-
-/// Scores critiques against truths, pair by pair: the n-th critique against the n-th truth. Prints
-/// a line per pair and a table, or JSON.
-fn critiques(args: &Args) -> Result<Exit, Failure> {
-    if args.verdicts.len() != args.truth.len() {
-        return Err(Failure::usage(format!(
-            "{} critiques and {} truths: give one truth per critique, in the same order",
-            args.verdicts.len(),
-            args.truth.len()
-        )));
-    }
-    let mut blind = Blind::default();
-    let mut lines = Vec::new();
-    for (path, truth_path) in args.verdicts.iter().zip(&args.truth) {
-        // the critique's answer
-        let bad = |what: &dyn std::fmt::Display| Failure::new(format!("{path}: {what}"));
-        let bytes = regular_file::read(Path::new(path), regular_file::MOST_CRITIQUE_BYTES)
-            .map_err(|e| bad(&format!("cannot be read: {e}")))?;
-        let answer: CritiqueAnswer = serde_json::from_slice(&bytes)
-            .map_err(|e| bad(&format!("is no critique.json: {}", printable::of_parser(&e))))?;
-        answer.check().map_err(|what| bad(&format!("is no critique.json: {what}")))?;
-
-        // the truth; one that was changed after it was sealed is refused by `read`
-        let (truth, seal) = truth_file::read(truth_path).map_err(Failure::new)?;
-        let no_truth =
-            |what: String| Failure::new(format!("{}: is no truth: {what}", truth_path.display()));
-        let truth: Truth =
-            serde_json::from_value(truth).map_err(|e| no_truth(printable::of_parser(&e)))?;
-        truth.check().map_err(no_truth)?;
-        if seal == Seal::Missing {
-            complain(&format!(
-                "warning: {}: not sealed: no truth.sha256 beside its directory, so nobody can tell \
-                 whether it was changed",
-                truth_path.display()
-            ));
-        }
-
-        // the outcome in one line
-        let names = |ids: Vec<&str>| {
-            if ids.is_empty() { "nothing".to_owned() } else { ids.join(" + ") }
-        };
-        let hidden = names(truth.effects.iter().map(|e| e.id.as_str()).collect());
-        let causes = names(answer.causes.iter().map(|c| c.id.as_str()).collect());
-        let outcome = blind.add(&answer, &truth).word();
-        lines.push(format!(
-            "{path}: {outcome} (hidden: {hidden}; said: {}, {causes})",
-            answer.verdict
-        ));
-    }
-    let mut out = std::io::stdout().lock();
-    if args.json {
-        writeln!(out, "{:#}", blind.json())?;
-    } else {
-        lines.iter().try_for_each(|line| writeln!(out, "{}", printable::line(line, 4000)))?;
-        writeln!(out, "\n{}", printable::lines(&blind.markdown(), 1_000_000))?;
-    }
-    Ok(Exit::Done)
 }
 
 #[cfg(test)]

@@ -38,17 +38,14 @@ pub fn print(report: &Report, out: &mut impl Write) -> std::io::Result<()> {
 /// Prints the counts of detection, and the share of flagged signals by true state.
 fn print_detection(report: &Report, out: &mut impl Write) -> std::io::Result<()> {
     let d = &report.detection;
+    let recall = or_dash(d.tp + d.fn_, d.recall(), 4);
+    let false_alarms = or_dash(d.tn + d.fp, d.false_alarm_rate(), 5);
     writeln!(out, "detection")?;
     writeln!(out, "  {:<24} {:>10} {:>10}", "", "healthy", "faulty")?;
     writeln!(out, "  {:<24} {:>10} {:>10}", "truly healthy, said:", d.tn, d.fp)?;
     writeln!(out, "  {:<24} {:>10} {:>10}", "truly faulty, said:", d.fn_, d.tp)?;
-    writeln!(
-        out,
-        "  accuracy {:.4}, recall {}, false alarms {} of the healthy",
-        d.accuracy(),
-        or_dash(d.tp + d.fn_, d.recall(), 4),
-        or_dash(d.tn + d.fp, d.false_alarm_rate(), 5)
-    )?;
+    write!(out, "  accuracy {:.4}, recall {recall}, ", d.accuracy())?;
+    writeln!(out, "false alarms {false_alarms} of the healthy")?;
     let heads = [
         Column::Words("state", 10),
         Column::Number("signals", 10),
@@ -77,19 +74,11 @@ fn print_isolation(report: &Report, out: &mut impl Write) -> std::io::Result<()>
         row.iter().try_for_each(|n| write!(out, " {n:>7}"))?;
         writeln!(out)?;
     }
-    writeln!(
-        out,
-        "  class right {:.4}, category right {:.4}",
-        iso.accuracy, iso.category_accuracy
-    )?;
+    let [class, category] = [iso.accuracy, iso.category_accuracy].map(digits);
+    writeln!(out, "  class right {class}, category right {category}")?;
     let c = &report.certain;
-    writeln!(
-        out,
-        "  certainty >= {}: accuracy {:.4} on {:.1} % of them",
-        c.bound,
-        c.accuracy,
-        100.0 * c.coverage
-    )
+    let (bound, accuracy, share) = (c.bound, digits(c.accuracy), 100.0 * c.coverage);
+    writeln!(out, "  certainty >= {bound}: accuracy {accuracy} on {share:.1} % of them")
 }
 
 /// Prints how well stated certainties agree with the share that is right. ECE: expected calibration
@@ -142,19 +131,13 @@ fn print_severity(report: &Report, out: &mut impl Write) -> std::io::Result<()> 
 
 /// Prints how many labelled faults were found as episodes, and how many bursts late.
 fn print_episodes(e: &EpisodesReport, out: &mut impl Write) -> std::io::Result<()> {
-    let bursts = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v}"));
+    let bursts = |v: Option<f64>| v.map_or("-".to_owned(), |v| v.to_string());
+    let EpisodesReport { recall, faults, false_episodes, healthy_signals, .. } = e;
     writeln!(out, "episodes")?;
-    writeln!(
-        out,
-        "  recall {:.4} of {}, {} false in {} healthy signals ({:.2} per million)",
-        e.recall, e.faults, e.false_episodes, e.healthy_signals, e.false_per_million
-    )?;
-    writeln!(
-        out,
-        "  raised {} bursts after full size in the median, {} after the onset",
-        bursts(e.delay_bursts),
-        bursts(e.delay_from_onset_bursts)
-    )?;
+    write!(out, "  recall {recall:.4} of {faults}, {false_episodes} false in {healthy_signals} ")?;
+    writeln!(out, "healthy signals ({:.2} per million)", e.false_per_million)?;
+    let [full, onset] = [e.delay_bursts, e.delay_from_onset_bursts].map(bursts);
+    writeln!(out, "  raised {full} bursts after full size in the median, {onset} after the onset")?;
     let heads = [
         Column::Words("state", 10),
         Column::Number("faults", 8),

@@ -89,13 +89,12 @@ fn write(
     out: &mut impl Write,
 ) -> Result<(), Failure> {
     let path = dir.join(file_name(&recording.stem));
-    let mut writer =
-        RecordingWriter::create(&path, options(&recording.options)).map_err(Failure::new)?;
+    let RecordingOptions { compression, chunk_bytes, .. } = recording.options;
+    let options = WriterOptions { compression, chunk_bytes: Some(chunk_bytes) };
+    let mut writer = RecordingWriter::create(&path, options).map_err(Failure::new)?;
     // the number of bursts is known only if both bounds agree
-    let number = match recording.bursts.size_hint() {
-        (least, Some(most)) if least == most => Some(most as u64),
-        _ => None,
-    };
+    let (least, most) = recording.bursts.size_hint();
+    let number = most.filter(|most| *most == least).map(|n| n as u64);
     let steps = steps(&recording.stem, number, "bursts");
     let (mut bursts, mut signals) = (0, 0);
     for burst in recording.bursts {
@@ -110,37 +109,28 @@ fn write(
     writer.finish().map_err(Failure::new)?;
     drop(steps);
     // if the reader of the output is gone, the files are still written
-    unless_reader_gone(writeln!(
-        out,
-        "{}: {} bursts, {} signals",
-        path.display(),
-        thousands(bursts),
-        thousands(signals)
-    ))
+    let (path, [bursts, signals]) = (path.display(), [bursts, signals].map(thousands));
+    unless_reader_gone(writeln!(out, "{path}: {bursts} bursts, {signals} signals"))
 }
 
 /// Writes a recording in which something is hidden, and its sealed truth: the directory `sealed`
 /// with truth and labels, and beside the recording a salted digest of the truth, by which a later
 /// change would show. `seed` decides what is hidden.
 fn hide(args: &Args, scenario: &Scenario, seed: u64) -> Result<Exit, Failure> {
+    let wrong = |what: &str| Failure::usage(format!("{}: {what}", args.scenario.display()));
     let Kind::Physics(physics) = &scenario.kind else {
-        return Err(Failure::usage(format!(
-            "{}: --hide needs a scenario of kind \"physics\"",
-            args.scenario.display()
-        )));
+        return Err(wrong("--hide needs a scenario of kind \"physics\""));
     };
-    let hidden = hidden::recording(physics, &scenario.recording, seed)
-        .map_err(|e| Failure::usage(format!("{}: {e}", args.scenario.display())))?;
+    let hidden =
+        hidden::recording(physics, &scenario.recording, seed).map_err(|e| wrong(&e.to_string()))?;
 
     // all places are checked before anything is written
     let mut out = super::output::report();
-    let earlier = file_name(&hidden.recording.stem);
+    let name = file_name(&hidden.recording.stem);
     let beside = ["truth.sha256", "sealed/truth.json", "sealed/labels.csv"];
     let beside = beside.map(|name| (name, ResultFile::Companion));
-    outputs::check_files(
-        &args.out,
-        [(&*earlier, ResultFile::Recording)].into_iter().chain(beside),
-    )?;
+    let files = std::iter::once((&*name, ResultFile::Recording)).chain(beside);
+    outputs::check_files(&args.out, files)?;
 
     // The recording comes first: until it is whole, an earlier recording stays, with the seal that
     // belongs to it. And by a recording that is there the next run knows that the other files are
@@ -153,9 +143,4 @@ fn hide(args: &Args, scenario: &Scenario, seed: u64) -> Result<Exit, Failure> {
     labels_file::write(&sealed.join("labels.csv"), &hidden.labels).map_err(Failure::new)?;
     writeln!(out, "{}", digest.display())?;
     Ok(Exit::Done)
-}
-
-/// A scenario's options of its recordings, as the writer wants them.
-fn options(of: &RecordingOptions) -> WriterOptions {
-    WriterOptions { compression: of.compression, chunk_bytes: Some(of.chunk_bytes) }
 }

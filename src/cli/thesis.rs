@@ -111,11 +111,9 @@ fn recorded(args: &Args, labels: &std::path::Path) -> Result<(Recorded, Exit), F
     let unknown = |row: &&Label| !known_states().any(|known| known == row.state);
     for row in written.rows().iter().filter(unknown) {
         if let Some(near) = nearest(&row.state, known_states()).first() {
-            return Err(Failure::usage(format!(
-                "{}: state \"{}\": did you mean {near}?",
-                labels.display(),
-                printable::cell(&row.state)
-            )));
+            let (path, state) = (labels.display(), printable::cell(&row.state));
+            let what = format!("state \"{state}\": did you mean {near}?");
+            return Err(Failure::usage(format!("{path}: {what}")));
         }
     }
     let recorded = Recorded::new(&set, args.mu.unwrap_or(1.0)).map_err(Failure::new)?;
@@ -133,12 +131,12 @@ fn tell(of: &thesis::Measured, chapter: &Chapter, out: &mut impl Write) -> std::
         ("  by default", "default, all/accuracy"),
         ("  by default where the certainty is >= .8", "default, all/certain"),
     ] {
-        if let Some(v) = of.spread(key) {
-            let sd = match of.values(key).len() {
-                1 => String::new(),
-                _ => format!(" ± {:.4}", v.sd),
-            };
-            writeln!(out, "  {what:<44} {:.4}{sd}", v.mean)?;
+        if let Some(spread) = of.spread(key) {
+            write!(out, "  {what:<44} {:.4}", spread.mean)?;
+            match of.values(key).len() {
+                1 => writeln!(out)?,
+                _ => writeln!(out, " ± {:.4}", spread.sd)?,
+            }
         }
     }
     // of the thesis's conclusions, those that this data set can tell of, by how they came out
@@ -147,11 +145,7 @@ fn tell(of: &thesis::Measured, chapter: &Chapter, out: &mut impl Write) -> std::
         let own = own.filter(|c| c.data == of.set && c.kind == Kind::Conclusion);
         own.filter(|c| c.verdict == verdict).count()
     };
-    writeln!(
-        out,
-        "  conclusions of the thesis: {} held, {} not held, {} cannot be told",
-        number(Verdict::Held),
-        number(Verdict::NotHeld),
-        number(Verdict::CannotTell)
-    )
+    let [held, not_held, open] = [Verdict::Held, Verdict::NotHeld, Verdict::CannotTell].map(number);
+    write!(out, "  conclusions of the thesis: {held} held, ")?;
+    writeln!(out, "{not_held} not held, {open} cannot be told")
 }

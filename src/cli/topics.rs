@@ -11,7 +11,7 @@ use super::progress::thousands;
 use super::report::printable;
 use crate::report::{Column, columns, three_digits};
 use inkling_io::census::{Census, MessageKind, TopicSummary};
-use inkling_io::dialect::guess::{Proposal, ShownField, guess};
+use inkling_io::dialect::guess::{Proposal, guess};
 use inkling_io::printable as shown;
 use serde_json::{Value, json};
 use std::io::{self, Write};
@@ -90,8 +90,8 @@ impl Topics {
                 Column::Last("schema"),
             ];
             let of_topic = listed.iter().map(|summary| {
-                let rate =
-                    summary.rate_hz().map_or("-".into(), |hz| format!("{} Hz", three_digits(hz)));
+                let rate = summary.rate_hz().map(|hz| format!("{} Hz", three_digits(hz)));
+                let rate = rate.unwrap_or_else(|| "-".into());
                 let schema = schema(summary) + &becomes(summary);
                 [topic(summary), thousands(summary.messages), rate, sizes(summary), schema]
             });
@@ -138,28 +138,22 @@ impl Topics {
 /// Prints the fields of a kind of messages, and the block of settings that reads them.
 fn print_proposal(proposal: &Proposal, out: &mut impl Write) -> io::Result<()> {
     writeln!(out, "  looks like bursts; its first message has")?;
-    let width = |of: fn(&ShownField) -> &str| {
-        let widths = proposal.fields.iter().map(|field| printable(of(field)).chars().count());
-        widths.max().unwrap_or(0).min(48)
-    };
-    let (path, kind) = (width(|field| &field.path), width(|field| &field.type_name));
-    for field in &proposal.fields {
-        let said = match (&field.length, &field.value) {
+    let rows = proposal.fields.iter().map(|field| {
+        let value = match (&field.length, &field.value) {
             (Some(n), _) => format!("{} of it", thousands(*n as u64)),
-            (None, Some(value)) => printable(value),
-            (None, None) => String::new(),
+            (None, value) => value.as_deref().map(printable).unwrap_or_default(),
         };
-        let line = format!(
-            "    {:<path$}  {:<kind$}  {said}",
-            printable(&field.path),
-            printable(&field.type_name)
-        );
+        [printable(&field.path), printable(&field.type_name), value]
+    });
+    let rows: Vec<[String; 3]> = rows.collect();
+    let width = |k: usize| rows.iter().map(|row| row[k].chars().count()).max().unwrap_or(0).min(48);
+    let (of_path, of_type) = (width(0), width(1));
+    for [path, type_name, value] in &rows {
+        let line = format!("    {path:<of_path$}  {type_name:<of_type$}  {value}");
         writeln!(out, "{}", line.trim_end())?;
     }
-    writeln!(
-        out,
-        "  into a settings file (--write FILE, or by hand), what has a \"?\" looked at:\n"
-    )?;
+    let what = "into a settings file (--write FILE, or by hand), what has a \"?\" looked at:";
+    writeln!(out, "  {what}\n")?;
     for line in proposal.toml.lines() {
         writeln!(out, "{}", shown::line(line, 1000))?;
     }
@@ -184,15 +178,10 @@ fn sizes(summary: &TopicSummary) -> String {
 fn schema(summary: &TopicSummary) -> String {
     let short = |text: &str| shown::line(text, MOST_NAME);
     let name = if summary.without_schema { "none".into() } else { short(&summary.schema_name) };
-    match summary.schema_encoding == summary.message_encoding || summary.without_schema {
-        true => format!("{name} ({})", short(&summary.message_encoding)),
-        false => {
-            format!(
-                "{name} ({}, {})",
-                short(&summary.message_encoding),
-                short(&summary.schema_encoding)
-            )
-        }
+    let [message, schema] = [&summary.message_encoding, &summary.schema_encoding];
+    match schema == message || summary.without_schema {
+        true => format!("{name} ({})", short(message)),
+        false => format!("{name} ({}, {})", short(message), short(schema)),
     }
 }
 

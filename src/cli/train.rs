@@ -26,6 +26,7 @@ use inkling_core::identify::IdentifyError;
 use inkling_core::identify::averaging::SignalSet;
 use inkling_core::labels::{Label, Labels};
 use inkling_core::model::lie::Lie;
+use inkling_core::model::ring_down::Poles;
 use inkling_io::labels_file::{self, LabelSource, States};
 use inkling_io::outcomes_file::{self, Outcomes};
 use inkling_io::{design_file, outputs};
@@ -84,42 +85,40 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = Settings::load(args.config.as_deref(), preset, &args.set)?;
     effect::check(&args.set, &settings, Command::Train)?;
     outputs::check_file(&args.out, outputs::ResultFile::Design)?;
-    let learned = learn(Lesson {
+    let learned = learn(TrainingInput {
         recordings: RecordingSource::Named(&args.recordings),
         labels: LabelSource::File(&args.labels),
         outcomes: args.outcomes.as_deref(),
         new_class: &args.new_class,
         settings: &settings,
     })?;
-    let Learned { design, warnings, incomplete, .. } = &learned;
     if !args.json {
         let progress = Progress::new(1, 0);
-        warnings.iter().for_each(|w| progress.say(&format!("warning: {w}")));
+        learned.warnings.iter().for_each(|what| progress.say(&format!("warning: {what}")));
     }
-    design_file::write(&args.out, design).map_err(Failure::new)?;
+    design_file::write(&args.out, &learned.design).map_err(Failure::new)?;
     match args.json {
         true => output::event(&document(&args, &learned))?,
         false => tell(&args, &learned)?,
     }
-    Ok(if *incomplete { Exit::Incomplete } else { Exit::Done })
+    Ok(if learned.incomplete { Exit::Incomplete } else { Exit::Done })
 }
 
 /// What a design is learned from.
-pub struct Lesson<'a> {
+pub struct TrainingInput<'a> {
     pub recordings: RecordingSource<'a>,
     pub labels: LabelSource<'a>,
     /// The file of what somebody found where a report had doubts (`--outcomes`).
     pub outcomes: Option<&'a Path>,
-    /// Own classes that nothing else declares.
     pub new_class: &'a [String],
     pub settings: &'a Settings,
 }
 
 /// A design, and what is to be told about it.
-pub struct Learned {
+pub struct TrainedDesign {
     pub design: Design,
     /// For each labelled class, how many of its signals are detected, and how they would be named.
-    pub told: Vec<ClassReview>,
+    pub reviews: Vec<ClassReview>,
     pub warnings: Vec<String>,
     /// What was read from the file of outcomes; `None`: none was given.
     pub outcomes: Option<Outcomes>,
@@ -134,8 +133,9 @@ pub struct Learned {
 /// # Errors
 /// A usage failure if the labels or the settings are wrong, if too few signals are
 /// healthy, or if a class would never be named; else a failure.
-pub fn learn(lesson: Lesson) -> Result<Learned, Failure> {
-    let Lesson { recordings, labels: written, outcomes: found_in, new_class, settings } = lesson;
+pub fn learn(lesson: TrainingInput) -> Result<TrainedDesign, Failure> {
+    let TrainingInput { recordings, labels: written, outcomes: found_in, new_class, settings } =
+        lesson;
 
     // 1. labels are checked twice: their states before the recordings are read, their printheads
     // and times after that, against what the recordings hold
@@ -148,14 +148,13 @@ pub fn learn(lesson: Lesson) -> Result<Learned, Failure> {
         labels_file::check(path, &found, &met)?;
         unused = unused.or(met.unused(&found));
     }
+    let path = written.name().display();
     if set.healthy.is_empty() {
-        let seen: Vec<String> =
-            set.signals.iter().map(|(l, n)| format!("{n} {}", printable(l))).collect();
+        let found = set.signals.iter().map(|(label, n)| format!("{n} {}", printable(label)));
+        let found = found.collect::<Vec<_>>().join(", ");
         return Err(Failure::new(format!(
-            "no signal is labelled `healthy` (found: {}); do printhead names and times of {} agree \
-             with the recordings? `inkling inspect` shows them",
-            seen.join(", "),
-            written.name().display()
+            "no signal is labelled `healthy` (found: {found}); do printhead names and times of {path} \
+             agree with the recordings? `inkling inspect` shows them"
         )));
     }
 
@@ -169,10 +168,10 @@ pub fn learn(lesson: Lesson) -> Result<Learned, Failure> {
 
     // 3. review each labelled class; a class that would never be named is refused, as its faults
     // would not be told
-    let told = design.tell_classes(&set, grey_box, &settings.isolate).map_err(Failure::new)?;
-    refuse_never_named(&told, written.name())?;
-    warnings.extend(told.iter().filter(|class| class.is_hardly_detected()).map(hardly_detected));
-    Ok(Learned { design, told, warnings, outcomes, unused, incomplete })
+    let reviews = design.tell_classes(&set, grey_box, &settings.isolate).map_err(Failure::new)?;
+    refuse_never_named(&reviews, written.name())?;
+    warnings.extend(reviews.iter().filter(|class| class.is_hardly_detected()).map(hardly_detected));
+    Ok(TrainedDesign { design, reviews, warnings, outcomes, unused, incomplete })
 }
 
 /// Refuses healthy signals that do not look like ring-downs: nothing can be learned from noise, or
@@ -190,19 +189,16 @@ fn refuse_no_rings(printhead: &str, signals: &SignalSet) -> Result<(), Failure> 
     if rows < FEWEST {
         return Ok(());
     }
-    let numbers: Vec<f64> =
-        signals.data[..rows * signals.samples].iter().map(|&y| y.into()).collect();
-    match Lie::of(&numbers, rows, false).filter(|lie| !lie.is_plausible()) {
-        Some(lie) => Err(Failure::new(format!(
-            "{}: what is labelled `healthy` are no ring-downs as laid out: neighbouring samples of a signal correlate {:.2}, and \
-             signals have {:.2} of their energy in common; look at `format`, `layout`, `channels` and `samples_per_channel`, and \
-             at the labels",
-            printable(printhead),
-            lie.neighbours,
-            lie.alike.max(0.0)
-        ))),
-        None => Ok(()),
-    }
+    let samples = &signals.data[..rows * signals.samples];
+    let samples: Vec<f64> = samples.iter().map(|&y| y.into()).collect();
+    let implausible = Lie::of(&samples, rows, false).filter(|lie| !lie.is_plausible());
+    let Some(Lie { neighbours, alike, .. }) = implausible else { return Ok(()) };
+    let (printhead, alike) = (printable(printhead), alike.max(0.0));
+    Err(Failure::new(format!(
+        "{printhead}: what is labelled `healthy` are no ring-downs as laid out: neighbouring samples of a signal \
+         correlate {neighbours:.2}, and signals have {alike:.2} of their energy in common; look at `format`, `layout`, \
+         `channels` and `samples_per_channel`, and at the labels"
+    )))
 }
 
 /// Reads labels and outcomes, and puts both into one list of labels. Their states must be known or
@@ -217,7 +213,6 @@ fn labels(
     let isolate = &settings.isolate;
     let own = isolate.classes.keys().map(String::as_str).chain(isolate.physics.own_classes());
 
-    // a new class may not have a name that means something else
     for name in new_class {
         let is_taken = is_reserved(name)
             || isolate.classes.contains_key(name)
@@ -226,10 +221,8 @@ fn labels(
             return Err(Failure::usage("--new-class: an empty name is none; give one"));
         }
         if is_taken {
-            return Err(Failure::usage(format!(
-                "--new-class {}: that name has a meaning already; give another",
-                printable(name)
-            )));
+            let what = "that name has a meaning already; give another";
+            return Err(Failure::usage(format!("--new-class {}: {what}", printable(name))));
         }
     }
     let declared: Vec<&str> = own.chain(new_class.iter().map(String::as_str)).collect();
@@ -246,10 +239,9 @@ fn labels(
     // a new class without a label is probably misspelt
     let unused = |name: &&String| !labels.rows().iter().any(|row| row.state == **name);
     if let Some(name) = new_class.iter().find(unused) {
+        let (name, path) = (printable(name), written.name().display());
         return Err(Failure::usage(format!(
-            "--new-class {}: has no effect here: no row of {} has that state",
-            printable(name),
-            written.name().display()
+            "--new-class {name}: has no effect here: no row of {path} has that state"
         )));
     }
 
@@ -271,36 +263,31 @@ fn not_trained(e: &DesignError, labels: &Path) -> Failure {
     }
 }
 
-/// Refuses a design with a class that would never be named.
-fn refuse_never_named(told: &[ClassReview], labels: &Path) -> Result<(), Failure> {
+fn refuse_never_named(reviews: &[ClassReview], labels: &Path) -> Result<(), Failure> {
     let why = |class: &ClassReview| {
         let name = printable(&class.name);
         class.why_never_named().map(|why| format!("class {name} would never be named: {why}"))
     };
-    let all: Vec<String> = told.iter().filter_map(why).collect();
-    match all.is_empty() {
-        true => Ok(()),
-        false => Err(Failure::usage(format!(
-            "{}; no design is written: look at these rows of {}, or label them `ignore`",
-            all.join("; "),
-            labels.display()
-        ))),
+    let all: Vec<String> = reviews.iter().filter_map(why).collect();
+    if all.is_empty() {
+        return Ok(());
     }
+    let what = format!("look at these rows of {}, or label them `ignore`", labels.display());
+    Err(Failure::usage(format!("{}; no design is written: {what}", all.join("; "))))
 }
 
 /// The warning about a class of which hardly any signals are detected.
 fn hardly_detected(class: &ClassReview) -> String {
-    let Judged { signals, detected, .. } = class.trained_on;
+    let (name, Judged { signals, detected, .. }) = (printable(&class.name), class.trained_on);
     format!(
-        "class {}: hardly detectable: {detected} of its {signals} labelled signals pass the chosen \
-         detection, and what does not pass is named nothing",
-        printable(&class.name)
+        "class {name}: hardly detectable: {detected} of its {signals} labelled signals pass the chosen \
+         detection, and what does not pass is named nothing"
     )
 }
 
 /// The result as JSON (`--json`).
-fn document(args: &Args, learned: &Learned) -> serde_json::Value {
-    let Learned { design, told, warnings, unused, .. } = learned;
+fn document(args: &Args, learned: &TrainedDesign) -> serde_json::Value {
+    let TrainedDesign { design, reviews, warnings, unused, .. } = learned;
     let poles = design.pooled.identification.poles;
     let class = |class: &ClassReview| {
         let ClassReview { name, labelled, trained_on, held_out, .. } = class;
@@ -322,7 +309,7 @@ fn document(args: &Args, learned: &Learned) -> serde_json::Value {
         "models": design.models.len() + 1,
         "classes": design.class_names(),
         "signals": design.signals,
-        "labelled_classes": told.iter().map(class).collect::<Vec<_>>(),
+        "labelled_classes": reviews.iter().map(class).collect::<Vec<_>>(),
         "resonance_hz": poles.frequency_hz,
         "damping_per_s": poles.damping_per_s,
         "threshold": design.pooled.threshold.value,
@@ -332,16 +319,11 @@ fn document(args: &Args, learned: &Learned) -> serde_json::Value {
 }
 
 /// Prints the result: counts of signals, the classes, the pooled model and its threshold.
-fn tell(args: &Args, learned: &Learned) -> std::io::Result<()> {
-    let Learned { design, told, outcomes, unused, .. } = learned;
+fn tell(args: &Args, learned: &TrainedDesign) -> std::io::Result<()> {
+    let TrainedDesign { design, reviews, outcomes, unused, .. } = learned;
     let mut out = output::report();
-    writeln!(
-        out,
-        "{}: {} models, {} classes",
-        args.out.display(),
-        design.models.len() + 1,
-        design.classes.len()
-    )?;
+    let (models, classes) = (design.models.len() + 1, design.classes.len());
+    writeln!(out, "{}: {models} models, {classes} classes", args.out.display())?;
     for (label, n) in &design.signals {
         writeln!(out, "  {:>10} {}", thousands(*n), printable(label))?;
     }
@@ -355,15 +337,10 @@ fn tell(args: &Args, learned: &Learned) -> std::io::Result<()> {
     if let Some(unused) = unused {
         writeln!(out, "  labels: {}", inkling_io::printable::line(unused, 400))?;
     }
-    tell_classes(told, &mut out)?;
-    let poles = design.pooled.identification.poles;
-    writeln!(
-        out,
-        "  pooled model: resonance {:.3} kHz, damping {:.4e} 1/s, real pole {:.3e} 1/s",
-        poles.frequency_hz / 1e3,
-        poles.damping_per_s,
-        poles.lambda_per_s
-    )?;
+    tell_classes(reviews, &mut out)?;
+    let Poles { frequency_hz, damping_per_s, lambda_per_s } = design.pooled.identification.poles;
+    write!(out, "  pooled model: resonance {:.3} kHz, ", frequency_hz / 1e3)?;
+    writeln!(out, "damping {damping_per_s:.4e} 1/s, real pole {lambda_per_s:.3e} 1/s")?;
     let t = &design.pooled.threshold;
     let unit = match design.detect.method {
         DetectMethod::Sensitivity => "squared distance",
@@ -376,24 +353,23 @@ fn tell(args: &Args, learned: &Learned) -> std::io::Result<()> {
 
 /// Prints for each labelled class how many of its signals are detected, and how those held out would be
 /// named.
-fn tell_classes(told: &[ClassReview], out: &mut impl Write) -> std::io::Result<()> {
-    if told.is_empty() {
+fn tell_classes(reviews: &[ClassReview], out: &mut impl Write) -> std::io::Result<()> {
+    let name = |class: &ClassReview| printable(&class.name);
+    let Some(width) = reviews.iter().map(|class| name(class).chars().count()).max() else {
         return Ok(());
-    }
+    };
     let share = |part: usize, whole: usize| match whole {
         0 => "-".to_owned(),
         _ => format!("{:.1} %", 100.0 * part as f64 / whole as f64),
     };
-    let name = |class: &ClassReview| printable(&class.name);
-    let width = told.iter().map(|c| name(c).chars().count()).max().unwrap_or(0).max(5);
     let heads = [
-        Column::Words("class", width),
+        Column::Words("class", width.max(5)),
         Column::Number("labels", 10),
         Column::Number("detected", 9),
         Column::Number("held out:    named", 19),
         Column::Last("mistaken for"),
     ];
-    let of_class = told.iter().map(|class| {
+    let of_class = reviews.iter().map(|class| {
         let ClassReview { labelled, trained_on, held_out, .. } = class;
         let detected = share(trained_on.detected, trained_on.signals);
         let named = share(held_out.named(&class.name), held_out.signals);

@@ -3,7 +3,7 @@
 //! voltage may be one number for all bursts or the name of a column.
 
 use super::super::exit::Failure;
-use super::burst_clock::{LATEST_NS, time_in_name};
+use super::burst_clock::{is_representable, time_in_name};
 use inkling_io::matrix::Matrix;
 use std::path::PathBuf;
 
@@ -97,19 +97,15 @@ impl Args {
     /// The printhead's name: the one that is given, else that of the table's file, without its time
     /// if the time is taken from there.
     pub fn name(&self) -> Result<String, Failure> {
-        let is_good = |name: &str| (1..=LONGEST_NAME).contains(&name.chars().count());
-        match &self.printhead {
-            Some(name) if is_good(name) => Ok(name.clone()),
-            Some(_) => {
-                Err(Failure::usage(format!("--printhead: give 1 to {LONGEST_NAME} characters")))
-            }
-            None => {
-                let stem = self.stem();
-                let time = time_in_name(&stem).filter(|_| self.start.as_deref() == Some("name"));
-                let name = time.map_or(stem, |time| time.without);
-                Ok(name.chars().take(LONGEST_NAME).collect())
-            }
-        }
+        let Some(name) = &self.printhead else {
+            let stem = self.stem();
+            let time = time_in_name(&stem).filter(|_| self.start.as_deref() == Some("name"));
+            let name = time.map_or(stem, |time| time.without);
+            return Ok(name.chars().take(LONGEST_NAME).collect());
+        };
+        let is_good = (1..=LONGEST_NAME).contains(&name.chars().count());
+        let what = || Failure::usage(format!("--printhead: give 1 to {LONGEST_NAME} characters"));
+        is_good.then(|| name.clone()).ok_or_else(what)
     }
 
     /// The name of the table's file, without its ending.
@@ -118,33 +114,28 @@ impl Args {
     }
 
     /// Refuses options that contradict each other, have no effect, or whose numbers are out of range.
-    /// `period`: the value of `--period-s`.
-    pub fn check(&self, period: Option<BurstValue>) -> Result<(), Failure> {
+    pub fn check(&self, values: &BurstValues) -> Result<(), Failure> {
         let wrong = |what: &str| Err(Failure::usage(what));
         let no_time = |s: f64| !(s.is_finite() && s > 0.0);
-        if matches!(period, Some(BurstValue::Constant(s)) if no_time(s)) {
+        if matches!(values.period_s, Some(BurstValue::Constant(s)) if no_time(s)) {
             return wrong("--period-s: give seconds, more than 0");
         }
         if self.every.is_some_and(no_time) {
             return wrong("--every: give seconds, more than 0");
         }
-        if self.every.is_some() && self.time.is_some() && period.is_some() {
+        if self.every.is_some() && self.time.is_some() && values.period_s.is_some() {
             return wrong("--every and --time both say when bursts begin: give one of them");
         }
-        if self.resample && period.is_some() {
-            return wrong(
-                "--resample has no effect with --period-s: rows are samples one after the other",
-            );
+        if self.resample && values.period_s.is_some() {
+            let why = "rows are samples one after the other";
+            return wrong(&format!("--resample has no effect with --period-s: {why}"));
         }
-
-        // temperatures and voltages that are out of range; a text that is no number is a column's
-        // name
-        let number =
-            |text: &Option<String>| text.as_deref().and_then(|text| text.parse::<f64>().ok());
-        for (option, value, most) in
-            [("--temperature", &self.temperature, 1000.0), ("--voltage", &self.voltage, 1e5)]
-        {
-            if let Some(v) = number(value).filter(|v| !(-most..=most).contains(v)) {
+        let numbers =
+            [("--temperature", values.temperature, 1000.0), ("--voltage", values.voltage, 1e5)];
+        for (option, value, most) in numbers {
+            if let Some(BurstValue::Constant(v)) = value
+                && !(-most..=most).contains(&v)
+            {
                 return Err(Failure::usage(format!("{option} {v}: give a number up to {most}")));
             }
         }
@@ -154,25 +145,18 @@ impl Args {
     /// The time of `--start`, ns; `None` if the option is not given.
     pub fn start_ns(&self) -> Result<Option<i64>, Failure> {
         let Some(text) = &self.start else { return Ok(None) };
-        if text == "name" {
+        let (ns, why_none) = if text == "name" {
             let stem = self.stem();
-            let none = || {
-                Failure::usage(format!(
-                    "--start name: there is no time such as 20261101T080000 or 2026-11-01_08-00-00 in {stem:?}"
-                ))
-            };
-            return time_in_name(&stem).map(|time| Some(time.ns)).ok_or_else(none);
-        }
-        chrono::DateTime::parse_from_rfc3339(text)
-            .ok()
-            .and_then(|t| t.timestamp_nanos_opt())
-            .filter(|ns| (0.0..LATEST_NS).contains(&(*ns as f64)))
-            .map(Some)
-            .ok_or_else(|| {
-                Failure::usage(format!(
-                    "--start {text:?} is no time such as {SOME_START} (1970 to 2200), nor `name`"
-                ))
-            })
+            let such = "20261101T080000 or 2026-11-01_08-00-00";
+            let why = format!("--start name: there is no time such as {such} in {stem:?}");
+            (time_in_name(&stem).map(|time| time.ns), why)
+        } else {
+            let time = chrono::DateTime::parse_from_rfc3339(text).ok();
+            let ns = time.and_then(|t| t.timestamp_nanos_opt()).filter(|ns| is_representable(*ns));
+            let such = format!("{SOME_START} (1970 to 2200)");
+            (ns, format!("--start {text:?} is no time such as {such}, nor `name`"))
+        };
+        ns.map(Some).ok_or_else(|| Failure::usage(why_none))
     }
 }
 

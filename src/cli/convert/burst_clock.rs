@@ -12,13 +12,12 @@
 use chrono::{DateTime, NaiveDate};
 
 /// Times up to here (year 2200) leave room in i64 nanoseconds.
-pub const LATEST_NS: f64 = 7.258e18;
+const LATEST_NS: f64 = 7.258e18;
 /// Times from here on (1979) are taken for times since the epoch, ns.
 const ABSOLUTE_NS: f64 = 3e17;
 /// 2025-01-01T08:00:00Z
 const SOME_START_NS: i64 = 1_735_718_400_000_000_000;
 
-/// Gives one burst after another its time.
 #[derive(Default)]
 pub struct BurstClock {
     /// Time of the first burst by `--start`, ns since the epoch, and time between bursts by
@@ -94,6 +93,11 @@ impl BurstClock {
     }
 }
 
+/// Whether a time, ns since the epoch, is between 1970 and 2200.
+pub fn is_representable(ns: i64) -> bool {
+    (0.0..LATEST_NS).contains(&(ns as f64))
+}
+
 /// `start_ns + after_ns`; `None` if that is not between 1970 and 2200.
 fn later(start_ns: i64, after_ns: f64) -> Option<i64> {
     let good = (0.0..LATEST_NS).contains(&(start_ns as f64 + after_ns));
@@ -138,10 +142,10 @@ fn date_time(text: &[u8]) -> Option<(i64, &[u8])> {
             [first, rest @ ..] if separators.contains(first) => rest,
             _ => text,
         };
-        let (number, rest) = text.split_at_checked(n)?;
-        let number =
-            std::str::from_utf8(number).ok().filter(|n| n.bytes().all(|b| b.is_ascii_digit()));
-        Some((number?.parse().ok()?, rest))
+        let (digits, rest) = text.split_at_checked(n)?;
+        let digits = std::str::from_utf8(digits).ok()?;
+        let is_number = digits.bytes().all(|b| b.is_ascii_digit());
+        Some((digits.parse().ok().filter(|_| is_number)?, rest))
     }
     let (year, text) = digits(text, 4, b"")?;
     let (month, text) = digits(text, 2, b"-_.")?;
@@ -155,7 +159,7 @@ fn date_time(text: &[u8]) -> Option<(i64, &[u8])> {
     };
     let ([hour, minute, second], text) = time().unwrap_or(([0; 3], text));
     let at: DateTime<chrono::Utc> = date.and_hms_opt(hour, minute, second)?.and_utc();
-    let ns = at.timestamp_nanos_opt().filter(|ns| (0.0..LATEST_NS).contains(&(*ns as f64)))?;
+    let ns = at.timestamp_nanos_opt().filter(|ns| is_representable(*ns))?;
     // a `Z` after the seconds means UTC
     Some((ns, text.strip_prefix(b"Z").unwrap_or(text)))
 }

@@ -92,18 +92,18 @@ impl<'a> Conversion<'a> {
     /// Makes the next burst from a matrix of samples. A failure if its sample period or its time is
     /// not plausible, which names the burst by its number from 0 on.
     pub fn burst(&mut self, matrix: Matrix) -> Result<Burst, Failure> {
-        let args = self.args;
+        let (args, n) = (self.args, self.made.bursts);
         let wrong = |what: &str| Failure::new(format!("{}: {what}", args.table.display()));
-        let of_burst = |n: u64, what: &str| wrong(&format!("burst {n}: {what}"));
+        let of_burst = |what: &str| wrong(&format!("burst {n}: {what}"));
         let nobody = || Failure::usage("--period-s: nothing else says the sample period");
         // the sample period: plausible, and known for this burst
         let period_s = self.period.ok_or_else(nobody)?.in_burst(&matrix);
         if !(period_s.is_finite() && period_s > 0.0) {
-            return Err(of_burst(self.made.bursts, &format!("{period_s} s is no sample period")));
+            return Err(of_burst(&format!("{period_s} s is no sample period")));
         }
         if period_s > LONGEST_PERIOD_S {
             let what = "s between samples: if that is a rate, give the period, which is 1 / rate";
-            return Err(of_burst(self.made.bursts, &format!("{period_s} {what}")));
+            return Err(of_burst(&format!("{period_s} {what}")));
         }
 
         // the time of the burst
@@ -111,7 +111,7 @@ impl<'a> Conversion<'a> {
         let length_ns = f64::from(matrix.samples_per_channel) * period_ns;
         let time_ns = matrix.time.map(|t| t * self.unit.ns);
         if time_ns.is_some_and(|t| !t.is_finite()) {
-            return Err(of_burst(self.made.bursts, "it has no time"));
+            return Err(of_burst("it has no time"));
         }
         let t_acq_ns = self
             .clock
@@ -119,10 +119,10 @@ impl<'a> Conversion<'a> {
             .ok_or_else(|| wrong("its times reach beyond the years 1970 to 2200"))?;
 
         // channel numbers must fit into u32
-        if args.first_channel.checked_add(matrix.channels).is_none() {
+        let (first_channel, channels) = (args.first_channel, matrix.channels);
+        if first_channel.checked_add(channels).is_none() {
             return Err(Failure::usage(format!(
-                "--first-channel {}: {} channels more have no numbers",
-                args.first_channel, matrix.channels
+                "--first-channel {first_channel}: {channels} channels more have no numbers"
             )));
         }
         let printhead = self.printhead_of(matrix.printhead.clone())?;
@@ -130,7 +130,7 @@ impl<'a> Conversion<'a> {
         // what is told at the end
         let samples = matrix.samples_per_channel;
         self.made.bursts += 1;
-        self.made.samples += u64::from(matrix.channels) * u64::from(samples);
+        self.made.samples += u64::from(channels) * u64::from(samples);
         let [shortest, longest] = self.made.samples_per_channel;
         self.made.samples_per_channel = [shortest.min(samples), longest.max(samples)];
         let [least_s, most_s] = self.made.sample_period_s;
@@ -143,9 +143,9 @@ impl<'a> Conversion<'a> {
         Ok(Burst {
             t_acq_ns,
             printhead,
-            first_channel: args.first_channel,
-            channels: matrix.channels,
-            samples_per_channel: matrix.samples_per_channel,
+            first_channel,
+            channels,
+            samples_per_channel: samples,
             sample_period_s: period_s,
             format: matrix.format,
             layout: matrix.layout,
@@ -164,10 +164,8 @@ impl<'a> Conversion<'a> {
         if name.chars().count() > LONGEST_NAME {
             return Err(Failure::new("a printhead's name that long?"));
         }
-        if let Some(known) = self.made.printheads.get(name.as_str()) {
-            return Ok(known.clone());
-        }
-        let name: Arc<str> = name.into();
+        let known = self.made.printheads.get(name.as_str()).cloned();
+        let name = known.unwrap_or_else(|| name.into());
         self.made.printheads.insert(name.clone());
         Ok(name)
     }
@@ -180,24 +178,19 @@ impl<'a> Conversion<'a> {
         let (bursts, samples) = (thousands(made.bursts), thousands(made.samples));
         // in f32, so that rounding of the period does not show
         let [least, most] = made.sample_period_s.map(|s| s as f32);
-        let every =
-            if least == most { format!("{least} s") } else { format!("{least} to {most} s") };
-        writeln!(out, "{path}: {bursts} bursts, {samples} samples, one every {every}")?;
+        let to_most = if least == most { String::new() } else { format!(" to {most}") };
+        writeln!(out, "{path}: {bursts} bursts, {samples} samples, one every {least}{to_most} s")?;
         for (n, output) in (0u64..).zip(&made.outputs) {
             let channel = n + u64::from(self.args.first_channel);
             writeln!(out, "  channel {channel}: {}", printable(output))?;
         }
-        match sampled {
-            Some(sampled) if self.args.resample => writeln!(
-                out,
-                "  resampled: {} of {samples} samples interpolated, {} cells were missing",
-                sampled.interpolated, sampled.missing
-            )?,
-            Some(sampled) => {
-                let off = sampled.most_off_grid;
-                writeln!(out, "  times within {off:.3} periods of a regular grid")?;
+        if let Some(Sampled { interpolated, missing, most_off_grid, .. }) = sampled {
+            if self.args.resample {
+                write!(out, "  resampled: {interpolated} of {samples} samples interpolated, ")?;
+                writeln!(out, "{missing} cells were missing")?;
+            } else {
+                writeln!(out, "  times within {most_off_grid:.3} periods of a regular grid")?;
             }
-            None => {}
         }
         if let Some(unit) = made.times_in {
             writeln!(out, "  times are taken as {unit} since 1970, by their size")?;
@@ -207,33 +200,24 @@ impl<'a> Conversion<'a> {
         }
         let [shortest, longest] = made.samples_per_channel;
         if shortest < longest {
-            writeln!(
-                out,
-                "  bursts have {shortest} to {longest} samples a channel; a design takes one length, the others are \
-                 `design_mismatch`"
-            )?;
+            write!(out, "  bursts have {shortest} to {longest} samples a channel; ")?;
+            writeln!(out, "a design takes one length, the others are `design_mismatch`")?;
         }
         if made.cells_missing > 0 {
-            writeln!(
-                out,
-                "  {} cells have no value: signals with one are rejected (`non_finite`); --resample interpolates",
-                thousands(made.cells_missing as u64)
-            )?;
+            write!(out, "  {} cells have no value: ", thousands(made.cells_missing as u64))?;
+            writeln!(out, "signals with one are rejected (`non_finite`); --resample interpolates")?;
         }
         if self.clock.invented() {
             writeln!(out, "  nothing says when: the first burst is put at {SOME_START} (--start)")?;
         }
         if self.clock.in_a_row() {
-            writeln!(
-                out,
-                "  nothing says when bursts begin: put one after the other without a gap (--time, --every)"
-            )?;
+            let put = "put one after the other without a gap (--time, --every)";
+            writeln!(out, "  nothing says when bursts begin: {put}")?;
         }
-        match self.clock.moved {
-            0 => Ok(()),
-            n => {
-                writeln!(out, "  {n} bursts begin where an earlier one has not ended: put after it")
-            }
+        if self.clock.moved > 0 {
+            let n = self.clock.moved;
+            writeln!(out, "  {n} bursts begin where an earlier one has not ended: put after it")?;
         }
+        Ok(())
     }
 }

@@ -23,7 +23,6 @@ pub struct InputBursts {
     pub period_s: Option<f64>,
     /// Number of cells without a value that no interpolation fills.
     pub missing: usize,
-    /// Names of the channels.
     pub outputs: Vec<String>,
     /// How regular the table's times are, if they are the times of samples.
     pub sampled: Option<Sampled>,
@@ -45,16 +44,14 @@ impl InputBursts {
         // 1. read the file by its kind
         let table = match kind {
             FileKind::Text => csv_table::read(&args.table, &columns)?,
-            FileKind::Numpy => {
-                if args.burst.is_some() || args.resample {
-                    let what = "--burst and --resample are of tables, not of arrays";
-                    return Err(Failure::usage(what));
-                }
-                if args.outputs.as_ref().is_some_and(|names| names.len() != 1) {
-                    return Err(Failure::usage("--outputs: one array of a .npz"));
-                }
-                numpy::read(&args.table, &columns)?
+            FileKind::Numpy if args.burst.is_some() || args.resample => {
+                let what = "--burst and --resample are of tables, not of arrays";
+                return Err(Failure::usage(what));
             }
+            FileKind::Numpy if args.outputs.as_ref().is_some_and(|names| names.len() != 1) => {
+                return Err(Failure::usage("--outputs: one array of a .npz"));
+            }
+            FileKind::Numpy => numpy::read(&args.table, &columns)?,
             kind => columnar::read(&args.table, kind, &columns)?,
         };
 
@@ -81,7 +78,6 @@ impl InputBursts {
         }
         .map_err(|e| Failure::new(format!("{}: {e}", args.table.display())))?;
 
-        // 4. a matrix per decay
         let too_large = || Failure::new(format!("{}: a burst too large", args.table.display()));
         let matrix = |decay: Decay| decay.matrix(time.is_some()).ok_or_else(too_large);
         let decays = std::mem::take(&mut sampled.decays).into_iter();
@@ -97,7 +93,6 @@ impl InputBursts {
 /// The unit of a time column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimeUnit {
-    /// The unit in ns.
     pub ns: f64,
     /// Name of the unit, if it was recognised by the size of the first time, and not by the column's name or
     /// type.

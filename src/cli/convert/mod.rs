@@ -23,7 +23,7 @@ use serde_json::json;
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let start_ns = args.start_ns()?;
     let values = args.values();
-    args.check(values.period_s)?;
+    args.check(&values)?;
     outputs::check_file(&args.out, outputs::ResultFile::Recording)?;
     let kind = columnar::table_kind_of(&args.table)?;
     let input = InputBursts::open(&args, kind, &values.columns)?;

@@ -11,9 +11,9 @@
 //! ```
 
 use super::client::{
-    Client, NO_ROOM, NO_SUCH_PATH, NO_TOKEN, NOT_GET, OTHER_HOST, Refusal, Request, Seat,
+    Client, NO_ROOM, NO_SUCH_PATH, NO_TOKEN, NOT_GET, OTHER_HOST, Refusal, Request, take_seat,
 };
-use super::place::Live;
+use super::port::Live;
 use std::io::{self, Write};
 use std::net::IpAddr;
 use std::thread;
@@ -32,7 +32,7 @@ const LEAST_PAUSE: Duration = Duration::from_millis(200);
 const MOST_PAUSE: Duration = Duration::from_secs(1);
 /// Time in which a client has to take an answer or a state. A slower client is disconnected; a page then
 /// connects again by itself.
-const TAKING: Duration = Duration::from_secs(10);
+const ANSWER_TIME: Duration = Duration::from_secs(10);
 
 /// Answers one request. The error is one of the connection: the client is slow or gone.
 pub fn answer(request: &Request, client: &mut Client, live: &Live) -> io::Result<()> {
@@ -52,28 +52,27 @@ pub fn answer(request: &Request, client: &mut Client, live: &Live) -> io::Result
     if needs_token && !live.admits(&request.token) {
         return refuse(client, NO_TOKEN);
     }
-    match path {
-        "/" => say(client, "text/html; charset=utf-8", PAGE),
-        "/page.js" => say(client, "text/javascript; charset=utf-8", SCRIPT),
+    let state = &live.state;
+    let (kind, text) = match path {
+        "/" => ("text/html; charset=utf-8", PAGE.into()),
+        "/page.js" => ("text/javascript; charset=utf-8", SCRIPT.into()),
         "/metrics" => {
-            let text = live.state.metrics(live.behind_bytes());
-            say(client, "text/plain; version=0.0.4; charset=utf-8", &text)
+            ("text/plain; version=0.0.4; charset=utf-8", state.metrics(live.behind_bytes()))
         }
-        "/faults.json" => {
-            say(client, "application/json", &live.state.faults_as_json(&live.recording).to_string())
-        }
+        "/faults.json" => ("application/json", state.faults_as_json(&live.recording).to_string()),
         // /events, for as long as there are seats for pages
-        _ => match Seat::take(&live.pages, MOST_PAGES) {
-            Some(_seat) => tell(client, live),
-            None => refuse(client, NO_ROOM),
+        _ => match take_seat(&live.pages, MOST_PAGES) {
+            Some(_seat) => return send_events(client, live),
+            None => return refuse(client, NO_ROOM),
         },
-    }
+    };
+    write_whole(client, "200 OK", kind, &text)
 }
 
 /// Whether the request's `Host` is a name of this machine, if only this machine is served. Otherwise a
 /// foreign web page whose name resolves to this address could read the answers in a browser (DNS rebinding).
 fn is_named_as_here(host: &str, live: &Live) -> bool {
-    if !live.place.address.ip().is_loopback() {
+    if !live.port.address.ip().is_loopback() {
         return true; // names of machines are not known here; the token decides
     }
 
@@ -84,11 +83,6 @@ fn is_named_as_here(host: &str, live: &Live) -> bool {
     };
     let name = name.unwrap_or_default();
     name.eq_ignore_ascii_case("localhost") || name.parse().is_ok_and(|ip: IpAddr| ip.is_loopback())
-}
-
-/// Sends a successful answer of the content type `kind`.
-fn say(client: &mut Client, kind: &str, text: &str) -> io::Result<()> {
-    write_whole(client, "200 OK", kind, text)
 }
 
 /// Sends a refusal with its reason.
@@ -106,15 +100,15 @@ fn head(status: &str, kind: &str) -> String {
 
 /// Sends a whole answer: `status` line, content type `kind`, and text.
 fn write_whole(client: &mut Client, status: &str, kind: &str, text: &str) -> io::Result<()> {
-    client.give(TAKING);
+    client.set_deadline(ANSWER_TIME);
     let whole = format!("{}Content-Length: {}\r\n\r\n{text}", head(status, kind), text.len());
     client.write_all(whole.as_bytes())
 }
 
 /// Sends the state as server-sent events: again whenever it has changed, until the recording ends or the
 /// client is gone.
-fn tell(client: &mut Client, live: &Live) -> io::Result<()> {
-    client.give(TAKING);
+fn send_events(client: &mut Client, live: &Live) -> io::Result<()> {
+    client.set_deadline(ANSWER_TIME);
     let begin = format!("{}\r\nretry: 1000\n\n", head("200 OK", "text/event-stream"));
     client.write_all(begin.as_bytes())?;
     let mut seen = 0;
@@ -123,7 +117,7 @@ fn tell(client: &mut Client, live: &Live) -> io::Result<()> {
         seen = version;
         // the state is sent even if nothing has changed, so that the page knows that the connection lives
         let state = live.state.as_json(&live.recording, live.behind_bytes());
-        client.give(TAKING);
+        client.set_deadline(ANSWER_TIME);
         client.write_all(format!("data: {state}\n\n").as_bytes())?;
         if ended {
             return Ok(());

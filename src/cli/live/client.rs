@@ -6,12 +6,11 @@
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{Shutdown, TcpStream};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 /// Time, and below it number of bytes, for reading what the client still sends. If it were left unread, the
 /// system could reset the connection, and the answer would be lost.
-const PARTING: Duration = Duration::from_secs(1);
+const CLOSING_TIME: Duration = Duration::from_secs(1);
 const MOST_UNREAD: u64 = 64 << 10;
 
 /// A client, and the time at which its reads and writes fail.
@@ -21,26 +20,26 @@ pub struct Client {
 }
 
 impl Client {
-    /// A client whose deadline has passed: [`Client::give`] is called before anything is read or
+    /// A client whose deadline has passed: [`Client::set_deadline`] is called before anything is read or
     /// written.
     pub fn new(stream: TcpStream) -> Client {
         Client { stream, until: Instant::now() }
     }
 
     /// Sets the deadline: once `time` has passed, reads and writes fail, however many there were.
-    pub fn give(&mut self, time: Duration) {
+    pub fn set_deadline(&mut self, time: Duration) {
         self.until = Instant::now() + time;
     }
 
     /// The time until the deadline; an error once it has passed.
-    fn left(&self) -> io::Result<Duration> {
+    fn remaining(&self) -> io::Result<Duration> {
         let left = self.until.saturating_duration_since(Instant::now());
         if left.is_zero() { Err(ErrorKind::TimedOut.into()) } else { Ok(left) }
     }
 
     /// Closes the connection after a complete answer.
-    pub fn part(mut self) {
-        self.give(PARTING);
+    pub fn close(mut self) {
+        self.set_deadline(CLOSING_TIME);
         if self.stream.shutdown(Shutdown::Write).is_ok() {
             // the result does not matter, as the answer has been sent
             let _ = io::copy(&mut (&mut self).take(MOST_UNREAD), &mut io::sink());
@@ -50,14 +49,14 @@ impl Client {
 
 impl Read for Client {
     fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
-        self.stream.set_read_timeout(Some(self.left()?))?;
+        self.stream.set_read_timeout(Some(self.remaining()?))?;
         self.stream.read(into)
     }
 }
 
 impl Write for Client {
     fn write(&mut self, from: &[u8]) -> io::Result<usize> {
-        self.stream.set_write_timeout(Some(self.left()?))?;
+        self.stream.set_write_timeout(Some(self.remaining()?))?;
         self.stream.write(from)
     }
 
@@ -66,22 +65,15 @@ impl Write for Client {
     }
 }
 
-/// One of a limited number of seats, which is given back when it is dropped.
-pub struct Seat(Arc<AtomicUsize>);
+/// One of a limited number of seats, which is given back when it is dropped: the references to one
+/// value are counted.
+pub type Seat = Arc<()>;
 
-impl Seat {
-    /// Takes a seat; `None` if `most` are taken.
-    pub fn take(taken: &Arc<AtomicUsize>, most: usize) -> Option<Seat> {
-        let seat = Seat(taken.clone());
-        // if there was no room, the seat is dropped here, which takes its count back
-        (taken.fetch_add(1, Ordering::Relaxed) < most).then_some(seat)
-    }
-}
-
-impl Drop for Seat {
-    fn drop(&mut self) {
-        self.0.fetch_sub(1, Ordering::Relaxed);
-    }
+/// Takes a seat beside those of `all`; `None` if `most` are taken.
+pub fn take_seat(all: &Seat, most: usize) -> Option<Seat> {
+    let seat = all.clone();
+    // `all` is a reference that is no seat
+    (Arc::strong_count(all) <= most + 1).then_some(seat)
 }
 
 /// Most bytes of a request's head: browsers send less.
@@ -129,11 +121,10 @@ impl Request {
                 return Err(ErrorKind::UnexpectedEof.into());
             }
             head.extend_from_slice(&piece[..n]);
-            match Request::parse(&head) {
-                Ok(None) if head.len() >= MOST_BYTES => return Ok(Err(TOO_LARGE)),
-                Ok(None) => {}
-                Ok(Some(request)) => return Ok(Ok(request)),
-                Err(refused) => return Ok(Err(refused)),
+            match Request::parse(&head).transpose() {
+                Some(parsed) => return Ok(parsed),
+                None if head.len() >= MOST_BYTES => return Ok(Err(TOO_LARGE)),
+                None => {}
             }
         }
     }

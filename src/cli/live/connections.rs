@@ -1,10 +1,10 @@
 //! The connections of clients: a limited number at once, each on a thread of its own. In: a bound
-//! port (`place`), from `replay`. Out: a [`Live`], which `follow` feeds and the threads read. One
+//! port (`port`), from `replay`. Out: a [`Live`], which `follow` feeds and the threads read. One
 //! request is read and answered per connection.
 
 use super::answers;
-use super::client::{Client, NO_ROOM, Request, Seat};
-use super::place::{Live, Place};
+use super::client::{Client, NO_ROOM, Request, Seat, take_seat};
+use super::port::{BoundPort, Live};
 use super::state::State;
 use crate::cli::exit::Failure;
 use crate::pipeline::Control;
@@ -17,17 +17,21 @@ use std::time::Duration;
 /// Most connections at once.
 const MOST_CONNECTIONS: usize = 64;
 /// Time in which a client has to send its request.
-const ASKING: Duration = Duration::from_secs(5);
+const REQUEST_TIME: Duration = Duration::from_secs(5);
 /// Pause after an error of the system, such as too many open files.
 const PAUSE: Duration = Duration::from_millis(100);
 
 /// Starts to serve, on threads of its own, until the process ends. `recording`: path of the
 /// recording that is followed.
-pub fn start(place: Place, recording: &str, control: &Arc<Control>) -> Result<Arc<Live>, Failure> {
+pub fn start(
+    port: BoundPort,
+    recording: &str,
+    control: &Arc<Control>,
+) -> Result<Arc<Live>, Failure> {
     let path = PathBuf::from(recording);
     let recording = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let (state, control, pages) = (State::default(), control.clone(), Arc::default());
-    let live = Arc::new(Live { state, place, recording, path, control, pages });
+    let (state, control, pages) = (State::default(), control.clone(), Seat::default());
+    let live = Arc::new(Live { state, port, recording, path, control, pages });
     let serving = live.clone();
     thread::Builder::new()
         .name("live".into())
@@ -38,14 +42,14 @@ pub fn start(place: Place, recording: &str, control: &Arc<Control>) -> Result<Ar
 
 /// Accepts and answers connections until the process ends.
 fn accept(live: &Arc<Live>) {
-    let connections = Arc::default();
-    for stream in live.place.listener.incoming() {
+    let connections = Seat::default();
+    for stream in live.port.listener.incoming() {
         let Ok(stream) = stream else {
             thread::sleep(PAUSE);
             continue;
         };
         let mut client = Client::new(stream);
-        let Some(seat) = Seat::take(&connections, MOST_CONNECTIONS) else {
+        let Some(seat) = take_seat(&connections, MOST_CONNECTIONS) else {
             // the short answer is written without reading the request, so that this thread does not wait for
             // the client
             let _ = answers::refuse(&mut client, NO_ROOM);
@@ -54,7 +58,7 @@ fn accept(live: &Arc<Live>) {
         let live = live.clone();
         let answer = move || {
             // an error means that the client is gone, so nobody is left to tell
-            let _ = hear(client, &live);
+            let _ = serve(client, &live);
             drop(seat);
         };
         if thread::Builder::new().name("live client".into()).spawn(answer).is_err() {
@@ -64,12 +68,12 @@ fn accept(live: &Arc<Live>) {
 }
 
 /// Reads one request and answers it.
-fn hear(mut client: Client, live: &Live) -> io::Result<()> {
-    client.give(ASKING);
+fn serve(mut client: Client, live: &Live) -> io::Result<()> {
+    client.set_deadline(REQUEST_TIME);
     match Request::read(&mut client)? {
         Ok(request) => answers::answer(&request, &mut client, live)?,
         Err(refusal) => answers::refuse(&mut client, refusal)?,
     }
-    client.part();
+    client.close();
     Ok(())
 }

@@ -2,7 +2,7 @@
 //! a page for browsers, as metrics for Prometheus, and as JSON. Addresses that other machines can reach need
 //! a token.
 //!
-//! `place` checks the options and binds the port; `connections` accepts clients, each on a thread
+//! `port` checks the options and binds the port; `connections` accepts clients, each on a thread
 //! of its own; `client` reads a request, within a deadline; `answers` decides on it and writes the
 //! answer from `state`, which `follow` feeds with rows and episodes while the pipeline judges.
 //! Nobody can change anything from outside, and a slow client cannot slow the judging down.
@@ -10,8 +10,8 @@
 mod answers;
 mod client;
 mod connections;
-mod place;
+mod port;
 mod state;
 
 pub use connections::start;
-pub use place::{Live, check};
+pub use port::{Live, check};

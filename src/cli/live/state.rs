@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Most printheads that are drawn. The signals of all are counted.
 const MOST_HEADS: usize = 256;
@@ -78,23 +78,17 @@ impl State {
     /// be withdrawn while a later one is on.
     pub fn take_episode(&self, of: EpisodeEvent) {
         self.change(|status| {
-            let key = |episode: &Episode| (episode.printhead.clone(), episode.channel);
-            let told = match of {
-                EpisodeEvent::Revised { before, .. } => before,
-                EpisodeEvent::Raised(of)
-                | EpisodeEvent::Ended(of)
-                | EpisodeEvent::Withdrawn(of) => of,
+            // the episode as it is now, if it may be on, and as it was told before
+            let (now, before) = match of {
+                EpisodeEvent::Revised { now, before } => (Some(now), before),
+                EpisodeEvent::Raised(now) => (Some(now), now),
+                EpisodeEvent::Ended(before) | EpisodeEvent::Withdrawn(before) => (None, before),
             };
-            match of {
-                EpisodeEvent::Raised(now) | EpisodeEvent::Revised { now, .. }
-                    if now.ended_at_ns.is_none() =>
-                {
-                    status.faults.insert(key(now), now.clone());
-                }
-                _ if status.faults.get(&key(told)).is_some_and(|on| is_same(on, told)) => {
-                    status.faults.remove(&key(told));
-                }
-                _ => {}
+            let key = |episode: &Episode| (episode.printhead.clone(), episode.channel);
+            if let Some(on) = now.filter(|now| now.ended_at_ns.is_none()) {
+                status.faults.insert(key(on), on.clone());
+            } else if status.faults.get(&key(before)).is_some_and(|on| is_same(on, before)) {
+                status.faults.remove(&key(before));
             }
         });
     }
@@ -114,17 +108,9 @@ impl State {
     /// Waits until the version differs from `seen` or the recording has ended, but at most for `most`;
     /// returns the version, and whether the recording has ended.
     pub fn wait(&self, seen: u64, most: Duration) -> (u64, bool) {
-        // condition variables may wake without a change, so the time left is computed anew
-        let until = Instant::now() + most;
-        let mut status = self.status();
-        while status.version == seen && !status.ended {
-            let left = until.saturating_duration_since(Instant::now());
-            if left.is_zero() {
-                break;
-            }
-            let waited = self.changed.wait_timeout(status, left);
-            status = waited.unwrap_or_else(PoisonError::into_inner).0;
-        }
+        let is_seen = |status: &mut RecordingStatus| status.version == seen && !status.ended;
+        let waited = self.changed.wait_timeout_while(self.status(), most, is_seen);
+        let (status, _) = waited.unwrap_or_else(PoisonError::into_inner);
         (status.version, status.ended)
     }
 
@@ -233,10 +219,7 @@ impl RecordingStatus {
 
     /// Sets the letters of channels in a printhead's map; what is beyond the limits is not drawn.
     fn mark(&mut self, head: &Arc<str>, channels: std::ops::Range<usize>, mark: u8) {
-        if !self.heads.contains_key(head) {
-            if self.heads.len() >= MOST_HEADS {
-                return;
-            }
+        if !self.heads.contains_key(head) && self.heads.len() < MOST_HEADS {
             self.heads.insert(head.clone(), Vec::new());
         }
         let Some(map) = self.heads.get_mut(head) else { return };

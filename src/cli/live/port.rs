@@ -1,6 +1,7 @@
 //! The live view that is served: the address and the token, which are checked, and the port, which is bound,
 //! before anything else is done; and what the threads of the view share.
 
+use super::client::Seat;
 use super::state::State;
 use crate::cli::exit::Failure;
 use crate::pipeline::Control;
@@ -8,7 +9,7 @@ use inkling_io::regular_file;
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::Duration;
 
@@ -18,11 +19,11 @@ const LEAST_TOKEN: usize = 16;
 const MOST_TOKEN: u64 = 1024;
 
 /// Time that open pages get to be told of the end before the process goes on.
-const LAST_WORDS: Duration = Duration::from_millis(300);
+const END_NOTICE: Duration = Duration::from_millis(300);
 
 /// A bound port. From binding on, the system queues clients until `connections::start` accepts them.
 #[derive(Debug)]
-pub struct Place {
+pub struct BoundPort {
     pub listener: TcpListener,
     pub address: SocketAddr,
     /// The secret that a client must give; `None`: only this machine can look.
@@ -40,12 +41,13 @@ pub fn check(
     address: Option<&str>,
     token: Option<&Path>,
     follow: bool,
-) -> Result<Option<Place>, Failure> {
-    let Some(address) = address else {
-        return match token {
-            Some(_) => Err(Failure::usage("--serve-token: has no effect here: add --serve")),
-            None => Ok(None),
-        };
+) -> Result<Option<BoundPort>, Failure> {
+    let address = match (address, token) {
+        (Some(address), _) => address,
+        (None, Some(_)) => {
+            return Err(Failure::usage("--serve-token: has no effect here: add --serve"));
+        }
+        (None, None) => return Ok(None),
     };
     if !follow {
         return Err(Failure::usage(
@@ -56,16 +58,16 @@ pub fn check(
     let token = token.map(read_token).transpose()?;
     let addresses = resolve(address)?;
     if let Some(open) = addresses.iter().find(|of| token.is_none() && !of.ip().is_loopback()) {
+        let port = open.port();
         return Err(Failure::usage(format!(
-            "--serve {address}: whoever reaches this machine could look: serve 127.0.0.1:{}, or give --serve-token \
-             FILE with a secret of {LEAST_TOKEN} characters or more",
-            open.port()
+            "--serve {address}: whoever reaches this machine could look: serve 127.0.0.1:{port}, or give \
+             --serve-token FILE with a secret of {LEAST_TOKEN} characters or more"
         )));
     }
     let failed = |e| Failure::new(format!("--serve {address}: cannot listen: {e}"));
     let listener = TcpListener::bind(addresses.as_slice()).map_err(failed)?;
     let address = listener.local_addr().map_err(failed)?;
-    Ok(Some(Place { listener, address, token }))
+    Ok(Some(BoundPort { listener, address, token }))
 }
 
 /// All addresses of a name, IPv4 first: a port is bound at the first address that allows it, and for this
@@ -99,34 +101,33 @@ fn read_token(path: &Path) -> Result<String, Failure> {
     let text = regular_file::read(path, MOST_TOKEN).map_err(|e| failed(e.to_string()))?;
     let token = String::from_utf8_lossy(&text).trim().to_owned();
     let is_plain = token.bytes().all(|c| c.is_ascii_alphanumeric() || b"-._~".contains(&c));
-    match is_plain && token.len() >= LEAST_TOKEN {
-        true => Ok(token),
-        false => Err(failed(format!(
-            "give one line of {LEAST_TOKEN} or more letters, digits, `-`, `.`, `_` or `~`"
-        ))),
+    if !is_plain || token.len() < LEAST_TOKEN {
+        let such = "or more letters, digits, `-`, `.`, `_` or `~`";
+        return Err(failed(format!("give one line of {LEAST_TOKEN} {such}")));
     }
+    Ok(token)
 }
 
 /// Everything that the threads of the live view share.
 pub struct Live {
     /// What is known of the recording.
     pub state: State,
-    pub place: Place,
+    pub port: BoundPort,
     /// Name of the recording's file, and its path.
     pub recording: String,
     pub path: PathBuf,
     /// Tells how far the recording was read.
     pub control: Arc<Control>,
-    /// Number of clients that are pages, which stay connected.
-    pub pages: Arc<AtomicUsize>,
+    /// The seats of clients that are pages, which stay connected.
+    pub pages: Seat,
 }
 
 impl Live {
     /// Tells open pages that the judging has ended, also if it failed or was interrupted. Always waits 300 ms
-    /// (`LAST_WORDS`), whether pages are open or not.
+    /// (`END_NOTICE`), whether pages are open or not.
     pub fn end(&self) {
         self.state.end();
-        thread::sleep(LAST_WORDS);
+        thread::sleep(END_NOTICE);
     }
 
     /// Number of bytes of the recording that were written and not read yet.
@@ -138,7 +139,7 @@ impl Live {
     /// Whether a token is the right one. The comparison takes the same time wherever the first difference
     /// lies, so that a token cannot be guessed piece by piece.
     pub fn admits(&self, given: &str) -> bool {
-        let Some(token) = &self.place.token else { return true };
+        let Some(token) = &self.port.token else { return true };
         let differ = token.bytes().zip(given.bytes()).fold(0, |sum, (a, b)| sum | (a ^ b));
         differ == 0 && token.len() == given.len()
     }

@@ -1,0 +1,111 @@
+//! The options of `inkling replay` ([`Args`]), as the command line gives them.
+
+use crate::cli::follow;
+use crate::settings::Pace;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// The values of `--preset`.
+pub const PRESETS: [&str; 1] = ["thesis"];
+
+// The `///` of the fields below are the help text of the options, and no comments.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  inkling replay
+      the recordings, the design and the output that ./pipeline.toml names
+  inkling replay night.mcap --design design.json --out verdicts
+      judged by the design's models as they are
+  inkling replay 'logs/2026-*/*.mcap' --design design.json --identify windows
+      identified again on each recording's healthy windows, so that slow drift
+      is followed
+  inkling replay night.mcap --set identify.every=\"5 min\"
+      without a design: detected, not named; any setting of pipeline.toml by
+      --set
+
+  inkling replay archive/ --design design.json --out verdicts --layout date \\
+      --quiet
+      every night: what is finished is skipped, journal.jsonl and run.json say
+      what became of each
+  inkling replay now.mcap --design design.json --follow
+      while it is being written: faults as they are found
+  inkling replay now.mcap --design design.json --follow --serve 127.0.0.1:8080
+      and a page of it in a browser, /metrics for Prometheus, /faults.json
+  inkling replay now.mcap --design design.json --follow --rotate 10min
+      and every ten minutes a table of the rows so far, to be opened by others
+
+Where recordings are named, ./pipeline.toml is not read unless --config names it.")]
+pub struct Args {
+    /// Files, directories (searched for *.mcap) or glob patterns
+    pub(super) recordings: Vec<String>,
+    /// Where verdicts go [default: verdicts]
+    #[arg(short, long, value_name = "DIR")]
+    pub(super) out: Option<PathBuf>,
+    /// Settings file
+    #[arg(long, value_name = "FILE")]
+    pub(super) config: Option<PathBuf>,
+    /// Design, from `inkling train`
+    #[arg(long, value_name = "FILE")]
+    pub(super) design: Option<PathBuf>,
+    /// Channels' own healthy baselines: read if the file is there, brought up to date at the end;
+    /// recordings are then judged in the order of their start times
+    #[arg(long, value_name = "FILE")]
+    pub(super) baseline: Option<PathBuf>,
+    /// Judge by the design's models as they are, or identify again on healthy windows
+    /// [default: design where --design is given, else windows]
+    #[arg(long, value_parser = ["design", "windows"])]
+    pub(super) identify: Option<String>,
+    /// Any setting of pipeline.toml, repeatable
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub(super) set: Vec<String>,
+    /// Choices that belong together; --set wins over them
+    #[arg(long, value_parser = PRESETS)]
+    pub(super) preset: Option<String>,
+    /// As fast as possible (max), at the recorded speed (recorded), or so many signals per second [default: max]
+    #[arg(long)]
+    pub(super) pace: Option<Pace>,
+    /// Workers per parallel stage [default: the machine's cores]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(super) threads: Option<u16>,
+    /// Say where the time went, stage by stage
+    #[arg(long)]
+    pub(super) timings: bool,
+    /// Where below --out: the tree below a directory is kept, by day of the first burst, flat, or each kind of table
+    /// as one data set (verdicts/day=2026-11-01/)
+    /// [default: tree]
+    #[arg(long, value_parser = ["tree", "date", "flat", "hive"])]
+    pub(super) layout: Option<String>,
+    /// Judge again what is finished
+    #[arg(long)]
+    pub(super) force: bool,
+    /// Exit by what earlier runs told of recordings that are skipped, too: damage is otherwise news once
+    #[arg(long)]
+    pub(super) strict: bool,
+    /// Say what would be done and why, and do nothing
+    #[arg(long)]
+    pub(super) dry_run: bool,
+    /// Recognise finished recordings by their content, not by size and time of change
+    #[arg(long)]
+    pub(super) verify: bool,
+    /// Write `<stem>.annotations.mcap` beside the verdicts: episodes as log lines, a moving picture of each
+    /// printhead, faulty channels burst by burst; for Foxglove, Lichtblick and Rerun
+    #[arg(long)]
+    pub(super) annotate: bool,
+    /// Watch one recording that is being written: tell of episodes as they are raised, until it is closed
+    /// or Ctrl-C; then write what any replay of it would
+    #[arg(long)]
+    pub(super) follow: bool,
+    /// With --follow: put the rows also into parts, `<stem>.parts/00001.parquet` and so on, each closed after so
+    /// much recording time (10min, 1h) and from then on a table; they go when the recording is closed
+    #[arg(long, value_name = "SPAN", value_parser = follow::span)]
+    pub(super) rotate: Option<Duration>,
+    /// With --follow: a page of what is known so far at http://ADDRESS/ (127.0.0.1:8080), /metrics for Prometheus and
+    /// /faults.json; other machines are served with a token alone
+    #[arg(long, value_name = "ADDRESS")]
+    pub(super) serve: Option<String>,
+    /// Who looks must know what is in this file
+    #[arg(long, value_name = "FILE")]
+    pub(super) serve_token: Option<PathBuf>,
+    /// One JSON line per recording and one for the run, instead of text
+    #[arg(long)]
+    pub(super) json: bool,
+}

@@ -1,0 +1,195 @@
+//! `inkling replay`: judges recordings. This file turns options and settings into a plan and the means of
+//! judging; `batch` does the work.
+//!
+//! In: the options of the command line (`args`), the settings, the design, labels and baselines that
+//! they name (`settings`), and the journal of earlier runs in the directory of results. Out: the
+//! exit status; `batch` writes the results.
+//!
+//! The order (`judged_by`): everything that can be wrong is checked; the lock is taken; the plan is
+//! made (what is judged, what is skipped); what killed runs left is removed; the recordings are
+//! judged. So a mistake is told before anything is written. `--dry-run` ends after the plan.
+
+mod args;
+mod settings;
+
+pub use args::{Args, PRESETS};
+pub use settings::judging;
+
+use super::account::{Account, RUN_NAME, Row};
+use super::batch::Batch;
+use super::collected::checked_dialects;
+use super::exit::{Exit, Failure};
+use super::follow::{self, FollowJudge};
+use super::judge::{Detail, Judge, ReplayJudge, Run};
+use super::live;
+use super::plan::{self, PlannedRecording, Planner};
+use super::progress::{Progress, interruptible};
+use crate::pipeline::resume::Resume;
+use crate::settings::Settings;
+use inkling_io::baseline_file::BaselineFile;
+use inkling_io::dialect::Dialects;
+use inkling_io::file_error::FileError;
+use inkling_io::inputs::{self, Input};
+use inkling_io::journal::{JOURNAL_NAME, Journal, JournalWriter};
+use inkling_io::layout::{self, PlacedRecording};
+use inkling_io::outputs::{self, ResultFile};
+use inkling_io::run_lock::{LOCK_NAME, RunLock, ToJudge};
+use std::path::{Path, PathBuf};
+
+/// Judges recordings in this process: the verb `replay` of the command line.
+pub fn run(args: Args) -> Result<Exit, Failure> {
+    judged_by(args, None)
+}
+
+/// Has recordings judged by other processes that see the same files: the fleet (`fleet/`) calls
+/// this with a `judge` that hands recordings out. Those processes decide on their own pace and
+/// threads, so `--pace` and `--threads` are refused here, and so is `--follow`.
+pub fn run_elsewhere(args: Args, judge: &mut dyn Judge) -> Result<Exit, Failure> {
+    let why = "has no effect here: whoever judges the recordings decides on it";
+    match (&args.threads, &args.pace, args.follow) {
+        (Some(_), ..) => Err(Failure::usage(format!("--threads: {why}"))),
+        (_, Some(_), _) => Err(Failure::usage(format!("--pace: {why}"))),
+        (.., true) => Err(Failure::usage("--follow: whoever writes the recording is not here")),
+        _ => judged_by(args, Some(judge)),
+    }
+}
+
+/// The whole run: checks everything, plans, and judges. Mistakes in options and settings are found before
+/// anything is written. `elsewhere`: who judges the recordings; `None`: this process does.
+fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Failure> {
+    // 1. all that may be wrong is looked at first
+    let mut account = Account::new(args.strict);
+    let (settings, design) = settings::with_design(&args)?;
+    let out = PathBuf::from(&settings.output.dir);
+    if args.follow {
+        follow::check(&settings, args.dry_run)?;
+    }
+    follow::check_rotation(args.rotate, args.follow, &out)?;
+    let serve = live::check(args.serve.as_deref(), args.serve_token.as_deref(), args.follow)?;
+    let NamedRecordings { placed, lost, dialects } = named_recordings(&args, &settings, &out)?;
+    let (replay, baseline_file, means) = settings::load(settings, design, &args)?;
+
+    // 2. the lock, which keeps other runs from the same directory
+    let control = if args.follow { follow::until_enough() } else { interruptible() };
+    let lock = (!args.dry_run).then(|| RunLock::take(&out).map_err(Failure::new));
+    let mut lock = lock.transpose()?;
+    // the journal is read again, since another run may have written to it before the lock was taken
+    let journal = read_journal(&out)?;
+    let planning = Progress::new(1, 0);
+    if lock.as_ref().is_some_and(|lock| lock.blind) {
+        let out = out.display();
+        planning.say(&format!("warning: {out}: no locks here: a second run would not be noticed"));
+    }
+
+    // 3. the plan: which recordings are to be judged, in which order
+    let planner = Planner {
+        // handed out to others, those of one printhead stay together
+        printheads: elsewhere.is_some(),
+        resume: Resume {
+            out: &out,
+            journal: &journal,
+            means: &means,
+            with_baselines: baseline_file.is_some(),
+            force: args.force,
+            verify: args.verify,
+        },
+        dialects: &dialects,
+        progress: &planning,
+        control: &control,
+    };
+    let mut planned = planner.plan(placed)?;
+    if let Some(file) = &baseline_file {
+        planned = planner.chain(planned, &file.digest())?;
+    }
+    if args.dry_run {
+        return plan::print(&planned, &lost, args.json);
+    }
+
+    // 4. what killed runs left is removed, and the journal opened
+    let to_judge: Vec<&PlannedRecording> = plan::to_judge(&planned).collect();
+    if let Some(lock) = &mut lock {
+        let noted: Vec<ToJudge> = to_judge.iter().map(|this| this.noted()).collect();
+        lock.plan(&noted).map_err(FileError::unwritten(&out.join(LOCK_NAME)))?;
+    }
+    plan::sweep(&planned, &out);
+    baseline_file.iter().for_each(BaselineFile::sweep);
+    let bytes = to_judge.iter().filter_map(|this| Some(this.placed.source.stamp?.bytes));
+    let progress = Progress::new(to_judge.len(), bytes.sum());
+    let writer = JournalWriter::open(&out);
+    let journal = writer.map_err(FileError::unwritten(&out.join(JOURNAL_NAME)))?;
+
+    // 5. the judge, and the live view; then the batch judges everything
+    let followed = &replay.settings.input.recordings[0]; // there is one, as `settings` checked
+    let live = serve.map(|port| live::start(port, followed, &control)).transpose()?;
+    live.iter()
+        .try_for_each(|live| follow::tell_address(live.port.address, args.json, &progress))?;
+    let mut following = FollowJudge { json: args.json, rotate: args.rotate, live };
+    // a single recording is reported in full, and no table over all recordings follows
+    let alone = planned.len() == 1 && lost.is_empty();
+    account.rows = lost;
+    let run = Run {
+        out: &out,
+        replay,
+        means: &means,
+        dialects: &dialects,
+        detail: if alone { Detail::All } else { Detail::Line },
+        force: args.force,
+        progress: &progress,
+        control: &control,
+    };
+    let batch = Batch {
+        judge: match elsewhere {
+            Some(judge) => judge,
+            None if args.follow => &mut following,
+            None => &mut ReplayJudge,
+        },
+        run,
+        baseline_file,
+        journal,
+        account,
+        json: args.json,
+        timings: args.timings,
+        annotate: args.annotate,
+        failures: 0,
+    };
+    let ended = batch.run(&planned);
+    lock.into_iter().for_each(RunLock::over);
+    ended
+}
+
+/// The recordings that the settings name.
+struct NamedRecordings {
+    /// Those that exist, and where their results lie.
+    placed: Vec<PlacedRecording>,
+    /// Rows of the account for names that lead to no recording: these do not stop the run.
+    lost: Vec<Row>,
+    /// How messages of other loggers become bursts, checked against the recordings.
+    dialects: Dialects,
+}
+
+/// Finds the recordings, and checks where their results go (`out`).
+fn named_recordings(
+    args: &Args,
+    settings: &Settings,
+    out: &Path,
+) -> Result<NamedRecordings, Failure> {
+    let found = inputs::find_each_recording(&settings.input.recordings)?;
+    outputs::check_place(out)?;
+    for (name, kind) in [(RUN_NAME, ResultFile::Account), (JOURNAL_NAME, ResultFile::Journal)] {
+        outputs::check_file(&out.join(name), kind)?;
+    }
+    // the journal says where earlier results lie, and which recordings need not be opened
+    let journal = read_journal(out)?;
+    let is_known = |input: &Input| !args.force && plan::is_known(input, &journal, settings);
+    let dialects = checked_dialects(settings, &found.inputs, is_known)?;
+    let placed = plan::place(found.inputs, settings.output.layout, &journal, &dialects);
+    layout::refuse_shared(&placed).map_err(Failure::usage)?;
+    let lost = found.lost.iter().map(plan::lost).collect();
+    Ok(NamedRecordings { placed, lost, dialects })
+}
+
+/// What earlier runs did in the directory of results.
+fn read_journal(out: &Path) -> Result<Journal, Failure> {
+    let path = out.join(JOURNAL_NAME);
+    Journal::read(out).map_err(|e| Failure::new(format!("{}: cannot be read: {e}", path.display())))
+}
