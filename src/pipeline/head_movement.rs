@@ -1,10 +1,8 @@
 //! Records how far all channels of a printhead moved together over a recording, and whether the printhead was
 //! another one at times, and words the warnings about that.
 //!
-//! In: from `head`, sweep by sweep, the level, whether it surely lies beyond the bounds, how far
-//! channels lie from each other, and whether this is another head. Out: an entry of
-//! `moved_together` in summary.json, and sentences that `finish` adds to the warnings. Nothing here
-//! changes a verdict.
+//! In: what `head` finds, sweep by sweep. Out: an entry of `moved_together` in summary.json, and sentences
+//! that `finish` adds to the warnings. Nothing here changes a verdict.
 
 use crate::report::clock;
 use crate::settings::IdentifySettings;
@@ -12,8 +10,7 @@ use inkling_core::state::{Features, Head};
 use serde::Serialize;
 use std::sync::Arc;
 
-/// A printhead's channels are warned about if they lie this many times as far from each other as those that
-/// the model was learned from.
+/// Warned about is a printhead whose channels lie this many times as far from each other as the model's did.
 const MOST_SCATTER: f64 = 2.0;
 
 /// How all channels of a printhead moved together over a recording, as it is written to summary.json.
@@ -22,8 +19,8 @@ pub struct HeadMovement {
     pub printhead: Arc<str>,
     /// Number of sweeps that were judged by a moved judge.
     pub bursts: u64,
-    /// The largest relative change of the level over the recording, each feature by itself; with
-    /// its sign, 0.1 is 10 % more than the base ring.
+    /// The largest relative change of the level, each feature by itself, with its sign: 0.1 is 10 % more than
+    /// the base ring.
     pub amplitude: f64,
     pub damping: f64,
     pub frequency: f64,
@@ -36,12 +33,11 @@ pub struct HeadMovement {
     pub late: u64,
     /// When all channels turned out to be others than those that were remembered, ns.
     pub swapped_ns: Option<i64>,
-    /// The largest ratio of how far its channels lie from each other to how far those do that the model was
-    /// learned from; and when it first surely exceeded [`MOST_SCATTER`], ns.
+    /// The largest ratio of how far its channels lie from each other to how far the model's did; and when it
+    /// first surely exceeded [`MOST_SCATTER`], ns.
     pub scatter: f64,
     pub scatter_since_ns: Option<i64>,
-    /// Where its channels were in the first rejected sweep: ln amplitude, ln
-    /// damping, ln frequency, phase in rad.
+    /// The level of the first rejected sweep: ln amplitude, ln damping, ln frequency, phase in rad.
     pub strange_at: Option<[f64; 4]>,
 }
 
@@ -53,12 +49,7 @@ impl HeadMovement {
 
     /// Whether there is anything to write to the summary.
     pub fn is_told(&self) -> bool {
-        self.bursts > 0
-            || self.beyond_since_ns.is_some()
-            || self.strange > 0
-            || self.swapped_ns.is_some()
-            || self.scatter_since_ns.is_some()
-            || self.late > 0
+        self.bursts > 0 || self.late > 0 || self.is_of_all_channels()
     }
 
     /// Whether a warning explains that many channels are flagged at once.
@@ -67,9 +58,8 @@ impl HeadMovement {
         self.strange > 0 || since.iter().any(Option::is_some)
     }
 
-    /// Takes in a level (ln amplitude, ln damping, ln frequency, phase); of each of the first three
-    /// the value farthest from 0 is kept.
-    pub fn reaches(&mut self, level: &Features) {
+    /// Takes in a level; of ln amplitude, ln damping and ln frequency the values farthest from 0 are kept.
+    pub fn note_level(&mut self, level: &Features) {
         let farthest = [&mut self.amplitude, &mut self.damping, &mut self.frequency];
         for (most, level) in farthest.into_iter().zip(level.iter()) {
             // what is kept is a relative change, the level a logarithm
@@ -80,7 +70,7 @@ impl HeadMovement {
     }
 
     /// Takes in how far a head's channels lie from each other in a sweep.
-    pub fn scatters(&mut self, t_ns: i64, of: &Head) {
+    pub fn note_scatter(&mut self, t_ns: i64, of: &Head) {
         self.scatter = self.scatter.max(of.wider());
         if of.surely_wider() > MOST_SCATTER {
             self.scatter_since_ns.get_or_insert(t_ns);
@@ -88,12 +78,12 @@ impl HeadMovement {
     }
 
     /// Notes that the level lay beyond the bounds; the first time is kept.
-    pub fn is_beyond(&mut self, t_ns: i64) {
+    pub fn note_beyond(&mut self, t_ns: i64) {
         self.beyond_since_ns.get_or_insert(t_ns);
     }
 
     /// Notes a sweep that was rejected because most channels lay at `level`, where this head never was.
-    pub fn is_strange(&mut self, t_ns: i64, level: Features) {
+    pub fn note_strange(&mut self, t_ns: i64, level: Features) {
         self.strange += 1;
         self.strange_since_ns.get_or_insert(t_ns);
         self.strange_at.get_or_insert(level.into());

@@ -14,11 +14,10 @@ use inkling_core::verdict::Verdicts;
 use inkling_io::recording::Recording;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::Mutex;
 use std::time::Duration;
 
-/// What a run of replay has in common over its recordings. Written as JSON it holds all that another process
-/// needs to judge recordings alike.
+/// What a run of replay has in common over its recordings; as JSON all that another process needs for it.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Replay {
     /// All settings, with those that the design keeps.
@@ -27,15 +26,12 @@ pub struct Replay {
     pub design: Option<Design>,
     /// Digest of the design file.
     pub design_digest: Option<String>,
-    /// Labels that say which signals of windows are healthy; `None`: healthy signals are found by
-    /// agreement.
+    /// Labels that say which signals of windows are healthy; `None`: those that agree are.
     pub labels: Option<Labels>,
-    /// The healthy windows that the settings give, as spans of time from and to, ns; empty: windows
-    /// are placed by the pipeline.
+    /// The healthy windows that the settings give, from and to, ns; empty: the pipeline places windows.
     pub spans: Vec<(i64, i64)>,
-    /// With `--baseline`: what is remembered of heads and channels from the recordings before;
-    /// `None`: each recording begins without a memory, and channels are not judged about levels of
-    /// their own.
+    /// With `--baseline`: what is remembered of heads and channels from the recordings before; `None`: each
+    /// recording begins without a memory, and channels are not judged about levels of their own.
     pub baselines: Option<Memory>,
 }
 
@@ -50,8 +46,8 @@ impl Replay {
         self.design.as_ref().map(Design::fault_classes).unwrap_or_default()
     }
 
-    /// Number of workers of a stage: its own setting, else `replay.threads`, else the machine's cores.
-    /// `of_stage`: the stage's own setting; 0: it has none.
+    /// Number of workers of a stage: its own setting `of_stage`, if that is not 0, else `replay.threads`, else
+    /// the machine's cores.
     pub(super) fn workers(&self, of_stage: usize) -> usize {
         match (of_stage, self.settings.replay.threads) {
             (0, 0) => cores(),
@@ -66,8 +62,7 @@ impl Replay {
 pub struct Run<'a> {
     pub replay: &'a Replay,
     pub recording: &'a Recording,
-    /// Path of the verdict table; `None`: nothing is written, its rows stay in
-    /// memory, and episodes are only listed.
+    /// Path of the verdict table; `None`: its rows stay in memory, and episodes are only listed.
     pub verdicts: Option<&'a Path>,
     /// Interrupts the run, and counts what is done.
     pub control: &'a Control,
@@ -78,11 +73,6 @@ pub struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    /// The pacer, locked.
-    pub fn pacer(&self) -> MutexGuard<'_, Pacer> {
-        self.pacer.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// The pacer, if bursts are to be handed on at a pace.
     pub fn paced(&self) -> Option<&'a Mutex<Pacer>> {
         (self.replay.settings.replay.pace != Pace::Max).then_some(self.pacer)

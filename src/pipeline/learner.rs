@@ -1,7 +1,6 @@
-//! What both ways of learning models (in the stream, in passes before) share ([`Learner`]): which
-//! groups need windows, which signals of a burst are offered to a window's sample, and how many are
-//! kept; all from settings, design and labels. And how a recording's models came to be
-//! ([`Identified`]), for its summary and `--timings`.
+//! What both ways of learning models (in the stream, in passes before) share ([`Learner`]): which groups need
+//! windows, which signals of a burst are offered to a window's sample, and how many are kept. And how a
+//! recording's models came to be ([`Identified`]), for its summary and `--timings`.
 
 use super::groups::GroupKey;
 use super::job::Replay;
@@ -14,8 +13,7 @@ use inkling_core::verdict::{Reason, unusable_signal};
 use serde::Serialize;
 use std::sync::Arc;
 
-/// Maximum bytes of signals held at a time while windows are learned in passes
-/// of their own, and of one window.
+/// Maximum bytes of signals held at a time in passes of their own, and of one window.
 pub(super) const HELD_BYTES: usize = 96 << 20;
 /// Number of signals of a window that may be held however long the signals are.
 const FEWEST_HELD: usize = 64;
@@ -54,24 +52,20 @@ impl<'a> Learner<'a> {
         if self.replay.design.is_some() { Reason::DesignMismatch } else { Reason::NoModel }
     }
 
-    /// Whether the design's models judge as they are. Windows then only say whether the design's pooled model
-    /// agrees with a printhead that the design does not know.
+    /// Whether the design's models judge as they are. Windows then only say whether its pooled model agrees
+    /// with a printhead that the design does not know.
     pub fn knows_by_design(&self) -> bool {
         self.replay.design.is_some() && self.replay.settings.identify.mode == IdentifyMode::Design
     }
 
-    /// Whether windows of a group are to be learned. Without a design always; with one the group
-    /// must be sampled as the design is, and with `identify.mode = "design"` its printhead must be
-    /// unknown to the design.
+    /// Whether windows of a group are to be learned. Without a design always; with one the group must be
+    /// sampled as the design is, and with `identify.mode = "design"` its printhead must be unknown to it.
     pub fn needs_windows(&self, key: &GroupKey, sample_period_s: f64) -> bool {
-        match &self.replay.design {
-            None => true,
-            Some(design) => {
-                design.fits(sample_period_s, key.samples as usize)
-                    && (self.replay.settings.identify.mode == IdentifyMode::Windows
-                        || design.model_of(&key.printhead).is_none())
-            }
-        }
+        let by_windows = self.replay.settings.identify.mode == IdentifyMode::Windows;
+        self.replay.design.as_ref().is_none_or(|design| {
+            design.fits(sample_period_s, key.samples as usize)
+                && (by_windows || design.model_of(&key.printhead).is_none())
+        })
     }
 
     /// The length of a window, ns.
@@ -79,29 +73,27 @@ impl<'a> Learner<'a> {
         ns(self.replay.settings.identify.first)
     }
 
-    /// The time from the begin of a window to that of the next, ns; 0: there is only one window, or the
-    /// windows are given.
+    /// The time from the begin of a window to that of the next, ns; 0: there is only one window.
     pub fn every_ns(&self) -> i64 {
-        if self.replay.spans.is_empty() { ns(self.replay.settings.identify.every) } else { 0 }
+        ns(self.replay.settings.identify.every)
     }
 
-    /// Maximum number of signals of a window that are kept, for signals of that many
-    /// samples: of long ones fewer are.
+    /// Maximum number of signals of a window that are kept, for signals of that many samples.
     pub fn most_signals(&self, samples: usize) -> usize {
         let fit = HELD_BYTES / (4 * samples.max(1));
         self.replay.settings.identify.window_signals.min(fit.max(FEWEST_HELD))
     }
 
-    /// Offers a burst's usable signals to a window's sample, with labels only those that are labelled healthy.
-    /// What the design's extension says is in them is subtracted first.
+    /// Offers a burst's usable signals, with labels only healthy ones, to a window's sample, without what the
+    /// design's extension says is in them.
     pub fn offer(&self, burst: &Burst, reservoir: &mut Reservoir) {
+        let labels = self.replay.labels.as_ref();
         let mut signal = vec![0.0; burst.samples_per_channel as usize];
         for row in 0..burst.channels {
             let channel = burst.first_channel + row;
-            if !reservoir.may_keep(burst.t_acq_ns, channel) {
-                continue; // as most of a long window's, which need not be decoded then
-            }
-            if !visit::is_healthy(self.replay.labels.as_ref(), burst, channel) {
+            // most signals of a long window are not kept, and so need not be decoded
+            let may_keep = reservoir.may_keep(burst.t_acq_ns, channel);
+            if !may_keep || !visit::is_healthy(labels, burst, channel) {
                 continue;
             }
             burst.copy_signal(row as usize, &mut signal);

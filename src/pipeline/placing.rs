@@ -1,13 +1,12 @@
 //! Places a printhead's healthy windows burst by burst, in the order of the bursts' times.
 //!
-//! In: times of bursts. Out: windows, half-open spans of time of the length `identify.first`. The
-//! first begins with the first burst, others begin every so often after it (`identify.every`).
-//! After a pause, and so after a stray timestamp, windows begin anew with the first burst.
+//! In: times of bursts. Out: windows, half-open spans of time of the length `identify.first`. The first begins
+//! with the first burst, others begin every so often after it (`identify.every`). After a pause, and so after a
+//! stray timestamp, windows begin anew with the first burst.
 //!
-//! A pause is told by bins: time is divided into spans of `every_ns` from time 0 on, and there was
-//! a pause if at least one whole bin holds no burst. So only the first and last burst of each bin
-//! matter, and [`super::windows`], which knows no more than these, places the same windows over a
-//! whole recording.
+//! A pause is told by bins: time is divided into spans of `every_ns` from time 0 on, and there was a pause if at
+//! least one whole bin holds no burst. So only the first and last burst of each bin matter, which is all that
+//! [`super::windows`] knows.
 
 use super::PipelineError;
 
@@ -44,15 +43,13 @@ impl Placing {
         if self.every_ns > 0 { t_ns.div_euclid(self.every_ns) } else { 0 }
     }
 
-    /// Whether windows begin anew with a burst of that time, if it is the next: it is the first, or at least
-    /// one bin before it is empty.
+    /// Whether windows begin anew with a burst of that time: it is the first, or the bin before it is empty.
     pub fn begins_at(&self, t_ns: i64) -> bool {
         self.run.as_ref().is_none_or(|run| self.bin(t_ns) > run.bin + 1)
     }
 
-    /// Takes the next burst's time, and calls `place` with the begin and end, ns, of every window
-    /// that begins up to that time. An error if there are more windows than one printhead may have
-    /// models.
+    /// Takes the next burst's time, and calls `place` with the begin and end, ns, of every window that begins up
+    /// to that time. An error if there are more windows than one printhead may have models.
     pub fn reach(
         &mut self,
         t_ns: i64,

@@ -63,19 +63,19 @@ fn agree_with(model: &HealthyModel) -> Result<(), String> {
     Ok(())
 }
 
-/// Why a window gives no model, and whether the reason is a drift beyond the bounds of the settings.
+/// Why a window gives no model, and whether that is a drift beyond the bounds of the settings.
 type NoModel = (String, bool);
 
 /// What a group's windows have given so far.
 #[derive(Debug)]
 pub struct Progress {
-    /// The model from which drift is measured, and which passes on its temperature response and the
-    /// tail of its threshold to the windows' models: the design's model of this printhead, else the
-    /// design's pooled one, else the first accepted one. `None`: there is no design, and no window
-    /// was accepted yet.
+    /// The model from which drift is measured, and which passes on its temperature response and the tail of its
+    /// threshold: the design's model of this printhead, else the design's pooled one, else the first accepted
+    /// one. `None`: there is no design, and no window was accepted yet.
     reference: Option<Arc<HealthyModel>>,
     /// Whether the printhead has a model of its own in the design.
     known: bool,
+    sample_period_s: f64,
     /// Drive voltage at which models expect their signals, V: the design's, or the mean of the first window.
     reference_v: Option<f64>,
     /// Number of windows that were learned from, and of those that gave a model.
@@ -87,12 +87,13 @@ pub struct Progress {
 
 impl Progress {
     /// The progress of a group before its first window.
-    pub fn start(learner: &Learner, key: &GroupKey) -> Progress {
+    pub fn start(learner: &Learner, key: &GroupKey, sample_period_s: f64) -> Progress {
         let own = learner.replay.design.as_ref().and_then(|d| d.model_of(&key.printhead));
         let known = own.is_some();
         let own = own.map(|own| Arc::new(own.clone()));
         Progress {
             known,
+            sample_period_s,
             reference: own.or_else(|| learner.pooled.clone()),
             reference_v: learner.replay.design.as_ref().and_then(|d| d.drive_voltage_v),
             seen: 0,
@@ -101,18 +102,17 @@ impl Progress {
         }
     }
 
-    /// Whether no further window can change what judges the group: the design judges,
-    /// and a window has agreed with it.
+    /// Whether no further window can change what judges the group: the design, with which a window agreed.
     pub fn is_over(&self, learner: &Learner) -> bool {
         learner.knows_by_design() && self.accepted > 0
     }
 
-    /// Learns from the next window. `None`: the timeline stays as it is. `key`, `sample_period_s`:
-    /// the group; `reservoir`: the window's sample.
+    /// Learns from the next window of the group `key`. `None`: the timeline stays as it is. `reservoir`: the
+    /// window's sample.
     pub fn take(
         &mut self,
         learner: &Learner,
-        (key, sample_period_s): (&GroupKey, f64),
+        key: &GroupKey,
         window: Window,
         reservoir: &Reservoir,
     ) -> Option<Entry> {
@@ -120,10 +120,9 @@ impl Progress {
             return None;
         }
         self.seen += 1;
-        let model = match self.model(learner, (key, sample_period_s), reservoir) {
+        let model = match self.model(learner, key, reservoir) {
             Ok(model) => Arc::new(HealthyModel { valid_from_ns: Some(window.to_ns), ..model }),
-            // refused: the model before stays. At the first window there is none yet, but the
-            // design may have one.
+            // refused: the model before stays; at the first window that may be the design's
             Err((why, drifted)) => {
                 let (from_ns, to_ns) = (window.from_ns, window.to_ns);
                 let printhead = key.printhead.to_string();
@@ -133,13 +132,11 @@ impl Progress {
             }
         };
         self.accepted += 1;
-        if self.reference.is_none() {
-            self.reference = Some(model.clone());
-        }
-        let (from_ns, model) = match &self.reference {
+        let reference = self.reference.get_or_insert_with(|| model.clone());
+        let (from_ns, model) = match learner.knows_by_design() {
             // the design does not know the printhead: its pooled model judges, as a window agrees with it
-            Some(pooled) if learner.knows_by_design() => (i64::MIN, pooled.clone()),
-            _ => (window.to_ns, model),
+            true => (i64::MIN, reference.clone()),
+            false => (window.to_ns, model),
         };
         Some(Entry::Learned { from_ns, model, reference_v: self.reference_v })
     }
@@ -149,7 +146,7 @@ impl Progress {
     fn model(
         &mut self,
         learner: &Learner,
-        (key, sample_period_s): (&GroupKey, f64),
+        key: &GroupKey,
         reservoir: &Reservoir,
     ) -> Result<HealthyModel, NoModel> {
         let identify = &learner.replay.settings.identify;
@@ -166,7 +163,7 @@ impl Progress {
             grey_box: &identify.grey_box,
             detect: &learner.replay.settings.detect,
             least_agreeing: learner.replay.labels.is_none().then_some(identify.least_agreeing),
-            sample_period_s,
+            sample_period_s: self.sample_period_s,
             filter: learner.replay.design.as_ref().and_then(|design| design.filter.as_ref()),
         };
         let printhead = Some(&*key.printhead);
@@ -176,8 +173,7 @@ impl Progress {
             agree_with(&model).map_err(|why| (why, false))?;
         }
 
-        // a fault that grows slowly must not be learned as healthy: bounds about the reference,
-        // relative
+        // a fault that grows slowly must not be learned as healthy
         if let Some(reference) = &self.reference {
             let (frequency, damping) = reference.drift_to(&model);
             for (what, drift, most) in [
@@ -197,8 +193,7 @@ impl Progress {
                 }
             }
 
-            // how far healthy signals typically lie from their model: the median statistic, over
-            // the mean that the model's own metric predicts
+            // how far healthy signals typically lie from their model, relative to what its metric predicts
             let ratio = model.typical_distance() / reference.typical_distance();
             if learner.replay.design.is_some() && !(1.0 / MOST_RATIO..=MOST_RATIO).contains(&ratio)
             {

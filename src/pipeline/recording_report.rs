@@ -1,18 +1,17 @@
 //! The report of a recording that was judged, and in it what could not be judged, which whoever reads of a
 //! recording is told before anything else.
 //!
-//! In: a finished recording, from `finish` ([`note_not_judged`]). Out: its report, with a sentence,
-//! with the numbers that differ,
-//! * for each printhead of which nothing could be judged (`rejected`);
-//! * or for the recording, if less than half of its signals could be judged (`rejected`);
-//! * for each printhead whose verdicts say nothing of its nozzles, because its samples (`doubted`)
-//!   or its times (`without_times`) are not what they are taken for;
+//! In: a finished recording, from `finish` ([`note_not_judged`]). Out: its report, with a sentence
+//! * for each printhead of which nothing could be judged, or for the recording, if less than half of its signals
+//!   could be judged (`rejected`);
+//! * for each printhead whose samples (`doubted`) or times (`without_times`) are not what they are taken for;
 //! * and for each topic that nobody reads though a dialect nearly fits it (`nobody_reads`).
 //!
-//! Such a sentence gives the run exit status 4: nobody may take silence for health. Other topics
-//! that look like bursts and that nobody reads are only warned about.
+//! Such a sentence gives the run exit status 4: nobody may take silence for health. Other topics that look like
+//! bursts are only warned about.
 
 use super::episodes::EpisodeReport;
+use super::head_movement::HeadMovement;
 use super::job::Replay;
 use super::learner::Identified;
 use super::metadata::rfc3339;
@@ -37,13 +36,11 @@ use std::sync::Arc;
 /// A printhead, topic or recording of which hardly anything was judged.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct NotJudged {
-    /// The printhead that the sentence is about; `None`: it is about the recording as a whole, or
-    /// about a topic.
+    /// The printhead that the sentence is about; `None`: it is about the recording, or about a topic.
     pub printhead: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub topic: Option<String>,
-    /// Number of signals of the printhead or the recording; 0 for a topic, whose signals nobody has
-    /// counted.
+    /// Number of signals of the printhead or the recording; 0 for a topic, whose signals nobody has counted.
     pub signals: u64,
     /// How many of `signals` were judged.
     pub judged: u64,
@@ -95,7 +92,7 @@ pub struct RecordingReport {
     pub cut_off: bool,
     /// The rows, if they stay in memory.
     pub arrays: Option<VerdictArrays>,
-    /// Why parts of the table, which a run that followed the recording had written, could not be removed.
+    /// Why parts of the table that were closed while the recording was followed could not be removed.
     pub parts_left: Option<std::io::Error>,
 }
 
@@ -112,7 +109,12 @@ impl RecordingReport {
     }
 
     /// Adds how the run went to the metadata's document, which so becomes the summary.
-    pub(super) fn summary(&self, document: &mut Map<String, Value>, recording: &Recording) {
+    pub(super) fn summary(
+        &self,
+        document: &mut Map<String, Value>,
+        recording: &Recording,
+        moved: &[HeadMovement],
+    ) {
         let mut say = |key: &str, value: Value| document.insert(key.into(), value);
         say("damage", json!(self.damage));
         say("expected", json!(recording.expected));
@@ -133,25 +135,30 @@ impl RecordingReport {
         let warning = |(printhead, what): &(Arc<str>, String)| json!({"printhead": &**printhead, "what": what});
         say("warnings", self.warnings.iter().map(warning).collect());
         say("episodes", json!(self.episodes.counts));
+        say("moved_together", json!(moved));
+        if let Some(memory) = &self.baselines {
+            // what is known of other printheads says nothing of this recording
+            let own = memory.printheads.iter();
+            let own = own.filter(|(name, _)| self.tally.printheads.contains_key(name.as_str()));
+            let channels: usize = own.map(|(_, of)| of.channels.len()).sum();
+            say("baseline", json!({ "channels_remembered": channels }));
+        }
     }
 }
 
 /// Maximum number of printheads, and of topics, that are told by name.
 const MOST_NAMED: usize = 64;
 
-/// Notes in a report what was not judged: the printheads, or the recording, of which nothing or too little is
-/// known, each printhead once; and the topics that look like bursts and that nothing reads, without those
-/// that the settings ignore.
+/// Notes in a report what was not judged: the printheads, each once, or the recording, and the topics that look
+/// like bursts and that nothing reads, without those that the settings ignore.
 pub fn note_not_judged(
     report: &mut RecordingReport,
-    run: (&Replay, &Recording),
+    (replay, recording): (&Replay, &Recording),
     schedule: &Schedule,
 ) {
-    let (replay, recording) = run;
     let (tally, settings) = (&report.tally, &replay.settings);
 
-    // printheads; with a design there are no doubts, as it knows how its signals lie and how far
-    // apart their samples are
+    // printheads; a design knows how its signals lie and how far apart their samples are
     let doubts = if replay.design.is_some() { Vec::new() } else { ring_look::doubts(recording) };
     let doubts = doubts.into_iter().map(|doubt| doubted(doubt, tally));
     let rejected = rejected(tally, schedule, &report.refusals);
@@ -198,8 +205,7 @@ fn nobody_reads(of: Unread) -> NotJudged {
     NotJudged { topic: Some(topic), what, ..NotJudged::default() }
 }
 
-/// The sentence about a printhead at least half of whose signals have times of no use, so that no
-/// episode can be raised from them; `None`: fewer have.
+/// The sentence about a printhead whose times are of no use for at least half of its signals; `None`: for fewer.
 fn without_times(of: &Untimely, settings: &Settings) -> Option<NotJudged> {
     let Untimely { printhead, signals, at_one_time, too_late, t_ns } = of;
     // the commoner of the two causes is told
@@ -261,15 +267,14 @@ fn rejected(tally: &Tally, schedule: &Schedule, refusals: &[Refusal]) -> Vec<Not
     all
 }
 
-/// Number of a recording's signals that tell something of their nozzles: those judged, without those of
-/// printheads that turned out to be others.
+/// Number of a recording's signals that tell something of their nozzles.
 fn known(tally: &Tally) -> u64 {
     let of_other_heads = |head: &PrintheadTally| head.judged - head.known();
     tally.counts.judged - tally.printheads.values().map(of_other_heads).sum::<u64>()
 }
 
 /// Why a printhead's signals could not be judged: the commonest reason, with the numbers that differ from the
-/// design's or the reason for which a window was refused, where there is one.
+/// design's or the reason for which a window was refused.
 fn why(name: &str, head: &PrintheadTally, schedule: &Schedule, refusals: &[Refusal]) -> String {
     let commonest = head.unknown.iter().max_by_key(|(_, n)| **n);
     let Some((&reason, _)) = commonest else { return "no reason is known".into() };
@@ -283,12 +288,5 @@ fn why(name: &str, head: &PrintheadTally, schedule: &Schedule, refusals: &[Refus
             format!("{says}: {}", refusal.why)
         }
         _ => says,
-    }
-}
-
-impl PrintheadTally {
-    /// Number of signals that tell something of their nozzles.
-    pub fn known(&self) -> u64 {
-        self.signals - self.unknown.values().sum::<u64>()
     }
 }

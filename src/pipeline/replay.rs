@@ -1,15 +1,13 @@
-//! The ways to judge a recording: into files ([`replay`]), in memory ([`judge`]), and while it is
-//! being written ([`follow`]). The recording goes through the six stages (`wiring`); how its models
-//! come to be is decided here: in one pass or in two.
+//! The ways to judge a recording: into files ([`replay`]), in memory ([`judge`]), and while it is being written
+//! ([`follow`]). The recording goes through the six stages (`wiring`).
 //!
-//! One pass is tried first (`Run::judge`): models are learned from windows while the signals
-//! flow. That needs bursts about in the order of their times. If the chunk index says otherwise, or
-//! a burst comes too late, the run is given up, and the models are learned in passes of their own
-//! before the stages start. The tables are the same. A recording that is being written cannot be
-//! read twice: it is judged again when it is closed.
+//! One pass is tried first (`Run::judge`): models are learned from windows while the signals flow. That needs
+//! bursts about in the order of their times. If the chunk index says otherwise, or a burst comes too late, the
+//! models are learned in passes of their own before the stages start. The tables are the same. A recording that
+//! is being written cannot be read twice: it is judged again when it is closed.
 //!
-//! Episodes of a recording that is being written are announced, each once, and again when it has
-//! changed since ([`EpisodeAnnouncer`]).
+//! Episodes of such a recording are announced, each once, and again when it has changed
+//! ([`EpisodeAnnouncer`]).
 
 use super::episodes::EpisodeReport;
 use super::job::{EpisodeEvent, Replay, Run, Watch};
@@ -22,7 +20,7 @@ use super::schedule::Schedule;
 use super::timings::Phases;
 use super::visit::Pass;
 use super::wiring::StageResults;
-use super::{Control, PipelineError, rotation};
+use super::{Control, PipelineError, locked, rotation};
 use crate::settings::Pace;
 use inkling_core::episodes::Episode;
 use inkling_io::recording::Recording;
@@ -45,9 +43,8 @@ pub fn replay(
     run.judge(&mut Phases::new(recording.opening))
 }
 
-/// Judges one recording without writing files: the report holds the rows
-/// ([`RecordingReport::arrays`]). For bursts in memory (`cli/called.rs`); the pace of the settings
-/// does not matter.
+/// Judges one recording at full speed without writing files: the report holds the rows
+/// ([`RecordingReport::arrays`]).
 pub fn judge(
     replay: &Replay,
     recording: &Recording,
@@ -58,9 +55,8 @@ pub fn judge(
     run.judge(&mut Phases::new(recording.opening))
 }
 
-/// Judges a recording that is being written ([`Recording::follow`]), until it is closed or `control.enough`
-/// is set. Where models need the whole recording, it is judged again when it is closed, so that its tables
-/// are always those of a replay.
+/// Judges a recording that is being written ([`Recording::follow`]), until it is closed or `control.enough` is
+/// set. Its tables are always those of a replay.
 pub fn follow(
     replay: &Replay,
     recording: &Recording,
@@ -69,14 +65,10 @@ pub fn follow(
     watch: &Watch,
 ) -> Result<RecordingReport, PipelineError> {
     let announcer = Mutex::new(EpisodeAnnouncer::default());
-    // The recording may be judged twice, and the table may say otherwise than what was announced at once: an
-    // episode is announced once, and corrected at the end.
-    let announce = |event: EpisodeEvent| {
-        let mut announcer = announcer.lock().unwrap_or_else(PoisonError::into_inner);
-        match event {
-            EpisodeEvent::Raised(episode) => announcer.announce(episode, watch.episode),
-            other => (watch.episode)(other),
-        }
+    // the table may say otherwise than what was announced: an episode is announced once, and corrected
+    let announce = |event: EpisodeEvent| match event {
+        EpisodeEvent::Raised(episode) => locked(&announcer).announce(episode, watch.episode),
+        other => (watch.episode)(other),
     };
 
     let once = &Watch { episode: &announce, ..*watch };
@@ -90,8 +82,7 @@ pub fn follow(
     Ok(report)
 }
 
-/// Judges a recording while it grows. Where its models need two passes, waits for its end and
-/// judges it again.
+/// Judges a recording while it grows. Where its models need two passes, waits and judges it again.
 fn followed(run: Run, verdicts: &Path) -> Result<RecordingReport, PipelineError> {
     let Run { recording, control, .. } = run;
     let is_rotated = run.watch.is_some_and(|watch| watch.rotation.is_some());
@@ -104,14 +95,14 @@ fn followed(run: Run, verdicts: &Path) -> Result<RecordingReport, PipelineError>
             format!("{e}; what is found is told when the recording is closed")
         }
         Err(e @ PipelineError::Recording(_)) => {
-            // if the file has shrunk or another one has taken its place meanwhile, that is the error to tell
+            // that the file has shrunk, or another one has taken its place, comes first
             recording.check_same()?;
             return Err(e);
         }
         done => return done,
     };
 
-    // If stages were running, their end has made readers stop waiting for more: allow that again.
+    // the end of the stages has made readers stop waiting for more: allow that again
     control.set_abandoned(false);
     run.watch.iter().for_each(|watch| (watch.note)(&why));
     if is_rotated {
@@ -130,8 +121,8 @@ fn followed(run: Run, verdicts: &Path) -> Result<RecordingReport, PipelineError>
 }
 
 impl<'a> Run<'a> {
-    /// Judges the recording in one pass where its order allows that, else in two. A recording that is still
-    /// being written cannot be read in two passes: that is an error.
+    /// Judges the recording in one pass where its order allows that, else in two, which is an error for a
+    /// recording that is still being written.
     pub fn judge(&self, phases: &mut Phases) -> Result<RecordingReport, PipelineError> {
         let learner = Learner::of(self.replay);
         let why = match self.why_two_passes(&learner) {
@@ -148,8 +139,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Judges the recording after passes that learn its models. `why`: the reason
-    /// for that, for the report.
+    /// Judges the recording after passes that learn its models. `why`: the reason for that, for the report.
     pub fn judge_in_two_passes(
         &self,
         why: String,
@@ -167,8 +157,7 @@ impl<'a> Run<'a> {
         Pass { recording: self.recording, control: self.control }
     }
 
-    /// The learning of models, before it has seen any burst, with the design's models in its
-    /// schedule.
+    /// The learning of models, before the first burst, with the design's models in its schedule.
     fn learning<'l>(&'l self, learner: &'l Learner<'l>) -> Result<Learning<'l>, PipelineError> {
         // bursts may come as late as the chunk index says, within bounds
         let reorder_ns = self.recording.disorder_ns.unwrap_or_default().max(USUAL_REORDER_NS);
@@ -177,8 +166,7 @@ impl<'a> Run<'a> {
         Ok(Learning::new(learner, schedule, reorder_ns, self.replay.workers(0)))
     }
 
-    /// The reason for which windows cannot be learned while the signals flow, as
-    /// far as it is known beforehand.
+    /// The reason for which windows cannot be learned while the signals flow, as far as it is known beforehand.
     fn why_two_passes(&self, learner: &Learner) -> Option<String> {
         let disorder_ns = self.recording.disorder_ns.unwrap_or_default();
         if !learner.knows_by_design() && disorder_ns > MOST_REORDER_NS {
@@ -188,8 +176,7 @@ impl<'a> Run<'a> {
             ));
         }
 
-        // In two passes windows are learned in the order in which they begin, in the stream in that
-        // in which they end. Where no window overlaps another one, both are the same.
+        // in two passes windows are learned in the order of their begins, in the stream in that of their ends
         let mut spans = self.replay.spans.clone();
         spans.sort_unstable();
         let overlap = spans.windows(2).any(|pair| pair[0].1 > pair[1].0);
@@ -205,7 +192,7 @@ impl<'a> Run<'a> {
         let (started, signals) = (Instant::now(), self.control.signals.load(Ordering::Relaxed));
         // the recording is read from its beginning; bursts that were handed on in an
         // earlier pass are not waited for
-        self.pacer().begin();
+        locked(self.pacer).begin();
         let streamed = self.through_stages(Models::new(learning, self.pass()));
         if streamed.is_err() {
             self.control.signals.store(signals, Ordering::Relaxed); // they are judged again

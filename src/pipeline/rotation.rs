@@ -1,11 +1,9 @@
 //! `--rotate`: writes what is judged of a recording that is still being written part by part. Each part is
 //! closed after a span of recording time, and is from then on a table that can be read.
 //!
-//! In: the batches that the writer appends to the table, from `wiring` ([`PartWriter::write`]).
-//! Out: parts ([`inkling_io::part_tables`]), which get their names when they are complete, and of
-//! each a call to whoever watches. Where a part ends, `part_boundaries` decides. The rows that no
-//! closed part holds at the end are in the table alone; when the recording is closed, `finish`
-//! removes all parts, as the table holds every row.
+//! In: the batches that the writer appends to the table, from `wiring` ([`PartWriter::write`]). Out: parts
+//! ([`inkling_io::part_tables`]), which get their names when they are complete, and of each a call to whoever
+//! watches. When the recording is closed, `finish` removes all parts, as the table holds every row.
 
 use super::batches::JudgedBatch;
 use super::job::{ClosedPart, Replay, Rotation};
@@ -32,7 +30,7 @@ pub struct PartWriter<'a> {
     tables: PartTables,
     /// Says where the part at hand ends.
     boundaries: PartBoundaries,
-    /// How the recording begins, as the first part noted it; tells the parts of this recording from others.
+    /// How the recording begins, as the first part noted it.
     begins: Option<Beginning>,
     /// Number of parts that were closed.
     closed: u32,
@@ -76,8 +74,7 @@ impl<'a> PartWriter<'a> {
     /// Appends a batch, and closes the parts that end in it.
     pub fn write(&mut self, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
         let sections = self.boundaries.cut(&judged.verdicts);
-        // A section is written as the batch with only the section's rows listed; at the end all
-        // rows are listed again. So no row is copied.
+        // a section is written as the batch with only the section's rows listed: so no row is copied
         let whole = std::mem::take(&mut judged.verdicts.parts);
         for (nth, section) in sections.into_iter().enumerate() {
             if nth > 0 {
@@ -95,15 +92,12 @@ impl<'a> PartWriter<'a> {
     fn append(&mut self, section: Section, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
         let open = match &mut self.open {
             Some(open) => open,
-            none => none.insert(OpenPart {
-                writer: VerdictWriter::create(
-                    &self.tables.path(self.closed + 1),
-                    self.options.clone(),
-                )?,
-                from_ns: i64::MAX,
-                to_ns: i64::MIN,
-                judges: BTreeMap::new(),
-            }),
+            none => {
+                let path = self.tables.path(self.closed + 1);
+                let writer = VerdictWriter::create(&path, self.options.clone())?;
+                let (from_ns, to_ns) = (i64::MAX, i64::MIN);
+                none.insert(OpenPart { writer, from_ns, to_ns, judges: BTreeMap::new() })
+            }
         };
         open.from_ns = open.from_ns.min(section.from_ns);
         open.to_ns = open.to_ns.max(section.to_ns);
@@ -145,8 +139,7 @@ impl<'a> PartWriter<'a> {
     }
 }
 
-/// A part that was not closed is discarded, and the directory of parts if it is empty: its rows are
-/// in the table.
+/// A part that was not closed is discarded, and the directory of parts if it is empty.
 impl Drop for PartWriter<'_> {
     fn drop(&mut self) {
         self.open = None;
@@ -154,8 +147,7 @@ impl Drop for PartWriter<'_> {
     }
 }
 
-/// Removes the parts of this recording. Returns the first other file that has the name of a part;
-/// such files stay.
+/// Removes the parts of this recording. Returns the first other file that has the name of a part.
 pub fn remove(verdicts: &Path, recording: &Recording) -> Result<Option<PathBuf>, PipelineError> {
     let tables = PartTables::beside(verdicts);
     Ok(tables.remove_of(recording).map_err(FileError::unwritten(&tables.dir))?)

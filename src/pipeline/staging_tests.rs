@@ -9,7 +9,7 @@
 
 use super::batches::{BufferPools, ReadBatch};
 use super::episodes::EpisodeTap;
-use super::in_flight::{InFlight, ParkedBatches};
+use super::in_flight::InFlight;
 use super::job::Replay;
 use super::learner::Learner;
 use super::learning::Learning;
@@ -97,7 +97,7 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
             let clock = |stage| timings.clock(stage);
             let assigned = through(read, |input, out| {
                 let clock = clock("identify");
-                stages::identify(&mut deciding, ParkedBatches::new(&in_flight), clock, input, out)
+                stages::identify(&mut deciding, &in_flight, clock, input, out)
             });
             let filtered = stages::filter(settings.input.rails, &pools)(assigned);
             let gated = stages::gate(&pools, filtered);

@@ -1,19 +1,16 @@
 //! Computes the detection statistics of a batch's signals: of many at once by the streaming kernel, and again
 //! by the reference where the kernel alone cannot settle the verdict.
 //!
-//! In: bursts with their judges, from the filter stage ([`Statistics::of`]). Out: for each signal
-//! its detection statistics ([`Detection`]), or why it has none. `own_levels` also asks for
-//! features and distances.
+//! In: bursts with their judges, from the filter stage ([`Statistics::of`]). Out: for each signal its
+//! detection statistics ([`Detection`]), or why it has none; for `own_levels` also features and distances.
 //!
 //! The bursts of a batch are taken judge by judge, and each signal goes this way:
-//! 1. In f32, many signals side by side (*lanes*, one signal in each): the squared distance along
-//!    the sensitivities (`along`), or the residual energy (`filter`), by the judge's method. A
-//!    bound on the rounding says whether the verdict is *settled*, that is the same as in f64; so
-//!    it is for nearly all signals.
-//! 2. The others, and all signals where a judge has no lanes, are computed one by one in f64: the
-//!    *reference* (`look_again`). With `detect.method` = `sensitivity` that is a first look, and
-//!    where the first order does not decide, a second look by a fitted ring; rings are fitted side
-//!    by side.
+//! 1. In f32, many signals side by side (*lanes*, one signal in each): the squared distance along the
+//!    sensitivities (`along`), or the residual energy (`filter`), by the judge's method. A bound on the
+//!    rounding says whether the verdict is *settled*, that is the same as in f64; nearly always it is.
+//! 2. The others, and all signals where a judge has no lanes, are computed in f64 (`look_again`). With
+//!    `detect.method` = `sensitivity` that is a first look, and where the first order does not decide, a second
+//!    look by a fitted ring; rings are fitted side by side.
 //!
 //! A signal's statistics do not depend on what else is in the batch, because a lane does not know
 //! its neighbours ([`inkling_core::detect::kernel`]).
@@ -27,7 +24,7 @@ use inkling_core::detect::lane_sensitivity::{Condition, LaneSensitivity};
 use inkling_core::detect::row_projection::{LANES, Projections, Room};
 use inkling_core::detect::tile::Tile;
 use inkling_core::model::ring_fit::{Fit, Products};
-use inkling_core::verdict::{Reason, unusable_signal};
+use inkling_core::verdict::Reason;
 use nalgebra::{Matrix3, Vector4};
 
 /// The buffers of one worker, for the judges of one schedule.
@@ -38,13 +35,11 @@ pub struct Statistics {
     /// Signals that wait to be judged by their residual energy, one in each lane.
     tile: Tile,
     condition: LastCondition,
-    /// Projections of signals onto the sensitivities (of amplitude, damping, frequency), for the
-    /// statistic.
+    /// Projections of signals onto the sensitivities (of amplitude, damping, frequency).
     along: Projections<3>,
     /// Projections that give the features, the phase free.
     features: Projections<4>,
-    /// Buffers: of the projections, of one signal's deviation, of the reference, of distances from
-    /// own levels, and of fits.
+    /// Buffers: of projections, of deviations, of the f64 arithmetic, of distances from own levels, of fits.
     room: Room,
     deviations: Deviations,
     work: Workspace,
@@ -62,7 +57,7 @@ struct WaitingSignal<'a> {
     row: usize,
 }
 
-/// The condition (judge, drive, temperature) of the burst before: consecutive bursts mostly share it.
+/// The condition (judge, drive, temperature) of the burst before, which consecutive bursts mostly share.
 #[derive(Default)]
 struct LastCondition(Option<(JudgeKey, Condition)>);
 
@@ -81,23 +76,18 @@ impl Statistics {
         Statistics { rails, ..Statistics::default() }
     }
 
-    /// Computes the statistics of a batch into `statistic`: one entry per signal, in the batch's
-    /// order.
+    /// Computes the statistics of a batch into `statistic`: one entry per signal, in the batch's order.
     pub fn of(&mut self, batch: &AssignedBatch, statistic: &mut Vec<Result<Detection, Reason>>) {
         statistic.clear();
-        statistic.reserve(batch.read.batch.acquisitions.iter().map(Acquisition::rows).sum());
+        statistic.reserve(batch.read.batch.rows());
         let mut bursts = Vec::with_capacity(batch.judges.len());
 
         // fill in a placeholder for each signal, or the reason for which it has no statistic
         for (signals, acquisition, of) in batch.placed() {
             let fill = match (acquisition, &of.judge) {
                 (Acquisition::Usable(burst), Ok(judge)) => {
-                    bursts.push(PlacedBurst {
-                        judge,
-                        key: judge.key(),
-                        first: signals.start,
-                        burst,
-                    });
+                    let (key, first) = (judge.key(), signals.start);
+                    bursts.push(PlacedBurst { judge, key, first, burst });
                     Ok(Detection { ring: f64::NAN, unexplained: f64::NAN })
                 }
                 (_, Err(reason)) => Err(*reason),
@@ -106,16 +96,14 @@ impl Statistics {
             statistic.resize(signals.end, fill);
         }
 
-        // one judge after the other, so that the lanes are full even if short
-        // bursts of several judges alternate
+        // one judge after the other, so that lanes are full even if short bursts of several judges alternate
         bursts.sort_by_key(|of| (of.key, of.first));
         for of_judge in bursts.chunk_by(|p, q| p.key == q.key) {
             self.of_judge(of_judge[0].judge, of_judge, statistic);
         }
     }
 
-    /// Computes the statistics of all bursts of one judge, and writes them to their places in
-    /// `statistic`.
+    /// Computes the statistics of all bursts of one judge, and writes them to their places.
     fn of_judge(
         &mut self,
         judge: &Judge,
@@ -129,7 +117,7 @@ impl Statistics {
             let rows = 0..burst.channels as usize;
             let lanes = judge.lanes.as_ref();
             match lanes.filter(|of| of.samples() == burst.samples_per_channel as usize) {
-                // no lanes, or none for signals of this length: the reference computes them
+                // no lanes, or none for signals of this length
                 None => unsettled.extend(rows.map(waiting)),
                 Some(Lanes::Sensitivity(lanes)) => {
                     self.along(judge, lanes, (burst, waiting), statistic, &mut unsettled);
@@ -156,12 +144,10 @@ impl Statistics {
         self.look_again(judge, unsettled, statistic);
     }
 
-    /// Computes in f64 the statistics that the lanes did not settle. With the method `sensitivity`
-    /// there are up to three steps, each for those signals for which the one before asks for more:
-    /// the first look, to first order; a fit with the phase held, for the distance along the ring;
-    /// a fit with the phase free, for the misfit beside the ring. Fits of many signals run side by
-    /// side (`fit_all`), which is why this is not simply [`Statistics::reference`] signal by
-    /// signal; the results are the same.
+    /// Computes in f64 the statistics that the lanes did not settle. With the method `sensitivity` there are
+    /// up to three steps, each for those signals for which the one before asks for more: the first look, to
+    /// first order; a fit with the phase held, for the distance along the ring; a fit with the phase free, for
+    /// the misfit beside the ring. Fits of many signals run side by side (`fit_all`).
     fn look_again(
         &mut self,
         judge: &Judge,
@@ -170,18 +156,19 @@ impl Statistics {
     ) {
         let Some(detector) = judge.detector() else {
             for WaitingSignal { at, burst, row } in unsettled {
-                statistic[at] = self.reference(judge, burst, row);
+                let deviation = self.deviations.of_usable(judge, burst, row, self.rails);
+                statistic[at] = deviation.and_then(|deviation| {
+                    finite(judge.detect(deviation, judge.drive(burst), &mut self.work))
+                });
             }
             return;
         };
 
-        // First look. Its statistic is written at once; `unsettled` keeps only the signals for
-        // which it asks for a fit, with their looks beside them.
+        // First look. `unsettled` keeps only the signals for which it asks for a fit, beside their looks.
         let mut looks = Vec::new();
         unsettled.retain(|&WaitingSignal { at, burst, row }| {
-            let look = self
-                .deviation(judge, burst, row)
-                .map(|deviation| detector.first_look(deviation, judge.drive(burst)));
+            let deviation = self.deviations.of_usable(judge, burst, row, self.rails);
+            let look = deviation.map(|y| detector.first_look(y, judge.drive(burst)));
             statistic[at] = look.and_then(|look| finite(look.detection()));
             let asks = look.ok().filter(|look| look.asks().is_some());
             looks.extend(asks);
@@ -196,8 +183,8 @@ impl Statistics {
             judge.at_reference(y, judge.drive(burst), judge.warmer(burst));
         };
 
-        // Second look, with the phase held: the fit decides, or the look also asks for the misfit.
-        // `beside`: the signals for which it does (indices in `unsettled`), with their fits so far.
+        // Second look, with the phase held: the fit decides, or the look also asks for the misfit. `beside`:
+        // the signals for which it does (indices in `unsettled`), with their fits so far.
         let mut next = unsettled.iter().zip(&looks);
         let mut beside: Vec<(usize, Option<Fit>)> = Vec::new();
         detector.fitter().fit_all(
@@ -218,8 +205,7 @@ impl Statistics {
             },
         );
 
-        // For the misfit, what a signal holds beside its ring, the phase must be free: a second
-        // fit, which starts from the first one.
+        // for the misfit beside the ring the phase must be free: a second fit, which starts from the first
         let mut next = beside.iter();
         detector.fitter().fit_all(
             true,
@@ -244,9 +230,8 @@ impl Statistics {
         self.products = products;
     }
 
-    /// Judges a burst's signals by their distance along the sensitivities, as many at a time as
-    /// there are lanes, straight from the burst's samples. `waiting`: makes of a row the signal
-    /// that waits for the reference.
+    /// Judges a burst's signals by their distance along the sensitivities, straight from the burst's samples.
+    /// `waiting`: makes of a row the signal that waits for f64.
     fn along<'a>(
         &mut self,
         judge: &Judge,
@@ -282,11 +267,9 @@ impl Statistics {
         self.tile.empty();
     }
 
-    /// Features of a burst's signals (ln amplitude, ln damping, ln frequency, phase, from the
-    /// judge's ring) to second order, row by row, with `detect.method` = `sensitivity`; empty with
-    /// another method. They are computed for many signals at once in f32, and one by one in f64
-    /// where that cannot be done or overflows. For a signal that cannot be judged the values mean
-    /// nothing.
+    /// Features of a burst's signals (ln amplitude, ln damping, ln frequency, phase, from the judge's ring) to
+    /// second order, row by row, with `detect.method` = `sensitivity`; empty with another method. For a signal
+    /// that cannot be judged the values mean nothing.
     pub fn features(&mut self, judge: &Judge, burst: &Burst, features: &mut Vec<Vector4<f64>>) {
         features.clear();
         let Some(detector) = judge.detector() else { return };
@@ -315,55 +298,30 @@ impl Statistics {
             if features.iter().all(|x| x.is_finite()) {
                 continue;
             }
-            *features = match self.deviation(judge, burst, row) {
+            *features = match self.deviations.of_usable(judge, burst, row, self.rails) {
                 Ok(deviation) => detector.own_features(deviation, drive),
                 Err(_) => Vector4::zeros(),
             };
         }
     }
 
-    /// The squared distance of a signal from its channel's own level, by a fit. `metric`: the
-    /// inverse covariance; `features`: where the fit starts; `baseline`: the level. `None`: the
-    /// signal is no ring, or cannot be judged.
+    /// The squared distance of a signal from its channel's own level, by a fit. `metric`: the inverse
+    /// covariance; `features`: where the fit starts. `None`: the signal is no ring, or cannot be judged.
     pub fn own_distance(
         &mut self,
         (judge, burst, row): (&Judge, &Burst, usize),
         metric: &Matrix3<f64>,
         (features, baseline): (&Vector4<f64>, &OwnBaseline),
     ) -> Option<f64> {
-        self.deviation(judge, burst, row).ok()?;
-        let (drive, signal) = (judge.drive(burst), &self.deviations.signal);
-        let own = &mut self.own;
-        judge.detector()?.own_distance(metric, (features, baseline), (signal, drive), own)
-    }
-
-    /// The reference: the statistics of the signal in a row of a burst, in f64, after the checks of
-    /// the signal. Every verdict agrees with the reference's. An error: the signal cannot be
-    /// judged.
-    pub fn reference(
-        &mut self,
-        judge: &Judge,
-        burst: &Burst,
-        row: usize,
-    ) -> Result<Detection, Reason> {
-        self.deviation(judge, burst, row)?;
-        let signal = &self.deviations.signal;
-        finite(judge.detect(signal, judge.drive(burst), &mut self.work))
-    }
-
-    /// A signal's deviation from what is expected of it, N, counts; an error if the signal cannot
-    /// be judged, because it is saturated or has samples that are not finite.
-    fn deviation(&mut self, judge: &Judge, burst: &Burst, row: usize) -> Result<&[f64], Reason> {
-        match unusable_signal(self.deviations.copy(burst, row), self.rails) {
-            Some(reason) => Err(reason),
-            None => Ok(self.deviations.deviate(judge, burst, row)),
-        }
+        let deviation = self.deviations.of_usable(judge, burst, row, self.rails).ok()?;
+        let signal = (deviation, judge.drive(burst));
+        judge.detector()?.own_distance(metric, (features, baseline), signal, &mut self.own)
     }
 }
 
 impl LastCondition {
-    /// The condition at a burst's drive and temperature: the last one if it is the same, else a new
-    /// one, whose expected signal in f32 takes time to make.
+    /// The condition at a burst's drive and temperature; a new one, whose expected signal takes time to make,
+    /// only if that differs from the last one's.
     fn of(
         &mut self,
         judge: &Judge,
@@ -385,7 +343,7 @@ impl LastCondition {
     }
 }
 
-/// Takes the statistics of the lanes that are settled; the other signals wait for the reference.
+/// Takes the statistics of the lanes that are settled; the other signals wait for f64.
 fn settle<'a>(
     judged: &LaneStatistics,
     signals: impl Iterator<Item = WaitingSignal<'a>>,
@@ -394,19 +352,16 @@ fn settle<'a>(
 ) {
     for (lane, of) in signals.enumerate() {
         match judged.settled[lane] {
-            true => statistic[of.at] = Ok(of_lane(judged, lane)),
+            true => {
+                let (ring, unexplained) = (judged.statistic[lane], judged.unexplained[lane]);
+                statistic[of.at] = Ok(Detection { ring, unexplained });
+            }
             false => unsettled.push(of),
         }
     }
 }
 
-/// The statistics of one lane.
-fn of_lane(of: &LaneStatistics, lane: usize) -> Detection {
-    Detection { ring: of.statistic[lane], unexplained: of.unexplained[lane] }
-}
-
-/// Rejects a first statistic that is not finite, as absurd covariates give: no threshold may call
-/// that healthy.
+/// Rejects a first statistic that is not finite, as absurd covariates give: that is not healthy.
 fn finite(found: Detection) -> Result<Detection, Reason> {
     if found.ring.is_finite() { Ok(found) } else { Err(Reason::NonFinite) }
 }
@@ -449,10 +404,9 @@ mod tests {
             let mut statistics = Statistics::new([-1e39, 1e39]);
             let mut features = Vec::new();
             statistics.features(&judge, &burst, &mut features);
-            statistics.deviation(&judge, &burst, 1).unwrap();
-            let drive = judge.drive(&burst);
-            let deviation = &statistics.deviations.signal;
-            let want = judge.detector().unwrap().own_features(deviation, drive);
+            let rails = statistics.rails;
+            let deviation = statistics.deviations.of_usable(&judge, &burst, 1, rails).unwrap();
+            let want = judge.detector().unwrap().own_features(deviation, judge.drive(&burst));
             assert!(want.iter().any(|x| x.abs() > f64::from(f32::MAX)), "f32 would do: {want}");
             assert_eq!(features[1], want);
         }

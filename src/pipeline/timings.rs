@@ -1,21 +1,20 @@
-//! Measures where the time of a recording goes, for `--timings` and the summary: by phase, one
-//! after another ([`Phases`]); and within the phase `stages`, for each stage, how long its workers
-//! worked, waited for input (*starved*), and waited for room behind them (*blocked*) ([`Timings`]).
-//! The stage that waits for neither is the bottleneck.
+//! Measures where the time of a recording goes, for `--timings` and the summary: by phase, one after another
+//! ([`Phases`]); and for each stage, how long its workers worked, waited for input (*starved*), and waited for
+//! room behind them (*blocked*) ([`Timings`]). The stage that waits for neither is the bottleneck.
 //!
-//! Each worker has a [`Clock`], through which it receives and sends; the clock adds its sums to
-//! those of the stage when the worker ends.
+//! Each worker has a [`Clock`], through which it receives and sends, and which adds its sums to those of the
+//! stage when the worker ends.
 
+use super::locked;
 use crossbeam_channel::{Receiver, Sender};
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 /// The duration of a phase; a recording's phases come one after the other.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct PhaseTiming {
-    /// `open`, `survey` and `windows` (the two passes that learn models), `stages`, `given up`
-    /// (stages that had to begin anew), `wait` (until a recording that is followed was closed),
-    /// `finish`.
+    /// `open`, `survey` and `windows` (the two passes that learn models), `stages`, `given up` (stages that
+    /// had to begin anew), `wait` (until a recording that is followed was closed), `finish`.
     pub phase: &'static str,
     pub seconds: f64,
 }
@@ -65,12 +64,11 @@ impl Phases {
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct StageTiming {
     pub stage: &'static str,
-    /// Number of its workers, and of the batches that they took; the reader's batches are those
-    /// that it made.
+    /// Number of its workers, and of the batches that they took, or made in the reader.
     pub workers: usize,
     pub batches: u64,
-    /// Time spent working, waiting for input, and waiting for room behind; s, summed over workers. On a
-    /// machine that has other work, the time of work includes waiting for a processor.
+    /// Time spent working (or waiting for a processor), waiting for input, and waiting for room behind; s,
+    /// summed over workers.
     pub busy_s: f64,
     pub starved_s: f64,
     pub blocked_s: f64,
@@ -85,7 +83,7 @@ pub struct Timings(Mutex<Vec<StageTiming>>);
 impl Timings {
     /// Announces a stage; stages are listed in the order in which they were announced.
     pub fn expect(&self, stage: &'static str) {
-        self.lock().push(StageTiming { stage, ..StageTiming::default() });
+        locked(&self.0).push(StageTiming { stage, ..StageTiming::default() });
     }
 
     /// A clock for one worker of a stage.
@@ -96,15 +94,11 @@ impl Timings {
 
     /// The timings of the stages, with the average fill of their queues.
     pub fn stages(&self) -> Vec<StageTiming> {
-        let mut stages = self.lock().clone();
+        let mut stages = locked(&self.0).clone();
         for s in &mut stages {
             s.queue_fill /= s.batches.max(1) as f64;
         }
         stages
-    }
-
-    fn lock(&self) -> std::sync::MutexGuard<'_, Vec<StageTiming>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -153,7 +147,7 @@ impl Drop for Clock<'_> {
     fn drop(&mut self) {
         let StageTiming { stage, workers, batches, starved_s, blocked_s, queue_fill, .. } = self.of;
         let busy_s = (self.started.elapsed().as_secs_f64() - starved_s - blocked_s).max(0.0);
-        let mut stages = self.timings.lock();
+        let mut stages = locked(&self.timings.0);
         if let Some(s) = stages.iter_mut().find(|s| s.stage == stage) {
             s.workers += workers;
             s.batches += batches;

@@ -1,21 +1,18 @@
-//! Runs the six stages side by side: starts their threads, connects them by bounded queues, and
-//! gathers their results.
+//! Runs the six stages side by side: starts their threads, connects them by bounded queues, and gathers their
+//! results.
 //!
-//! In: a run ([`Run`]) and the models, learned before or to be learned on the way ([`Models`]),
-//! from `replay`. Out: [`StageResults`], from which `finish` makes the report and completes the
-//! files.
+//! In: a run ([`Run`]) and the models, learned before or to be learned on the way ([`Models`]), from `replay`.
+//! Out: [`StageResults`], from which `finish` makes the report and completes the files.
 //!
-//! What ends the threads: the reader at the end of the recording, each other stage when the stage
-//! before it is gone. If a stage fails, its ends of the queues are dropped, so that the stages
-//! before it cannot send and end, and the stages behind it get no more and end. Of several
-//! errors the writer's own is returned, else that of the first stage.
+//! The reader ends at the end of the recording, each other stage when the stage before it is gone. If a stage
+//! fails, its ends of the queues are dropped, so that the stages before and behind it end, too.
 
 use super::PipelineError;
 use super::batches::{BufferPools, JudgedBatch};
 use super::episodes::{EpisodeReport, EpisodeTap};
 use super::head_movement::HeadMovement;
 use super::heads::Heads;
-use super::in_flight::{InFlight, ParkedBatches};
+use super::in_flight::InFlight;
 use super::job::Run;
 use super::models::Models;
 use super::rotation::PartWriter;
@@ -68,14 +65,13 @@ pub struct StageResults<'a> {
 }
 
 impl Run<'_> {
-    /// Creates the tables that the writer appends to: verdicts and episodes, in files or in memory.
-    /// `classes`: names of the fault classes.
+    /// Creates the tables that the writer appends to. `classes`: names of the fault classes.
     fn tables(&self, classes: &[String]) -> Result<Tables<'_>, PipelineError> {
         let output = &self.replay.settings.output;
         let timestamp_unit = output.timestamps;
-        let label = &self.recording.label;
         let of_episodes = self.verdicts.map(|verdicts| {
-            EpisodeWriter::create(&episode_table::path_beside(verdicts), timestamp_unit, label)
+            let path = episode_table::path_beside(verdicts);
+            EpisodeWriter::create(&path, timestamp_unit, &self.recording.label)
         });
         let episodes = EpisodeTap::create(self.replay, self.watch, of_episodes.transpose()?)?;
         let options = TableOptions {
@@ -106,15 +102,13 @@ impl Run<'_> {
     fn workers(&self) -> [usize; 3] {
         let Run { replay, recording, .. } = *self;
         let stages = &replay.settings.replay;
-        // One reader takes blocks one after another where a block may define channels of later ones, and
-        // where bursts are handed on at a pace.
+        // blocks may define channels of later ones, and a pace is that of one reader
         let one_reader = self.paced().is_some() || !recording.channels_known_upfront;
         let readers = if one_reader { 1 } else { replay.workers(stages.readers) };
         [readers, replay.workers(stages.filters), replay.workers(stages.isolators)]
     }
 
     /// Connects the six stages, runs them, and waits for all of them. The writer runs on the caller's thread.
-    /// `models`: gives each burst its model.
     pub fn through_stages<'m>(
         &self,
         models: Models<'m>,
@@ -125,24 +119,21 @@ impl Run<'_> {
         // 1. what the writer and the identify stage work with
         let classes = replay.classes();
         let mut tables = self.tables(&classes)?;
-
         let mut tally = Tally::new(classes);
-        // Printheads are followed where channels are judged about a common level;
-        // own levels need that in any case.
+        // own levels rest on a head's common level
         let is_followed = replay.baselines.is_some() || settings.identify.common_change;
         let following = is_followed.then(|| Heads::new(replay));
         let temperatures = TemperatureCheck::default();
         let mut deciding = JudgeAssignment { models, temperatures, following };
         let [readers, filters, isolators] = self.workers();
 
-        // 2. what the stages share. There are enough blocks in flight that every worker of a
-        // parallel stage has one at work and one waiting.
+        // 2. what the stages share
         let in_flight =
             InFlight::new(BLOCKS_PER_WORKER * (readers + filters + isolators), MOST_BYTES);
         let queue = BlockQueue::new(recording, &in_flight, control);
         let (timings, pools) = (Timings::default(), BufferPools::default());
+        // listed in this order
         let names = ["reader", "identify", "filter", "gate", "isolate", "writer"];
-        // announced in this order, in which the timings are listed
         names.iter().for_each(|stage| timings.expect(stage));
         control.bytes_read.store(0, Ordering::Relaxed);
         control.set_abandoned(false);
@@ -167,8 +158,7 @@ impl Run<'_> {
             drop(to_identify);
             let rails = settings.input.rails;
             running.start("identify", move |clock| {
-                let parked = ParkedBatches::new(in_flight);
-                stages::identify(deciding, parked, clock, from_reader, to_filter)
+                stages::identify(deciding, in_flight, clock, from_reader, to_filter)
             });
             for _ in 0..filters {
                 let (input, out) = (from_identify.clone(), to_gate.clone());
@@ -196,8 +186,7 @@ impl Run<'_> {
             };
             let clock = timings.clock("writer");
             let written = stages::write(clock, from_isolate, in_flight, pools, control, put);
-            // A reader that waits for room in flight, or for more to be written, must not
-            // wait for a writer that is gone.
+            // a reader that waits for room or for more to be written must not wait for a writer that is gone
             control.set_abandoned(true);
             in_flight.close();
             running.joined(written)
@@ -208,7 +197,7 @@ impl Run<'_> {
         let Tables { episodes, table, .. } = tables;
         let JudgeAssignment { models, mut temperatures, following } = deciding;
         let (schedule, episodes) = (models.into_schedule(), episodes.finish()?);
-        // followed printheads need no warning about temperature: it is part of their level
+        // what temperature does to followed printheads is part of their level
         temperatures.forget(following.iter().flat_map(Heads::followed));
 
         Ok(StageResults {
@@ -263,8 +252,8 @@ struct Tables<'a> {
 }
 
 impl Tables<'_> {
-    /// Appends a batch to all tables. Episodes come first: they take what isolation says of flagged
-    /// signals out of the batch, which the tables do not need.
+    /// Appends a batch to all tables. Episodes come first: they take what isolation says of flagged signals
+    /// out of the batch.
     fn write(&mut self, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
         if judged.verdicts.is_empty() {
             return Ok(());
@@ -301,13 +290,11 @@ impl<'scope> RunningStages<'scope, '_> {
 
     /// Waits for all threads. Of several errors the writer's own is returned, else that of the first stage.
     fn joined(self, written: Result<(), PipelineError>) -> Result<(), PipelineError> {
-        let mut outcome = written;
-        for (stage, handle) in self.stages {
-            let ended = handle.join().unwrap_or(Err(PipelineError::Panicked(stage)));
-            if outcome.is_ok() {
-                outcome = ended;
-            }
-        }
-        outcome
+        let ended = self
+            .stages
+            .into_iter()
+            .map(|(stage, handle)| handle.join().unwrap_or(Err(PipelineError::Panicked(stage))));
+        let ended: Vec<Result<(), PipelineError>> = ended.collect();
+        written.and(ended.into_iter().collect())
     }
 }
