@@ -42,7 +42,7 @@ impl Run<'_> {
         // 1. the recording and what the stages left
         let finishing = Instant::now();
         let Run { replay, recording, verdicts, control, .. } = *self;
-        let paced = self.paced().map(|_| locked(self.pacer).kept);
+        let paced = self.pacer.map(|pacer| locked(pacer).kept);
 
         // a recording that was followed is opened again as a whole
         let dialects = replay.settings.input.dialects();

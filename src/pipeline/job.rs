@@ -3,7 +3,7 @@
 
 use super::Control;
 use super::pacer::Pacer;
-use crate::settings::{Pace, Settings};
+use crate::settings::Settings;
 use inkling_core::design::Design;
 use inkling_core::episodes::Episode;
 use inkling_core::fault::Class;
@@ -68,15 +68,8 @@ pub struct Run<'a> {
     pub control: &'a Control,
     /// Who is told while the recording is judged; `None`: nobody.
     pub watch: Option<&'a Watch<'a>>,
-    /// Decides when bursts are handed on. It is kept over several passes through the recording.
-    pub pacer: &'a Mutex<Pacer>,
-}
-
-impl<'a> Run<'a> {
-    /// The pacer, if bursts are to be handed on at a pace.
-    pub fn paced(&self) -> Option<&'a Mutex<Pacer>> {
-        (self.replay.settings.replay.pace != Pace::Max).then_some(self.pacer)
-    }
+    /// Decides when bursts are handed on, over several passes through the recording; `None`: at once.
+    pub pacer: Option<&'a Mutex<Pacer>>,
 }
 
 /// Functions that are called while a recording that is still being written is judged.

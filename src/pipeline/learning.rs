@@ -21,7 +21,8 @@
 
 use super::PipelineError;
 use super::groups::{ByGroup, GroupKey};
-use super::learner::{Learner, Window};
+use super::job::Replay;
+use super::learner::Window;
 use super::placing::Placing;
 use super::progress::{Entry, Progress};
 use super::schedule::{Refusal, Schedule, Timeline};
@@ -47,7 +48,7 @@ const WAITING_BYTES: usize = 16 << 20;
 #[derive(Debug)]
 pub struct Learning<'a> {
     /// What models are learned with: settings, design and labels.
-    pub(super) learner: &'a Learner<'a>,
+    pub(super) replay: &'a Replay,
     /// The reorder time, ns: a burst may be earlier by that much than bursts that came before it.
     reorder_ns: i64,
     /// Number of threads that learn printheads, or read on ahead, side by side.
@@ -113,13 +114,13 @@ fn out_of_order(of: &GroupKey) -> PipelineError {
 impl<'a> Learning<'a> {
     /// `schedule`: holds the design's models, and gets those that are learned.
     pub fn new(
-        learner: &'a Learner<'a>,
+        replay: &'a Replay,
         schedule: Schedule<'a>,
         reorder_ns: i64,
         workers: usize,
     ) -> Learning<'a> {
         Learning {
-            learner,
+            replay,
             reorder_ns,
             workers,
             schedule,
@@ -152,7 +153,7 @@ impl<'a> Learning<'a> {
         if t_ns < group.settled_ns {
             return Err(out_of_order(&group.key));
         }
-        if group.progress.is_over(self.learner) {
+        if group.progress.is_over(self.replay) {
             return Ok(()); // no later window changes who judges it
         }
         // once a burst of the time `sure_ns` came, none may come any more that is earlier than this one
@@ -208,7 +209,7 @@ impl<'a> Learning<'a> {
                 if !(self.over || self.is_known(group, burst.t_acq_ns)) {
                     return Ok(None);
                 }
-                (group.timeline.at(burst.t_acq_ns), self.learner.nobody())
+                (group.timeline.at(burst.t_acq_ns), self.replay.nobody())
             }
         };
         match model {
@@ -222,21 +223,22 @@ impl<'a> Learning<'a> {
     /// judges everything before.
     fn is_known(&self, group: &LearnedGroup, t_ns: i64) -> bool {
         let ends_before = |open: &OpenWindow| open.window.to_ns <= t_ns;
-        let first_ns = self.learner.first_ns();
+        let first_ns = self.replay.first_ns();
         // a waiting burst may begin a window, and that window may end by `t_ns`
         let waits = group.waiting_from_ns.saturating_add(first_ns) <= t_ns;
         !group.timeline.is_empty()
-            && (self.learner.knows_by_design() || !(waits || group.open.iter().any(ends_before)))
+            && (self.replay.knows_by_design() || !(waits || group.open.iter().any(ends_before)))
     }
 
     /// Index of a burst's group, which is added if it is new; `None`: the group needs no windows.
     pub(super) fn number_of(&mut self, burst: &Burst) -> Option<usize> {
-        let Learning { numbers, groups, learner, due_ns, reorder_ns, .. } = self;
+        let Learning { numbers, groups, replay, schedule, due_ns, reorder_ns, .. } = self;
         numbers.of(burst, |key| {
-            let needs = learner.needs_windows(key, burst.sample_period_s);
+            let needs = replay.needs_windows(key, burst.sample_period_s);
             let number = groups.len();
             needs.then(|| {
-                let group = LearnedGroup::meet(key, burst.sample_period_s, number, learner);
+                let group =
+                    LearnedGroup::meet(key, burst.sample_period_s, number, replay, schedule);
                 // windows that the settings give are open from the start
                 if let Some(first) = group.open.iter().map(|open| open.window.to_ns).min() {
                     *due_ns = (*due_ns).min(first.saturating_add(*reorder_ns));
@@ -249,7 +251,7 @@ impl<'a> Learning<'a> {
 
     /// Learns from a burst in its turn: places the windows that begin up to it, and samples its signals.
     fn learn(&mut self, number: usize, burst: &Burst) -> Result<(), PipelineError> {
-        let (learner, t_ns) = (self.learner, burst.t_acq_ns);
+        let (replay, t_ns) = (self.replay, burst.t_acq_ns);
         let group = &mut self.groups[number];
         if let Some(mut placing) = group.placing.take() {
             // windows begin anew here: an earlier burst that comes now would have begun them elsewhere
@@ -257,7 +259,7 @@ impl<'a> Learning<'a> {
                 group.settled_ns = group.settled_ns.max(t_ns);
             }
             let reached = placing.reach(t_ns, |from_ns, to_ns| {
-                group.open(learner, Window { group: number, from_ns, to_ns });
+                group.open(replay, Window { group: number, from_ns, to_ns });
                 self.due_ns = self.due_ns.min(to_ns.saturating_add(self.reorder_ns));
             });
             group.placing = Some(placing);
@@ -279,7 +281,7 @@ impl<'a> Learning<'a> {
             if (open.window.from_ns..open.window.to_ns).contains(&burst.t_acq_ns) {
                 let before = open.reservoir.bytes();
                 open.bursts += 1;
-                self.learner.offer(burst, &mut open.reservoir);
+                self.replay.offer(burst, &mut open.reservoir);
                 self.held += open.reservoir.bytes() - before;
             }
         }
@@ -341,9 +343,9 @@ impl<'a> Learning<'a> {
                 of_groups.push((group, windows));
             }
         }
-        let learner = self.learner;
+        let replay = self.replay;
         let learned = side_by_side(self.workers, of_groups, |(group, windows)| {
-            let close = |open| group.close(learner, open);
+            let close = |open| group.close(replay, open);
             windows.into_iter().filter_map(close).collect::<Vec<_>>()
         });
         learned.into_iter().flatten().collect()
@@ -381,13 +383,14 @@ impl LearnedGroup {
         key: &GroupKey,
         sample_period_s: f64,
         number: usize,
-        learner: &Learner,
+        replay: &Replay,
+        schedule: &Schedule,
     ) -> LearnedGroup {
-        let spans = &learner.replay.spans;
-        let placing = || Placing::new(learner.first_ns(), learner.every_ns());
+        let spans = &replay.spans;
+        let placing = || Placing::new(replay.first_ns(), replay.every_ns());
         let mut group = LearnedGroup {
             key: key.clone(),
-            progress: Progress::start(learner, key, sample_period_s),
+            progress: Progress::start(schedule, key, sample_period_s),
             placing: spans.is_empty().then(placing),
             waiting: Vec::new(),
             waiting_bytes: 0,
@@ -397,7 +400,7 @@ impl LearnedGroup {
             timeline: Timeline::default(),
         };
         for &(from_ns, to_ns) in spans {
-            group.open(learner, Window { group: number, from_ns, to_ns });
+            group.open(replay, Window { group: number, from_ns, to_ns });
         }
         group
     }
@@ -416,20 +419,20 @@ impl LearnedGroup {
     }
 
     /// Begins to collect signals for a window.
-    pub fn open(&mut self, learner: &Learner, window: Window) {
+    pub fn open(&mut self, replay: &Replay, window: Window) {
         let samples = self.key.samples as usize;
-        let reservoir = Reservoir::new(samples, learner.most_signals(samples));
+        let reservoir = Reservoir::new(samples, replay.most_signals(samples));
         self.open.push(OpenWindow { window, bursts: 0, reservoir });
     }
 
     /// Learns from a window that is over. `None`: it adds nothing to the timeline.
-    fn close(&mut self, learner: &Learner, open: OpenWindow) -> Option<(Window, Entry)> {
+    fn close(&mut self, replay: &Replay, open: OpenWindow) -> Option<(Window, Entry)> {
         let OpenWindow { window, bursts, reservoir } = open;
         self.settled_ns = self.settled_ns.max(window.to_ns);
-        if bursts == 0 && learner.replay.spans.is_empty() {
+        if bursts == 0 && replay.spans.is_empty() {
             return None; // nothing was printed then: nothing to learn, nothing to judge by it
         }
-        Some((window, self.progress.take(learner, &self.key, window, &reservoir)?))
+        Some((window, self.progress.take(replay, &self.key, window, &reservoir)?))
     }
 
     /// When to settle next, before the reorder time is added: the first end of a window, or a waiting burst.

@@ -12,8 +12,9 @@
 //! design's pooled model, once a window has agreed with it.
 
 use super::groups::GroupKey;
-use super::learner::{Learner, Window};
-use super::schedule::Refusal;
+use super::job::Replay;
+use super::learner::Window;
+use super::schedule::{Refusal, Schedule};
 use inkling_core::design::{HealthyModel, LearnSettings};
 use inkling_core::identify::reservoir::Reservoir;
 use std::sync::Arc;
@@ -87,15 +88,12 @@ pub struct Progress {
 
 impl Progress {
     /// The progress of a group before its first window.
-    pub fn start(learner: &Learner, key: &GroupKey, sample_period_s: f64) -> Progress {
-        let own = learner.replay.design.as_ref().and_then(|d| d.model_of(&key.printhead));
-        let known = own.is_some();
-        let own = own.map(|own| Arc::new(own.clone()));
+    pub fn start(schedule: &Schedule, key: &GroupKey, sample_period_s: f64) -> Progress {
         Progress {
-            known,
+            known: schedule.model_of(&key.printhead).is_some(),
             sample_period_s,
-            reference: own.or_else(|| learner.pooled.clone()),
-            reference_v: learner.replay.design.as_ref().and_then(|d| d.drive_voltage_v),
+            reference: schedule.reference_of(&key.printhead),
+            reference_v: schedule.design.and_then(|design| design.drive_voltage_v),
             seen: 0,
             accepted: 0,
             refusals: Vec::new(),
@@ -103,37 +101,37 @@ impl Progress {
     }
 
     /// Whether no further window can change what judges the group: the design, with which a window agreed.
-    pub fn is_over(&self, learner: &Learner) -> bool {
-        learner.knows_by_design() && self.accepted > 0
+    pub fn is_over(&self, replay: &Replay) -> bool {
+        replay.knows_by_design() && self.accepted > 0
     }
 
     /// Learns from the next window of the group `key`. `None`: the timeline stays as it is. `reservoir`: the
     /// window's sample.
     pub fn take(
         &mut self,
-        learner: &Learner,
+        replay: &Replay,
         key: &GroupKey,
         window: Window,
         reservoir: &Reservoir,
     ) -> Option<Entry> {
-        if self.is_over(learner) {
+        if self.is_over(replay) {
             return None;
         }
         self.seen += 1;
-        let model = match self.model(learner, key, reservoir) {
+        let model = match self.model(replay, key, reservoir) {
             Ok(model) => Arc::new(HealthyModel { valid_from_ns: Some(window.to_ns), ..model }),
             // refused: the model before stays; at the first window that may be the design's
             Err((why, drifted)) => {
                 let (from_ns, to_ns) = (window.from_ns, window.to_ns);
                 let printhead = key.printhead.to_string();
                 self.refusals.push(Refusal { printhead, from_ns, to_ns, why, drifted });
-                let by_windows = !learner.knows_by_design();
+                let by_windows = !replay.knows_by_design();
                 return (self.seen == 1 && self.known && by_windows).then_some(Entry::Known);
             }
         };
         self.accepted += 1;
         let reference = self.reference.get_or_insert_with(|| model.clone());
-        let (from_ns, model) = match learner.knows_by_design() {
+        let (from_ns, model) = match replay.knows_by_design() {
             // the design does not know the printhead: its pooled model judges, as a window agrees with it
             true => (i64::MIN, reference.clone()),
             false => (window.to_ns, model),
@@ -145,14 +143,14 @@ impl Progress {
     /// signals, has drifted beyond the bounds, or is of another amplitude or noise.
     fn model(
         &mut self,
-        learner: &Learner,
+        replay: &Replay,
         key: &GroupKey,
         reservoir: &Reservoir,
     ) -> Result<HealthyModel, NoModel> {
-        let identify = &learner.replay.settings.identify;
+        let identify = &replay.settings.identify;
 
         // without a design the first window's mean voltage is the one to which drives are relative
-        if learner.replay.design.is_none() && self.reference_v.is_none() {
+        if replay.design.is_none() && self.reference_v.is_none() {
             let (sum, n) = reservoir.voltage_sum();
             self.reference_v = (n > 0).then(|| sum / n as f64);
         }
@@ -161,15 +159,15 @@ impl Progress {
         let set = reservoir.to_set(self.reference_v);
         let settings = LearnSettings {
             grey_box: &identify.grey_box,
-            detect: &learner.replay.settings.detect,
-            least_agreeing: learner.replay.labels.is_none().then_some(identify.least_agreeing),
+            detect: &replay.settings.detect,
+            least_agreeing: replay.labels.is_none().then_some(identify.least_agreeing),
             sample_period_s: self.sample_period_s,
-            filter: learner.replay.design.as_ref().and_then(|design| design.filter.as_ref()),
+            filter: replay.design.as_ref().and_then(|design| design.filter.as_ref()),
         };
         let printhead = Some(&*key.printhead);
         let model = HealthyModel::learn(&set, printhead, self.reference.as_deref(), settings)
-            .map_err(|e| (e.advice(learner.replay.labels.is_some()), false))?;
-        if learner.replay.labels.is_none() {
+            .map_err(|e| (e.advice(replay.labels.is_some()), false))?;
+        if replay.labels.is_none() {
             agree_with(&model).map_err(|why| (why, false))?;
         }
 
@@ -195,8 +193,7 @@ impl Progress {
 
             // how far healthy signals typically lie from their model, relative to what its metric predicts
             let ratio = model.typical_distance() / reference.typical_distance();
-            if learner.replay.design.is_some() && !(1.0 / MOST_RATIO..=MOST_RATIO).contains(&ratio)
-            {
+            if replay.design.is_some() && !(1.0 / MOST_RATIO..=MOST_RATIO).contains(&ratio) {
                 let why = format!(
                     "healthy signals lie {ratio:.3} times as far from the model as in the \
                      reference: another amplitude or another noise; the last accepted model stays"

@@ -11,7 +11,7 @@
 
 use super::episodes::EpisodeReport;
 use super::job::{EpisodeEvent, Replay, Run, Watch};
-use super::learner::{Identified, Learner};
+use super::learner::Identified;
 use super::learning::{Learning, MOST_REORDER_NS, USUAL_REORDER_NS};
 use super::models::Models;
 use super::pacer::Pacer;
@@ -38,7 +38,9 @@ pub fn replay(
     control: &Control,
 ) -> Result<RecordingReport, PipelineError> {
     let verdicts = Some(verdicts);
-    let pacer = &Mutex::new(Pacer::new(replay.settings.replay.pace));
+    let pace = replay.settings.replay.pace;
+    let pacer = Mutex::new(Pacer::new(pace));
+    let pacer = (pace != Pace::Max).then_some(&pacer);
     let run = Run { replay, recording, verdicts, control, watch: None, pacer };
     run.judge(&mut Phases::new(recording.opening))
 }
@@ -50,8 +52,7 @@ pub fn judge(
     recording: &Recording,
     control: &Control,
 ) -> Result<RecordingReport, PipelineError> {
-    let pacer = &Mutex::new(Pacer::new(Pace::Max));
-    let run = Run { replay, recording, verdicts: None, control, watch: None, pacer };
+    let run = Run { replay, recording, verdicts: None, control, watch: None, pacer: None };
     run.judge(&mut Phases::new(recording.opening))
 }
 
@@ -72,7 +73,7 @@ pub fn follow(
     };
 
     let once = &Watch { episode: &announce, ..*watch };
-    let pacer = &Mutex::new(Pacer::new(Pace::Max)); // the recorder sets it
+    let pacer = None; // the recorder sets the pace
     let run =
         Run { replay, recording, verdicts: Some(verdicts), control, watch: Some(once), pacer };
     let report = followed(run, verdicts)?;
@@ -124,13 +125,12 @@ impl<'a> Run<'a> {
     /// Judges the recording in one pass where its order allows that, else in two, which is an error for a
     /// recording that is still being written.
     pub fn judge(&self, phases: &mut Phases) -> Result<RecordingReport, PipelineError> {
-        let learner = Learner::of(self.replay);
-        let why = match self.why_two_passes(&learner) {
+        let why = match self.why_two_passes() {
             Some(why) => why,
-            None => match self.stream(self.learning(&learner)?, phases) {
+            None => match self.stream(self.learning()?, phases) {
                 // a burst came too late for the windows that were learned, or they hold too much
                 Err(PipelineError::NeedsTwoPasses(why)) => why,
-                done => return self.report(done?, Identified::by(&learner, None), phases),
+                done => return self.report(done?, Identified::by(self.replay, None), phases),
             },
         };
         match self.recording.is_growing() {
@@ -145,31 +145,30 @@ impl<'a> Run<'a> {
         why: String,
         phases: &mut Phases,
     ) -> Result<RecordingReport, PipelineError> {
-        let learner = Learner::of(self.replay);
-        let mut learning = self.learning(&learner)?;
+        let mut learning = self.learning()?;
         learning.learn_before(self.pass(), phases)?;
         let streamed = self.stream(learning, phases)?;
-        self.report(streamed, Identified::by(&learner, Some(why)), phases)
+        self.report(streamed, Identified::by(self.replay, Some(why)), phases)
     }
 
     /// The means to read the recording outside the stages.
-    fn pass(&self) -> Pass<'_> {
+    fn pass(&self) -> Pass<'a> {
         Pass { recording: self.recording, control: self.control }
     }
 
     /// The learning of models, before the first burst, with the design's models in its schedule.
-    fn learning<'l>(&'l self, learner: &'l Learner<'l>) -> Result<Learning<'l>, PipelineError> {
+    fn learning(&self) -> Result<Learning<'a>, PipelineError> {
         // bursts may come as late as the chunk index says, within bounds
         let reorder_ns = self.recording.disorder_ns.unwrap_or_default().max(USUAL_REORDER_NS);
         let reorder_ns = reorder_ns.min(MOST_REORDER_NS) as i64;
         let schedule = Schedule::new(self.replay.design.as_ref(), &self.replay.settings.isolate)?;
-        Ok(Learning::new(learner, schedule, reorder_ns, self.replay.workers(0)))
+        Ok(Learning::new(self.replay, schedule, reorder_ns, self.replay.workers(0)))
     }
 
     /// The reason for which windows cannot be learned while the signals flow, as far as it is known beforehand.
-    fn why_two_passes(&self, learner: &Learner) -> Option<String> {
+    fn why_two_passes(&self) -> Option<String> {
         let disorder_ns = self.recording.disorder_ns.unwrap_or_default();
-        if !learner.knows_by_design() && disorder_ns > MOST_REORDER_NS {
+        if !self.replay.knows_by_design() && disorder_ns > MOST_REORDER_NS {
             let seconds = disorder_ns as f64 / 1e9;
             return Some(format!(
                 "its chunks lie up to {seconds:.1} s out of the order of their times"
@@ -184,15 +183,15 @@ impl<'a> Run<'a> {
     }
 
     /// Sends the recording through the stages. The time of a run that is given up is counted apart.
-    fn stream<'l>(
-        &'l self,
-        learning: Learning<'l>,
+    fn stream(
+        &self,
+        learning: Learning<'a>,
         phases: &mut Phases,
-    ) -> Result<StageResults<'l>, PipelineError> {
+    ) -> Result<StageResults<'a>, PipelineError> {
         let (started, signals) = (Instant::now(), self.control.signals.load(Ordering::Relaxed));
         // the recording is read from its beginning; bursts that were handed on in an
         // earlier pass are not waited for
-        locked(self.pacer).begin();
+        self.pacer.iter().for_each(|pacer| locked(pacer).begin());
         let streamed = self.through_stages(Models::new(learning, self.pass()));
         if streamed.is_err() {
             self.control.signals.store(signals, Ordering::Relaxed); // they are judged again

@@ -72,7 +72,9 @@ struct ScheduledModel {
 /// All models of a run, with those of their judges that bursts ask for.
 #[derive(Debug)]
 pub struct Schedule<'a> {
-    design: Option<&'a Design>,
+    pub(super) design: Option<&'a Design>,
+    /// The design's model of all printheads together.
+    pooled: Option<Arc<HealthyModel>>,
     settings: &'a IsolateSettings,
     /// The number of the design's own model by printhead; used for groups that need no windows.
     by_name: HashMap<Arc<str>, u16>,
@@ -94,6 +96,7 @@ impl<'a> Schedule<'a> {
     ) -> Result<Schedule<'a>, PipelineError> {
         let mut schedule = Schedule {
             design,
+            pooled: design.map(|design| Arc::new(design.pooled.clone())),
             settings,
             by_name: HashMap::new(),
             models: Vec::new(),
@@ -167,6 +170,12 @@ impl<'a> Schedule<'a> {
     /// The number of the design's own model of a printhead, if it has one.
     pub fn model_of(&self, printhead: &str) -> Option<u16> {
         self.by_name.get(printhead).copied()
+    }
+
+    /// The design's own model of a printhead, or else its pooled one; `None`: there is no design.
+    pub fn reference_of(&self, printhead: &str) -> Option<Arc<HealthyModel>> {
+        let own = self.model_of(printhead).map(|number| &self.models[usize::from(number)].model);
+        own.or(self.pooled.as_ref()).cloned()
     }
 
     /// Whether a burst is sampled as the design is; without a design every burst fits.

@@ -11,7 +11,6 @@ use super::batches::{BufferPools, ReadBatch};
 use super::episodes::EpisodeTap;
 use super::in_flight::InFlight;
 use super::job::Replay;
-use super::learner::Learner;
 use super::learning::Learning;
 use super::models::Models;
 use super::replay::replay;
@@ -66,8 +65,7 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
     let unit = TimestampUnit::Ns;
     let table = EpisodeWriter::create(&beside, unit, "r.mcap").unwrap();
     let mut episodes = EpisodeTap::create(run, None, Some(table)).unwrap();
-    let learner = Learner::of(run);
-    let learning = Learning::new(&learner, schedule, 0, 1);
+    let learning = Learning::new(run, schedule, 0, 1);
     let models = Models::new(learning, Pass { recording, control: &control });
     let temperatures = TemperatureCheck::default();
     let mut deciding = JudgeAssignment { models, temperatures, following: None };

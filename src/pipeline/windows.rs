@@ -94,7 +94,7 @@ impl Learning<'_> {
     fn at_a_time(&self) -> usize {
         // samples are held as f32, 4 bytes each
         let samples = self.groups.iter().map(|group| group.key.samples as usize).max().unwrap_or(1);
-        let each = samples * 4 * self.learner.most_signals(samples);
+        let each = samples * 4 * self.replay.most_signals(samples);
         (HELD_BYTES / each.max(1)).max(1)
     }
 
@@ -105,7 +105,7 @@ impl Learning<'_> {
         survey: &Survey,
         pass: Pass,
     ) -> Result<(), PipelineError> {
-        windows.iter().for_each(|window| self.groups[window.group].open(self.learner, *window));
+        windows.iter().for_each(|window| self.groups[window.group].open(self.replay, *window));
         let touches = |(&group, &(from, to)): (&usize, &(i64, i64))| {
             windows.iter().any(|w| w.group == group && from < w.to_ns && to >= w.from_ns)
         };

@@ -103,7 +103,7 @@ impl Run<'_> {
         let Run { replay, recording, .. } = *self;
         let stages = &replay.settings.replay;
         // blocks may define channels of later ones, and a pace is that of one reader
-        let one_reader = self.paced().is_some() || !recording.channels_known_upfront;
+        let one_reader = self.pacer.is_some() || !recording.channels_known_upfront;
         let readers = if one_reader { 1 } else { replay.workers(stages.readers) };
         [readers, replay.workers(stages.filters), replay.workers(stages.isolators)]
     }
@@ -146,7 +146,7 @@ impl Run<'_> {
             let (to_gate, from_filter) = bounded(QUEUE);
             let (to_isolate, from_gate) = bounded(QUEUE);
             let (to_writer, from_isolate) = bounded(QUEUE);
-            let (queue, in_flight, pacer) = (&queue, &in_flight, self.paced());
+            let (queue, in_flight, pacer) = (&queue, &in_flight, self.pacer);
             let (timings, pools, deciding) = (&timings, &pools, &mut deciding);
 
             let mut running = RunningStages { scope, timings, stages: Vec::new() };
