@@ -94,12 +94,15 @@ impl AssignedBatch {
     }
 }
 
-/// A batch whose signals have their detection statistics, or the reasons why they have none.
+/// A signal's detection statistics, or the reason why it has none.
+pub type Detected = Result<Detection, Reason>;
+
+/// A batch whose signals have their detection statistics.
 #[derive(Debug)]
 pub struct FilteredBatch {
     pub assigned: AssignedBatch,
     /// By signal.
-    pub statistic: Vec<Result<Detection, Reason>>,
+    pub statistic: Vec<Detected>,
 }
 
 /// A batch that went through the gate: every signal was tested, and found healthy or not.
@@ -169,7 +172,7 @@ impl<T: Default> BufferPool<T> {
 /// The pools that all stages share.
 #[derive(Debug, Default)]
 pub struct BufferPools {
-    pub statistic: BufferPool<Vec<Result<Detection, Reason>>>,
+    pub statistic: BufferPool<Vec<Detected>>,
     pub tests: BufferPool<Tests>,
     pub rows: BufferPool<VerdictColumns>,
 }

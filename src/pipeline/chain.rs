@@ -10,7 +10,7 @@
 //! undisturbed run. So judging can begin at a place only if the baselines that are there now are those that the
 //! next recording met, or that the last one left.
 
-use super::PipelineError;
+use super::Result;
 use super::groups::{MOST_GROUPS, of_printhead};
 use super::learning::MOST_REORDER_NS;
 use super::visit::Pass;
@@ -54,7 +54,7 @@ fn wanted(links: &[Option<Link>], at: usize) -> Option<&State> {
 /// Times of the earliest usable bursts by printhead, ns. Without `all`, where the chunk index says that the file
 /// is about in the order of its times, only blocks up to the first one that holds a burst are decoded, and some
 /// printheads may be missing.
-pub fn starts(pass: Pass, all: bool) -> Result<BTreeMap<Arc<str>, i64>, PipelineError> {
+pub fn starts(pass: Pass, all: bool) -> Result<BTreeMap<Arc<str>, i64>> {
     // without a chunk index nothing is known of the order, and all blocks are decoded
     let ordered = pass.recording.disorder_ns.is_some_and(|ns| ns <= MOST_REORDER_NS);
     let starts: RefCell<BTreeMap<Arc<str>, i64>> = RefCell::default();

@@ -10,7 +10,7 @@
 //! Both are given one recording after another (`take`), and hand out what they hold at the end (`finish`). The
 //! first burst with a signal that labels do not leave out decides the sampling; others are only counted.
 
-use super::PipelineError;
+use super::Result;
 use super::visit::{self, Pass};
 use crate::settings::INT16_RAILS;
 use inkling_core::burst::Burst;
@@ -69,7 +69,7 @@ impl<'a> Collector<'a> {
 
     /// Takes the signals of a recording. Returns what was damaged or is missing. An unusable burst counts as one
     /// rejected signal.
-    pub fn take(&mut self, pass: Pass) -> Result<Vec<Damage>, PipelineError> {
+    pub fn take(&mut self, pass: Pass) -> Result<Vec<Damage>> {
         let mut signal = Vec::new();
         let lost = pass.all(|_, burst| {
             pass.control.signals.fetch_add(u64::from(burst.channels), Ordering::Relaxed);
@@ -236,7 +236,7 @@ impl<'a> Observer<'a> {
 
     /// Takes the signals of a recording that have the sample period of the first one that may be healthy.
     /// Returns what was damaged or is missing.
-    pub fn take(&mut self, pass: Pass) -> Result<Vec<Damage>, PipelineError> {
+    pub fn take(&mut self, pass: Pass) -> Result<Vec<Damage>> {
         let mut signal = Vec::new();
         let lost = pass.all(|_, burst| {
             let (n, period_s) = (burst.samples_per_channel as usize, burst.sample_period_s);

@@ -9,7 +9,7 @@
 //! says of the flagged signals. There are two trackers where somebody watches: the table's, which waits for
 //! bursts that come late, and one that tells at once, which `replay::EpisodeAnnouncer` later corrects.
 
-use super::PipelineError;
+use super::Result;
 use super::batches::{FlaggedSignal, JudgedBatch};
 use super::job::{EpisodeEvent, Replay, Watch};
 use super::rows::Id;
@@ -57,7 +57,7 @@ impl<'a> EpisodeTap<'a> {
         replay: &Replay,
         watch: Option<&'a Watch<'a>>,
         table: Option<EpisodeWriter>,
-    ) -> Result<EpisodeTap<'a>, PipelineError> {
+    ) -> Result<EpisodeTap<'a>> {
         let settings = &replay.settings;
         let design = replay.design.as_ref();
         let classes = replay.fault_classes();
@@ -84,7 +84,7 @@ impl<'a> EpisodeTap<'a> {
     }
 
     /// Takes in a batch. What isolation says of its flagged signals is taken out of it.
-    pub fn add(&mut self, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
+    pub fn add(&mut self, judged: &mut JudgedBatch) -> Result<()> {
         for judge in &judged.judges {
             self.models.entry(judge.index).or_insert_with(|| judge.model.clone());
         }
@@ -191,7 +191,7 @@ impl<'a> EpisodeTap<'a> {
     }
 
     /// Ends the recording: episodes that are still on have no end. The table is not complete yet.
-    pub fn finish(self) -> Result<(EpisodeReport, Option<EpisodeWriter>), PipelineError> {
+    pub fn finish(self) -> Result<(EpisodeReport, Option<EpisodeWriter>)> {
         let EpisodeTap { tracker, mut table, mut listed, .. } = self;
         let TrackerResult { last, counts, untimely } = tracker.finish();
         list(&mut listed, &mut table, last)?;
@@ -205,7 +205,7 @@ fn list(
     listed: &mut Vec<Episode>,
     table: &mut Option<EpisodeWriter>,
     episodes: Vec<Episode>,
-) -> Result<(), PipelineError> {
+) -> Result<()> {
     let room = MOST_LISTED.saturating_sub(listed.len());
     listed.extend(episodes.iter().take(room).cloned());
     match table {

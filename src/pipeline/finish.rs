@@ -14,7 +14,7 @@ use super::recording_report::{RecordingReport, note_not_judged};
 use super::tally::{Counts, Tally};
 use super::timings::Phases;
 use super::wiring::{StageResults, Table};
-use super::{PipelineError, locked};
+use super::{PipelineError, Result, locked};
 use inkling_io::damage::Damage;
 use inkling_io::episode_table::EpisodeWriter;
 use inkling_io::file_error::FileError;
@@ -38,7 +38,7 @@ impl Run<'_> {
         results: StageResults,
         identified: Identified,
         phases: &mut Phases,
-    ) -> Result<RecordingReport, PipelineError> {
+    ) -> Result<RecordingReport> {
         // 1. the recording and what the stages left
         let finishing = Instant::now();
         let Run { replay, recording, verdicts, control, .. } = *self;
@@ -138,7 +138,7 @@ impl Run<'_> {
 }
 
 /// Checks that every signal is a row, and each was either judged or rejected.
-fn check_rows(counts: &Counts, written: u64) -> Result<(), PipelineError> {
+fn check_rows(counts: &Counts, written: u64) -> Result<()> {
     let found = counts.signals;
     match counts.judged + counts.rejected.values().sum::<u64>() == found && written == found {
         true => Ok(()),
@@ -169,7 +169,7 @@ fn complete_tables(
     document: String,
     episodes: Option<EpisodeWriter>,
     of_episodes: String,
-) -> Result<Vec<CompleteFile>, PipelineError> {
+) -> Result<Vec<CompleteFile>> {
     std::thread::scope(|both| {
         // side by side, since each waits for the disk
         let episodes = both.spawn(|| episodes.map(|table| table.complete(of_episodes)).transpose());
@@ -180,7 +180,7 @@ fn complete_tables(
 }
 
 /// Writes the summary, complete but not named yet, to lie beside the verdicts.
-fn complete_summary(verdicts: &Path, summary: &Document) -> Result<CompleteFile, PipelineError> {
+fn complete_summary(verdicts: &Path, summary: &Document) -> Result<CompleteFile> {
     let path = summary_file::path_beside(verdicts);
     let failed = FileError::unwritten(&path);
     let mut text = serde_json::to_string_pretty(summary).map_err(|e| failed(e.into()))?;
@@ -190,7 +190,7 @@ fn complete_summary(verdicts: &Path, summary: &Document) -> Result<CompleteFile,
 
 /// Gives the files their names. The files of an earlier run are removed before the first of these gets its
 /// name, so that tables of two runs never lie side by side.
-fn name_all(files: Vec<CompleteFile>) -> Result<(), PipelineError> {
+fn name_all(files: Vec<CompleteFile>) -> Result<()> {
     let paths: Vec<PathBuf> = files.iter().map(|file| file.path().to_path_buf()).collect();
     // the last file, which says that all are there, is removed first
     for path in paths.iter().rev() {

@@ -108,11 +108,9 @@ pub(super) struct Head {
     /// Where the ring of the window's model lies: its features from the base's ring.
     window_at: Features,
     /// The levels of recent sweeps, from which the mean level in a window is taken.
-    history: LevelHistory,
+    pub history: LevelHistory,
     /// Number of sweeps without a known level since one was last known.
     unknown: u32,
-    /// Standard deviations of healthy channels' features: the unit in which a move of the judge is decided.
-    healthy_sd: Features,
     /// The basis of own levels, with the two numbers it was made at: the looks behind the within-channel
     /// scatter, and how much wider the channels lie than the design's.
     own: Option<([f64; 2], Arc<OwnBasis>)>,
@@ -165,10 +163,9 @@ impl Head {
             window_at,
             base,
             sweeps: 0,
-            judge: MovedJudge::new(judge.clone()),
+            judge: MovedJudge::new(judge.clone(), healthy_sd),
             history: LevelHistory::new(by.replay.settings.identify.first),
             unknown: 0,
-            healthy_sd,
             own: None,
             movement: HeadMovement::new(burst.printhead.clone()),
         })
@@ -177,11 +174,6 @@ impl Head {
     /// The state that the next recording is to begin with.
     pub fn memory(&self) -> HeadMemory {
         self.state.memory(self.ring)
-    }
-
-    /// Whether a level was known in any sweep so far.
-    pub fn has_level(&self) -> bool {
-        !self.history.is_empty()
     }
 
     /// Whether the state knows a burst of this time or a later one: then the burst must not change it.
@@ -240,7 +232,7 @@ impl Head {
 
     /// Takes over the judge of a new window, unmoved, and finds where its ring lies from the base's.
     fn take_window(&mut self, judge: &Arc<Judge>) {
-        self.judge = MovedJudge::new(judge.clone());
+        self.judge.take(judge.clone());
         // The window's model tells where its ring is; the mean level in the window, taken instead, would add
         // an error with each window. Where the model does not tell, it is taken, or else the place before.
         let in_window =
@@ -340,10 +332,10 @@ impl Head {
         let [damping, frequency] = by.bounds();
         let bounds = [GAIN_BOUND, damping, frequency];
         if (0..3).any(|k| is_beyond(level[k], sd[k], bounds[k])) {
-            self.movement.note_beyond(t_ns);
+            self.movement.beyond_since_ns.get_or_insert(t_ns);
         }
         self.movement.note_level(&level);
-        self.judge.follow(level - self.window_at, sd, &self.healthy_sd, &mut by.moves);
+        self.judge.follow(level - self.window_at, sd, &mut by.moves);
         self.movement.bursts += u64::from(self.judge.is_moved());
         self.judge.now.clone()
     }

@@ -77,11 +77,6 @@ impl HeadMovement {
         }
     }
 
-    /// Notes that the level lay beyond the bounds; the first time is kept.
-    pub fn note_beyond(&mut self, t_ns: i64) {
-        self.beyond_since_ns.get_or_insert(t_ns);
-    }
-
     /// Notes a sweep that was rejected because most channels lay at `level`, where this head never was.
     pub fn note_strange(&mut self, t_ns: i64, level: Features) {
         self.strange += 1;

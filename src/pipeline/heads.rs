@@ -124,7 +124,7 @@ impl<'a> Heads<'a> {
 
     /// Printheads whose level was known in at least one sweep.
     pub fn followed(&self) -> impl Iterator<Item = &str> {
-        let heads = self.heads.iter().flatten().filter(|of| of.head.has_level());
+        let heads = self.heads.iter().flatten().filter(|of| !of.head.history.is_empty());
         heads.map(|of| &*of.head.movement.printhead)
     }
 
@@ -166,7 +166,7 @@ impl Followed {
         let t_ns = burst.t_acq_ns;
         // 1. a sweep has one judge; without `--baseline` a late burst ends the sweep, too
         let is_other = |open: &Sweep| {
-            let is_late = judging.replay.baselines.is_none() && open.is_later(t_ns);
+            let is_late = judging.replay.baselines.is_none() && t_ns < open.latest_ns;
             open.judge.index != judge.index || is_late
         };
         if self.open.as_ref().is_some_and(is_other) {
@@ -213,7 +213,8 @@ impl Followed {
     /// that belongs to this sweep can follow.
     fn is_over(&self) -> bool {
         let met = &self.watched.channels.met;
-        !met.0.is_empty() && self.open.as_ref().is_some_and(|open| open.holds_at_once(met))
+        !met.0.is_empty()
+            && self.open.as_ref().is_some_and(|open| met.0.iter().all(|of| open.moment.hold(of)))
     }
 
     /// Ends the open sweep: its bursts are judged about the level that the sweep shows, and about channels as

@@ -9,7 +9,7 @@
 //! no ring at all is named `no_ring`, whatever class would come nearest.
 
 use super::batches::{
-    AssignedJudge, BufferPools, FilteredBatch, FlaggedSignal, GatedBatch, JudgedBatch,
+    AssignedJudge, BufferPools, Detected, FilteredBatch, FlaggedSignal, GatedBatch, JudgedBatch,
 };
 use super::rings::{self, Deviations, Rings};
 use super::rows::{self, Id, Row};
@@ -37,7 +37,7 @@ struct GatedBurst<'a> {
     judge: Result<&'a Judge, Reason>,
     own: Option<&'a OwnChannels>,
     /// The detection of each signal of the burst, or why it was not judged.
-    statistic: &'a [Result<Detection, Reason>],
+    statistic: &'a [Detected],
     /// Index of its first signal among the batch's.
     first: usize,
     /// Index of its printhead among the batch's.

@@ -19,13 +19,13 @@
 //! learned in two passes, too), and for each printhead the bursts that wait, at most [`WAITING_BYTES`]; beyond
 //! that they begin their windows without waiting longer.
 
-use super::PipelineError;
 use super::groups::{ByGroup, GroupKey};
 use super::job::Replay;
 use super::learner::Window;
 use super::placing::Placing;
 use super::progress::{Entry, Progress};
 use super::schedule::{Refusal, Schedule, Timeline};
+use super::{PipelineError, Result};
 use inkling_core::burst::Burst;
 use inkling_core::design::Judge;
 use inkling_core::identify::reservoir::Reservoir;
@@ -136,7 +136,7 @@ impl<'a> Learning<'a> {
 
     /// Takes the next burst of the recording, learns from it, and from the windows that are over by its time.
     /// The error `NeedsTwoPasses` says that this recording cannot be learned in one pass.
-    pub fn take(&mut self, burst: &Burst) -> Result<(), PipelineError> {
+    pub fn take(&mut self, burst: &Burst) -> Result<()> {
         let t_ns = burst.t_acq_ns;
         self.latest_ns = self.latest_ns.max(t_ns);
         if let Some(number) = self.number_of(burst) {
@@ -147,7 +147,7 @@ impl<'a> Learning<'a> {
 
     /// Takes the next burst of a group that needs windows: it is learned from, or waits if it may begin a
     /// window and an earlier burst may still come.
-    fn take_of(&mut self, number: usize, burst: &Burst) -> Result<(), PipelineError> {
+    fn take_of(&mut self, number: usize, burst: &Burst) -> Result<()> {
         let t_ns = burst.t_acq_ns;
         let group = &mut self.groups[number];
         if t_ns < group.settled_ns {
@@ -171,7 +171,7 @@ impl<'a> Learning<'a> {
     }
 
     /// Ends the recording: learns from all windows that are still open, if there are any.
-    pub fn end(&mut self) -> Result<(), PipelineError> {
+    pub fn end(&mut self) -> Result<()> {
         if self.over {
             return Ok(());
         }
@@ -193,10 +193,7 @@ impl<'a> Learning<'a> {
     /// The judge of a burst that was taken, or the reason why nobody judges it. `None`: that is not known yet.
     /// The sampling of bursts that do not fit the design is noted. An error: too many models, or a model of
     /// which no judge can be made.
-    pub fn judge_of(
-        &mut self,
-        burst: &Burst,
-    ) -> Result<Option<Result<Arc<Judge>, Reason>>, PipelineError> {
+    pub fn judge_of(&mut self, burst: &Burst) -> Result<Option<Result<Arc<Judge>, Reason>>> {
         if !self.schedule.fits(burst) {
             self.schedule.note_sampling(burst);
             return Ok(Some(Err(Reason::DesignMismatch)));
@@ -226,7 +223,7 @@ impl<'a> Learning<'a> {
         let first_ns = self.replay.first_ns();
         // a waiting burst may begin a window, and that window may end by `t_ns`
         let waits = group.waiting_from_ns.saturating_add(first_ns) <= t_ns;
-        !group.timeline.is_empty()
+        !group.timeline.0.is_empty()
             && (self.replay.knows_by_design() || !(waits || group.open.iter().any(ends_before)))
     }
 
@@ -237,11 +234,11 @@ impl<'a> Learning<'a> {
             let needs = replay.needs_windows(key, burst.sample_period_s);
             let number = groups.len();
             needs.then(|| {
-                let group =
-                    LearnedGroup::meet(key, burst.sample_period_s, number, replay, schedule);
+                let mut group = LearnedGroup::new(key, burst.sample_period_s, replay, schedule);
                 // windows that the settings give are open from the start
-                if let Some(first) = group.open.iter().map(|open| open.window.to_ns).min() {
-                    *due_ns = (*due_ns).min(first.saturating_add(*reorder_ns));
+                for &(from_ns, to_ns) in &replay.spans {
+                    group.open(replay, Window { group: number, from_ns, to_ns });
+                    *due_ns = (*due_ns).min(to_ns.saturating_add(*reorder_ns));
                 }
                 groups.push(group);
                 number
@@ -250,7 +247,7 @@ impl<'a> Learning<'a> {
     }
 
     /// Learns from a burst in its turn: places the windows that begin up to it, and samples its signals.
-    fn learn(&mut self, number: usize, burst: &Burst) -> Result<(), PipelineError> {
+    fn learn(&mut self, number: usize, burst: &Burst) -> Result<()> {
         let (replay, t_ns) = (self.replay, burst.t_acq_ns);
         let group = &mut self.groups[number];
         if let Some(mut placing) = group.placing.take() {
@@ -289,7 +286,7 @@ impl<'a> Learning<'a> {
 
     /// Places the bursts that waited long enough, learns from the windows that are over, and finds when there
     /// is something to settle next.
-    fn settle(&mut self) -> Result<(), PipelineError> {
+    fn settle(&mut self) -> Result<()> {
         // 1. the bursts before which no earlier one can come any more
         let (latest_ns, reorder_ns) = (self.latest_ns, self.reorder_ns);
         let is_due = |t_ns: i64| t_ns.saturating_add(reorder_ns) <= latest_ns;
@@ -312,7 +309,7 @@ impl<'a> Learning<'a> {
 
     /// Learns from a group's waiting bursts, in the order of their times. Those later than `sure_ns` that may
     /// begin windows go on waiting.
-    fn place_waiting(&mut self, number: usize, sure_ns: i64) -> Result<(), PipelineError> {
+    fn place_waiting(&mut self, number: usize, sure_ns: i64) -> Result<()> {
         let group = &mut self.groups[number];
         let mut waiting = std::mem::take(&mut group.waiting);
         (group.waiting_bytes, group.waiting_from_ns) = (0, i64::MAX);
@@ -353,7 +350,7 @@ impl<'a> Learning<'a> {
 
     /// Enters what windows add into the schedule and their groups' timelines. Models are numbered in the order
     /// in which they become valid (by the window's end, then by group), which is also that of two passes.
-    pub(super) fn enter(&mut self, mut entries: Vec<(Window, Entry)>) -> Result<(), PipelineError> {
+    pub(super) fn enter(&mut self, mut entries: Vec<(Window, Entry)>) -> Result<()> {
         let valid_from = |of: &Window| (of.to_ns, &self.groups[of.group].key);
         entries.sort_by(|(a, _), (b, _)| valid_from(a).cmp(&valid_from(b)));
         for (window, entry) in entries {
@@ -378,31 +375,20 @@ impl<'a> Learning<'a> {
 }
 
 impl LearnedGroup {
-    /// Begins to learn a group. `number`: its index in `groups`.
-    fn meet(
-        key: &GroupKey,
-        sample_period_s: f64,
-        number: usize,
-        replay: &Replay,
-        schedule: &Schedule,
-    ) -> LearnedGroup {
-        let spans = &replay.spans;
+    /// A group before its first burst.
+    fn new(key: &GroupKey, sample_period_s: f64, replay: &Replay, schedule: &Schedule) -> Self {
         let placing = || Placing::new(replay.first_ns(), replay.every_ns());
-        let mut group = LearnedGroup {
+        LearnedGroup {
             key: key.clone(),
-            progress: Progress::start(schedule, key, sample_period_s),
-            placing: spans.is_empty().then(placing),
+            progress: Progress::start(schedule, &key.printhead, sample_period_s),
+            placing: replay.spans.is_empty().then(placing),
             waiting: Vec::new(),
             waiting_bytes: 0,
             waiting_from_ns: i64::MAX,
             open: Vec::new(),
             settled_ns: i64::MIN,
             timeline: Timeline::default(),
-        };
-        for &(from_ns, to_ns) in spans {
-            group.open(replay, Window { group: number, from_ns, to_ns });
         }
-        group
     }
 
     /// Whether windows may begin with a burst of that time; then a later one in the file may be earlier and
@@ -432,7 +418,7 @@ impl LearnedGroup {
         if bursts == 0 && replay.spans.is_empty() {
             return None; // nothing was printed then: nothing to learn, nothing to judge by it
         }
-        Some((window, self.progress.take(replay, &self.key, window, &reservoir)?))
+        Some((window, self.progress.take(replay, window, &reservoir)?))
     }
 
     /// When to settle next, before the reorder time is added: the first end of a window, or a waiting burst.

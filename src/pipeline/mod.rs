@@ -97,6 +97,9 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use thiserror::Error;
 
+/// What functions return that may fail; mostly by what ends the judging of a recording.
+type Result<T, E = PipelineError> = std::result::Result<T, E>;
+
 /// Why a recording could not be judged.
 #[derive(Debug, Error)]
 pub enum PipelineError {
@@ -193,18 +196,13 @@ impl Control {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Says whether anybody still takes what the reader reads.
-    fn set_abandoned(&self, abandoned: bool) {
-        self.abandoned.store(abandoned, Ordering::Relaxed);
-    }
-
     /// The next block of a recording; waits for it where the recording is still being written. `None`: there
     /// is no more, or nobody wants it. The inner error is damage, behind which reading goes on.
     fn next_block(
         &self,
         recording: &Recording,
         blocks: &mut Blocks,
-    ) -> Result<Option<Result<Block, Damage>>, PipelineError> {
+    ) -> Result<Option<Result<Block, Damage>>> {
         let abandoned = || self.abandoned.load(Ordering::Relaxed);
         // `check` can end the wait only by an error, which is told from an interruption below
         let check = || if abandoned() { Err(PipelineError::Interrupted) } else { self.check() };
@@ -215,7 +213,7 @@ impl Control {
     }
 
     /// An error if the run was interrupted.
-    fn check(&self) -> Result<(), PipelineError> {
+    fn check(&self) -> Result<()> {
         if self.interrupted() { Err(PipelineError::Interrupted) } else { Ok(()) }
     }
 }

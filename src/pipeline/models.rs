@@ -9,11 +9,10 @@
 //! second time when their turn comes, so that batches do not pile up. `position` says up to where everything is
 //! learned. It counts bursts and not pieces, since a paced recording is divided otherwise.
 
-use super::PipelineError;
 use super::batches::{MOST_ROWS, ReadBatch, usable};
 use super::learning::Learning;
-use super::schedule::Schedule;
 use super::visit::Pass;
+use super::{PipelineError, Result};
 use inkling_core::burst::{Acquisition, Burst};
 use inkling_core::design::Judge;
 use inkling_core::verdict::Reason;
@@ -28,7 +27,7 @@ use std::thread::{self, JoinHandle};
 /// Learns from what the stages read, where windows are not learned yet, and reads ahead where it must.
 #[derive(Debug)]
 pub struct Models<'a> {
-    learning: Learning<'a>,
+    pub learning: Learning<'a>,
     /// The means to read the recording outside the stages.
     pass: Pass<'a>,
     /// Up to this position everything is learned.
@@ -46,7 +45,7 @@ impl<'a> Models<'a> {
     }
 
     /// Takes the next batch of the recording, in its order, and learns from it unless that was done before.
-    pub fn see(&mut self, read: &ReadBatch) -> Result<(), PipelineError> {
+    pub fn see(&mut self, read: &ReadBatch) -> Result<()> {
         let acquisitions = &read.batch.acquisitions;
         let before = if self.seen.0 == read.block.index { self.seen.1 } else { 0 };
         self.seen = (read.block.index, before + acquisitions.len());
@@ -64,7 +63,7 @@ impl<'a> Models<'a> {
 
     /// The judge of a burst whose batch was seen, or why the burst is rejected. Reads ahead for as long as
     /// windows have not decided yet.
-    pub fn judge_of(&mut self, burst: &Burst) -> Result<Result<Arc<Judge>, Reason>, PipelineError> {
+    pub fn judge_of(&mut self, burst: &Burst) -> Result<Result<Arc<Judge>, Reason>> {
         loop {
             match self.learning.judge_of(burst)? {
                 Some(judge) => return Ok(judge),
@@ -74,7 +73,7 @@ impl<'a> Models<'a> {
     }
 
     /// Learns from one more piece beyond what the stages read; at the end of the recording ends the learning.
-    fn look_ahead(&mut self) -> Result<(), PipelineError> {
+    fn look_ahead(&mut self) -> Result<()> {
         let (pass, workers) = (self.pass, self.learning.workers);
         let begin = || ReadAhead::of(pass, &self.position, workers);
         match self.ahead.get_or_insert_with(begin).piece()? {
@@ -85,20 +84,10 @@ impl<'a> Models<'a> {
             }
         }
     }
-
-    /// Ends the recording: windows that were still open give models, too.
-    pub fn end(&mut self) -> Result<(), PipelineError> {
-        self.learning.end()
-    }
-
-    /// All models by their numbers, when the recording is over.
-    pub fn into_schedule(self) -> Schedule<'a> {
-        self.learning.schedule
-    }
 }
 
 /// Learns from the usable bursts of a piece, in the order of their times.
-fn take(learning: &mut Learning, of: &[Acquisition]) -> Result<(), PipelineError> {
+fn take(learning: &mut Learning, of: &[Acquisition]) -> Result<()> {
     let mut bursts: Vec<&Burst> = of.iter().filter_map(usable).collect();
     if !bursts.is_sorted_by_key(|burst| burst.t_acq_ns) {
         bursts.sort_by_key(|burst| burst.t_acq_ns);
@@ -215,7 +204,7 @@ impl<'a> ReadAhead<'a> {
     }
 
     /// The next piece, and the position behind it; `None`: the recording has no more.
-    pub fn piece(&mut self) -> Result<Option<(Vec<Acquisition>, ReadPosition)>, PipelineError> {
+    pub fn piece(&mut self) -> Result<Option<(Vec<Acquisition>, ReadPosition)>> {
         loop {
             self.pass.control.check()?;
 
@@ -240,7 +229,7 @@ impl<'a> ReadAhead<'a> {
 
     /// Waits until the next block was read, and lets the blocks after it be read, as long as readers are idle
     /// and not too many bytes wait. `None`: there is no more block.
-    fn next_block(&mut self) -> Result<Option<LoadedBlock>, PipelineError> {
+    fn next_block(&mut self) -> Result<Option<LoadedBlock>> {
         let mut bytes: u64 = self.pending.iter().map(|(bytes, _)| bytes).sum();
         while bytes < MANY_BYTES
             && let Some(reader) = self.idle.pop()

@@ -29,12 +29,19 @@ pub(super) struct MovedJudge {
     pub now: Arc<Judge>,
     /// The features by which the judge in use was moved from the window's ring; 0 if it was not.
     pub by: Features,
+    /// Standard deviations of healthy channels' features: the unit in which a move is decided.
+    healthy_sd: Features,
 }
 
 impl MovedJudge {
     /// The judge of a window, not moved yet.
-    pub fn new(window: Arc<Judge>) -> MovedJudge {
-        MovedJudge { now: window.clone(), window, by: Features::zeros() }
+    pub fn new(window: Arc<Judge>, healthy_sd: Features) -> MovedJudge {
+        MovedJudge { now: window.clone(), window, by: Features::zeros(), healthy_sd }
+    }
+
+    /// Takes over another window's judge, unmoved.
+    pub fn take(&mut self, window: Arc<Judge>) {
+        *self = MovedJudge::new(window, self.healthy_sd);
     }
 
     /// Whether the judge in use is a moved one.
@@ -44,16 +51,10 @@ impl MovedJudge {
 
     /// Moves the judge to `wanted`, where most channels lie from the window's ring, if it is far enough off.
     /// `sd`: standard deviations of the noise of `wanted`; `moves`: number of moves of all judges of the run.
-    pub fn follow(
-        &mut self,
-        wanted: Features,
-        sd: Features,
-        healthy_sd: &Features,
-        moves: &mut u32,
-    ) {
+    pub fn follow(&mut self, wanted: Features, sd: Features, moves: &mut u32) {
         let off = wanted - self.by;
         // the phase is left out: it changes with the others, or by something else than ink
-        let sds = off.component_div(healthy_sd).fixed_rows::<3>(0).norm();
+        let sds = off.component_div(&self.healthy_sd).fixed_rows::<3>(0).norm();
         // once moved, the judge follows smaller changes, so that it does not jump at the first bound
         let is_off = match self.is_moved() {
             true => sds > NEXT_MOVE,

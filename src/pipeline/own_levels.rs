@@ -10,7 +10,7 @@
 //! distance is scaled to the model's threshold (`Judge::of_own`). Near the level the features in closed form
 //! do; beyond, a ring is fitted.
 
-use super::batches::AssignedBatch;
+use super::batches::{AssignedBatch, Detected};
 use super::statistics::Statistics;
 use inkling_core::burst::{Acquisition, Burst};
 use inkling_core::design::{Behind, Detection, Judge, JudgeKey, OwnChannels};
@@ -33,7 +33,7 @@ impl OwnLevels {
         &mut self,
         batch: &AssignedBatch,
         statistics: &mut Statistics,
-        statistic: &mut [Result<Detection, Reason>],
+        statistic: &mut [Detected],
     ) {
         for (rows, acquisition, of) in batch.placed() {
             let (Acquisition::Usable(burst), Ok(judge), Some(own)) =

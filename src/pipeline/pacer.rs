@@ -10,7 +10,7 @@
 //! less. Each burst is paced once: what is read in a second pass was handed on already.
 
 use super::batches::{MOST_ROWS, usable};
-use super::{Control, PipelineError};
+use super::{Control, Result};
 use crate::settings::Pace;
 use inkling_core::burst::SignalBatch;
 use std::time::{Duration, Instant};
@@ -67,11 +67,7 @@ impl Pacer {
     }
 
     /// Waits until a batch is due. A batch that was handed on in an earlier pass is not waited for.
-    pub fn wait_for(
-        &mut self,
-        batch: &SignalBatch,
-        control: &Control,
-    ) -> Result<(), PipelineError> {
+    pub fn wait_for(&mut self, batch: &SignalBatch, control: &Control) -> Result<()> {
         self.bursts += batch.acquisitions.len() as u64;
         let due = self.due(batch);
         if self.bursts <= self.kept.bursts {

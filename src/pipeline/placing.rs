@@ -8,7 +8,7 @@
 //! least one whole bin holds no burst. So only the first and last burst of each bin matter, which is all that
 //! [`super::windows`] knows.
 
-use super::PipelineError;
+use super::{PipelineError, Result};
 
 /// The placing of one printhead's windows.
 #[derive(Debug)]
@@ -50,11 +50,7 @@ impl Placing {
 
     /// Takes the next burst's time, and calls `place` with the begin and end, ns, of every window that begins up
     /// to that time. An error if there are more windows than one printhead may have models.
-    pub fn reach(
-        &mut self,
-        t_ns: i64,
-        mut place: impl FnMut(i64, i64),
-    ) -> Result<(), PipelineError> {
+    pub fn reach(&mut self, t_ns: i64, mut place: impl FnMut(i64, i64)) -> Result<()> {
         // go on with the stretch, or begin another one with a window at this burst
         let (bin, begins) = (self.bin(t_ns), self.begins_at(t_ns));
         let run = match &mut self.run {

@@ -11,7 +11,6 @@
 //! `identify.mode = "windows"` the window's own from the window's end on; with `"design"` the
 //! design's pooled model, once a window has agreed with it.
 
-use super::groups::GroupKey;
 use super::job::Replay;
 use super::learner::Window;
 use super::schedule::{Refusal, Schedule};
@@ -74,6 +73,7 @@ pub struct Progress {
     /// threshold: the design's model of this printhead, else the design's pooled one, else the first accepted
     /// one. `None`: there is no design, and no window was accepted yet.
     reference: Option<Arc<HealthyModel>>,
+    printhead: Arc<str>,
     /// Whether the printhead has a model of its own in the design.
     known: bool,
     sample_period_s: f64,
@@ -88,11 +88,12 @@ pub struct Progress {
 
 impl Progress {
     /// The progress of a group before its first window.
-    pub fn start(schedule: &Schedule, key: &GroupKey, sample_period_s: f64) -> Progress {
+    pub fn start(schedule: &Schedule, printhead: &Arc<str>, sample_period_s: f64) -> Progress {
         Progress {
-            known: schedule.model_of(&key.printhead).is_some(),
+            printhead: printhead.clone(),
+            known: schedule.model_of(printhead).is_some(),
             sample_period_s,
-            reference: schedule.reference_of(&key.printhead),
+            reference: schedule.reference_of(printhead),
             reference_v: schedule.design.and_then(|design| design.drive_voltage_v),
             seen: 0,
             accepted: 0,
@@ -105,25 +106,18 @@ impl Progress {
         replay.knows_by_design() && self.accepted > 0
     }
 
-    /// Learns from the next window of the group `key`. `None`: the timeline stays as it is. `reservoir`: the
-    /// window's sample.
-    pub fn take(
-        &mut self,
-        replay: &Replay,
-        key: &GroupKey,
-        window: Window,
-        reservoir: &Reservoir,
-    ) -> Option<Entry> {
+    /// Learns from the group's next window, of which `sample` holds signals. `None`: the timeline stays as it is.
+    pub fn take(&mut self, replay: &Replay, window: Window, sample: &Reservoir) -> Option<Entry> {
         if self.is_over(replay) {
             return None;
         }
         self.seen += 1;
-        let model = match self.model(replay, key, reservoir) {
+        let model = match self.model(replay, sample) {
             Ok(model) => Arc::new(HealthyModel { valid_from_ns: Some(window.to_ns), ..model }),
             // refused: the model before stays; at the first window that may be the design's
             Err((why, drifted)) => {
                 let (from_ns, to_ns) = (window.from_ns, window.to_ns);
-                let printhead = key.printhead.to_string();
+                let printhead = self.printhead.to_string();
                 self.refusals.push(Refusal { printhead, from_ns, to_ns, why, drifted });
                 let by_windows = !replay.knows_by_design();
                 return (self.seen == 1 && self.known && by_windows).then_some(Entry::Known);
@@ -141,22 +135,17 @@ impl Progress {
 
     /// Learns a window's model from its sample. The model is refused if it does not agree with its
     /// signals, has drifted beyond the bounds, or is of another amplitude or noise.
-    fn model(
-        &mut self,
-        replay: &Replay,
-        key: &GroupKey,
-        reservoir: &Reservoir,
-    ) -> Result<HealthyModel, NoModel> {
+    fn model(&mut self, replay: &Replay, sample: &Reservoir) -> Result<HealthyModel, NoModel> {
         let identify = &replay.settings.identify;
 
         // without a design the first window's mean voltage is the one to which drives are relative
         if replay.design.is_none() && self.reference_v.is_none() {
-            let (sum, n) = reservoir.voltage_sum();
+            let (sum, n) = sample.voltage_sum();
             self.reference_v = (n > 0).then(|| sum / n as f64);
         }
 
         // average and fit; labels say which signals are healthy, else enough of them must agree
-        let set = reservoir.to_set(self.reference_v);
+        let set = sample.to_set(self.reference_v);
         let settings = LearnSettings {
             grey_box: &identify.grey_box,
             detect: &replay.settings.detect,
@@ -164,7 +153,7 @@ impl Progress {
             sample_period_s: self.sample_period_s,
             filter: replay.design.as_ref().and_then(|design| design.filter.as_ref()),
         };
-        let printhead = Some(&*key.printhead);
+        let printhead = Some(&*self.printhead);
         let model = HealthyModel::learn(&set, printhead, self.reference.as_deref(), settings)
             .map_err(|e| (e.advice(replay.labels.is_some()), false))?;
         if replay.labels.is_none() {

@@ -20,7 +20,7 @@ use super::schedule::Schedule;
 use super::timings::Phases;
 use super::visit::Pass;
 use super::wiring::StageResults;
-use super::{Control, PipelineError, locked, rotation};
+use super::{Control, PipelineError, Result, locked, rotation};
 use crate::settings::Pace;
 use inkling_core::episodes::Episode;
 use inkling_io::recording::Recording;
@@ -36,7 +36,7 @@ pub fn replay(
     recording: &Recording,
     verdicts: &Path,
     control: &Control,
-) -> Result<RecordingReport, PipelineError> {
+) -> Result<RecordingReport> {
     let verdicts = Some(verdicts);
     let pace = replay.settings.replay.pace;
     let pacer = Mutex::new(Pacer::new(pace));
@@ -47,11 +47,7 @@ pub fn replay(
 
 /// Judges one recording at full speed without writing files: the report holds the rows
 /// ([`RecordingReport::arrays`]).
-pub fn judge(
-    replay: &Replay,
-    recording: &Recording,
-    control: &Control,
-) -> Result<RecordingReport, PipelineError> {
+pub fn judge(replay: &Replay, recording: &Recording, control: &Control) -> Result<RecordingReport> {
     let run = Run { replay, recording, verdicts: None, control, watch: None, pacer: None };
     run.judge(&mut Phases::new(recording.opening))
 }
@@ -64,7 +60,7 @@ pub fn follow(
     verdicts: &Path,
     control: &Control,
     watch: &Watch,
-) -> Result<RecordingReport, PipelineError> {
+) -> Result<RecordingReport> {
     let announcer = Mutex::new(EpisodeAnnouncer::default());
     // the table may say otherwise than what was announced: an episode is announced once, and corrected
     let announce = |event: EpisodeEvent| match event {
@@ -84,7 +80,7 @@ pub fn follow(
 }
 
 /// Judges a recording while it grows. Where its models need two passes, waits and judges it again.
-fn followed(run: Run, verdicts: &Path) -> Result<RecordingReport, PipelineError> {
+fn followed(run: Run, verdicts: &Path) -> Result<RecordingReport> {
     let Run { recording, control, .. } = run;
     let is_rotated = run.watch.is_some_and(|watch| watch.rotation.is_some());
     if is_rotated {
@@ -104,7 +100,7 @@ fn followed(run: Run, verdicts: &Path) -> Result<RecordingReport, PipelineError>
     };
 
     // the end of the stages has made readers stop waiting for more: allow that again
-    control.set_abandoned(false);
+    control.abandoned.store(false, Ordering::Relaxed);
     run.watch.iter().for_each(|watch| (watch.note)(&why));
     if is_rotated {
         rotation::remove(verdicts, recording)?; // what is in them is judged again
@@ -124,7 +120,7 @@ fn followed(run: Run, verdicts: &Path) -> Result<RecordingReport, PipelineError>
 impl<'a> Run<'a> {
     /// Judges the recording in one pass where its order allows that, else in two, which is an error for a
     /// recording that is still being written.
-    pub fn judge(&self, phases: &mut Phases) -> Result<RecordingReport, PipelineError> {
+    pub fn judge(&self, phases: &mut Phases) -> Result<RecordingReport> {
         let why = match self.why_two_passes() {
             Some(why) => why,
             None => match self.stream(self.learning()?, phases) {
@@ -140,11 +136,7 @@ impl<'a> Run<'a> {
     }
 
     /// Judges the recording after passes that learn its models. `why`: the reason for that, for the report.
-    pub fn judge_in_two_passes(
-        &self,
-        why: String,
-        phases: &mut Phases,
-    ) -> Result<RecordingReport, PipelineError> {
+    pub fn judge_in_two_passes(&self, why: String, phases: &mut Phases) -> Result<RecordingReport> {
         let mut learning = self.learning()?;
         learning.learn_before(self.pass(), phases)?;
         let streamed = self.stream(learning, phases)?;
@@ -157,7 +149,7 @@ impl<'a> Run<'a> {
     }
 
     /// The learning of models, before the first burst, with the design's models in its schedule.
-    fn learning(&self) -> Result<Learning<'a>, PipelineError> {
+    fn learning(&self) -> Result<Learning<'a>> {
         // bursts may come as late as the chunk index says, within bounds
         let reorder_ns = self.recording.disorder_ns.unwrap_or_default().max(USUAL_REORDER_NS);
         let reorder_ns = reorder_ns.min(MOST_REORDER_NS) as i64;
@@ -183,11 +175,7 @@ impl<'a> Run<'a> {
     }
 
     /// Sends the recording through the stages. The time of a run that is given up is counted apart.
-    fn stream(
-        &self,
-        learning: Learning<'a>,
-        phases: &mut Phases,
-    ) -> Result<StageResults<'a>, PipelineError> {
+    fn stream(&self, learning: Learning<'a>, phases: &mut Phases) -> Result<StageResults<'a>> {
         let (started, signals) = (Instant::now(), self.control.signals.load(Ordering::Relaxed));
         // the recording is read from its beginning; bursts that were handed on in an
         // earlier pass are not waited for

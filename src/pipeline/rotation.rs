@@ -6,9 +6,9 @@
 //! watches. When the recording is closed, `finish` removes all parts, as the table holds every row.
 
 use super::batches::JudgedBatch;
-use super::job::{ClosedPart, Replay, Rotation};
+use super::job::{ClosedPart, Rotation, Run};
 use super::part_boundaries::{PartBoundaries, Section};
-use super::{PipelineError, metadata};
+use super::{PipelineError, Result, metadata};
 use inkling_core::design::Judge;
 use inkling_io::file_error::FileError;
 use inkling_io::part_file;
@@ -22,8 +22,7 @@ use std::sync::Arc;
 /// Appends batches to the part at hand, and closes it when its span is over.
 pub struct PartWriter<'a> {
     rotation: Rotation<'a>,
-    replay: &'a Replay,
-    recording: &'a Recording,
+    run: Run<'a>,
     /// As of the table.
     options: TableOptions,
     /// Where the parts lie.
@@ -52,16 +51,14 @@ impl<'a> PartWriter<'a> {
     /// `verdicts`: the path that the table will have.
     pub fn new(
         rotation: Rotation<'a>,
-        replay: &'a Replay,
-        recording: &'a Recording,
+        run: Run<'a>,
         verdicts: &Path,
         options: TableOptions,
-    ) -> PartWriter<'a> {
+    ) -> Self {
         let span_ns = i64::try_from(rotation.every.as_nanos()).unwrap_or(i64::MAX);
         PartWriter {
             rotation,
-            replay,
-            recording,
+            run,
             options,
             tables: PartTables::beside(verdicts),
             boundaries: PartBoundaries::new(span_ns),
@@ -72,7 +69,7 @@ impl<'a> PartWriter<'a> {
     }
 
     /// Appends a batch, and closes the parts that end in it.
-    pub fn write(&mut self, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
+    pub fn write(&mut self, judged: &mut JudgedBatch) -> Result<()> {
         let sections = self.boundaries.cut(&judged.verdicts);
         // a section is written as the batch with only the section's rows listed: so no row is copied
         let whole = std::mem::take(&mut judged.verdicts.parts);
@@ -89,7 +86,7 @@ impl<'a> PartWriter<'a> {
     }
 
     /// Appends a section of a batch to the part at hand, or begins one with it.
-    fn append(&mut self, section: Section, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
+    fn append(&mut self, section: Section, judged: &mut JudgedBatch) -> Result<()> {
         let open = match &mut self.open {
             Some(open) => open,
             none => {
@@ -109,7 +106,7 @@ impl<'a> PartWriter<'a> {
     }
 
     /// Completes the part at hand, if there is one, and gives it its name.
-    fn close(&mut self) -> Result<(), PipelineError> {
+    fn close(&mut self) -> Result<()> {
         let Some(OpenPart { writer, from_ns, to_ns, judges }) = self.open.take() else {
             return Ok(());
         };
@@ -121,10 +118,11 @@ impl<'a> PartWriter<'a> {
         // what the part says of itself: of which recording it is, and by which models it was judged
         let begins = match &mut self.begins {
             Some(begins) => &*begins,
-            none => none.insert(Beginning::of(self.recording).map_err(failed)?),
+            none => none.insert(Beginning::of(self.run.recording).map_err(failed)?),
         };
         let judges = judges.values().map(|judge| &**judge);
-        let document = metadata::of_part(self.replay, self.recording, begins, judges, &part);
+        let document =
+            metadata::of_part(self.run.replay, self.run.recording, begins, judges, &part);
         let document = serde_json::to_string(&document).map_err(|e| failed(e.into()))?;
         let complete = writer.complete(document)?;
 
@@ -148,13 +146,13 @@ impl Drop for PartWriter<'_> {
 }
 
 /// Removes the parts of this recording. Returns the first other file that has the name of a part.
-pub fn remove(verdicts: &Path, recording: &Recording) -> Result<Option<PathBuf>, PipelineError> {
+pub fn remove(verdicts: &Path, recording: &Recording) -> Result<Option<PathBuf>> {
     let tables = PartTables::beside(verdicts);
     Ok(tables.remove_of(recording).map_err(FileError::unwritten(&tables.dir))?)
 }
 
 /// Removes the parts that an earlier run left; an error if other files are in the way of new ones.
-pub fn make_room(verdicts: &Path, recording: &Recording) -> Result<(), PipelineError> {
+pub fn make_room(verdicts: &Path, recording: &Recording) -> Result<()> {
     match remove(verdicts, recording)? {
         Some(path) => Err(PipelineError::PartTaken { path }),
         None => Ok(()),

@@ -4,7 +4,8 @@
 //!
 //! All columns have the same length after each row: who pushes only some of them calls `fill_up`.
 
-use inkling_core::design::{Detection, Isolation, Judge, Severity, Tested, Thresholds};
+use super::batches::Detected;
+use inkling_core::design::{Isolation, Judge, Severity, Tested, Thresholds};
 use inkling_core::isolate::Likeness;
 use inkling_core::verdict::{HealthyRun, Outcome, Part, Reason, Test, Tests, VerdictColumns};
 use std::ops::Range;
@@ -100,7 +101,7 @@ pub fn push_judged(columns: &mut VerdictColumns, id: Id, row: Row) {
 
 /// Adds the outcomes of the tests of a burst's signals to `tests`, for the gate. `judge`: `None` if
 /// nobody judged the signals; `found`: for each signal its statistics, or why it has none.
-pub fn test(judge: Option<&Judge>, found: &[Result<Detection, Reason>], tests: &mut Tests) {
+pub fn test(judge: Option<&Judge>, found: &[Detected], tests: &mut Tests) {
     let from = tests.healthy.len();
     // every signal counts as not judged until its detection says otherwise
     tests.push_not_judged(found.len());

@@ -7,8 +7,8 @@
 //! A judge takes several times the memory of its model, and a recording may have thousands of models. So judges
 //! are made when a burst asks for them, and dropped when none has asked for a while.
 
-use super::PipelineError;
 use super::groups::{MOST_GROUPS, of_printhead};
+use super::{PipelineError, Result};
 use inkling_core::burst::Burst;
 use inkling_core::design::{Design, HealthyModel, IsolateSettings, Judge};
 use std::collections::{BTreeMap, HashMap};
@@ -35,13 +35,9 @@ pub struct Refusal {
 /// The numbers of the models of one group, each after the time from which on it judges, ns, ascending; the
 /// first one also judges everything before its start.
 #[derive(Clone, Debug, Default)]
-pub struct Timeline(Vec<(i64, u16)>);
+pub struct Timeline(pub Vec<(i64, u16)>);
 
 impl Timeline {
-    pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
-
     /// Inserts a model at its place in time.
     pub fn enter(&mut self, from_ns: i64, number: u16) {
         // windows given as spans may end in any order
@@ -90,10 +86,7 @@ pub struct Schedule<'a> {
 
 impl<'a> Schedule<'a> {
     /// A schedule with the design's models as they are, if there is a design.
-    pub fn new(
-        design: Option<&'a Design>,
-        settings: &'a IsolateSettings,
-    ) -> Result<Schedule<'a>, PipelineError> {
+    pub fn new(design: Option<&'a Design>, settings: &'a IsolateSettings) -> Result<Schedule<'a>> {
         let mut schedule = Schedule {
             design,
             pooled: design.map(|design| Arc::new(design.pooled.clone())),
@@ -129,11 +122,7 @@ impl<'a> Schedule<'a> {
     }
 
     /// Adds a model, and returns its number, which counts from 0 on. An error if there are more than 2^16.
-    pub fn add(
-        &mut self,
-        model: Arc<HealthyModel>,
-        reference_v: Option<f64>,
-    ) -> Result<u16, PipelineError> {
+    pub fn add(&mut self, model: Arc<HealthyModel>, reference_v: Option<f64>) -> Result<u16> {
         let most = u64::from(u16::MAX);
         let number = u16::try_from(self.models.len())
             .map_err(|_| PipelineError::TooManyWindows { windows: most + 1, most })?;
@@ -142,7 +131,7 @@ impl<'a> Schedule<'a> {
     }
 
     /// The judge of a model, made now if there is none. `groups`: number of groups that have models.
-    pub fn judge(&mut self, number: u16, groups: usize) -> Result<Arc<Judge>, PipelineError> {
+    pub fn judge(&mut self, number: u16, groups: usize) -> Result<Arc<Judge>> {
         let ScheduledModel { model, reference_v, judge, asked } =
             &mut self.models[usize::from(number)];
         *asked = true;
@@ -153,18 +142,14 @@ impl<'a> Schedule<'a> {
         let new = judge.insert(Arc::new(new)).clone();
         self.new += 1;
         if self.new > MANY_NEW.max(groups) {
-            self.drop_unasked();
+            // the judges that no burst asked for since the last time; they may be made again
+            for of in &mut self.models {
+                of.judge = of.judge.take().filter(|_| of.asked);
+                of.asked = false;
+            }
+            self.new = 0;
         }
         Ok(new)
-    }
-
-    /// Drops the judges that no burst asked for since the last time; they may be made again.
-    fn drop_unasked(&mut self) {
-        for of in &mut self.models {
-            of.judge = of.judge.take().filter(|_| of.asked);
-            of.asked = false;
-        }
-        self.new = 0;
     }
 
     /// The number of the design's own model of a printhead, if it has one.

@@ -22,7 +22,7 @@ use super::pacer::Pacer;
 use super::statistics::Statistics;
 use super::temperature_check::TemperatureCheck;
 use super::timings::Clock;
-use super::{Control, PipelineError, locked, rows};
+use super::{Control, Result, locked, rows};
 use crate::settings::Settings;
 use crossbeam_channel::{Receiver, Sender};
 use inkling_core::burst::{Acquisition, Place, SignalBatch};
@@ -66,10 +66,7 @@ impl<'a> BlockQueue<'a> {
 
     /// The next block and its bytes, once there is room for it in flight. `None`: there is no more, or nobody
     /// wants it. `None` as bytes: the digest did not read them, and the reader does.
-    pub(super) fn next(
-        &self,
-        clock: &mut Clock,
-    ) -> Result<Option<(Block, Option<ReadBlock>)>, PipelineError> {
+    pub(super) fn next(&self, clock: &mut Clock) -> Result<Option<(Block, Option<ReadBlock>)>> {
         let mut queue = clock.blocked(|| locked(&self.queue));
         loop {
             match self.control.next_block(self.recording, &mut queue.blocks)? {
@@ -89,7 +86,7 @@ impl<'a> BlockQueue<'a> {
     }
 
     /// The damage that the scan of the file met, and the digest of the whole file.
-    pub fn finish(self) -> Result<(Vec<Damage>, Digest), PipelineError> {
+    pub fn finish(self) -> Result<(Vec<Damage>, Digest)> {
         let Queue { damage, digester, .. } =
             self.queue.into_inner().unwrap_or_else(PoisonError::into_inner);
         Ok((damage, digester.finish(|| self.control.check())?))
@@ -103,7 +100,7 @@ pub fn read(
     pacer: Option<&Mutex<Pacer>>,
     mut clock: Clock,
     out: Sender<ReadBatch>,
-) -> Result<(), PipelineError> {
+) -> Result<()> {
     let (control, mut reader) = (queue.control, queue.recording.reader());
     // a paced recording has one reader, which holds the pacer for as long as it runs
     let mut pacer = pacer.map(locked);
@@ -142,7 +139,7 @@ pub fn identify(
     mut clock: Clock,
     input: Receiver<ReadBatch>,
     out: Sender<AssignedBatch>,
-) -> Result<(), PipelineError> {
+) -> Result<()> {
     // `waiting`: batches before their turn; `parked`: batches after it, of which some bursts have no judge yet;
     // `given`: what judges bursts whose sweeps have just ended
     let (mut waiting, mut parked) = (InOrder::new(), ParkedBatches::new(in_flight));
@@ -170,7 +167,7 @@ pub fn identify(
     if !parked.give(&mut given).all(|assigned| clock.send(&out, assigned)) {
         return Ok(());
     }
-    deciding.models.end()
+    deciding.models.learning.end()
 }
 
 /// Assigns each burst its judge, and follows the printheads where that is asked for.
@@ -191,7 +188,7 @@ impl JudgeAssignment<'_, '_> {
         number: u64,
         batch: &SignalBatch,
         given: &mut AssignedJudges,
-    ) -> Result<(), PipelineError> {
+    ) -> Result<()> {
         for (place, acquisition) in batch.acquisitions.iter().enumerate() {
             let slot = Slot { batch: number, place };
 
@@ -220,7 +217,7 @@ pub fn each<A, B>(
     input: Receiver<A>,
     out: Sender<B>,
     mut turn: impl FnMut(A) -> B,
-) -> Result<(), PipelineError> {
+) -> Result<()> {
     while let Some(batch) = clock.receive(&input) {
         if !clock.send(&out, turn(batch)) {
             break;
@@ -271,8 +268,8 @@ pub fn write(
     in_flight: &InFlight,
     pools: &BufferPools,
     control: &Control,
-    mut put: impl FnMut(&mut JudgedBatch) -> Result<(), PipelineError>,
-) -> Result<(), PipelineError> {
+    mut put: impl FnMut(&mut JudgedBatch) -> Result<()>,
+) -> Result<()> {
     let mut waiting = InOrder::new();
     while let Some(judged) = clock.receive(&input) {
         control.check()?;

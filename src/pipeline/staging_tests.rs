@@ -20,7 +20,7 @@ use super::tally::Tally;
 use super::temperature_check::TemperatureCheck;
 use super::timings::Timings;
 use super::visit::Pass;
-use super::{Control, PipelineError};
+use super::{Control, Result};
 use crate::settings::Settings;
 use crossbeam_channel::{Receiver, Sender, unbounded};
 use inkling_core::burst::{Place, SignalBatch};
@@ -41,10 +41,7 @@ pub(super) fn cpu_s() -> f64 {
 }
 
 /// Sends one batch through a stage, and returns what comes out.
-fn through<A, B>(
-    of: A,
-    stage: impl FnOnce(Receiver<A>, Sender<B>) -> Result<(), PipelineError>,
-) -> B {
+fn through<A, B>(of: A, stage: impl FnOnce(Receiver<A>, Sender<B>) -> Result<()>) -> B {
     let ((to_stage, input), (out, from_stage)) = (unbounded(), unbounded());
     to_stage.send(of).unwrap();
     drop(to_stage);

@@ -15,7 +15,7 @@
 //! A signal's statistics do not depend on what else is in the batch, because a lane does not know
 //! its neighbours ([`inkling_core::detect::kernel`]).
 
-use super::batches::AssignedBatch;
+use super::batches::{AssignedBatch, Detected};
 use super::rings::Deviations;
 use inkling_core::burst::{Acquisition, Burst};
 use inkling_core::design::{Detection, Judge, JudgeKey, Lanes, OwnBaseline, Workspace};
@@ -77,7 +77,7 @@ impl Statistics {
     }
 
     /// Computes the statistics of a batch into `statistic`: one entry per signal, in the batch's order.
-    pub fn of(&mut self, batch: &AssignedBatch, statistic: &mut Vec<Result<Detection, Reason>>) {
+    pub fn of(&mut self, batch: &AssignedBatch, statistic: &mut Vec<Detected>) {
         statistic.clear();
         statistic.reserve(batch.read.batch.rows());
         let mut bursts = Vec::with_capacity(batch.judges.len());
@@ -104,12 +104,7 @@ impl Statistics {
     }
 
     /// Computes the statistics of all bursts of one judge, and writes them to their places.
-    fn of_judge(
-        &mut self,
-        judge: &Judge,
-        bursts: &[PlacedBurst],
-        statistic: &mut [Result<Detection, Reason>],
-    ) {
+    fn of_judge(&mut self, judge: &Judge, bursts: &[PlacedBurst], statistic: &mut [Detected]) {
         let mut unsettled: Vec<WaitingSignal> = Vec::new();
         let mut signals = Vec::with_capacity(LANES);
         for &PlacedBurst { first, burst, .. } in bursts {
@@ -152,7 +147,7 @@ impl Statistics {
         &mut self,
         judge: &Judge,
         mut unsettled: Vec<WaitingSignal>,
-        statistic: &mut [Result<Detection, Reason>],
+        statistic: &mut [Detected],
     ) {
         let Some(detector) = judge.detector() else {
             for WaitingSignal { at, burst, row } in unsettled {
@@ -237,7 +232,7 @@ impl Statistics {
         judge: &Judge,
         lanes: &LaneSensitivity,
         (burst, waiting): (&'a Burst, impl Fn(usize) -> WaitingSignal<'a>),
-        statistic: &mut [Result<Detection, Reason>],
+        statistic: &mut [Detected],
         unsettled: &mut Vec<WaitingSignal<'a>>,
     ) {
         let condition = self.condition.of(judge, lanes, burst, self.rails);
@@ -259,7 +254,7 @@ impl Statistics {
         judge: &Judge,
         lanes: &LaneFilter,
         signals: &mut Vec<WaitingSignal<'a>>,
-        statistic: &mut [Result<Detection, Reason>],
+        statistic: &mut [Detected],
         unsettled: &mut Vec<WaitingSignal<'a>>,
     ) {
         let judged = lanes.judge(&mut self.tile, judge.model.threshold.value, self.rails);
@@ -347,7 +342,7 @@ impl LastCondition {
 fn settle<'a>(
     judged: &LaneStatistics,
     signals: impl Iterator<Item = WaitingSignal<'a>>,
-    statistic: &mut [Result<Detection, Reason>],
+    statistic: &mut [Detected],
     unsettled: &mut Vec<WaitingSignal<'a>>,
 ) {
     for (lane, of) in signals.enumerate() {
@@ -362,7 +357,7 @@ fn settle<'a>(
 }
 
 /// Rejects a first statistic that is not finite, as absurd covariates give: that is not healthy.
-fn finite(found: Detection) -> Result<Detection, Reason> {
+fn finite(found: Detection) -> Detected {
     if found.ring.is_finite() { Ok(found) } else { Err(Reason::NonFinite) }
 }
 

@@ -97,9 +97,9 @@ pub(super) struct Sweep {
     repeated: Vec<(Slot, i64)>,
     /// Its channels that were heard before its latest moment, and those heard in that moment.
     before: ChannelStretches,
-    moment: ChannelStretches,
+    pub moment: ChannelStretches,
     /// Its latest moment, ns.
-    latest_ns: i64,
+    pub latest_ns: i64,
 }
 
 /// The channel numbers of a burst.
@@ -158,16 +158,6 @@ impl Sweep {
         let mut next = Sweep::of(bursts, self.judge.clone(), t_ns, clock);
         next.repeated = self.repeated.extract_if(.., |(_, of)| *of == t_ns).collect();
         Some(std::mem::replace(self, next))
-    }
-
-    /// Whether its latest moment alone holds all of `channels`.
-    pub fn holds_at_once(&self, channels: &ChannelStretches) -> bool {
-        channels.0.iter().all(|of| self.moment.hold(of))
-    }
-
-    /// Whether it holds a later moment than `t_ns`.
-    pub fn is_later(&self, t_ns: i64) -> bool {
-        t_ns < self.latest_ns
     }
 
     /// Time of its latest burst, ns; `latest_ns` may be the next sweep's moment already.

@@ -3,7 +3,7 @@
 //! and what was damaged or unusable is returned. An interruption is the only error.
 
 use super::batches::MOST_ROWS;
-use super::{Control, PipelineError};
+use super::{Control, Result};
 use inkling_core::burst::{Acquisition, Burst};
 use inkling_core::fault::HEALTHY;
 use inkling_core::labels::Labels;
@@ -44,7 +44,7 @@ pub struct Pass<'a> {
 
 impl Pass<'_> {
     /// Calls `see` with the block index and every usable burst, in file order.
-    pub fn all(self, see: impl FnMut(u64, &Burst)) -> Result<Lost, PipelineError> {
+    pub fn all(self, see: impl FnMut(u64, &Burst)) -> Result<Lost> {
         self.bursts(|_| true, see)
     }
 
@@ -54,7 +54,7 @@ impl Pass<'_> {
         self,
         want: impl FnMut(u64) -> bool,
         mut see: impl FnMut(u64, &Burst),
-    ) -> Result<Lost, PipelineError> {
+    ) -> Result<Lost> {
         let mut lost = Lost::default();
         let mut reader = self.recording.reader();
         lost.damage = self.acquisitions(&mut reader, want, |block, acquisition| {
@@ -74,7 +74,7 @@ impl Pass<'_> {
         reader: &mut BlockReader,
         mut want: impl FnMut(u64) -> bool,
         mut see: impl FnMut(u64, &Acquisition),
-    ) -> Result<Vec<Damage>, PipelineError> {
+    ) -> Result<Vec<Damage>> {
         let Pass { recording, control } = self;
         let mut damage = Vec::new();
         // unless the file's channels are known upfront, a block may define those of a later one

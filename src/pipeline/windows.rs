@@ -12,12 +12,12 @@
 //!    each window's signals are sampled. The sample does not depend on the file's order.
 //! 4. The models are learned in the order of the windows' begins, and numbered in that of their ends.
 
-use super::PipelineError;
 use super::learner::{HELD_BYTES, Window};
 use super::learning::Learning;
 use super::tally::widen;
 use super::timings::Phases;
 use super::visit::Pass;
+use super::{PipelineError, Result};
 use inkling_core::burst::Burst;
 use std::collections::{BTreeMap, HashMap, HashSet};
 
@@ -35,7 +35,7 @@ struct Survey {
 
 impl Learning<'_> {
     /// Learns from all windows of the recording. The time that the passes take is counted in `phases`.
-    pub fn learn_before(&mut self, pass: Pass, phases: &mut Phases) -> Result<(), PipelineError> {
+    pub fn learn_before(&mut self, pass: Pass, phases: &mut Phases) -> Result<()> {
         let survey = phases.time("survey", || self.survey(pass))?;
         phases.time("windows", || {
             let mut windows = self.place_all(&survey)?;
@@ -53,7 +53,7 @@ impl Learning<'_> {
     }
 
     /// Finds when the groups that need windows printed.
-    fn survey(&mut self, pass: Pass) -> Result<Survey, PipelineError> {
+    fn survey(&mut self, pass: Pass) -> Result<Survey> {
         let mut survey = Survey::default();
         let Survey { bins, blocks } = &mut survey;
         // windows that the settings give have no placing: their bursts share one bin
@@ -76,7 +76,7 @@ impl Learning<'_> {
     }
 
     /// Places the windows of all groups: those of `identify.spans`, or else one that begins every so often.
-    fn place_all(&mut self, survey: &Survey) -> Result<Vec<Window>, PipelineError> {
+    fn place_all(&mut self, survey: &Survey) -> Result<Vec<Window>> {
         let given = self.groups.iter_mut().flat_map(|group| group.open.drain(..));
         let mut windows: Vec<Window> = given.map(|open| open.window).collect();
         for (&(group, _), &(first_ns, last_ns)) in &survey.bins {
@@ -99,12 +99,7 @@ impl Learning<'_> {
     }
 
     /// Opens some windows, and reads the blocks that touch them, once, to sample their usable signals.
-    fn fill(
-        &mut self,
-        windows: &[Window],
-        survey: &Survey,
-        pass: Pass,
-    ) -> Result<(), PipelineError> {
+    fn fill(&mut self, windows: &[Window], survey: &Survey, pass: Pass) -> Result<()> {
         windows.iter().for_each(|window| self.groups[window.group].open(self.replay, *window));
         let touches = |(&group, &(from, to)): (&usize, &(i64, i64))| {
             windows.iter().any(|w| w.group == group && from < w.to_ns && to >= w.from_ns)

@@ -7,7 +7,6 @@
 //! The reader ends at the end of the recording, each other stage when the stage before it is gone. If a stage
 //! fails, its ends of the queues are dropped, so that the stages before and behind it end, too.
 
-use super::PipelineError;
 use super::batches::{BufferPools, JudgedBatch};
 use super::episodes::{EpisodeReport, EpisodeTap};
 use super::head_movement::HeadMovement;
@@ -21,6 +20,7 @@ use super::stages::{self, BlockQueue, JudgeAssignment};
 use super::tally::Tally;
 use super::temperature_check::TemperatureCheck;
 use super::timings::{Clock, StageTiming, Timings};
+use super::{PipelineError, Result};
 use crossbeam_channel::bounded;
 use inkling_core::fault::categories;
 use inkling_core::state::Memory;
@@ -66,7 +66,7 @@ pub struct StageResults<'a> {
 
 impl Run<'_> {
     /// Creates the tables that the writer appends to. `classes`: names of the fault classes.
-    fn tables(&self, classes: &[String]) -> Result<Tables<'_>, PipelineError> {
+    fn tables(&self, classes: &[String]) -> Result<Tables<'_>> {
         let output = &self.replay.settings.output;
         let timestamp_unit = output.timestamps;
         let of_episodes = self.verdicts.map(|verdicts| {
@@ -92,7 +92,7 @@ impl Run<'_> {
         let rotation = self.watch.and_then(|watch| watch.rotation);
         let rotating = rotation
             .filter(|_| self.recording.is_growing())
-            .map(|of| PartWriter::new(of, self.replay, self.recording, verdicts, options.clone()));
+            .map(|of| PartWriter::new(of, *self, verdicts, options.clone()));
         let table = Table::File(VerdictWriter::create(verdicts, options)?);
         let rows = self.watch.and_then(|watch| watch.rows);
         Ok(Tables { episodes, table, rotating, rows })
@@ -109,10 +109,7 @@ impl Run<'_> {
     }
 
     /// Connects the six stages, runs them, and waits for all of them. The writer runs on the caller's thread.
-    pub fn through_stages<'m>(
-        &self,
-        models: Models<'m>,
-    ) -> Result<StageResults<'m>, PipelineError> {
+    pub fn through_stages<'m>(&self, models: Models<'m>) -> Result<StageResults<'m>> {
         let Run { replay, recording, control, .. } = *self;
         let settings = &replay.settings;
 
@@ -136,7 +133,7 @@ impl Run<'_> {
         let names = ["reader", "identify", "filter", "gate", "isolate", "writer"];
         names.iter().for_each(|stage| timings.expect(stage));
         control.bytes_read.store(0, Ordering::Relaxed);
-        control.set_abandoned(false);
+        control.abandoned.store(false, Ordering::Relaxed);
 
         // 3. the threads, which end before the scope does
         thread::scope(|scope| {
@@ -187,7 +184,7 @@ impl Run<'_> {
             let clock = timings.clock("writer");
             let written = stages::write(clock, from_isolate, in_flight, pools, control, put);
             // a reader that waits for room or for more to be written must not wait for a writer that is gone
-            control.set_abandoned(true);
+            control.abandoned.store(true, Ordering::Relaxed);
             in_flight.close();
             running.joined(written)
         })?;
@@ -196,7 +193,7 @@ impl Run<'_> {
         let ((scan_damage, digest), timings) = (queue.finish()?, timings.stages());
         let Tables { episodes, table, .. } = tables;
         let JudgeAssignment { models, mut temperatures, following } = deciding;
-        let (schedule, episodes) = (models.into_schedule(), episodes.finish()?);
+        let (schedule, episodes) = (models.learning.schedule, episodes.finish()?);
         // what temperature does to followed printheads is part of their level
         temperatures.forget(following.iter().flat_map(Heads::followed));
 
@@ -254,7 +251,7 @@ struct Tables<'a> {
 impl Tables<'_> {
     /// Appends a batch to all tables. Episodes come first: they take what isolation says of flagged signals
     /// out of the batch.
-    fn write(&mut self, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
+    fn write(&mut self, judged: &mut JudgedBatch) -> Result<()> {
         if judged.verdicts.is_empty() {
             return Ok(());
         }
@@ -274,7 +271,7 @@ impl Tables<'_> {
 struct RunningStages<'scope, 'env> {
     scope: &'scope Scope<'scope, 'env>,
     timings: &'scope Timings,
-    stages: Vec<(&'static str, ScopedJoinHandle<'scope, Result<(), PipelineError>>)>,
+    stages: Vec<(&'static str, ScopedJoinHandle<'scope, Result<()>>)>,
 }
 
 impl<'scope> RunningStages<'scope, '_> {
@@ -282,19 +279,19 @@ impl<'scope> RunningStages<'scope, '_> {
     fn start(
         &mut self,
         stage: &'static str,
-        work: impl FnOnce(Clock<'scope>) -> Result<(), PipelineError> + Send + 'scope,
+        work: impl FnOnce(Clock<'scope>) -> Result<()> + Send + 'scope,
     ) {
         let timings = self.timings;
         self.stages.push((stage, self.scope.spawn(move || work(timings.clock(stage)))));
     }
 
     /// Waits for all threads. Of several errors the writer's own is returned, else that of the first stage.
-    fn joined(self, written: Result<(), PipelineError>) -> Result<(), PipelineError> {
+    fn joined(self, written: Result<()>) -> Result<()> {
         let ended = self
             .stages
             .into_iter()
             .map(|(stage, handle)| handle.join().unwrap_or(Err(PipelineError::Panicked(stage))));
-        let ended: Vec<Result<(), PipelineError>> = ended.collect();
+        let ended: Vec<Result<()>> = ended.collect();
         written.and(ended.into_iter().collect())
     }
 }
