@@ -114,7 +114,7 @@ pub struct GatedBatch {
 }
 
 /// The verdicts of a batch, ready to be written.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct JudgedBatch {
     /// As in its [`ReadBatch`].
     pub place: Place,

@@ -30,13 +30,6 @@ const MOST_FAULTY: usize = 8_192;
 /// Maximum number of sets, one for each printhead and label.
 const MOST_SETS: usize = 512;
 
-/// The time and channels of a burst, as a span.
-fn span_of(burst: &Burst) -> Span {
-    let first_channel = burst.first_channel;
-    let last_channel = first_channel.saturating_add(burst.channels.saturating_sub(1));
-    Span { from_ns: burst.t_acq_ns, to_ns: burst.t_acq_ns, first_channel, last_channel }
-}
-
 /// Sample period, s, and samples of a burst's signals.
 fn sampling_of(burst: &Burst) -> (f64, usize) {
     (burst.sample_period_s, burst.samples_per_channel as usize)
@@ -73,7 +66,10 @@ impl<'a> Collector<'a> {
         let mut signal = Vec::new();
         let lost = pass.all(|_, burst| {
             pass.control.signals.fetch_add(u64::from(burst.channels), Ordering::Relaxed);
-            self.met.see(&burst.printhead, span_of(burst));
+            let (t_ns, first_channel) = (burst.t_acq_ns, burst.first_channel);
+            let last_channel = first_channel.saturating_add(burst.channels.saturating_sub(1));
+            let span = Span { from_ns: t_ns, to_ns: t_ns, first_channel, last_channel };
+            self.met.see(&burst.printhead, span);
             self.first.get_or_insert(sampling_of(burst));
             for row in 0..burst.channels as usize {
                 let label = self.take_signal(burst, row, &mut signal);

@@ -66,33 +66,14 @@ impl Judging<'_> {
     }
 }
 
-/// The channels of a printhead that were met before a sweep, and those of them that are frozen.
-#[derive(Debug, Default)]
-pub(super) struct Watched {
-    /// The channels, and which of them are looked at in a sweep.
-    pub channels: ChannelSubset,
-    pub frozen: Frozen,
-}
-
-impl Watched {
-    /// Adds the channels of a burst to those that were met.
-    pub fn meet(&mut self, burst: &Burst) {
-        self.channels.meet(channels(burst));
-    }
-
-    /// Checks a burst for frozen channels, unless noise is so low that signals may be equal by chance.
-    pub fn hear(&mut self, burst: &Burst, judge: &Judge, rails: [f64; 2]) {
-        if judge.model.noise > LEAST_NOISE {
-            self.frozen.hear(burst, rails);
-        }
-    }
-}
-
 /// A printhead that is followed.
 #[derive(Debug)]
 pub(super) struct Head {
     /// What is known of the head and of each of its channels.
     state: State,
+    /// The channels that were met before the open sweep, of which some are looked at; and the frozen ones.
+    pub channels: ChannelSubset,
+    frozen: Frozen,
     /// Number of consecutive sweeps, up to the last one, in which the head seemed to be another one.
     strange: u32,
     /// Without a design, the base ring (amplitude in counts, damping in 1/s, frequency in Hz, phase in rad),
@@ -158,6 +139,8 @@ impl Head {
         }
         Some(Head {
             state,
+            channels: ChannelSubset::default(),
+            frozen: Frozen::default(),
             strange: 0,
             ring,
             window_at,
@@ -181,9 +164,16 @@ impl Head {
         self.state.heard_ns().is_some_and(|before| t_ns <= before)
     }
 
+    /// Checks a burst for frozen channels, unless noise is so low that signals may be equal by chance.
+    pub fn hear(&mut self, burst: &Burst, judge: &Judge, rails: [f64; 2]) {
+        if judge.model.noise > LEAST_NOISE {
+            self.frozen.hear(burst, rails);
+        }
+    }
+
     /// Ends a sweep: updates the head's state by it, and returns what its bursts are judged by: the judge at
     /// the level which the sweep itself shows, and the channels' own levels as they were before it.
-    pub fn close(&mut self, sweep: &Sweep, watched: &Watched, by: &mut Judging) -> AssignedJudge {
+    pub fn close(&mut self, sweep: &Sweep, by: &mut Judging) -> AssignedJudge {
         if self.judge.window.index != sweep.judge.index {
             self.take_window(&sweep.judge);
         }
@@ -191,10 +181,11 @@ impl Head {
         // 1. look
         self.sweeps = self.sweeps.wrapping_add(1);
         let t_ns = sweep.to_ns();
-        let Looks { rings: looks, no_rings, all_frozen } = self.look(sweep, watched, by);
+        let Looks { rings: looks, no_rings, all_frozen } = self.look(sweep, by);
         // own levels are taken before the state is updated, so that no sweep is judged about its own
-        let own = by.replay.baselines.is_some().then(|| self.own(by));
-        let frozen = watched.frozen.channels();
+        let is_remembered = by.replay.baselines.is_some();
+        let own = is_remembered.then(|| self.own(by));
+        let frozen = self.frozen.channels();
 
         // 2. the state takes the looks in; what is to be told at the end is noted
         let followed = self.state.channels();
@@ -208,16 +199,12 @@ impl Head {
         // 3. who judges: the judge moved to the level, the judge as it was, or nobody
         let judge = match outcome {
             _ if all_frozen => Err(Reason::Frozen),
-            // the recording may be a library of bursts of one fault: a few strange sweeps are judged
-            SweepOutcome::Strange { .. }
-                if by.replay.baselines.is_none() && self.strange < IN_A_ROW =>
-            {
-                Ok(self.judge.now.clone())
-            }
-            SweepOutcome::Strange { level } => {
+            SweepOutcome::Strange { level } if is_remembered || self.strange >= IN_A_ROW => {
                 self.movement.note_strange(t_ns, level);
                 Err(Reason::HeadChanged)
             }
+            // the recording may be a library of bursts of one fault: a few strange sweeps are judged
+            SweepOutcome::Strange { .. } => Ok(self.judge.now.clone()),
             SweepOutcome::Level { level, sd } => Ok(self.judged_by(t_ns, (level, sd), by)),
             SweepOutcome::Unknown => {
                 self.unknown = self.unknown.saturating_add(1);
@@ -248,7 +235,7 @@ impl Head {
 
     /// Looks at a subset of a sweep's channels, another one with each sweep. Frozen channels are only counted,
     /// and signals that cannot be judged are passed over.
-    fn look(&mut self, sweep: &Sweep, watched: &Watched, by: &mut Judging) -> Looks {
+    fn look(&mut self, sweep: &Sweep, by: &mut Judging) -> Looks {
         // `far`: whether a ring is fitted where the closed form does not tell
         let (at, judge, far) = (self.now_at(), self.judge.now.clone(), self.unknown < MOST_UNKNOWN);
         let Judging { replay, deviations, work, room, .. } = by;
@@ -257,14 +244,14 @@ impl Head {
         for burst in sweep.bursts() {
             let drive = judge.drive(burst);
             for channel in channels(burst) {
-                if !watched.channels.holds(channel, self.sweeps) {
+                if !self.channels.holds(channel, self.sweeps) {
                     continue;
                 }
                 let row = (channel - burst.first_channel) as usize;
                 let Ok(deviation) = deviations.of_usable(&judge, burst, row, rails) else {
                     continue;
                 };
-                if watched.frozen.is_frozen(channel) {
+                if self.frozen.is_frozen(channel) {
                     repeated += 1;
                     continue;
                 }

@@ -11,11 +11,11 @@
 
 use super::batches::{AssignedJudge, AssignedJudges, Slot};
 use super::groups::ByGroup;
-use super::head::{Head, Judging, Watched};
+use super::head::{Head, Judging};
 use super::head_movement::HeadMovement;
 use super::job::Replay;
 use super::rings::Deviations;
-use super::sweep::{Sweep, SweepClock};
+use super::sweep::{Sweep, SweepClock, channels};
 use inkling_core::burst::Burst;
 use inkling_core::design::{Design, Judge, Workspace};
 use inkling_core::state::Memory;
@@ -40,8 +40,6 @@ pub struct Heads<'a> {
 /// A printhead that is followed, and the sweep over its channels that has not ended yet.
 #[derive(Debug)]
 struct Followed {
-    /// Its channels that were met before the open sweep, and the frozen ones.
-    watched: Watched,
     /// The sweep that has not ended yet; `None`: the next burst begins one.
     open: Option<Sweep>,
     /// What judged the previous sweep; before the first, the judge of the windows.
@@ -151,7 +149,7 @@ impl Followed {
     fn meet(judge: &Arc<Judge>, burst: &Burst, judging: &Judging) -> Option<Followed> {
         let head = Box::new(Head::meet(judge, burst, judging)?);
         let last = AssignedJudge::by(Ok(judge.clone()));
-        Some(Followed { watched: Watched::default(), open: None, last, closed: None, head })
+        Some(Followed { open: None, last, closed: None, head })
     }
 
     /// Takes the next burst of this head: adds it to the open sweep, or judges it at once where its sweep was
@@ -177,8 +175,8 @@ impl Followed {
         let is_closed = |(by, at_ns): &(Arc<Judge>, i64)| by.index == judge.index && *at_ns == t_ns;
         if self.open.is_none() && self.closed.as_ref().is_some_and(is_closed) {
             // that sweep ended with this very moment: here are channels that were new to it, or repeated
-            self.watched.hear(burst, judge, judging.replay.settings.input.rails);
-            self.watched.meet(burst);
+            self.head.hear(burst, judge, judging.replay.settings.input.rails);
+            self.head.channels.meet(channels(burst));
             given.push((slot, self.last.clone()));
             return;
         }
@@ -212,7 +210,7 @@ impl Followed {
     /// Whether the latest moment of the open sweep holds all channels that were known before it: then nothing
     /// that belongs to this sweep can follow.
     fn is_over(&self) -> bool {
-        let met = &self.watched.channels.met;
+        let met = &self.head.channels.met;
         !met.0.is_empty()
             && self.open.as_ref().is_some_and(|open| met.0.iter().all(|of| open.moment.hold(of)))
     }
@@ -227,16 +225,18 @@ impl Followed {
 
         let is_first = self.closed.is_none();
         for burst in sweep.bursts() {
-            self.watched.hear(burst, &sweep.judge, judging.replay.settings.input.rails);
+            self.head.hear(burst, &sweep.judge, judging.replay.settings.input.rails);
             // no channel was known before the first sweep, which would otherwise show nothing
             if is_first {
-                self.watched.meet(burst);
+                self.head.channels.meet(channels(burst));
             }
         }
 
         // judge the sweep, and only then add its channels to those that were met
-        self.last = self.head.close(&sweep, &self.watched, judging);
-        sweep.bursts().into_iter().for_each(|burst| self.watched.meet(burst));
+        self.last = self.head.close(&sweep, judging);
+        for burst in sweep.bursts() {
+            self.head.channels.meet(channels(burst));
+        }
         let last = &self.last;
         given.extend(sweep.slots().map(|slot| (slot, last.clone())));
         self.closed = Some((sweep.judge.clone(), sweep.to_ns()));

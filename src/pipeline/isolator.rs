@@ -40,8 +40,8 @@ struct GatedBurst<'a> {
     statistic: &'a [Detected],
     /// Index of its first signal among the batch's.
     first: usize,
-    /// Index of its printhead among the batch's.
-    printhead: u32,
+    /// What identifies its first signal.
+    id: Id,
 }
 
 /// One signal that was judged.
@@ -61,17 +61,6 @@ impl Signal<'_> {
     fn per_drive(&self, y: &mut Vec<f64>) {
         y.resize(self.burst.samples_per_channel as usize, 0.0);
         rings::per_drive(self.judge, self.burst, self.row, y);
-    }
-}
-
-impl GatedBurst<'_> {
-    /// What identifies the signal of a row.
-    fn id(&self, row: usize) -> Id {
-        Id {
-            t_ns: self.burst.t_acq_ns,
-            printhead: self.printhead,
-            channel: self.burst.first_channel + row as u32, // a burst has few
-        }
     }
 }
 
@@ -102,10 +91,8 @@ impl<'a> Isolator<'a> {
             leaves: read.leaves,
             damage: std::mem::take(&mut read.damage),
             verdicts: Verdicts { parts: Vec::new(), tests, rows: columns },
-            judges: Vec::new(),
-            own: Vec::new(),
-            flagged: Vec::new(),
             bursts: read.batch.acquisitions.len() as u64,
+            ..JudgedBatch::default()
         };
 
         // burst by burst; an unusable burst is one row, with the reason
@@ -133,7 +120,7 @@ impl<'a> Isolator<'a> {
                         own: own.as_deref(),
                         first: signals.start,
                         statistic: &statistic[signals],
-                        printhead,
+                        id: Id { t_ns, printhead, channel: burst.first_channel },
                     };
                     self.judge_burst(&gated, &mut judged);
                 }
@@ -151,6 +138,7 @@ impl<'a> Isolator<'a> {
         let all_rings = self.settings.output.ring == RingsOf::All;
         let at_once = of.judge.ok().filter(|judge| !isolates_all(judge) && !all_rings);
 
+        let id = |row: usize| Id { channel: of.id.channel + row as u32, ..of.id }; // a burst has few
         let mut row = 0;
         while row < of.statistic.len() {
             let here = of.first + row; // the signal's index in the batch
@@ -159,7 +147,7 @@ impl<'a> Isolator<'a> {
                 let left = &rows.verdicts.tests.healthy[here..of.first + of.statistic.len()];
                 let healthy = left.iter().take_while(|healthy| **healthy).count();
                 if healthy > 0 {
-                    let run = rows::healthy_run(of.id(row), here..here + healthy, judge);
+                    let run = rows::healthy_run(id(row), here..here + healthy, judge);
                     rows.verdicts.parts.push(run);
                     row += healthy;
                     continue;
@@ -168,11 +156,11 @@ impl<'a> Isolator<'a> {
 
             // a single row: nobody judged the signal, or it is flagged (or everything is isolated)
             match of.statistic[row].and_then(|detection| Ok((detection, of.judge?))) {
-                Err(reason) => rows::push_rejected(&mut rows.verdicts.rows, of.id(row), reason),
+                Err(reason) => rows::push_rejected(&mut rows.verdicts.rows, id(row), reason),
                 Ok((detection, judge)) => {
                     let (burst, is_flagged) = (of.burst, !rows.verdicts.tests.healthy[here]);
                     let signal = Signal { burst, row, judge, own: of.own, detection, is_flagged };
-                    self.judge_signal(signal, of.id(row), rows);
+                    self.judge_signal(signal, id(row), rows);
                 }
             }
             rows.verdicts.close_rows();

@@ -256,7 +256,9 @@ fn rejected(tally: &Tally, schedule: &Schedule, refusals: &[Refusal]) -> Vec<Not
         })
         .collect();
 
-    let (signals, judged) = (tally.counts.signals, known(tally));
+    // those of printheads that turned out to be others tell nothing of their nozzles
+    let of_others: u64 = tally.printheads.values().map(|head| head.judged - head.known()).sum();
+    let (signals, judged) = (tally.counts.signals, tally.counts.judged - of_others);
     if all.is_empty() && 2 * judged < signals {
         // the printhead with the most signals that say nothing of their nozzles gives the reason
         let worst = tally.printheads.iter().max_by_key(|(_, head)| head.signals - head.known());
@@ -265,12 +267,6 @@ fn rejected(tally: &Tally, schedule: &Schedule, refusals: &[Refusal]) -> Vec<Not
         all.push(NotJudged { signals, judged, what, ..NotJudged::default() });
     }
     all
-}
-
-/// Number of a recording's signals that tell something of their nozzles.
-fn known(tally: &Tally) -> u64 {
-    let of_other_heads = |head: &PrintheadTally| head.judged - head.known();
-    tally.counts.judged - tally.printheads.values().map(of_other_heads).sum::<u64>()
 }
 
 /// Why a printhead's signals could not be judged: the commonest reason, with the numbers that differ from the

@@ -197,7 +197,6 @@ impl Tally {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use inkling_core::burst::Place;
 
     /// A batch with one healthy row for each printhead and channel given.
     fn judged(rows: impl Iterator<Item = (String, u32)>) -> JudgedBatch {
@@ -210,16 +209,7 @@ mod tests {
             columns.acquired_at_ns.push(0);
         }
         columns.fill_up();
-        JudgedBatch {
-            place: Place { block: 0, piece: 0 },
-            leaves: None,
-            damage: Vec::new(),
-            verdicts: columns.into(),
-            judges: Vec::new(),
-            own: Vec::new(),
-            flagged: Vec::new(),
-            bursts: 0,
-        }
+        JudgedBatch { verdicts: columns.into(), ..JudgedBatch::default() }
     }
 
     #[test]

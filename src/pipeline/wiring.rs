@@ -21,7 +21,7 @@ use super::tally::Tally;
 use super::temperature_check::TemperatureCheck;
 use super::timings::{Clock, StageTiming, Timings};
 use super::{PipelineError, Result};
-use crossbeam_channel::bounded;
+use crossbeam_channel::{Receiver, bounded};
 use inkling_core::fault::categories;
 use inkling_core::state::Memory;
 use inkling_core::verdict::Verdicts;
@@ -137,12 +137,8 @@ impl Run<'_> {
 
         // 3. the threads, which end before the scope does
         thread::scope(|scope| {
-            // one bounded queue between every two stages
             let (to_identify, from_reader) = bounded(QUEUE);
             let (to_filter, from_identify) = bounded(QUEUE);
-            let (to_gate, from_filter) = bounded(QUEUE);
-            let (to_isolate, from_gate) = bounded(QUEUE);
-            let (to_writer, from_isolate) = bounded(QUEUE);
             let (queue, in_flight, pacer) = (&queue, &in_flight, self.pacer);
             let (timings, pools, deciding) = (&timings, &pools, &mut deciding);
 
@@ -157,23 +153,12 @@ impl Run<'_> {
             running.start("identify", move |clock| {
                 stages::identify(deciding, in_flight, clock, from_reader, to_filter)
             });
-            for _ in 0..filters {
-                let (input, out) = (from_identify.clone(), to_gate.clone());
-                running.start("filter", move |clock| {
-                    stages::each(clock, input, out, stages::filter(rails, pools))
-                });
-            }
-            drop((from_identify, to_gate));
-            running.start("gate", move |clock| {
-                stages::each(clock, from_filter, to_isolate, |batch| stages::gate(pools, batch))
-            });
-            for _ in 0..isolators {
-                let (input, out) = (from_gate.clone(), to_writer.clone());
-                running.start("isolate", move |clock| {
-                    stages::each(clock, input, out, stages::isolate(settings, pools))
-                });
-            }
-            drop((from_gate, to_writer));
+            let filter = move || stages::filter(rails, pools);
+            let from_filter = running.start_each("filter", filters, from_identify, filter);
+            let gate = move || move |batch| stages::gate(pools, batch);
+            let from_gate = running.start_each("gate", 1, from_filter, gate);
+            let isolate = move || stages::isolate(settings, pools);
+            let from_isolate = running.start_each("isolate", isolators, from_gate, isolate);
 
             // the writer, here
             let put = |judged: &mut JudgedBatch| {
@@ -283,6 +268,28 @@ impl<'scope> RunningStages<'scope, '_> {
     ) {
         let timings = self.timings;
         self.stages.push((stage, self.scope.spawn(move || work(timings.clock(stage)))));
+    }
+
+    /// Starts the workers of a stage that turns each batch into one of the next stage by itself; `turn` makes
+    /// what turns them. Returns the queue of the turned batches.
+    fn start_each<A, B, T>(
+        &mut self,
+        stage: &'static str,
+        workers: usize,
+        input: Receiver<A>,
+        turn: impl Fn() -> T + Copy + Send + 'scope,
+    ) -> Receiver<B>
+    where
+        A: Send + 'scope,
+        B: Send + 'scope,
+        T: FnMut(A) -> B,
+    {
+        let (out, turned) = bounded(QUEUE);
+        for _ in 0..workers {
+            let (input, out) = (input.clone(), out.clone());
+            self.start(stage, move |clock| stages::each(clock, input, out, turn()));
+        }
+        turned
     }
 
     /// Waits for all threads. Of several errors the writer's own is returned, else that of the first stage.
