@@ -35,15 +35,12 @@ pub(super) fn usable(acquisition: &Acquisition) -> Option<&Burst> {
 /// A batch as the reader gives it.
 #[derive(Debug)]
 pub struct ReadBatch {
-    /// The acquisitions, and their place in the recording.
     pub batch: SignalBatch,
-    /// The block of the file that they come from.
     pub block: Block,
     /// What the blocks up to here define, where the file's summary does not say it.
     pub definitions: Option<Definitions>,
     /// For the last batch of a block: the block's bytes, which leave flight when the batch is written.
     pub leaves: Option<u64>,
-    /// Messages and bytes that could not be read.
     pub damage: Vec<Damage>,
 }
 
@@ -129,14 +126,12 @@ pub struct JudgedBatch {
     pub own: Vec<(i64, u32, Arc<OwnChannels>)>,
     /// For its flagged rows, ascending, what a row of a table has no room for.
     pub flagged: Vec<FlaggedSignal>,
-    /// Number of its bursts, unusable ones included.
     pub bursts: u64,
 }
 
 /// What isolation says of a flagged signal, for the evidence over time.
 #[derive(Debug)]
 pub struct FlaggedSignal {
-    /// Its row among the verdicts' rows.
     pub row: u32,
     /// Weight of each class; what their sum lacks to 1 is the weight of no class.
     /// Empty: isolation said nothing.
@@ -147,7 +142,7 @@ pub struct FlaggedSignal {
     pub appearance: Option<Appearance>,
 }
 
-/// Buffers of one kind that no stage uses at the moment.
+/// Buffers that no stage uses at the moment.
 #[derive(Debug, Default)]
 pub struct BufferPool<T>(Mutex<Vec<T>>);
 
@@ -169,7 +164,6 @@ impl<T: Default> BufferPool<T> {
     }
 }
 
-/// The pools that all stages share.
 #[derive(Debug, Default)]
 pub struct BufferPools {
     pub statistic: BufferPool<Vec<Detected>>,

@@ -40,9 +40,7 @@ fn sampling_of(burst: &Burst) -> (f64, usize) {
 pub struct Collector<'a> {
     /// `None`: every signal counts as healthy.
     labels: Option<&'a Labels>,
-    /// Limits of the converter, counts.
     rails: [f64; 2],
-    /// Sample period, s, and samples of the first burst with a signal to collect.
     sampling: Option<(f64, usize)>,
     /// The same of the first burst of all, which may have no signal to collect.
     first: Option<(f64, usize)>,
@@ -60,8 +58,7 @@ impl<'a> Collector<'a> {
         Collector { labels, rails, ..Collector::default() }
     }
 
-    /// Takes the signals of a recording. Returns what was damaged or is missing. An unusable burst counts as one
-    /// rejected signal.
+    /// Takes the signals of a recording. Returns its damage. An unusable burst counts as one rejected signal.
     pub fn take(&mut self, pass: Pass) -> Result<Vec<Damage>> {
         let mut signal = Vec::new();
         let lost = pass.all(|_, burst| {
@@ -97,7 +94,6 @@ impl<'a> Collector<'a> {
             return if label.is_some() { IGNORE } else { "unlabelled" };
         };
 
-        // the first signal that is not left out decides the sampling
         let (period, n) = *self.sampling.get_or_insert(sampling_of(burst));
         if n != sampling_of(burst).1 || !same_period(period, burst.sample_period_s) {
             return "other_sampling";
@@ -108,7 +104,6 @@ impl<'a> Collector<'a> {
             return "rejected";
         }
 
-        // its label and printhead have a reservoir, which decides whether to keep it
         let key = (state.to_owned(), burst.printhead.to_string());
         if self.sets.len() < MOST_SETS || self.sets.contains_key(&key) {
             let most = if state == HEALTHY { MOST_HEALTHY } else { MOST_FAULTY };
@@ -133,7 +128,6 @@ impl<'a> Collector<'a> {
     pub fn finish(self) -> Option<TrainingSet> {
         let (sample_period_s, samples) = self.sampling.or(self.first)?;
 
-        // the mean drive voltage of the kept healthy signals that have one
         let healthy = self.sets.iter().filter(|((state, _), _)| state == HEALTHY);
         let voltages = healthy.map(|(_, reservoir)| reservoir.voltage_sum());
         let (sum, n) = voltages.fold((0.0, 0), |(sum, n), (s, m)| (sum + s, n + m));
@@ -179,11 +173,8 @@ fn rails_of(signal: &[f64], rails: [f64; 2]) -> [f64; 2] {
 
 /// The signals of one sample period. A signal may be held up to twice as long as the first one was.
 struct PeriodSignals {
-    /// Sample period, s.
     period_s: f64,
-    /// Samples that are held of a longer signal.
     most_samples: usize,
-    /// The sample of signals.
     sampler: Sampler,
 }
 
@@ -203,9 +194,7 @@ impl PeriodSignals {
 /// Collects what a critique looks at.
 #[derive(Default)]
 pub struct Observer<'a> {
-    /// Labels that say which signals are healthy; `None`: every signal may be.
     labels: Option<&'a Labels>,
-    /// Limits of the converter, counts.
     rails: [f64; 2],
     /// What is held; `None`: no signal that may be healthy came yet.
     sampler: Option<PeriodSignals>,
@@ -218,7 +207,6 @@ pub struct Observer<'a> {
     /// Number of signals that have another sample period than those held, or, after [`Observer::finish`], were
     /// shorter than the common length and so were dropped.
     pub other_sampling: u64,
-    /// Samples of the longest signal offered.
     longest: usize,
     /// After [`Observer::finish`]: whether some signal was longer than what was taken of it.
     pub is_cut: bool,
@@ -230,8 +218,7 @@ impl<'a> Observer<'a> {
         Observer { labels, rails, most_samples, ..Observer::default() }
     }
 
-    /// Takes the signals of a recording that have the sample period of the first one that may be healthy.
-    /// Returns what was damaged or is missing.
+    /// Takes the signals of a recording that have the sample period of the first one. Returns its damage.
     pub fn take(&mut self, pass: Pass) -> Result<Vec<Damage>> {
         let mut signal = Vec::new();
         let lost = pass.all(|_, burst| {

@@ -53,7 +53,6 @@ pub(super) struct Judging<'a> {
     pub room: usize,
     /// Counts the moves of all judges of the run: heads may share a judge, whose moves need different keys.
     pub moves: u32,
-    /// Buffers for looks at channels: of deviations, and of the judge.
     pub deviations: Deviations,
     pub work: Workspace,
 }
@@ -66,7 +65,6 @@ impl Judging<'_> {
     }
 }
 
-/// A printhead that is followed.
 #[derive(Debug)]
 pub(super) struct Head {
     /// What is known of the head and of each of its channels.
@@ -84,7 +82,6 @@ pub(super) struct Head {
     base: Arc<HealthyModel>,
     /// Number of sweeps so far, modulo 2^32: the turn of the channel subset.
     sweeps: u32,
-    /// The judge in use.
     judge: MovedJudge,
     /// Where the ring of the window's model lies: its features from the base's ring.
     window_at: Features,
@@ -95,7 +92,6 @@ pub(super) struct Head {
     /// The basis of own levels, with the two numbers it was made at: the looks behind the within-channel
     /// scatter, and how much wider the channels lie than the design's.
     own: Option<([f64; 2], Arc<OwnBasis>)>,
-    /// What is told of the head at the end of the recording.
     pub movement: HeadMovement,
 }
 
@@ -103,7 +99,6 @@ pub(super) struct Head {
 struct Looks {
     /// The looks at channels that gave a ring, counted from the base.
     rings: Vec<Look>,
-    /// Number of signals to which no ring could be fitted.
     no_rings: usize,
     /// Whether more of the subset's channels are frozen than are not: then recorder or converter stand still.
     all_frozen: bool,
@@ -117,7 +112,6 @@ impl Head {
         let memory = by.replay.baselines.as_ref();
         let remembered = memory.and_then(|memory| memory.printheads.get(&*burst.printhead));
 
-        // how channels scatter and how far they may move; and the base
         let (mut kind, healthy_sd) = judge.kind(by.bounds()).zip(judge.healthy_sd())?;
         let base = named.map_or_else(|| judge.model.clone(), |of| Arc::new(of.clone()));
         let window_at = judge.model.features_from(&base).unwrap_or_default();
@@ -154,7 +148,6 @@ impl Head {
         })
     }
 
-    /// The state that the next recording is to begin with.
     pub fn memory(&self) -> HeadMemory {
         self.state.memory(self.ring)
     }
@@ -178,7 +171,6 @@ impl Head {
             self.take_window(&sweep.judge);
         }
 
-        // 1. look
         self.sweeps = self.sweeps.wrapping_add(1);
         let t_ns = sweep.to_ns();
         let Looks { rings: looks, no_rings, all_frozen } = self.look(sweep, by);
@@ -212,7 +204,6 @@ impl Head {
             }
         };
 
-        // 4. own levels, counted from the ring of that judge
         let own = self.placed(&judge, own, frozen);
         AssignedJudge { judge, own }
     }

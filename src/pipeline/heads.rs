@@ -33,7 +33,6 @@ pub struct Heads<'a> {
     /// By index. `None`: no judge so far knew enough for the printhead's channels to be followed.
     heads: Vec<Option<Followed>>,
     clock: SweepClock,
-    /// What all heads share.
     judging: Judging<'a>,
 }
 
@@ -81,7 +80,6 @@ impl<'a> Heads<'a> {
         }
         let Heads { numbers, heads, judging, clock } = self;
 
-        // its head, which is met now if it is new
         let number = numbers.of(burst, |_| {
             let number = (heads.len() < MOST_HEADS).then_some(heads.len());
             heads.extend(number.map(|_| None));
@@ -187,7 +185,6 @@ impl Followed {
             return;
         }
 
-        // 3. add the burst to the open sweep, or begin one
         match &mut self.open {
             Some(open) => {
                 if let Some(over) = open.hear(slot, burst, clock) {
@@ -200,7 +197,6 @@ impl Followed {
             None => self.open = Some(Sweep::begin(slot, judge.clone(), burst, clock)),
         }
 
-        // 4. the sweep may be complete with this burst
         if self.is_over() {
             self.close(judging, given);
         }

@@ -20,23 +20,20 @@ use std::time::Duration;
 /// What a run of replay has in common over its recordings; as JSON all that another process needs for it.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Replay {
-    /// All settings, with those that the design keeps.
     pub settings: Settings,
     /// The design; `None`: models come from windows alone, and nothing is named.
     pub design: Option<Design>,
-    /// Digest of the design file.
     pub design_digest: Option<String>,
     /// Labels that say which signals of windows are healthy; `None`: those that agree are.
     pub labels: Option<Labels>,
     /// The healthy windows that the settings give, from and to, ns; empty: the pipeline places windows.
     pub spans: Vec<(i64, i64)>,
-    /// With `--baseline`: what is remembered of heads and channels from the recordings before; `None`: each
-    /// recording begins without a memory, and channels are not judged about levels of their own.
+    /// With `--baseline`: what is remembered of heads and channels from the recordings before; `None`: nothing is,
+    /// and channels are not judged about levels of their own.
     pub baselines: Option<Memory>,
 }
 
 impl Replay {
-    /// Names of the design's fault classes; none without a design.
     pub fn classes(&self) -> Vec<String> {
         self.design.as_ref().map(Design::class_names).unwrap_or_default()
     }
@@ -64,7 +61,6 @@ pub struct Run<'a> {
     pub recording: &'a Recording,
     /// Path of the verdict table; `None`: its rows stay in memory, and episodes are only listed.
     pub verdicts: Option<&'a Path>,
-    /// Interrupts the run, and counts what is done.
     pub control: &'a Control,
     /// Who is told while the recording is judged; `None`: nobody.
     pub watch: Option<&'a Watch<'a>>,
@@ -93,7 +89,6 @@ pub enum EpisodeEvent<'a> {
         now: &'a Episode,
         before: &'a Episode,
     },
-    /// It ended.
     Ended(&'a Episode),
     /// It was announced, but the finished table has no such episode.
     Withdrawn(&'a Episode),
@@ -102,7 +97,6 @@ pub enum EpisodeEvent<'a> {
 /// How often a part of the table is closed, and who is told.
 #[derive(Clone, Copy)]
 pub struct Rotation<'a> {
-    /// Length of a part, in recording time.
     pub every: Duration,
     /// Called when a part is complete and has its name.
     pub closed: &'a (dyn Fn(&ClosedPart) + Sync),

@@ -12,8 +12,7 @@
 //! reorder time: then its model is learned (`progress`), and entered under the next number.
 //!
 //! A burst that comes later still, and that would have changed a window that was placed or learned, is noticed
-//! (`settled_ns`): the whole recording is then learned in two passes ([`super::windows`]), with the same
-//! models, numbers and refusals.
+//! (`settled_ns`): the whole recording is then learned in two passes ([`super::windows`]), with the same result.
 //!
 //! Held in memory are the samples of open windows, at most [`HELD_BYTES`] (a recording that needs more is
 //! learned in two passes, too), and for each printhead the bursts that wait, at most [`WAITING_BYTES`]; beyond
@@ -34,10 +33,8 @@ use inkling_core::verdict::Reason;
 use std::sync::Arc;
 
 /// Usual reorder time, ns: by how much a burst may be earlier than bursts that stand before it in the file.
-/// Loggers of several printheads write bursts about as they come.
 pub const USUAL_REORDER_NS: u64 = 100_000_000;
-/// Longest reorder time, ns, taken where the chunk index says that the file is that far out of order. The
-/// longer it is, the later it is known who judges a burst.
+/// Longest reorder time, ns, taken where the chunk index says that the file is that far out of order.
 pub const MOST_REORDER_NS: u64 = 2_000_000_000;
 /// Maximum bytes of signals held, over all open windows.
 const HELD_BYTES: usize = 64 << 20;
@@ -53,11 +50,9 @@ pub struct Learning<'a> {
     reorder_ns: i64,
     /// Number of threads that learn printheads, or read on ahead, side by side.
     pub workers: usize,
-    /// All models so far; complete when the learning is over.
     pub schedule: Schedule<'a>,
     /// Index in `groups` by group; `None`: the group is judged without windows.
     numbers: ByGroup,
-    /// The groups that need windows.
     pub(super) groups: Vec<LearnedGroup>,
     /// Time of the latest burst so far, of any group, ns.
     latest_ns: i64,
@@ -75,13 +70,11 @@ pub struct Learning<'a> {
 #[derive(Debug)]
 pub(super) struct LearnedGroup {
     pub key: GroupKey,
-    /// What the group's windows have given so far.
     progress: Progress,
     /// Places the group's windows; `None`: `identify.spans` gives them.
     pub placing: Option<Placing>,
     /// Bursts that may begin windows, while earlier ones may still come.
     waiting: Vec<Burst>,
-    /// Bytes of the samples of `waiting`.
     waiting_bytes: usize,
     /// Time of the earliest waiting burst; `i64::MAX`: none waits.
     waiting_from_ns: i64,
@@ -89,7 +82,6 @@ pub(super) struct LearnedGroup {
     pub open: Vec<OpenWindow>,
     /// A burst that comes now and is earlier than this, ns, would have changed a window.
     settled_ns: i64,
-    /// Which model judges when.
     timeline: Timeline,
 }
 
@@ -97,7 +89,6 @@ pub(super) struct LearnedGroup {
 #[derive(Debug)]
 pub(super) struct OpenWindow {
     pub window: Window,
-    /// Number of bursts in it so far.
     bursts: u64,
     /// A bounded sample of its usable signals.
     reservoir: Reservoir,
@@ -112,7 +103,6 @@ fn out_of_order(of: &GroupKey) -> PipelineError {
 }
 
 impl<'a> Learning<'a> {
-    /// `schedule`: holds the design's models, and gets those that are learned.
     pub fn new(
         replay: &'a Replay,
         schedule: Schedule<'a>,
@@ -134,8 +124,7 @@ impl<'a> Learning<'a> {
         }
     }
 
-    /// Takes the next burst of the recording, learns from it, and from the windows that are over by its time.
-    /// The error `NeedsTwoPasses` says that this recording cannot be learned in one pass.
+    /// Takes the next burst of the recording, and learns from it and from the windows that are over by its time.
     pub fn take(&mut self, burst: &Burst) -> Result<()> {
         let t_ns = burst.t_acq_ns;
         self.latest_ns = self.latest_ns.max(t_ns);
@@ -145,8 +134,7 @@ impl<'a> Learning<'a> {
         if self.latest_ns >= self.due_ns { self.settle() } else { Ok(()) }
     }
 
-    /// Takes the next burst of a group that needs windows: it is learned from, or waits if it may begin a
-    /// window and an earlier burst may still come.
+    /// Takes the next burst of a group that needs windows: it is learned from, or waits.
     fn take_of(&mut self, number: usize, burst: &Burst) -> Result<()> {
         let t_ns = burst.t_acq_ns;
         let group = &mut self.groups[number];
@@ -190,9 +178,8 @@ impl<'a> Learning<'a> {
         self.schedule.refusals.sort_by_cached_key(order);
     }
 
-    /// The judge of a burst that was taken, or the reason why nobody judges it. `None`: that is not known yet.
-    /// The sampling of bursts that do not fit the design is noted. An error: too many models, or a model of
-    /// which no judge can be made.
+    /// The judge of a burst that was taken, or the reason why nobody judges it. `None`: that is not known yet. An
+    /// error: too many models, or a model of which no judge can be made.
     pub fn judge_of(&mut self, burst: &Burst) -> Result<Option<Result<Arc<Judge>, Reason>>> {
         if !self.schedule.fits(burst) {
             self.schedule.note_sampling(burst);
@@ -215,9 +202,8 @@ impl<'a> Learning<'a> {
         }
     }
 
-    /// Whether it is known who judges a burst of time `t_ns`. A window's model judges from the window's end on,
-    /// so only windows that end by `t_ns` matter; and while the timeline is empty, the first model to come
-    /// judges everything before.
+    /// Whether it is known who judges a burst of time `t_ns`: the windows that end by `t_ns` were learned, and
+    /// some model was, since the first one also judges everything before.
     fn is_known(&self, group: &LearnedGroup, t_ns: i64) -> bool {
         let ends_before = |open: &OpenWindow| open.window.to_ns <= t_ns;
         let first_ns = self.replay.first_ns();
@@ -272,7 +258,6 @@ impl<'a> Learning<'a> {
         }
     }
 
-    /// Samples a burst's signals for the open windows that it lies in.
     pub(super) fn sample(&mut self, number: usize, burst: &Burst) {
         for open in &mut self.groups[number].open {
             if (open.window.from_ns..open.window.to_ns).contains(&burst.t_acq_ns) {
@@ -307,8 +292,7 @@ impl<'a> Learning<'a> {
         Ok(())
     }
 
-    /// Learns from a group's waiting bursts, in the order of their times. Those later than `sure_ns` that may
-    /// begin windows go on waiting.
+    /// Learns from a group's waiting bursts, in the order of their times; some of those after `sure_ns` wait on.
     fn place_waiting(&mut self, number: usize, sure_ns: i64) -> Result<()> {
         let group = &mut self.groups[number];
         let mut waiting = std::mem::take(&mut group.waiting);
@@ -326,9 +310,8 @@ impl<'a> Learning<'a> {
         Ok(())
     }
 
-    /// Learns from the open windows that are `over`, and returns what they add to their groups' timelines. The
-    /// windows of a group are learned in the order of their begins, since each is compared with the models
-    /// before; groups are learned side by side.
+    /// Learns from the open windows that are `over`, and returns what they add to their groups' timelines. Those of
+    /// a group are learned in the order of their begins, since each is compared with the models before.
     pub(super) fn learn_from(&mut self, over: impl Fn(&Window) -> bool) -> Vec<(Window, Entry)> {
         let mut of_groups = Vec::new();
         for group in &mut self.groups {
@@ -375,7 +358,6 @@ impl<'a> Learning<'a> {
 }
 
 impl LearnedGroup {
-    /// A group before its first burst.
     fn new(key: &GroupKey, sample_period_s: f64, replay: &Replay, schedule: &Schedule) -> Self {
         let placing = || Placing::new(replay.first_ns(), replay.every_ns());
         LearnedGroup {
@@ -397,14 +379,12 @@ impl LearnedGroup {
         t_ns >= self.waiting_from_ns || self.placing.as_ref().is_some_and(|p| p.begins_at(t_ns))
     }
 
-    /// Lets a burst wait.
     fn wait(&mut self, burst: &Burst) {
         self.waiting.push(burst.clone());
         self.waiting_bytes += burst.samples.len();
         self.waiting_from_ns = self.waiting_from_ns.min(burst.t_acq_ns);
     }
 
-    /// Begins to collect signals for a window.
     pub fn open(&mut self, replay: &Replay, window: Window) {
         let samples = self.key.samples as usize;
         let reservoir = Reservoir::new(samples, replay.most_signals(samples));

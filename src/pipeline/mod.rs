@@ -173,7 +173,6 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 /// What the caller may see of a run, and tell it, while it goes on.
 #[derive(Debug, Default)]
 pub struct Control {
-    /// Whether the run was interrupted.
     stop: AtomicBool,
     /// Set by the caller to end the following of a recording that is still being written.
     pub enough: Arc<AtomicBool>,
@@ -186,7 +185,6 @@ pub struct Control {
 }
 
 impl Control {
-    /// Asks every stage to end, without any finished file.
     pub fn interrupt(&self) {
         self.stop.store(true, Ordering::Relaxed);
     }

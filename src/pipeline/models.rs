@@ -28,7 +28,6 @@ use std::thread::{self, JoinHandle};
 #[derive(Debug)]
 pub struct Models<'a> {
     pub learning: Learning<'a>,
-    /// The means to read the recording outside the stages.
     pass: Pass<'a>,
     /// Up to this position everything is learned.
     position: ReadPosition,
@@ -56,13 +55,11 @@ impl<'a> Models<'a> {
         }
         let (block, taken) = (Some(read.block), (!is_whole).then_some(self.seen.1));
         self.position = ReadPosition { block, taken, definitions: read.definitions.clone() };
-        // a reader that was ahead has been caught up with
         self.ahead = None;
         take(&mut self.learning, &acquisitions[learned..])
     }
 
-    /// The judge of a burst whose batch was seen, or why the burst is rejected. Reads ahead for as long as
-    /// windows have not decided yet.
+    /// The judge of a burst whose batch was seen, or why it is rejected; reads ahead until windows decide.
     pub fn judge_of(&mut self, burst: &Burst) -> Result<Result<Arc<Judge>, Reason>> {
         loop {
             match self.learning.judge_of(burst)? {
@@ -149,14 +146,12 @@ struct LoadedBlock {
 }
 
 impl LoadedBlock {
-    /// Reads a block and decodes its first piece.
     fn load(block: Block, mut reader: BlockReader) -> LoadedBlock {
         reader.load(&block);
         let first = reader.next_piece(MOST_ROWS);
         LoadedBlock { block, reader, first, taken: 0 }
     }
 
-    /// The next piece; `None`: the block has no more.
     fn next_piece(&mut self) -> Option<Piece> {
         self.first.take().or_else(|| self.reader.next_piece(MOST_ROWS))
     }
@@ -208,7 +203,6 @@ impl<'a> ReadAhead<'a> {
         loop {
             self.pass.control.check()?;
 
-            // open the next block
             if self.open.is_none() {
                 self.open = self.next_block()?;
             }
@@ -227,8 +221,7 @@ impl<'a> ReadAhead<'a> {
         }
     }
 
-    /// Waits until the next block was read, and lets the blocks after it be read, as long as readers are idle
-    /// and not too many bytes wait. `None`: there is no more block.
+    /// Waits until the next block was read; meanwhile blocks after it are read, as long as not too many bytes wait.
     fn next_block(&mut self) -> Result<Option<LoadedBlock>> {
         let mut bytes: u64 = self.pending.iter().map(|(bytes, _)| bytes).sum();
         while bytes < MANY_BYTES
@@ -247,7 +240,6 @@ impl<'a> ReadAhead<'a> {
             self.pending.push_back((block.bytes, loading));
         }
 
-        // the blocks are taken in the recording's order
         let next = self.pending.pop_front().map(|(_, loading)| loading.join()).transpose();
         next.map_err(|_| PipelineError::Panicked("identify"))
     }

@@ -1,15 +1,13 @@
 //! A printhead's models, window by window: averaging and identification, thesis §3-1.
 //!
-//! In: from `learning`, for each window of a printhead, in the order of their times, its sample of
-//! signals. Out: per window the [`Entry`] that it adds to the printhead's timeline, if any, or a
-//! [`Refusal`].
+//! In: from `learning`, for each window of a printhead, in the order of their times, its sample of signals. Out:
+//! the [`Entry`] that it adds to the printhead's timeline, if any, or a [`Refusal`].
 //!
-//! A window's signals are averaged and a model fitted (`HealthyModel::learn`). The model is refused
-//! if it does not describe the signals, if its signals differ too much from each other, or if its
-//! resonance, damping or typical distance are too far from the reference's: a fault that grows
-//! slowly must not be learned as healthy. Which model then judges depends on the mode: with
-//! `identify.mode = "windows"` the window's own from the window's end on; with `"design"` the
-//! design's pooled model, once a window has agreed with it.
+//! A window's signals are averaged and a model fitted (`HealthyModel::learn`). The model is refused if it does not
+//! describe the signals, if its signals differ too much from each other, or if its resonance, damping or typical
+//! distance are too far from the reference's: a fault that grows slowly must not be learned as healthy. Which model
+//! then judges depends on the mode: with `identify.mode = "windows"` the window's own from the window's end on; with
+//! `"design"` the design's pooled model, once a window has agreed with it.
 
 use super::job::Replay;
 use super::learner::Window;
@@ -18,29 +16,25 @@ use inkling_core::design::{HealthyModel, LearnSettings};
 use inkling_core::identify::reservoir::Reservoir;
 use std::sync::Arc;
 
-/// Least share of the average signal's size that the model must explain, per cent; below, nothing
-/// rings. This and the two numbers below are heuristic.
+/// Least share of the average signal's size that the model must explain, per cent. The three are heuristic.
 const LEAST_FIT_PERCENT: f64 = 50.0;
-/// Signals that differ from each other by more than this share of the expected signal
-/// have no healthy signal in common.
+/// Signals that differ by more than this share of the expected signal have no healthy signal in common.
 const MOST_SCATTER: f64 = 0.5;
-/// The threshold follows a window's median statistic up to this factor from the reference's. Beyond,
-/// something else than the ink has changed, and with such a threshold nothing would be found.
+/// The threshold follows a window's median statistic up to this factor from the reference's; with more, nothing
+/// would be found.
 const MOST_RATIO: f64 = 4.0;
 
 /// What a window adds to its printhead's timeline.
 #[derive(Debug)]
 pub enum Entry {
-    /// The printhead's first window gave no model: the design's own model
-    /// judges until a window gives another.
+    /// The printhead's first window gave no model: the design's own judges until a window gives another.
     Known,
     /// A model judges from `from_ns` on (ns; `i64::MIN`: from the beginning).
     Learned { from_ns: i64, model: Arc<HealthyModel>, reference_v: Option<f64> },
 }
 
-/// Checks that a window's signals agree with the healthy model that was learned from them. Noise
-/// has no model, and a mixture of healthy and faulty channels has a model that fits none of the
-/// channels. The error says why in words.
+/// Checks that a window's signals agree with the model that was learned from them, as noise, or a mixture of
+/// healthy and faulty channels, does not. The error says why in words.
 fn agree_with(model: &HealthyModel) -> Result<(), String> {
     let fit = model.identification.fit_percent;
     // a fit that is no number is refused too
@@ -74,7 +68,6 @@ pub struct Progress {
     /// one. `None`: there is no design, and no window was accepted yet.
     reference: Option<Arc<HealthyModel>>,
     printhead: Arc<str>,
-    /// Whether the printhead has a model of its own in the design.
     known: bool,
     sample_period_s: f64,
     /// Drive voltage at which models expect their signals, V: the design's, or the mean of the first window.
@@ -82,12 +75,10 @@ pub struct Progress {
     /// Number of windows that were learned from, and of those that gave a model.
     seen: usize,
     accepted: usize,
-    /// The windows that gave none.
     pub refusals: Vec<Refusal>,
 }
 
 impl Progress {
-    /// The progress of a group before its first window.
     pub fn start(schedule: &Schedule, printhead: &Arc<str>, sample_period_s: f64) -> Progress {
         Progress {
             printhead: printhead.clone(),
@@ -133,8 +124,7 @@ impl Progress {
         Some(Entry::Learned { from_ns, model, reference_v: self.reference_v })
     }
 
-    /// Learns a window's model from its sample. The model is refused if it does not agree with its
-    /// signals, has drifted beyond the bounds, or is of another amplitude or noise.
+    /// Learns a window's model from its sample, or says why it is refused.
     fn model(&mut self, replay: &Replay, sample: &Reservoir) -> Result<HealthyModel, NoModel> {
         let identify = &replay.settings.identify;
 

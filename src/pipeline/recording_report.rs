@@ -42,7 +42,6 @@ pub struct NotJudged {
     pub topic: Option<String>,
     /// Number of signals of the printhead or the recording; 0 for a topic, whose signals nobody has counted.
     pub signals: u64,
-    /// How many of `signals` were judged.
     pub judged: u64,
     /// A sentence without its full stop: how many of how many signals, why, and what to do.
     pub what: String,
@@ -51,13 +50,9 @@ pub struct NotJudged {
 /// What a judged recording gave, for the terminal, the journal and the summary.
 #[derive(Debug)]
 pub struct RecordingReport {
-    /// Name of the recording's file.
     pub name: String,
-    /// Digest of the recording's bytes as they were read.
     pub digest: String,
-    /// Size and time of change of its file.
     pub stamp: Stamp,
-    /// Counts of signals, printheads and channels.
     pub tally: Tally,
     /// All damage, sorted by its place in the file.
     pub damage: Vec<Damage>,
@@ -71,26 +66,20 @@ pub struct RecordingReport {
     pub moved_beyond: Vec<Arc<str>>,
     /// Printheads, each with what to know about its verdicts.
     pub warnings: Vec<(Arc<str>, String)>,
-    /// Number of models.
     pub models: usize,
-    /// Duration of everything, s.
     pub seconds: f64,
     /// Path of the verdict table; empty: the rows stay in memory.
     pub verdicts: PathBuf,
     pub episodes: EpisodeReport,
     /// How the pace was kept; `None`: bursts were handed on as fast as possible.
     pub paced: Option<PaceReport>,
-    /// How the recording's models came to be.
     pub identified: Identified,
-    /// Durations of its phases, which came one after the other.
     pub phases: Vec<PhaseTiming>,
-    /// Timings of the stages, which ran side by side.
     pub timings: Vec<StageTiming>,
     /// With `--baseline`: what is remembered for the next recording.
     pub baselines: Option<Memory>,
     /// Whether following the recording was ended while nobody had closed it.
     pub cut_off: bool,
-    /// The rows, if they stay in memory.
     pub arrays: Option<VerdictArrays>,
     /// Why parts of the table that were closed while the recording was followed could not be removed.
     pub parts_left: Option<std::io::Error>,
@@ -172,7 +161,6 @@ pub fn note_not_judged(
         }
     }
 
-    // topics
     let ignored = settings.input.ignored();
     let topics = recording.unread(&settings.input.dialects()).into_iter();
     for topic in topics.filter(|topic| !ignored.has(&topic.topic)).take(MOST_NAMED) {

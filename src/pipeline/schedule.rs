@@ -22,10 +22,8 @@ const MANY_NEW: usize = 64;
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Refusal {
     pub printhead: String,
-    /// The window, ns.
     pub from_ns: i64,
     pub to_ns: i64,
-    /// The reason in words.
     pub why: String,
     /// Whether its model lay beyond the bounds of `identify.max_damping_drift` and `max_frequency_drift`.
     #[serde(skip)]
@@ -85,7 +83,6 @@ pub struct Schedule<'a> {
 }
 
 impl<'a> Schedule<'a> {
-    /// A schedule with the design's models as they are, if there is a design.
     pub fn new(design: Option<&'a Design>, settings: &'a IsolateSettings) -> Result<Schedule<'a>> {
         let mut schedule = Schedule {
             design,
@@ -107,12 +104,11 @@ impl<'a> Schedule<'a> {
         Ok(schedule)
     }
 
-    /// All models in the order of their numbers, each with its reference voltage.
     pub fn models(&self) -> impl ExactSizeIterator<Item = (&HealthyModel, Option<f64>)> {
         self.models.iter().map(|of| (&*of.model, of.reference_v))
     }
 
-    /// Warnings by printhead: its window was too small for the stated false alarm rate.
+    /// Warnings by printhead: the window was too small for the stated false alarm rate.
     pub fn wide_thresholds(&self) -> Vec<(Arc<str>, String)> {
         let wide = |of: &ScheduledModel| {
             let what = of.model.threshold.wide_in_words()?;

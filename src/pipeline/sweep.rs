@@ -32,7 +32,6 @@ const OF_SIGNAL: u64 = 64;
 /// How much was heard of all printheads up to now: says when open sweeps have lasted as long as they may.
 #[derive(Debug, Default)]
 pub(super) struct SweepClock {
-    /// The latest moment, ns; `None`: nothing was heard yet.
     latest_ns: Option<i64>,
     /// Number of samples heard before the moment `latest_ns`, and since it began. A sweep counts from
     /// `before`, whatever the order of messages within a moment.
@@ -58,8 +57,7 @@ impl SweepClock {
         }
     }
 
-    /// Whether an open sweep may be over, which [`SweepClock::is_over`] then tells of each. This is cheap, and
-    /// asked at each burst. `t_ns`: time of that burst.
+    /// Whether an open sweep may be over, which [`SweepClock::is_over`] then tells of each; `t_ns`: now.
     pub fn is_due(&self, t_ns: i64) -> bool {
         self.earliest.is_some_and(|from| self.is_over(from, t_ns))
     }
@@ -75,7 +73,6 @@ impl SweepClock {
         self.earliest = None;
     }
 
-    /// Takes a sweep, if there is one, into account as open.
     pub fn opened(&mut self, sweep: &Option<Sweep>) {
         let Some(Sweep { from, .. }) = sweep else { return };
         let (from_ns, from_samples) = self.earliest.unwrap_or(*from);
@@ -98,17 +95,14 @@ pub(super) struct Sweep {
     /// Its channels that were heard before its latest moment, and those heard in that moment.
     before: ChannelStretches,
     pub moment: ChannelStretches,
-    /// Its latest moment, ns.
     pub latest_ns: i64,
 }
 
-/// The channel numbers of a burst.
 pub(super) fn channels(of: &Burst) -> Range<u32> {
     of.first_channel..of.first_channel.saturating_add(of.channels)
 }
 
 impl Sweep {
-    /// Begins a sweep with a burst.
     pub fn begin(slot: Slot, judge: Arc<Judge>, burst: &Burst, clock: &SweepClock) -> Sweep {
         Sweep::of(vec![(slot, burst.clone())], judge, burst.t_acq_ns, clock)
     }
