@@ -24,7 +24,6 @@ use inkling_io::recording::Recording;
 use inkling_io::verdict_table::VerdictWriter;
 use inkling_io::{labels_file, stored, summary_file};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::Instant;
 
 impl Run<'_> {
@@ -51,8 +50,6 @@ impl Run<'_> {
         let StageResults { mut schedule, mut tally, table, episodes, moved, digest, .. } = results;
 
         // 2. warnings by printhead
-        let beyond = moved.iter().filter(|of| of.is_of_all_channels());
-        let moved_beyond: Vec<Arc<str>> = beyond.map(|of| of.printhead.clone()).collect();
         let mut warnings = results.temperatures.warnings();
         warnings.extend(schedule.wide_thresholds());
         let identify = &replay.settings.identify;
@@ -60,11 +57,6 @@ impl Run<'_> {
             let told = of.warnings(identify).into_iter();
             told.map(|what| (of.printhead.clone(), what))
         }));
-        // that many channels are flagged at once is told only of printheads without such a warning
-        let untold = tally.printheads.iter().filter(|(name, _)| !moved_beyond.contains(name));
-        warnings.extend(
-            untold.filter_map(|(name, of)| Some((name.clone(), of.at_once.longest()?.in_words()))),
-        );
 
         // 3. damage, and what makes the recording fail
         let damage = all_damage(recording, results.scan_damage, &mut tally, digest.damage);
@@ -89,7 +81,7 @@ impl Run<'_> {
             refusals: std::mem::take(&mut schedule.refusals),
             not_judged: Vec::new(),
             unread: Vec::new(),
-            moved_beyond,
+            moved,
             warnings,
             models: schedule.models().len(),
             seconds: 0.0,
@@ -105,6 +97,11 @@ impl Run<'_> {
             arrays: None,
             parts_left: None,
         };
+        // that many channels are flagged at once is told only of printheads without such a warning
+        for (name, of) in &report.tally.printheads {
+            let at_once = of.at_once.longest().filter(|_| !report.has_moved(name));
+            report.warnings.extend(at_once.map(|of| (name.clone(), of.in_words())));
+        }
         note_not_judged(&mut report, (replay, recording), &schedule);
 
         // 5. the tables, with the document in their metadata, completed on disk
@@ -124,7 +121,7 @@ impl Run<'_> {
         (report.seconds, report.phases) = (phases.seconds(), phases.list.clone());
 
         // 6. the summary is the tables' document, and how the run went
-        report.summary(&mut document.of_run, recording, &moved);
+        report.summary(&mut document.of_run, recording);
 
         // 7. the names; the summary comes last, as it says that all files are there
         if let Some(verdicts) = verdicts {

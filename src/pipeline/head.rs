@@ -29,7 +29,7 @@ use inkling_core::burst::Burst;
 use inkling_core::design::{HealthyModel, Judge, OwnBasis, OwnChannels, Workspace, ring_from};
 use inkling_core::isolate::physics_density::FaultCurves;
 use inkling_core::state::{Features, Head as State, HeadMemory, Look, OwnLevel, SweepOutcome};
-use inkling_core::verdict::{Reason, unusable_signal};
+use inkling_core::verdict::Reason;
 use std::sync::Arc;
 
 /// A common change of the amplitude beyond this, relative, is warned about: a supply sags by less.
@@ -229,8 +229,8 @@ impl Head {
     fn look(&mut self, sweep: &Sweep, by: &mut Judging) -> Looks {
         // `far`: whether a ring is fitted where the closed form does not tell
         let (at, judge, far) = (self.now_at(), self.judge.now.clone(), self.unknown < MOST_UNKNOWN);
-        let Judging { replay, deviations, work, room, .. } = by;
-        let (rails, mut room) = (replay.settings.input.rails, *room);
+        let Judging { deviations, work, room, .. } = by;
+        let mut room = *room;
         let (mut looks, mut no_rings, mut repeated) = (Vec::new(), 0, 0);
         for burst in sweep.bursts() {
             let drive = judge.drive(burst);
@@ -239,9 +239,7 @@ impl Head {
                     continue;
                 }
                 let row = (channel - burst.first_channel) as usize;
-                let Ok(deviation) = deviations.of_usable(&judge, burst, row, rails) else {
-                    continue;
-                };
+                let Ok(deviation) = deviations.usable(&judge, burst, row) else { continue };
                 if self.frozen.is_frozen(channel) {
                     repeated += 1;
                     continue;

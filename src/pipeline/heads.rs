@@ -52,12 +52,14 @@ impl<'a> Heads<'a> {
     /// Begins with what is remembered of heads (`Replay::baselines`), and no burst.
     pub fn new(replay: &'a Replay) -> Heads<'a> {
         let remembered = replay.baselines.as_ref().map_or(0, Memory::channels);
+        let rails = replay.settings.input.rails;
+        let deviations = Deviations { rails, ..Deviations::default() };
         let judging = Judging {
             replay,
             room: MOST_CHANNELS - remembered,
             curves: replay.design.as_ref().and_then(Design::curves),
             moves: 0,
-            deviations: Deviations::default(),
+            deviations,
             work: Workspace::default(),
         };
         let (numbers, clock) = (ByGroup::default(), SweepClock::default());
@@ -230,9 +232,7 @@ impl Followed {
 
         // judge the sweep, and only then add its channels to those that were met
         self.last = self.head.close(&sweep, judging);
-        for burst in sweep.bursts() {
-            self.head.channels.meet(channels(burst));
-        }
+        sweep.bursts().iter().for_each(|burst| self.head.channels.meet(channels(burst)));
         let last = &self.last;
         given.extend(sweep.slots().map(|slot| (slot, last.clone())));
         self.closed = Some((sweep.judge.clone(), sweep.to_ns()));

@@ -12,8 +12,8 @@
 
 use super::batches::{AssignedBatch, Detected};
 use super::statistics::Statistics;
-use inkling_core::burst::{Acquisition, Burst};
-use inkling_core::design::{Behind, Detection, Judge, JudgeKey, OwnChannels};
+use inkling_core::burst::Acquisition;
+use inkling_core::design::{Behind, Detection, JudgeKey, OwnChannels};
 use inkling_core::verdict::Reason;
 use nalgebra::{Matrix3, Vector4};
 use std::sync::Arc;
@@ -53,7 +53,12 @@ impl OwnLevels {
                 let (Ok(of_all), Some(known)) = (*found, known) else { continue };
 
                 let features = &self.features[row];
-                let metric = Metric::of(&mut self.metric, judge, own, known.behind, drive);
+                let key = (judge.key(), known.behind, drive);
+                if self.metric.as_ref().is_none_or(|of| of.key != key || !of.own.scatters_as(own)) {
+                    let metric = detector.own_metric(own, known.behind, drive);
+                    self.metric = Some(Metric { key, own: own.clone(), metric });
+                }
+                let metric = self.metric.as_ref().and_then(|of| of.metric.as_ref());
                 let distance =
                     metric.and_then(|metric| match detector.own_look(metric, features, known) {
                         (distance, true) => Some(distance),
@@ -76,34 +81,9 @@ impl OwnLevels {
 
 /// The metric of distances from own levels, as it was for the signal before: most signals have the same one.
 struct Metric {
-    judge: JudgeKey,
+    /// Judge, how many looks are behind the level, in a few steps, and drive: with `own`, all that it depends on.
+    key: (JudgeKey, Behind, f64),
     own: Arc<OwnChannels>,
-    /// How many looks are behind the level, in a few steps.
-    behind: Behind,
-    drive: f64,
     /// Inverse covariance; `None`: the covariance is singular.
     metric: Option<Matrix3<f64>>,
-}
-
-impl Metric {
-    /// The metric for levels that are known as well as `behind` says, and for signals of one drive; `last`'s,
-    /// if nothing differs from that.
-    fn of<'a>(
-        last: &'a mut Option<Metric>,
-        judge: &Judge,
-        own: &Arc<OwnChannels>,
-        behind: Behind,
-        drive: f64,
-    ) -> Option<&'a Matrix3<f64>> {
-        // the metric depends on these four alone
-        let is_it = |of: &&mut Metric| {
-            (of.judge, of.behind, of.drive) == (judge.key(), behind, drive)
-                && of.own.scatters_as(own)
-        };
-        if last.as_mut().filter(is_it).is_none() {
-            let metric = judge.detector().and_then(|by| by.own_metric(own, behind, drive));
-            *last = Some(Metric { judge: judge.key(), own: own.clone(), behind, drive, metric });
-        }
-        last.as_ref()?.metric.as_ref()
-    }
 }

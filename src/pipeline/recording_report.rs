@@ -62,8 +62,8 @@ pub struct RecordingReport {
     pub not_judged: Vec<NotJudged>,
     /// Topics that look like bursts and that nothing reads, if no dialect nearly fits them.
     pub unread: Vec<NotJudged>,
-    /// Printheads that a warning of `super::head_movement` is about.
-    pub moved_beyond: Vec<Arc<str>>,
+    /// How printheads moved, for those of which there is something to tell.
+    pub moved: Vec<HeadMovement>,
     /// Printheads, each with what to know about its verdicts.
     pub warnings: Vec<(Arc<str>, String)>,
     pub models: usize,
@@ -86,6 +86,11 @@ pub struct RecordingReport {
 }
 
 impl RecordingReport {
+    /// Whether a warning about all channels of a printhead explains what its windows and signals show.
+    pub fn has_moved(&self, printhead: &str) -> bool {
+        self.moved.iter().any(|of| *of.printhead == *printhead && of.is_of_all_channels())
+    }
+
     /// The outcome for the journal: the worst thing that happened.
     pub fn outcome(&self) -> Outcome {
         match self {
@@ -98,12 +103,7 @@ impl RecordingReport {
     }
 
     /// Adds how the run went to the metadata's document, which so becomes the summary.
-    pub(super) fn summary(
-        &self,
-        document: &mut Map<String, Value>,
-        recording: &Recording,
-        moved: &[HeadMovement],
-    ) {
+    pub(super) fn summary(&self, document: &mut Map<String, Value>, recording: &Recording) {
         let mut say = |key: &str, value: Value| document.insert(key.into(), value);
         say("damage", json!(self.damage));
         say("expected", json!(recording.expected));
@@ -124,7 +124,7 @@ impl RecordingReport {
         let warning = |(printhead, what): &(Arc<str>, String)| json!({"printhead": &**printhead, "what": what});
         say("warnings", self.warnings.iter().map(warning).collect());
         say("episodes", json!(self.episodes.counts));
-        say("moved_together", json!(moved));
+        say("moved_together", json!(self.moved));
         if let Some(memory) = &self.baselines {
             // what is known of other printheads says nothing of this recording
             let own = memory.printheads.iter();

@@ -16,6 +16,8 @@ use inkling_core::verdict::{Reason, unusable_signal};
 /// The buffers for one signal after the other.
 #[derive(Debug, Default)]
 pub(super) struct Deviations {
+    /// Limits of the converter, counts.
+    pub rails: [f64; 2],
     /// The signal at hand, counts: as it was acquired, or its deviation.
     pub signal: Vec<f64>,
     /// The expected signal, counts.
@@ -32,14 +34,9 @@ impl Deviations {
         &self.signal
     }
 
-    /// A signal's deviation; an error if the signal cannot be judged. `rails`: limits of the converter, counts.
-    pub fn of_usable(
-        &mut self,
-        judge: &Judge,
-        burst: &Burst,
-        row: usize,
-        rails: [f64; 2],
-    ) -> Result<&[f64], Reason> {
+    /// A signal's deviation; an error if the signal cannot be judged.
+    pub fn usable(&mut self, judge: &Judge, burst: &Burst, row: usize) -> Result<&[f64], Reason> {
+        let rails = self.rails;
         match unusable_signal(self.copy(burst, row), rails) {
             Some(reason) => Err(reason),
             None => Ok(self.deviate(judge, burst, row)),

@@ -30,8 +30,6 @@ use nalgebra::{Matrix3, Vector4};
 /// The buffers of one worker, for the judges of one schedule.
 #[derive(Default)]
 pub struct Statistics {
-    /// Limits of the converter, counts.
-    rails: [f64; 2],
     /// Signals that wait to be judged by their residual energy, one in each lane.
     tile: Tile,
     condition: LastCondition,
@@ -64,7 +62,6 @@ struct LastCondition(Option<(JudgeKey, Condition)>);
 /// A burst to judge, with its place in the batch.
 struct PlacedBurst<'a> {
     judge: &'a Judge,
-    key: JudgeKey,
     /// Index of its first signal in the batch.
     first: usize,
     burst: &'a Burst,
@@ -73,7 +70,8 @@ struct PlacedBurst<'a> {
 impl Statistics {
     /// Empty buffers. `rails`: limits of the converter, counts.
     pub fn new(rails: [f64; 2]) -> Statistics {
-        Statistics { rails, ..Statistics::default() }
+        let deviations = Deviations { rails, ..Deviations::default() };
+        Statistics { deviations, ..Statistics::default() }
     }
 
     /// Computes the statistics of a batch into `statistic`: one entry per signal, in the batch's order.
@@ -86,8 +84,7 @@ impl Statistics {
         for (signals, acquisition, of) in batch.placed() {
             let fill = match (acquisition, &of.judge) {
                 (Acquisition::Usable(burst), Ok(judge)) => {
-                    let (key, first) = (judge.key(), signals.start);
-                    bursts.push(PlacedBurst { judge, key, first, burst });
+                    bursts.push(PlacedBurst { judge, first: signals.start, burst });
                     Ok(Detection { ring: f64::NAN, unexplained: f64::NAN })
                 }
                 (_, Err(reason)) => Err(*reason),
@@ -97,8 +94,8 @@ impl Statistics {
         }
 
         // one judge after the other, so that lanes are full even if short bursts of several judges alternate
-        bursts.sort_by_key(|of| (of.key, of.first));
-        for of_judge in bursts.chunk_by(|p, q| p.key == q.key) {
+        bursts.sort_by_key(|of| (of.judge.key(), of.first));
+        for of_judge in bursts.chunk_by(|p, q| p.judge.key() == q.judge.key()) {
             self.of_judge(of_judge[0].judge, of_judge, statistic);
         }
     }
@@ -151,7 +148,7 @@ impl Statistics {
     ) {
         let Some(detector) = judge.detector() else {
             for WaitingSignal { at, burst, row } in unsettled {
-                let deviation = self.deviations.of_usable(judge, burst, row, self.rails);
+                let deviation = self.deviations.usable(judge, burst, row);
                 statistic[at] = deviation.and_then(|deviation| {
                     finite(judge.detect(deviation, judge.drive(burst), &mut self.work))
                 });
@@ -162,7 +159,7 @@ impl Statistics {
         // First look. `unsettled` keeps only the signals for which it asks for a fit, beside their looks.
         let mut looks = Vec::new();
         unsettled.retain(|&WaitingSignal { at, burst, row }| {
-            let deviation = self.deviations.of_usable(judge, burst, row, self.rails);
+            let deviation = self.deviations.usable(judge, burst, row);
             let look = deviation.map(|y| detector.first_look(y, judge.drive(burst)));
             statistic[at] = look.and_then(|look| finite(look.detection()));
             let asks = look.ok().filter(|look| look.asks().is_some());
@@ -235,7 +232,7 @@ impl Statistics {
         statistic: &mut [Detected],
         unsettled: &mut Vec<WaitingSignal<'a>>,
     ) {
-        let condition = self.condition.of(judge, lanes, burst, self.rails);
+        let condition = self.condition.of(judge, lanes, burst, self.deviations.rails);
         let products = &mut self.along;
         let channels = burst.channels as usize;
         for row in (0..channels).step_by(LANES) {
@@ -257,7 +254,8 @@ impl Statistics {
         statistic: &mut [Detected],
         unsettled: &mut Vec<WaitingSignal<'a>>,
     ) {
-        let judged = lanes.judge(&mut self.tile, judge.model.threshold.value, self.rails);
+        let judged =
+            lanes.judge(&mut self.tile, judge.model.threshold.value, self.deviations.rails);
         settle(&judged, signals.drain(..), statistic, unsettled);
         self.tile.empty();
     }
@@ -273,7 +271,7 @@ impl Statistics {
 
         if let Some(Lanes::Sensitivity(lanes)) = lanes {
             let columns = detector.own_columns();
-            let condition = self.condition.of(judge, lanes, burst, self.rails);
+            let condition = self.condition.of(judge, lanes, burst, self.deviations.rails);
             let products = &mut self.features;
             while features.len() < burst.channels as usize {
                 let rows = features.len()..(features.len() + LANES).min(burst.channels as usize);
@@ -293,7 +291,7 @@ impl Statistics {
             if features.iter().all(|x| x.is_finite()) {
                 continue;
             }
-            *features = match self.deviations.of_usable(judge, burst, row, self.rails) {
+            *features = match self.deviations.usable(judge, burst, row) {
                 Ok(deviation) => detector.own_features(deviation, drive),
                 Err(_) => Vector4::zeros(),
             };
@@ -308,7 +306,7 @@ impl Statistics {
         metric: &Matrix3<f64>,
         (features, baseline): (&Vector4<f64>, &OwnBaseline),
     ) -> Option<f64> {
-        let deviation = self.deviations.of_usable(judge, burst, row, self.rails).ok()?;
+        let deviation = self.deviations.usable(judge, burst, row).ok()?;
         let signal = (deviation, judge.drive(burst));
         judge.detector()?.own_distance(metric, (features, baseline), signal, &mut self.own)
     }
@@ -399,8 +397,7 @@ mod tests {
             let mut statistics = Statistics::new([-1e39, 1e39]);
             let mut features = Vec::new();
             statistics.features(&judge, &burst, &mut features);
-            let rails = statistics.rails;
-            let deviation = statistics.deviations.of_usable(&judge, &burst, 1, rails).unwrap();
+            let deviation = statistics.deviations.usable(&judge, &burst, 1).unwrap();
             let want = judge.detector().unwrap().own_features(deviation, judge.drive(&burst));
             assert!(want.iter().any(|x| x.abs() > f64::from(f32::MAX)), "f32 would do: {want}");
             assert_eq!(features[1], want);

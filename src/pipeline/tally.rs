@@ -58,17 +58,6 @@ impl PrintheadTally {
         self.signals - self.unknown.values().sum::<u64>()
     }
 
-    /// Counts signals of one moment.
-    fn count(&mut self, t_ns: i64, signals: u64, judged: u64, flagged: u64) {
-        self.signals += signals;
-        self.judged += judged;
-        self.flagged += flagged;
-        widen(self.times_ns.get_or_insert((t_ns, t_ns)), t_ns);
-        if judged > 0 {
-            self.at_once.see(t_ns, judged, flagged, self.channels.len() as u64);
-        }
-    }
-
     /// Remembers a channel if there is room. `remembered`: number of channels of all printheads.
     fn meet(&mut self, channel: u32, remembered: &mut usize) {
         let (from, to) = self.known;
@@ -137,17 +126,34 @@ impl Tally {
         }
     }
 
+    /// Counts signals of one moment and printhead: all of them, those judged, and those flagged. Returns the
+    /// printhead's tally, and the number of channels remembered. `None`: the printhead is not remembered.
+    fn count(
+        &mut self,
+        printhead: &Arc<str>,
+        t_ns: i64,
+        [signals, judged, flagged]: [u64; 3],
+    ) -> Option<(&mut PrintheadTally, &mut usize)> {
+        self.counts.signals += signals;
+        self.counts.judged += judged;
+        let new = PrintheadTally::default;
+        let p = of_printhead(&mut self.printheads, printhead, MOST_PRINTHEADS, new)?;
+        p.signals += signals;
+        p.judged += judged;
+        p.flagged += flagged;
+        widen(p.times_ns.get_or_insert((t_ns, t_ns)), t_ns);
+        if judged > 0 {
+            p.at_once.see(t_ns, judged, flagged, p.channels.len() as u64);
+        }
+        Some((p, &mut self.remembered))
+    }
+
     /// Counts a run of healthy signals.
     fn add_healthy(&mut self, c: &VerdictColumns, run: &HealthyRun) {
+        let printhead = &c.printheads[run.printhead as usize];
         let signals = run.signals.len() as u64;
-        self.counts.signals += signals;
-        self.counts.judged += signals;
-
-        let name = &c.printheads[run.printhead as usize];
-        let Tally { printheads, remembered, .. } = self;
-        let tally = of_printhead(printheads, name, MOST_PRINTHEADS, PrintheadTally::default);
-        let Some(p) = tally else { return };
-        p.count(run.t_ns, signals, signals, 0);
+        let counted = self.count(printhead, run.t_ns, [signals, signals, 0]);
+        let Some((p, remembered)) = counted else { return };
 
         let to = run.first_channel.saturating_add(run.signals.len() as u32); // a batch has few
         // the usual case: all these channels are known to be remembered
@@ -159,12 +165,8 @@ impl Tally {
 
     /// Counts a single row.
     fn add_row(&mut self, c: &VerdictColumns, row: usize) {
-        // the recording's counts
-        self.counts.signals += 1;
         let judged = c.outcome[row] != Outcome::Rejected;
-        if judged {
-            self.counts.judged += 1;
-        } else {
+        if !judged {
             let reason = c.reason[row].unwrap_or(Reason::Undecodable);
             *self.counts.rejected.entry(reason.as_str()).or_default() += 1;
             self.counts.unusable_bursts += u64::from(reason.is_of_burst());
@@ -179,12 +181,10 @@ impl Tally {
             }
         }
 
-        // the printhead's
-        let name = &c.printheads[c.printhead[row] as usize];
-        let Tally { printheads, remembered, .. } = self;
-        let tally = of_printhead(printheads, name, MOST_PRINTHEADS, PrintheadTally::default);
-        let Some(p) = tally else { return };
-        p.count(c.acquired_at_ns[row], 1, u64::from(judged), u64::from(flagged));
+        let printhead = &c.printheads[c.printhead[row] as usize];
+        let signals = [1, u64::from(judged), u64::from(flagged)];
+        let counted = self.count(printhead, c.acquired_at_ns[row], signals);
+        let Some((p, remembered)) = counted else { return };
         if let Some(reason) = c.reason[row].filter(|reason| !judged || reason.is_of_head()) {
             *p.unknown.entry(reason).or_default() += 1;
         }

@@ -294,11 +294,10 @@ impl<'scope> RunningStages<'scope, '_> {
 
     /// Waits for all threads. Of several errors the writer's own is returned, else that of the first stage.
     fn joined(self, written: Result<()>) -> Result<()> {
-        let ended = self
-            .stages
-            .into_iter()
-            .map(|(stage, handle)| handle.join().unwrap_or(Err(PipelineError::Panicked(stage))));
-        let ended: Vec<Result<()>> = ended.collect();
-        written.and(ended.into_iter().collect())
+        let mut outcome = written;
+        for (stage, thread) in self.stages {
+            outcome = outcome.and(thread.join().unwrap_or(Err(PipelineError::Panicked(stage))));
+        }
+        outcome
     }
 }
