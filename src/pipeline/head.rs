@@ -26,8 +26,9 @@ use super::moved_judge::{LevelHistory, MovedJudge, is_beyond};
 use super::rings::Deviations;
 use super::sweep::{Sweep, channels};
 use inkling_core::burst::Burst;
-use inkling_core::design::{HealthyModel, Judge, OwnBasis, OwnChannels, Workspace, ring_from};
-use inkling_core::isolate::physics_density::FaultCurves;
+use inkling_core::design::{
+    Design, HealthyModel, Judge, OwnBasis, OwnChannels, Workspace, ring_from,
+};
 use inkling_core::state::{Features, Head as State, HeadMemory, Look, OwnLevel, SweepOutcome};
 use inkling_core::verdict::Reason;
 use std::sync::Arc;
@@ -47,8 +48,6 @@ pub(super) struct Judging<'a> {
     /// Its design gives the models from which levels are counted, and with `--baseline` it holds the states in
     /// which earlier recordings left the heads.
     pub replay: &'a Replay,
-    /// The fault curves by which signals are isolated; `None`: the design has no physics.
-    pub curves: Option<Arc<FaultCurves>>,
     /// How many more new channels may be taken in, over all heads; bounds memory.
     pub room: usize,
     /// Counts the moves of all judges of the run: heads may share a judge, whose moves need different keys.
@@ -270,8 +269,9 @@ impl Head {
             |then: &[f64; 2]| now[0] < 2.0 * then[0] && (now[1] / then[1]).ln().abs() < 0.2;
         let kept = self.own.take().filter(|(then, _)| is_current(then));
         let new = || {
+            let curves = by.replay.design.as_ref().and_then(Design::curves);
             let rate = by.replay.settings.detect.false_alarm_rate;
-            (now, Arc::new(OwnBasis::new(&self.state, by.curves.as_deref(), rate)))
+            (now, Arc::new(OwnBasis::new(&self.state, curves.as_deref(), rate)))
         };
         let (_, basis) = self.own.insert(kept.unwrap_or_else(new));
         (basis.clone(), self.state.own().collect())

@@ -86,71 +86,57 @@ impl HeadMovement {
 
     /// The warnings, one sentence each; none where nothing is to be warned about.
     pub fn warnings(&self, identify: &IdentifySettings) -> Vec<String> {
-        let told = [
-            self.beyond_in_words(identify),
-            self.strange_in_words(),
-            self.swapped_in_words(),
-            self.late_in_words(),
-            self.scatter_in_words(),
-        ];
-        told.into_iter().flatten().collect()
-    }
-
-    fn beyond_in_words(&self, identify: &IdentifySettings) -> Option<String> {
-        Some(format!(
-            "since {} all channels have moved together beyond a quarter in amplitude, or the bounds of \
-             identify.max_damping_drift = {:.1} % and max_frequency_drift = {:.2} %: damping {:+.1} %, resonance {:+.2} %, amplitude \
-             {:+.1} % at most; look at ink, temperature and supply, not at single channels, which are \
-             judged about what all have in common",
-            at(self.beyond_since_ns?),
-            100.0 * identify.max_damping_drift,
-            100.0 * identify.max_frequency_drift,
-            100.0 * self.damping,
-            100.0 * self.frequency,
-            100.0 * self.amplitude,
-        ))
-    }
-
-    fn swapped_in_words(&self) -> Option<String> {
-        Some(format!(
-            "from {} on its channels are others than those that --baseline remembers: another printhead of that \
-             name, whose channels are learned anew",
-            at(self.swapped_ns?),
-        ))
-    }
-
-    fn scatter_in_words(&self) -> Option<String> {
-        Some(format!(
-            "from {} on its channels lie up to {:.1} times as far from each other as those that its model was learned \
-             from: each has aged its own way, or more than half of them are faulty. They are judged by what most of \
-             them do; train a design on what they are now, or look at single channels with --identify windows",
-            at(self.scatter_since_ns?),
-            self.scatter,
-        ))
-    }
-
-    fn late_in_words(&self) -> Option<String> {
-        let late = (self.late > 0).then_some(self.late)?;
-        Some(format!(
-            "{late} bursts stand in the file after later ones: they were judged about what was known by then, and \
-             taught the --baseline nothing; a file in the order of its times is judged burst by burst"
-        ))
-    }
-
-    fn strange_in_words(&self) -> Option<String> {
-        let (since, [amplitude, damping, frequency, phase]) =
-            (self.strange_since_ns?, self.strange_at?);
-        Some(format!(
-            "from {} on most channels ring as this printhead never did: {:.2} times as large, damping \
-             {:+.0} %, resonance {:+.1} %, phase {:+.0}°; those signals are rejected (head_changed). Look at \
-             wiring, gain and clock; for another printhead of that name train a design, or give another \
-             --baseline file",
-            at(since),
-            amplitude.exp(),
-            100.0 * damping.exp_m1(),
-            100.0 * frequency.exp_m1(),
-            phase.to_degrees(),
-        ))
+        let beyond = self.beyond_since_ns.map(|since_ns| {
+            format!(
+                "since {} all channels have moved together beyond a quarter in amplitude, or the bounds of \
+                 identify.max_damping_drift = {:.1} % and max_frequency_drift = {:.2} %: damping {:+.1} %, resonance {:+.2} %, amplitude \
+                 {:+.1} % at most; look at ink, temperature and supply, not at single channels, which are \
+                 judged about what all have in common",
+                at(since_ns),
+                100.0 * identify.max_damping_drift,
+                100.0 * identify.max_frequency_drift,
+                100.0 * self.damping,
+                100.0 * self.frequency,
+                100.0 * self.amplitude,
+            )
+        });
+        let strange = self.strange_since_ns.zip(self.strange_at).map(|(since_ns, level)| {
+            format!(
+                "from {} on most channels ring as this printhead never did: {:.2} times as large, damping \
+                 {:+.0} %, resonance {:+.1} %, phase {:+.0}°; those signals are rejected (head_changed). Look at \
+                 wiring, gain and clock; for another printhead of that name train a design, or give another \
+                 --baseline file",
+                at(since_ns),
+                level[0].exp(),
+                100.0 * level[1].exp_m1(),
+                100.0 * level[2].exp_m1(),
+                level[3].to_degrees(),
+            )
+        });
+        let swapped = self.swapped_ns.map(|from_ns| {
+            format!(
+                "from {} on its channels are others than those that --baseline remembers: another printhead of that \
+                 name, whose channels are learned anew",
+                at(from_ns),
+            )
+        });
+        let late = (self.late > 0).then(|| {
+            format!(
+                "{} bursts stand in the file after later ones: they were judged about what was known by then, and \
+                 taught the --baseline nothing; a file in the order of its times is judged burst by burst",
+                self.late,
+            )
+        });
+        let scatter = self.scatter_since_ns.map(|since_ns| {
+            format!(
+                "from {} on its channels lie up to {:.1} times as far from each other as those that its model was learned \
+                 from: each has aged its own way, or more than half of them are faulty. They are judged by what most of \
+                 them do; train a design on what they are now, or look at single channels with --identify windows",
+                at(since_ns),
+                self.scatter,
+            )
+        });
+        [beyond, strange, swapped, late, scatter].into_iter().flatten().collect()
     }
 }
 

@@ -17,7 +17,7 @@ use super::job::Replay;
 use super::rings::Deviations;
 use super::sweep::{Sweep, SweepClock, channels};
 use inkling_core::burst::Burst;
-use inkling_core::design::{Design, Judge, Workspace};
+use inkling_core::design::{Judge, Workspace};
 use inkling_core::state::Memory;
 use inkling_core::state::memory::MOST_CHANNELS;
 use std::sync::Arc;
@@ -57,7 +57,6 @@ impl<'a> Heads<'a> {
         let judging = Judging {
             replay,
             room: MOST_CHANNELS - remembered,
-            curves: replay.design.as_ref().and_then(Design::curves),
             moves: 0,
             deviations,
             work: Workspace::default(),

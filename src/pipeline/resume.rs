@@ -265,13 +265,7 @@ fn owner(entry: Option<&Arc<Entry>>, verdicts: &Path) -> Option<Source> {
     let text = |key: &str| document["recording"][key].as_str().map(str::to_owned);
     let bytes = document["recording"]["bytes"].as_u64();
     let stamp = bytes.map(|bytes| Stamp { bytes, modified_ns: None });
-    Some(Source {
-        path: text("name")?,
-        stamp,
-        digest: text("digest"),
-        day: None,
-        starts_at_ns: None,
-    })
+    Some(Source { path: text("name")?, stamp, digest: text("digest"), ..Source::default() })
 }
 
 /// Why nothing is written where a recording's results are, in words.
