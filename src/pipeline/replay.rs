@@ -179,7 +179,7 @@ impl<'a> Run<'a> {
         let (started, signals) = (Instant::now(), self.control.signals.load(Ordering::Relaxed));
         // the recording is read from its beginning; bursts that were handed on in an
         // earlier pass are not waited for
-        self.pacer.iter().for_each(|pacer| locked(pacer).begin());
+        self.pacer.into_iter().for_each(|pacer| locked(pacer).begin());
         let streamed = self.through_stages(Models::new(learning, self.pass()));
         if streamed.is_err() {
             self.control.signals.store(signals, Ordering::Relaxed); // they are judged again

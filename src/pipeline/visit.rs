@@ -31,8 +31,10 @@ impl Lost {
 
 /// Whether the signal of a channel in a burst counts as healthy: labels, if there are any, say that it is.
 pub fn is_healthy(labels: Option<&Labels>, burst: &Burst, channel: u32) -> bool {
-    let label = |labels: &Labels| labels.at(&burst.printhead, channel, burst.t_acq_ns);
-    labels.is_none_or(|labels| label(labels).is_some_and(|label| label.state == HEALTHY))
+    labels.is_none_or(|labels| {
+        let label = labels.at(&burst.printhead, channel, burst.t_acq_ns);
+        label.is_some_and(|label| label.state == HEALTHY)
+    })
 }
 
 /// A recording that is to be read outside the stages, and what may interrupt that.
