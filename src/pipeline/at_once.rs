@@ -14,7 +14,6 @@ use inkling_core::verdict::at_once::{ADVICE, FEWEST_CHANNELS, MOST_AT_ONCE};
 /// derived from nothing; half and twice of it were not tried.
 const IN_A_ROW: u64 = 8;
 
-/// The looks at one printhead so far.
 #[derive(Clone, Debug, Default)]
 pub struct AtOnce {
     /// When the look at hand began, and the time of its latest signal, ns.
@@ -32,14 +31,11 @@ pub struct AtOnce {
 /// A row of consecutive looks, in each of which more than a third of the judged signals were flagged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stretch {
-    /// When the first look began, ns.
     pub from_ns: i64,
-    /// Number of looks.
     pub looks: u64,
 }
 
 impl Stretch {
-    /// The warning about it.
     pub fn in_words(&self) -> String {
         format!(
             "from {} on more than a third of its channels are flagged at once, in {} looks in a row. {ADVICE}",
@@ -64,7 +60,6 @@ impl AtOnce {
         self.flagged += flagged;
     }
 
-    /// Ends the look at hand, and extends or ends the run of looks.
     fn end_look(&mut self) {
         if self.flagged as f64 > MOST_AT_ONCE * self.judged as f64 {
             if self.row.looks == 0 {

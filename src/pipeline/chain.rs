@@ -22,13 +22,11 @@ use std::sync::Arc;
 /// Digest of the baselines; `None`: there are none yet.
 type State = Option<String>;
 
-/// Index of the recording from which on recordings are judged. `links`: for each recording, in order, the
-/// baselines before and after it, if it is finished or was once judged; `first`: the first recording that is
-/// to be judged, or their number if none is; `now`: the baselines as they are. `None`: what is to be judged
-/// would meet baselines that other recordings have changed since.
-///
-/// The index may be below `first`, where a run was killed before it wrote its baselines, or somebody put earlier
-/// ones back: then the chain is replayed from there.
+/// Index of the recording from which on recordings are judged. `links`: for each recording, in order, the baselines
+/// before and after it, if it was once judged; `first`: the first recording that is to be judged, or their number if
+/// none is; `now`: the baselines as they are. `None`: what is to be judged would meet baselines that other recordings
+/// have changed since. The index may be below `first`, where a run was killed before it wrote its baselines, or
+/// somebody put earlier ones back: then the chain is replayed from there.
 pub fn resume_at(links: &[Option<Link>], first: usize, now: &State) -> Option<usize> {
     if links.iter().all(Option::is_none) {
         return Some(first); // nothing here rests on them yet

@@ -5,9 +5,8 @@
 //! [`MOST`] that are looked at in a turn ([`ChannelSubset::holds`]). A *turn* is a sweep; a *round* is as
 //! many turns as each channel needs to be looked at exactly once.
 //!
-//! The rule, with C channels and a = C / `MOST`, rounded up: consecutive numbers form groups of
-//! a, and of each group one channel is looked at in a turn, the next one in the next turn. So a
-//! round has a turns.
+//! The rule, with C channels and a = C / `MOST`, rounded up: consecutive numbers form groups of a, and of each
+//! group one channel is looked at in a turn, the next one in the next turn. So a round has a turns.
 //! * One channel of each group, since faults come in blocks, which are no majority of the subset then.
 //! * Its place in the group begins anywhere (a hash of group and round), since rows of nozzles,
 //!   multiplexers and supplies fail by every k-th channel.
@@ -42,7 +41,6 @@ impl ChannelStretches {
         self.0.iter().any(|s| s.start < channels.end && channels.start < s.end)
     }
 
-    /// Number of channels.
     pub fn channels(&self) -> u32 {
         self.0.iter().fold(0, |sum, s| sum.saturating_add(s.end - s.start))
     }
@@ -53,7 +51,6 @@ impl ChannelStretches {
     }
 }
 
-/// The shortest stretch that holds both.
 fn join(a: Range<u32>, b: &Range<u32>) -> Range<u32> {
     a.start.min(b.start)..a.end.max(b.end)
 }
@@ -67,12 +64,10 @@ const MOST_STRETCHES: usize = 64;
 /// The channels of a printhead that were met so far, from which the subset of each turn follows.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ChannelSubset {
-    /// All channels that were met.
     pub(super) met: ChannelStretches,
 }
 
 impl ChannelSubset {
-    /// Takes in the channels of a burst.
     pub(super) fn meet(&mut self, channels: Range<u32>) {
         self.met.add(channels);
         if self.met.0.len() > MOST_STRETCHES {

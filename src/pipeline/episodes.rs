@@ -23,7 +23,6 @@ use inkling_io::episode_table::EpisodeWriter;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Maximum number of episodes that are kept for the terminal; the table holds all.
 const MOST_LISTED: usize = 1 << 14;
 
 /// Follows the rows of one recording, and writes the table of episodes.
@@ -35,7 +34,6 @@ pub struct EpisodeTap<'a> {
     table: Option<EpisodeWriter>,
     /// The models of the judges met so far, with which signals are compared, by number.
     models: BTreeMap<u16, Arc<HealthyModel>>,
-    /// The episodes so far, at most `MOST_LISTED`.
     listed: Vec<Episode>,
 }
 
@@ -125,7 +123,6 @@ impl<'a> EpisodeTap<'a> {
         list(&mut self.listed, &mut self.table, self.tracker.take_ended())
     }
 
-    /// The model with a number; `None`: no judge of it was met yet.
     fn model_of(&self, number: u16) -> Option<&HealthyModel> {
         self.models.get(&number).map(|model| &**model)
     }
@@ -220,7 +217,6 @@ struct OpenBurst {
     at: Id,
     /// The model of its first row that has one.
     model: Option<u16>,
-    /// What was gathered so far.
     looks: Looks,
 }
 
@@ -235,7 +231,6 @@ fn open(bursts: &mut Vec<OpenBurst>, at: Id) -> &mut OpenBurst {
 }
 
 impl OpenBurst {
-    /// Adds a run of healthy signals.
     fn add_healthy(&mut self, run: &HealthyRun, tests: &Tests) {
         self.model.get_or_insert(run.model);
         // the threshold of each signal is that of the test that decided (`beside`: the second one)

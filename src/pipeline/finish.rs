@@ -120,7 +120,6 @@ impl Run<'_> {
         phases.add("finish", finishing.elapsed());
         (report.seconds, report.phases) = (phases.seconds(), phases.list.clone());
 
-        // 6. the summary is the tables' document, and how the run went
         report.summary(&mut document.of_run, recording);
 
         // 7. the names; the summary comes last, as it says that all files are there

@@ -18,7 +18,6 @@ pub const LEAST_NOISE: f64 = 0.3;
 /// Maximum number of channels of a printhead that are watched: the first that are heard.
 const MOST_CHANNELS: usize = 1 << 14;
 
-/// The watch over one printhead's channels.
 #[derive(Debug, Default)]
 pub struct Frozen {
     /// What is kept of the last signal of each row, by the first channel of the bursts: a logger divides
@@ -26,9 +25,7 @@ pub struct Frozen {
     last: HashMap<u32, Vec<LastLook>>,
     /// Number of signals that `last` holds something of.
     watched: usize,
-    /// The channels that are frozen now.
     channels: BTreeSet<u32>,
-    /// Computes the weighted sums.
     sums: Sums,
 }
 
@@ -43,9 +40,7 @@ struct Sums {
 /// What is kept of a channel's last signal.
 #[derive(Clone, Copy, Debug, Default)]
 struct LastLook {
-    /// Its time t_a, ns.
     t_ns: i64,
-    /// A few of its samples.
     glance: [u8; 16],
     /// The bits of the weighted sum over all samples; only if the glance is that of the signal before.
     sum: Option<u64>,
@@ -86,12 +81,10 @@ impl Frozen {
         }
     }
 
-    /// Whether a channel is frozen now.
     pub fn is_frozen(&self, channel: u32) -> bool {
         self.channels.contains(&channel)
     }
 
-    /// The frozen channels, in ascending order.
     pub fn channels(&self) -> Vec<u32> {
         self.channels.iter().copied().collect()
     }

@@ -31,12 +31,10 @@ pub struct Isolator<'a> {
     deviations: Deviations,
 }
 
-/// A burst as it comes from the gate.
 struct GatedBurst<'a> {
     burst: &'a Burst,
     judge: Result<&'a Judge, Reason>,
     own: Option<&'a OwnChannels>,
-    /// The detection of each signal of the burst, or why it was not judged.
     statistic: &'a [Detected],
     /// Index of its first signal among the batch's.
     first: usize,
@@ -44,11 +42,9 @@ struct GatedBurst<'a> {
     id: Id,
 }
 
-/// One signal that was judged.
 #[derive(Clone, Copy)]
 struct Signal<'a> {
     burst: &'a Burst,
-    /// Its row in the burst.
     row: usize,
     judge: &'a Judge,
     own: Option<&'a OwnChannels>,
@@ -65,7 +61,6 @@ impl Signal<'_> {
 }
 
 impl<'a> Isolator<'a> {
-    /// An isolator with empty buffers.
     pub fn new(settings: &'a Settings, pools: &'a BufferPools) -> Isolator<'a> {
         Isolator {
             settings,
@@ -196,7 +191,6 @@ impl<'a> Isolator<'a> {
             rows.flagged.push(flagged);
         }
 
-        // 5. the row
         let severity = self.work.severity.take();
         let told = self.settings.output.weights && isolation.is_some();
         let weights = Some(self.work.weights.as_slice()).filter(|of| told && !of.is_empty());
@@ -273,7 +267,6 @@ impl<'a> Isolator<'a> {
         of.judge.is_no_ring(signal, of.judge.drive(of.burst), &mut self.work)
     }
 
-    /// Describes a signal that belongs to no class.
     fn appearance(&mut self, of: Signal) -> Option<Appearance> {
         let signal = &mut self.deviations.signal;
         of.per_drive(signal);

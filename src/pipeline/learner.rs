@@ -16,7 +16,6 @@ pub(super) const HELD_BYTES: usize = 96 << 20;
 /// Number of signals of a window that may be held however long the signals are.
 const FEWEST_HELD: usize = 64;
 
-/// Seconds in ns.
 fn ns(seconds: f64) -> i64 {
     (seconds * 1e9) as i64
 }
@@ -24,7 +23,6 @@ fn ns(seconds: f64) -> i64 {
 /// A healthy window: a half-open span of one group's time.
 #[derive(Clone, Copy, Debug)]
 pub struct Window {
-    /// Index of the group.
     pub group: usize,
     pub from_ns: i64,
     pub to_ns: i64,
@@ -52,7 +50,6 @@ impl Replay {
         })
     }
 
-    /// The length of a window, ns.
     pub(super) fn first_ns(&self) -> i64 {
         ns(self.settings.identify.first)
     }
@@ -123,7 +120,6 @@ impl Identified {
         Identified { how, why }
     }
 
-    /// A sentence about it; `None`: there is nothing to say.
     pub fn in_words(&self) -> Option<String> {
         let why = self.why.as_ref()?;
         Some(format!("models and baselines were learned in passes of their own: {why}"))

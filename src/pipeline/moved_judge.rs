@@ -20,7 +20,6 @@ const NEXT_MOVE: f64 = 0.2;
 /// A level counts as surely off if it is off by more than this many standard deviations of its noise.
 const SURE_SDS: f64 = 4.0;
 
-/// The judge of a window, and where it was moved to.
 #[derive(Debug)]
 pub(super) struct MovedJudge {
     /// The judge as the window gave it.
@@ -34,17 +33,14 @@ pub(super) struct MovedJudge {
 }
 
 impl MovedJudge {
-    /// The judge of a window, not moved yet.
     pub fn new(window: Arc<Judge>, healthy_sd: Features) -> MovedJudge {
         MovedJudge { now: window.clone(), window, by: Features::zeros(), healthy_sd }
     }
 
-    /// Takes over another window's judge, unmoved.
     pub fn take(&mut self, window: Arc<Judge>) {
         *self = MovedJudge::new(window, self.healthy_sd);
     }
 
-    /// Whether the judge in use is a moved one.
     pub fn is_moved(&self) -> bool {
         !Arc::ptr_eq(&self.now, &self.window)
     }
@@ -84,7 +80,6 @@ const STRETCHES: i64 = 16;
 /// The levels of a head in the recent past, averaged over stretches of time, so that memory is bounded.
 #[derive(Clone, Debug)]
 pub(super) struct LevelHistory {
-    /// Length of a window, ns.
     window_ns: i64,
     /// In the order of time; the last one is still filled.
     stretches: VecDeque<Stretch>,
@@ -93,9 +88,7 @@ pub(super) struct LevelHistory {
 /// The levels of a sixteenth of a window's time.
 #[derive(Clone, Copy, Debug)]
 struct Stretch {
-    /// Time of its first level, ns.
     from_ns: i64,
-    /// Sum of its levels.
     sum: Features,
     /// Number of levels (one per sweep) in `sum`.
     bursts: f64,
@@ -124,7 +117,6 @@ impl LevelHistory {
         }
     }
 
-    /// Whether no level was known yet.
     pub(super) fn is_empty(&self) -> bool {
         self.stretches.is_empty()
     }

@@ -15,7 +15,6 @@ use crate::settings::Pace;
 use inkling_core::burst::SignalBatch;
 use std::time::{Duration, Instant};
 
-/// How the pace was kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PaceReport {
     /// Number of bursts that were handed on at the pace.
@@ -28,7 +27,6 @@ pub struct PaceReport {
 #[derive(Debug, Default)]
 pub struct Pacer {
     pace: Pace,
-    /// When the first burst was handed on.
     started: Option<Instant>,
     /// The earliest t_a of the first batch, ns.
     first_ns: Option<i64>,
@@ -37,17 +35,14 @@ pub struct Pacer {
     bursts: u64,
     /// Least number of rows of the next piece of a block: 1, which one burst has; more while the reader is late.
     pub rows: usize,
-    /// How the pace was kept so far.
     pub kept: PaceReport,
 }
 
 impl Pacer {
-    /// A pacer before the first burst.
     pub fn new(pace: Pace) -> Pacer {
         Pacer { pace, rows: 1, ..Pacer::default() }
     }
 
-    /// Begins a pass: the recording is read from its beginning.
     pub fn begin(&mut self) {
         (self.signals, self.bursts, self.rows) = (0, 0, 1);
     }

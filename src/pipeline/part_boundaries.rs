@@ -27,7 +27,6 @@ pub struct PartBoundaries {
 /// The rows of a batch that belong to one part of the table.
 #[derive(Debug, PartialEq)]
 pub struct Section {
-    /// Runs and rows of the batch, in its order.
     pub parts: Vec<Part>,
     /// t_a of its earliest and of its latest burst, ns; without a burst the largest and the least i64.
     pub from_ns: i64,
@@ -35,7 +34,6 @@ pub struct Section {
 }
 
 impl PartBoundaries {
-    /// Boundaries of parts of `span_ns`, ns, before the first burst.
     pub fn new(span_ns: i64) -> PartBoundaries {
         PartBoundaries { span_ns, first_ns: BTreeMap::new() }
     }

@@ -10,7 +10,6 @@
 
 use super::{PipelineError, Result};
 
-/// The placing of one printhead's windows.
 #[derive(Debug)]
 pub struct Placing {
     /// Length of a window, ns.
@@ -33,7 +32,6 @@ struct Run {
 }
 
 impl Placing {
-    /// A placing before the first burst.
     pub fn new(first_ns: i64, every_ns: i64) -> Placing {
         Placing { first_ns, every_ns, run: None, windows: 0 }
     }
@@ -51,7 +49,6 @@ impl Placing {
     /// Takes the next burst's time, and calls `place` with the begin and end, ns, of every window that begins up
     /// to that time. An error if there are more windows than one printhead may have models.
     pub fn reach(&mut self, t_ns: i64, mut place: impl FnMut(i64, i64)) -> Result<()> {
-        // go on with the stretch, or begin another one with a window at this burst
         let (bin, begins) = (self.bin(t_ns), self.begins_at(t_ns));
         let run = match &mut self.run {
             Some(run) if !begins => run,

@@ -73,7 +73,6 @@ pub fn follow(
     let run =
         Run { replay, recording, verdicts: Some(verdicts), control, watch: Some(once), pacer };
     let report = followed(run, verdicts)?;
-    // the table is final: correct what was announced before
     let mut announcer = announcer.into_inner().unwrap_or_else(PoisonError::into_inner);
     announcer.settle(&report.episodes, watch.episode);
     Ok(report)
@@ -105,7 +104,6 @@ fn followed(run: Run, verdicts: &Path) -> Result<RecordingReport> {
     if is_rotated {
         rotation::remove(verdicts, recording)?; // what is in them is judged again
     }
-    // read on to the end of the recording, without judging anything
     phases.time("wait", || {
         let mut blocks = recording.blocks();
         while control.next_block(recording, &mut blocks)?.is_some() {}
@@ -143,14 +141,12 @@ impl<'a> Run<'a> {
         self.report(streamed, Identified::by(self.replay, Some(why)), phases)
     }
 
-    /// The means to read the recording outside the stages.
     fn pass(&self) -> Pass<'a> {
         Pass { recording: self.recording, control: self.control }
     }
 
     /// The learning of models, before the first burst, with the design's models in its schedule.
     fn learning(&self) -> Result<Learning<'a>> {
-        // bursts may come as late as the chunk index says, within bounds
         let reorder_ns = self.recording.disorder_ns.unwrap_or_default().max(USUAL_REORDER_NS);
         let reorder_ns = reorder_ns.min(MOST_REORDER_NS) as i64;
         let schedule = Schedule::new(self.replay.design.as_ref(), &self.replay.settings.isolate)?;
@@ -177,8 +173,7 @@ impl<'a> Run<'a> {
     /// Sends the recording through the stages. The time of a run that is given up is counted apart.
     fn stream(&self, learning: Learning<'a>, phases: &mut Phases) -> Result<StageResults<'a>> {
         let (started, signals) = (Instant::now(), self.control.signals.load(Ordering::Relaxed));
-        // the recording is read from its beginning; bursts that were handed on in an
-        // earlier pass are not waited for
+        // bursts that were handed on in an earlier pass are not waited for
         self.pacer.into_iter().for_each(|pacer| locked(pacer).begin());
         let streamed = self.through_stages(Models::new(learning, self.pass()));
         if streamed.is_err() {
@@ -192,7 +187,6 @@ impl<'a> Run<'a> {
 /// Maximum number of episodes that are remembered as announced.
 const MOST_ANNOUNCED: usize = 1 << 20;
 
-/// Remembers which episodes were announced, and with which name and time.
 #[derive(Debug, Default)]
 pub struct EpisodeAnnouncer {
     /// By printhead and channel, the episodes as each was last announced.
@@ -202,8 +196,7 @@ pub struct EpisodeAnnouncer {
 }
 
 impl EpisodeAnnouncer {
-    /// Sends an event if an episode is new, or if its name or the time at which it was raised is not the
-    /// announced one.
+    /// Sends an event if an episode is new, or if its name or the time at which it was raised has changed.
     pub fn announce(&mut self, now: &Episode, send: &dyn Fn(EpisodeEvent)) {
         let of_channel = self.announced.entry((now.printhead.clone(), now.channel)).or_default();
         match of_channel.iter_mut().find(|before| is_same(before, now)) {
@@ -223,9 +216,8 @@ impl EpisodeAnnouncer {
         }
     }
 
-    /// Corrects what was announced, where the finished table says otherwise: announces what is new
-    /// or has changed, and withdraws what the table does not have. The withdrawn ones come in the
-    /// order in which they were raised.
+    /// Corrects what was announced, where the finished table says otherwise: announces what is new or has changed,
+    /// and withdraws what the table does not have, in the order in which it was raised.
     pub fn settle(&mut self, table: &EpisodeReport, send: &dyn Fn(EpisodeEvent)) {
         table.listed.iter().for_each(|episode| self.announce(episode, send));
         if table.counts.episodes > table.listed.len() as u64 {

@@ -51,13 +51,10 @@ pub enum JudgeReason {
     BaselineChanged,
     #[error("its tables are of another version")]
     OtherTables,
-    /// Its files are there, but the journal does not know of them.
     #[error("the journal does not know of its verdicts")]
     NotInJournal,
-    /// Its files are gone, or are not as they were written.
     #[error("its verdicts are gone, or not as they were written")]
     ResultsChanged,
-    /// It rests on the baselines of a recording before it, which is judged again.
     #[error("its baselines follow from one that is judged again")]
     AfterAnother,
 }
@@ -66,7 +63,6 @@ pub enum JudgeReason {
 #[derive(Clone, Debug)]
 pub enum Decision {
     Judge(JudgeReason),
-    /// It is skipped.
     Finished {
         /// The journal's last line about it.
         entry: Arc<Entry>,
@@ -81,13 +77,11 @@ pub enum Decision {
 pub struct Resume<'a> {
     /// The directory of results.
     pub out: &'a Path,
-    /// What became of recordings in earlier runs.
     pub journal: &'a Journal,
     /// What recordings are judged with now.
     pub means: &'a Means,
     /// Whether `--baseline` is given.
     pub with_baselines: bool,
-    /// Judge again what is finished.
     pub force: bool,
     /// Compare the content, whatever the file's size and time of change say.
     pub verify: bool,
@@ -176,7 +170,6 @@ impl Resume<'_> {
 
     /// The reason for judging a recording again, apart from its content. `None`: there is none.
     fn stale(&self, entry: &Entry, placed: &PlacedRecording) -> Option<JudgeReason> {
-        // the first reason in this order is told
         let (then, now) = (&entry.by, self.means);
         let bytes = entry.results.as_ref().map_or(&[][..], |results| &results.bytes);
         let is_there = |(file, &bytes): (PathBuf, &u64)| {

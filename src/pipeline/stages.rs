@@ -45,9 +45,7 @@ pub struct BlockQueue<'a> {
 
 /// What the workers of the reader stage share, under a lock.
 struct Queue {
-    /// The blocks that were not handed out yet.
     blocks: Blocks,
-    /// Bytes of the file that frame no block.
     damage: Vec<Damage>,
     /// Hashes the file as it is read, so that it need not be read a second time.
     digester: Digester,
@@ -116,7 +114,6 @@ pub fn read(
                 pacer.wait_for(&batch, control)?;
             }
             place.piece += 1;
-            // only a block's last piece takes the block's bytes out of flight
             let leaves = piece.last.then_some(block.bytes);
             clock.count();
             let definitions = reader.definitions();
@@ -160,7 +157,6 @@ pub fn identify(
         }
     }
 
-    // the recording is over: so are the sweeps that are still open
     if let Some(heads) = &mut deciding.following {
         heads.end(&mut given);
     }
@@ -172,9 +168,7 @@ pub fn identify(
 
 /// Assigns each burst its judge, and follows the printheads where that is asked for.
 pub struct JudgeAssignment<'m, 'd> {
-    /// Tells which model judges a burst.
     pub models: Models<'m>,
-    /// Notes at which temperatures models without a temperature response judge.
     pub temperatures: TemperatureCheck,
     /// Follows the heads; `None`: each signal is judged by the windows' or the design's models as they are.
     pub following: Option<Heads<'d>>,

@@ -48,10 +48,8 @@ pub struct Statistics {
 /// A signal that still waits for its statistic.
 #[derive(Clone, Copy)]
 struct WaitingSignal<'a> {
-    /// Its index in the batch.
     at: usize,
     burst: &'a Burst,
-    /// Its row in its burst.
     row: usize,
 }
 
@@ -80,7 +78,6 @@ impl Statistics {
         statistic.reserve(batch.read.batch.rows());
         let mut bursts = Vec::with_capacity(batch.judges.len());
 
-        // fill in a placeholder for each signal, or the reason for which it has no statistic
         for (signals, acquisition, of) in batch.placed() {
             let fill = match (acquisition, &of.judge) {
                 (Acquisition::Usable(burst), Ok(judge)) => {
@@ -100,7 +97,6 @@ impl Statistics {
         }
     }
 
-    /// Computes the statistics of all bursts of one judge, and writes them to their places.
     fn of_judge(&mut self, judge: &Judge, bursts: &[PlacedBurst], statistic: &mut [Detected]) {
         let mut unsettled: Vec<WaitingSignal> = Vec::new();
         let mut signals = Vec::with_capacity(LANES);
@@ -109,7 +105,6 @@ impl Statistics {
             let rows = 0..burst.channels as usize;
             let lanes = judge.lanes.as_ref();
             match lanes.filter(|of| of.samples() == burst.samples_per_channel as usize) {
-                // no lanes, or none for signals of this length
                 None => unsettled.extend(rows.map(waiting)),
                 Some(Lanes::Sensitivity(lanes)) => {
                     self.along(judge, lanes, (burst, waiting), statistic, &mut unsettled);
@@ -244,8 +239,7 @@ impl Statistics {
         }
     }
 
-    /// Judges the signals that wait in the tile by their residual energy, and empties the tile.
-    /// `signals`: those signals, lane by lane.
+    /// Judges the signals that wait in the tile, lane by lane in `signals`, and empties the tile.
     fn filter<'a>(
         &mut self,
         judge: &Judge,

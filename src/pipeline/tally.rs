@@ -28,7 +28,6 @@ pub struct Counts {
     pub faulty: BTreeMap<String, u64>,
 }
 
-/// Counts of one printhead.
 #[derive(Clone, Debug, Default)]
 pub struct PrintheadTally {
     /// The channels of which a signal was judged.
@@ -82,12 +81,10 @@ const MOST_CHANNELS: usize = 1 << 20;
 /// Maximum number of printheads that are remembered by name.
 const MOST_PRINTHEADS: usize = 1 << 16;
 
-/// All counts of a recording.
 #[derive(Debug, Default)]
 pub struct Tally {
     pub counts: Counts,
     pub printheads: BTreeMap<Arc<str>, PrintheadTally>,
-    /// Damage that decoding met.
     pub damage: Vec<Damage>,
     /// Names of the fault classes, to which indices in rows refer.
     classes: Vec<String>,
@@ -96,7 +93,6 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// A tally that has counted nothing.
     pub fn new(classes: Vec<String>) -> Tally {
         Tally { classes, ..Tally::default() }
     }
@@ -113,7 +109,6 @@ impl Tally {
         met
     }
 
-    /// Counts a batch.
     pub(super) fn add(&mut self, judged: &JudgedBatch) {
         self.counts.bursts += judged.bursts;
         judged.damage.iter().for_each(|damage| note(&mut self.damage, damage.clone()));
@@ -148,7 +143,6 @@ impl Tally {
         Some((p, &mut self.remembered))
     }
 
-    /// Counts a run of healthy signals.
     fn add_healthy(&mut self, c: &VerdictColumns, run: &HealthyRun) {
         let printhead = &c.printheads[run.printhead as usize];
         let signals = run.signals.len() as u64;
@@ -163,7 +157,6 @@ impl Tally {
         (run.first_channel..to).for_each(|channel| p.meet(channel, remembered));
     }
 
-    /// Counts a single row.
     fn add_row(&mut self, c: &VerdictColumns, row: usize) {
         let judged = c.outcome[row] != Outcome::Rejected;
         if !judged {

@@ -10,7 +10,6 @@ use crossbeam_channel::{Receiver, Sender};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// The duration of a phase; a recording's phases come one after the other.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct PhaseTiming {
     /// `open`, `survey` and `windows` (the two passes that learn models), `stages`, `given up` (stages that
@@ -23,7 +22,6 @@ pub struct PhaseTiming {
 #[derive(Debug)]
 pub struct Phases {
     started: Instant,
-    /// Time that was spent before `started`.
     before: Duration,
     /// The phases in the order in which they were first met.
     pub list: Vec<PhaseTiming>,
@@ -37,7 +35,6 @@ impl Phases {
         phases
     }
 
-    /// Runs a job, and adds its duration to a phase.
     pub fn time<T>(&mut self, phase: &'static str, job: impl FnOnce() -> T) -> T {
         let started = Instant::now();
         let done = job();
@@ -45,7 +42,6 @@ impl Phases {
         done
     }
 
-    /// Adds a duration to a phase.
     pub fn add(&mut self, phase: &'static str, took: Duration) {
         let seconds = took.as_secs_f64();
         match self.list.iter_mut().find(|of| of.phase == phase) {
@@ -54,13 +50,11 @@ impl Phases {
         }
     }
 
-    /// Duration of everything so far, s.
     pub fn seconds(&self) -> f64 {
         (self.before + self.started.elapsed()).as_secs_f64()
     }
 }
 
-/// The timing of one stage, summed over its workers.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct StageTiming {
     pub stage: &'static str,
@@ -86,7 +80,6 @@ impl Timings {
         locked(&self.0).push(StageTiming { stage, ..StageTiming::default() });
     }
 
-    /// A clock for one worker of a stage.
     pub fn clock(&self, stage: &'static str) -> Clock<'_> {
         let of = StageTiming { stage, workers: 1, ..StageTiming::default() };
         Clock { timings: self, started: Instant::now(), of }
@@ -137,7 +130,6 @@ impl Clock<'_> {
         waited
     }
 
-    /// Counts a batch that did not come from a queue.
     pub fn count(&mut self) {
         self.of.batches += 1;
     }

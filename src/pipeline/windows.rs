@@ -1,8 +1,7 @@
 //! Learns models from healthy windows in passes before the stages run, which asks nothing of the file's order;
 //! the models, numbers and refusals are those of [`super::learning`].
 //!
-//! In: a recording that is complete, from `replay`. Out: the schedule of a [`Learning`] with all
-//! models in it ([`Learning::learn_before`]).
+//! In: a recording that is complete, from `replay`. Out: the models, in a schedule ([`Learning::learn_before`]).
 //!
 //! 1. Survey: one pass over all bursts finds when each printhead printed. A window is a span of the bursts' own
 //!    times t_a, with which the log times of a chunk index need not agree.
@@ -52,7 +51,6 @@ impl Learning<'_> {
         })
     }
 
-    /// Finds when the groups that need windows printed.
     fn survey(&mut self, pass: Pass) -> Result<Survey> {
         let mut survey = Survey::default();
         let Survey { bins, blocks } = &mut survey;

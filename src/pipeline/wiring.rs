@@ -43,24 +43,18 @@ const MOST_BYTES: u64 = 64 << 20;
 
 /// What the stages leave behind. The files are not complete yet, and do not have their names.
 pub struct StageResults<'a> {
-    /// All models, and the windows that gave none.
     pub schedule: Schedule<'a>,
-    /// Counts of signals, channels and printheads, and the damage that decoding met.
     pub tally: Tally,
-    /// The verdicts.
     pub table: Table,
     /// The episodes, and their table; `None`: they are only listed.
     pub episodes: (EpisodeReport, Option<EpisodeWriter>),
-    /// Damage that framing the file's blocks met.
     pub scan_damage: Vec<Damage>,
     pub timings: Vec<StageTiming>,
-    /// Digest of the whole file.
     pub digest: Digest,
     /// Printheads judged at temperatures that no model knows, and that were not followed.
     pub temperatures: TemperatureCheck,
     /// How all channels of printheads moved together, where there is something to tell.
     pub moved: Vec<HeadMovement>,
-    /// With `--baseline`: what is remembered for the next recording.
     pub memory: Option<Memory>,
 }
 
@@ -204,7 +198,6 @@ pub enum Table {
 }
 
 impl Table {
-    /// Appends the rows of a batch.
     fn write(&mut self, of: &Verdicts) -> Result<(), TableError> {
         match self {
             Table::File(writer) => writer.write(of),
@@ -214,7 +207,6 @@ impl Table {
         }
     }
 
-    /// Number of rows written so far.
     pub fn rows(&self) -> u64 {
         match self {
             Table::File(writer) => writer.rows(),
@@ -227,9 +219,7 @@ impl Table {
 struct Tables<'a> {
     episodes: EpisodeTap<'a>,
     table: Table,
-    /// With `--rotate`: the parts of a recording that is being written.
     rotating: Option<PartWriter<'a>>,
-    /// Called with the rows of each batch.
     rows: Option<&'a (dyn Fn(&Verdicts) + Sync)>,
 }
 
