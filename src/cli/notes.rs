@@ -98,8 +98,8 @@ pub fn warnings(report: &RecordingReport) -> Vec<CountedMessage> {
     let of = |printhead: &str| printable::cell(printhead);
     // a window that was refused because all channels drifted is left out, if the drift itself is
     // told of its printhead
-    let has_moved = |printhead: &str| report.moved_beyond.iter().any(|p| **p == *printhead);
-    let refusals = report.refusals.iter().filter(|r| !(r.drifted && has_moved(&r.printhead)));
+    let refusals =
+        report.refusals.iter().filter(|r| !(r.drifted && report.has_moved(&r.printhead)));
     let refused = refusals.map(|refusal| {
         let (head, from) = (of(&refusal.printhead), clock(refusal.from_ns));
         (format!("window of {head} at {from}: "), refusal.why.clone())

@@ -58,7 +58,7 @@ fn print_counts(report: &RecordingReport, out: &mut impl Write) -> io::Result<()
 
 /// Prints the share of flagged signals and the number of episodes of the whole recording.
 fn print_flagged(report: &RecordingReport, out: &mut impl Write) -> io::Result<()> {
-    let flagged: u64 = report.tally.printheads.values().map(|p| p.passed).sum();
+    let flagged: u64 = report.tally.printheads.values().map(|p| p.flagged).sum();
     let share = 100.0 * flagged as f64 / report.tally.counts.judged.max(1) as f64;
     let Counts { episodes, still_on, .. } = report.episodes.counts;
     if report.tally.counts.judged == 0 {
@@ -100,7 +100,7 @@ fn print_printheads(report: &RecordingReport, out: &mut impl Write) -> io::Resul
 
 /// Prints the line of one printhead.
 fn print_printhead(name: &str, printhead: &PrintheadTally, out: &mut impl Write) -> io::Result<()> {
-    let share = 100.0 * printhead.passed as f64 / printhead.judged.max(1) as f64;
+    let share = 100.0 * printhead.flagged as f64 / printhead.judged.max(1) as f64;
     let flagged = match printhead.known() {
         0 => "not judged".to_owned(),
         _ => format!("{share:>6.2} %"),

@@ -1,22 +1,19 @@
 //! Finds out whether so many of a printhead's channels are flagged at once that a cause which they share is
 //! likelier than that many faults.
 //!
-//! In: a printhead's judged signals, in the recording's order, from `tally`. Out: since when that
-//! was so, and in how many looks, as a warning ([`AtOnce::longest`]).
+//! In: a printhead's judged signals, in the recording's order, from `tally`. Out: since when that was so, and in
+//! how many looks, as a warning ([`AtOnce::longest`]).
 //!
-//! A *look* here is a stretch of time in which as many signals were judged as the printhead has
-//! channels (and at least five), which mostly is one signal of each. A look is bad if more than a
-//! third of its signals are flagged ([`MOST_AT_ONCE`]). Eight bad looks in a row are told.
+//! A *look* here is a stretch of time in which as many signals were judged as the printhead has channels (and at
+//! least five). A look is bad if more than a third of its signals are flagged ([`MOST_AT_ONCE`]).
 
 use super::head_movement::at;
 use inkling_core::verdict::at_once::{ADVICE, FEWEST_CHANNELS, MOST_AT_ONCE};
 
-/// Least number of consecutive looks at all channels to be told of: a disturbance that passes,
-/// as a supply that is switched, does not last so long. The number is derived from nothing; half
-/// and twice of it were not tried.
+/// Least number of consecutive bad looks to be told of: a disturbance that passes does not last so long. It is
+/// derived from nothing; half and twice of it were not tried.
 const IN_A_ROW: u64 = 8;
 
-/// The looks at one printhead so far.
 #[derive(Clone, Debug, Default)]
 pub struct AtOnce {
     /// When the look at hand began, and the time of its latest signal, ns.
@@ -25,25 +22,20 @@ pub struct AtOnce {
     /// Number of signals that were judged, and of those that were flagged, in the look at hand.
     judged: u64,
     flagged: u64,
-    /// Number of consecutive bad looks, up to the last one, and when the first of them began, ns.
-    in_a_row: u64,
-    row_from_ns: i64,
-    /// The longest such run of looks so far.
-    longest: Option<Stretch>,
+    /// The consecutive bad looks, up to the last one.
+    row: Stretch,
+    /// The longest such row so far.
+    longest: Stretch,
 }
 
-/// A run of consecutive looks at all of a printhead's channels, in each of which more than a third of the
-/// judged signals were flagged.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// A row of consecutive looks, in each of which more than a third of the judged signals were flagged.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stretch {
-    /// When the first look began, ns.
     pub from_ns: i64,
-    /// Number of looks.
     pub looks: u64,
 }
 
 impl Stretch {
-    /// The warning about it.
     pub fn in_words(&self) -> String {
         format!(
             "from {} on more than a third of its channels are flagged at once, in {} looks in a row. {ADVICE}",
@@ -54,10 +46,9 @@ impl Stretch {
 }
 
 impl AtOnce {
-    /// Takes in signals of a moment: how many were judged, and how many of these were flagged. `channels`:
-    /// number of the printhead's channels that were met so far.
+    /// Takes in signals of a moment. `channels`: number of the printhead's channels that were met so far.
     pub fn see(&mut self, t_ns: i64, judged: u64, flagged: u64, channels: u64) {
-        // a look ends between two moments, and not before as many signals as there are channels were heard
+        // a look ends between two moments, once as many signals as there are channels were heard
         if t_ns != self.t_ns && self.judged >= channels.max(FEWEST_CHANNELS as u64) {
             self.end_look();
         }
@@ -69,26 +60,24 @@ impl AtOnce {
         self.flagged += flagged;
     }
 
-    /// Ends the look at hand, and extends or ends the run of looks.
     fn end_look(&mut self) {
         if self.flagged as f64 > MOST_AT_ONCE * self.judged as f64 {
-            if self.in_a_row == 0 {
-                self.row_from_ns = self.from_ns;
+            if self.row.looks == 0 {
+                self.row.from_ns = self.from_ns;
             }
-            self.in_a_row += 1;
-            let now = Stretch { from_ns: self.row_from_ns, looks: self.in_a_row };
-            if self.longest.is_none_or(|longest| now.looks > longest.looks) {
-                self.longest = Some(now);
+            self.row.looks += 1;
+            if self.row.looks > self.longest.looks {
+                self.longest = self.row;
             }
         } else {
-            self.in_a_row = 0;
+            self.row.looks = 0;
         }
         (self.judged, self.flagged) = (0, 0);
     }
 
     /// The longest run of looks, if it is long enough to be told of.
     pub fn longest(&self) -> Option<Stretch> {
-        self.longest.filter(|of| of.looks >= IN_A_ROW)
+        Some(self.longest).filter(|of| of.looks >= IN_A_ROW)
     }
 }
 

@@ -1,6 +1,5 @@
 //! What passes from stage to stage: a batch, of which each stage knows more than the one before; and pools of
-//! buffers, so that a long recording allocates little: one stage takes a buffer and fills it, and a later stage
-//! gives it back.
+//! buffers, which one stage takes and fills and a later stage gives back.
 //!
 //! ```text
 //! reader      ReadBatch       acquisitions (usable bursts, and unusable ones with the reason)
@@ -10,9 +9,9 @@
 //! isolate     JudgedBatch     rows of the table, runs of healthy signals, and what episodes need
 //! ```
 //!
-//! The *signals of a batch* are numbered through all its acquisitions; an unusable burst counts as
-//! one signal.
+//! The *signals of a batch* are numbered through all its acquisitions; an unusable burst counts as one.
 
+use super::locked;
 use inkling_core::burst::{Acquisition, Burst, Place, SignalBatch};
 use inkling_core::design::{Detection, Judge, OwnChannels};
 use inkling_core::verdict::{Appearance, Reason, Tests, VerdictColumns, Verdicts};
@@ -20,10 +19,9 @@ use inkling_io::block::Block;
 use inkling_io::block_reader::Definitions;
 use inkling_io::damage::Damage;
 use std::ops::Range;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
-/// Maximum number of rows in a batch: enough to make the cost of a queue
-/// negligible, few enough to bound memory.
+/// Maximum number of rows in a batch: enough to make the cost of a queue negligible, few enough for memory.
 pub(super) const MOST_ROWS: usize = 32_768;
 
 /// The burst of an acquisition, if it can be used.
@@ -34,25 +32,20 @@ pub(super) fn usable(acquisition: &Acquisition) -> Option<&Burst> {
     }
 }
 
-/// A batch as the reader gives it: with the bytes that it takes up in flight,
-/// and what was lost in reading it.
+/// A batch as the reader gives it.
 #[derive(Debug)]
 pub struct ReadBatch {
-    /// The acquisitions, and their place in the recording.
     pub batch: SignalBatch,
-    /// The block of the file that they come from.
     pub block: Block,
     /// What the blocks up to here define, where the file's summary does not say it.
     pub definitions: Option<Definitions>,
-    /// For the last batch of a block: the block's bytes, which no longer count as in
-    /// flight when the batch is written.
+    /// For the last batch of a block: the block's bytes, which leave flight when the batch is written.
     pub leaves: Option<u64>,
-    /// Messages and bytes that could not be read.
     pub damage: Vec<Damage>,
 }
 
-/// Where a waiting burst belongs: the number of its batch, counted from the recording's first, and
-/// the burst's index among the acquisitions of that batch.
+/// Where a waiting burst belongs: the number of its batch, counted from the recording's first, and its index
+/// among that batch's acquisitions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Slot {
     pub batch: u64,
@@ -64,8 +57,7 @@ pub struct Slot {
 pub struct AssignedJudge {
     /// The judge of the burst, or why nobody judges it.
     pub judge: Result<Arc<Judge>, Reason>,
-    /// Its channels' own levels, and its frozen channels. `None`: all channels are judged about the
-    /// level that the channels of the printhead have in common.
+    /// Its channels' own levels, and its frozen channels. `None`: all are judged about the common level.
     pub own: Option<Arc<OwnChannels>>,
 }
 
@@ -99,12 +91,15 @@ impl AssignedBatch {
     }
 }
 
-/// A batch whose signals have their detection statistics, or the reasons why they have none.
+/// A signal's detection statistics, or the reason why it has none.
+pub type Detected = Result<Detection, Reason>;
+
+/// A batch whose signals have their detection statistics.
 #[derive(Debug)]
 pub struct FilteredBatch {
     pub assigned: AssignedBatch,
     /// By signal.
-    pub statistic: Vec<Result<Detection, Reason>>,
+    pub statistic: Vec<Detected>,
 }
 
 /// A batch that went through the gate: every signal was tested, and found healthy or not.
@@ -116,7 +111,7 @@ pub struct GatedBatch {
 }
 
 /// The verdicts of a batch, ready to be written.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct JudgedBatch {
     /// As in its [`ReadBatch`].
     pub place: Place,
@@ -127,30 +122,27 @@ pub struct JudgedBatch {
     /// Judges of at least one of its bursts, each model once, by number.
     pub judges: Vec<Arc<Judge>>,
     /// The channels' own levels by which bursts were judged: (t_a in ns, the printhead's index in this batch,
-    /// levels), once for bursts of the same moment and printhead that follow each other.
+    /// levels), once for neighbouring bursts of the same moment and printhead.
     pub own: Vec<(i64, u32, Arc<OwnChannels>)>,
     /// For its flagged rows, ascending, what a row of a table has no room for.
     pub flagged: Vec<FlaggedSignal>,
-    /// Number of its bursts, unusable ones included.
     pub bursts: u64,
 }
 
 /// What isolation says of a flagged signal, for the evidence over time.
 #[derive(Debug)]
 pub struct FlaggedSignal {
-    /// Its row among the verdicts' rows.
     pub row: u32,
     /// Weight of each class; what their sum lacks to 1 is the weight of no class.
     /// Empty: isolation said nothing.
     pub weights: Vec<f32>,
-    /// ln damping and ln frequency of its ring, relative to the healthy model's
-    /// ([`inkling_core::design::Workspace::ring`]).
+    /// ln damping and ln frequency of its ring, relative to the healthy model's.
     pub ring: Option<[f64; 2]>,
     /// A description of a signal that belongs to no class, or may well belong to none.
     pub appearance: Option<Appearance>,
 }
 
-/// Buffers of one kind that no stage uses at the moment.
+/// Buffers that no stage uses at the moment.
 #[derive(Debug, Default)]
 pub struct BufferPool<T>(Mutex<Vec<T>>);
 
@@ -160,22 +152,21 @@ impl<T: Default> BufferPool<T> {
 
     /// Takes a used buffer, which may have any content, or a new one.
     pub fn take(&self) -> T {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
+        locked(&self.0).pop().unwrap_or_default()
     }
 
     /// Gives a buffer back for the next taker; it is freed if enough are kept already.
     pub fn give(&self, buffer: T) {
-        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut kept = locked(&self.0);
         if kept.len() < Self::KEPT {
             kept.push(buffer);
         }
     }
 }
 
-/// The pools that all stages share.
 #[derive(Debug, Default)]
 pub struct BufferPools {
-    pub statistic: BufferPool<Vec<Result<Detection, Reason>>>,
+    pub statistic: BufferPool<Vec<Detected>>,
     pub tests: BufferPool<Tests>,
     pub rows: BufferPool<VerdictColumns>,
 }

@@ -1,19 +1,17 @@
 //! The order of recordings with `--baseline`: when each begins, which is the time of its earliest burst, and from
 //! which on they are judged.
 //!
-//! In: from `cli/plan.rs`, the recordings in order, each with its *link*: the digests of the
-//! baselines that its verdicts met and left, as the journal noted them. Out: the index from which
-//! on recordings are judged ([`resume_at`]); and for the order the times at which recordings begin
-//! ([`starts`]).
+//! In: from `cli/plan.rs`, the recordings in order, each with its *link*: the digests of the baselines that its
+//! verdicts met and left, as the journal noted them. Out: the index from which on recordings are judged
+//! ([`resume_at`]); and for the order the times at which recordings begin ([`starts`]).
 //!
-//! Channels' own baselines go from each recording to the next, in the order of their times. A
-//! recording that is judged again, or that comes in between, must meet the baselines as they were
-//! then: else its verdicts would differ from those of an undisturbed run, and nothing would say so.
-//! So judging can begin at a place only if the baselines that are there now are those that the next
-//! recording met, or that the last one left.
+//! Channels' own baselines go from each recording to the next. A recording that is judged again, or that comes
+//! in between, must meet the baselines as they were then: else its verdicts would differ from those of an
+//! undisturbed run. So judging can begin at a place only if the baselines that are there now are those that the
+//! next recording met, or that the last one left.
 
-use super::PipelineError;
-use super::groups::MOST_GROUPS;
+use super::Result;
+use super::groups::{MOST_GROUPS, of_printhead};
 use super::learning::MOST_REORDER_NS;
 use super::visit::Pass;
 use inkling_io::journal::Link;
@@ -24,13 +22,11 @@ use std::sync::Arc;
 /// Digest of the baselines; `None`: there are none yet.
 type State = Option<String>;
 
-/// Index of the recording from which on recordings are judged. `links`: for each recording, in order, the
-/// baselines before and after it, if it is finished or was once judged; `first`: the first recording that is
-/// to be judged, or their number if none is; `now`: the baselines as they are. `None`: what is to be judged
-/// would meet baselines that other recordings have changed since.
-///
-/// The index may be below `first`: a run was killed after a recording's line in the journal was written and
-/// before its baselines were, or somebody put earlier baselines back. Then the chain is replayed from there.
+/// Index of the recording from which on recordings are judged. `links`: for each recording, in order, the baselines
+/// before and after it, if it was once judged; `first`: the first recording that is to be judged, or their number if
+/// none is; `now`: the baselines as they are. `None`: what is to be judged would meet baselines that other recordings
+/// have changed since. The index may be below `first`, where a run was killed before it wrote its baselines, or
+/// somebody put earlier ones back: then the chain is replayed from there.
 pub fn resume_at(links: &[Option<Link>], first: usize, now: &State) -> Option<usize> {
     if links.iter().all(Option::is_none) {
         return Some(first); // nothing here rests on them yet
@@ -45,29 +41,26 @@ pub fn resume_at(links: &[Option<Link>], first: usize, now: &State) -> Option<us
     }
 }
 
-/// The baselines that must be there for a run that begins at `at`: those that the next judged recording met,
-/// or else those that the last one left. `None`: any.
+/// The baselines that a run from `at` on needs: those that the next judged recording met, or else those that the
+/// last one left. `None`: any.
 fn wanted(links: &[Option<Link>], at: usize) -> Option<&State> {
     let next = links[at..].iter().flatten().next().map(|link| &link.before);
     let last = links[..at].iter().rev().flatten().next().map(|link| &link.after);
     next.or(last)
 }
 
-/// Times of the earliest usable bursts by printhead, ns. With `all` every printhead is there. Else,
-/// where the chunk index says that the file is about in the order of its times, only blocks up to
-/// the first one that holds a burst are decoded: the earliest time is then that of this block, and
-/// some printheads may be missing.
-pub fn starts(pass: Pass, all: bool) -> Result<BTreeMap<Arc<str>, i64>, PipelineError> {
+/// Times of the earliest usable bursts by printhead, ns. Without `all`, where the chunk index says that the file
+/// is about in the order of its times, only blocks up to the first one that holds a burst are decoded, and some
+/// printheads may be missing.
+pub fn starts(pass: Pass, all: bool) -> Result<BTreeMap<Arc<str>, i64>> {
     // without a chunk index nothing is known of the order, and all blocks are decoded
     let ordered = pass.recording.disorder_ns.is_some_and(|ns| ns <= MOST_REORDER_NS);
     let starts: RefCell<BTreeMap<Arc<str>, i64>> = RefCell::default();
     let want = |_| all || !ordered || starts.borrow().is_empty();
     pass.bursts(want, |_, burst| {
         let (t, mut starts) = (burst.t_acq_ns, starts.borrow_mut());
-        if let Some(first) = starts.get_mut(&burst.printhead) {
+        if let Some(first) = of_printhead(&mut starts, &burst.printhead, MOST_GROUPS, || t) {
             *first = t.min(*first);
-        } else if starts.len() < MOST_GROUPS {
-            starts.insert(burst.printhead.clone(), t);
         }
     })?;
     Ok(starts.into_inner())

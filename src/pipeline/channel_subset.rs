@@ -1,27 +1,23 @@
-//! Sets of channel numbers, which mostly are a few stretches of consecutive numbers; and the choice of the
-//! channels of a printhead that stand for all of them, where it has many.
+//! Sets of channel numbers, and the choice of the channels of a printhead that stand for all of them, where
+//! it has many.
 //!
-//! In: the channels of the printhead's bursts, whatever their numbers, from `heads`. Out: whether a
-//! channel is one of the about [`MOST`] that are looked at in a turn ([`ChannelSubset::holds`]). A
-//! *turn* is a sweep; a *round* is as many turns as each channel needs to be looked at exactly
-//! once.
+//! In: the channels of the printhead's bursts, from `heads`. Out: whether a channel is one of the about
+//! [`MOST`] that are looked at in a turn ([`ChannelSubset::holds`]). A *turn* is a sweep; a *round* is as
+//! many turns as each channel needs to be looked at exactly once.
 //!
-//! The rule, with C channels and a = C / `MOST`, rounded up: consecutive numbers form groups of
-//! a, and of each group one channel is looked at in a turn, the next one in the next turn. So a
-//! round has a turns.
-//! * One channel of each group, since faults come in blocks, which then are no majority of the
-//!   subset.
+//! The rule, with C channels and a = C / `MOST`, rounded up: consecutive numbers form groups of a, and of each
+//! group one channel is looked at in a turn, the next one in the next turn. So a round has a turns.
+//! * One channel of each group, since faults come in blocks, which are no majority of the subset then.
 //! * Its place in the group begins anywhere (a hash of group and round), since rows of nozzles,
 //!   multiplexers and supplies fail by every k-th channel.
-//! * Which channels go together changes from round to round. If the same channels always went
-//!   together, those of each turn would have a level of their own, the head's level would go from
-//!   one to the next with each sweep, and the channels that are not looked at would seem to move.
+//! * Which channels go together changes from round to round. If they always went together, those of each
+//!   turn would have a level of their own, and the head's level would change with each sweep.
 
 use std::ops::Range;
 
-/// A set of channels as half-open stretches, in any order, of which no two overlap or touch.
+/// A set of channels as half-open stretches, mostly few, in any order, of which no two overlap or touch.
 #[derive(Clone, Debug, Default)]
-pub(super) struct ChannelStretches(Vec<Range<u32>>);
+pub(super) struct ChannelStretches(pub Vec<Range<u32>>);
 
 impl ChannelStretches {
     /// Adds a stretch of channels, joined with all those that it overlaps or touches.
@@ -45,16 +41,6 @@ impl ChannelStretches {
         self.0.iter().any(|s| s.start < channels.end && channels.start < s.end)
     }
 
-    pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
-
-    /// Number of stretches.
-    pub fn len(&self) -> usize {
-        self.0.len()
-    }
-
-    /// Number of channels.
     pub fn channels(&self) -> u32 {
         self.0.iter().fold(0, |sum, s| sum.saturating_add(s.end - s.start))
     }
@@ -63,54 +49,35 @@ impl ChannelStretches {
     pub fn fill_holes(&mut self) {
         self.0 = self.0.drain(..).reduce(|a, b| join(a, &b)).into_iter().collect();
     }
-
-    /// The stretches, in any order.
-    pub fn iter(&self) -> impl Iterator<Item = &Range<u32>> {
-        self.0.iter()
-    }
 }
 
-impl IntoIterator for ChannelStretches {
-    type Item = Range<u32>;
-    type IntoIter = std::vec::IntoIter<Range<u32>>;
-
-    fn into_iter(self) -> Self::IntoIter {
-        self.0.into_iter()
-    }
-}
-
-/// The shortest stretch that holds both.
 fn join(a: Range<u32>, b: &Range<u32>) -> Range<u32> {
     a.start.min(b.start)..a.end.max(b.end)
 }
 
-/// Number of channels that are looked at in a turn, at most, where their numbers have no holes; one
-/// more where their first number does not begin a group. With holes it is the number on average.
+/// Number of channels that are looked at in a turn, at most (one more where their first number does not
+/// begin a group); where their numbers have holes it is the number on average.
 const MOST: u32 = 48;
-/// Maximum number of stretches of channel numbers that are kept apart; beyond, the holes
-/// between them count as channels.
+/// Maximum number of stretches that are kept apart; beyond, the holes between them count as channels.
 const MOST_STRETCHES: usize = 64;
 
 /// The channels of a printhead that were met so far, from which the subset of each turn follows.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ChannelSubset {
-    /// All channels that were met.
     pub(super) met: ChannelStretches,
 }
 
 impl ChannelSubset {
-    /// Takes in the channels of a burst.
     pub(super) fn meet(&mut self, channels: Range<u32>) {
         self.met.add(channels);
-        if self.met.len() > MOST_STRETCHES {
+        if self.met.0.len() > MOST_STRETCHES {
             self.met.fill_holes();
         }
     }
 
     /// Whether a channel was met and is in the subset of a turn. `turn`: counts the sweeps.
     pub(super) fn holds(&self, channel: u32, turn: u32) -> bool {
-        // Groups are `apart` consecutive numbers (a in the text above). In each round of so many
-        // turns the chosen place begins anywhere, and advances by one per turn, around the group.
+        // `apart` is a in the text above; the place in the group advances by one per turn, around it
         let apart = self.met.channels().div_ceil(MOST).max(1);
         let round = mixed(turn / apart);
         let chosen = (mixed((channel / apart) ^ round) % apart + turn % apart) % apart;
@@ -118,8 +85,7 @@ impl ChannelSubset {
     }
 }
 
-/// A number that looks random, for each `x` another one (the finaliser of MurmurHash3, which is a
-/// bijection).
+/// A number that looks random, for each `x` another one (the finaliser of MurmurHash3, a bijection).
 fn mixed(x: u32) -> u32 {
     let mut x = (x ^ (x >> 16)).wrapping_mul(0x85eb_ca6b);
     x = (x ^ (x >> 13)).wrapping_mul(0xc2b2_ae35);
@@ -151,7 +117,7 @@ mod tests {
         (0..16).for_each(|b| apart.meet(1000 * b..1000 * b + 2));
         assert_eq!((0..16_000).filter(|&c| apart.holds(c, 5) && c % 1000 < 2).count(), 32);
         (0..4000).for_each(|b| apart.meet(1000 * b..1000 * b + 2));
-        assert!(apart.met.len() <= MOST_STRETCHES);
+        assert!(apart.met.0.len() <= MOST_STRETCHES);
     }
 
     #[test]
@@ -202,12 +168,12 @@ mod tests {
         for order in [[0, 1, 2, 3], [3, 1, 0, 2], [2, 0, 3, 1]] {
             let mut of = ChannelStretches::default();
             order.iter().for_each(|i| of.add(10 * i..10 * i + 10));
-            assert_eq!((of.len(), of.channels()), (1, 40));
+            assert_eq!((of.0.len(), of.channels()), (1, 40));
             assert!(of.hold(&(0..40)) && !of.hold(&(0..41)) && of.overlap(&(39..50)));
             of.add(50..60);
-            assert!((of.len(), of.channels()) == (2, 50) && !of.overlap(&(40..50)));
+            assert!((of.0.len(), of.channels()) == (2, 50) && !of.overlap(&(40..50)));
             of.fill_holes();
-            assert!((of.len(), of.channels()) == (1, 60) && of.hold(&(0..60)));
+            assert!((of.0.len(), of.channels()) == (1, 60) && of.hold(&(0..60)));
         }
     }
 }

@@ -1,18 +1,16 @@
 //! Collects signals from recordings, for the verbs that learn from them.
 //!
-//! [`Collector`]: for `train`, `identify` and `thesis`, a bounded sample of usable signals for each
-//! label and printhead, as a [`TrainingSet`]. The signals with the lowest hashes stay, so the sample
-//! does not depend on the signals' order, but for the first burst's sampling, and beyond `MOST_SETS`
-//! sets.
+//! [`Collector`]: for `train`, `identify` and `thesis`, a bounded sample of usable signals for each label and
+//! printhead, as a [`TrainingSet`]. The signals with the lowest hashes stay, so the sample mostly does not depend
+//! on the signals' order.
 //!
-//! [`Observer`]: for `critique`, a bounded sample of signals that may be healthy, with what was
-//! recorded beside them, as [`Observations`]. Of longer signals fewer are held.
+//! [`Observer`]: for `critique`, a bounded sample of signals that may be healthy, with what was recorded beside
+//! them, as [`Observations`]. Of longer signals fewer are held.
 //!
-//! Both are given one recording after another (`take`), and hand out what they hold at the end
-//! (`finish`). The first burst with a signal that labels do not leave out decides the sampling;
-//! signals sampled otherwise are only counted. Signals that labels leave out may have any sampling.
+//! Both are given one recording after another (`take`), and hand out what they hold at the end (`finish`). The
+//! first burst with a signal that labels do not leave out decides the sampling; others are only counted.
 
-use super::PipelineError;
+use super::Result;
 use super::visit::{self, Pass};
 use crate::settings::INT16_RAILS;
 use inkling_core::burst::Burst;
@@ -26,18 +24,15 @@ use inkling_lab::critique::observations::{Observations, Sampler};
 use std::collections::BTreeMap;
 use std::sync::atomic::Ordering;
 
-/// Maximum number of signals kept per printhead: of healthy signals, and of signals with each other
-/// label.
+/// Maximum number of signals kept per printhead: of healthy signals, and of signals with each other label.
 const MOST_HEALTHY: usize = 32_768;
 const MOST_FAULTY: usize = 8_192;
 /// Maximum number of sets, one for each printhead and label.
 const MOST_SETS: usize = 512;
 
-/// The time and channels of a burst, as a span.
-fn span_of(burst: &Burst) -> Span {
-    let first_channel = burst.first_channel;
-    let last_channel = first_channel.saturating_add(burst.channels.saturating_sub(1));
-    Span { from_ns: burst.t_acq_ns, to_ns: burst.t_acq_ns, first_channel, last_channel }
+/// Sample period, s, and samples of a burst's signals.
+fn sampling_of(burst: &Burst) -> (f64, usize) {
+    (burst.sample_period_s, burst.samples_per_channel as usize)
 }
 
 /// Collects the signals of recordings by printhead and label.
@@ -45,10 +40,7 @@ fn span_of(burst: &Burst) -> Span {
 pub struct Collector<'a> {
     /// `None`: every signal counts as healthy.
     labels: Option<&'a Labels>,
-    /// Limits of the converter, counts.
     rails: [f64; 2],
-    /// Sample period, s, and samples of the first burst with a signal to collect; signals of another
-    /// sampling are not collected.
     sampling: Option<(f64, usize)>,
     /// The same of the first burst of all, which may have no signal to collect.
     first: Option<(f64, usize)>,
@@ -61,71 +53,66 @@ pub struct Collector<'a> {
 }
 
 impl<'a> Collector<'a> {
-    /// Begins to collect. `labels`: `None` if every signal counts as healthy; `rails`: limits of
-    /// the converter, counts.
+    /// Begins to collect. `labels`: `None` if every signal counts as healthy; `rails`: the converter's, counts.
     pub fn new(labels: Option<&'a Labels>, rails: [f64; 2]) -> Collector<'a> {
         Collector { labels, rails, ..Collector::default() }
     }
 
-    /// Takes the signals of a recording that have the sampling of the first one taken. Returns what was
-    /// damaged or is missing. An unusable burst counts as one rejected signal.
-    pub fn take(&mut self, pass: Pass) -> Result<Vec<Damage>, PipelineError> {
+    /// Takes the signals of a recording. Returns its damage. An unusable burst counts as one rejected signal.
+    pub fn take(&mut self, pass: Pass) -> Result<Vec<Damage>> {
         let mut signal = Vec::new();
         let lost = pass.all(|_, burst| {
             pass.control.signals.fetch_add(u64::from(burst.channels), Ordering::Relaxed);
-            self.met.see(&burst.printhead, span_of(burst));
-            let n = burst.samples_per_channel as usize;
-            let sampling = (burst.sample_period_s, n);
-            self.first.get_or_insert(sampling);
-
-            signal.resize(n, 0.0);
-            for row in 0..burst.channels {
-                let beside = burst.beside(row as usize);
-                // what the labels say of this signal; without labels it is healthy
-                let known = match self.labels {
-                    None => Some((HEALTHY, None)),
-                    Some(labels) => labels
-                        .row_at(&burst.printhead, beside.channel, burst.t_acq_ns)
-                        .map(|label| (label.state.as_str(), label.severity)),
-                };
-
-                let Some((state, severity)) = known else {
-                    self.count("unlabelled", 1);
-                    continue;
-                };
-                if state == IGNORE {
-                    self.count(IGNORE, 1);
-                    continue;
-                }
-
-                // the first signal that is not left out decides the sampling
-                let (period, samples) = *self.sampling.get_or_insert(sampling);
-                if samples != n || !same_period(period, burst.sample_period_s) {
-                    self.count("other_sampling", 1);
-                    continue;
-                }
-                burst.copy_signal(row as usize, &mut signal);
-                if unusable_signal(&signal, self.rails).is_some() {
-                    self.count("rejected", 1);
-                    continue;
-                }
-                self.count(state, 1);
-
-                // its label and printhead have a reservoir, which decides whether to keep it
-                let key = (state.to_owned(), burst.printhead.to_string());
-                if !self.sets.contains_key(&key) && self.sets.len() >= MOST_SETS {
-                    self.count("beyond_the_limit_of_sets", 1);
-                    continue;
-                }
-                let most = if state == HEALTHY { MOST_HEALTHY } else { MOST_FAULTY };
-                let reservoir = self.sets.entry(key).or_insert_with(|| Reservoir::new(n, most));
-                reservoir.offer(beside, &signal, severity.unwrap_or(f64::NAN));
+            let (t_ns, first_channel) = (burst.t_acq_ns, burst.first_channel);
+            let last_channel = first_channel.saturating_add(burst.channels.saturating_sub(1));
+            let span = Span { from_ns: t_ns, to_ns: t_ns, first_channel, last_channel };
+            self.met.see(&burst.printhead, span);
+            self.first.get_or_insert(sampling_of(burst));
+            for row in 0..burst.channels as usize {
+                let label = self.take_signal(burst, row, &mut signal);
+                self.count(label, 1);
             }
         })?;
         if lost.unusable_bursts > 0 {
             self.count("rejected", lost.unusable_bursts);
         }
         Ok(lost.all_damage(pass.recording))
+    }
+
+    /// Takes one signal, where it is to be collected. Returns what it counts under: its label, or the reason why
+    /// it was not collected. `signal`: a buffer.
+    fn take_signal(&mut self, burst: &Burst, row: usize, signal: &mut Vec<f64>) -> &'a str {
+        let beside = burst.beside(row);
+        // what the labels say of this signal; without labels it is healthy
+        let label = match self.labels {
+            None => Some((HEALTHY, None)),
+            Some(labels) => labels
+                .row_at(&burst.printhead, beside.channel, burst.t_acq_ns)
+                .map(|label| (label.state.as_str(), label.severity)),
+        };
+        let Some((state, severity)) = label.filter(|(state, _)| *state != IGNORE) else {
+            return if label.is_some() { IGNORE } else { "unlabelled" };
+        };
+
+        let (period, n) = *self.sampling.get_or_insert(sampling_of(burst));
+        if n != sampling_of(burst).1 || !same_period(period, burst.sample_period_s) {
+            return "other_sampling";
+        }
+        signal.resize(n, 0.0);
+        burst.copy_signal(row, signal);
+        if unusable_signal(signal, self.rails).is_some() {
+            return "rejected";
+        }
+
+        let key = (state.to_owned(), burst.printhead.to_string());
+        if self.sets.len() < MOST_SETS || self.sets.contains_key(&key) {
+            let most = if state == HEALTHY { MOST_HEALTHY } else { MOST_FAULTY };
+            let reservoir = self.sets.entry(key).or_insert_with(|| Reservoir::new(n, most));
+            reservoir.offer(beside, signal, severity.unwrap_or(f64::NAN));
+        } else {
+            self.count("beyond_the_limit_of_sets", 1);
+        }
+        state
     }
 
     /// Counts `n` signals under a label, or under the reason why they were not collected.
@@ -136,18 +123,14 @@ impl<'a> Collector<'a> {
         }
     }
 
-    /// What was collected, with drives relative to the mean voltage of the healthy signals that were
-    /// kept. `None`: no burst was seen.
+    /// What was collected, with drives relative to the mean voltage of the healthy signals that were kept.
+    /// `None`: no burst was seen.
     pub fn finish(self) -> Option<TrainingSet> {
         let (sample_period_s, samples) = self.sampling.or(self.first)?;
 
-        // the mean drive voltage of the kept healthy signals that have one
-        let (sum, n) = self
-            .sets
-            .iter()
-            .filter(|((state, _), _)| state == HEALTHY)
-            .map(|(_, reservoir)| reservoir.voltage_sum())
-            .fold((0.0, 0), |(sum, n), (s, m)| (sum + s, n + m));
+        let healthy = self.sets.iter().filter(|((state, _), _)| state == HEALTHY);
+        let voltages = healthy.map(|(_, reservoir)| reservoir.voltage_sum());
+        let (sum, n) = voltages.fold((0.0, 0), |(sum, n), (s, m)| (sum + s, n + m));
         let drive_voltage_v = (n > 0).then(|| sum / n as f64);
 
         let mut set = TrainingSet {
@@ -169,9 +152,8 @@ impl<'a> Collector<'a> {
     }
 }
 
-/// Maximum bytes of signals that an [`Observer`] holds, as long as the first one, and maximum number
-/// of signals: a critique needs no more. The bytes are a guard that never binds: even signals of
-/// 32,768 samples, the most that are taken, are `FEWEST_SIGNALS` in that many bytes.
+/// Maximum bytes of signals that an [`Observer`] holds, as long as the first one, and maximum number of signals.
+/// The bytes never bind: even signals of 32,768 samples, the most, are `FEWEST_SIGNALS` in that many bytes.
 const HELD_BYTES: usize = 64 << 20;
 const MOST_SIGNALS: usize = 8192;
 /// Work per signal grows with the square of its samples: of signals longer than this fewer are held, down to
@@ -179,10 +161,8 @@ const MOST_SIGNALS: usize = 8192;
 const USUAL_SAMPLES: usize = 128;
 const FEWEST_SIGNALS: usize = 512;
 
-/// The rails of the converter that gave a signal. The rails of 16 bit are the default; a signal that goes
-/// beyond them did not come from such a converter, and no other rails are known for it. Only a critique
-/// widens the rails so: a [`Collector`] keeps to those of the settings, by which signals are refused when
-/// they are judged, too.
+/// The rails of the converter that gave a signal. Those of 16 bit are the default; a signal that goes beyond
+/// them came from another converter, for which no rails are known. Only a critique widens the rails so.
 fn rails_of(signal: &[f64], rails: [f64; 2]) -> [f64; 2] {
     let is_wider = |y: &f64| *y < rails[0] || *y > rails[1];
     match rails == INT16_RAILS && signal.iter().any(is_wider) {
@@ -191,21 +171,16 @@ fn rails_of(signal: &[f64], rails: [f64; 2]) -> [f64; 2] {
     }
 }
 
-/// The signals of one sample period. A signal may be held up to twice as long as the first
-/// one was: so memory is bounded.
+/// The signals of one sample period. A signal may be held up to twice as long as the first one was.
 struct PeriodSignals {
-    /// Sample period, s.
     period_s: f64,
-    /// Samples that are held of a longer signal.
     most_samples: usize,
-    /// The sample of signals.
     sampler: Sampler,
 }
 
 impl PeriodSignals {
-    /// None yet, of this sample period, s. `n`: samples of the first signal, which decides how many
-    /// are held: 8192 of up to 128 samples, of longer ones fewer by the square of their length, and
-    /// no more than fit into the bytes (4 per sample). `most_samples`: as of [`Observer::new`].
+    /// None yet, of this sample period, s. `n`: samples of the first signal, which decides how many are held: of
+    /// long ones fewer, by the square of their length, and no more than fit into the bytes (4 per sample).
     fn new(period_s: f64, n: usize, most_samples: usize) -> PeriodSignals {
         let kept = n.min(most_samples);
         let wanted = MOST_SIGNALS * USUAL_SAMPLES.pow(2) / kept.max(1).pow(2);
@@ -219,9 +194,7 @@ impl PeriodSignals {
 /// Collects what a critique looks at.
 #[derive(Default)]
 pub struct Observer<'a> {
-    /// Labels that say which signals are healthy; `None`: every signal may be.
     labels: Option<&'a Labels>,
-    /// Limits of the converter, counts.
     rails: [f64; 2],
     /// What is held; `None`: no signal that may be healthy came yet.
     sampler: Option<PeriodSignals>,
@@ -231,25 +204,22 @@ pub struct Observer<'a> {
     most_samples: usize,
     /// Number of signals that cannot be used; an unusable burst counts as one.
     pub rejected: u64,
-    /// Number of signals that have another sample period than those held; and, after [`Observer::finish`],
-    /// of those held that were shorter than the common length and were dropped.
+    /// Number of signals that have another sample period than those held, or, after [`Observer::finish`], were
+    /// shorter than the common length and so were dropped.
     pub other_sampling: u64,
-    /// Samples of the longest signal offered.
     longest: usize,
     /// After [`Observer::finish`]: whether some signal was longer than what was taken of it.
     pub is_cut: bool,
 }
 
 impl<'a> Observer<'a> {
-    /// Begins to collect. `labels`: `None` if every signal may be healthy; `rails`: limits of the converter,
-    /// counts; `most_samples`: how many samples of a longer signal are taken.
+    /// Begins to collect. `most_samples`: how many samples of a longer signal are taken.
     pub fn new(labels: Option<&'a Labels>, rails: [f64; 2], most_samples: usize) -> Observer<'a> {
         Observer { labels, rails, most_samples, ..Observer::default() }
     }
 
-    /// Takes the signals of a recording that have the sample period of the first one that may be healthy.
-    /// Returns what was damaged or is missing.
-    pub fn take(&mut self, pass: Pass) -> Result<Vec<Damage>, PipelineError> {
+    /// Takes the signals of a recording that have the sample period of the first one. Returns its damage.
+    pub fn take(&mut self, pass: Pass) -> Result<Vec<Damage>> {
         let mut signal = Vec::new();
         let lost = pass.all(|_, burst| {
             let (n, period_s) = (burst.samples_per_channel as usize, burst.sample_period_s);
@@ -282,8 +252,7 @@ impl<'a> Observer<'a> {
         Ok(lost.all_damage(pass.recording))
     }
 
-    /// Hands out what was collected. `None`: no burst was seen. The counts of what was left out are
-    /// complete only after this call.
+    /// Hands out what was collected. `None`: no burst was seen. Counts are complete only after this call.
     pub fn finish(&mut self) -> Option<Observations> {
         let none = self.first_period_s.map(|period_s| Sampler::new(period_s, 0));
         let sampler = self.sampler.take().map(|held| held.sampler).or(none)?;

@@ -1,43 +1,39 @@
 //! Gathers the evidence over time at the writer stage, where rows come in the recording's order, and raises
 //! episodes from it.
 //!
-//! In: judged batches, one after another ([`EpisodeTap::add`]). Out: the table of episodes as they
-//! end, the list for the report, and, where somebody follows the recording, each episode as soon as
-//! it is raised.
+//! In: judged batches, one after another ([`EpisodeTap::add`]). Out: the table of episodes as they end, the list
+//! for the report, and, where somebody follows the recording, each episode as soon as it is raised.
 //!
-//! The sequential test itself is `inkling_core::episodes::Tracker`. Here the rows and runs of a
-//! batch are put together into bursts again ([`Looks`]: for each channel the statistic over its
-//! threshold), with what isolation says of the flagged signals, and handed to the tracker. There
-//! are two trackers where somebody watches: the table's, which waits for bursts that come late, and
-//! one that tells at once. `replay::EpisodeAnnouncer` later corrects what the second one told.
+//! The sequential test itself is `inkling_core::episodes::Tracker`. Here the rows and runs of a batch are put
+//! together into bursts again ([`Looks`]: for each channel the statistic over its threshold), with what isolation
+//! says of the flagged signals. There are two trackers where somebody watches: the table's, which waits for
+//! bursts that come late, and one that tells at once, which `replay::EpisodeAnnouncer` later corrects.
 
-use super::PipelineError;
+use super::Result;
 use super::batches::{FlaggedSignal, JudgedBatch};
 use super::job::{EpisodeEvent, Replay, Watch};
 use super::rows::Id;
-use inkling_core::design::{Design, HealthyModel, Judge, OwnChannels};
+use inkling_core::design::{Design, HealthyModel, OwnChannels};
 use inkling_core::episodes::{
     Counts, Episode, IsolatedSignal, Looks, Rings, Tracker, TrackerResult, Untimely,
 };
 use inkling_core::isolate::IsolateMethod;
 use inkling_core::verdict::{HealthyRun, Part, Tests, VerdictColumns, Verdicts};
 use inkling_io::episode_table::EpisodeWriter;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Maximum number of episodes that are kept for the terminal; the table holds all.
 const MOST_LISTED: usize = 1 << 14;
 
 /// Follows the rows of one recording, and writes the table of episodes.
 pub struct EpisodeTap<'a> {
     tracker: Tracker,
-    /// Where somebody watches: a second tracker, which raises episodes at once. The table's tracker waits for
-    /// bursts that come late.
+    /// Where somebody watches: a second tracker, which raises episodes at once.
     watched: Option<(&'a Watch<'a>, Tracker)>,
     /// The table of episodes; `None`: episodes are only listed.
     table: Option<EpisodeWriter>,
-    /// The models with which signals are compared, by their numbers; `None`: no judge of that model was met yet.
-    models: Vec<Option<Arc<HealthyModel>>>,
-    /// The episodes so far, at most `MOST_LISTED`.
+    /// The models of the judges met so far, with which signals are compared, by number.
+    models: BTreeMap<u16, Arc<HealthyModel>>,
     listed: Vec<Episode>,
 }
 
@@ -53,13 +49,13 @@ pub struct EpisodeReport {
 }
 
 impl<'a> EpisodeTap<'a> {
-    /// A tap before the first row. `watch`: who is told at once; `table`: where episodes are
-    /// written. An error if the settings give priors of classes that there are not.
+    /// A tap before the first row. `watch`: who is told at once. An error if the settings give priors of classes
+    /// that there are not.
     pub fn create(
         replay: &Replay,
         watch: Option<&'a Watch<'a>>,
         table: Option<EpisodeWriter>,
-    ) -> Result<EpisodeTap<'a>, PipelineError> {
+    ) -> Result<EpisodeTap<'a>> {
         let settings = &replay.settings;
         let design = replay.design.as_ref();
         let classes = replay.fault_classes();
@@ -80,14 +76,16 @@ impl<'a> EpisodeTap<'a> {
             tracker: tracker(),
             watched: watch.map(|watch| (watch, tracker().at_once())),
             table,
-            models: Vec::new(),
+            models: BTreeMap::new(),
             listed: Vec::new(),
         })
     }
 
     /// Takes in a batch. What isolation says of its flagged signals is taken out of it.
-    pub fn add(&mut self, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
-        judged.judges.iter().for_each(|judge| self.meet(judge));
+    pub fn add(&mut self, judged: &mut JudgedBatch) -> Result<()> {
+        for judge in &judged.judges {
+            self.models.entry(judge.index).or_insert_with(|| judge.model.clone());
+        }
         let mut flagged = std::mem::take(&mut judged.flagged).into_iter().peekable();
         let Verdicts { parts, tests, rows: c } = &judged.verdicts;
 
@@ -110,10 +108,8 @@ impl<'a> EpisodeTap<'a> {
                         burst.add_row(c, row);
                         // flagged signals come in the order of their rows
                         if let Some(of) = flagged.next_if(|f| f.row as usize == row) {
-                            burst.looks.named.push(IsolatedSignal {
-                                row: (burst.looks.ratios.len() - 1) as u32, // a batch is far smaller
-                                ..self.named(of, c, row)
-                            });
+                            let in_burst = (burst.looks.ratios.len() - 1) as u32; // a batch is far smaller
+                            burst.looks.named.push(self.named(of, c, row, in_burst));
                         }
                     }
                 }
@@ -127,14 +123,19 @@ impl<'a> EpisodeTap<'a> {
         list(&mut self.listed, &mut self.table, self.tracker.take_ended())
     }
 
-    /// The model with a number; `None`: no judge of it was met yet.
     fn model_of(&self, number: u16) -> Option<&HealthyModel> {
-        self.models.get(usize::from(number))?.as_deref()
+        self.models.get(&number).map(|model| &**model)
     }
 
-    /// What isolation says of a row, without the row's index within its burst. `row`: its index in
-    /// `c`. The ring is turned from logarithms relative to the healthy model into Hz and 1/s.
-    fn named(&self, flagged: FlaggedSignal, c: &VerdictColumns, row: usize) -> IsolatedSignal {
+    /// What isolation says of a row. `row`, `in_burst`: its index in `c` and among the burst's signals. The ring
+    /// is turned from logarithms relative to the healthy model into Hz and 1/s.
+    fn named(
+        &self,
+        flagged: FlaggedSignal,
+        c: &VerdictColumns,
+        row: usize,
+        in_burst: u32,
+    ) -> IsolatedSignal {
         let healthy = c.model[row].and_then(|number| self.model_of(number));
         let ring = flagged.ring.zip(healthy.map(|model| model.identification.poles));
         let rings = ring.map(|([ln_damping, ln_frequency], healthy)| Rings {
@@ -143,9 +144,8 @@ impl<'a> EpisodeTap<'a> {
             healthy_frequency_hz: healthy.frequency_hz,
             healthy_damping_per_s: healthy.damping_per_s,
         });
-        let resonance = c.resonance_hz[row].zip(c.damping_per_s[row]);
         IsolatedSignal {
-            row: 0,
+            row: in_burst,
             weights: flagged.weights,
             appearance: flagged.appearance,
             reason: c.reason[row],
@@ -153,12 +153,12 @@ impl<'a> EpisodeTap<'a> {
             severity: c.severity[row],
             severity_sd: c.severity_sd[row],
             rings,
-            resonance,
+            resonance: c.resonance_hz[row].zip(c.damping_per_s[row]),
         }
     }
 
-    /// Hands a gathered burst to the trackers, and announces what it raises or ends. `printheads`:
-    /// the names to which indices refer; `own`: as in [`JudgedBatch::own`].
+    /// Hands a gathered burst to the trackers, and announces what it raises or ends. `printheads`: the names to
+    /// which indices refer; `own`: as in [`JudgedBatch::own`].
     fn look_at(
         &mut self,
         burst: OpenBurst,
@@ -172,13 +172,11 @@ impl<'a> EpisodeTap<'a> {
         looks.in_medians = self.model_of(looks.model).map_or(0.0, HealthyModel::in_medians);
         let (first, n) = (looks.first_channel, looks.ratios.len());
 
-        // which of the channels were judged about their own levels: their statistics scatter
-        // otherwise
+        // which of the channels were judged about their own levels: their statistics scatter otherwise
         let own = own.iter().find(|(t_ns, of, _)| (*t_ns, *of) == (looks.t_ns, at.printhead));
-        let known = |(_, _, own): &(i64, u32, Arc<OwnChannels>)| {
-            own.from(first, n).map(|k| k.is_some()).collect()
-        };
-        looks.own = own.map_or(Vec::new(), known);
+        if let Some((_, _, own)) = own {
+            looks.own = own.from(first, n).map(|level| level.is_some()).collect();
+        }
 
         if let Some((watch, tracker)) = &mut self.watched {
             tracker.push(printhead, looks.clone());
@@ -189,24 +187,12 @@ impl<'a> EpisodeTap<'a> {
         self.tracker.push(printhead, looks);
     }
 
-    /// Notes a judge's model.
-    fn meet(&mut self, judge: &Judge) {
-        let number = usize::from(judge.index);
-        if self.models.len() <= number {
-            self.models.resize(number + 1, None);
-        }
-        self.models[number].get_or_insert_with(|| judge.model.clone());
-    }
-
-    /// Ends the recording: episodes that are still on have no end. The table is to be completed together with
-    /// that of the verdicts.
-    pub fn finish(self) -> Result<(EpisodeReport, Option<EpisodeWriter>), PipelineError> {
+    /// Ends the recording: episodes that are still on have no end. The table is not complete yet.
+    pub fn finish(self) -> Result<(EpisodeReport, Option<EpisodeWriter>)> {
         let EpisodeTap { tracker, mut table, mut listed, .. } = self;
         let TrackerResult { last, counts, untimely } = tracker.finish();
         list(&mut listed, &mut table, last)?;
-        listed.sort_by(|a, b| {
-            (&a.printhead, a.began_at_ns, a.channel).cmp(&(&b.printhead, b.began_at_ns, b.channel))
-        });
+        listed.sort_by_cached_key(|of| (of.printhead.clone(), of.began_at_ns, of.channel));
         Ok((EpisodeReport { counts, listed, untimely }, table))
     }
 }
@@ -216,7 +202,7 @@ fn list(
     listed: &mut Vec<Episode>,
     table: &mut Option<EpisodeWriter>,
     episodes: Vec<Episode>,
-) -> Result<(), PipelineError> {
+) -> Result<()> {
     let room = MOST_LISTED.saturating_sub(listed.len());
     listed.extend(episodes.iter().take(room).cloned());
     match table {
@@ -227,12 +213,10 @@ fn list(
 
 /// A burst whose rows are being gathered.
 struct OpenBurst {
-    /// What identifies the signal that would continue it: its time and printhead, and the next
-    /// channel.
+    /// What identifies the signal that would continue it.
     at: Id,
     /// The model of its first row that has one.
     model: Option<u16>,
-    /// What was gathered so far.
     looks: Looks,
 }
 
@@ -247,7 +231,6 @@ fn open(bursts: &mut Vec<OpenBurst>, at: Id) -> &mut OpenBurst {
 }
 
 impl OpenBurst {
-    /// Adds a run of healthy signals.
     fn add_healthy(&mut self, run: &HealthyRun, tests: &Tests) {
         self.model.get_or_insert(run.model);
         // the threshold of each signal is that of the test that decided (`beside`: the second one)
@@ -265,9 +248,8 @@ impl OpenBurst {
     fn add_row(&mut self, c: &VerdictColumns, row: usize) {
         self.model = self.model.or(c.model[row]);
         let of = c.statistic[row].zip(c.threshold[row]);
-        self.looks
-            .ratios
-            .push(of.map_or(f32::NAN, |(statistic, threshold)| ratio(statistic, threshold)));
+        let ratio = of.map_or(f32::NAN, |(statistic, threshold)| ratio(statistic, threshold));
+        self.looks.ratios.push(ratio);
         self.at.channel = self.at.channel.saturating_add(1);
     }
 }

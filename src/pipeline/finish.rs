@@ -1,15 +1,12 @@
 //! Finishes a recording that went through the stages.
 //!
-//! In: what the stages left behind ([`StageResults`]), from `replay`. Out: the recording's report,
-//! and its files: all are completed on disk, and only then, if nothing is missing, they get their
-//! names ([`Run::report`]).
+//! In: what the stages left behind ([`StageResults`]), from `replay`. Out: the recording's report, and its files
+//! ([`Run::report`]).
 //!
-//! The order is what makes a killed run harmless. The tables of verdicts and episodes are completed
-//! under names of their own; so is the summary. Then the files of an earlier run are removed, the
-//! summary first, and the new ones named, the summary last. So where a summary lies, the tables
-//! beside it are whole and belong to it.
+//! The order of the files makes a killed run harmless. The tables and the summary are completed under names of
+//! their own. Then the files of an earlier run are removed, the summary first, and the new ones named, the
+//! summary last. So where a summary lies, the tables beside it are whole and belong to it.
 
-use super::PipelineError;
 use super::job::Run;
 use super::learner::Identified;
 use super::metadata::{self, Document};
@@ -17,6 +14,7 @@ use super::recording_report::{RecordingReport, note_not_judged};
 use super::tally::{Counts, Tally};
 use super::timings::Phases;
 use super::wiring::{StageResults, Table};
+use super::{PipelineError, Result, locked};
 use inkling_io::damage::Damage;
 use inkling_io::episode_table::EpisodeWriter;
 use inkling_io::file_error::FileError;
@@ -25,58 +23,43 @@ use inkling_io::part_tables::PartTables;
 use inkling_io::recording::Recording;
 use inkling_io::verdict_table::VerdictWriter;
 use inkling_io::{labels_file, stored, summary_file};
-use serde_json::json;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::Instant;
 
 impl Run<'_> {
-    /// Checks what the stages left behind, makes the report and completes the files; only then the
-    /// files get their names. `identified`: how the models came to be; `phases`: where the time
-    /// went before.
+    /// Checks what the stages left behind, makes the report and completes the files. `identified`: how the models
+    /// came to be; `phases`: where the time went before.
     ///
     /// # Errors
-    /// The recording holds no bursts, labels do not fit it, rows are missing, or a file
-    /// cannot be written.
+    /// The recording holds no bursts, labels do not fit it, rows are missing, or a file cannot be written.
     pub fn report(
         &self,
-        streamed: StageResults,
+        results: StageResults,
         identified: Identified,
         phases: &mut Phases,
-    ) -> Result<RecordingReport, PipelineError> {
+    ) -> Result<RecordingReport> {
         // 1. the recording and what the stages left
         let finishing = Instant::now();
         let Run { replay, recording, verdicts, control, .. } = *self;
-        let paced = self.paced().map(|_| self.pacer().kept);
+        let paced = self.pacer.map(|pacer| locked(pacer).kept);
 
-        // a recording that was followed is opened again as a whole, now that it is
-        // closed or that following it ended
+        // a recording that was followed is opened again as a whole
         let dialects = replay.settings.input.dialects();
         let closed = recording.is_growing().then(|| recording.closed(&dialects)).transpose()?;
         let recording = closed.as_ref().unwrap_or(recording);
-        let StageResults { mut schedule, mut tally, table, episodes, temperatures, moved, .. } =
-            streamed;
-        let StageResults { scan_damage, timings, digest, memory, .. } = streamed;
+        let StageResults { mut schedule, mut tally, table, episodes, moved, digest, .. } = results;
 
         // 2. warnings by printhead
-        let mut warnings = temperatures.warnings();
+        let mut warnings = results.temperatures.warnings();
         warnings.extend(schedule.wide_thresholds());
-        // warnings about printheads that were followed sweep by sweep
         let identify = &replay.settings.identify;
-        for of in &moved {
+        warnings.extend(moved.iter().flat_map(|of| {
             let told = of.warnings(identify).into_iter();
-            warnings.extend(told.map(|what| (of.printhead.clone(), what)));
-        }
-        let beyond = moved.iter().filter(|of| of.is_of_all_channels());
-        let moved_beyond: Vec<Arc<str>> = beyond.map(|of| of.printhead.clone()).collect();
-        // that many channels are flagged at once is told only of printheads without such a warning
-        let untold = tally.printheads.iter().filter(|(name, _)| !moved_beyond.contains(name));
-        warnings.extend(
-            untold.filter_map(|(name, of)| Some((name.clone(), of.at_once.longest()?.in_words()))),
-        );
+            told.map(|what| (of.printhead.clone(), what))
+        }));
 
         // 3. damage, and what makes the recording fail
-        let damage = all_damage(recording, scan_damage, &mut tally, digest.damage);
+        let damage = all_damage(recording, results.scan_damage, &mut tally, digest.damage);
         check_rows(&tally.counts, table.rows())?;
         if tally.counts.bursts == 0 {
             let others = recording.others.clone();
@@ -98,7 +81,7 @@ impl Run<'_> {
             refusals: std::mem::take(&mut schedule.refusals),
             not_judged: Vec::new(),
             unread: Vec::new(),
-            moved_beyond,
+            moved,
             warnings,
             models: schedule.models().len(),
             seconds: 0.0,
@@ -107,17 +90,21 @@ impl Run<'_> {
             paced,
             identified,
             phases: Vec::new(),
-            timings,
+            timings: results.timings,
             tally,
-            baselines: memory,
+            baselines: results.memory,
             cut_off: recording.is_cut_off(),
             arrays: None,
             parts_left: None,
         };
+        // that many channels are flagged at once is told only of printheads without such a warning
+        for (name, of) in &report.tally.printheads {
+            let at_once = of.at_once.longest().filter(|_| !report.has_moved(name));
+            report.warnings.extend(at_once.map(|of| (name.clone(), of.in_words())));
+        }
         note_not_judged(&mut report, (replay, recording), &schedule);
 
-        // 5. the tables, with the document in their metadata, completed on disk; they get their
-        // names below
+        // 5. the tables, with the document in their metadata, completed on disk
         let counts = &report.tally.counts;
         let mut document = metadata::document(replay, recording, &report.digest, &schedule, counts);
         control.check()?;
@@ -133,33 +120,21 @@ impl Run<'_> {
         phases.add("finish", finishing.elapsed());
         (report.seconds, report.phases) = (phases.seconds(), phases.list.clone());
 
-        // 6. the summary is the tables' document, and how the run went
         report.summary(&mut document.of_run, recording);
-        document.of_run.insert("moved_together".into(), json!(moved));
-        if let Some(memory) = &report.baselines {
-            // what is known of other printheads says nothing of this recording
-            let own = memory.printheads.iter();
-            let own = own.filter(|(name, _)| report.tally.printheads.contains_key(name.as_str()));
-            let channels: usize = own.map(|(_, of)| of.channels.len()).sum();
-            let known = json!({ "channels_remembered": channels });
-            document.of_run.insert("baseline".to_owned(), known);
-        }
 
         // 7. the names; the summary comes last, as it says that all files are there
         if let Some(verdicts) = verdicts {
             files.push(complete_summary(verdicts, &document)?);
             name_all(files)?;
-            // parts of the table, closed while the recording was followed, are no longer needed: the table
-            // holds their rows
+            // parts of the table that were closed meanwhile are no longer needed
             report.parts_left = PartTables::beside(verdicts).remove_of(recording).err();
         }
         Ok(report)
     }
 }
 
-/// Checks that every signal is a row: that as many rows were written as signals were found, and
-/// each was either judged or rejected. An error is a fault of ours.
-fn check_rows(counts: &Counts, written: u64) -> Result<(), PipelineError> {
+/// Checks that every signal is a row, and each was either judged or rejected.
+fn check_rows(counts: &Counts, written: u64) -> Result<()> {
     let found = counts.signals;
     match counts.judged + counts.rejected.values().sum::<u64>() == found && written == found {
         true => Ok(()),
@@ -167,8 +142,7 @@ fn check_rows(counts: &Counts, written: u64) -> Result<(), PipelineError> {
     }
 }
 
-/// All damage of a recording, sorted by its place in the file: what opening it, the scan, reading and the
-/// digest found, and what only the end of the run tells.
+/// All damage of a recording, sorted by its place in the file.
 fn all_damage(
     recording: &Recording,
     of_scan: Vec<Damage>,
@@ -185,14 +159,13 @@ fn all_damage(
     damage
 }
 
-/// Completes the tables of verdicts and episodes, before any file gets its name. The table of
-/// verdicts is the last of the returned files. `document`, `of_episodes`: their metadata, as JSON.
+/// Completes the tables of episodes and verdicts, in this order. `document`, `of_episodes`: their metadata.
 fn complete_tables(
     verdicts: VerdictWriter,
     document: String,
     episodes: Option<EpisodeWriter>,
     of_episodes: String,
-) -> Result<Vec<CompleteFile>, PipelineError> {
+) -> Result<Vec<CompleteFile>> {
     std::thread::scope(|both| {
         // side by side, since each waits for the disk
         let episodes = both.spawn(|| episodes.map(|table| table.complete(of_episodes)).transpose());
@@ -203,7 +176,7 @@ fn complete_tables(
 }
 
 /// Writes the summary, complete but not named yet, to lie beside the verdicts.
-fn complete_summary(verdicts: &Path, summary: &Document) -> Result<CompleteFile, PipelineError> {
+fn complete_summary(verdicts: &Path, summary: &Document) -> Result<CompleteFile> {
     let path = summary_file::path_beside(verdicts);
     let failed = FileError::unwritten(&path);
     let mut text = serde_json::to_string_pretty(summary).map_err(|e| failed(e.into()))?;
@@ -213,22 +186,20 @@ fn complete_summary(verdicts: &Path, summary: &Document) -> Result<CompleteFile,
 
 /// Gives the files their names. The files of an earlier run are removed before the first of these gets its
 /// name, so that tables of two runs never lie side by side.
-fn name_all(files: Vec<CompleteFile>) -> Result<(), PipelineError> {
-    // the last file, which says that all are there, is removed first
-    for file in files.iter().rev() {
-        stored::remove(file.path()).map_err(FileError::unwritten(file.path()))?;
-    }
-
+fn name_all(files: Vec<CompleteFile>) -> Result<()> {
     let paths: Vec<PathBuf> = files.iter().map(|file| file.path().to_path_buf()).collect();
-    for file in files {
-        let path = file.path().to_path_buf();
-        file.name().map_err(FileError::unwritten(&path))?;
+    // the last file, which says that all are there, is removed first
+    for path in paths.iter().rev() {
+        stored::remove(path).map_err(FileError::unwritten(path))?;
+    }
+    for (file, path) in files.into_iter().zip(&paths) {
+        file.name().map_err(FileError::unwritten(path))?;
     }
 
     // the names are on disk only when their directories are
-    let mut dirs: Vec<&PathBuf> = paths.iter().collect();
-    dirs.dedup_by_key(|path| path.parent());
-    let sync =
-        |path: &PathBuf| part_file::sync_directory_of(path).map_err(FileError::unwritten(path));
-    Ok(dirs.into_iter().try_for_each(sync)?)
+    for of_directory in paths.chunk_by(|p, q| p.parent() == q.parent()) {
+        let path = &of_directory[0];
+        part_file::sync_directory_of(path).map_err(FileError::unwritten(path))?;
+    }
+    Ok(())
 }

@@ -1,17 +1,12 @@
 //! Finds frozen channels, which give the same bits again and again: a converter or a recorder that stands
 //! still says nothing of a nozzle.
 //!
-//! In: a printhead's bursts, from `heads`, in about the order of time. Out: the channels whose last
-//! three signals were the same bit by bit; of the oldest of the three only a few samples (the
-//! *glance*) are compared.
+//! In: a printhead's bursts, from `heads`, in about the order of time. Out: the channels whose last three
+//! signals were the same bit by bit; of the oldest of the three only the *glance*, 16 bytes, is compared.
 //!
-//! Signals are not kept. Nearly always the glance, 16 bytes, differs from that of the signal
-//! before, and nothing more is computed. Only if the glance is the same, a weighted sum over all
-//! samples is computed, too; two different signals hardly have the same sum. The channel is frozen
-//! when two such sums in a row are equal.
-//!
-//! Only printheads that `heads` follows are watched: none with `identify.common_change = false` and
-//! no `--baseline`, nor with another `detect.method` than `sensitivity`.
+//! Signals are not kept. Only if a glance is that of the signal before, which is rare, a weighted sum over all
+//! samples is computed, too; two different signals hardly have the same sum. The channel is frozen when two
+//! such sums in a row are equal.
 
 use inkling_core::burst::Burst;
 use inkling_core::model::inner_product::dot;
@@ -23,17 +18,14 @@ pub const LEAST_NOISE: f64 = 0.3;
 /// Maximum number of channels of a printhead that are watched: the first that are heard.
 const MOST_CHANNELS: usize = 1 << 14;
 
-/// The watch over one printhead's channels.
 #[derive(Debug, Default)]
 pub struct Frozen {
-    /// What is kept of the last signal of each row, by the first channel of the bursts: a logger
-    /// divides channels into bursts always alike, so this needs one look-up per burst.
+    /// What is kept of the last signal of each row, by the first channel of the bursts: a logger divides
+    /// channels into bursts always alike.
     last: HashMap<u32, Vec<LastLook>>,
     /// Number of signals that `last` holds something of.
     watched: usize,
-    /// The channels that are frozen now.
     channels: BTreeSet<u32>,
-    /// Computes the weighted sums.
     sums: Sums,
 }
 
@@ -41,28 +33,22 @@ pub struct Frozen {
 #[derive(Debug, Default)]
 struct Sums {
     signal: Vec<f64>,
-    /// One weight per sample, without a pattern: .5 plus the fractional part of
-    /// a multiple of the golden ratio.
+    /// One weight per sample, without a pattern: .5 plus the fractional part of a multiple of the golden ratio.
     weights: Vec<f64>,
 }
 
 /// What is kept of a channel's last signal.
 #[derive(Clone, Copy, Debug, Default)]
 struct LastLook {
-    /// Its time t_a, ns.
     t_ns: i64,
-    /// A few of its samples; two different signals mostly differ in these already.
     glance: [u8; 16],
-    /// The bits of the weighted sum over all samples; computed only if the glance is that of the
-    /// signal before.
+    /// The bits of the weighted sum over all samples; only if the glance is that of the signal before.
     sum: Option<u64>,
 }
 
 impl Frozen {
-    /// Takes in a burst. A channel is frozen if three signals in a row agree: two equal glances
-    /// give a sum, and the sum of the third must be that of the second. Once a signal differs,
-    /// the channel is no longer frozen. `rails`: limits of the converter, counts. Channels that
-    /// there is no room for are not watched.
+    /// Takes in a burst. A channel is frozen if three signals in a row agree: two equal glances give a sum,
+    /// and the sum of the third must be that of the second. `rails`: limits of the converter, counts.
     pub fn hear(&mut self, burst: &Burst, rails: [f64; 2]) {
         let (rows, t_ns) = (burst.channels as usize, burst.t_acq_ns);
         let known = self.last.get(&burst.first_channel).map_or(0, Vec::len);
@@ -89,26 +75,24 @@ impl Frozen {
             (last.t_ns, last.glance) = (t_ns, glance);
             if last.sum.is_some() && last.sum == before {
                 self.channels.insert(channel);
-            } else if !self.channels.is_empty() {
+            } else {
                 self.channels.remove(&channel);
             }
         }
     }
 
-    /// Whether a channel is frozen now.
     pub fn is_frozen(&self, channel: u32) -> bool {
-        !self.channels.is_empty() && self.channels.contains(&channel)
+        self.channels.contains(&channel)
     }
 
-    /// The frozen channels, in ascending order.
     pub fn channels(&self) -> Vec<u32> {
         self.channels.iter().copied().collect()
     }
 }
 
 impl Sums {
-    /// The bits of the weighted sum of a row's samples. `None`: the row is not judged for another reason, or
-    /// is constant, which is a dead sensor line.
+    /// The bits of the weighted sum of a row's samples. `None`: the row is not judged for another reason, or is
+    /// constant, which is a dead sensor line.
     fn of(&mut self, burst: &Burst, row: usize, rails: [f64; 2]) -> Option<u64> {
         let samples = burst.samples_per_channel as usize;
         if self.weights.len() != samples {

@@ -1,19 +1,18 @@
-//! Groups of signals: a *group* is a printhead of a recording at one sampling (sample period and
-//! number of samples), the signals that one model can judge. In: bursts. Out: for each burst the
-//! index that its group has in some list ([`ByGroup`]), of `learning` or of `heads`.
+//! Groups of signals: a *group* is a printhead of a recording at one sampling (sample period and number of
+//! samples), the signals that one model can judge. In: bursts. Out: for each burst the index that its group has
+//! in a list of `learning` or of `heads` ([`ByGroup`]).
 
 use inkling_core::burst::Burst;
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
-/// Identifies the signals that one model can judge. Windows are per (printhead, sample period, samples).
+/// Identifies the signals that one model can judge.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct GroupKey {
     pub printhead: Arc<str>,
     /// Number of samples per signal.
     pub samples: u32,
-    /// ln of the sample period in s, in steps of 1e-6: periods that differ by rounding get the same
-    /// number, unless they lie on two sides of a step.
+    /// ln of the sample period in s, in steps of 1e-6, so that rounding mostly changes nothing.
     period: i64,
 }
 
@@ -28,8 +27,8 @@ impl GroupKey {
     }
 }
 
-/// The indices of groups in a list of those that somebody follows. A burst that comes after one of its own
-/// group, as bursts of one printhead mostly do, is found without hashing.
+/// The indices of groups in a list of those that somebody follows. A burst of the same group as the one before
+/// is found without hashing.
 #[derive(Debug, Default)]
 pub struct ByGroup {
     /// `None`: the group was met, and nobody follows it.
@@ -39,8 +38,8 @@ pub struct ByGroup {
 }
 
 impl ByGroup {
-    /// The index of a burst's group; `None`: nobody follows it. For a group that is met for the first time it
-    /// is what `meet` says, and `None` for groups beyond [`MOST_GROUPS`].
+    /// The index of a burst's group; `None`: nobody follows it. For a new group it is what `meet` says, and
+    /// `None` for groups beyond [`MOST_GROUPS`].
     pub fn of(
         &mut self,
         burst: &Burst,
@@ -67,6 +66,20 @@ impl ByGroup {
         self.last = Some((key, period, found));
         found
     }
+}
+
+/// What is kept of a printhead, made by `new` if it is met for the first time. `None`: it is new, and `most`
+/// printheads are kept already, which bounds memory.
+pub fn of_printhead<'a, T>(
+    kept: &'a mut BTreeMap<Arc<str>, T>,
+    printhead: &Arc<str>,
+    most: usize,
+    new: impl FnOnce() -> T,
+) -> Option<&'a mut T> {
+    if kept.len() < most && !kept.contains_key(printhead) {
+        kept.insert(printhead.clone(), new());
+    }
+    kept.get_mut(printhead)
 }
 
 /// Maximum number of groups in one recording; groups beyond are not given models.

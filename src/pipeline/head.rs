@@ -1,20 +1,18 @@
-//! One printhead while a recording flows: its level is followed sweep by sweep,
-//! and each sweep gets its judge.
+//! One printhead while a recording flows: its level is followed sweep by sweep, and each sweep gets its
+//! judge.
 //!
-//! In: sweeps over the head's channels, each with the judge that the healthy windows (or the
-//! design) gave it, from `heads`. Out: that judge, moved to where most of the channels are; with
-//! `--baseline` also the channels' own levels; or the reason why the sweep's signals are not judged
-//! ([`Head::close`]).
+//! In: sweeps over the head's channels, each with the judge of the windows or the design, from `heads`. Out:
+//! that judge, moved to where most of the channels are; with `--baseline` also the channels' own levels; or
+//! the reason why the sweep is not judged ([`Head::close`]).
 //!
 //! The *level* is where the rings of all healthy channels lie in common: ln amplitude, ln damping,
 //! ln frequency and phase, counted from the *base* ring: that of the design's model of this
 //! printhead, or without a design that of the first window's model. The method (docs/state.md)
 //! stands in `inkling_core::state`; here the state is fed and asked. For each sweep:
 //! 1. A subset of the channels is looked at: a look is the four features of one signal's ring.
-//! 2. The state of the head takes the looks in, and says where the level is, that it does not know,
-//!    or that this is another head.
-//! 3. The judge is moved to the level, in steps (`moved_judge`), and judges all signals of the
-//!    sweep.
+//! 2. The state of the head takes the looks in, and says where the level is, that it does not know, or that
+//!    this is another head.
+//! 3. The judge is moved to the level, in steps (`moved_judge`), and judges all signals of the sweep.
 //!
 //! Three places are counted from the base: the level; where the window's model lies (`window_at`);
 //! and where the judge in use lies (`now_at`), which is the window's place plus the judge's move.
@@ -28,36 +26,32 @@ use super::moved_judge::{LevelHistory, MovedJudge, is_beyond};
 use super::rings::Deviations;
 use super::sweep::{Sweep, channels};
 use inkling_core::burst::Burst;
-use inkling_core::design::{HealthyModel, Judge, OwnBasis, OwnChannels, Workspace, ring_from};
-use inkling_core::isolate::physics_density::FaultCurves;
+use inkling_core::design::{
+    Design, HealthyModel, Judge, OwnBasis, OwnChannels, Workspace, ring_from,
+};
 use inkling_core::state::{Features, Head as State, HeadMemory, Look, OwnLevel, SweepOutcome};
-use inkling_core::verdict::{Reason, unusable_signal};
+use inkling_core::verdict::Reason;
 use std::sync::Arc;
 
 /// A common change of the amplitude beyond this, relative, is warned about: a supply sags by less.
 const GAIN_BOUND: f64 = 0.25;
-/// After this many sweeps without a known level (since one was last known), signals far from the
-/// model are no longer fitted, which takes time; they are not looked at, and count as no rings.
+/// After this many sweeps in a row without a known level, signals far from the model are no longer fitted,
+/// which takes time; they count as no rings.
 const MOST_UNKNOWN: u32 = 64;
 
-/// Without `--baseline` a head is taken for another one only after this many strange sweeps in a
-/// row.
+/// Without `--baseline` a head is taken for another one after this many strange sweeps in a row.
 const IN_A_ROW: u32 = 8;
 
-/// What the judging of all heads of a recording shares: settings, memory, counters and buffers.
+/// What the judging of all heads of a recording shares.
 #[derive(Debug)]
 pub(super) struct Judging<'a> {
-    /// Its design gives the model that a printhead's level is counted from; without one that is the printhead's
-    /// first model. With `--baseline` it holds the states in which earlier recordings left the heads.
+    /// Its design gives the models from which levels are counted, and with `--baseline` it holds the states in
+    /// which earlier recordings left the heads.
     pub replay: &'a Replay,
-    /// The fault curves by which signals are isolated; `None`: the design has no physics.
-    pub curves: Option<Arc<FaultCurves>>,
     /// How many more new channels may be taken in, over all heads; bounds memory.
     pub room: usize,
-    /// Counts the moves of all judges of the run. Heads may share a judge, so a count per head would give two
-    /// different judges the same key.
+    /// Counts the moves of all judges of the run: heads may share a judge, whose moves need different keys.
     pub moves: u32,
-    /// Buffers for looks at channels: of deviations, and of the judge.
     pub deviations: Deviations,
     pub work: Workspace,
 }
@@ -70,62 +64,33 @@ impl Judging<'_> {
     }
 }
 
-/// The channels of a printhead that were met before a sweep, and those of them
-/// whose samples repeat bit by bit.
-#[derive(Debug, Default)]
-pub(super) struct Watched {
-    /// The channels, and which of them are looked at in a sweep.
-    pub channels: ChannelSubset,
-    pub frozen: Frozen,
-}
-
-impl Watched {
-    /// Adds the channels of a burst to those that were met.
-    pub fn meet(&mut self, burst: &Burst) {
-        self.channels.meet(channels(burst));
-    }
-
-    /// Checks a burst for frozen channels, unless the judge's noise is so low that
-    /// equal signals may occur by chance.
-    pub fn hear(&mut self, burst: &Burst, judge: &Judge, rails: [f64; 2]) {
-        if judge.model.noise > LEAST_NOISE {
-            self.frozen.hear(burst, rails);
-        }
-    }
-}
-
-/// A printhead that is followed.
 #[derive(Debug)]
 pub(super) struct Head {
     /// What is known of the head and of each of its channels.
     state: State,
-    /// Whether `--baseline` is given: then the channels are judged about their own levels.
-    is_remembered: bool,
+    /// The channels that were met before the open sweep, of which some are looked at; and the frozen ones.
+    pub channels: ChannelSubset,
+    frozen: Frozen,
     /// Number of consecutive sweeps, up to the last one, in which the head seemed to be another one.
     strange: u32,
-    /// Without a design, the base ring (amplitude in counts, damping in 1/s, frequency in Hz, phase
-    /// in rad): it is remembered with the state, since the next recording has another. `None`: the
-    /// design gives the base.
+    /// Without a design, the base ring (amplitude in counts, damping in 1/s, frequency in Hz, phase in rad),
+    /// which is remembered with the state, since the next recording has another.
     ring: Option<[f64; 4]>,
-    /// The model from whose ring the level and the channels' features are counted: the design's reference
-    /// model of this printhead, or without a design the first window's model.
+    /// The model from whose ring level and features are counted: the design's reference model of this
+    /// printhead, or without a design the first window's model.
     base: Arc<HealthyModel>,
     /// Number of sweeps so far, modulo 2^32: the turn of the channel subset.
     sweeps: u32,
-    /// The judge in use.
     judge: MovedJudge,
     /// Where the ring of the window's model lies: its features from the base's ring.
     window_at: Features,
     /// The levels of recent sweeps, from which the mean level in a window is taken.
-    history: LevelHistory,
+    pub history: LevelHistory,
     /// Number of sweeps without a known level since one was last known.
     unknown: u32,
-    /// Standard deviations of healthy channels' features: the unit in which a move of the judge is decided.
-    healthy_sd: Features,
-    /// The basis by which channels are judged about their own levels, with the two numbers it was made at:
-    /// the looks behind the within-channel scatter, and how much wider the channels lie than the design's.
+    /// The basis of own levels, with the two numbers it was made at: the looks behind the within-channel
+    /// scatter, and how much wider the channels lie than the design's.
     own: Option<([f64; 2], Arc<OwnBasis>)>,
-    /// What is told of the head at the end of the recording.
     pub movement: HeadMovement,
 }
 
@@ -133,39 +98,26 @@ pub(super) struct Head {
 struct Looks {
     /// The looks at channels that gave a ring, counted from the base.
     rings: Vec<Look>,
-    /// Number of signals to which no ring could be fitted.
     no_rings: usize,
-    /// Whether more of the subset's channels repeat their samples bit by bit than do not: then the
-    /// recorder or the converter stands still, and nothing is known of the head.
+    /// Whether more of the subset's channels are frozen than are not: then recorder or converter stand still.
     all_frozen: bool,
 }
 
-/// Whether two positive numbers agree to about a fifth.
-fn alike(a: f64, b: f64) -> bool {
-    (a / b).ln().abs() < 0.2
-}
-
 impl Head {
-    /// Begins to follow a printhead at its first burst. `judge`: that burst's. `None`: the judge
-    /// does not know enough for the printhead's channels to be followed (another method than
-    /// `sensitivity`, or an extension).
+    /// Begins to follow a printhead at its first burst. `None`: its judge does not know enough for that
+    /// (another method than `sensitivity`, or an extension).
     pub fn meet(judge: &Arc<Judge>, burst: &Burst, by: &Judging) -> Option<Head> {
-        // the design's reference model of the head, and the state in which an earlier recording
-        // left the head
         let named = by.replay.design.as_ref().map(|design| design.reference_of(&burst.printhead));
         let memory = by.replay.baselines.as_ref();
         let remembered = memory.and_then(|memory| memory.printheads.get(&*burst.printhead));
 
-        // how channels scatter and how far they may move; and the base, from which everything is
-        // counted
         let (mut kind, healthy_sd) = judge.kind(by.bounds()).zip(judge.healthy_sd())?;
         let base = named.map_or_else(|| judge.model.clone(), |of| Arc::new(of.clone()));
         let window_at = judge.model.features_from(&base).unwrap_or_default();
         kind.ring = window_at[0];
         let ring = if named.is_none() { base.ring_numbers() } else { None };
 
-        // a remembered state is counted from the base ring of its time; it is carried over to the
-        // present one
+        // a remembered state is counted from the base ring of its time, and carried over to the present one
         let mut state = match remembered {
             Some(of) => {
                 let from = of.ring.zip(ring).map(|(then, now)| ring_from(then, now));
@@ -180,60 +132,57 @@ impl Head {
         }
         Some(Head {
             state,
-            is_remembered: memory.is_some(),
+            channels: ChannelSubset::default(),
+            frozen: Frozen::default(),
             strange: 0,
             ring,
             window_at,
             base,
             sweeps: 0,
-            judge: MovedJudge::new(judge.clone()),
+            judge: MovedJudge::new(judge.clone(), healthy_sd),
             history: LevelHistory::new(by.replay.settings.identify.first),
             unknown: 0,
-            healthy_sd,
             own: None,
             movement: HeadMovement::new(burst.printhead.clone()),
         })
     }
 
-    /// The state that the next recording is to begin with.
     pub fn memory(&self) -> HeadMemory {
         self.state.memory(self.ring)
     }
 
-    /// Whether a level was known in any sweep so far.
-    pub fn has_level(&self) -> bool {
-        !self.history.is_empty()
-    }
-
-    /// Whether a burst of time `t_ns` is not later than what the state was updated with: then it must not
-    /// change the state.
+    /// Whether the state knows a burst of this time or a later one: then the burst must not change it.
     pub fn is_late(&self, t_ns: i64) -> bool {
         self.state.heard_ns.is_some_and(|before| t_ns <= before)
     }
 
-    /// Ends a sweep: updates the head's state by it, and returns what its bursts are judged by.
-    /// That is the judge at the level which the sweep itself shows, and the channels' own levels as
-    /// they were before it. `watched`: channels that were known before the sweep, and the frozen
-    /// ones.
-    pub fn close(&mut self, sweep: &Sweep, watched: &Watched, by: &mut Judging) -> AssignedJudge {
+    /// Checks a burst for frozen channels, unless noise is so low that signals may be equal by chance.
+    pub fn hear(&mut self, burst: &Burst, judge: &Judge, rails: [f64; 2]) {
+        if judge.model.noise > LEAST_NOISE {
+            self.frozen.hear(burst, rails);
+        }
+    }
+
+    /// Ends a sweep: updates the head's state by it, and returns what its bursts are judged by: the judge at
+    /// the level which the sweep itself shows, and the channels' own levels as they were before it.
+    pub fn close(&mut self, sweep: &Sweep, by: &mut Judging) -> AssignedJudge {
         if self.judge.window.index != sweep.judge.index {
-            self.window_is(&sweep.judge);
+            self.take_window(&sweep.judge);
         }
 
-        // 1. look
         self.sweeps = self.sweeps.wrapping_add(1);
         let t_ns = sweep.to_ns();
-        let Looks { rings: looks, no_rings, all_frozen } = self.look(sweep, watched, by);
-        // own levels are taken before the state is updated: a sweep's channels are not judged about
-        // levels that the sweep has changed itself
-        let own = self.is_remembered.then(|| self.own(by));
-        let frozen = watched.frozen.channels();
+        let Looks { rings: looks, no_rings, all_frozen } = self.look(sweep, by);
+        // own levels are taken before the state is updated, so that no sweep is judged about its own
+        let is_remembered = by.replay.baselines.is_some();
+        let own = is_remembered.then(|| self.own(by));
+        let frozen = self.frozen.channels();
 
         // 2. the state takes the looks in; what is to be told at the end is noted
         let followed = self.state.channels.len();
         let outcome = self.state.sweep(t_ns, &looks, no_rings);
         by.room = (by.room + followed).saturating_sub(self.state.channels.len());
-        self.movement.scatters(t_ns, &self.state);
+        self.movement.note_scatter(t_ns, &self.state);
         self.movement.swapped_ns = self.state.swapped_ns;
         let is_strange = matches!(outcome, SweepOutcome::Strange { .. });
         self.strange = if is_strange { self.strange.saturating_add(1) } else { 0 };
@@ -241,15 +190,12 @@ impl Head {
         // 3. who judges: the judge moved to the level, the judge as it was, or nobody
         let judge = match outcome {
             _ if all_frozen => Err(Reason::Frozen),
-            // A recording may be a library of bursts of one fault: without `--baseline` a few strange sweeps
-            // are judged all the same.
-            SweepOutcome::Strange { .. } if !self.is_remembered && self.strange < IN_A_ROW => {
-                Ok(self.judge.now.clone())
-            }
-            SweepOutcome::Strange { level } => {
-                self.movement.is_strange(t_ns, level);
+            SweepOutcome::Strange { level } if is_remembered || self.strange >= IN_A_ROW => {
+                self.movement.note_strange(t_ns, level);
                 Err(Reason::HeadChanged)
             }
+            // the recording may be a library of bursts of one fault: a few strange sweeps are judged
+            SweepOutcome::Strange { .. } => Ok(self.judge.now.clone()),
             SweepOutcome::Level { level, sd } => Ok(self.judged_by(t_ns, (level, sd), by)),
             SweepOutcome::Unknown => {
                 self.unknown = self.unknown.saturating_add(1);
@@ -257,17 +203,15 @@ impl Head {
             }
         };
 
-        // 4. own levels, counted from the ring of that judge
         let own = self.placed(&judge, own, frozen);
         AssignedJudge { judge, own }
     }
 
     /// Takes over the judge of a new window, unmoved, and finds where its ring lies from the base's.
-    fn window_is(&mut self, judge: &Arc<Judge>) {
-        self.judge = MovedJudge::new(judge.clone());
-        // The window's model tells where its ring is. To take where the channels were found in the window
-        // instead would add an error with each window. Only where the model does not tell, the mean level in
-        // the window is taken, or else the place of the window before.
+    fn take_window(&mut self, judge: &Arc<Judge>) {
+        self.judge.take(judge.clone());
+        // The window's model tells where its ring is; the mean level in the window, taken instead, would add
+        // an error with each window. Where the model does not tell, it is taken, or else the place before.
         let in_window =
             || judge.model.valid_from_ns.and_then(|to_ns| self.history.mean_before(to_ns));
         let at = judge.model.features_from(&self.base).or_else(in_window);
@@ -279,32 +223,26 @@ impl Head {
         self.window_at + self.judge.by
     }
 
-    /// Looks at a subset of a sweep's channels; the subset changes with each sweep, so that all
-    /// channels get their turn. Frozen channels are only counted, and signals that cannot be judged
-    /// are passed over.
-    fn look(&mut self, sweep: &Sweep, watched: &Watched, by: &mut Judging) -> Looks {
+    /// Looks at a subset of a sweep's channels, another one with each sweep. Frozen channels are only counted,
+    /// and signals that cannot be judged are passed over.
+    fn look(&mut self, sweep: &Sweep, by: &mut Judging) -> Looks {
         // `far`: whether a ring is fitted where the closed form does not tell
         let (at, judge, far) = (self.now_at(), self.judge.now.clone(), self.unknown < MOST_UNKNOWN);
-        let Judging { replay, deviations, work, room, .. } = by;
+        let Judging { deviations, work, room, .. } = by;
         let mut room = *room;
         let (mut looks, mut no_rings, mut repeated) = (Vec::new(), 0, 0);
         for burst in sweep.bursts() {
             let drive = judge.drive(burst);
             for channel in channels(burst) {
-                if !watched.channels.holds(channel, self.sweeps) {
+                if !self.channels.holds(channel, self.sweeps) {
                     continue;
                 }
                 let row = (channel - burst.first_channel) as usize;
-                if unusable_signal(deviations.copy(burst, row), replay.settings.input.rails)
-                    .is_some()
-                {
-                    continue;
-                }
-                if watched.frozen.is_frozen(channel) {
+                let Ok(deviation) = deviations.usable(&judge, burst, row) else { continue };
+                if self.frozen.is_frozen(channel) {
                     repeated += 1;
                     continue;
                 }
-                let deviation = deviations.deviate(&judge, burst, row);
                 let local = judge.features(deviation, drive, far, work);
                 let Some(local) = local.filter(|of| of.iter().all(|v| v.is_finite())) else {
                     no_rings += 1;
@@ -315,39 +253,32 @@ impl Head {
                     let Some(left) = room.checked_sub(1) else { continue };
                     room = left;
                 }
-                // `local` is counted from the healthy mean about the judge's ring, which lies at `at` from
-                // the base ring
+                // counted from the healthy mean about the judge's ring, which lies at `at` from the base's
                 looks.push(Look { channel, features: local + at, drive });
             }
         }
         Looks { all_frozen: repeated > looks.len() + no_rings, rings: looks, no_rings }
     }
 
-    /// The channels' own levels, relative to the head's, and the basis by which signals are judged about
-    /// them (covariances and fault curves). The basis costs time to make; it is kept until the
-    /// state has twice as many looks behind the scatter within channels, or the channels' spread
-    /// has changed by about a fifth.
+    /// The channels' own levels, relative to the head's, and the basis by which signals are judged about them.
+    /// The basis costs time to make: it is kept until there are twice as many looks behind the scatter within
+    /// channels, or the channels' spread has changed by about a fifth.
     fn own(&mut self, by: &Judging) -> (Arc<OwnBasis>, Vec<OwnLevel>) {
         let now = [self.state.looks_within(), self.state.wider()];
-        let basis = match &self.own {
-            // the scatter from drop to drop and from channel to channel is about what it was
-            Some((then, basis)) if now[0] < 2.0 * then[0] && alike(now[1], then[1]) => {
-                basis.clone()
-            }
-            _ => {
-                let curves = by.curves.as_deref();
-                let rate = by.replay.settings.detect.false_alarm_rate;
-                let basis = Arc::new(OwnBasis::new(&self.state, curves, rate));
-                self.own = Some((now, basis.clone()));
-                basis
-            }
+        let is_current =
+            |then: &[f64; 2]| now[0] < 2.0 * then[0] && (now[1] / then[1]).ln().abs() < 0.2;
+        let kept = self.own.take().filter(|(then, _)| is_current(then));
+        let new = || {
+            let curves = by.replay.design.as_ref().and_then(Design::curves);
+            let rate = by.replay.settings.detect.false_alarm_rate;
+            (now, Arc::new(OwnBasis::new(&self.state, curves.as_deref(), rate)))
         };
-        (basis, self.state.own().collect())
+        let (_, basis) = self.own.insert(kept.unwrap_or_else(new));
+        (basis.clone(), self.state.own().collect())
     }
 
-    /// Converts the channels' own levels to be counted from the ring of the judge that the sweep
-    /// was given, and adds the frozen channels. `None`: the sweep is rejected, or there is
-    /// nothing to say of any channel.
+    /// The channels' own levels, counted from the ring of the judge that the sweep was given, and the frozen
+    /// channels. `None`: the sweep is rejected, or there is nothing to say of any channel.
     fn placed(
         &self,
         judge: &Result<Arc<Judge>, Reason>,
@@ -358,16 +289,14 @@ impl Head {
         let Some((basis, channels)) = own else {
             return (!frozen.is_empty()).then(|| Arc::new(OwnChannels::of_frozen(frozen)));
         };
-        // A level is the head's level plus the channel's own place, from the base. From the judge's
-        // ring it is that less `now_at`; and looks are counted from the healthy mean, while
-        // baselines are from the ring itself.
+        // A level is the head's plus the channel's own, from the base; from the judge's ring it is that less
+        // `now_at`. Looks are counted from the healthy mean, baselines from the ring itself.
         let from = self.state.level() - self.now_at() + judge.healthy_mean()?;
         Some(Arc::new(OwnChannels::new(basis, channels, from, frozen)))
     }
 
-    /// Moves the judge to a known level, if that is far enough from where the judge is, and notes
-    /// how far the head has moved. `sd`: standard deviations of the level. Returns the judge in
-    /// use.
+    /// Moves the judge to a known level, if it is far enough from there, and notes how far the head has moved.
+    /// `sd`: standard deviations of the level. Returns the judge in use.
     fn judged_by(
         &mut self,
         t_ns: i64,
@@ -379,10 +308,10 @@ impl Head {
         let [damping, frequency] = by.bounds();
         let bounds = [GAIN_BOUND, damping, frequency];
         if (0..3).any(|k| is_beyond(level[k], sd[k], bounds[k])) {
-            self.movement.is_beyond(t_ns);
+            self.movement.beyond_since_ns.get_or_insert(t_ns);
         }
-        self.movement.reaches(&level);
-        self.judge.follow(level - self.window_at, sd, &self.healthy_sd, &mut by.moves);
+        self.movement.note_level(&level);
+        self.judge.follow(level - self.window_at, sd, &mut by.moves);
         self.movement.bursts += u64::from(self.judge.is_moved());
         self.judge.now.clone()
     }

@@ -1,10 +1,8 @@
 //! Records how far all channels of a printhead moved together over a recording, and whether the printhead was
 //! another one at times, and words the warnings about that.
 //!
-//! In: from `head`, sweep by sweep, the level, whether it surely lies beyond the bounds, how far
-//! channels lie from each other, and whether this is another head. Out: an entry of
-//! `moved_together` in summary.json, and sentences that `finish` adds to the warnings. Nothing here
-//! changes a verdict.
+//! In: what `head` finds, sweep by sweep. Out: an entry of `moved_together` in summary.json, and sentences
+//! that `finish` adds to the warnings. Nothing here changes a verdict.
 
 use crate::report::clock;
 use crate::settings::IdentifySettings;
@@ -12,8 +10,7 @@ use inkling_core::state::{Features, Head};
 use serde::Serialize;
 use std::sync::Arc;
 
-/// A printhead's channels are warned about if they lie this many times as far from each other as those that
-/// the model was learned from.
+/// Warned about is a printhead whose channels lie this many times as far from each other as the model's did.
 const MOST_SCATTER: f64 = 2.0;
 
 /// How all channels of a printhead moved together over a recording, as it is written to summary.json.
@@ -22,8 +19,8 @@ pub struct HeadMovement {
     pub printhead: Arc<str>,
     /// Number of sweeps that were judged by a moved judge.
     pub bursts: u64,
-    /// The largest relative change of the level over the recording, each feature by itself; with
-    /// its sign, 0.1 is 10 % more than the base ring.
+    /// The largest relative change of the level, each feature by itself, with its sign: 0.1 is 10 % more than
+    /// the base ring.
     pub amplitude: f64,
     pub damping: f64,
     pub frequency: f64,
@@ -36,12 +33,11 @@ pub struct HeadMovement {
     pub late: u64,
     /// When all channels turned out to be others than those that were remembered, ns.
     pub swapped_ns: Option<i64>,
-    /// The largest ratio of how far its channels lie from each other to how far those do that the model was
-    /// learned from; and when it first surely exceeded [`MOST_SCATTER`], ns.
+    /// The largest ratio of how far its channels lie from each other to how far the model's did; and when it
+    /// first surely exceeded [`MOST_SCATTER`], ns.
     pub scatter: f64,
     pub scatter_since_ns: Option<i64>,
-    /// Where its channels were in the first rejected sweep: ln amplitude, ln
-    /// damping, ln frequency, phase in rad.
+    /// The level of the first rejected sweep: ln amplitude, ln damping, ln frequency, phase in rad.
     pub strange_at: Option<[f64; 4]>,
 }
 
@@ -53,12 +49,7 @@ impl HeadMovement {
 
     /// Whether there is anything to write to the summary.
     pub fn is_told(&self) -> bool {
-        self.bursts > 0
-            || self.beyond_since_ns.is_some()
-            || self.strange > 0
-            || self.swapped_ns.is_some()
-            || self.scatter_since_ns.is_some()
-            || self.late > 0
+        self.bursts > 0 || self.late > 0 || self.is_of_all_channels()
     }
 
     /// Whether a warning explains that many channels are flagged at once.
@@ -67,9 +58,8 @@ impl HeadMovement {
         self.strange > 0 || since.iter().any(Option::is_some)
     }
 
-    /// Takes in a level (ln amplitude, ln damping, ln frequency, phase); of each of the first three
-    /// the value farthest from 0 is kept.
-    pub fn reaches(&mut self, level: &Features) {
+    /// Takes in a level; of ln amplitude, ln damping and ln frequency the values farthest from 0 are kept.
+    pub fn note_level(&mut self, level: &Features) {
         let farthest = [&mut self.amplitude, &mut self.damping, &mut self.frequency];
         for (most, level) in farthest.into_iter().zip(level.iter()) {
             // what is kept is a relative change, the level a logarithm
@@ -80,20 +70,15 @@ impl HeadMovement {
     }
 
     /// Takes in how far a head's channels lie from each other in a sweep.
-    pub fn scatters(&mut self, t_ns: i64, of: &Head) {
+    pub fn note_scatter(&mut self, t_ns: i64, of: &Head) {
         self.scatter = self.scatter.max(of.wider());
         if of.surely_wider() > MOST_SCATTER {
             self.scatter_since_ns.get_or_insert(t_ns);
         }
     }
 
-    /// Notes that the level lay beyond the bounds; the first time is kept.
-    pub fn is_beyond(&mut self, t_ns: i64) {
-        self.beyond_since_ns.get_or_insert(t_ns);
-    }
-
     /// Notes a sweep that was rejected because most channels lay at `level`, where this head never was.
-    pub fn is_strange(&mut self, t_ns: i64, level: Features) {
+    pub fn note_strange(&mut self, t_ns: i64, level: Features) {
         self.strange += 1;
         self.strange_since_ns.get_or_insert(t_ns);
         self.strange_at.get_or_insert(level.into());
@@ -101,71 +86,57 @@ impl HeadMovement {
 
     /// The warnings, one sentence each; none where nothing is to be warned about.
     pub fn warnings(&self, identify: &IdentifySettings) -> Vec<String> {
-        let told = [
-            self.beyond_in_words(identify),
-            self.strange_in_words(),
-            self.swapped_in_words(),
-            self.late_in_words(),
-            self.scatter_in_words(),
-        ];
-        told.into_iter().flatten().collect()
-    }
-
-    fn beyond_in_words(&self, identify: &IdentifySettings) -> Option<String> {
-        Some(format!(
-            "since {} all channels have moved together beyond a quarter in amplitude, or the bounds of \
-             identify.max_damping_drift = {:.1} % and max_frequency_drift = {:.2} %: damping {:+.1} %, resonance {:+.2} %, amplitude \
-             {:+.1} % at most; look at ink, temperature and supply, not at single channels, which are \
-             judged about what all have in common",
-            at(self.beyond_since_ns?),
-            100.0 * identify.max_damping_drift,
-            100.0 * identify.max_frequency_drift,
-            100.0 * self.damping,
-            100.0 * self.frequency,
-            100.0 * self.amplitude,
-        ))
-    }
-
-    fn swapped_in_words(&self) -> Option<String> {
-        Some(format!(
-            "from {} on its channels are others than those that --baseline remembers: another printhead of that \
-             name, whose channels are learned anew",
-            at(self.swapped_ns?),
-        ))
-    }
-
-    fn scatter_in_words(&self) -> Option<String> {
-        Some(format!(
-            "from {} on its channels lie up to {:.1} times as far from each other as those that its model was learned \
-             from: each has aged its own way, or more than half of them are faulty. They are judged by what most of \
-             them do; train a design on what they are now, or look at single channels with --identify windows",
-            at(self.scatter_since_ns?),
-            self.scatter,
-        ))
-    }
-
-    fn late_in_words(&self) -> Option<String> {
-        let late = (self.late > 0).then_some(self.late)?;
-        Some(format!(
-            "{late} bursts stand in the file after later ones: they were judged about what was known by then, and \
-             taught the --baseline nothing; a file in the order of its times is judged burst by burst"
-        ))
-    }
-
-    fn strange_in_words(&self) -> Option<String> {
-        let (since, [amplitude, damping, frequency, phase]) =
-            (self.strange_since_ns?, self.strange_at?);
-        Some(format!(
-            "from {} on most channels ring as this printhead never did: {:.2} times as large, damping \
-             {:+.0} %, resonance {:+.1} %, phase {:+.0}°; those signals are rejected (head_changed). Look at \
-             wiring, gain and clock; for another printhead of that name train a design, or give another \
-             --baseline file",
-            at(since),
-            amplitude.exp(),
-            100.0 * damping.exp_m1(),
-            100.0 * frequency.exp_m1(),
-            phase.to_degrees(),
-        ))
+        let beyond = self.beyond_since_ns.map(|since_ns| {
+            format!(
+                "since {} all channels have moved together beyond a quarter in amplitude, or the bounds of \
+                 identify.max_damping_drift = {:.1} % and max_frequency_drift = {:.2} %: damping {:+.1} %, resonance {:+.2} %, amplitude \
+                 {:+.1} % at most; look at ink, temperature and supply, not at single channels, which are \
+                 judged about what all have in common",
+                at(since_ns),
+                100.0 * identify.max_damping_drift,
+                100.0 * identify.max_frequency_drift,
+                100.0 * self.damping,
+                100.0 * self.frequency,
+                100.0 * self.amplitude,
+            )
+        });
+        let strange = self.strange_since_ns.zip(self.strange_at).map(|(since_ns, level)| {
+            format!(
+                "from {} on most channels ring as this printhead never did: {:.2} times as large, damping \
+                 {:+.0} %, resonance {:+.1} %, phase {:+.0}°; those signals are rejected (head_changed). Look at \
+                 wiring, gain and clock; for another printhead of that name train a design, or give another \
+                 --baseline file",
+                at(since_ns),
+                level[0].exp(),
+                100.0 * level[1].exp_m1(),
+                100.0 * level[2].exp_m1(),
+                level[3].to_degrees(),
+            )
+        });
+        let swapped = self.swapped_ns.map(|from_ns| {
+            format!(
+                "from {} on its channels are others than those that --baseline remembers: another printhead of that \
+                 name, whose channels are learned anew",
+                at(from_ns),
+            )
+        });
+        let late = (self.late > 0).then(|| {
+            format!(
+                "{} bursts stand in the file after later ones: they were judged about what was known by then, and \
+                 taught the --baseline nothing; a file in the order of its times is judged burst by burst",
+                self.late,
+            )
+        });
+        let scatter = self.scatter_since_ns.map(|since_ns| {
+            format!(
+                "from {} on its channels lie up to {:.1} times as far from each other as those that its model was learned \
+                 from: each has aged its own way, or more than half of them are faulty. They are judged by what most of \
+                 them do; train a design on what they are now, or look at single channels with --identify windows",
+                at(since_ns),
+                self.scatter,
+            )
+        });
+        [beyond, strange, swapped, late, scatter].into_iter().flatten().collect()
     }
 }
 

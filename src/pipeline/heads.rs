@@ -1,32 +1,28 @@
 //! All printheads of a recording while it flows: each burst is judged about what its head and its channels
 //! were known to be when it was acquired.
 //!
-//! In: bursts in the recording's order, each with the judge that the windows gave it, from the
-//! identify stage ([`Heads::take`]). Out: for each burst the judge in use and, with `--baseline`,
-//! its channels' own levels. A burst waits until its *sweep* is over ([`super::sweep`]), so that
-//! the result does not depend on how a logger divides one moment's channels into messages.
+//! In: bursts in the recording's order, each with the judge that the windows gave it, from the identify
+//! stage ([`Heads::take`]). Out: for each burst the judge in use and, with `--baseline`, its channels' own
+//! levels. A burst waits until its *sweep* is over ([`super::sweep`]), so that the result does not depend on
+//! how a logger divides one moment's channels into messages.
 //!
-//! This file decides which sweep a burst belongs to and when a sweep is closed; what a closed sweep
-//! says of its head, [`super::head`] finds. A sweep is closed when one of its moments holds all
-//! channels that were known before it; when a channel is heard again; when it has lasted as long as
-//! it may; when a burst has another judge; without `--baseline` when a burst is late; and at the
-//! end of the recording.
+//! This file decides which sweep a burst belongs to and when a sweep is closed; what a closed sweep says of
+//! its head, [`super::head`] finds.
 
 use super::batches::{AssignedJudge, AssignedJudges, Slot};
 use super::groups::ByGroup;
-use super::head::{Head, Judging, Watched};
+use super::head::{Head, Judging};
 use super::head_movement::HeadMovement;
 use super::job::Replay;
 use super::rings::Deviations;
-use super::sweep::{Clock, Sweep};
+use super::sweep::{Sweep, SweepClock, channels};
 use inkling_core::burst::Burst;
-use inkling_core::design::{Design, Judge, Workspace};
+use inkling_core::design::{Judge, Workspace};
 use inkling_core::state::Memory;
 use inkling_core::state::memory::MOST_CHANNELS;
 use std::sync::Arc;
 
-/// Maximum number of printheads that are followed; signals of further ones are judged by
-/// the windows' judges as they are.
+/// Maximum number of printheads that are followed; further ones are judged by the windows' judges.
 const MOST_HEADS: usize = 1 << 10;
 
 /// All printheads of a recording. A *head* here is a group: a printhead at one sampling.
@@ -34,24 +30,18 @@ const MOST_HEADS: usize = 1 << 10;
 pub struct Heads<'a> {
     /// Index in `heads` by group; `None`: the group came when [`MOST_HEADS`] were there already.
     numbers: ByGroup,
-    /// By index. `None`: no judge so far knew enough for the printhead's channels to be followed; its signals
-    /// are judged by the windows' judge as it is.
+    /// By index. `None`: no judge so far knew enough for the printhead's channels to be followed.
     heads: Vec<Option<Followed>>,
-    /// Says when open sweeps have lasted as long as they may.
-    clock: Clock,
-    /// What all heads share.
+    clock: SweepClock,
     judging: Judging<'a>,
 }
 
 /// A printhead that is followed, and the sweep over its channels that has not ended yet.
 #[derive(Debug)]
 struct Followed {
-    /// Its channels that were met before the open sweep, and the frozen ones.
-    watched: Watched,
     /// The sweep that has not ended yet; `None`: the next burst begins one.
     open: Option<Sweep>,
-    /// What the bursts of the previous sweep were judged by; before the first, the judge of the
-    /// windows.
+    /// What judged the previous sweep; before the first, the judge of the windows.
     last: AssignedJudge,
     /// The window's judge and the last moment, ns, of the previous sweep.
     closed: Option<(Arc<Judge>, i64)>,
@@ -62,20 +52,21 @@ impl<'a> Heads<'a> {
     /// Begins with what is remembered of heads (`Replay::baselines`), and no burst.
     pub fn new(replay: &'a Replay) -> Heads<'a> {
         let remembered = replay.baselines.as_ref().map_or(0, Memory::channels);
+        let rails = replay.settings.input.rails;
+        let deviations = Deviations { rails, ..Deviations::default() };
         let judging = Judging {
             replay,
             room: MOST_CHANNELS - remembered,
-            curves: replay.design.as_ref().and_then(Design::curves),
             moves: 0,
-            deviations: Deviations::default(),
+            deviations,
             work: Workspace::default(),
         };
-        Heads { numbers: ByGroup::default(), heads: Vec::new(), clock: Clock::default(), judging }
+        let (numbers, clock) = (ByGroup::default(), SweepClock::default());
+        Heads { numbers, heads: Vec::new(), clock, judging }
     }
 
-    /// Takes the next burst. Appends to `given` the bursts whose sweeps are now over, in any
-    /// order, with what judges them. `slot`: the burst's place among those that wait; `judge`:
-    /// the one that the windows gave it.
+    /// Takes the next burst. Appends to `given` the bursts whose sweeps are now over, in any order, with what
+    /// judges them. `slot`: the burst's place among those that wait; `judge`: the windows' one.
     pub fn take(
         &mut self,
         slot: Slot,
@@ -83,22 +74,20 @@ impl<'a> Heads<'a> {
         burst: &Burst,
         given: &mut AssignedJudges,
     ) {
-        // time goes on with any printhead's burst, and so ends sweeps of all printheads that have
-        // lasted as long as they may
+        // time goes on with any printhead's burst, and ends sweeps of all printheads
         self.clock.hear(burst);
         if self.clock.is_due(burst.t_acq_ns) {
-            self.close_what_waits(burst.t_acq_ns, given);
+            self.close_overlong(burst.t_acq_ns, given);
         }
         let Heads { numbers, heads, judging, clock } = self;
 
-        // its head, which is met now if it is new
         let number = numbers.of(burst, |_| {
             let number = (heads.len() < MOST_HEADS).then_some(heads.len());
             heads.extend(number.map(|_| None));
             number
         });
-        let head = number.map(|number| &mut heads[number]);
-        let head = head.and_then(|head| {
+        let head = number.and_then(|number| {
+            let head = &mut heads[number];
             // the judges before may not have known enough; try again with this one
             if head.is_none() {
                 *head = Followed::meet(judge, burst, judging);
@@ -120,10 +109,10 @@ impl<'a> Heads<'a> {
     }
 
     /// Closes the sweeps that have lasted as long as one may, and tells the clock which are still open.
-    fn close_what_waits(&mut self, t_ns: i64, given: &mut AssignedJudges) {
+    fn close_overlong(&mut self, t_ns: i64, given: &mut AssignedJudges) {
         self.clock.forget();
         for head in self.heads.iter_mut().flatten() {
-            if head.open.as_ref().is_some_and(|open| self.clock.is_over(open, t_ns)) {
+            if head.open.as_ref().is_some_and(|open| self.clock.is_over(open.from, t_ns)) {
                 head.close(&mut self.judging, given);
             }
             self.clock.opened(&head.open);
@@ -132,26 +121,23 @@ impl<'a> Heads<'a> {
 
     /// Printheads whose level was known in at least one sweep.
     pub fn followed(&self) -> impl Iterator<Item = &str> {
-        let heads = self.heads.iter().flatten().filter(|of| of.head.has_level());
+        let heads = self.heads.iter().flatten().filter(|of| !of.head.history.is_empty());
         heads.map(|of| &*of.head.movement.printhead)
     }
 
     /// How printheads moved, for those of which there is something to tell, sorted by name.
     pub fn movements(&self) -> Vec<HeadMovement> {
-        let heads = self.heads.iter().flatten();
-        let moved = heads.map(|of| &of.head.movement).filter(|of| of.is_told());
-        let mut moved: Vec<HeadMovement> = moved.cloned().collect();
+        let heads = self.heads.iter().flatten().map(|of| &of.head.movement);
+        let mut moved: Vec<HeadMovement> = heads.filter(|of| of.is_told()).cloned().collect();
         moved.sort_by(|p, q| p.printhead.cmp(&q.printhead));
         moved
     }
 
-    /// The states of all heads after the recording, where states are kept: those that it held are replaced,
-    /// the others stay.
+    /// The remembered states, where there are any, with those of this recording's heads in place of theirs.
     pub fn memory(&self) -> Option<Memory> {
         let mut memory = self.judging.replay.baselines.clone()?;
         for of in self.heads.iter().flatten() {
-            let printhead = of.head.movement.printhead.to_string();
-            memory.printheads.insert(printhead, of.head.memory());
+            memory.printheads.insert(of.head.movement.printhead.to_string(), of.head.memory());
         }
         Some(memory)
     }
@@ -162,50 +148,44 @@ impl Followed {
     fn meet(judge: &Arc<Judge>, burst: &Burst, judging: &Judging) -> Option<Followed> {
         let head = Box::new(Head::meet(judge, burst, judging)?);
         let last = AssignedJudge::by(Ok(judge.clone()));
-        Some(Followed { watched: Watched::default(), open: None, last, closed: None, head })
+        Some(Followed { open: None, last, closed: None, head })
     }
 
-    /// Takes the next burst of this head: adds it to the open sweep, or judges it at once where its
-    /// sweep was closed already; closes the sweeps that end with it, and appends their bursts to
-    /// `given`.
+    /// Takes the next burst of this head: adds it to the open sweep, or judges it at once where its sweep was
+    /// closed already; closes the sweeps that end with it.
     fn take(
         &mut self,
         (slot, judge, burst): (Slot, &Arc<Judge>, &Burst),
-        clock: &mut Clock,
+        clock: &mut SweepClock,
         judging: &mut Judging,
         given: &mut AssignedJudges,
     ) {
         let t_ns = burst.t_acq_ns;
-        // 1. A sweep has one judge. Without `--baseline`, a burst that is earlier than the sweep's
-        // latest moment ends the sweep, too.
+        // 1. a sweep has one judge; without `--baseline` a late burst ends the sweep, too
         let is_other = |open: &Sweep| {
-            let is_late = judging.replay.baselines.is_none() && open.is_later(t_ns);
+            let is_late = judging.replay.baselines.is_none() && t_ns < open.latest_ns;
             open.judge.index != judge.index || is_late
         };
         if self.open.as_ref().is_some_and(is_other) {
             self.close(judging, given);
         }
 
-        // 2. bursts that come after their sweep was closed, or too late for it, are judged as the
-        // last sweep was
+        // 2. bursts that come after their sweep was closed are judged as the last sweep was
         let is_closed = |(by, at_ns): &(Arc<Judge>, i64)| by.index == judge.index && *at_ns == t_ns;
         if self.open.is_none() && self.closed.as_ref().is_some_and(is_closed) {
-            // The previous sweep ended with this very moment: the burst holds channels that were not known
-            // before that sweep, or repeats some.
-            self.watched.hear(burst, judge, judging.replay.settings.input.rails);
-            self.watched.meet(burst);
+            // that sweep ended with this very moment: here are channels that were new to it, or repeated
+            self.head.hear(burst, judge, judging.replay.settings.input.rails);
+            self.head.channels.meet(channels(burst));
             given.push((slot, self.last.clone()));
             return;
         }
         if judging.replay.baselines.is_some() && self.head.is_late(t_ns) {
-            // the state has already been updated with later bursts: this one is
-            // judged, and teaches it nothing
+            // the state knows later bursts already: this one is judged, and teaches it nothing
             self.head.movement.late += 1;
             given.push((slot, self.last.clone()));
             return;
         }
 
-        // 3. add the burst to the open sweep, or begin one
         match &mut self.open {
             Some(open) => {
                 if let Some(over) = open.hear(slot, burst, clock) {
@@ -218,41 +198,40 @@ impl Followed {
             None => self.open = Some(Sweep::begin(slot, judge.clone(), burst, clock)),
         }
 
-        // 4. the sweep may be complete with this burst
         if self.is_over() {
             self.close(judging, given);
         }
         clock.opened(&self.open);
     }
 
-    /// Whether the latest moment of the open sweep holds all channels that were known before it. Then nothing
-    /// that belongs to this sweep can follow, and it is closed at once.
+    /// Whether the latest moment of the open sweep holds all channels that were known before it: then nothing
+    /// that belongs to this sweep can follow.
     fn is_over(&self) -> bool {
-        let known = &self.watched.channels.met;
-        !known.is_empty() && self.open.as_ref().is_some_and(|open| open.holds_at_once(known))
+        let met = &self.head.channels.met;
+        !met.0.is_empty()
+            && self.open.as_ref().is_some_and(|open| met.0.iter().all(|of| open.moment.hold(of)))
     }
 
     /// Ends the open sweep: its bursts are judged about the level that the sweep shows, and about channels as
     /// they were before it.
     ///
-    /// Channels that were not known before the sweep are looked at from the next sweep on: whether
-    /// new channels came before the burst that ended the sweep depends on how a moment is divided
-    /// into messages.
+    /// Channels that were new in the sweep are looked at from the next sweep on: whether they came before the
+    /// burst that ended it depends on how a moment is divided into messages.
     fn close(&mut self, judging: &mut Judging, given: &mut AssignedJudges) {
         let Some(sweep) = self.open.take() else { return };
 
         let is_first = self.closed.is_none();
         for burst in sweep.bursts() {
-            self.watched.hear(burst, &sweep.judge, judging.replay.settings.input.rails);
+            self.head.hear(burst, &sweep.judge, judging.replay.settings.input.rails);
             // no channel was known before the first sweep, which would otherwise show nothing
             if is_first {
-                self.watched.meet(burst);
+                self.head.channels.meet(channels(burst));
             }
         }
 
         // judge the sweep, and only then add its channels to those that were met
-        self.last = self.head.close(&sweep, &self.watched, judging);
-        sweep.bursts().into_iter().for_each(|burst| self.watched.meet(burst));
+        self.last = self.head.close(&sweep, judging);
+        sweep.bursts().iter().for_each(|burst| self.head.channels.meet(channels(burst)));
         let last = &self.last;
         given.extend(sweep.slots().map(|slot| (slot, last.clone())));
         self.closed = Some((sweep.judge.clone(), sweep.to_ns()));

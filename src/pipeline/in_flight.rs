@@ -1,12 +1,12 @@
-//! Batches on their way through the stages, in three helpers. [`InFlight`] bounds what is between
-//! reader and writer, in blocks and bytes, and so memory. [`InOrder`] puts batches, which several
-//! workers finish in any order, back into the recording's order. `ParkedBatches` keeps batches in
-//! the identify stage until it is known what judges their bursts.
+//! Batches on their way through the stages. [`InFlight`] bounds what is between reader and writer, in blocks
+//! and bytes, and so memory. [`InOrder`] puts batches back into the recording's order. `ParkedBatches` keeps
+//! batches in the identify stage until it is known what judges their bursts.
 
 use super::batches::{AssignedBatch, AssignedJudge, AssignedJudges, ReadBatch};
+use super::locked;
 use inkling_core::burst::Place;
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Condvar, Mutex, PoisonError};
 
 /// What is in flight now.
 #[derive(Debug, Default)]
@@ -16,10 +16,9 @@ struct State {
     closed: bool,
 }
 
-/// Bounds the blocks between reader and writer. The reader enters blocks in file order, and waits
-/// while there is no room; the writer takes them out in the same order. The oldest block is always
-/// in flight, so its turn always comes: there is no deadlock. Blocks whose batches are parked do
-/// not count: what they wait for may stand in later blocks.
+/// Bounds the blocks between reader and writer. The reader enters blocks in file order, and waits while there
+/// is no room; the writer takes them out in the same order. The oldest block is always in flight, so its turn
+/// always comes. Blocks whose batches are parked do not count: what they wait for may stand in later blocks.
 #[derive(Debug)]
 pub struct InFlight {
     most_blocks: usize,
@@ -36,7 +35,7 @@ impl InFlight {
 
     /// Waits until there is room for a block, and enters it. False once closed: the caller should end.
     pub fn enter(&self, bytes: u64) -> bool {
-        let mut state = self.lock();
+        let mut state = locked(&self.state);
         loop {
             if state.closed {
                 return false;
@@ -53,35 +52,29 @@ impl InFlight {
         }
     }
 
-    /// Takes a block out, because it is written, or while it waits for later ones, so that these can be read.
+    /// Takes a block out, because it is written, or while it waits for later ones.
     pub fn leave(&self, bytes: u64) {
-        let mut state = self.lock();
+        let mut state = locked(&self.state);
         state.blocks -= 1;
         state.bytes -= bytes;
         self.changed.notify_all();
     }
 
-    /// Counts a block again that has waited for later ones, without waiting for room: so the bounds
-    /// may be exceeded for a while.
+    /// Counts a block again that has waited for later ones; so the bounds may be exceeded for a while.
     pub fn take_back(&self, bytes: u64) {
-        let mut state = self.lock();
+        let mut state = locked(&self.state);
         state.blocks += 1;
         state.bytes += bytes;
     }
 
     /// Ends all waiting for room: no block will be taken out any more.
     pub fn close(&self) {
-        self.lock().closed = true;
+        locked(&self.state).closed = true;
         self.changed.notify_all();
-    }
-
-    fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Batches that arrived before their turn. Their number is bounded by what is in flight
-/// ([`InFlight`]).
+/// Batches that arrived before their turn; what is in flight bounds their number.
 #[derive(Debug)]
 pub struct InOrder<T> {
     waiting: BTreeMap<Place, T>,
@@ -99,8 +92,7 @@ impl<T> InOrder<T> {
         self.waiting.insert(place, of);
     }
 
-    /// Takes the batch whose turn it is, if it has arrived. `ends`: whether it
-    /// is the last piece of its block.
+    /// Takes the batch whose turn it is, if it has arrived. `ends`: whether it is its block's last piece.
     pub fn take(&mut self, ends: impl Fn(&T) -> bool) -> Option<T> {
         let next = self.waiting.remove(&self.next)?;
         self.next = self.next.following(ends(&next));
@@ -114,13 +106,10 @@ struct ParkedBatch {
     read: ReadBatch,
     /// By acquisition, what judges it; `None`: not known yet.
     given: Vec<Option<AssignedJudge>>,
-    /// Number of acquisitions for which that is not known yet.
-    missing: usize,
 }
 
-/// The batches that wait in the identify stage, in the recording's order. They do not count as in
-/// flight: the reader must be able to read on until a sweep is over. How much may wait is bounded
-/// by `sweep`.
+/// The batches that wait in the identify stage, in the recording's order. They do not count as in flight: the
+/// reader must be able to read on until a sweep is over. How much may wait is bounded by `sweep`.
 #[derive(Debug)]
 pub(super) struct ParkedBatches<'a> {
     in_flight: &'a InFlight,
@@ -141,32 +130,27 @@ impl<'a> ParkedBatches<'a> {
 
     /// Lets a batch wait for its judges.
     pub fn park(&mut self, read: ReadBatch) {
-        let bursts = read.batch.acquisitions.len();
+        let given = vec![None; read.batch.acquisitions.len()];
         if let Some(bytes) = read.leaves {
             self.in_flight.leave(bytes); // for as long as it waits
         }
-        self.waiting.push_back(ParkedBatch { read, given: vec![None; bursts], missing: bursts });
+        self.waiting.push_back(ParkedBatch { read, given });
     }
 
     /// Takes in what judges bursts that wait; drains `given`. Hands out the batches of which it is now known
     /// what judges all their bursts.
     pub fn give(&mut self, given: &mut AssignedJudges) -> impl Iterator<Item = AssignedBatch> {
         for (slot, given) in given.drain(..) {
-            // the batch is among those that wait, since it needed this burst's judge
-            let Some(of) = self.waiting.get_mut((slot.batch - self.first) as usize) else {
-                continue;
-            };
-            if of.given[slot.place].replace(given).is_none() {
-                of.missing -= 1;
-            }
+            // the batch still waits, since it needed this burst's judge
+            self.waiting[(slot.batch - self.first) as usize].given[slot.place] = Some(given);
         }
         std::iter::from_fn(|| self.leave())
     }
 
     /// Takes the first waiting batch, if it is known what judges all its bursts.
     fn leave(&mut self) -> Option<AssignedBatch> {
-        self.waiting.front().filter(|of| of.missing == 0)?;
-        let ParkedBatch { read, given, .. } = self.waiting.pop_front()?;
+        self.waiting.front().filter(|of| of.given.iter().all(Option::is_some))?;
+        let ParkedBatch { read, given } = self.waiting.pop_front()?;
         self.first += 1;
         if let Some(bytes) = read.leaves {
             self.in_flight.take_back(bytes);

@@ -1,20 +1,15 @@
 //! What the isolate stage does to a batch, with one function for each thing that may happen to a signal.
 //!
-//! In: a batch with every signal's statistics and whether it passed the gate, that is, was flagged.
-//! Out: its verdicts (rows of the table), and what the episodes need to know of flagged signals
-//! ([`FlaggedSignal`]).
+//! In: a batch with every signal's statistics and whether it was flagged. Out: its verdicts (rows of the
+//! table), and what the episodes need to know of flagged signals ([`FlaggedSignal`]).
 //!
-//! Nearly all signals are healthy: neighbouring healthy signals of a burst become one run, without
-//! any further work (`judge_burst`). Each other signal becomes a row: a rejected one with its
-//! reason; a flagged one with its name, its size and its ring, as far as the judge can tell them
-//! (`judge_signal`, `isolate`). What misses along the ring and is no ring at all is named
-//! `no_ring`, whatever class would come nearest.
-//!
-//! Which class a signal is of is decided by [`Judge`]; how a decision becomes cells of a row, by
-//! `rows`.
+//! Nearly all signals are healthy: neighbouring healthy signals of a burst become one run (`judge_burst`).
+//! Each other signal becomes a row: a rejected one with its reason; a flagged one with its name, its size and
+//! its ring, as far as the judge can tell them (`judge_signal`, `isolate`). What misses along the ring and is
+//! no ring at all is named `no_ring`, whatever class would come nearest.
 
 use super::batches::{
-    AssignedJudge, BufferPools, FilteredBatch, FlaggedSignal, GatedBatch, JudgedBatch,
+    AssignedJudge, BufferPools, Detected, FilteredBatch, FlaggedSignal, GatedBatch, JudgedBatch,
 };
 use super::rings::{self, Deviations, Rings};
 use super::rows::{self, Id, Row};
@@ -31,37 +26,30 @@ pub struct Isolator<'a> {
     pools: &'a BufferPools,
     /// Rings that were fitted to the signals of the batch at hand, and not taken yet.
     rings: Rings,
-    /// Buffers of the judge, and what it tells of the signal at hand beside the name: weights,
-    /// severity.
+    /// Buffers of the judge, and what it tells of the signal at hand beside the name.
     work: Workspace,
     deviations: Deviations,
 }
 
-/// A burst as it comes from the gate, with its judge, its channels' own levels,
-/// and every signal's statistics.
 struct GatedBurst<'a> {
     burst: &'a Burst,
     judge: Result<&'a Judge, Reason>,
     own: Option<&'a OwnChannels>,
-    /// The detection of each signal of the burst, or why it was not judged.
-    statistic: &'a [Result<Detection, Reason>],
+    statistic: &'a [Detected],
     /// Index of its first signal among the batch's.
     first: usize,
-    /// Index of its printhead among the batch's.
-    printhead: u32,
+    /// What identifies its first signal.
+    id: Id,
 }
 
-/// One signal that was judged.
 #[derive(Clone, Copy)]
 struct Signal<'a> {
     burst: &'a Burst,
-    /// Its row in the burst.
     row: usize,
     judge: &'a Judge,
     own: Option<&'a OwnChannels>,
     detection: Detection,
-    /// Whether it was flagged.
-    passed: bool,
+    is_flagged: bool,
 }
 
 impl Signal<'_> {
@@ -72,19 +60,7 @@ impl Signal<'_> {
     }
 }
 
-impl GatedBurst<'_> {
-    /// What identifies the signal of a row.
-    fn id(&self, row: usize) -> Id {
-        Id {
-            t_ns: self.burst.t_acq_ns,
-            printhead: self.printhead,
-            channel: self.burst.first_channel + row as u32, // a burst has few
-        }
-    }
-}
-
 impl<'a> Isolator<'a> {
-    /// An isolator with empty buffers.
     pub fn new(settings: &'a Settings, pools: &'a BufferPools) -> Isolator<'a> {
         Isolator {
             settings,
@@ -95,8 +71,7 @@ impl<'a> Isolator<'a> {
         }
     }
 
-    /// Makes all rows of a batch: turns it into a [`JudgedBatch`], and gives the buffer of its
-    /// statistics back.
+    /// Makes all rows of a batch, and gives the buffer of its statistics back.
     pub fn judge(&mut self, gated: GatedBatch) -> JudgedBatch {
         // all rings of the batch are fitted first, side by side, and then taken row by row
         self.rings.fit(&gated, !self.settings.isolate.gate);
@@ -111,10 +86,8 @@ impl<'a> Isolator<'a> {
             leaves: read.leaves,
             damage: std::mem::take(&mut read.damage),
             verdicts: Verdicts { parts: Vec::new(), tests, rows: columns },
-            judges: Vec::new(),
-            own: Vec::new(),
-            flagged: Vec::new(),
             bursts: read.batch.acquisitions.len() as u64,
+            ..JudgedBatch::default()
         };
 
         // burst by burst; an unusable burst is one row, with the reason
@@ -129,8 +102,8 @@ impl<'a> Isolator<'a> {
                     judged.verdicts.close_rows();
                 }
                 Acquisition::Usable(burst) => {
-                    let (t_ns, printhead) =
-                        (burst.t_acq_ns, rows::intern(columns, &burst.printhead));
+                    let t_ns = burst.t_acq_ns;
+                    let printhead = rows::intern(columns, &burst.printhead);
                     // own levels are the same for all bursts of a moment: they are noted once
                     let last = judged.own.last().map(|(t_ns, printhead, _)| (*t_ns, *printhead));
                     if let Some(own) = own.as_ref().filter(|_| last != Some((t_ns, printhead))) {
@@ -142,7 +115,7 @@ impl<'a> Isolator<'a> {
                         own: own.as_deref(),
                         first: signals.start,
                         statistic: &statistic[signals],
-                        printhead,
+                        id: Id { t_ns, printhead, channel: burst.first_channel },
                     };
                     self.judge_burst(&gated, &mut judged);
                 }
@@ -153,14 +126,14 @@ impl<'a> Isolator<'a> {
         judged
     }
 
-    /// Makes the rows of one burst: of neighbouring healthy signals a run, of signals that are
-    /// rejected or isolated a row each.
+    /// Makes the rows of one burst: of neighbouring healthy signals a run, of each other signal a row.
     fn judge_burst(&mut self, of: &GatedBurst, rows: &mut JudgedBatch) {
-        // runs of healthy signals need nothing more, unless all signals are isolated or their rings asked for
+        // runs need nothing more, unless all signals are isolated or their rings asked for
         let isolates_all = |judge: &Judge| !self.settings.isolate.gate && judge.can_isolate();
         let all_rings = self.settings.output.ring == RingsOf::All;
         let at_once = of.judge.ok().filter(|judge| !isolates_all(judge) && !all_rings);
 
+        let id = |row: usize| Id { channel: of.id.channel + row as u32, ..of.id }; // a burst has few
         let mut row = 0;
         while row < of.statistic.len() {
             let here = of.first + row; // the signal's index in the batch
@@ -169,7 +142,7 @@ impl<'a> Isolator<'a> {
                 let left = &rows.verdicts.tests.healthy[here..of.first + of.statistic.len()];
                 let healthy = left.iter().take_while(|healthy| **healthy).count();
                 if healthy > 0 {
-                    let run = rows::healthy_run(of.id(row), here..here + healthy, judge);
+                    let run = rows::healthy_run(id(row), here..here + healthy, judge);
                     rows.verdicts.parts.push(run);
                     row += healthy;
                     continue;
@@ -178,11 +151,11 @@ impl<'a> Isolator<'a> {
 
             // a single row: nobody judged the signal, or it is flagged (or everything is isolated)
             match of.statistic[row].and_then(|detection| Ok((detection, of.judge?))) {
-                Err(reason) => rows::push_rejected(&mut rows.verdicts.rows, of.id(row), reason),
+                Err(reason) => rows::push_rejected(&mut rows.verdicts.rows, id(row), reason),
                 Ok((detection, judge)) => {
-                    let (burst, passed) = (of.burst, !rows.verdicts.tests.healthy[here]);
-                    let signal = Signal { burst, row, judge, own: of.own, detection, passed };
-                    self.judge_signal(signal, of.id(row), rows);
+                    let (burst, is_flagged) = (of.burst, !rows.verdicts.tests.healthy[here]);
+                    let signal = Signal { burst, row, judge, own: of.own, detection, is_flagged };
+                    self.judge_signal(signal, id(row), rows);
                 }
             }
             rows.verdicts.close_rows();
@@ -194,20 +167,18 @@ impl<'a> Isolator<'a> {
     fn judge_signal(&mut self, of: Signal, id: Id, rows: &mut JudgedBatch) {
         // 1. the name, where the judge knows classes; `work` holds what belongs to it
         self.work.forget();
-        let isolates = of.judge.can_isolate() && (of.passed || !self.settings.isolate.gate);
+        let isolates = of.judge.can_isolate() && (of.is_flagged || !self.settings.isolate.gate);
         let mut isolation = isolates.then(|| self.isolate(of)).flatten();
 
-        // 2. A flagged signal that is healthy along the ring was flagged for what it holds beside
-        // the ring. That is no fault of a class, and neither is a signal that is no ring: then the
-        // name is dropped.
-        let beside_only = of.passed && !of.judge.model.threshold.is_faulty(of.detection.ring);
-        if beside_only || (of.passed && !of.judge.can_isolate() && self.is_no_ring(of)) {
+        // 2. A flagged signal that is healthy along the ring was flagged for what it holds beside the ring.
+        // That is no fault of a class, and neither is a signal that is no ring.
+        let beside_only = of.is_flagged && !of.judge.model.threshold.is_faulty(of.detection.ring);
+        if beside_only || (of.is_flagged && !of.judge.can_isolate() && self.is_no_ring(of)) {
             self.work.drop_name();
             isolation = Some(Isolation::of_no_ring());
         }
 
-        // 3. what detection said; where it measured no misfit, that of the ring fitted for
-        // isolation is taken
+        // 3. what detection said; where it measured no misfit, that of the ring fitted for isolation
         let mut tested: Tested = of.judge.test(of.detection);
         if tested.misfit.is_nan() && isolation.is_some() {
             tested.misfit = self.work.misfit;
@@ -215,23 +186,21 @@ impl<'a> Isolator<'a> {
 
         // 4. resonance and damping; and for flagged signals what the episodes need
         let ring = self.ring_of(of);
-        if of.passed {
+        if of.is_flagged {
             let flagged = self.flag(of, isolation.as_ref(), ring, rows.verdicts.rows.len());
             rows.flagged.push(flagged);
         }
 
-        // 5. the row
+        let severity = self.work.severity.take();
         let told = self.settings.output.weights && isolation.is_some();
         let weights = Some(self.work.weights.as_slice()).filter(|of| told && !of.is_empty());
         let (isolation, model) = (isolation.as_ref(), of.judge.index);
         let columns = &mut rows.verdicts.rows;
-        rows::push_judged(columns, id, Row { tested, model, isolation, weights, ring });
-        rows::set_severity(columns, self.work.severity.take());
+        rows::push_judged(columns, id, Row { tested, model, isolation, weights, ring, severity });
     }
 
-    /// Names a signal's fault, where the method can: by its fitted ring (`posterior`), or by its
-    /// deviation from what is expected. Results beside the name stay in `work`. `None`: nothing can
-    /// be said.
+    /// Names a signal's fault, where the method can: by its fitted ring (`posterior`), or by its deviation from
+    /// what is expected. Results beside the name stay in `work`.
     fn isolate(&mut self, of: Signal) -> Option<Isolation> {
         // what the judge is told beside the signal
         let Signal { burst, row, judge, .. } = of;
@@ -249,13 +218,12 @@ impl<'a> Isolator<'a> {
         judge.isolate(deviation, drive, &mut self.work)
     }
 
-    /// Resonance, Hz, and damping, 1/s, of a signal: by a fit for flagged signals; for the others,
-    /// where they are asked for (`output.ring` = `all`), in closed form if that is possible.
-    /// `None`: not asked for, or no ring.
+    /// Resonance, Hz, and damping, 1/s, of a signal: by a fit for flagged signals; for the others, where
+    /// `output.ring` = `all`, in closed form if that is possible. `None`: not asked for, or no ring.
     fn ring_of(&mut self, of: Signal) -> Option<[f64; 2]> {
-        let Signal { burst, judge, passed, .. } = of;
+        let Signal { burst, judge, is_flagged, .. } = of;
         let (drive, copy) = (judge.drive(burst), |y: &mut Vec<f64>| of.per_drive(y));
-        match (passed, self.settings.output.ring) {
+        match (is_flagged, self.settings.output.ring) {
             (true, _) => judge.ring_of(copy, drive, &mut self.work),
             (false, RingsOf::Flagged) => None,
             (false, RingsOf::All) => {
@@ -267,9 +235,8 @@ impl<'a> Isolator<'a> {
         }
     }
 
-    /// What the evidence over time needs to know of a flagged signal. `row`: its index among the
-    /// batch's rows. The weights are multiplied by the probability that the signal is of any class,
-    /// so what they lack to 1 is the weight of no class.
+    /// What the evidence over time needs to know of a flagged signal. `row`: its index among the batch's rows.
+    /// The weights are multiplied by the probability that the signal is of any class.
     fn flag(
         &mut self,
         of: Signal,
@@ -300,7 +267,6 @@ impl<'a> Isolator<'a> {
         of.judge.is_no_ring(signal, of.judge.drive(of.burst), &mut self.work)
     }
 
-    /// Describes a signal that belongs to no class.
     fn appearance(&mut self, of: Signal) -> Option<Appearance> {
         let signal = &mut self.deviations.signal;
         of.per_drive(signal);
@@ -308,8 +274,7 @@ impl<'a> Isolator<'a> {
     }
 }
 
-/// The judges of a batch, one per model, in the order of the models' numbers. (A model may have
-/// several judges, moved to where the head was; they tell the same of the model.)
+/// The judges of a batch, one per model, by number. (A model's judges, moved, tell the same of the model.)
 fn each_once(judges: Vec<AssignedJudge>) -> Vec<Arc<Judge>> {
     let mut judges: Vec<Arc<Judge>> = judges.into_iter().flat_map(|of| of.judge).collect();
     judges.sort_by_key(|judge| judge.index);

@@ -3,7 +3,7 @@
 
 use super::Control;
 use super::pacer::Pacer;
-use crate::settings::{Pace, Settings};
+use crate::settings::Settings;
 use inkling_core::design::Design;
 use inkling_core::episodes::Episode;
 use inkling_core::fault::Class;
@@ -14,33 +14,26 @@ use inkling_core::verdict::Verdicts;
 use inkling_io::recording::Recording;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::Mutex;
 use std::time::Duration;
 
-/// What a run of replay has in common over its recordings. Written as JSON it holds all that another process
-/// needs to judge recordings alike.
+/// What a run of replay has in common over its recordings; as JSON all that another process needs for it.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Replay {
-    /// All settings, with those that the design keeps.
     pub settings: Settings,
     /// The design; `None`: models come from windows alone, and nothing is named.
     pub design: Option<Design>,
-    /// Digest of the design file.
     pub design_digest: Option<String>,
-    /// Labels that say which signals of windows are healthy; `None`: healthy signals are found by
-    /// agreement.
+    /// Labels that say which signals of windows are healthy; `None`: those that agree are.
     pub labels: Option<Labels>,
-    /// The healthy windows that the settings give, as spans of time from and to, ns; empty: windows
-    /// are placed by the pipeline.
+    /// The healthy windows that the settings give, from and to, ns; empty: the pipeline places windows.
     pub spans: Vec<(i64, i64)>,
-    /// With `--baseline`: what is remembered of heads and channels from the recordings before;
-    /// `None`: each recording begins without a memory, and channels are not judged about levels of
-    /// their own.
+    /// With `--baseline`: what is remembered of heads and channels from the recordings before; `None`: nothing is,
+    /// and channels are not judged about levels of their own.
     pub baselines: Option<Memory>,
 }
 
 impl Replay {
-    /// Names of the design's fault classes; none without a design.
     pub fn classes(&self) -> Vec<String> {
         self.design.as_ref().map(Design::class_names).unwrap_or_default()
     }
@@ -50,8 +43,8 @@ impl Replay {
         self.design.as_ref().map(Design::fault_classes).unwrap_or_default()
     }
 
-    /// Number of workers of a stage: its own setting, else `replay.threads`, else the machine's cores.
-    /// `of_stage`: the stage's own setting; 0: it has none.
+    /// Number of workers of a stage: its own setting `of_stage`, if that is not 0, else `replay.threads`, else
+    /// the machine's cores.
     pub(super) fn workers(&self, of_stage: usize) -> usize {
         match (of_stage, self.settings.replay.threads) {
             (0, 0) => cores(),
@@ -66,27 +59,13 @@ impl Replay {
 pub struct Run<'a> {
     pub replay: &'a Replay,
     pub recording: &'a Recording,
-    /// Path of the verdict table; `None`: nothing is written, its rows stay in
-    /// memory, and episodes are only listed.
+    /// Path of the verdict table; `None`: its rows stay in memory, and episodes are only listed.
     pub verdicts: Option<&'a Path>,
-    /// Interrupts the run, and counts what is done.
     pub control: &'a Control,
     /// Who is told while the recording is judged; `None`: nobody.
     pub watch: Option<&'a Watch<'a>>,
-    /// Decides when bursts are handed on. It is kept over several passes through the recording.
-    pub pacer: &'a Mutex<Pacer>,
-}
-
-impl<'a> Run<'a> {
-    /// The pacer, locked.
-    pub fn pacer(&self) -> MutexGuard<'_, Pacer> {
-        self.pacer.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// The pacer, if bursts are to be handed on at a pace.
-    pub fn paced(&self) -> Option<&'a Mutex<Pacer>> {
-        (self.replay.settings.replay.pace != Pace::Max).then_some(self.pacer)
-    }
+    /// Decides when bursts are handed on, over several passes through the recording; `None`: at once.
+    pub pacer: Option<&'a Mutex<Pacer>>,
 }
 
 /// Functions that are called while a recording that is still being written is judged.
@@ -110,7 +89,6 @@ pub enum EpisodeEvent<'a> {
         now: &'a Episode,
         before: &'a Episode,
     },
-    /// It ended.
     Ended(&'a Episode),
     /// It was announced, but the finished table has no such episode.
     Withdrawn(&'a Episode),
@@ -119,7 +97,6 @@ pub enum EpisodeEvent<'a> {
 /// How often a part of the table is closed, and who is told.
 #[derive(Clone, Copy)]
 pub struct Rotation<'a> {
-    /// Length of a part, in recording time.
     pub every: Duration,
     /// Called when a part is complete and has its name.
     pub closed: &'a (dyn Fn(&ClosedPart) + Sync),

@@ -1,26 +1,21 @@
-//! What both ways of learning models (in the stream, in passes before) share ([`Learner`]): which
-//! groups need windows, which signals of a burst are offered to a window's sample, and how many are
-//! kept; all from settings, design and labels. And how a recording's models came to be
-//! ([`Identified`]), for its summary and `--timings`.
+//! What both ways of learning models (in the stream, in passes before) share: which groups need
+//! windows, which signals of a burst are offered to a window's sample, and how many are kept. And how a
+//! recording's models came to be ([`Identified`]), for its summary and `--timings`.
 
 use super::groups::GroupKey;
 use super::job::Replay;
 use super::visit;
 use crate::settings::IdentifyMode;
 use inkling_core::burst::Burst;
-use inkling_core::design::HealthyModel;
 use inkling_core::identify::reservoir::Reservoir;
 use inkling_core::verdict::{Reason, unusable_signal};
 use serde::Serialize;
-use std::sync::Arc;
 
-/// Maximum bytes of signals held at a time while windows are learned in passes
-/// of their own, and of one window.
+/// Maximum bytes of signals held at a time in passes of their own, and of one window.
 pub(super) const HELD_BYTES: usize = 96 << 20;
 /// Number of signals of a window that may be held however long the signals are.
 const FEWEST_HELD: usize = 64;
 
-/// Seconds in ns.
 fn ns(seconds: f64) -> i64 {
     (seconds * 1e9) as i64
 }
@@ -28,85 +23,63 @@ fn ns(seconds: f64) -> i64 {
 /// A healthy window: a half-open span of one group's time.
 #[derive(Clone, Copy, Debug)]
 pub struct Window {
-    /// Index of the group.
     pub group: usize,
     pub from_ns: i64,
     pub to_ns: i64,
 }
 
-/// Everything beside the signals that models are learned from.
-#[derive(Debug)]
-pub struct Learner<'a> {
-    pub replay: &'a Replay,
-    /// The design's model of all printheads together; `None`: there is no design.
-    pub pooled: Option<Arc<HealthyModel>>,
-}
-
-impl<'a> Learner<'a> {
-    /// The learner of a run.
-    pub fn of(replay: &'a Replay) -> Learner<'a> {
-        let pooled = replay.design.as_ref().map(|design| Arc::new(design.pooled.clone()));
-        Learner { replay, pooled }
-    }
-
+impl Replay {
     /// The reason for which the signals of a printhead are rejected if none of its windows gave a model.
-    pub fn nobody(&self) -> Reason {
-        if self.replay.design.is_some() { Reason::DesignMismatch } else { Reason::NoModel }
+    pub(super) fn nobody(&self) -> Reason {
+        if self.design.is_some() { Reason::DesignMismatch } else { Reason::NoModel }
     }
 
-    /// Whether the design's models judge as they are. Windows then only say whether the design's pooled model
-    /// agrees with a printhead that the design does not know.
-    pub fn knows_by_design(&self) -> bool {
-        self.replay.design.is_some() && self.replay.settings.identify.mode == IdentifyMode::Design
+    /// Whether the design's models judge as they are. Windows then only say whether its pooled model agrees
+    /// with a printhead that the design does not know.
+    pub(super) fn knows_by_design(&self) -> bool {
+        self.design.is_some() && self.settings.identify.mode == IdentifyMode::Design
     }
 
-    /// Whether windows of a group are to be learned. Without a design always; with one the group
-    /// must be sampled as the design is, and with `identify.mode = "design"` its printhead must be
-    /// unknown to the design.
-    pub fn needs_windows(&self, key: &GroupKey, sample_period_s: f64) -> bool {
-        match &self.replay.design {
-            None => true,
-            Some(design) => {
-                design.fits(sample_period_s, key.samples as usize)
-                    && (self.replay.settings.identify.mode == IdentifyMode::Windows
-                        || design.model_of(&key.printhead).is_none())
-            }
-        }
+    /// Whether windows of a group are to be learned. Without a design always; with one the group must be
+    /// sampled as the design is, and with `identify.mode = "design"` its printhead must be unknown to it.
+    pub(super) fn needs_windows(&self, key: &GroupKey, sample_period_s: f64) -> bool {
+        let by_windows = self.settings.identify.mode == IdentifyMode::Windows;
+        self.design.as_ref().is_none_or(|design| {
+            design.fits(sample_period_s, key.samples as usize)
+                && (by_windows || design.model_of(&key.printhead).is_none())
+        })
     }
 
-    /// The length of a window, ns.
-    pub fn first_ns(&self) -> i64 {
-        ns(self.replay.settings.identify.first)
+    pub(super) fn first_ns(&self) -> i64 {
+        ns(self.settings.identify.first)
     }
 
-    /// The time from the begin of a window to that of the next, ns; 0: there is only one window, or the
-    /// windows are given.
-    pub fn every_ns(&self) -> i64 {
-        if self.replay.spans.is_empty() { ns(self.replay.settings.identify.every) } else { 0 }
+    /// The time from the begin of a window to that of the next, ns; 0: there is only one window.
+    pub(super) fn every_ns(&self) -> i64 {
+        ns(self.settings.identify.every)
     }
 
-    /// Maximum number of signals of a window that are kept, for signals of that many
-    /// samples: of long ones fewer are.
-    pub fn most_signals(&self, samples: usize) -> usize {
+    /// Maximum number of signals of a window that are kept, for signals of that many samples.
+    pub(super) fn most_signals(&self, samples: usize) -> usize {
         let fit = HELD_BYTES / (4 * samples.max(1));
-        self.replay.settings.identify.window_signals.min(fit.max(FEWEST_HELD))
+        self.settings.identify.window_signals.min(fit.max(FEWEST_HELD))
     }
 
-    /// Offers a burst's usable signals to a window's sample, with labels only those that are labelled healthy.
-    /// What the design's extension says is in them is subtracted first.
-    pub fn offer(&self, burst: &Burst, reservoir: &mut Reservoir) {
+    /// Offers a burst's usable signals, with labels only healthy ones, to a window's sample, without what the
+    /// design's extension says is in them.
+    pub(super) fn offer(&self, burst: &Burst, reservoir: &mut Reservoir) {
+        let labels = self.labels.as_ref();
         let mut signal = vec![0.0; burst.samples_per_channel as usize];
         for row in 0..burst.channels {
             let channel = burst.first_channel + row;
-            if !reservoir.may_keep(burst.t_acq_ns, channel) {
-                continue; // as most of a long window's, which need not be decoded then
-            }
-            if !visit::is_healthy(self.replay.labels.as_ref(), burst, channel) {
+            // most signals of a long window are not kept, and so need not be decoded
+            let may_keep = reservoir.may_keep(burst.t_acq_ns, channel);
+            if !may_keep || !visit::is_healthy(labels, burst, channel) {
                 continue;
             }
             burst.copy_signal(row as usize, &mut signal);
-            if unusable_signal(&signal, self.replay.settings.input.rails).is_none() {
-                if let Some(design) = &self.replay.design {
+            if unusable_signal(&signal, self.settings.input.rails).is_none() {
+                if let Some(design) = &self.design {
                     design.take_off_extension(burst, row as usize, &mut signal);
                 }
                 reservoir.offer(burst.beside(row as usize), &signal, f64::NAN);
@@ -138,16 +111,15 @@ pub enum ModelSource {
 
 impl Identified {
     /// `why`: the reason for which models were learned before the stages started; `None`: they were not.
-    pub fn by(learner: &Learner, why: Option<String>) -> Identified {
+    pub fn by(replay: &Replay, why: Option<String>) -> Identified {
         let how = match why {
-            _ if learner.knows_by_design() => ModelSource::Design,
+            _ if replay.knows_by_design() => ModelSource::Design,
             None => ModelSource::InStream,
             Some(_) => ModelSource::TwoPasses,
         };
         Identified { how, why }
     }
 
-    /// A sentence about it; `None`: there is nothing to say.
     pub fn in_words(&self) -> Option<String> {
         let why = self.why.as_ref()?;
         Some(format!("models and baselines were learned in passes of their own: {why}"))

@@ -1,32 +1,30 @@
 //! Learns models from healthy windows while the signals flow, in the identify stage, and says who judges a
 //! burst.
 //!
-//! In: bursts, about in the order of their times, from `models` ([`Learning::take`]). Out: the
-//! judge of every burst ([`Learning::judge_of`]), once every window that had ended by the burst's
-//! time was learned; the models by number ([`Schedule`]).
+//! In: bursts, about in the order of their times, from `models` ([`Learning::take`]). Out: the judge of every
+//! burst ([`Learning::judge_of`]), once every window that had ended by the burst's time was learned; the models
+//! by number ([`Schedule`]).
 //!
-//! A burst goes this way. It belongs to a group (a printhead at one sampling); each group is
-//! learned by itself (`Head`). If the burst may begin a window, it waits until no earlier burst can
-//! come any more, since windows are placed by the first burst. In its turn it places the windows
-//! that begin up to it, and its signals are sampled for the windows that it lies in. A window is
-//! over when some burst, of any group, is later than its end by the reorder time: then its model is
-//! learned (`progress`), and entered under the next number.
+//! A burst goes this way. It belongs to a group (a printhead at one sampling), which is learned by itself. If
+//! the burst may begin a window, it waits until no earlier burst can come any more, since windows are placed by
+//! the first burst. In its turn it places the windows that begin up to it, and its signals are sampled for the
+//! windows that it lies in. A window is over when some burst, of any group, is later than its end by the
+//! reorder time: then its model is learned (`progress`), and entered under the next number.
 //!
-//! A burst that comes later still, and that would have changed a window that was placed or learned,
-//! is noticed (`settled_ns`): the whole recording is then learned in two passes
-//! ([`super::windows`]), with the same models, numbers and refusals.
+//! A burst that comes later still, and that would have changed a window that was placed or learned, is noticed
+//! (`settled_ns`): the whole recording is then learned in two passes ([`super::windows`]), with the same result.
 //!
-//! Two things are held in memory at a time. The first is the samples of the windows that are open, at most
-//! [`HELD_BYTES`]; a recording that needs more is learned in two passes, too. The second is, for each
-//! printhead, the bursts that may begin windows while earlier ones may still come, at most [`WAITING_BYTES`];
-//! beyond that they begin their windows without waiting longer.
+//! Held in memory are the samples of open windows, at most [`HELD_BYTES`] (a recording that needs more is
+//! learned in two passes, too), and for each printhead the bursts that wait, at most [`WAITING_BYTES`]; beyond
+//! that they begin their windows without waiting longer.
 
-use super::PipelineError;
 use super::groups::{ByGroup, GroupKey};
-use super::learner::{Learner, Window};
+use super::job::Replay;
+use super::learner::Window;
 use super::placing::Placing;
 use super::progress::{Entry, Progress};
 use super::schedule::{Refusal, Schedule, Timeline};
+use super::{PipelineError, Result};
 use inkling_core::burst::Burst;
 use inkling_core::design::Judge;
 use inkling_core::identify::reservoir::Reservoir;
@@ -35,10 +33,8 @@ use inkling_core::verdict::Reason;
 use std::sync::Arc;
 
 /// Usual reorder time, ns: by how much a burst may be earlier than bursts that stand before it in the file.
-/// Loggers of several printheads write bursts about as they come.
 pub const USUAL_REORDER_NS: u64 = 100_000_000;
-/// Longest reorder time, ns, taken where the chunk index says that the file's order is that far
-/// off. The longer the reorder time, the later it is known who judges a burst.
+/// Longest reorder time, ns, taken where the chunk index says that the file is that far out of order.
 pub const MOST_REORDER_NS: u64 = 2_000_000_000;
 /// Maximum bytes of signals held, over all open windows.
 const HELD_BYTES: usize = 64 << 20;
@@ -49,23 +45,20 @@ const WAITING_BYTES: usize = 16 << 20;
 #[derive(Debug)]
 pub struct Learning<'a> {
     /// What models are learned with: settings, design and labels.
-    pub(super) learner: &'a Learner<'a>,
+    pub(super) replay: &'a Replay,
     /// The reorder time, ns: a burst may be earlier by that much than bursts that came before it.
     reorder_ns: i64,
     /// Number of threads that learn printheads, or read on ahead, side by side.
     pub workers: usize,
-    /// All models so far; complete when the learning is over.
     pub schedule: Schedule<'a>,
-    /// Index in `heads` by group; `None`: the group is judged without windows.
+    /// Index in `groups` by group; `None`: the group is judged without windows.
     numbers: ByGroup,
-    /// The groups that need windows.
-    pub(super) heads: Vec<Head>,
+    pub(super) groups: Vec<LearnedGroup>,
     /// Time of the latest burst so far, of any group, ns.
     latest_ns: i64,
     /// Before a burst of that time, ns, there is nothing to settle (`Learning::settle`).
     due_ns: i64,
-    /// End and group of the window whose model got the last number. Numbers must ascend in this order, which
-    /// is the order of two passes.
+    /// End and group of the window whose model got the last number: numbers ascend in this order.
     numbered: Option<(i64, GroupKey)>,
     /// Bytes of signals held for all open windows.
     held: usize,
@@ -75,25 +68,20 @@ pub struct Learning<'a> {
 
 /// One group (a printhead at one sampling), as far as it is learned.
 #[derive(Debug)]
-pub(super) struct Head {
+pub(super) struct LearnedGroup {
     pub key: GroupKey,
-    sample_period_s: f64,
-    /// What the group's windows have given so far.
     progress: Progress,
     /// Places the group's windows; `None`: `identify.spans` gives them.
     pub placing: Option<Placing>,
     /// Bursts that may begin windows, while earlier ones may still come.
     waiting: Vec<Burst>,
-    /// Bytes of the samples of `waiting`.
     waiting_bytes: usize,
     /// Time of the earliest waiting burst; `i64::MAX`: none waits.
     waiting_from_ns: i64,
     /// The windows that were placed and not learned from yet.
     pub open: Vec<OpenWindow>,
-    /// A burst that comes now and is earlier than this, ns, would have changed a window that
-    /// was already placed or learned.
+    /// A burst that comes now and is earlier than this, ns, would have changed a window.
     settled_ns: i64,
-    /// Which model judges when.
     timeline: Timeline,
 }
 
@@ -101,7 +89,6 @@ pub(super) struct Head {
 #[derive(Debug)]
 pub(super) struct OpenWindow {
     pub window: Window,
-    /// Number of bursts in it so far.
     bursts: u64,
     /// A bounded sample of its usable signals.
     reservoir: Reservoir,
@@ -116,21 +103,19 @@ fn out_of_order(of: &GroupKey) -> PipelineError {
 }
 
 impl<'a> Learning<'a> {
-    /// `schedule`: holds the design's models, and gets those that are learned; `reorder_ns`,
-    /// `workers`: see the fields.
     pub fn new(
-        learner: &'a Learner<'a>,
+        replay: &'a Replay,
         schedule: Schedule<'a>,
         reorder_ns: i64,
         workers: usize,
     ) -> Learning<'a> {
         Learning {
-            learner,
+            replay,
             reorder_ns,
             workers,
             schedule,
             numbers: ByGroup::default(),
-            heads: Vec::new(),
+            groups: Vec::new(),
             latest_ns: i64::MIN,
             due_ns: i64::MAX,
             numbered: None,
@@ -139,9 +124,8 @@ impl<'a> Learning<'a> {
         }
     }
 
-    /// Takes the next burst of the recording, learns from it, and from the windows that are over by
-    /// its time. The error `NeedsTwoPasses` says that this recording cannot be learned in one pass.
-    pub fn take(&mut self, burst: &Burst) -> Result<(), PipelineError> {
+    /// Takes the next burst of the recording, and learns from it and from the windows that are over by its time.
+    pub fn take(&mut self, burst: &Burst) -> Result<()> {
         let t_ns = burst.t_acq_ns;
         self.latest_ns = self.latest_ns.max(t_ns);
         if let Some(number) = self.number_of(burst) {
@@ -150,35 +134,32 @@ impl<'a> Learning<'a> {
         if self.latest_ns >= self.due_ns { self.settle() } else { Ok(()) }
     }
 
-    /// Takes the next burst of a group that needs windows: it is learned from, or waits if it may begin a
-    /// window and an earlier burst may still come.
-    fn take_of(&mut self, number: usize, burst: &Burst) -> Result<(), PipelineError> {
+    /// Takes the next burst of a group that needs windows: it is learned from, or waits.
+    fn take_of(&mut self, number: usize, burst: &Burst) -> Result<()> {
         let t_ns = burst.t_acq_ns;
-        let head = &mut self.heads[number];
-        if t_ns < head.settled_ns {
-            return Err(out_of_order(&head.key));
+        let group = &mut self.groups[number];
+        if t_ns < group.settled_ns {
+            return Err(out_of_order(&group.key));
         }
-        if head.progress.is_over(self.learner) {
+        if group.progress.is_over(self.replay) {
             return Ok(()); // no later window changes who judges it
         }
-        // once a burst of the time `sure_ns` came, no burst may come any more that is earlier than
-        // this one
+        // once a burst of the time `sure_ns` came, none may come any more that is earlier than this one
         let sure_ns = t_ns.saturating_add(self.reorder_ns);
-        if !head.may_begin(t_ns) || sure_ns <= self.latest_ns {
+        if !group.may_begin(t_ns) || sure_ns <= self.latest_ns {
             return self.learn(number, burst);
         }
-        head.wait(burst);
+        group.wait(burst);
         self.due_ns = self.due_ns.min(sure_ns);
-        match head.waiting_bytes > WAITING_BYTES {
+        match group.waiting_bytes > WAITING_BYTES {
             // at such a rate of data they have waited long enough
             true => self.place_waiting(number, self.latest_ns),
             false => Ok(()),
         }
     }
 
-    /// Ends the recording: learns from all windows that are still open, and closes the schedule.
-    /// Does nothing if all windows were learned before.
-    pub fn end(&mut self) -> Result<(), PipelineError> {
+    /// Ends the recording: learns from all windows that are still open, if there are any.
+    pub fn end(&mut self) -> Result<()> {
         if self.over {
             return Ok(());
         }
@@ -191,20 +172,15 @@ impl<'a> Learning<'a> {
     /// Notes that all windows were learned, and which of them were refused.
     pub(super) fn close(&mut self) {
         self.over = true;
-        let refusals = self.heads.iter_mut().flat_map(|head| head.progress.refusals.drain(..));
-        let mut refusals: Vec<Refusal> = refusals.collect();
+        let refusals = self.groups.iter_mut().flat_map(|group| group.progress.refusals.drain(..));
+        self.schedule.refusals = refusals.collect();
         let order = |r: &Refusal| (r.printhead.clone(), r.from_ns, r.to_ns, r.why.clone());
-        refusals.sort_by_cached_key(order);
-        self.schedule.refusals = refusals;
+        self.schedule.refusals.sort_by_cached_key(order);
     }
 
-    /// The judge of a burst that was taken, or the reason why nobody judges it. `None`: that is not known yet,
-    /// since a window that may decide it is not over. The sampling of bursts that do not fit the design is
-    /// noted, for the report. An error: too many models, or a model of which no judge can be made.
-    pub fn judge_of(
-        &mut self,
-        burst: &Burst,
-    ) -> Result<Option<Result<Arc<Judge>, Reason>>, PipelineError> {
+    /// The judge of a burst that was taken, or the reason why nobody judges it. `None`: that is not known yet. An
+    /// error: too many models, or a model of which no judge can be made.
+    pub fn judge_of(&mut self, burst: &Burst) -> Result<Option<Result<Arc<Judge>, Reason>>> {
         if !self.schedule.fits(burst) {
             self.schedule.note_sampling(burst);
             return Ok(Some(Err(Reason::DesignMismatch)));
@@ -213,66 +189,63 @@ impl<'a> Learning<'a> {
         let (model, nobody) = match self.number_of(burst) {
             None => (self.schedule.model_of(&burst.printhead), Reason::NoModel),
             Some(number) => {
-                let head = &self.heads[number];
-                if !(self.over || self.is_known(head, burst.t_acq_ns)) {
+                let group = &self.groups[number];
+                if !(self.over || self.is_known(group, burst.t_acq_ns)) {
                     return Ok(None);
                 }
-                (head.timeline.at(burst.t_acq_ns), self.learner.nobody())
+                (group.timeline.at(burst.t_acq_ns), self.replay.nobody())
             }
         };
         match model {
-            Some(model) => Ok(Some(Ok(self.schedule.judge(model, self.heads.len())?))),
+            Some(model) => Ok(Some(Ok(self.schedule.judge(model, self.groups.len())?))),
             None => Ok(Some(Err(nobody))),
         }
     }
 
-    /// Whether it is known who judges a burst of time `t_ns`: no window that is not learned yet can
-    /// change it. A window's model judges from the window's end on, so only windows that end by
-    /// `t_ns` matter; and while the timeline is empty, the first model to come judges everything
-    /// before.
-    fn is_known(&self, head: &Head, t_ns: i64) -> bool {
+    /// Whether it is known who judges a burst of time `t_ns`: the windows that end by `t_ns` were learned, and
+    /// some model was, since the first one also judges everything before.
+    fn is_known(&self, group: &LearnedGroup, t_ns: i64) -> bool {
         let ends_before = |open: &OpenWindow| open.window.to_ns <= t_ns;
-        let first_ns = self.learner.first_ns();
+        let first_ns = self.replay.first_ns();
         // a waiting burst may begin a window, and that window may end by `t_ns`
-        let waits = head.waiting_from_ns.saturating_add(first_ns) <= t_ns;
-        !head.timeline.is_empty()
-            && (self.learner.knows_by_design() || !(waits || head.open.iter().any(ends_before)))
+        let waits = group.waiting_from_ns.saturating_add(first_ns) <= t_ns;
+        !group.timeline.0.is_empty()
+            && (self.replay.knows_by_design() || !(waits || group.open.iter().any(ends_before)))
     }
 
-    /// Index of a burst's group in `heads`; `None`: the group needs no windows. A group that needs
-    /// some and is met for the first time is added.
+    /// Index of a burst's group, which is added if it is new; `None`: the group needs no windows.
     pub(super) fn number_of(&mut self, burst: &Burst) -> Option<usize> {
-        let Learning { numbers, heads, learner, due_ns, reorder_ns, .. } = self;
+        let Learning { numbers, groups, replay, schedule, due_ns, reorder_ns, .. } = self;
         numbers.of(burst, |key| {
-            let needs = learner.needs_windows(key, burst.sample_period_s);
-            let number = heads.len();
+            let needs = replay.needs_windows(key, burst.sample_period_s);
+            let number = groups.len();
             needs.then(|| {
-                let head = Head::meet(key, burst.sample_period_s, number, learner);
+                let mut group = LearnedGroup::new(key, burst.sample_period_s, replay, schedule);
                 // windows that the settings give are open from the start
-                if let Some(first) = head.open.iter().map(|open| open.window.to_ns).min() {
-                    *due_ns = (*due_ns).min(first.saturating_add(*reorder_ns));
+                for &(from_ns, to_ns) in &replay.spans {
+                    group.open(replay, Window { group: number, from_ns, to_ns });
+                    *due_ns = (*due_ns).min(to_ns.saturating_add(*reorder_ns));
                 }
-                heads.push(head);
+                groups.push(group);
                 number
             })
         })
     }
 
-    /// Learns from a burst in its turn: places the windows that begin up to it, and samples its signals for
-    /// the windows that it lies in.
-    fn learn(&mut self, number: usize, burst: &Burst) -> Result<(), PipelineError> {
-        let (learner, t_ns) = (self.learner, burst.t_acq_ns);
-        let head = &mut self.heads[number];
-        if let Some(mut placing) = head.placing.take() {
+    /// Learns from a burst in its turn: places the windows that begin up to it, and samples its signals.
+    fn learn(&mut self, number: usize, burst: &Burst) -> Result<()> {
+        let (replay, t_ns) = (self.replay, burst.t_acq_ns);
+        let group = &mut self.groups[number];
+        if let Some(mut placing) = group.placing.take() {
             // windows begin anew here: an earlier burst that comes now would have begun them elsewhere
             if placing.begins_at(t_ns) {
-                head.settled_ns = head.settled_ns.max(t_ns);
+                group.settled_ns = group.settled_ns.max(t_ns);
             }
             let reached = placing.reach(t_ns, |from_ns, to_ns| {
-                head.open(learner, Window { group: number, from_ns, to_ns });
+                group.open(replay, Window { group: number, from_ns, to_ns });
                 self.due_ns = self.due_ns.min(to_ns.saturating_add(self.reorder_ns));
             });
-            head.placing = Some(placing);
+            group.placing = Some(placing);
             reached?;
         }
 
@@ -285,170 +258,150 @@ impl<'a> Learning<'a> {
         }
     }
 
-    /// Samples a burst's signals for the open windows that it lies in.
     pub(super) fn sample(&mut self, number: usize, burst: &Burst) {
-        for open in &mut self.heads[number].open {
+        for open in &mut self.groups[number].open {
             if (open.window.from_ns..open.window.to_ns).contains(&burst.t_acq_ns) {
                 let before = open.reservoir.bytes();
                 open.bursts += 1;
-                self.learner.offer(burst, &mut open.reservoir);
+                self.replay.offer(burst, &mut open.reservoir);
                 self.held += open.reservoir.bytes() - before;
             }
         }
     }
 
     /// Places the bursts that waited long enough, learns from the windows that are over, and finds when there
-    /// is something to settle next. Called when a burst reaches `due_ns`, which is rare.
-    fn settle(&mut self) -> Result<(), PipelineError> {
-        // 1. place the bursts that waited for the reorder time, before which no earlier one can come any more
+    /// is something to settle next.
+    fn settle(&mut self) -> Result<()> {
+        // 1. the bursts before which no earlier one can come any more
         let (latest_ns, reorder_ns) = (self.latest_ns, self.reorder_ns);
         let is_due = |t_ns: i64| t_ns.saturating_add(reorder_ns) <= latest_ns;
-        for number in 0..self.heads.len() {
-            let head = &mut self.heads[number];
-            if !head.waiting.is_empty() && is_due(head.waiting_from_ns) {
+        for number in 0..self.groups.len() {
+            let group = &mut self.groups[number];
+            if !group.waiting.is_empty() && is_due(group.waiting_from_ns) {
                 self.place_waiting(number, latest_ns.saturating_sub(reorder_ns))?;
             }
         }
 
-        // 2. learn from the windows that ended more than the reorder time ago
+        // 2. the windows that ended more than the reorder time ago
         let entries = self.learn_from(|window| is_due(window.to_ns));
         self.enter(entries)?;
 
         // 3. the next time at which a window ends or a burst has waited long enough
-        let next = self.heads.iter().map(Head::next_ns).min().unwrap_or(i64::MAX);
+        let next = self.groups.iter().map(LearnedGroup::next_ns).min().unwrap_or(i64::MAX);
         self.due_ns = next.saturating_add(self.reorder_ns);
         Ok(())
     }
 
-    /// Learns from a group's waiting bursts, in the order of their times. Those later than `sure_ns` that may
-    /// begin windows go on waiting.
-    fn place_waiting(&mut self, number: usize, sure_ns: i64) -> Result<(), PipelineError> {
-        let head = &mut self.heads[number];
-        let mut waiting = std::mem::take(&mut head.waiting);
-        (head.waiting_bytes, head.waiting_from_ns) = (0, i64::MAX);
+    /// Learns from a group's waiting bursts, in the order of their times; some of those after `sure_ns` wait on.
+    fn place_waiting(&mut self, number: usize, sure_ns: i64) -> Result<()> {
+        let group = &mut self.groups[number];
+        let mut waiting = std::mem::take(&mut group.waiting);
+        (group.waiting_bytes, group.waiting_from_ns) = (0, i64::MAX);
         waiting.sort_by_key(|burst| burst.t_acq_ns);
         for burst in waiting {
             let t_ns = burst.t_acq_ns;
-            let head = &mut self.heads[number];
+            let group = &mut self.groups[number];
             // an earlier one may have begun its windows meanwhile, and then it begins none
-            match t_ns > sure_ns && head.may_begin(t_ns) {
-                true => head.wait(&burst),
+            match t_ns > sure_ns && group.may_begin(t_ns) {
+                true => group.wait(&burst),
                 false => self.learn(number, &burst)?,
             }
         }
         Ok(())
     }
 
-    /// Learns from the open windows that are `over`, and returns what they add to their groups'
-    /// timelines. The windows of a group are learned in the order of their begins, since each is
-    /// compared with the models before; groups are learned side by side, as they know nothing of
-    /// each other.
+    /// Learns from the open windows that are `over`, and returns what they add to their groups' timelines. Those of
+    /// a group are learned in the order of their begins, since each is compared with the models before.
     pub(super) fn learn_from(&mut self, over: impl Fn(&Window) -> bool) -> Vec<(Window, Entry)> {
-        let mut of_heads = Vec::new();
-        for head in &mut self.heads {
-            let windows = head.open.extract_if(.., |open| over(&open.window));
+        let mut of_groups = Vec::new();
+        for group in &mut self.groups {
+            let windows = group.open.extract_if(.., |open| over(&open.window));
             let mut windows: Vec<OpenWindow> = windows.collect();
             windows.sort_by_key(|open| open.window.from_ns);
             self.held -= windows.iter().map(|open| open.reservoir.bytes()).sum::<usize>();
             if !windows.is_empty() {
-                of_heads.push((head, windows));
+                of_groups.push((group, windows));
             }
         }
-        let learner = self.learner;
-        let learned = side_by_side(self.workers, of_heads, |(head, windows)| {
-            let close = |open| head.close(learner, open);
+        let replay = self.replay;
+        let learned = side_by_side(self.workers, of_groups, |(group, windows)| {
+            let close = |open| group.close(replay, open);
             windows.into_iter().filter_map(close).collect::<Vec<_>>()
         });
         learned.into_iter().flatten().collect()
     }
 
-    /// Enters what windows add into the schedule and their groups' timelines. Models are numbered
-    /// in the order in which they become valid (by the window's end, then by group), which is also
-    /// that of two passes. An error where a model would get a number out of this order.
-    pub(super) fn enter(&mut self, mut entries: Vec<(Window, Entry)>) -> Result<(), PipelineError> {
-        let valid_from = |of: &Window| (of.to_ns, &self.heads[of.group].key);
+    /// Enters what windows add into the schedule and their groups' timelines. Models are numbered in the order
+    /// in which they become valid (by the window's end, then by group), which is also that of two passes.
+    pub(super) fn enter(&mut self, mut entries: Vec<(Window, Entry)>) -> Result<()> {
+        let valid_from = |of: &Window| (of.to_ns, &self.groups[of.group].key);
         entries.sort_by(|(a, _), (b, _)| valid_from(a).cmp(&valid_from(b)));
         for (window, entry) in entries {
-            let head = &mut self.heads[window.group];
+            let group = &mut self.groups[window.group];
             let (from_ns, number) = match entry {
-                Entry::Known => (i64::MIN, self.schedule.model_of(&head.key.printhead)),
+                Entry::Known => (i64::MIN, self.schedule.model_of(&group.key.printhead)),
                 Entry::Learned { from_ns, model, reference_v } => {
-                    let now = (window.to_ns, head.key.clone());
+                    let now = (window.to_ns, group.key.clone());
                     if self.numbered.as_ref().is_some_and(|before| *before > now) {
-                        return Err(out_of_order(&head.key));
+                        return Err(out_of_order(&group.key));
                     }
                     self.numbered = Some(now);
                     (from_ns, Some(self.schedule.add(model, reference_v)?))
                 }
             };
             if let Some(number) = number {
-                head.timeline.enter(from_ns, number);
+                group.timeline.enter(from_ns, number);
             }
         }
         Ok(())
     }
 }
 
-impl Head {
-    /// Begins to learn a group. `number`: its index in `heads`.
-    fn meet(key: &GroupKey, sample_period_s: f64, number: usize, learner: &Learner) -> Head {
-        let mut head = Head {
+impl LearnedGroup {
+    fn new(key: &GroupKey, sample_period_s: f64, replay: &Replay, schedule: &Schedule) -> Self {
+        let placing = || Placing::new(replay.first_ns(), replay.every_ns());
+        LearnedGroup {
             key: key.clone(),
-            sample_period_s,
-            progress: Progress::start(learner, key),
-            placing: None,
+            progress: Progress::start(schedule, &key.printhead, sample_period_s),
+            placing: replay.spans.is_empty().then(placing),
             waiting: Vec::new(),
             waiting_bytes: 0,
             waiting_from_ns: i64::MAX,
             open: Vec::new(),
             settled_ns: i64::MIN,
             timeline: Timeline::default(),
-        };
-        match learner.replay.spans.is_empty() {
-            true => head.placing = Some(Placing::new(learner.first_ns(), learner.every_ns())),
-            false => {
-                for &(from_ns, to_ns) in &learner.replay.spans {
-                    head.open(learner, Window { group: number, from_ns, to_ns });
-                }
-            }
         }
-        head
     }
 
-    /// Whether windows may begin with a burst of that time. If so, a burst that comes after it in
-    /// the file may be earlier and begin the windows instead. While a burst waits, so does every
-    /// later one.
+    /// Whether windows may begin with a burst of that time; then a later one in the file may be earlier and
+    /// begin them instead. While a burst waits, so does every later one.
     fn may_begin(&self, t_ns: i64) -> bool {
         t_ns >= self.waiting_from_ns || self.placing.as_ref().is_some_and(|p| p.begins_at(t_ns))
     }
 
-    /// Lets a burst wait.
     fn wait(&mut self, burst: &Burst) {
         self.waiting.push(burst.clone());
         self.waiting_bytes += burst.samples.len();
         self.waiting_from_ns = self.waiting_from_ns.min(burst.t_acq_ns);
     }
 
-    /// Begins to collect signals for a window.
-    pub fn open(&mut self, learner: &Learner, window: Window) {
+    pub fn open(&mut self, replay: &Replay, window: Window) {
         let samples = self.key.samples as usize;
-        let reservoir = Reservoir::new(samples, learner.most_signals(samples));
+        let reservoir = Reservoir::new(samples, replay.most_signals(samples));
         self.open.push(OpenWindow { window, bursts: 0, reservoir });
     }
 
     /// Learns from a window that is over. `None`: it adds nothing to the timeline.
-    fn close(&mut self, learner: &Learner, open: OpenWindow) -> Option<(Window, Entry)> {
+    fn close(&mut self, replay: &Replay, open: OpenWindow) -> Option<(Window, Entry)> {
         let OpenWindow { window, bursts, reservoir } = open;
         self.settled_ns = self.settled_ns.max(window.to_ns);
-        if bursts == 0 && learner.replay.spans.is_empty() {
+        if bursts == 0 && replay.spans.is_empty() {
             return None; // nothing was printed then: nothing to learn, nothing to judge by it
         }
-        let of_group = (&self.key, self.sample_period_s);
-        Some((window, self.progress.take(learner, of_group, window, &reservoir)?))
+        Some((window, self.progress.take(replay, window, &reservoir)?))
     }
 
-    /// The time that is to be settled next, before the reorder time is added: the first end of an open
-    /// window, or the earliest waiting burst.
+    /// When to settle next, before the reorder time is added: the first end of a window, or a waiting burst.
     fn next_ns(&self) -> i64 {
         let ends = self.open.iter().map(|open| open.window.to_ns);
         ends.min().unwrap_or(i64::MAX).min(self.waiting_from_ns)

@@ -11,12 +11,11 @@
 use super::Control;
 use super::job::{Replay, Run};
 use super::learner::ModelSource;
-use super::pacer::Pacer;
 use super::recording_report::RecordingReport;
 use super::replay::replay;
 use super::staging_tests::cpu_s;
 use super::timings::Phases;
-use crate::settings::{IdentifyMode, Pace, Settings};
+use crate::settings::{IdentifyMode, Settings};
 use inkling_core::burst::{Acquisition, Burst, Format, Layout};
 use inkling_core::design::Design;
 use inkling_core::state::Memory;
@@ -24,7 +23,7 @@ use inkling_io::recording::Recording;
 use inkling_io::recording_writer::{Compression, RecordingWriter, WriterOptions};
 use inkling_io::{Limits, design_file, episode_table};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::Duration;
 
 /// Path of a file of the sample.
@@ -123,8 +122,7 @@ impl Case {
         let mut phases = Phases::new(Duration::ZERO);
         let (replay, recording, control) = (&run, &recording, &control);
         let (verdicts, watch) = (Some(both[1].as_path()), None);
-        let pacer = &Mutex::new(Pacer::new(Pace::Max));
-        let twice = Run { replay, recording, verdicts, control, watch, pacer };
+        let twice = Run { replay, recording, verdicts, control, watch, pacer: None };
         let asked = || "asked for".to_owned();
         let in_passes = twice.judge_in_two_passes(asked(), &mut phases).unwrap();
 
@@ -401,8 +399,7 @@ fn learning_in_the_stream_against_two_passes() {
     let verdicts = Some(verdicts.as_path());
     let replay = &Replay { design: Some(design()), ..Replay::default() };
     let control = &Control::default();
-    let (watch, pacer) = (None, &Mutex::new(Pacer::new(Pace::Max)));
-    let run = Run { replay, recording, verdicts, control, watch, pacer };
+    let run = Run { replay, recording, verdicts, control, watch: None, pacer: None };
     for _ in 0..3 {
         for two_passes in [false, true] {
             let (cpu, mut phases) = (cpu_s(), Phases::new(Duration::ZERO));

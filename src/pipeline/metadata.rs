@@ -1,10 +1,9 @@
-//! Makes the document that goes with the verdicts, in the Parquet file's metadata and in
-//! summary.json (`schemas/verdicts.md` explains its keys).
+//! Makes the document that goes with the verdicts, in the Parquet file's metadata and in summary.json
+//! (`schemas/verdicts.md` explains its keys).
 //!
-//! In: from `finish`, a finished recording with its counts and models ([`document`]); or from
-//! `rotation`, a part of the table while the recording is being written ([`of_part`]). Out: a
-//! [`Document`], which is serialised to JSON. With it a table explains itself: of which recording
-//! it is, by which design, settings and models it was made, and what the indices in its rows mean.
+//! In: from `finish`, a finished recording with its counts and models ([`document`]); or from `rotation`, a part
+//! of the table while the recording is being written ([`of_part`]). Out: a [`Document`], which is serialised to
+//! JSON.
 
 use super::job::{ClosedPart, Replay};
 use super::resume::effective;
@@ -19,8 +18,8 @@ use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
 use serde_json::{Map, Value, json};
 
-/// The metadata's document, to which the summary adds how the run went. Models are serialised directly:
-/// thousands of them would take much more memory as JSON values.
+/// The metadata's document, to which the summary adds how the run went. Models are serialised directly: as JSON
+/// values, thousands of them would take much more memory.
 #[derive(Serialize)]
 pub struct Document<'a> {
     /// Everything but the models.
@@ -29,24 +28,19 @@ pub struct Document<'a> {
     models: Vec<Model<'a>>,
 }
 
-/// The keys of the document that the table of episodes has, too. Models and settings are in the
-/// table of verdicts alone.
+/// The keys of the document that the table of episodes has, too.
 const OF_EPISODES: [&str; 6] =
     ["version", "recording", "design", "classes", "categories", "counts"];
 
 impl Document<'_> {
     /// The metadata of the table of episodes, as JSON.
     pub fn text_of_episodes(&self) -> serde_json::Result<String> {
-        let of: Map<String, Value> = OF_EPISODES
-            .iter()
-            .filter_map(|key| Some(((*key).to_owned(), self.of_run.get(*key)?.clone())))
-            .collect();
-        serde_json::to_string(&of)
+        let mut of = self.of_run.clone();
+        of.retain(|key, _| OF_EPISODES.contains(&key.as_str()));
     }
 }
 
-/// The document of a finished recording. It is the same for any number of threads and any output directory:
-/// what does not change a verdict is left out of `settings`.
+/// The document of a finished recording, the same for any number of threads and any output directory.
 pub fn document<'a>(
     replay: &Replay,
     recording: &Recording,
@@ -57,20 +51,14 @@ pub fn document<'a>(
     let recording = json!({"name": recording.name, "bytes": recording.bytes, "digest": digest});
     let mut of_run = of(replay, recording);
     of_run.insert("counts".into(), json!(counts));
+    let model = |(number, (of, reference_v))| Model { number, of, reference_v, with_poles: true };
     // the schedule bounds their number
-    let models = (0..=u16::MAX).zip(schedule.models());
-    let models = models.map(|(number, (of, reference_v))| Model {
-        number,
-        of,
-        reference_v,
-        with_poles: true,
-    });
+    let models = (0..=u16::MAX).zip(schedule.models()).map(model);
     Document { of_run, models: models.collect() }
 }
 
-/// The document of a part of the table, as far as it is known while the recording is still being
-/// written: without counts and digest, and with how the recording begins instead. `judges`: those
-/// of the part's signals.
+/// The document of a part of the table while the recording is still being written: without counts and digest,
+/// and with how the recording begins instead. `judges`: those of the part's signals.
 pub fn of_part<'a>(
     replay: &Replay,
     recording: &Recording,
@@ -79,7 +67,6 @@ pub fn of_part<'a>(
     part: &ClosedPart,
 ) -> Document<'a> {
     let recording = json!({"name": recording.name, "begins": begins, "complete": false});
-    // the poles of a moved judge would be those of one burst, so they are left out
     let model = |judge: &'a Judge| {
         let Judge { index, model, reference_v, .. } = judge;
         Model { number: *index, of: model, reference_v: *reference_v, with_poles: false }

@@ -1,8 +1,7 @@
 //! Turns recordings into verdicts, in six stages with bounded queues between them.
 //!
-//! In: an opened recording and how to judge it ([`Replay`]), from `cli`. Out: the verdict table,
-//! the episode table and the summary, and a [`RecordingReport`]. The entries are `replay`, `judge`
-//! and `follow`.
+//! In: an opened recording and how to judge it ([`Replay`]), from `cli`. Out: the tables of verdicts and
+//! episodes, the summary, and a [`RecordingReport`]. The entries are `replay`, `judge` and `follow`.
 //!
 //! ```text
 //!            blocks             batches of signals in columns                        rows, in order
@@ -11,12 +10,11 @@
 //! ```
 //!
 //! What crosses a queue is a batch of signals: one block of the recording (a chunk, or about 1 MiB of
-//! messages), or a piece of it. Batches carry their place in the recording, and the writer restores the
-//! order, so any number of threads gives the same bytes. Memory is bounded by what is in flight between
-//! reader and writer (`in_flight`), and by the sweeps that wait (`sweep`), whatever the recording's length.
-//! Models of windows are learned in the identify stage while the signals flow (`learning`, `models`); where
-//! the file's order is not that of the times, they are learned in two passes before the stages start
-//! (`windows`). The result is the same.
+//! messages), or a piece of it. Batches carry their place in the recording, and the writer restores the order,
+//! so any number of threads gives the same bytes. Memory is bounded by what is in flight (`in_flight`) and by
+//! the sweeps that wait (`sweep`). Models of windows are learned in the identify stage while the signals flow
+//! (`learning`, `models`), or, where the file's order is not that of the times, in two passes before
+//! (`windows`), with the same result.
 //!
 //! # The files
 //!
@@ -96,7 +94,11 @@ use inkling_io::recording::{OtherChannel, Recording};
 use inkling_io::scan::Blocks;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use thiserror::Error;
+
+/// What functions return that may fail; mostly by what ends the judging of a recording.
+type Result<T, E = PipelineError> = std::result::Result<T, E>;
 
 /// Why a recording could not be judged.
 #[derive(Debug, Error)]
@@ -163,13 +165,16 @@ fn instead(others: &[OtherChannel]) -> String {
     }
 }
 
+/// The content of a mutex, locked; it counts as whole also where a thread panicked that held it.
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// What the caller may see of a run, and tell it, while it goes on.
 #[derive(Debug, Default)]
 pub struct Control {
-    /// Whether the run was interrupted.
     stop: AtomicBool,
-    /// Set by the caller to end the following of a recording that is still being
-    /// written: what is there is enough.
+    /// Set by the caller to end the following of a recording that is still being written.
     pub enough: Arc<AtomicBool>,
     /// Set when the writer has ended: nobody takes what the reader reads any more.
     abandoned: AtomicBool,
@@ -180,7 +185,6 @@ pub struct Control {
 }
 
 impl Control {
-    /// Asks every stage to end, without any finished file.
     pub fn interrupt(&self) {
         self.stop.store(true, Ordering::Relaxed);
     }
@@ -190,22 +194,15 @@ impl Control {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Says whether anybody still takes what the reader reads.
-    fn set_abandoned(&self, abandoned: bool) {
-        self.abandoned.store(abandoned, Ordering::Relaxed);
-    }
-
-    /// The next block of a recording; where the recording is still being written, waits until there
-    /// is one. `None`: there is no more, or nobody wants it any more. The inner error is damage of
-    /// the file, behind which reading goes on.
+    /// The next block of a recording; waits for it where the recording is still being written. `None`: there
+    /// is no more, or nobody wants it. The inner error is damage, behind which reading goes on.
     fn next_block(
         &self,
         recording: &Recording,
         blocks: &mut Blocks,
-    ) -> Result<Option<Result<Block, Damage>>, PipelineError> {
+    ) -> Result<Option<Result<Block, Damage>>> {
         let abandoned = || self.abandoned.load(Ordering::Relaxed);
-        // `check` can end the wait only by an error; an abandoned wait is told from an interruption
-        // below
+        // `check` can end the wait only by an error, which is told from an interruption below
         let check = || if abandoned() { Err(PipelineError::Interrupted) } else { self.check() };
         match recording.next_block(blocks, check) {
             Err(PipelineError::Interrupted) if abandoned() => Ok(None),
@@ -214,7 +211,7 @@ impl Control {
     }
 
     /// An error if the run was interrupted.
-    fn check(&self) -> Result<(), PipelineError> {
+    fn check(&self) -> Result<()> {
         if self.interrupted() { Err(PipelineError::Interrupted) } else { Ok(()) }
     }
 }

@@ -4,18 +4,15 @@
 //! ([`Models::judge_of`]).
 //!
 //! Either all models were learned before the stages started, or they are learned as the bursts come
-//! (`learning`). What judges the bursts of a printhead's first window is known only after that
-//! window. Then this stage reads the recording on ahead by itself until it is known
-//! ([`ReadAhead`]), and the stages read those blocks a second time when their turn comes; so
-//! batches of the stages do not pile up. `position` says up to where everything is learned, so that no
-//! burst is learned from twice. It counts bursts and not pieces, since a paced recording is divided
-//! otherwise than one that is read ahead.
+//! (`learning`). What judges the bursts of a printhead's first window is known only after that window: this
+//! stage reads the recording on ahead by itself until then ([`ReadAhead`]), and the stages read those blocks a
+//! second time when their turn comes, so that batches do not pile up. `position` says up to where everything is
+//! learned. It counts bursts and not pieces, since a paced recording is divided otherwise.
 
-use super::PipelineError;
 use super::batches::{MOST_ROWS, ReadBatch, usable};
 use super::learning::Learning;
-use super::schedule::Schedule;
 use super::visit::Pass;
+use super::{PipelineError, Result};
 use inkling_core::burst::{Acquisition, Burst};
 use inkling_core::design::Judge;
 use inkling_core::verdict::Reason;
@@ -27,11 +24,10 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 
-/// Learns from what the stages read, where windows are not learned yet, and reads ahead of them where it must.
+/// Learns from what the stages read, where windows are not learned yet, and reads ahead where it must.
 #[derive(Debug)]
 pub struct Models<'a> {
-    learning: Learning<'a>,
-    /// The means to read the recording outside the stages.
+    pub learning: Learning<'a>,
     pass: Pass<'a>,
     /// Up to this position everything is learned.
     position: ReadPosition,
@@ -47,9 +43,8 @@ impl<'a> Models<'a> {
         Models { learning, pass, position: ReadPosition::default(), seen: (0, 0), ahead: None }
     }
 
-    /// Takes the next batch of the recording, in its order, and learns from it unless that was done
-    /// before.
-    pub fn see(&mut self, read: &ReadBatch) -> Result<(), PipelineError> {
+    /// Takes the next batch of the recording, in its order, and learns from it unless that was done before.
+    pub fn see(&mut self, read: &ReadBatch) -> Result<()> {
         let acquisitions = &read.batch.acquisitions;
         let before = if self.seen.0 == read.block.index { self.seen.1 } else { 0 };
         self.seen = (read.block.index, before + acquisitions.len());
@@ -60,14 +55,12 @@ impl<'a> Models<'a> {
         }
         let (block, taken) = (Some(read.block), (!is_whole).then_some(self.seen.1));
         self.position = ReadPosition { block, taken, definitions: read.definitions.clone() };
-        // a reader that was ahead has been caught up with
         self.ahead = None;
         take(&mut self.learning, &acquisitions[learned..])
     }
 
-    /// The judge of a burst whose batch was seen, or the reason why the burst is rejected. Reads
-    /// ahead for as long as windows have not decided yet.
-    pub fn judge_of(&mut self, burst: &Burst) -> Result<Result<Arc<Judge>, Reason>, PipelineError> {
+    /// The judge of a burst whose batch was seen, or why it is rejected; reads ahead until windows decide.
+    pub fn judge_of(&mut self, burst: &Burst) -> Result<Result<Arc<Judge>, Reason>> {
         loop {
             match self.learning.judge_of(burst)? {
                 Some(judge) => return Ok(judge),
@@ -77,7 +70,7 @@ impl<'a> Models<'a> {
     }
 
     /// Learns from one more piece beyond what the stages read; at the end of the recording ends the learning.
-    fn look_ahead(&mut self) -> Result<(), PipelineError> {
+    fn look_ahead(&mut self) -> Result<()> {
         let (pass, workers) = (self.pass, self.learning.workers);
         let begin = || ReadAhead::of(pass, &self.position, workers);
         match self.ahead.get_or_insert_with(begin).piece()? {
@@ -88,21 +81,10 @@ impl<'a> Models<'a> {
             }
         }
     }
-
-    /// Ends the recording: windows that were still open give models, too.
-    pub fn end(&mut self) -> Result<(), PipelineError> {
-        self.learning.end()
-    }
-
-    /// All models by their numbers, when the recording is over.
-    pub fn into_schedule(self) -> Schedule<'a> {
-        self.learning.schedule
-    }
 }
 
-/// Learns from the usable bursts of a piece, in the order of their times: what is out of order
-/// within a piece costs nothing.
-fn take(learning: &mut Learning, of: &[Acquisition]) -> Result<(), PipelineError> {
+/// Learns from the usable bursts of a piece, in the order of their times.
+fn take(learning: &mut Learning, of: &[Acquisition]) -> Result<()> {
     let mut bursts: Vec<&Burst> = of.iter().filter_map(usable).collect();
     if !bursts.is_sorted_by_key(|burst| burst.t_acq_ns) {
         bursts.sort_by_key(|burst| burst.t_acq_ns);
@@ -137,21 +119,19 @@ const BLOCKS_PER_READER: usize = 2;
 /// Once such blocks hold that many bytes, no more are read.
 const MANY_BYTES: u64 = 16 << 20;
 
-/// Hands out the pieces of a recording from a position on. Where the file's summary names all channels,
-/// several blocks are read side by side, and the pieces still come in the recording's order.
+/// Hands out the pieces of a recording, in its order, from a position on. Where the file's summary names all
+/// channels, several blocks are read side by side.
 #[derive(Debug)]
 pub struct ReadAhead<'a> {
     pass: Pass<'a>,
     blocks: Blocks,
     /// Readers that no block uses. Their number bounds how many blocks are read at a time.
     idle: Vec<BlockReader>,
-    /// The bytes of the blocks that are being read now, or were read and nobody has taken yet, in the
-    /// recording's order, each with the thread that reads it.
+    /// The blocks that are being read, or were read and nobody has taken yet, in the recording's order: the
+    /// bytes of each, and the thread that reads it.
     pending: VecDeque<(u64, JoinHandle<LoadedBlock>)>,
     /// The block whose pieces are being handed out.
     open: Option<LoadedBlock>,
-    /// How many acquisitions of that block were handed out.
-    taken: usize,
 }
 
 /// A block that was read, with the reader that gives its pieces.
@@ -161,23 +141,24 @@ struct LoadedBlock {
     reader: BlockReader,
     /// Its first piece, decoded by the thread that loaded it, until somebody takes it.
     first: Option<Piece>,
+    /// How many of its acquisitions were handed out.
+    taken: usize,
 }
 
 impl LoadedBlock {
-    /// Reads a block and decodes its first piece.
     fn load(block: Block, mut reader: BlockReader) -> LoadedBlock {
         reader.load(&block);
         let first = reader.next_piece(MOST_ROWS);
-        LoadedBlock { block, reader, first }
+        LoadedBlock { block, reader, first, taken: 0 }
     }
 
-    /// The next piece; `None`: the block has no more.
     fn next_piece(&mut self) -> Option<Piece> {
         self.first.take().or_else(|| self.reader.next_piece(MOST_ROWS))
     }
 
     /// Passes over the next `n` acquisitions.
     fn skip(&mut self, mut n: usize) {
+        self.taken = n;
         while n > 0
             && let Some(mut piece) = self.next_piece()
         {
@@ -205,7 +186,6 @@ impl<'a> ReadAhead<'a> {
             idle: (0..at_once).map(|_| reader()).collect(),
             pending: VecDeque::new(),
             open: None,
-            taken: 0,
         };
 
         // the position may lie within a block: load the block again, and skip what was handed out
@@ -213,42 +193,36 @@ impl<'a> ReadAhead<'a> {
             let reader = ahead.idle.pop().unwrap_or_else(reader);
             let mut open = LoadedBlock::load(block, reader);
             open.skip(taken);
-            (ahead.open, ahead.taken) = (Some(open), taken);
+            ahead.open = Some(open);
         }
         ahead
     }
 
     /// The next piece, and the position behind it; `None`: the recording has no more.
-    pub fn piece(&mut self) -> Result<Option<(Vec<Acquisition>, ReadPosition)>, PipelineError> {
+    pub fn piece(&mut self) -> Result<Option<(Vec<Acquisition>, ReadPosition)>> {
         loop {
             self.pass.control.check()?;
 
-            // open the next block
-            let Some(open) = &mut self.open else {
-                match self.next_block()? {
-                    None => return Ok(None),
-                    Some(open) => (self.open, self.taken) = (Some(open), 0),
-                }
-                continue;
-            };
+            if self.open.is_none() {
+                self.open = self.next_block()?;
+            }
+            let Some(open) = &mut self.open else { return Ok(None) };
 
             // hand out its next piece; at its end its reader is free for another block
-            match open.next_piece() {
-                Some(piece) => {
-                    self.taken += piece.acquisitions.len();
-                    let (block, definitions) = (Some(open.block), open.reader.definitions());
-                    let taken = (!piece.last).then_some(self.taken);
-                    let position = ReadPosition { block, taken, definitions };
-                    return Ok(Some((piece.acquisitions, position)));
-                }
-                None => self.idle.extend(self.open.take().map(|open| open.reader)),
-            }
+            let Some(piece) = open.next_piece() else {
+                self.idle.extend(self.open.take().map(|open| open.reader));
+                continue;
+            };
+            open.taken += piece.acquisitions.len();
+            let (block, definitions) = (Some(open.block), open.reader.definitions());
+            let taken = (!piece.last).then_some(open.taken);
+            let position = ReadPosition { block, taken, definitions };
+            return Ok(Some((piece.acquisitions, position)));
         }
     }
 
-    /// Waits until the next block was read, and meanwhile lets the blocks after it be read, as long
-    /// as readers are idle and not too many bytes wait. `None`: there is no more block.
-    fn next_block(&mut self) -> Result<Option<LoadedBlock>, PipelineError> {
+    /// Waits until the next block was read; meanwhile blocks after it are read, as long as not too many bytes wait.
+    fn next_block(&mut self) -> Result<Option<LoadedBlock>> {
         let mut bytes: u64 = self.pending.iter().map(|(bytes, _)| bytes).sum();
         while bytes < MANY_BYTES
             && let Some(reader) = self.idle.pop()
@@ -266,7 +240,6 @@ impl<'a> ReadAhead<'a> {
             self.pending.push_back((block.bytes, loading));
         }
 
-        // the blocks are taken in the recording's order, so the first that was handed out is waited for
         let next = self.pending.pop_front().map(|(_, loading)| loading.join()).transpose();
         next.map_err(|_| PipelineError::Panicked("identify"))
     }

@@ -1,14 +1,12 @@
-//! The judge that a printhead's window gave, moved to where most of the printhead's channels are
-//! (`MovedJudge`); and where these were in the recent past (`LevelHistory`). Both serve `head`,
+//! The judge that a printhead's window gave, moved to where most of the printhead's channels are, for `head`,
 //! once per sweep.
 //!
-//! [`MovedJudge`]. In: where the channels lie from the ring of the window's model, and the standard
-//! deviation of that. Out: the judge in use. The judge moves in steps, since each move makes a new
-//! judge, which costs time: for the first time beyond `FIRST_MOVE` and surely, then whenever it
-//! is off by more than `NEXT_MOVE`.
+//! [`MovedJudge`]. In: where the channels lie from the ring of the window's model, and the standard deviation
+//! of that. Out: the judge in use. It moves in steps, since each move makes a new judge, which costs time: for
+//! the first time beyond `FIRST_MOVE` and surely, then whenever it is off by more than `NEXT_MOVE`.
 //!
-//! [`LevelHistory`]. In: the head's level, sweep by sweep. Out: its mean over the time of a window,
-//! which says where the window's model lies where the model itself cannot (it does not ring).
+//! [`LevelHistory`]. In: the head's level, sweep by sweep. Out: its mean over the time of a window, which says
+//! where the window's model lies where the model itself cannot (it does not ring).
 
 use inkling_core::design::Judge;
 use inkling_core::state::Features;
@@ -19,11 +17,9 @@ use std::sync::Arc;
 /// which it is moved again. The level's own noise is about .1 of each feature's. Heuristic.
 const FIRST_MOVE: f64 = 0.4;
 const NEXT_MOVE: f64 = 0.2;
-/// A level counts as surely off if it is off by more than this many standard deviations of its noise: for the
-/// first move of a judge, and for a level beyond a bound.
+/// A level counts as surely off if it is off by more than this many standard deviations of its noise.
 const SURE_SDS: f64 = 4.0;
 
-/// The judge of a window, and where it was moved to.
 #[derive(Debug)]
 pub(super) struct MovedJudge {
     /// The judge as the window gave it.
@@ -32,42 +28,37 @@ pub(super) struct MovedJudge {
     pub now: Arc<Judge>,
     /// The features by which the judge in use was moved from the window's ring; 0 if it was not.
     pub by: Features,
+    /// Standard deviations of healthy channels' features: the unit in which a move is decided.
+    healthy_sd: Features,
 }
 
 impl MovedJudge {
-    /// The judge of a window, not moved yet.
-    pub fn new(window: Arc<Judge>) -> MovedJudge {
-        MovedJudge { now: window.clone(), window, by: Features::zeros() }
+    pub fn new(window: Arc<Judge>, healthy_sd: Features) -> MovedJudge {
+        MovedJudge { now: window.clone(), window, by: Features::zeros(), healthy_sd }
     }
 
-    /// Whether the judge in use is a moved one.
+    pub fn take(&mut self, window: Arc<Judge>) {
+        *self = MovedJudge::new(window, self.healthy_sd);
+    }
+
     pub fn is_moved(&self) -> bool {
         !Arc::ptr_eq(&self.now, &self.window)
     }
 
-    /// Moves the judge to `wanted` if it is far enough off. `wanted`: where most channels lie from the
-    /// window's ring; `sd`: standard deviations of its noise; `healthy_sd`: those of healthy channels;
-    /// `moves`: number of moves over all judges of the run, which counts on with this one.
-    pub fn follow(
-        &mut self,
-        wanted: Features,
-        sd: Features,
-        healthy_sd: &Features,
-        moves: &mut u32,
-    ) {
-        // once moved, the judge follows smaller changes, so that it does not jump back and forth at
-        // the first bound
+    /// Moves the judge to `wanted`, where most channels lie from the window's ring, if it is far enough off.
+    /// `sd`: standard deviations of the noise of `wanted`; `moves`: number of moves of all judges of the run.
+    pub fn follow(&mut self, wanted: Features, sd: Features, moves: &mut u32) {
         let off = wanted - self.by;
+        // the phase is left out: it changes with the others, or by something else than ink
+        let sds = off.component_div(&self.healthy_sd).fixed_rows::<3>(0).norm();
+        // once moved, the judge follows smaller changes, so that it does not jump at the first bound
         let is_off = match self.is_moved() {
-            true => in_sds(off, healthy_sd) > NEXT_MOVE,
-            false => {
-                in_sds(off, healthy_sd) > FIRST_MOVE && (off.abs() - SURE_SDS * sd).max() > 0.0
-            }
+            true => sds > NEXT_MOVE,
+            false => sds > FIRST_MOVE && (off.abs() - SURE_SDS * sd).max() > 0.0,
         };
         if is_off {
             *moves = moves.wrapping_add(1);
-            // always from the window's judge, so that errors do not add up; where it
-            // cannot follow, it is used unmoved
+            // always from the window's judge, so that errors do not add up; where it cannot, unmoved
             (self.now, self.by) = match self.window.moved(wanted, *moves) {
                 Some(judge) => (Arc::new(judge), wanted),
                 None => (self.window.clone(), Features::zeros()),
@@ -76,16 +67,8 @@ impl MovedJudge {
     }
 }
 
-/// Distance of features in standard deviations of healthy channels: the Euclidean norm over
-/// amplitude, damping and frequency.
-pub(super) fn in_sds(off: Features, healthy_sd: &Features) -> f64 {
-    // the phase is left out: it changes with the others, or by something else than ink
-    off.component_div(healthy_sd).fixed_rows::<3>(0).norm()
-}
-
-/// Whether a level, a natural logarithm of a ratio, surely lies beyond a relative bound: whether
-/// the ratio differs from 1 by more than `bound` even if the level's noise made it `SURE_SDS` too
-/// large. `sd`: standard deviation of the noise.
+/// Whether a level, a natural logarithm of a ratio, surely lies beyond a relative bound, that is even if its
+/// noise made it `SURE_SDS` too large. `sd`: standard deviation of the noise.
 pub(super) fn is_beyond(level: f64, sd: f64, bound: f64) -> bool {
     let surely = (level.abs() - SURE_SDS * sd).max(0.0);
     surely.copysign(level).exp_m1().abs() > bound
@@ -94,11 +77,9 @@ pub(super) fn is_beyond(level: f64, sd: f64, bound: f64) -> bool {
 /// Number of stretches that the length of a window is divided into; levels are averaged within each.
 const STRETCHES: i64 = 16;
 
-/// The levels of a head in the recent past, averaged over stretches of time, so that memory is
-/// bounded.
+/// The levels of a head in the recent past, averaged over stretches of time, so that memory is bounded.
 #[derive(Clone, Debug)]
 pub(super) struct LevelHistory {
-    /// Length of a window, ns.
     window_ns: i64,
     /// In the order of time; the last one is still filled.
     stretches: VecDeque<Stretch>,
@@ -107,9 +88,7 @@ pub(super) struct LevelHistory {
 /// The levels of a sixteenth of a window's time.
 #[derive(Clone, Copy, Debug)]
 struct Stretch {
-    /// Time of its first level, ns.
     from_ns: i64,
-    /// Sum of its levels.
     sum: Features,
     /// Number of levels (one per sweep) in `sum`.
     bursts: f64,
@@ -132,19 +111,17 @@ impl LevelHistory {
             }
             None => self.stretches.push_back(Stretch { from_ns: t_ns, sum: change, bursts: 1.0 }),
         }
-        // a window's model is known only some bursts after the window's end, so twice its length is kept
+        // a window's model is known only some time after the window's end: twice its length is kept
         while self.stretches.len() > 2 * STRETCHES as usize {
             self.stretches.pop_front();
         }
     }
 
-    /// Whether no level was known yet.
     pub(super) fn is_empty(&self) -> bool {
         self.stretches.is_empty()
     }
 
-    /// Mean level over the window that ended at `to_ns`, by the stretches that began in it. `None`:
-    /// no level was known in the window.
+    /// Mean level over the window that ended at `to_ns`. `None`: no level was known in the window.
     pub(super) fn mean_before(&self, to_ns: i64) -> Option<Features> {
         let from_ns = to_ns.saturating_sub(self.window_ns);
         let within = self.stretches.iter().filter(|s| (from_ns..to_ns).contains(&s.from_ns));

@@ -1,20 +1,19 @@
-//! Judges signals about their own channels' levels, in the filter stage, with `--baseline`. Without
-//! it no own level is known, and only the signals of frozen channels are rejected here.
+//! Judges signals about their own channels' levels, in the filter stage, with `--baseline`. Without it no own
+//! level is known, and only the signals of frozen channels are rejected here.
 //!
-//! In: batches with the statistics that `statistics` computed about the level that all channels
-//! have in common. Out: the same, where the first statistic of each signal whose channel's own
-//! level is known is replaced, and the signals of frozen channels are rejected.
+//! In: batches with the statistics about the level that all channels have in common (`statistics`). Out: the
+//! same, with other first statistics where the channel's own level is known.
 //!
-//! The new statistic is the squared distance x' M x of the signal's features (ln amplitude, ln
-//! damping, ln frequency) from the channel's level. M is the inverse of the covariance of a healthy
-//! signal about that level: the scatter from drop to drop, how well the level is known, and the
-//! noise at the signal's drive. The distance is scaled to the model's threshold (`Judge::of_own`).
-//! Near the level the features in closed form do; beyond, a ring is fitted.
+//! The new statistic is the squared distance x' M x of the signal's features (ln amplitude, ln damping, ln
+//! frequency) from the channel's level. M is the inverse of the covariance of a healthy signal about that
+//! level: the scatter from drop to drop, how well the level is known, and the noise at the signal's drive. The
+//! distance is scaled to the model's threshold (`Judge::of_own`). Near the level the features in closed form
+//! do; beyond, a ring is fitted.
 
-use super::batches::AssignedBatch;
+use super::batches::{AssignedBatch, Detected};
 use super::statistics::Statistics;
-use inkling_core::burst::{Acquisition, Burst};
-use inkling_core::design::{Behind, Detection, Judge, JudgeKey, OwnChannels};
+use inkling_core::burst::Acquisition;
+use inkling_core::design::{Behind, Detection, JudgeKey, OwnChannels};
 use inkling_core::verdict::Reason;
 use nalgebra::{Matrix3, Vector4};
 use std::sync::Arc;
@@ -28,100 +27,63 @@ pub struct OwnLevels {
 }
 
 impl OwnLevels {
-    /// Judges again every signal of a batch whose channel's own level is known, and rejects those
-    /// of frozen channels. `statistic`: one entry per signal of the batch, which is replaced.
+    /// Judges again every signal of a batch whose channel's own level is known, and rejects those of frozen
+    /// channels. `statistic`: one entry per signal of the batch.
     pub fn judge(
         &mut self,
         batch: &AssignedBatch,
         statistics: &mut Statistics,
-        statistic: &mut [Result<Detection, Reason>],
+        statistic: &mut [Detected],
     ) {
         for (rows, acquisition, of) in batch.placed() {
-            if let (Acquisition::Usable(burst), Ok(judge), Some(own)) =
+            let (Acquisition::Usable(burst), Ok(judge), Some(own)) =
                 (acquisition, &of.judge, &of.own)
-            {
-                self.judge_burst(own, burst, judge, statistics, &mut statistic[rows]);
-            }
-        }
-    }
-
-    /// Judges again the signals of a burst. `statistic`: one entry per row of the burst.
-    fn judge_burst(
-        &mut self,
-        own: &Arc<OwnChannels>,
-        burst: &Burst,
-        judge: &Judge,
-        statistics: &mut Statistics,
-        statistic: &mut [Result<Detection, Reason>],
-    ) {
-        let Some(detector) = judge.detector() else { return };
-        if own.is_empty() {
-            return;
-        }
-
-        statistics.features(judge, burst, &mut self.features);
-        let drive = judge.drive(burst);
-        let known = own.from(burst.first_channel, statistic.len());
-        for (row, (found, known)) in statistic.iter_mut().zip(known).enumerate() {
-            if own.is_frozen(burst.first_channel.saturating_add(row as u32)) {
-                *found = found.and(Err(Reason::Frozen));
-            }
-            let (Ok(of_all), Some(known)) = (*found, known) else { continue };
-
-            // the distance: the closed form decides near the level; beyond, a fit does, if there is
-            // one
-            let features = &self.features[row];
-            let metric = Metric::of(&mut self.metric, judge, own, known.behind, drive);
-            let distance =
-                metric.and_then(|metric| match detector.own_look(metric, features, known) {
-                    (distance, true) => Some(distance),
-                    (distance, false) => statistics
-                        .own_distance((judge, burst, row), metric, (features, known))
-                        .or(Some(distance)),
-                });
-
-            // without a metric there is no distance, and the statistic is infinite, which is
-            // rejected
-            let ring =
-                distance.map_or(f64::INFINITY, |distance| judge.of_own(distance, own, known));
-            *found = match ring.is_finite() {
-                true => Ok(Detection { ring, ..of_all }),
-                false => Err(Reason::NonFinite),
+            else {
+                continue;
             };
+            let Some(detector) = judge.detector().filter(|_| !own.is_empty()) else { continue };
+            let statistic = &mut statistic[rows];
+            statistics.features(judge, burst, &mut self.features);
+            let drive = judge.drive(burst);
+            let known = own.from(burst.first_channel, statistic.len());
+            for (row, (found, known)) in statistic.iter_mut().zip(known).enumerate() {
+                if own.is_frozen(burst.first_channel.saturating_add(row as u32)) {
+                    *found = found.and(Err(Reason::Frozen));
+                }
+                let (Ok(of_all), Some(known)) = (*found, known) else { continue };
+
+                let features = &self.features[row];
+                let key = (judge.key(), known.behind, drive);
+                if self.metric.as_ref().is_none_or(|of| of.key != key || !of.own.scatters_as(own)) {
+                    let metric = detector.own_metric(own, known.behind, drive);
+                    self.metric = Some(Metric { key, own: own.clone(), metric });
+                }
+                let metric = self.metric.as_ref().and_then(|of| of.metric.as_ref());
+                let distance =
+                    metric.and_then(|metric| match detector.own_look(metric, features, known) {
+                        (distance, true) => Some(distance),
+                        (distance, false) => statistics
+                            .own_distance((judge, burst, row), metric, (features, known))
+                            .or(Some(distance)),
+                    });
+
+                // without a metric there is no distance, and the signal is rejected
+                let ring =
+                    distance.map_or(f64::INFINITY, |distance| judge.of_own(distance, own, known));
+                *found = match ring.is_finite() {
+                    true => Ok(Detection { ring, ..of_all }),
+                    false => Err(Reason::NonFinite),
+                };
+            }
         }
     }
 }
 
 /// The metric of distances from own levels, as it was for the signal before: most signals have the same one.
 struct Metric {
-    judge: JudgeKey,
+    /// Judge, how many looks are behind the level, in a few steps, and drive: with `own`, all that it depends on.
+    key: (JudgeKey, Behind, f64),
     own: Arc<OwnChannels>,
-    /// How many looks are behind the level, in a few steps.
-    behind: Behind,
-    drive: f64,
     /// Inverse covariance; `None`: the covariance is singular.
     metric: Option<Matrix3<f64>>,
-}
-
-impl Metric {
-    /// The metric for levels that are known as well as `behind` says, and for signals of one drive; it is
-    /// computed anew only if something differs from `last`.
-    fn of<'a>(
-        last: &'a mut Option<Metric>,
-        judge: &Judge,
-        own: &Arc<OwnChannels>,
-        behind: Behind,
-        drive: f64,
-    ) -> Option<&'a Matrix3<f64>> {
-        // the metric depends on these four alone
-        let is_it = |of: &&mut Metric| {
-            (of.judge, of.behind, of.drive) == (judge.key(), behind, drive)
-                && of.own.scatters_as(own)
-        };
-        if last.as_mut().filter(is_it).is_none() {
-            let metric = judge.detector().and_then(|by| by.own_metric(own, behind, drive));
-            *last = Some(Metric { judge: judge.key(), own: own.clone(), behind, drive, metric });
-        }
-        last.as_ref()?.metric.as_ref()
-    }
 }

@@ -1,23 +1,20 @@
 //! Decides when bursts are handed on (`--pace`): at the recorded speed, or at a number of signals
 //! per second.
 //!
-//! In: batches in the file's order, from the reader stage, which has one worker then
-//! ([`Pacer::wait_for`]). Out: the reader is held until the batch is due; at the end, how far it
-//! was ever behind. At the recorded speed a batch is due as long after the first burst as its
-//! latest burst was acquired after the earliest burst of the first batch; at S signals per second,
-//! when n / S seconds have passed, n being the number of signals before it.
+//! In: batches in the file's order, from the reader stage, which has one worker then ([`Pacer::wait_for`]).
+//! Out: the reader is held until the batch is due; at the end, how far it was ever behind. At the recorded
+//! speed a batch is due as long after the first burst as its latest burst was acquired after the earliest burst
+//! of the first batch; at S signals per second, when n / S seconds have passed, n signals being before it.
 //!
-//! A batch is one burst while the reader keeps the pace, and more while it is late, since larger
-//! batches cost less. Each burst is paced once: what is read a second time, in a second pass, was
-//! handed on already.
+//! A batch is one burst while the reader keeps the pace, and more while it is late, since larger batches cost
+//! less. Each burst is paced once: what is read in a second pass was handed on already.
 
 use super::batches::{MOST_ROWS, usable};
-use super::{Control, PipelineError};
+use super::{Control, Result};
 use crate::settings::Pace;
 use inkling_core::burst::SignalBatch;
 use std::time::{Duration, Instant};
 
-/// How the pace was kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PaceReport {
     /// Number of bursts that were handed on at the pace.
@@ -30,41 +27,31 @@ pub struct PaceReport {
 #[derive(Debug, Default)]
 pub struct Pacer {
     pace: Pace,
-    /// When the first burst was handed on.
     started: Option<Instant>,
     /// The earliest t_a of the first batch, ns.
     first_ns: Option<i64>,
     /// Number of signals and bursts of this pass so far.
     signals: u64,
     bursts: u64,
-    /// Least number of rows of the next piece of a block: 1, which one burst has, or more and more
-    /// while the reader is late.
-    rows: usize,
-    /// How the pace was kept so far.
+    /// Least number of rows of the next piece of a block: 1, which one burst has; more while the reader is late.
+    pub rows: usize,
     pub kept: PaceReport,
 }
 
 impl Pacer {
-    /// A pacer before the first burst.
     pub fn new(pace: Pace) -> Pacer {
         Pacer { pace, rows: 1, ..Pacer::default() }
     }
 
-    /// Begins a pass: the recording is read from its beginning.
     pub fn begin(&mut self) {
         (self.signals, self.bursts, self.rows) = (0, 0, 1);
     }
 
-    /// The least number of rows of the next piece.
-    pub fn rows(&self) -> usize {
-        self.rows
-    }
-
-    /// When a batch is due, counted from when the first batch was handed on; counts the batch's
-    /// signals. `None`: the pace is the recorded one and no burst of the batch has a time.
+    /// When a batch is due, from when the first batch was handed on; counts the batch's signals. `None`: the
+    /// pace is the recorded one and no burst of the batch has a time.
     fn due(&mut self, batch: &SignalBatch) -> Option<Duration> {
         let before = self.signals;
-        self.signals += batch.acquisitions.iter().map(|a| a.rows() as u64).sum::<u64>();
+        self.signals += batch.rows() as u64;
         if let Pace::Signals(per_s) = self.pace {
             return Duration::try_from_secs_f64(before as f64 / per_s).ok();
         }
@@ -75,11 +62,7 @@ impl Pacer {
     }
 
     /// Waits until a batch is due. A batch that was handed on in an earlier pass is not waited for.
-    pub fn wait_for(
-        &mut self,
-        batch: &SignalBatch,
-        control: &Control,
-    ) -> Result<(), PipelineError> {
+    pub fn wait_for(&mut self, batch: &SignalBatch, control: &Control) -> Result<()> {
         self.bursts += batch.acquisitions.len() as u64;
         let due = self.due(batch);
         if self.bursts <= self.kept.bursts {
@@ -137,11 +120,11 @@ mod tests {
         let began = pacer.started.unwrap();
         pacer.wait_for(&batch(30_000_000, 1), &control).unwrap();
         assert!(began.elapsed() >= Duration::from_millis(30), "handed on before its time");
-        assert_eq!((pacer.rows(), pacer.kept.bursts), (1, 2));
+        assert_eq!((pacer.rows, pacer.kept.bursts), (1, 2));
         pacer.started = began.checked_sub(Duration::from_secs(1));
         pacer.wait_for(&batch(40_000_000, 1), &control).unwrap();
         pacer.wait_for(&batch(50_000_000, 1), &control).unwrap();
-        assert_eq!(pacer.rows(), 4);
+        assert_eq!(pacer.rows, 4);
         assert!(pacer.kept.behind >= Duration::from_millis(900));
         // a second pass from the beginning does not wait for bursts that were handed on in the first
         pacer.begin();

@@ -1,16 +1,15 @@
 //! Decides where the table of a recording that is being written is cut into parts: before the first burst
 //! that lies a whole span of recording time after the earliest burst of its printhead in the part.
 //!
-//! In: batches of verdicts in the recording's order, from `rotation` ([`PartBoundaries::cut`]).
-//! Out: each batch in sections, one per part of the table.
+//! In: batches of verdicts in the recording's order, from `rotation` ([`PartBoundaries::cut`]). Out: each batch
+//! in sections, one per part of the table.
 //!
-//! Each printhead counts by its own times, because the clocks of two printheads may differ by more
-//! than a part; the first printhead whose burst lies a whole span behind ends the part for all.
-//! Nothing is ever cut within a burst. The rows of a part are those that came in the recording
-//! meanwhile, whatever their times are.
+//! Each printhead counts by its own times, because clocks of two printheads may differ by more than a part; the
+//! first printhead whose burst lies a whole span behind ends the part for all. Nothing is cut within a burst.
 
+use super::groups::of_printhead;
 use inkling_core::verdict::{Part, Reason, Verdicts};
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Maximum number of printheads whose times decide.
@@ -22,24 +21,21 @@ pub struct PartBoundaries {
     /// Length of a part, ns of recording time.
     span_ns: i64,
     /// By printhead, t_a of its earliest burst in the part.
-    first_ns: HashMap<Arc<str>, i64>,
+    first_ns: BTreeMap<Arc<str>, i64>,
 }
 
 /// The rows of a batch that belong to one part of the table.
 #[derive(Debug, PartialEq)]
 pub struct Section {
-    /// Runs and rows of the batch, in its order.
     pub parts: Vec<Part>,
-    /// t_a of its earliest and of its latest burst, ns; without a burst the largest and the least
-    /// i64.
+    /// t_a of its earliest and of its latest burst, ns; without a burst the largest and the least i64.
     pub from_ns: i64,
     pub to_ns: i64,
 }
 
 impl PartBoundaries {
-    /// Boundaries of parts of `span_ns`, ns, before the first burst.
     pub fn new(span_ns: i64) -> PartBoundaries {
-        PartBoundaries { span_ns, first_ns: HashMap::new() }
+        PartBoundaries { span_ns, first_ns: BTreeMap::new() }
     }
 
     /// Cuts a batch at the boundaries that lie in it. The first section, which may be empty, continues the
@@ -60,26 +56,21 @@ impl PartBoundaries {
         sections
     }
 
-    /// Whether a burst begins the next part; notes the burst's time. `undecoded`: only the log time
-    /// of the burst is known, which is another clock's, so that the burst cuts nothing.
+    /// Whether a burst begins the next part; notes the burst's time. `undecoded`: only the burst's log time is
+    /// known, which is another clock's, so that it cuts nothing.
     fn lies_behind(&mut self, printhead: &Arc<str>, t_ns: i64, undecoded: bool) -> bool {
         if undecoded {
             return false;
         }
-        let behind = match self.first_ns.get_mut(printhead) {
-            Some(first_ns) => {
-                let behind = t_ns.saturating_sub(*first_ns) >= self.span_ns;
-                *first_ns = t_ns.min(*first_ns);
-                behind
-            }
-            None => false,
-        };
+        let first_ns = self.first_ns.get(printhead);
+        let behind = first_ns.is_some_and(|first| t_ns.saturating_sub(*first) >= self.span_ns);
         // the next part begins: the times of all printheads count anew
         if behind {
             self.first_ns.clear();
         }
-        if self.first_ns.len() < MOST_PRINTHEADS && !self.first_ns.contains_key(printhead) {
-            self.first_ns.insert(printhead.clone(), t_ns);
+        let first_ns = of_printhead(&mut self.first_ns, printhead, MOST_PRINTHEADS, || t_ns);
+        if let Some(first_ns) = first_ns {
+            *first_ns = t_ns.min(*first_ns);
         }
         behind
     }

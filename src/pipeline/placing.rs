@@ -1,17 +1,15 @@
 //! Places a printhead's healthy windows burst by burst, in the order of the bursts' times.
 //!
-//! In: times of bursts. Out: windows, half-open spans of time of the length `identify.first`. The
-//! first begins with the first burst, others begin every so often after it (`identify.every`).
-//! After a pause, and so after a stray timestamp, windows begin anew with the first burst.
+//! In: times of bursts. Out: windows, half-open spans of time of the length `identify.first`. The first begins
+//! with the first burst, others begin every so often after it (`identify.every`). After a pause, and so after a
+//! stray timestamp, windows begin anew with the first burst.
 //!
-//! A pause is told by bins: time is divided into spans of `every_ns` from time 0 on, and there was
-//! a pause if at least one whole bin holds no burst. So only the first and last burst of each bin
-//! matter, and [`super::windows`], which knows no more than these, places the same windows over a
-//! whole recording.
+//! A pause is told by bins: time is divided into spans of `every_ns` from time 0 on, and there was a pause if at
+//! least one whole bin holds no burst. So only the first and last burst of each bin matter, which is all that
+//! [`super::windows`] knows.
 
-use super::PipelineError;
+use super::{PipelineError, Result};
 
-/// The placing of one printhead's windows.
 #[derive(Debug)]
 pub struct Placing {
     /// Length of a window, ns.
@@ -34,7 +32,6 @@ struct Run {
 }
 
 impl Placing {
-    /// A placing before the first burst.
     pub fn new(first_ns: i64, every_ns: i64) -> Placing {
         Placing { first_ns, every_ns, run: None, windows: 0 }
     }
@@ -44,21 +41,14 @@ impl Placing {
         if self.every_ns > 0 { t_ns.div_euclid(self.every_ns) } else { 0 }
     }
 
-    /// Whether windows begin anew with a burst of that time, if it is the next: it is the first, or at least
-    /// one bin before it is empty.
+    /// Whether windows begin anew with a burst of that time: it is the first, or the bin before it is empty.
     pub fn begins_at(&self, t_ns: i64) -> bool {
         self.run.as_ref().is_none_or(|run| self.bin(t_ns) > run.bin + 1)
     }
 
-    /// Takes the next burst's time, and calls `place` with the begin and end, ns, of every window
-    /// that begins up to that time. An error if there are more windows than one printhead may have
-    /// models.
-    pub fn reach(
-        &mut self,
-        t_ns: i64,
-        mut place: impl FnMut(i64, i64),
-    ) -> Result<(), PipelineError> {
-        // go on with the stretch, or begin another one with a window at this burst
+    /// Takes the next burst's time, and calls `place` with the begin and end, ns, of every window that begins up
+    /// to that time. An error if there are more windows than one printhead may have models.
+    pub fn reach(&mut self, t_ns: i64, mut place: impl FnMut(i64, i64)) -> Result<()> {
         let (bin, begins) = (self.bin(t_ns), self.begins_at(t_ns));
         let run = match &mut self.run {
             Some(run) if !begins => run,

@@ -1,46 +1,40 @@
 //! A printhead's models, window by window: averaging and identification, thesis §3-1.
 //!
-//! In: from `learning`, for each window of a printhead, in the order of their times, its sample of
-//! signals. Out: per window the [`Entry`] that it adds to the printhead's timeline, if any, or a
-//! [`Refusal`].
+//! In: from `learning`, for each window of a printhead, in the order of their times, its sample of signals. Out:
+//! the [`Entry`] that it adds to the printhead's timeline, if any, or a [`Refusal`].
 //!
-//! A window's signals are averaged and a model fitted (`HealthyModel::learn`). The model is refused
-//! if it does not describe the signals, if its signals differ too much from each other, or if its
-//! resonance, damping or typical distance are too far from the reference's: a fault that grows
-//! slowly must not be learned as healthy. Which model then judges depends on the mode: with
-//! `identify.mode = "windows"` the window's own from the window's end on; with `"design"` the
-//! design's pooled model, once a window has agreed with it.
+//! A window's signals are averaged and a model fitted (`HealthyModel::learn`). The model is refused if it does not
+//! describe the signals, if its signals differ too much from each other, or if its resonance, damping or typical
+//! distance are too far from the reference's: a fault that grows slowly must not be learned as healthy. Which model
+//! then judges depends on the mode: with `identify.mode = "windows"` the window's own from the window's end on; with
+//! `"design"` the design's pooled model, once a window has agreed with it.
 
-use super::groups::GroupKey;
-use super::learner::{Learner, Window};
-use super::schedule::Refusal;
+use super::job::Replay;
+use super::learner::Window;
+use super::schedule::{Refusal, Schedule};
 use inkling_core::design::{HealthyModel, LearnSettings};
 use inkling_core::identify::reservoir::Reservoir;
 use std::sync::Arc;
 
-/// Least share of the average signal's size that the model must explain, per cent; below, nothing
-/// rings. This and the two numbers below are heuristic.
+/// Least share of the average signal's size that the model must explain, per cent. The three are heuristic.
 const LEAST_FIT_PERCENT: f64 = 50.0;
-/// Signals that differ from each other by more than this share of the expected signal
-/// have no healthy signal in common.
+/// Signals that differ by more than this share of the expected signal have no healthy signal in common.
 const MOST_SCATTER: f64 = 0.5;
-/// The threshold follows a window's median statistic up to this factor from the reference's. Beyond,
-/// something else than the ink has changed, and with such a threshold nothing would be found.
+/// The threshold follows a window's median statistic up to this factor from the reference's; with more, nothing
+/// would be found.
 const MOST_RATIO: f64 = 4.0;
 
 /// What a window adds to its printhead's timeline.
 #[derive(Debug)]
 pub enum Entry {
-    /// The printhead's first window gave no model: the design's own model
-    /// judges until a window gives another.
+    /// The printhead's first window gave no model: the design's own judges until a window gives another.
     Known,
     /// A model judges from `from_ns` on (ns; `i64::MIN`: from the beginning).
     Learned { from_ns: i64, model: Arc<HealthyModel>, reference_v: Option<f64> },
 }
 
-/// Checks that a window's signals agree with the healthy model that was learned from them. Noise
-/// has no model, and a mixture of healthy and faulty channels has a model that fits none of the
-/// channels. The error says why in words.
+/// Checks that a window's signals agree with the model that was learned from them, as noise, or a mixture of
+/// healthy and faulty channels, does not. The error says why in words.
 fn agree_with(model: &HealthyModel) -> Result<(), String> {
     let fit = model.identification.fit_percent;
     // a fit that is no number is refused too
@@ -63,121 +57,100 @@ fn agree_with(model: &HealthyModel) -> Result<(), String> {
     Ok(())
 }
 
-/// Why a window gives no model, and whether the reason is a drift beyond the bounds of the settings.
+/// Why a window gives no model, and whether that is a drift beyond the bounds of the settings.
 type NoModel = (String, bool);
 
 /// What a group's windows have given so far.
 #[derive(Debug)]
 pub struct Progress {
-    /// The model from which drift is measured, and which passes on its temperature response and the
-    /// tail of its threshold to the windows' models: the design's model of this printhead, else the
-    /// design's pooled one, else the first accepted one. `None`: there is no design, and no window
-    /// was accepted yet.
+    /// The model from which drift is measured, and which passes on its temperature response and the tail of its
+    /// threshold: the design's model of this printhead, else the design's pooled one, else the first accepted
+    /// one. `None`: there is no design, and no window was accepted yet.
     reference: Option<Arc<HealthyModel>>,
-    /// Whether the printhead has a model of its own in the design.
+    printhead: Arc<str>,
     known: bool,
+    sample_period_s: f64,
     /// Drive voltage at which models expect their signals, V: the design's, or the mean of the first window.
     reference_v: Option<f64>,
     /// Number of windows that were learned from, and of those that gave a model.
     seen: usize,
     accepted: usize,
-    /// The windows that gave none.
     pub refusals: Vec<Refusal>,
 }
 
 impl Progress {
-    /// The progress of a group before its first window.
-    pub fn start(learner: &Learner, key: &GroupKey) -> Progress {
-        let own = learner.replay.design.as_ref().and_then(|d| d.model_of(&key.printhead));
-        let known = own.is_some();
-        let own = own.map(|own| Arc::new(own.clone()));
+    pub fn start(schedule: &Schedule, printhead: &Arc<str>, sample_period_s: f64) -> Progress {
         Progress {
-            known,
-            reference: own.or_else(|| learner.pooled.clone()),
-            reference_v: learner.replay.design.as_ref().and_then(|d| d.drive_voltage_v),
+            printhead: printhead.clone(),
+            known: schedule.model_of(printhead).is_some(),
+            sample_period_s,
+            reference: schedule.reference_of(printhead),
+            reference_v: schedule.design.and_then(|design| design.drive_voltage_v),
             seen: 0,
             accepted: 0,
             refusals: Vec::new(),
         }
     }
 
-    /// Whether no further window can change what judges the group: the design judges,
-    /// and a window has agreed with it.
-    pub fn is_over(&self, learner: &Learner) -> bool {
-        learner.knows_by_design() && self.accepted > 0
+    /// Whether no further window can change what judges the group: the design, with which a window agreed.
+    pub fn is_over(&self, replay: &Replay) -> bool {
+        replay.knows_by_design() && self.accepted > 0
     }
 
-    /// Learns from the next window. `None`: the timeline stays as it is. `key`, `sample_period_s`:
-    /// the group; `reservoir`: the window's sample.
-    pub fn take(
-        &mut self,
-        learner: &Learner,
-        (key, sample_period_s): (&GroupKey, f64),
-        window: Window,
-        reservoir: &Reservoir,
-    ) -> Option<Entry> {
-        if self.is_over(learner) {
+    /// Learns from the group's next window, of which `sample` holds signals. `None`: the timeline stays as it is.
+    pub fn take(&mut self, replay: &Replay, window: Window, sample: &Reservoir) -> Option<Entry> {
+        if self.is_over(replay) {
             return None;
         }
         self.seen += 1;
-        let model = match self.model(learner, (key, sample_period_s), reservoir) {
+        let model = match self.model(replay, sample) {
             Ok(model) => Arc::new(HealthyModel { valid_from_ns: Some(window.to_ns), ..model }),
-            // refused: the model before stays. At the first window there is none yet, but the
-            // design may have one.
+            // refused: the model before stays; at the first window that may be the design's
             Err((why, drifted)) => {
                 let (from_ns, to_ns) = (window.from_ns, window.to_ns);
-                let printhead = key.printhead.to_string();
+                let printhead = self.printhead.to_string();
                 self.refusals.push(Refusal { printhead, from_ns, to_ns, why, drifted });
-                let by_windows = !learner.knows_by_design();
+                let by_windows = !replay.knows_by_design();
                 return (self.seen == 1 && self.known && by_windows).then_some(Entry::Known);
             }
         };
         self.accepted += 1;
-        if self.reference.is_none() {
-            self.reference = Some(model.clone());
-        }
-        let (from_ns, model) = match &self.reference {
+        let reference = self.reference.get_or_insert_with(|| model.clone());
+        let (from_ns, model) = match replay.knows_by_design() {
             // the design does not know the printhead: its pooled model judges, as a window agrees with it
-            Some(pooled) if learner.knows_by_design() => (i64::MIN, pooled.clone()),
-            _ => (window.to_ns, model),
+            true => (i64::MIN, reference.clone()),
+            false => (window.to_ns, model),
         };
         Some(Entry::Learned { from_ns, model, reference_v: self.reference_v })
     }
 
-    /// Learns a window's model from its sample. The model is refused if it does not agree with its
-    /// signals, has drifted beyond the bounds, or is of another amplitude or noise.
-    fn model(
-        &mut self,
-        learner: &Learner,
-        (key, sample_period_s): (&GroupKey, f64),
-        reservoir: &Reservoir,
-    ) -> Result<HealthyModel, NoModel> {
-        let identify = &learner.replay.settings.identify;
+    /// Learns a window's model from its sample, or says why it is refused.
+    fn model(&mut self, replay: &Replay, sample: &Reservoir) -> Result<HealthyModel, NoModel> {
+        let identify = &replay.settings.identify;
 
         // without a design the first window's mean voltage is the one to which drives are relative
-        if learner.replay.design.is_none() && self.reference_v.is_none() {
-            let (sum, n) = reservoir.voltage_sum();
+        if replay.design.is_none() && self.reference_v.is_none() {
+            let (sum, n) = sample.voltage_sum();
             self.reference_v = (n > 0).then(|| sum / n as f64);
         }
 
         // average and fit; labels say which signals are healthy, else enough of them must agree
-        let set = reservoir.to_set(self.reference_v);
+        let set = sample.to_set(self.reference_v);
         let settings = LearnSettings {
             grey_box: &identify.grey_box,
-            detect: &learner.replay.settings.detect,
-            least_agreeing: learner.replay.labels.is_none().then_some(identify.least_agreeing),
-            sample_period_s,
-            filter: learner.replay.design.as_ref().and_then(|design| design.filter.as_ref()),
+            detect: &replay.settings.detect,
+            least_agreeing: replay.labels.is_none().then_some(identify.least_agreeing),
+            sample_period_s: self.sample_period_s,
+            filter: replay.design.as_ref().and_then(|design| design.filter.as_ref()),
         };
-        let printhead = Some(&*key.printhead);
+        let printhead = Some(&*self.printhead);
         let model = HealthyModel::learn(&set, printhead, self.reference.as_deref(), settings)
-            .map_err(|e| (e.advice(learner.replay.labels.is_some()), false))?;
-        if learner.replay.labels.is_none() {
+            .map_err(|e| (e.advice(replay.labels.is_some()), false))?;
+        if replay.labels.is_none() {
             agree_with(&model).map_err(|why| (why, false))?;
         }
 
-        // a fault that grows slowly must not be learned as healthy: bounds about the reference,
-        // relative
+        // a fault that grows slowly must not be learned as healthy
         if let Some(reference) = &self.reference {
             let (frequency, damping) = reference.drift_to(&model);
             for (what, drift, most) in [
@@ -197,11 +170,9 @@ impl Progress {
                 }
             }
 
-            // how far healthy signals typically lie from their model: the median statistic, over
-            // the mean that the model's own metric predicts
+            // how far healthy signals typically lie from their model, relative to what its metric predicts
             let ratio = model.typical_distance() / reference.typical_distance();
-            if learner.replay.design.is_some() && !(1.0 / MOST_RATIO..=MOST_RATIO).contains(&ratio)
-            {
+            if replay.design.is_some() && !(1.0 / MOST_RATIO..=MOST_RATIO).contains(&ratio) {
                 let why = format!(
                     "healthy signals lie {ratio:.3} times as far from the model as in the \
                      reference: another amplitude or another noise; the last accepted model stays"

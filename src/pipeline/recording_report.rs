@@ -1,18 +1,17 @@
 //! The report of a recording that was judged, and in it what could not be judged, which whoever reads of a
 //! recording is told before anything else.
 //!
-//! In: a finished recording, from `finish` ([`note_not_judged`]). Out: its report, with a sentence,
-//! with the numbers that differ,
-//! * for each printhead of which nothing could be judged (`rejected`);
-//! * or for the recording, if less than half of its signals could be judged (`rejected`);
-//! * for each printhead whose verdicts say nothing of its nozzles, because its samples (`doubted`)
-//!   or its times (`without_times`) are not what they are taken for;
+//! In: a finished recording, from `finish` ([`note_not_judged`]). Out: its report, with a sentence
+//! * for each printhead of which nothing could be judged, or for the recording, if less than half of its signals
+//!   could be judged (`rejected`);
+//! * for each printhead whose samples (`doubted`) or times (`without_times`) are not what they are taken for;
 //! * and for each topic that nobody reads though a dialect nearly fits it (`nobody_reads`).
 //!
-//! Such a sentence gives the run exit status 4: nobody may take silence for health. Other topics
-//! that look like bursts and that nobody reads are only warned about.
+//! Such a sentence gives the run exit status 4: nobody may take silence for health. Other topics that look like
+//! bursts are only warned about.
 
 use super::episodes::EpisodeReport;
+use super::head_movement::HeadMovement;
 use super::job::Replay;
 use super::learner::Identified;
 use super::metadata::rfc3339;
@@ -38,15 +37,12 @@ use std::sync::Arc;
 /// A printhead, topic or recording of which hardly anything was judged.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct NotJudged {
-    /// The printhead that the sentence is about; `None`: it is about the recording as a whole, or
-    /// about a topic.
+    /// The printhead that the sentence is about; `None`: it is about the recording, or about a topic.
     pub printhead: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub topic: Option<String>,
-    /// Number of signals of the printhead or the recording; 0 for a topic, whose signals nobody has
-    /// counted.
+    /// Number of signals of the printhead or the recording; 0 for a topic, whose signals nobody has counted.
     pub signals: u64,
-    /// How many of `signals` were judged.
     pub judged: u64,
     /// A sentence without its full stop: how many of how many signals, why, and what to do.
     pub what: String,
@@ -55,13 +51,9 @@ pub struct NotJudged {
 /// What a judged recording gave, for the terminal, the journal and the summary.
 #[derive(Debug)]
 pub struct RecordingReport {
-    /// Name of the recording's file.
     pub name: String,
-    /// Digest of the recording's bytes as they were read.
     pub digest: String,
-    /// Size and time of change of its file.
     pub stamp: Stamp,
-    /// Counts of signals, printheads and channels.
     pub tally: Tally,
     /// All damage, sorted by its place in the file.
     pub damage: Vec<Damage>,
@@ -71,36 +63,35 @@ pub struct RecordingReport {
     pub not_judged: Vec<NotJudged>,
     /// Topics that look like bursts and that nothing reads, if no dialect nearly fits them.
     pub unread: Vec<NotJudged>,
-    /// Printheads that a warning of `super::head_movement` is about.
-    pub moved_beyond: Vec<Arc<str>>,
+    /// How printheads moved, for those of which there is something to tell.
+    pub moved: Vec<HeadMovement>,
     /// Printheads, each with what to know about its verdicts.
     pub warnings: Vec<(Arc<str>, String)>,
-    /// Number of models.
     pub models: usize,
-    /// Duration of everything, s.
     pub seconds: f64,
     /// Path of the verdict table; empty: the rows stay in memory.
     pub verdicts: PathBuf,
     pub episodes: EpisodeReport,
     /// How the pace was kept; `None`: bursts were handed on as fast as possible.
     pub paced: Option<PaceReport>,
-    /// How the recording's models came to be.
     pub identified: Identified,
-    /// Durations of its phases, which came one after the other.
     pub phases: Vec<PhaseTiming>,
-    /// Timings of the stages, which ran side by side.
     pub timings: Vec<StageTiming>,
     /// With `--baseline`: what is remembered for the next recording.
     pub baselines: Option<Memory>,
     /// Whether following the recording was ended while nobody had closed it.
     pub cut_off: bool,
-    /// The rows, if they stay in memory.
     pub arrays: Option<VerdictArrays>,
-    /// Why parts of the table, which a run that followed the recording had written, could not be removed.
+    /// Why parts of the table that were closed while the recording was followed could not be removed.
     pub parts_left: Option<std::io::Error>,
 }
 
 impl RecordingReport {
+    /// Whether a warning about all channels of a printhead explains what its windows and signals show.
+    pub fn has_moved(&self, printhead: &str) -> bool {
+        self.moved.iter().any(|of| *of.printhead == *printhead && of.is_of_all_channels())
+    }
+
     /// The outcome for the journal: the worst thing that happened.
     pub fn outcome(&self) -> Outcome {
         match self {
@@ -134,25 +125,30 @@ impl RecordingReport {
         let warning = |(printhead, what): &(Arc<str>, String)| json!({"printhead": &**printhead, "what": what});
         say("warnings", self.warnings.iter().map(warning).collect());
         say("episodes", json!(self.episodes.counts));
+        say("moved_together", json!(self.moved));
+        if let Some(memory) = &self.baselines {
+            // what is known of other printheads says nothing of this recording
+            let own = memory.printheads.iter();
+            let own = own.filter(|(name, _)| self.tally.printheads.contains_key(name.as_str()));
+            let channels: usize = own.map(|(_, of)| of.channels.len()).sum();
+            say("baseline", json!({ "channels_remembered": channels }));
+        }
     }
 }
 
 /// Maximum number of printheads, and of topics, that are told by name.
 const MOST_NAMED: usize = 64;
 
-/// Notes in a report what was not judged: the printheads, or the recording, of which nothing or too little is
-/// known, each printhead once; and the topics that look like bursts and that nothing reads, without those
-/// that the settings ignore.
+/// Notes in a report what was not judged: the printheads, each once, or the recording, and the topics that look
+/// like bursts and that nothing reads, without those that the settings ignore.
 pub fn note_not_judged(
     report: &mut RecordingReport,
-    run: (&Replay, &Recording),
+    (replay, recording): (&Replay, &Recording),
     schedule: &Schedule,
 ) {
-    let (replay, recording) = run;
     let (tally, settings) = (&report.tally, &replay.settings);
 
-    // printheads; with a design there are no doubts, as it knows how its signals lie and how far
-    // apart their samples are
+    // printheads; a design knows how its signals lie and how far apart their samples are
     let doubts = if replay.design.is_some() { Vec::new() } else { ring_look::doubts(recording) };
     let doubts = doubts.into_iter().map(|doubt| doubted(doubt, tally));
     let rejected = rejected(tally, schedule, &report.refusals);
@@ -166,7 +162,6 @@ pub fn note_not_judged(
         }
     }
 
-    // topics
     let ignored = settings.input.ignored();
     let topics = recording.unread(&settings.input.dialects()).into_iter();
     for topic in topics.filter(|topic| !ignored.has(&topic.topic)).take(MOST_NAMED) {
@@ -199,8 +194,7 @@ fn nobody_reads(of: UnreadChannel) -> NotJudged {
     NotJudged { topic: Some(topic), what, ..NotJudged::default() }
 }
 
-/// The sentence about a printhead at least half of whose signals have times of no use, so that no
-/// episode can be raised from them; `None`: fewer have.
+/// The sentence about a printhead whose times are of no use for at least half of its signals; `None`: for fewer.
 fn without_times(of: &Untimely, settings: &Settings) -> Option<NotJudged> {
     let Untimely { printhead, signals, at_one_time, too_late, t_ns } = of;
     // the commoner of the two causes is told
@@ -251,7 +245,9 @@ fn rejected(tally: &Tally, schedule: &Schedule, refusals: &[Refusal]) -> Vec<Not
         })
         .collect();
 
-    let (signals, judged) = (tally.counts.signals, known(tally));
+    // those of printheads that turned out to be others tell nothing of their nozzles
+    let of_others: u64 = tally.printheads.values().map(|head| head.judged - head.known()).sum();
+    let (signals, judged) = (tally.counts.signals, tally.counts.judged - of_others);
     if all.is_empty() && 2 * judged < signals {
         // the printhead with the most signals that say nothing of their nozzles gives the reason
         let worst = tally.printheads.iter().max_by_key(|(_, head)| head.signals - head.known());
@@ -262,15 +258,8 @@ fn rejected(tally: &Tally, schedule: &Schedule, refusals: &[Refusal]) -> Vec<Not
     all
 }
 
-/// Number of a recording's signals that tell something of their nozzles: those judged, without those of
-/// printheads that turned out to be others.
-fn known(tally: &Tally) -> u64 {
-    let of_other_heads = |head: &PrintheadTally| head.judged - head.known();
-    tally.counts.judged - tally.printheads.values().map(of_other_heads).sum::<u64>()
-}
-
 /// Why a printhead's signals could not be judged: the commonest reason, with the numbers that differ from the
-/// design's or the reason for which a window was refused, where there is one.
+/// design's or the reason for which a window was refused.
 fn why(name: &str, head: &PrintheadTally, schedule: &Schedule, refusals: &[Refusal]) -> String {
     let commonest = head.unknown.iter().max_by_key(|(_, n)| **n);
     let Some((&reason, _)) = commonest else { return "no reason is known".into() };
@@ -284,12 +273,5 @@ fn why(name: &str, head: &PrintheadTally, schedule: &Schedule, refusals: &[Refus
             format!("{says}: {}", refusal.why)
         }
         _ => says,
-    }
-}
-
-impl PrintheadTally {
-    /// Number of signals that tell something of their nozzles.
-    pub fn known(&self) -> u64 {
-        self.signals - self.unknown.values().sum::<u64>()
     }
 }

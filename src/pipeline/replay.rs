@@ -1,19 +1,17 @@
-//! The ways to judge a recording: into files ([`replay`]), in memory ([`judge`]), and while it is
-//! being written ([`follow`]). The recording goes through the six stages (`wiring`); how its models
-//! come to be is decided here: in one pass or in two.
+//! The ways to judge a recording: into files ([`replay`]), in memory ([`judge`]), and while it is being written
+//! ([`follow`]). The recording goes through the six stages (`wiring`).
 //!
-//! One pass is tried first (`Run::judge`): models are learned from windows while the signals
-//! flow. That needs bursts about in the order of their times. If the chunk index says otherwise, or
-//! a burst comes too late, the run is given up, and the models are learned in passes of their own
-//! before the stages start. The tables are the same. A recording that is being written cannot be
-//! read twice: it is judged again when it is closed.
+//! One pass is tried first (`Run::judge`): models are learned from windows while the signals flow. That needs
+//! bursts about in the order of their times. If the chunk index says otherwise, or a burst comes too late, the
+//! models are learned in passes of their own before the stages start. The tables are the same. A recording that
+//! is being written cannot be read twice: it is judged again when it is closed.
 //!
-//! Episodes of a recording that is being written are announced, each once, and again when it has
-//! changed since ([`EpisodeAnnouncer`]).
+//! Episodes of such a recording are announced, each once, and again when it has changed
+//! ([`EpisodeAnnouncer`]).
 
 use super::episodes::EpisodeReport;
 use super::job::{EpisodeEvent, Replay, Run, Watch};
-use super::learner::{Identified, Learner};
+use super::learner::Identified;
 use super::learning::{Learning, MOST_REORDER_NS, USUAL_REORDER_NS};
 use super::models::Models;
 use super::pacer::Pacer;
@@ -22,7 +20,7 @@ use super::schedule::Schedule;
 use super::timings::Phases;
 use super::visit::Pass;
 use super::wiring::StageResults;
-use super::{Control, PipelineError, rotation};
+use super::{Control, PipelineError, Result, locked, rotation};
 use crate::settings::Pace;
 use inkling_core::episodes::Episode;
 use inkling_io::recording::Recording;
@@ -38,61 +36,50 @@ pub fn replay(
     recording: &Recording,
     verdicts: &Path,
     control: &Control,
-) -> Result<RecordingReport, PipelineError> {
+) -> Result<RecordingReport> {
     let verdicts = Some(verdicts);
-    let pacer = &Mutex::new(Pacer::new(replay.settings.replay.pace));
+    let pace = replay.settings.replay.pace;
+    let pacer = Mutex::new(Pacer::new(pace));
+    let pacer = (pace != Pace::Max).then_some(&pacer);
     let run = Run { replay, recording, verdicts, control, watch: None, pacer };
     run.judge(&mut Phases::new(recording.opening))
 }
 
-/// Judges one recording without writing files: the report holds the rows
-/// ([`RecordingReport::arrays`]). For bursts in memory (`cli/called.rs`); the pace of the settings
-/// does not matter.
-pub fn judge(
-    replay: &Replay,
-    recording: &Recording,
-    control: &Control,
-) -> Result<RecordingReport, PipelineError> {
-    let pacer = &Mutex::new(Pacer::new(Pace::Max));
-    let run = Run { replay, recording, verdicts: None, control, watch: None, pacer };
+/// Judges one recording at full speed without writing files: the report holds the rows
+/// ([`RecordingReport::arrays`]).
+pub fn judge(replay: &Replay, recording: &Recording, control: &Control) -> Result<RecordingReport> {
+    let run = Run { replay, recording, verdicts: None, control, watch: None, pacer: None };
     run.judge(&mut Phases::new(recording.opening))
 }
 
-/// Judges a recording that is being written ([`Recording::follow`]), until it is closed or `control.enough`
-/// is set. Where models need the whole recording, it is judged again when it is closed, so that its tables
-/// are always those of a replay.
+/// Judges a recording that is being written ([`Recording::follow`]), until it is closed or `control.enough` is
+/// set. Its tables are always those of a replay.
 pub fn follow(
     replay: &Replay,
     recording: &Recording,
     verdicts: &Path,
     control: &Control,
     watch: &Watch,
-) -> Result<RecordingReport, PipelineError> {
+) -> Result<RecordingReport> {
     let announcer = Mutex::new(EpisodeAnnouncer::default());
-    // The recording may be judged twice, and the table may say otherwise than what was announced at once: an
-    // episode is announced once, and corrected at the end.
-    let announce = |event: EpisodeEvent| {
-        let mut announcer = announcer.lock().unwrap_or_else(PoisonError::into_inner);
-        match event {
-            EpisodeEvent::Raised(episode) => announcer.announce(episode, watch.episode),
-            other => (watch.episode)(other),
-        }
+    // the table may say otherwise than what was announced: an episode is announced once, and corrected
+    let announce = |event: EpisodeEvent| match event {
+        EpisodeEvent::Raised(episode) => locked(&announcer).announce(episode, watch.episode),
+        other => (watch.episode)(other),
     };
 
     let once = &Watch { episode: &announce, ..*watch };
-    let pacer = &Mutex::new(Pacer::new(Pace::Max)); // the recorder sets it
+    let pacer = None; // the recorder sets the pace
     let run =
         Run { replay, recording, verdicts: Some(verdicts), control, watch: Some(once), pacer };
     let report = followed(run, verdicts)?;
-    // the table is final: correct what was announced before
     let mut announcer = announcer.into_inner().unwrap_or_else(PoisonError::into_inner);
     announcer.settle(&report.episodes, watch.episode);
     Ok(report)
 }
 
-/// Judges a recording while it grows. Where its models need two passes, waits for its end and
-/// judges it again.
-fn followed(run: Run, verdicts: &Path) -> Result<RecordingReport, PipelineError> {
+/// Judges a recording while it grows. Where its models need two passes, waits and judges it again.
+fn followed(run: Run, verdicts: &Path) -> Result<RecordingReport> {
     let Run { recording, control, .. } = run;
     let is_rotated = run.watch.is_some_and(|watch| watch.rotation.is_some());
     if is_rotated {
@@ -104,20 +91,19 @@ fn followed(run: Run, verdicts: &Path) -> Result<RecordingReport, PipelineError>
             format!("{e}; what is found is told when the recording is closed")
         }
         Err(e @ PipelineError::Recording(_)) => {
-            // if the file has shrunk or another one has taken its place meanwhile, that is the error to tell
+            // that the file has shrunk, or another one has taken its place, comes first
             recording.check_same()?;
             return Err(e);
         }
         done => return done,
     };
 
-    // If stages were running, their end has made readers stop waiting for more: allow that again.
-    control.set_abandoned(false);
+    // the end of the stages has made readers stop waiting for more: allow that again
+    control.abandoned.store(false, Ordering::Relaxed);
     run.watch.iter().for_each(|watch| (watch.note)(&why));
     if is_rotated {
         rotation::remove(verdicts, recording)?; // what is in them is judged again
     }
-    // read on to the end of the recording, without judging anything
     phases.time("wait", || {
         let mut blocks = recording.blocks();
         while control.next_block(recording, &mut blocks)?.is_some() {}
@@ -130,16 +116,15 @@ fn followed(run: Run, verdicts: &Path) -> Result<RecordingReport, PipelineError>
 }
 
 impl<'a> Run<'a> {
-    /// Judges the recording in one pass where its order allows that, else in two. A recording that is still
-    /// being written cannot be read in two passes: that is an error.
-    pub fn judge(&self, phases: &mut Phases) -> Result<RecordingReport, PipelineError> {
-        let learner = Learner::of(self.replay);
-        let why = match self.why_two_passes(&learner) {
+    /// Judges the recording in one pass where its order allows that, else in two, which is an error for a
+    /// recording that is still being written.
+    pub fn judge(&self, phases: &mut Phases) -> Result<RecordingReport> {
+        let why = match self.why_two_passes() {
             Some(why) => why,
-            None => match self.stream(self.learning(&learner)?, phases) {
+            None => match self.stream(self.learning()?, phases) {
                 // a burst came too late for the windows that were learned, or they hold too much
                 Err(PipelineError::NeedsTwoPasses(why)) => why,
-                done => return self.report(done?, Identified::by(&learner, None), phases),
+                done => return self.report(done?, Identified::by(self.replay, None), phases),
             },
         };
         match self.recording.is_growing() {
@@ -148,48 +133,37 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Judges the recording after passes that learn its models. `why`: the reason
-    /// for that, for the report.
-    pub fn judge_in_two_passes(
-        &self,
-        why: String,
-        phases: &mut Phases,
-    ) -> Result<RecordingReport, PipelineError> {
-        let learner = Learner::of(self.replay);
-        let mut learning = self.learning(&learner)?;
+    /// Judges the recording after passes that learn its models. `why`: the reason for that, for the report.
+    pub fn judge_in_two_passes(&self, why: String, phases: &mut Phases) -> Result<RecordingReport> {
+        let mut learning = self.learning()?;
         learning.learn_before(self.pass(), phases)?;
         let streamed = self.stream(learning, phases)?;
-        self.report(streamed, Identified::by(&learner, Some(why)), phases)
+        self.report(streamed, Identified::by(self.replay, Some(why)), phases)
     }
 
-    /// The means to read the recording outside the stages.
-    fn pass(&self) -> Pass<'_> {
+    fn pass(&self) -> Pass<'a> {
         Pass { recording: self.recording, control: self.control }
     }
 
-    /// The learning of models, before it has seen any burst, with the design's models in its
-    /// schedule.
-    fn learning<'l>(&'l self, learner: &'l Learner<'l>) -> Result<Learning<'l>, PipelineError> {
-        // bursts may come as late as the chunk index says, within bounds
+    /// The learning of models, before the first burst, with the design's models in its schedule.
+    fn learning(&self) -> Result<Learning<'a>> {
         let reorder_ns = self.recording.disorder_ns.unwrap_or_default().max(USUAL_REORDER_NS);
         let reorder_ns = reorder_ns.min(MOST_REORDER_NS) as i64;
         let schedule = Schedule::new(self.replay.design.as_ref(), &self.replay.settings.isolate)?;
-        Ok(Learning::new(learner, schedule, reorder_ns, self.replay.workers(0)))
+        Ok(Learning::new(self.replay, schedule, reorder_ns, self.replay.workers(0)))
     }
 
-    /// The reason for which windows cannot be learned while the signals flow, as
-    /// far as it is known beforehand.
-    fn why_two_passes(&self, learner: &Learner) -> Option<String> {
+    /// The reason for which windows cannot be learned while the signals flow, as far as it is known beforehand.
+    fn why_two_passes(&self) -> Option<String> {
         let disorder_ns = self.recording.disorder_ns.unwrap_or_default();
-        if !learner.knows_by_design() && disorder_ns > MOST_REORDER_NS {
+        if !self.replay.knows_by_design() && disorder_ns > MOST_REORDER_NS {
             let seconds = disorder_ns as f64 / 1e9;
             return Some(format!(
                 "its chunks lie up to {seconds:.1} s out of the order of their times"
             ));
         }
 
-        // In two passes windows are learned in the order in which they begin, in the stream in that
-        // in which they end. Where no window overlaps another one, both are the same.
+        // in two passes windows are learned in the order of their begins, in the stream in that of their ends
         let mut spans = self.replay.spans.clone();
         spans.sort_unstable();
         let overlap = spans.windows(2).any(|pair| pair[0].1 > pair[1].0);
@@ -197,15 +171,10 @@ impl<'a> Run<'a> {
     }
 
     /// Sends the recording through the stages. The time of a run that is given up is counted apart.
-    fn stream<'l>(
-        &'l self,
-        learning: Learning<'l>,
-        phases: &mut Phases,
-    ) -> Result<StageResults<'l>, PipelineError> {
+    fn stream(&self, learning: Learning<'a>, phases: &mut Phases) -> Result<StageResults<'a>> {
         let (started, signals) = (Instant::now(), self.control.signals.load(Ordering::Relaxed));
-        // the recording is read from its beginning; bursts that were handed on in an
-        // earlier pass are not waited for
-        self.pacer().begin();
+        // bursts that were handed on in an earlier pass are not waited for
+        self.pacer.into_iter().for_each(|pacer| locked(pacer).begin());
         let streamed = self.through_stages(Models::new(learning, self.pass()));
         if streamed.is_err() {
             self.control.signals.store(signals, Ordering::Relaxed); // they are judged again
@@ -218,7 +187,6 @@ impl<'a> Run<'a> {
 /// Maximum number of episodes that are remembered as announced.
 const MOST_ANNOUNCED: usize = 1 << 20;
 
-/// Remembers which episodes were announced, and with which name and time.
 #[derive(Debug, Default)]
 pub struct EpisodeAnnouncer {
     /// By printhead and channel, the episodes as each was last announced.
@@ -228,8 +196,7 @@ pub struct EpisodeAnnouncer {
 }
 
 impl EpisodeAnnouncer {
-    /// Sends an event if an episode is new, or if its name or the time at which it was raised is not the
-    /// announced one.
+    /// Sends an event if an episode is new, or if its name or the time at which it was raised has changed.
     pub fn announce(&mut self, now: &Episode, send: &dyn Fn(EpisodeEvent)) {
         let of_channel = self.announced.entry((now.printhead.clone(), now.channel)).or_default();
         match of_channel.iter_mut().find(|before| is_same(before, now)) {
@@ -249,9 +216,8 @@ impl EpisodeAnnouncer {
         }
     }
 
-    /// Corrects what was announced, where the finished table says otherwise: announces what is new
-    /// or has changed, and withdraws what the table does not have. The withdrawn ones come in the
-    /// order in which they were raised.
+    /// Corrects what was announced, where the finished table says otherwise: announces what is new or has changed,
+    /// and withdraws what the table does not have, in the order in which it was raised.
     pub fn settle(&mut self, table: &EpisodeReport, send: &dyn Fn(EpisodeEvent)) {
         table.listed.iter().for_each(|episode| self.announce(episode, send));
         if table.counts.episodes > table.listed.len() as u64 {

@@ -1,16 +1,13 @@
-//! Decides which recordings of a batch are finished already. A recording is finished if its content, the
-//! design, the labels, the settings that have an effect, and the version of the tables are those of the
-//! journal's last line about it, and its files are there. The program's version does not matter.
+//! Decides which recordings of a batch are finished already. A recording is finished if its content, the design,
+//! the labels, the settings that have an effect, and the version of the tables are those of the journal's last
+//! line about it, and its files are there. The program's version does not matter.
 //!
-//! In: from `cli/plan.rs`, a recording with its place among the results, and the journal. Out: a
-//! [`Decision`] with its reason ([`Resume::decide`]). Also what the journal notes as the means of
-//! judging ([`means_of`]).
+//! In: from `cli/plan.rs`, a recording with its place among the results, and the journal. Out: a [`Decision`] with
+//! its reason ([`Resume::decide`]). Also what the journal notes as the means of judging ([`means_of`]).
 //!
-//! The questions, in this order: do files that are not this recording's lie at its place (then it
-//! is refused)? Does the journal know its results? Did the means change, or the result files? Did
-//! the recording's content change, first by size and time of change, which cost little, then by its
-//! digest? The digest of a whole file is computed only where nothing cheaper tells.
-
+//! The questions, in this order: do files that are not this recording's lie at its place (then it is refused)?
+//! Does the journal know its results? Did the means change, or the result files? Did the content change, first by
+//! size and time of change, then by its digest, which reads the whole file?
 use super::job::Replay;
 use crate::settings::Settings;
 use inkling_io::journal::{Entry, Journal, Means, Source, Stamp};
@@ -20,12 +17,12 @@ use inkling_io::{
     annotation_writer, episode_table, regular_file, stored, summary_file, verdict_reader,
 };
 use serde_json::Value;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use thiserror::Error;
 
-/// Version of the tables that are written; raised when the same recording, design
-/// and settings give other columns.
+/// Version of the tables; raised when the same recording, design and settings give other columns.
 pub const TABLES_VERSION: u32 = 3;
 /// Maximum bytes of a summary that is read to learn whose it is.
 const MOST_SUMMARY_BYTES: u64 = 64 << 20;
@@ -54,13 +51,10 @@ pub enum JudgeReason {
     BaselineChanged,
     #[error("its tables are of another version")]
     OtherTables,
-    /// Its files are there, but the journal does not know of them.
     #[error("the journal does not know of its verdicts")]
     NotInJournal,
-    /// Its files are gone, or are not as they were written.
     #[error("its verdicts are gone, or not as they were written")]
     ResultsChanged,
-    /// It rests on the baselines of a recording before it, which is judged again.
     #[error("its baselines follow from one that is judged again")]
     AfterAnother,
 }
@@ -69,7 +63,6 @@ pub enum JudgeReason {
 #[derive(Clone, Debug)]
 pub enum Decision {
     Judge(JudgeReason),
-    /// It is skipped.
     Finished {
         /// The journal's last line about it.
         entry: Arc<Entry>,
@@ -84,13 +77,11 @@ pub enum Decision {
 pub struct Resume<'a> {
     /// The directory of results.
     pub out: &'a Path,
-    /// What became of recordings in earlier runs.
     pub journal: &'a Journal,
     /// What recordings are judged with now.
     pub means: &'a Means,
     /// Whether `--baseline` is given.
     pub with_baselines: bool,
-    /// Judge again what is finished.
     pub force: bool,
     /// Compare the content, whatever the file's size and time of change say.
     pub verify: bool,
@@ -106,8 +97,8 @@ pub fn means_of(replay: &Replay, labels: Option<String>) -> Means {
     }
 }
 
-/// The settings that neither a verdict nor its summary depends on, by section. Settings that name
-/// files are among them: the files' contents are compared instead, by digest.
+/// The settings that neither a verdict nor its summary depends on, by section. Of files that settings name, the
+/// digests are compared instead.
 const WITHOUT_EFFECT: [(&str, &[&str]); 4] = [
     ("input", &["recordings", "design", "baseline"]),
     ("identify", &["labels"]),
@@ -138,12 +129,11 @@ impl Resume<'_> {
         let (path, stamp) = (&placed.input.path, placed.source.stamp);
         let entry = self.journal.of_result(&placed.verdicts);
 
-        // 1. files that lie where the results would go must be this recording's, by its path or by
-        // its content
-        let there =
-            files(&placed.verdicts_in(self.out)).into_iter().find(|file| stored::exists(file));
+        // 1. files at its place must be this recording's, by its path or by its content
+        let verdicts = placed.verdicts_in(self.out);
+        let there = files(&verdicts).into_iter().find(|file| stored::exists(file));
         if let Some(there) = &there {
-            let owner = owner(entry, &placed.verdicts_in(self.out));
+            let owner = owner(entry, &verdicts);
             let same_path = entry.is_some_and(|e| e.recording.path == placed.source.path);
             let bytes = owner.as_ref().and_then(|of| Some(of.stamp?.bytes));
             let is_as_long = bytes.is_some() && bytes == stamp.map(|stamp| stamp.bytes);
@@ -156,7 +146,7 @@ impl Resume<'_> {
         }
 
         // 2. the same for annotations, which are recognised by what is in them
-        let annotations = annotation_writer::path_beside(&placed.verdicts_in(self.out));
+        let annotations = annotation_writer::path_beside(&verdicts);
         if is_of_another(&annotations) {
             return Ok(Decision::Refuse(format!(
                 "{}: is no file of annotations that inkling wrote, and would be one: give another --out, or remove it",
@@ -170,21 +160,16 @@ impl Resume<'_> {
             return Ok(Decision::Judge(why));
         };
 
-        // 4. Did anything but its content change? With `--force` everything is judged again; what
-        // was never judged keeps its own reason.
+        // 4. did anything but its content change? What was never judged keeps its reason with `--force`
         match self.stale(entry, placed) {
-            Some(_) if self.force && entry.outcome.is_judged() => {
-                Ok(Decision::Judge(JudgeReason::Forced))
-            }
-            Some(why) => Ok(Decision::Judge(why)),
-            None if self.force => Ok(Decision::Judge(JudgeReason::Forced)),
-            None => self.compare(entry, placed, digest),
+            Some(why) if !(self.force && entry.outcome.is_judged()) => Ok(Decision::Judge(why)),
+            None if !self.force => self.compare(entry, placed, digest),
+            _ => Ok(Decision::Judge(JudgeReason::Forced)),
         }
     }
 
     /// The reason for judging a recording again, apart from its content. `None`: there is none.
     fn stale(&self, entry: &Entry, placed: &PlacedRecording) -> Option<JudgeReason> {
-        // the reasons are asked in this order, and the first one is told
         let (then, now) = (&entry.by, self.means);
         let bytes = entry.results.as_ref().map_or(&[][..], |results| &results.bytes);
         let is_there = |(file, &bytes): (PathBuf, &u64)| {
@@ -211,8 +196,8 @@ impl Resume<'_> {
         }
     }
 
-    /// Compares a recording's content with that of the journal: first by size and time of change, which cost
-    /// little, and by the digest where size and time do not tell, or with `verify`.
+    /// Compares a recording's content with that of the journal: by size and time of change, and by the digest
+    /// where these do not tell, or with `verify`.
     fn compare<E>(
         &self,
         entry: &Arc<Entry>,
@@ -239,15 +224,13 @@ impl Resume<'_> {
     }
 }
 
-/// Whether there is a file that is not empty, and that is no recording of inkling, which
-/// annotations are.
+/// Whether there is a file that is not empty, and that is no recording of inkling, which annotations are.
 fn is_of_another(annotations: &Path) -> bool {
     let is_something = annotations.metadata().is_ok_and(|of| of.len() > 0);
     is_something && !matches!(ResultFile::of(annotations), Ok(Some(ResultFile::Recording)))
 }
 
-/// Paths of the files that are written of a recording. The summary, which says
-/// that all are there, is the last.
+/// Paths of the files that are written of a recording. The summary, which says that all are there, is the last.
 pub fn files(verdicts: &Path) -> [PathBuf; 3] {
     [
         verdicts.to_path_buf(),
@@ -256,8 +239,8 @@ pub fn files(verdicts: &Path) -> [PathBuf; 3] {
     ]
 }
 
-/// The recording whose results lie at a place, as far as that is known: by the journal, or else by the summary
-/// beside the table. If a run was killed before it named the summary, what the tables say of themselves tells.
+/// The recording whose results lie at a place, by the journal, or else by the summary beside the table, or what
+/// the tables say of themselves.
 fn owner(entry: Option<&Arc<Entry>>, verdicts: &Path) -> Option<Source> {
     if let Some(entry) = entry {
         return Some(entry.recording.clone());
@@ -275,13 +258,7 @@ fn owner(entry: Option<&Arc<Entry>>, verdicts: &Path) -> Option<Source> {
     let text = |key: &str| document["recording"][key].as_str().map(str::to_owned);
     let bytes = document["recording"]["bytes"].as_u64();
     let stamp = bytes.map(|bytes| Stamp { bytes, modified_ns: None });
-    Some(Source {
-        path: text("name")?,
-        stamp,
-        digest: text("digest"),
-        day: None,
-        starts_at_ns: None,
-    })
+    Some(Source { path: text("name")?, stamp, digest: text("digest"), ..Source::default() })
 }
 
 /// Why nothing is written where a recording's results are, in words.
@@ -315,9 +292,7 @@ fn differ(key: &str, then: &Value, now: &Value, keys: &mut Vec<String>) {
         }
         return;
     };
-    let mut names: Vec<&String> = a.keys().chain(b.keys()).collect();
-    names.sort_unstable();
-    names.dedup();
+    let names: BTreeSet<&String> = a.keys().chain(b.keys()).collect();
     for name in names {
         let below = if key.is_empty() { name.clone() } else { format!("{key}.{name}") };
         let of = |values: &serde_json::Map<String, Value>| values.get(name).cloned();

@@ -1,15 +1,13 @@
 //! Looks at a recording's first bursts: whether they are ring-downs as they are laid out, and whether they
 //! ring at frequencies at which printheads do.
 //!
-//! In: a recording, from `recording_report` (where there is no design) and from `inspect`. Out: a
-//! sentence for each printhead whose signals speak against their layout or sample period
-//! ([`doubts`]). No signal is judged by that. If somebody got a layout or a sample period wrong,
-//! that is told in words before faults are made of it.
+//! In: a recording, from `recording_report` (where there is no design) and from `inspect`. Out: a sentence for
+//! each printhead whose signals speak against their layout or sample period ([`doubts`]), before faults are made
+//! of that. No signal is judged by it.
 //!
-//! A layout is wrong if neighbouring samples of a channel hardly correlate, or if channels have
-//! little in common, while with rows and columns exchanged both hold ([`Lie`]). A sample period is
-//! wrong if the mean signal would ring outside of 500 Hz to 2 MHz, or holds less than one period.
-//! All these limits are heuristic.
+//! A layout is wrong if neighbouring samples of a channel hardly correlate, or if channels have little in common,
+//! while with rows and columns exchanged both hold ([`Lie`]). A sample period is wrong if the mean signal would
+//! ring outside of 500 Hz to 2 MHz, or holds less than one period. All these limits are heuristic.
 
 use super::batches::usable;
 use crate::report::three_digits;
@@ -28,8 +26,7 @@ const RINGS_WITHIN: [f64; 2] = [500.0, 2e6];
 /// Maximum number of printheads that are told of.
 const MOST_TOLD: usize = 8;
 
-/// What speaks against the layout or the sample period of signals, by printhead: its name and a
-/// sentence. Empty where all is well. Where the layout is wrong, the period is not looked at.
+/// What speaks against the layout, or else the sample period, of signals: printheads, each with a sentence.
 pub fn doubts(recording: &Recording) -> Vec<(String, String)> {
     let mut by_printhead: BTreeMap<String, Vec<Burst>> = BTreeMap::new();
     for burst in first_bursts(recording) {
@@ -68,10 +65,10 @@ fn numbers(burst: &Burst) -> Vec<f64> {
     numbers
 }
 
-/// The doubt about a layout that more than half of the bursts give: they look like ring-downs laid out the
-/// other way, or their neighbouring samples are not alike at all.
+/// The doubt about a layout, if more than half of the bursts give it: they look like ring-downs laid out the other
+/// way, or their neighbouring samples are not alike at all.
 fn of_layout(bursts: &[Burst]) -> Option<String> {
-    // bursts that are noise as laid out, and bursts that look like ring-downs only if laid out the other way
+    // bursts that are noise as laid out, and those that look like ring-downs only if laid out the other way
     let (mut noisy, mut other_way) = (Vec::new(), Vec::new());
     for burst in bursts {
         let (all, channels) = (numbers(burst), burst.channels as usize);
@@ -87,7 +84,7 @@ fn of_layout(bursts: &[Burst]) -> Option<String> {
     }
 
     let major = |lie: &Lie| if lie.sample_major { "sample-major" } else { "channel-major" };
-    // each is told only if it holds for more than half of the bursts; the other layout is the likelier cause
+    // the other layout is the likelier cause
     if let Some((here, other)) = other_way.first().filter(|_| 2 * other_way.len() > bursts.len()) {
         return Some(format!(
             "these are no ring-downs as laid out: {} channels have {:.2} of their energy in common, {} \

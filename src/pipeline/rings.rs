@@ -1,21 +1,23 @@
 //! What is computed of signals before they are named, in two helpers.
 //!
-//! [`Deviations`]: a signal goes in, its deviation from what its judge expects comes out, N,
-//! counts. Used by the filter stage, the isolate stage, and the looks at heads.
+//! [`Deviations`]: a signal goes in, its deviation from what its judge expects comes out, N, counts.
 //!
-//! [`Rings`]: a batch goes in, the fitted ring of each signal that passed the gate comes out, where
-//! the judge's method names fitted rings (`isolate.method` = `posterior`). The isolate stage fits
-//! all rings of a batch first, many side by side, and then takes them in the order of the rows. A
-//! fit does not depend on its neighbours ([`inkling_core::model::ring_fit`]).
+//! [`Rings`]: a batch goes in, the fitted ring of each signal that passed the gate comes out, where the
+//! judge's method names fitted rings (`isolate.method` = `posterior`). The isolate stage fits all rings of a
+//! batch first, many side by side, and then takes them in the order of the rows. A fit does not depend on its
+//! neighbours ([`inkling_core::model::ring_fit`]).
 
 use super::batches::GatedBatch;
 use inkling_core::burst::{Acquisition, Burst};
 use inkling_core::design::{Judge, JudgeKey};
 use inkling_core::model::ring_fit::{Fit, Products};
+use inkling_core::verdict::{Reason, unusable_signal};
 
 /// The buffers for one signal after the other.
 #[derive(Debug, Default)]
 pub(super) struct Deviations {
+    /// Limits of the converter, counts.
+    pub rails: [f64; 2],
     /// The signal at hand, counts: as it was acquired, or its deviation.
     pub signal: Vec<f64>,
     /// The expected signal, counts.
@@ -32,8 +34,16 @@ impl Deviations {
         &self.signal
     }
 
-    /// Turns the signal that was copied last into its deviation from what `judge` expects of it:
-    /// burst and row must be the same.
+    /// A signal's deviation; an error if the signal cannot be judged.
+    pub fn usable(&mut self, judge: &Judge, burst: &Burst, row: usize) -> Result<&[f64], Reason> {
+        let rails = self.rails;
+        match unusable_signal(self.copy(burst, row), rails) {
+            Some(reason) => Err(reason),
+            None => Ok(self.deviate(judge, burst, row)),
+        }
+    }
+
+    /// Turns the signal that was copied last into its deviation: burst and row must be the same.
     pub fn deviate(&mut self, judge: &Judge, burst: &Burst, row: usize) -> &[f64] {
         // bursts that follow each other mostly expect the same signal
         let drive = judge.drive(burst).to_bits();
@@ -54,8 +64,7 @@ impl Deviations {
 pub struct Rings {
     /// Buffers of the fits.
     products: Products,
-    /// The fits that were not taken yet, in the order of the rows that were to be fitted; `None`: the signal is
-    /// no ring.
+    /// The fits that were not taken yet, in the order of the rows; `None`: the signal is no ring.
     pub fits: std::vec::IntoIter<Option<Fit>>,
 }
 
@@ -69,8 +78,7 @@ struct WaitingSignal<'a> {
 }
 
 impl Rings {
-    /// Fits the signals that passed the gate, or with `everything` all that were judged. The fits
-    /// are then taken from `fits`, in the order of the signals in the batch.
+    /// Fits the signals that passed the gate, or with `everything` all that were judged.
     pub fn fit(&mut self, of: &GatedBatch, everything: bool) {
         // the signals to be fitted, numbered in the order of the batch
         let mut waiting: Vec<WaitingSignal> = Vec::new();
@@ -90,8 +98,7 @@ impl Rings {
         }
 
         let mut fits = vec![None; waiting.len()];
-        // one judge after the other, so that fits run side by side even if short
-        // bursts of several judges alternate
+        // one judge after the other, so that fits run side by side even if bursts of several judges alternate
         waiting.sort_by_key(|w| (w.judge.key(), w.number));
         for of_judge in waiting.chunk_by(|p, q| p.judge.key() == q.judge.key()) {
             let Some(fitter) = of_judge[0].judge.rings() else { continue };

@@ -1,16 +1,14 @@
 //! `--rotate`: writes what is judged of a recording that is still being written part by part. Each part is
 //! closed after a span of recording time, and is from then on a table that can be read.
 //!
-//! In: the batches that the writer appends to the table, from `wiring` ([`PartWriter::write`]).
-//! Out: parts ([`inkling_io::part_tables`]), which get their names when they are complete, and of
-//! each a call to whoever watches. Where a part ends, `part_boundaries` decides. The rows that no
-//! closed part holds at the end are in the table alone; when the recording is closed, `finish`
-//! removes all parts, as the table holds every row.
+//! In: the batches that the writer appends to the table, from `wiring` ([`PartWriter::write`]). Out: parts
+//! ([`inkling_io::part_tables`]), which get their names when they are complete, and of each a call to whoever
+//! watches. When the recording is closed, `finish` removes all parts, as the table holds every row.
 
 use super::batches::JudgedBatch;
-use super::job::{ClosedPart, Replay, Rotation};
+use super::job::{ClosedPart, Rotation, Run};
 use super::part_boundaries::{PartBoundaries, Section};
-use super::{PipelineError, metadata};
+use super::{PipelineError, Result, metadata};
 use inkling_core::design::Judge;
 use inkling_io::file_error::FileError;
 use inkling_io::part_file;
@@ -24,15 +22,14 @@ use std::sync::Arc;
 /// Appends batches to the part at hand, and closes it when its span is over.
 pub struct PartWriter<'a> {
     rotation: Rotation<'a>,
-    replay: &'a Replay,
-    recording: &'a Recording,
+    run: Run<'a>,
     /// As of the table.
     options: TableOptions,
     /// Where the parts lie.
     tables: PartTables,
     /// Says where the part at hand ends.
     boundaries: PartBoundaries,
-    /// How the recording begins, as the first part noted it; tells the parts of this recording from others.
+    /// How the recording begins, as the first part noted it.
     begins: Option<Beginning>,
     /// Number of parts that were closed.
     closed: u32,
@@ -54,16 +51,14 @@ impl<'a> PartWriter<'a> {
     /// `verdicts`: the path that the table will have.
     pub fn new(
         rotation: Rotation<'a>,
-        replay: &'a Replay,
-        recording: &'a Recording,
+        run: Run<'a>,
         verdicts: &Path,
         options: TableOptions,
-    ) -> PartWriter<'a> {
+    ) -> Self {
         let span_ns = i64::try_from(rotation.every.as_nanos()).unwrap_or(i64::MAX);
         PartWriter {
             rotation,
-            replay,
-            recording,
+            run,
             options,
             tables: PartTables::beside(verdicts),
             boundaries: PartBoundaries::new(span_ns),
@@ -74,10 +69,9 @@ impl<'a> PartWriter<'a> {
     }
 
     /// Appends a batch, and closes the parts that end in it.
-    pub fn write(&mut self, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
+    pub fn write(&mut self, judged: &mut JudgedBatch) -> Result<()> {
         let sections = self.boundaries.cut(&judged.verdicts);
-        // A section is written as the batch with only the section's rows listed; at the end all
-        // rows are listed again. So no row is copied.
+        // a section is written as the batch with only the section's rows listed: so no row is copied
         let whole = std::mem::take(&mut judged.verdicts.parts);
         for (nth, section) in sections.into_iter().enumerate() {
             if nth > 0 {
@@ -92,18 +86,15 @@ impl<'a> PartWriter<'a> {
     }
 
     /// Appends a section of a batch to the part at hand, or begins one with it.
-    fn append(&mut self, section: Section, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
+    fn append(&mut self, section: Section, judged: &mut JudgedBatch) -> Result<()> {
         let open = match &mut self.open {
             Some(open) => open,
-            none => none.insert(OpenPart {
-                writer: VerdictWriter::create(
-                    &self.tables.path(self.closed + 1),
-                    self.options.clone(),
-                )?,
-                from_ns: i64::MAX,
-                to_ns: i64::MIN,
-                judges: BTreeMap::new(),
-            }),
+            none => {
+                let path = self.tables.path(self.closed + 1);
+                let writer = VerdictWriter::create(&path, self.options.clone())?;
+                let (from_ns, to_ns) = (i64::MAX, i64::MIN);
+                none.insert(OpenPart { writer, from_ns, to_ns, judges: BTreeMap::new() })
+            }
         };
         open.from_ns = open.from_ns.min(section.from_ns);
         open.to_ns = open.to_ns.max(section.to_ns);
@@ -115,7 +106,7 @@ impl<'a> PartWriter<'a> {
     }
 
     /// Completes the part at hand, if there is one, and gives it its name.
-    fn close(&mut self) -> Result<(), PipelineError> {
+    fn close(&mut self) -> Result<()> {
         let Some(OpenPart { writer, from_ns, to_ns, judges }) = self.open.take() else {
             return Ok(());
         };
@@ -127,10 +118,11 @@ impl<'a> PartWriter<'a> {
         // what the part says of itself: of which recording it is, and by which models it was judged
         let begins = match &mut self.begins {
             Some(begins) => &*begins,
-            none => none.insert(Beginning::of(self.recording).map_err(failed)?),
+            none => none.insert(Beginning::of(self.run.recording).map_err(failed)?),
         };
         let judges = judges.values().map(|judge| &**judge);
-        let document = metadata::of_part(self.replay, self.recording, begins, judges, &part);
+        let document =
+            metadata::of_part(self.run.replay, self.run.recording, begins, judges, &part);
         let document = serde_json::to_string(&document).map_err(|e| failed(e.into()))?;
         let complete = writer.complete(document)?;
 
@@ -145,8 +137,7 @@ impl<'a> PartWriter<'a> {
     }
 }
 
-/// A part that was not closed is discarded, and the directory of parts if it is empty: its rows are
-/// in the table.
+/// A part that was not closed is discarded, and the directory of parts if it is empty.
 impl Drop for PartWriter<'_> {
     fn drop(&mut self) {
         self.open = None;
@@ -154,15 +145,14 @@ impl Drop for PartWriter<'_> {
     }
 }
 
-/// Removes the parts of this recording. Returns the first other file that has the name of a part;
-/// such files stay.
-pub fn remove(verdicts: &Path, recording: &Recording) -> Result<Option<PathBuf>, PipelineError> {
+/// Removes the parts of this recording. Returns the first other file that has the name of a part.
+pub fn remove(verdicts: &Path, recording: &Recording) -> Result<Option<PathBuf>> {
     let tables = PartTables::beside(verdicts);
     Ok(tables.remove_of(recording).map_err(FileError::unwritten(&tables.dir))?)
 }
 
 /// Removes the parts that an earlier run left; an error if other files are in the way of new ones.
-pub fn make_room(verdicts: &Path, recording: &Recording) -> Result<(), PipelineError> {
+pub fn make_room(verdicts: &Path, recording: &Recording) -> Result<()> {
     match remove(verdicts, recording)? {
         Some(path) => Err(PipelineError::PartTaken { path }),
         None => Ok(()),

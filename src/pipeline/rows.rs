@@ -1,11 +1,11 @@
-//! Turns what the stages know of a signal into a row of the verdict table. In: from the gate,
-//! detections and their judge (`test`); from the isolator, what is to be said of a signal. Out:
-//! cells in the columns of `schemas/verdicts.md`, one function per kind of row: rejected, judged,
-//! and a run of healthy signals.
+//! Turns what the stages know of a signal into a row of the verdict table. In: from the gate, detections and
+//! their judge (`test`); from the isolator, what is to be said of a signal. Out: cells in the columns of
+//! `schemas/verdicts.md`, one function per kind of row: rejected, judged, and a run of healthy signals.
 //!
 //! All columns have the same length after each row: who pushes only some of them calls `fill_up`.
 
-use inkling_core::design::{Detection, Isolation, Judge, Severity, Tested, Thresholds};
+use super::batches::Detected;
+use inkling_core::design::{Isolation, Judge, Severity, Tested, Thresholds};
 use inkling_core::isolate::Likeness;
 use inkling_core::verdict::{HealthyRun, Outcome, Part, Reason, Test, Tests, VerdictColumns};
 use std::ops::Range;
@@ -43,6 +43,8 @@ pub struct Row<'a> {
     pub weights: Option<&'a [f64]>,
     /// Resonance, Hz, and damping, 1/s; `None`: not known.
     pub ring: Option<[f64; 2]>,
+    /// The fault's size; `None`: it was not sized, which only the posterior does.
+    pub severity: Option<Severity>,
 }
 
 /// Adds the row of a signal that was rejected.
@@ -54,12 +56,11 @@ pub fn push_rejected(columns: &mut VerdictColumns, id: Id, reason: Reason) {
 
 /// Adds the row of a signal that was judged. Without an isolation, a flagged signal is undecided.
 pub fn push_judged(columns: &mut VerdictColumns, id: Id, row: Row) {
-    let Row { tested, model, isolation, weights, ring } = row;
-    // a flagged signal is faulty if isolation has named its class or category with certainty; else
-    // it is undecided, with the reason
-    let passed = tested.is_flagged();
-    let decided = isolation.filter(|i| passed && !i.is_uncertain());
-    let (outcome, reason) = match (passed, decided) {
+    let Row { tested, model, isolation, weights, ring, severity } = row;
+    // a flagged signal is faulty if isolation has named its class or category with certainty
+    let flagged = tested.is_flagged();
+    let decided = isolation.filter(|i| flagged && !i.is_uncertain());
+    let (outcome, reason) = match (flagged, decided) {
         (false, _) => (Outcome::Healthy, None),
         (true, Some(_)) => (Outcome::Faulty, None),
         (true, None) => {
@@ -86,31 +87,21 @@ pub fn push_judged(columns: &mut VerdictColumns, id: Id, row: Row) {
     columns.model.push(Some(model));
     columns.resonance_hz.push(ring.map(|[f, _]| f as f32));
     columns.damping_per_s.push(ring.map(|[_, damping]| damping as f32));
-    columns.fill_up(); // only the posterior sizes a fault: `set_severity`
+    let severity = severity.filter(|_| outcome == Outcome::Faulty);
+    columns.severity.push(severity.map(|of| of.value as f32));
+    columns.severity_sd.push(severity.map(|of| of.sd as f32));
+    columns.fill_up();
     if let Some(weights) = weights {
-        // the rows before this one may lack weights, and get an empty entry; those after the last with
-        // weights need none
+        // rows before this one may lack weights; those after the last one with weights need no entry
         columns.weights_start.resize(columns.acquired_at_ns.len() - 1, None);
         columns.weights_start.push(Some(columns.weights.len() as u32));
         columns.weights.extend(weights.iter().map(|&v| v as f32));
     }
 }
 
-/// Sets the severity of the row that was added last, if that row is faulty. `None`: the fault was
-/// not sized.
-pub fn set_severity(columns: &mut VerdictColumns, severity: Option<Severity>) {
-    let Some(Severity { value, sd }) = severity else { return };
-    if columns.outcome.last() != Some(&Outcome::Faulty) {
-        return;
-    }
-    if let (Some(v), Some(s)) = (columns.severity.last_mut(), columns.severity_sd.last_mut()) {
-        (*v, *s) = (Some(value as f32), Some(sd as f32));
-    }
-}
-
 /// Adds the outcomes of the tests of a burst's signals to `tests`, for the gate. `judge`: `None` if
 /// nobody judged the signals; `found`: for each signal its statistics, or why it has none.
-pub fn test(judge: Option<&Judge>, found: &[Result<Detection, Reason>], tests: &mut Tests) {
+pub fn test(judge: Option<&Judge>, found: &[Detected], tests: &mut Tests) {
     let from = tests.healthy.len();
     // every signal counts as not judged until its detection says otherwise
     tests.push_not_judged(found.len());
@@ -128,8 +119,7 @@ pub fn test(judge: Option<&Judge>, found: &[Result<Detection, Reason>], tests: &
     }
 }
 
-/// A run of neighbouring healthy signals of a burst. `first`: identifies the first of the signals;
-/// `signals`: their indices in the batch.
+/// A run of neighbouring healthy signals of a burst. `signals`: their indices in the batch.
 pub fn healthy_run(first: Id, signals: Range<usize>, judge: &Judge) -> Part {
     let Thresholds { along, of_ring, beside } = judge.thresholds();
     Part::Healthy(HealthyRun {

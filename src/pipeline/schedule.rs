@@ -1,33 +1,29 @@
 //! The schedule holds the models of a run by their numbers, and makes their judges when they are needed.
 //!
-//! In: models, the design's first and then those that windows give, from `learning`
-//! ([`Schedule::add`]). Out: the judge of a model ([`Schedule::judge`]), and for the metadata all
-//! models. A number is what the verdict table has in its column `model`. Which model judges a
-//! printhead at a time stands in a [`Timeline`], one for each group.
+//! In: models, the design's first and then those that windows give, from `learning` ([`Schedule::add`]). Out:
+//! the judge of a model ([`Schedule::judge`]), and for the metadata all models. A number is what the verdict
+//! table has in its column `model`. Which model judges when stands in a [`Timeline`], one for each group.
 //!
-//! A judge takes several times the memory of its model, and a recording may have thousands of
-//! models. So judges are made when a burst asks for them, and dropped in turn when none has asked
-//! for a while.
+//! A judge takes several times the memory of its model, and a recording may have thousands of models. So judges
+//! are made when a burst asks for them, and dropped when none has asked for a while.
 
-use super::PipelineError;
-use super::groups::MOST_GROUPS;
+use super::groups::{MOST_GROUPS, of_printhead};
+use super::{PipelineError, Result};
 use inkling_core::burst::Burst;
 use inkling_core::design::{Design, HealthyModel, IsolateSettings, Judge};
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
-/// So many judges are made (or one for each group, if these are more) before those that no burst asked for
-/// meanwhile are dropped.
+/// After so many new judges (or one for each group, if these are more) those that no burst asked for meanwhile
+/// are dropped.
 const MANY_NEW: usize = 64;
 
 /// A healthy window that gave no model, and why; it stands in summary.json and is told on the terminal.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Refusal {
     pub printhead: String,
-    /// The window, ns.
     pub from_ns: i64,
     pub to_ns: i64,
-    /// The reason in words.
     pub why: String,
     /// Whether its model lay beyond the bounds of `identify.max_damping_drift` and `max_frequency_drift`.
     #[serde(skip)]
@@ -37,13 +33,9 @@ pub struct Refusal {
 /// The numbers of the models of one group, each after the time from which on it judges, ns, ascending; the
 /// first one also judges everything before its start.
 #[derive(Clone, Debug, Default)]
-pub struct Timeline(Vec<(i64, u16)>);
+pub struct Timeline(pub Vec<(i64, u16)>);
 
 impl Timeline {
-    pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
-
     /// Inserts a model at its place in time.
     pub fn enter(&mut self, from_ns: i64, number: u16) {
         // windows given as spans may end in any order
@@ -51,9 +43,8 @@ impl Timeline {
         self.0.insert(at, (from_ns, number));
     }
 
-    /// The number of the model that judges at `t_ns`: the last one whose window had ended, so the
-    /// choice is causal. Only what lies before the first window's end is judged by the first
-    /// model. `None`: there are no models.
+    /// The number of the model that judges at `t_ns`: the last one whose window had ended, and before the first
+    /// window's end the first one. `None`: there are no models.
     pub fn at(&self, t_ns: i64) -> Option<u16> {
         let next = self.0.partition_point(|(from_ns, _)| *from_ns <= t_ns);
         self.0.get(next.saturating_sub(1)).map(|(_, number)| *number)
@@ -75,7 +66,9 @@ struct ScheduledModel {
 /// All models of a run, with those of their judges that bursts ask for.
 #[derive(Debug)]
 pub struct Schedule<'a> {
-    design: Option<&'a Design>,
+    pub(super) design: Option<&'a Design>,
+    /// The design's model of all printheads together.
+    pooled: Option<Arc<HealthyModel>>,
     settings: &'a IsolateSettings,
     /// The number of the design's own model by printhead; used for groups that need no windows.
     by_name: HashMap<Arc<str>, u16>,
@@ -84,19 +77,16 @@ pub struct Schedule<'a> {
     new: usize,
     /// The windows that gave no model; complete when the learning is over.
     pub refusals: Vec<Refusal>,
-    /// Sample period, s, and number of samples of the first burst of each printhead that is sampled otherwise
-    /// than the design.
+    /// Sample period, s, and number of samples of the first burst of each printhead that does not fit the
+    /// design.
     sampled_otherwise: BTreeMap<Arc<str>, (f64, u32)>,
 }
 
 impl<'a> Schedule<'a> {
-    /// A schedule with the design's models as they are, if there is a design.
-    pub fn new(
-        design: Option<&'a Design>,
-        settings: &'a IsolateSettings,
-    ) -> Result<Schedule<'a>, PipelineError> {
+    pub fn new(design: Option<&'a Design>, settings: &'a IsolateSettings) -> Result<Schedule<'a>> {
         let mut schedule = Schedule {
             design,
+            pooled: design.map(|design| Arc::new(design.pooled.clone())),
             settings,
             by_name: HashMap::new(),
             models: Vec::new(),
@@ -114,13 +104,11 @@ impl<'a> Schedule<'a> {
         Ok(schedule)
     }
 
-    /// All models in the order of their numbers, each with its reference voltage.
     pub fn models(&self) -> impl ExactSizeIterator<Item = (&HealthyModel, Option<f64>)> {
         self.models.iter().map(|of| (&*of.model, of.reference_v))
     }
 
-    /// Warnings by printhead: its window was too small for the stated false alarm rate, so
-    /// its threshold lies further out.
+    /// Warnings by printhead: the window was too small for the stated false alarm rate.
     pub fn wide_thresholds(&self) -> Vec<(Arc<str>, String)> {
         let wide = |of: &ScheduledModel| {
             let what = of.model.threshold.wide_in_words()?;
@@ -129,13 +117,8 @@ impl<'a> Schedule<'a> {
         self.models.iter().filter_map(wide).collect()
     }
 
-    /// Adds a model, and returns its number: models are numbered from 0 on as they are added. An
-    /// error if there are more than 2^16.
-    pub fn add(
-        &mut self,
-        model: Arc<HealthyModel>,
-        reference_v: Option<f64>,
-    ) -> Result<u16, PipelineError> {
+    /// Adds a model, and returns its number, which counts from 0 on. An error if there are more than 2^16.
+    pub fn add(&mut self, model: Arc<HealthyModel>, reference_v: Option<f64>) -> Result<u16> {
         let most = u64::from(u16::MAX);
         let number = u16::try_from(self.models.len())
             .map_err(|_| PipelineError::TooManyWindows { windows: most + 1, most })?;
@@ -144,7 +127,7 @@ impl<'a> Schedule<'a> {
     }
 
     /// The judge of a model, made now if there is none. `groups`: number of groups that have models.
-    pub fn judge(&mut self, number: u16, groups: usize) -> Result<Arc<Judge>, PipelineError> {
+    pub fn judge(&mut self, number: u16, groups: usize) -> Result<Arc<Judge>> {
         let ScheduledModel { model, reference_v, judge, asked } =
             &mut self.models[usize::from(number)];
         *asked = true;
@@ -155,25 +138,25 @@ impl<'a> Schedule<'a> {
         let new = judge.insert(Arc::new(new)).clone();
         self.new += 1;
         if self.new > MANY_NEW.max(groups) {
-            self.let_go();
+            // the judges that no burst asked for since the last time; they may be made again
+            for of in &mut self.models {
+                of.judge = of.judge.take().filter(|_| of.asked);
+                of.asked = false;
+            }
+            self.new = 0;
         }
         Ok(new)
     }
 
-    /// Drops the judges that no burst asked for since the last time; should one
-    /// ask later, they are made again.
-    fn let_go(&mut self) {
-        for of in &mut self.models {
-            of.judge = of.judge.take().filter(|_| of.asked);
-            of.asked = false;
-        }
-        self.new = 0;
-    }
-
-    /// The number of the design's own model of a printhead; `None`: the design does not know the
-    /// printhead.
+    /// The number of the design's own model of a printhead, if it has one.
     pub fn model_of(&self, printhead: &str) -> Option<u16> {
         self.by_name.get(printhead).copied()
+    }
+
+    /// The design's own model of a printhead, or else its pooled one; `None`: there is no design.
+    pub fn reference_of(&self, printhead: &str) -> Option<Arc<HealthyModel>> {
+        let own = self.model_of(printhead).map(|number| &self.models[usize::from(number)].model);
+        own.or(self.pooled.as_ref()).cloned()
     }
 
     /// Whether a burst is sampled as the design is; without a design every burst fits.
@@ -182,18 +165,13 @@ impl<'a> Schedule<'a> {
         self.design.is_none_or(|design| design.fits(burst.sample_period_s, samples))
     }
 
-    /// Remembers how a burst that does not fit the design is sampled, if no such burst of its printhead came
-    /// before.
+    /// Remembers how the first burst of a printhead that does not fit the design is sampled.
     pub fn note_sampling(&mut self, burst: &Burst) {
-        let known = self.sampled_otherwise.contains_key(&burst.printhead);
-        if !known && self.sampled_otherwise.len() < MOST_GROUPS {
-            let sampled = (burst.sample_period_s, burst.samples_per_channel);
-            self.sampled_otherwise.insert(burst.printhead.clone(), sampled);
-        }
+        let sampled = (burst.sample_period_s, burst.samples_per_channel);
+        of_printhead(&mut self.sampled_otherwise, &burst.printhead, MOST_GROUPS, || sampled);
     }
 
-    /// Says in words how the bursts of a printhead and the design's are sampled;
-    /// `None`: no difference was noted.
+    /// How the bursts of a printhead and the design's are sampled; `None`: no difference was noted.
     pub fn other_sampling(&self, printhead: &str) -> Option<String> {
         let design = self.design?;
         let (period_s, samples) = self.sampled_otherwise.get(printhead)?;

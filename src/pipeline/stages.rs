@@ -1,16 +1,13 @@
-//! The six stages, as thin loops over batches. What a stage does to a signal
-//! stands in the module that it calls.
+//! The six stages, as thin loops over batches. What a stage does to a signal stands in the module that it
+//! calls.
 //!
-//! In: for each stage its queues, from `wiring`, which runs each on a thread, several where a stage
-//! does not depend on order (reader, filter, isolate). Out: batches, each of which knows more than
-//! before (`batches`): read, assigned to judges, filtered, gated, judged.
+//! In: for each stage its queues, from `wiring`, which runs each on a thread, several where a stage does not
+//! depend on order (reader, filter, isolate). Out: batches, each of which knows more than before (`batches`).
 //!
-//! Two stages need the recording's order, and put batches back into it ([`InOrder`]): identify,
-//! since models and levels are learned in that order, and the writer. Everything else may finish in
-//! any order, so the number of threads changes nothing.
+//! Two stages need the recording's order, and put batches back into it ([`InOrder`]): identify, since models
+//! and levels are learned in that order, and the writer. So the number of threads changes nothing.
 //!
-//! A stage ends when its input does. If it cannot send because the next stage is gone, it ends without an
-//! error, because that stage reports the cause.
+//! A stage ends when its input does, or without an error if the next stage, which reports the cause, is gone.
 
 use super::batches::{
     AssignedBatch, AssignedJudge, AssignedJudges, BufferPools, FilteredBatch, GatedBatch,
@@ -25,7 +22,7 @@ use super::pacer::Pacer;
 use super::statistics::Statistics;
 use super::temperature_check::TemperatureCheck;
 use super::timings::Clock;
-use super::{Control, PipelineError, rows};
+use super::{Control, Result, locked, rows};
 use crate::settings::Settings;
 use crossbeam_channel::{Receiver, Sender};
 use inkling_core::burst::{Acquisition, Place, SignalBatch};
@@ -37,9 +34,8 @@ use inkling_io::scan::Blocks;
 use std::sync::atomic::Ordering;
 use std::sync::{Mutex, PoisonError};
 
-/// Hands out blocks, with their bytes, in file order to the workers of the reader stage: one after
-/// the other, so that the bytes pass through the digest in order. Decoding, which costs more, is
-/// done by the workers side by side.
+/// Hands out blocks in file order to the workers of the reader stage, one after the other, so that the bytes
+/// pass through the digest in order. Decoding, which costs more, is done by the workers side by side.
 pub struct BlockQueue<'a> {
     recording: &'a Recording,
     in_flight: &'a InFlight,
@@ -49,9 +45,7 @@ pub struct BlockQueue<'a> {
 
 /// What the workers of the reader stage share, under a lock.
 struct Queue {
-    /// The blocks that were not handed out yet.
     blocks: Blocks,
-    /// Bytes of the file that frame no block.
     damage: Vec<Damage>,
     /// Hashes the file as it is read, so that it need not be read a second time.
     digester: Digester,
@@ -68,13 +62,10 @@ impl<'a> BlockQueue<'a> {
         BlockQueue { recording, in_flight, control, queue }
     }
 
-    /// The next block and its bytes, once there is room for it in flight. `None`: there is no more,
-    /// or nobody wants it. `None` as bytes: the digest did not read them, and the reader does.
-    pub(super) fn next(
-        &self,
-        clock: &mut Clock,
-    ) -> Result<Option<(Block, Option<ReadBlock>)>, PipelineError> {
-        let mut queue = clock.blocked(|| self.queue.lock().unwrap_or_else(PoisonError::into_inner));
+    /// The next block and its bytes, once there is room for it in flight. `None`: there is no more, or nobody
+    /// wants it. `None` as bytes: the digest did not read them, and the reader does.
+    pub(super) fn next(&self, clock: &mut Clock) -> Result<Option<(Block, Option<ReadBlock>)>> {
+        let mut queue = clock.blocked(|| locked(&self.queue));
         loop {
             match self.control.next_block(self.recording, &mut queue.blocks)? {
                 None => return Ok(None),
@@ -93,7 +84,7 @@ impl<'a> BlockQueue<'a> {
     }
 
     /// The damage that the scan of the file met, and the digest of the whole file.
-    pub fn finish(self) -> Result<(Vec<Damage>, Digest), PipelineError> {
+    pub fn finish(self) -> Result<(Vec<Damage>, Digest)> {
         let Queue { damage, digester, .. } =
             self.queue.into_inner().unwrap_or_else(PoisonError::into_inner);
         Ok((damage, digester.finish(|| self.control.check())?))
@@ -107,17 +98,15 @@ pub fn read(
     pacer: Option<&Mutex<Pacer>>,
     mut clock: Clock,
     out: Sender<ReadBatch>,
-) -> Result<(), PipelineError> {
+) -> Result<()> {
     let (control, mut reader) = (queue.control, queue.recording.reader());
     // a paced recording has one reader, which holds the pacer for as long as it runs
-    let mut pacer = pacer.map(|pacer| pacer.lock().unwrap_or_else(PoisonError::into_inner));
+    let mut pacer = pacer.map(locked);
 
     while let Some((block, read)) = queue.next(&mut clock)? {
         reader.load_read(&block, read);
         let mut place = Place { block: block.index, piece: 0 };
-        while let Some(piece) =
-            reader.next_piece(pacer.as_ref().map_or(MOST_ROWS, |pacer| pacer.rows()))
-        {
+        while let Some(piece) = reader.next_piece(pacer.as_ref().map_or(MOST_ROWS, |p| p.rows)) {
             control.check()?;
             // the place, by block and piece, restores the recording's order later
             let batch = SignalBatch { place, acquisitions: piece.acquisitions };
@@ -125,7 +114,6 @@ pub fn read(
                 pacer.wait_for(&batch, control)?;
             }
             place.piece += 1;
-            // only a block's last piece takes the block's bytes out of flight
             let leaves = piece.last.then_some(block.bytes);
             clock.count();
             let definitions = reader.definitions();
@@ -139,20 +127,19 @@ pub fn read(
     Ok(())
 }
 
-/// Stage 2, identify: finds the judge of every burst, learned on the way where windows decide, and
-/// what was known of its head and channels when it was acquired. A burst waits until its sweep is
-/// over (`sweep`), and its batch waits with it (`parked`) until all of the batch's bursts have
+/// Stage 2, identify: finds the judge of every burst, and what was known of its head and channels when it was
+/// acquired. A burst waits until its sweep is over (`sweep`), and its batch until all of its bursts have
 /// judges. Batches leave in the recording's order. The only stage with a state; it has one worker.
 pub fn identify(
     deciding: &mut JudgeAssignment,
-    parked: ParkedBatches,
+    in_flight: &InFlight,
     mut clock: Clock,
     input: Receiver<ReadBatch>,
     out: Sender<AssignedBatch>,
-) -> Result<(), PipelineError> {
-    // `waiting`: batches before their turn; `parked`: batches after it, of which some bursts have
-    // no judge yet; `given`: what judges bursts whose sweeps have just ended
-    let (mut waiting, mut parked) = (InOrder::new(), parked);
+) -> Result<()> {
+    // `waiting`: batches before their turn; `parked`: batches after it, of which some bursts have no judge yet;
+    // `given`: what judges bursts whose sweeps have just ended
+    let (mut waiting, mut parked) = (InOrder::new(), ParkedBatches::new(in_flight));
     let mut given = AssignedJudges::new();
     while let Some(read) = clock.receive(&input) {
         waiting.put(read.batch.place, read);
@@ -162,8 +149,7 @@ pub fn identify(
             deciding.models.see(&read)?;
             deciding.decide(parked.next(), &read.batch, &mut given)?;
 
-            // parking a batch and handing it out again at once is the usual way where nobody waits
-            // for a sweep
+            // where nobody waits for a sweep, the batch is handed out again at once
             parked.park(read);
             if !parked.give(&mut given).all(|assigned| clock.send(&out, assigned)) {
                 return Ok(());
@@ -171,36 +157,32 @@ pub fn identify(
         }
     }
 
-    // the recording is over: so are the sweeps that are still open
     if let Some(heads) = &mut deciding.following {
         heads.end(&mut given);
     }
     if !parked.give(&mut given).all(|assigned| clock.send(&out, assigned)) {
         return Ok(());
     }
-    deciding.models.end()
+    deciding.models.learning.end()
 }
 
 /// Assigns each burst its judge, and follows the printheads where that is asked for.
 pub struct JudgeAssignment<'m, 'd> {
-    /// Tells which model judges a burst.
     pub models: Models<'m>,
-    /// Notes at which temperatures models without a temperature response judge.
     pub temperatures: TemperatureCheck,
     /// Follows the heads; `None`: each signal is judged by the windows' or the design's models as they are.
     pub following: Option<Heads<'d>>,
 }
 
 impl JudgeAssignment<'_, '_> {
-    /// Assigns the bursts of a batch their judges, and appends these to `given`. The judges of
-    /// bursts that wait for the end of a sweep are appended by a later call, or by `Heads::end`.
-    /// `number`: the batch's number.
+    /// Assigns the bursts of batch `number` their judges, and appends these to `given`. The judges of bursts
+    /// that wait for the end of a sweep are appended by a later call, or by `Heads::end`.
     fn decide(
         &mut self,
         number: u64,
         batch: &SignalBatch,
         given: &mut AssignedJudges,
-    ) -> Result<(), PipelineError> {
+    ) -> Result<()> {
         for (place, acquisition) in batch.acquisitions.iter().enumerate() {
             let slot = Slot { batch: number, place };
 
@@ -223,14 +205,13 @@ impl JudgeAssignment<'_, '_> {
     }
 }
 
-/// Runs a stage that turns each batch into one of the next stage by itself: 3 to 5. `turn`: what
-/// the stage does to a batch.
+/// Runs a stage, 3 to 5, that by `turn` makes of each batch one of the next stage.
 pub fn each<A, B>(
     mut clock: Clock,
     input: Receiver<A>,
     out: Sender<B>,
     mut turn: impl FnMut(A) -> B,
-) -> Result<(), PipelineError> {
+) -> Result<()> {
     while let Some(batch) = clock.receive(&input) {
         if !clock.send(&out, turn(batch)) {
             break;
@@ -240,23 +221,20 @@ pub fn each<A, B>(
 }
 
 /// Stage 3, FD filter: computes the detection statistics of every signal; with `detect.method` =
-/// `residual-energy` thesis e(r), else what stands for it. `rails`: limits of the converter,
-/// counts.
+/// `residual-energy` thesis e(r). `rails`: limits of the converter, counts.
 pub fn filter(rails: [f64; 2], pools: &BufferPools) -> impl FnMut(AssignedBatch) -> FilteredBatch {
     let (mut statistics, mut levels) = (Statistics::new(rails), OwnLevels::default());
     move |assigned| {
         let mut statistic = pools.statistic.take();
-        // about the level of all channels first; where a channel's own level is known, about that one instead
+        // about the level of all channels first, then about a channel's own level, where that is known
         statistics.of(&assigned, &mut statistic);
         levels.judge(&assigned, &mut statistics, &mut statistic);
         FilteredBatch { assigned, statistic }
     }
 }
 
-/// Stage 4, gate: a signal whose statistic is not above its threshold is healthy, thesis f after
-/// (3-4). What the gate says of a healthy signal is what the table says of it: unless
-/// `isolate.gate` is off or `output.ring` is `all`, no later stage computes anything for that
-/// signal.
+/// Stage 4, gate: a signal whose statistic is not above its threshold is healthy, thesis f after (3-4). Unless
+/// `isolate.gate` is off or `output.ring` is `all`, no later stage computes anything for that signal.
 pub fn gate(pools: &BufferPools, filtered: FilteredBatch) -> GatedBatch {
     let mut tests = pools.tests.take();
     tests.clear();
@@ -275,16 +253,16 @@ pub fn isolate<'a>(
     move |gated| isolator.judge(gated)
 }
 
-/// Stage 6, writer: hands the verdicts to `put` in the recording's order, which writes and counts
-/// them, and takes finished blocks out of flight.
+/// Stage 6, writer: hands the verdicts to `put`, which writes and counts them, in the recording's order, and
+/// takes finished blocks out of flight.
 pub fn write(
     mut clock: Clock,
     input: Receiver<JudgedBatch>,
     in_flight: &InFlight,
     pools: &BufferPools,
     control: &Control,
-    mut put: impl FnMut(&mut JudgedBatch) -> Result<(), PipelineError>,
-) -> Result<(), PipelineError> {
+    mut put: impl FnMut(&mut JudgedBatch) -> Result<()>,
+) -> Result<()> {
     let mut waiting = InOrder::new();
     while let Some(judged) = clock.receive(&input) {
         control.check()?;

@@ -9,9 +9,8 @@
 
 use super::batches::{BufferPools, ReadBatch};
 use super::episodes::EpisodeTap;
-use super::in_flight::{InFlight, ParkedBatches};
+use super::in_flight::InFlight;
 use super::job::Replay;
-use super::learner::Learner;
 use super::learning::Learning;
 use super::models::Models;
 use super::replay::replay;
@@ -21,7 +20,7 @@ use super::tally::Tally;
 use super::temperature_check::TemperatureCheck;
 use super::timings::Timings;
 use super::visit::Pass;
-use super::{Control, PipelineError};
+use super::{Control, Result};
 use crate::settings::Settings;
 use crossbeam_channel::{Receiver, Sender, unbounded};
 use inkling_core::burst::{Place, SignalBatch};
@@ -42,10 +41,7 @@ pub(super) fn cpu_s() -> f64 {
 }
 
 /// Sends one batch through a stage, and returns what comes out.
-fn through<A, B>(
-    of: A,
-    stage: impl FnOnce(Receiver<A>, Sender<B>) -> Result<(), PipelineError>,
-) -> B {
+fn through<A, B>(of: A, stage: impl FnOnce(Receiver<A>, Sender<B>) -> Result<()>) -> B {
     let ((to_stage, input), (out, from_stage)) = (unbounded(), unbounded());
     to_stage.send(of).unwrap();
     drop(to_stage);
@@ -66,8 +62,7 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
     let unit = TimestampUnit::Ns;
     let table = EpisodeWriter::create(&beside, unit, "r.mcap").unwrap();
     let mut episodes = EpisodeTap::create(run, None, Some(table)).unwrap();
-    let learner = Learner::of(run);
-    let learning = Learning::new(&learner, schedule, 0, 1);
+    let learning = Learning::new(run, schedule, 0, 1);
     let models = Models::new(learning, Pass { recording, control: &control });
     let temperatures = TemperatureCheck::default();
     let mut deciding = JudgeAssignment { models, temperatures, following: None };
@@ -97,7 +92,7 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
             let clock = |stage| timings.clock(stage);
             let assigned = through(read, |input, out| {
                 let clock = clock("identify");
-                stages::identify(&mut deciding, ParkedBatches::new(&in_flight), clock, input, out)
+                stages::identify(&mut deciding, &in_flight, clock, input, out)
             });
             let filtered = stages::filter(settings.input.rails, &pools)(assigned);
             let gated = stages::gate(&pools, filtered);

@@ -1,10 +1,8 @@
-//! A sweep is the longest stretch of a printhead's time in which no channel is heard at two
-//! moments, within bounds. Its bursts wait until the sweep is over, and are then judged about one
-//! level, which the sweep shows.
+//! A sweep is the longest stretch of a printhead's time in which no channel is heard at two moments, within
+//! bounds. Its bursts wait until the sweep is over, and are then judged about the level that it shows.
 //!
-//! In: from `heads`, burst by burst. Out: whether a burst begins the next sweep ([`Sweep::hear`]),
-//! whether open sweeps have lasted as long as they may ([`Clock`]), and at the end the bursts of a
-//! sweep, for `head` to look at.
+//! In: from `heads`, burst by burst. Out: whether a burst begins the next sweep ([`Sweep::hear`]), whether
+//! open sweeps have lasted as long as they may ([`SweepClock`]), and at the end the bursts of a sweep.
 //!
 //! A *moment* is one time of acquisition t_a. Several bursts of a printhead may share it, for a logger may
 //! divide the channels of one moment into messages as it likes. A channel is *heard* when a burst holds it.
@@ -12,11 +10,9 @@
 //! A sweep ends with a moment that holds all channels that were known before the sweep. If no moment does,
 //! it ends before the moment in which one of its channels is heard again; or when a burst of any printhead
 //! comes more than [`MOST_NS`] after its begin; or when more than [`MOST_SAMPLES`] samples of all
-//! printheads were heard since its begin. None of this depends on how a moment's channels are
-//! divided into messages, unless one moment alone holds more than [`MOST_SAMPLES`]. [`Sweep::hear`]
-//! finds the second of these ends; `heads` asks for the others. `heads` also ends a sweep where a
-//! burst has another judge, where a burst is late and no `--baseline` is given, and at the end of
-//! the recording.
+//! printheads were heard since its begin. None of this depends on how a moment's channels are divided into
+//! messages, unless one moment alone holds more than [`MOST_SAMPLES`]. `heads` also ends a sweep where a burst
+//! has another judge, where a burst is late and no `--baseline` is given, and at the end of the recording.
 
 use super::batches::Slot;
 use super::channel_subset::ChannelStretches;
@@ -27,31 +23,26 @@ use std::sync::Arc;
 
 /// Longest duration of a sweep, ns.
 const MOST_NS: i64 = 1_000_000_000;
-/// Largest number of samples of all printheads, 8 MiB as int16, that are heard while a sweep is
-/// open: the sweep's bursts wait in memory. Each signal counts as [`OF_SIGNAL`] samples more than
-/// it has.
+/// Largest number of samples of all printheads, 8 MiB as int16, that are heard while a sweep is open, since
+/// its bursts wait in memory.
 const MOST_SAMPLES: u64 = 4 << 20;
-/// Samples that each signal is counted as beside its own, so that the number of signals is bounded, too,
-/// however short they are.
+/// Samples that each signal counts beside its own, so that the number of short signals is bounded, too.
 const OF_SIGNAL: u64 = 64;
 
-/// How much was heard of all printheads up to now, in time and samples: says when open sweeps have lasted as
-/// long as they may.
+/// How much was heard of all printheads up to now: says when open sweeps have lasted as long as they may.
 #[derive(Debug, Default)]
-pub(super) struct Clock {
-    /// The latest moment, ns; `None`: nothing was heard yet.
+pub(super) struct SweepClock {
     latest_ns: Option<i64>,
     /// Number of samples heard before the moment `latest_ns`, and since it began. A sweep counts from
-    /// `before`, so that its end does not depend on the order of messages within a moment.
+    /// `before`, whatever the order of messages within a moment.
     before: u64,
     now: u64,
-    /// The earliest begin of the open sweeps in time, ns, and their least begin in samples, which may be
-    /// another sweep's. Sweeps that have ended meanwhile may be among them, so both may be too early, but
-    /// never too late. `None`: none is open.
+    /// The earliest begin of the open sweeps in time, ns, and their least begin in samples; both may be too
+    /// early, as of sweeps that have ended meanwhile, but never too late. `None`: none is open.
     earliest: Option<(i64, u64)>,
 }
 
-impl Clock {
+impl SweepClock {
     /// Counts a burst. Every burst must be counted before a sweep hears it.
     pub fn hear(&mut self, burst: &Burst) {
         if self.latest_ns.is_none_or(|latest| burst.t_acq_ns > latest) {
@@ -66,29 +57,22 @@ impl Clock {
         }
     }
 
-    /// Whether an open sweep may be over, which [`Clock::is_over`] then tells of each. This is
-    /// cheap, and asked at each burst. `t_ns`: time of that burst.
+    /// Whether an open sweep may be over, which [`SweepClock::is_over`] then tells of each; `t_ns`: now.
     pub fn is_due(&self, t_ns: i64) -> bool {
-        self.earliest.is_some_and(|from| self.is_long(from, t_ns))
-    }
-
-    /// Whether this sweep has lasted as long as one may. `t_ns`: time of the burst at hand.
-    pub fn is_over(&self, sweep: &Sweep, t_ns: i64) -> bool {
-        self.is_long(sweep.from, t_ns)
+        self.earliest.is_some_and(|from| self.is_over(from, t_ns))
     }
 
     /// Whether a sweep that began at this time and number of samples has lasted too long in either.
-    fn is_long(&self, (from_ns, from_samples): (i64, u64), t_ns: i64) -> bool {
+    pub fn is_over(&self, (from_ns, from_samples): (i64, u64), t_ns: i64) -> bool {
         t_ns.saturating_sub(from_ns) > MOST_NS
             || self.before.saturating_sub(from_samples) > MOST_SAMPLES
     }
 
-    /// Forgets all sweeps, before [`Clock::opened`] is told those that are still open.
+    /// Forgets all sweeps, before [`SweepClock::opened`] is told those that are still open.
     pub fn forget(&mut self) {
         self.earliest = None;
     }
 
-    /// Takes a sweep, if there is one, into account as open.
     pub fn opened(&mut self, sweep: &Option<Sweep>) {
         let Some(Sweep { from, .. }) = sweep else { return };
         let (from_ns, from_samples) = self.earliest.unwrap_or(*from);
@@ -96,40 +80,35 @@ impl Clock {
     }
 }
 
-/// A sweep of one printhead that is open or has just ended: its bursts, and what tells whether another burst
-/// belongs to it.
+/// A sweep of one printhead that is open or has just ended.
 #[derive(Debug)]
 pub(super) struct Sweep {
-    /// The judge that the windows gave its bursts, one for the whole sweep, before it is moved to a level.
+    /// The judge that the windows gave its bursts, before it is moved to a level.
     pub judge: Arc<Judge>,
-    /// Time of its first moment, ns, and [`Clock`]'s number of samples before that.
-    from: (i64, u64),
-    /// Its bursts, in the order in which they came, each with its place among those that wait for a
-    /// judge.
+    /// Time of its first moment, ns, and [`SweepClock`]'s number of samples before that.
+    pub from: (i64, u64),
+    /// Its bursts, in the order in which they came, each with its place among those that wait for a judge.
     bursts: Vec<(Slot, Burst)>,
-    /// Slots of bursts whose channels were all heard already in the same moment. They are judged as the
-    /// other bursts are, but say nothing new of the level, so only their slots and moments (ns) are kept.
+    /// Slots and moments (ns) of bursts whose channels were all heard already in the same moment: they are
+    /// judged as the others, but say nothing new of the level.
     repeated: Vec<(Slot, i64)>,
     /// Its channels that were heard before its latest moment, and those heard in that moment.
     before: ChannelStretches,
-    moment: ChannelStretches,
-    /// Its latest moment, ns.
-    latest_ns: i64,
+    pub moment: ChannelStretches,
+    pub latest_ns: i64,
 }
 
-/// The channel numbers of a burst.
 pub(super) fn channels(of: &Burst) -> Range<u32> {
     of.first_channel..of.first_channel.saturating_add(of.channels)
 }
 
 impl Sweep {
-    /// Begins a sweep with a burst.
-    pub fn begin(slot: Slot, judge: Arc<Judge>, burst: &Burst, clock: &Clock) -> Sweep {
+    pub fn begin(slot: Slot, judge: Arc<Judge>, burst: &Burst, clock: &SweepClock) -> Sweep {
         Sweep::of(vec![(slot, burst.clone())], judge, burst.t_acq_ns, clock)
     }
 
     /// A sweep of bursts that all lie in one moment, `t_ns`.
-    fn of(bursts: Vec<(Slot, Burst)>, judge: Arc<Judge>, t_ns: i64, clock: &Clock) -> Sweep {
+    fn of(bursts: Vec<(Slot, Burst)>, judge: Arc<Judge>, t_ns: i64, clock: &SweepClock) -> Sweep {
         let mut moment = ChannelStretches::default();
         bursts.iter().for_each(|(_, burst)| moment.add(channels(burst)));
         Sweep {
@@ -145,14 +124,13 @@ impl Sweep {
 
     /// Adds a burst. If one of its channels was heard at an earlier moment of the sweep, the burst begins
     /// the next sweep: `self` becomes that one, and the sweep that is over is returned.
-    pub fn hear(&mut self, slot: Slot, burst: &Burst, clock: &Clock) -> Option<Sweep> {
+    pub fn hear(&mut self, slot: Slot, burst: &Burst, clock: &SweepClock) -> Option<Sweep> {
         let (t_ns, of) = (burst.t_acq_ns, channels(burst));
         if t_ns > self.latest_ns {
-            std::mem::take(&mut self.moment).into_iter().for_each(|of| self.before.add(of));
+            std::mem::take(&mut self.moment).0.into_iter().for_each(|of| self.before.add(of));
             self.latest_ns = t_ns;
         }
-        // A late burst joins the sweep without counting for its end. Its channels may so be heard at two
-        // moments of the sweep. Without `--baseline` no late burst comes here.
+        // a late burst, which comes only with `--baseline`, joins the sweep without counting for its end
         if t_ns < self.latest_ns {
             self.bursts.push((slot, burst.clone()));
             return None;
@@ -167,8 +145,7 @@ impl Sweep {
             self.bursts.push((slot, burst.clone()));
             return None;
         }
-        // A channel is heard again. All bursts of this moment belong to the next sweep, also those that were
-        // already added to this one.
+        // a channel is heard again: all bursts of this moment belong to the next sweep
         let of_moment = self.bursts.extract_if(.., |(_, of)| of.t_acq_ns == t_ns);
         let mut bursts: Vec<(Slot, Burst)> = of_moment.collect();
         bursts.push((slot, burst.clone()));
@@ -177,18 +154,7 @@ impl Sweep {
         Some(std::mem::replace(self, next))
     }
 
-    /// Whether its latest moment alone holds all of `channels`.
-    pub fn holds_at_once(&self, channels: &ChannelStretches) -> bool {
-        channels.iter().all(|of| self.moment.hold(of))
-    }
-
-    /// Whether it holds a later moment than `t_ns`.
-    pub fn is_later(&self, t_ns: i64) -> bool {
-        t_ns < self.latest_ns
-    }
-
-    /// Time of its latest burst, ns. In a sweep that [`Sweep::hear`] returns, `latest_ns` is the next
-    /// sweep's moment already.
+    /// Time of its latest burst, ns; `latest_ns` may be the next sweep's moment already.
     pub fn to_ns(&self) -> i64 {
         self.bursts.iter().map(|(_, of)| of.t_acq_ns).max().unwrap_or(self.latest_ns)
     }

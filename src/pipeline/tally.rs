@@ -1,14 +1,14 @@
-//! Counts what the run of one recording sees: signals by outcome, for the metadata; channels and
-//! flagged signals by printhead, for the terminal.
+//! Counts what the run of one recording sees: signals by outcome, for the metadata; channels and flagged signals
+//! by printhead, for the terminal.
 //!
-//! In: judged batches at the writer stage (`Tally::add`). Out: [`Counts`] and a [`PrintheadTally`]
-//! per printhead, for `finish`, `recording_report` and the printed report. Memory is bounded:
-//! beyond so many printheads and channels only the totals go on.
+//! In: judged batches at the writer stage (`Tally::add`). Out: [`Counts`] and a [`PrintheadTally`] per printhead.
+//! Memory is bounded: beyond so many printheads and channels only the totals go on.
 
 use super::at_once::AtOnce;
 use super::batches::JudgedBatch;
+use super::groups::of_printhead;
 use inkling_core::labels::{Met, Span};
-use inkling_core::verdict::{HealthyRun, Outcome, Part, Reason, VerdictColumns};
+use inkling_core::verdict::{HealthyRun, Outcome, Part, Reason, VerdictColumns, Verdicts};
 use inkling_io::damage::{Damage, note};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -19,8 +19,7 @@ pub struct Counts {
     /// Number of bursts, unusable ones included, and of the latter.
     pub bursts: u64,
     pub unusable_bursts: u64,
-    /// Number of signals, judged or rejected; an unusable burst counts as one. It is also the
-    /// number of rows.
+    /// Number of signals, judged or rejected, and so of rows; an unusable burst counts as one.
     pub signals: u64,
     pub judged: u64,
     /// Rejected signals by reason.
@@ -29,15 +28,13 @@ pub struct Counts {
     pub faulty: BTreeMap<String, u64>,
 }
 
-/// Counts of one printhead.
 #[derive(Clone, Debug, Default)]
 pub struct PrintheadTally {
     /// The channels of which a signal was judged.
     pub channels: BTreeSet<u32>,
     pub signals: u64,
     pub judged: u64,
-    /// Number of flagged signals.
-    pub passed: u64,
+    pub flagged: u64,
     /// Number of signals that say nothing of their nozzles, by reason: they were rejected, or the printhead
     /// turned out to be another one.
     pub unknown: BTreeMap<Reason, u64>,
@@ -45,7 +42,7 @@ pub struct PrintheadTally {
     pub at_once: AtOnce,
     /// Times of its earliest and its latest signal; `None`: there was none yet.
     times_ns: Option<(i64, i64)>,
-    /// A half-open stretch of channels that `channels` is known to hold: saves looking up each of them.
+    /// A half-open stretch of channels that `channels` holds: saves looking up each of them.
     known: (u32, u32),
 }
 
@@ -55,36 +52,39 @@ pub(super) fn widen((from_ns, to_ns): &mut (i64, i64), t_ns: i64) {
 }
 
 impl PrintheadTally {
-    /// Remembers a channel if there is `room`. Returns whether it is new.
-    fn meet(&mut self, channel: u32, room: bool) -> bool {
+    /// Number of signals that tell something of their nozzles.
+    pub fn known(&self) -> u64 {
+        self.signals - self.unknown.values().sum::<u64>()
+    }
+
+    /// Remembers a channel if there is room. `remembered`: number of channels of all printheads.
+    fn meet(&mut self, channel: u32, remembered: &mut usize) {
         let (from, to) = self.known;
         if (from..to).contains(&channel) {
-            return false;
+            return;
         }
-        let new = room && self.channels.insert(channel);
-        if new || self.channels.contains(&channel) {
+        if *remembered < MOST_CHANNELS && self.channels.insert(channel) {
+            *remembered += 1;
+        }
+        if self.channels.contains(&channel) {
             // extend the stretch by a channel that follows it, else begin another stretch
             self.known = match to.checked_add(1) {
                 Some(next) if to == channel => (from, next),
                 _ => (channel, channel.saturating_add(1)),
             };
         }
-        new
     }
 }
 
-/// Maximum number of channels that are remembered one by one, over all printheads;
-/// beyond, only the counts go on.
+/// Maximum number of channels that are remembered one by one, over all printheads.
 const MOST_CHANNELS: usize = 1 << 20;
 /// Maximum number of printheads that are remembered by name.
 const MOST_PRINTHEADS: usize = 1 << 16;
 
-/// All counts of a recording.
 #[derive(Debug, Default)]
 pub struct Tally {
     pub counts: Counts,
     pub printheads: BTreeMap<Arc<str>, PrintheadTally>,
-    /// Damage that decoding met.
     pub damage: Vec<Damage>,
     /// Names of the fault classes, to which indices in rows refer.
     classes: Vec<String>,
@@ -93,13 +93,11 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// A tally that has counted nothing.
     pub fn new(classes: Vec<String>) -> Tally {
         Tally { classes, ..Tally::default() }
     }
 
-    /// The printheads, times and channels that labels may cover. If no channel of a printhead was judged, its
-    /// channels may be any.
+    /// The printheads, times and channels that labels may cover: any channels, if none was judged.
     pub fn met(&self) -> Met {
         let mut met = Met::default();
         for (name, head) in &self.printheads {
@@ -111,52 +109,57 @@ impl Tally {
         met
     }
 
-    /// Counts a batch.
     pub(super) fn add(&mut self, judged: &JudgedBatch) {
         self.counts.bursts += judged.bursts;
         judged.damage.iter().for_each(|damage| note(&mut self.damage, damage.clone()));
-        for part in &judged.verdicts.parts {
+        let Verdicts { parts, rows: c, .. } = &judged.verdicts;
+        for part in parts {
             match part {
-                Part::Healthy(run) => self.add_healthy(&judged.verdicts.rows, run),
-                Part::Rows(rows) => {
-                    rows.clone().for_each(|row| self.add_row(&judged.verdicts.rows, row))
-                }
+                Part::Healthy(run) => self.add_healthy(c, run),
+                Part::Rows(rows) => rows.clone().for_each(|row| self.add_row(c, row)),
             }
         }
     }
 
-    /// Counts a run of healthy signals.
-    fn add_healthy(&mut self, c: &VerdictColumns, run: &HealthyRun) {
-        let signals = run.signals.len() as u64;
+    /// Counts signals of one moment and printhead: all of them, those judged, and those flagged. Returns the
+    /// printhead's tally, and the number of channels remembered. `None`: the printhead is not remembered.
+    fn count(
+        &mut self,
+        printhead: &Arc<str>,
+        t_ns: i64,
+        [signals, judged, flagged]: [u64; 3],
+    ) -> Option<(&mut PrintheadTally, &mut usize)> {
         self.counts.signals += signals;
-        self.counts.judged += signals;
-
-        let Some(p) = of_printhead(&mut self.printheads, c, run.printhead) else { return };
+        self.counts.judged += judged;
+        let new = PrintheadTally::default;
+        let p = of_printhead(&mut self.printheads, printhead, MOST_PRINTHEADS, new)?;
         p.signals += signals;
-        p.judged += signals;
-        widen(p.times_ns.get_or_insert((run.t_ns, run.t_ns)), run.t_ns);
-        p.at_once.see(run.t_ns, signals, 0, p.channels.len() as u64);
+        p.judged += judged;
+        p.flagged += flagged;
+        widen(p.times_ns.get_or_insert((t_ns, t_ns)), t_ns);
+        if judged > 0 {
+            p.at_once.see(t_ns, judged, flagged, p.channels.len() as u64);
+        }
+        Some((p, &mut self.remembered))
+    }
+
+    fn add_healthy(&mut self, c: &VerdictColumns, run: &HealthyRun) {
+        let printhead = &c.printheads[run.printhead as usize];
+        let signals = run.signals.len() as u64;
+        let counted = self.count(printhead, run.t_ns, [signals, signals, 0]);
+        let Some((p, remembered)) = counted else { return };
 
         let to = run.first_channel.saturating_add(run.signals.len() as u32); // a batch has few
         // the usual case: all these channels are known to be remembered
         if p.known.0 <= run.first_channel && to <= p.known.1 {
             return;
         }
-        for channel in run.first_channel..to {
-            let room = self.remembered < MOST_CHANNELS;
-            self.remembered += usize::from(p.meet(channel, room));
-        }
+        (run.first_channel..to).for_each(|channel| p.meet(channel, remembered));
     }
 
-    /// Counts a single row.
     fn add_row(&mut self, c: &VerdictColumns, row: usize) {
-        // the recording's counts
-        self.counts.signals += 1;
-        let p = of_printhead(&mut self.printheads, c, c.printhead[row]);
         let judged = c.outcome[row] != Outcome::Rejected;
-        if judged {
-            self.counts.judged += 1;
-        } else {
+        if !judged {
             let reason = c.reason[row].unwrap_or(Reason::Undecodable);
             *self.counts.rejected.entry(reason.as_str()).or_default() += 1;
             self.counts.unusable_bursts += u64::from(reason.is_of_burst());
@@ -171,42 +174,22 @@ impl Tally {
             }
         }
 
-        // the printhead's
-        let Some(p) = p else { return };
-        p.signals += 1;
-        let t_ns = c.acquired_at_ns[row];
-        widen(p.times_ns.get_or_insert((t_ns, t_ns)), t_ns);
+        let printhead = &c.printheads[c.printhead[row] as usize];
+        let signals = [1, u64::from(judged), u64::from(flagged)];
+        let counted = self.count(printhead, c.acquired_at_ns[row], signals);
+        let Some((p, remembered)) = counted else { return };
         if let Some(reason) = c.reason[row].filter(|reason| !judged || reason.is_of_head()) {
             *p.unknown.entry(reason).or_default() += 1;
         }
-        p.judged += u64::from(judged);
-        p.passed += u64::from(flagged);
         if judged {
-            p.at_once.see(c.acquired_at_ns[row], 1, u64::from(flagged), p.channels.len() as u64);
-            let room = self.remembered < MOST_CHANNELS;
-            self.remembered += usize::from(p.meet(c.channel[row], room));
+            p.meet(c.channel[row], remembered);
         }
     }
-}
-
-/// The tally of one of a batch's printheads, made if there is none. `place`: the printhead's index
-/// in the batch. `None`: more printheads came than are remembered.
-fn of_printhead<'a>(
-    printheads: &'a mut BTreeMap<Arc<str>, PrintheadTally>,
-    c: &VerdictColumns,
-    place: u32,
-) -> Option<&'a mut PrintheadTally> {
-    let name = &c.printheads[place as usize];
-    if !printheads.contains_key(name) && printheads.len() < MOST_PRINTHEADS {
-        printheads.insert(name.clone(), PrintheadTally::default());
-    }
-    printheads.get_mut(name)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use inkling_core::burst::Place;
 
     /// A batch with one healthy row for each printhead and channel given.
     fn judged(rows: impl Iterator<Item = (String, u32)>) -> JudgedBatch {
@@ -219,16 +202,7 @@ mod tests {
             columns.acquired_at_ns.push(0);
         }
         columns.fill_up();
-        JudgedBatch {
-            place: Place { block: 0, piece: 0 },
-            leaves: None,
-            damage: Vec::new(),
-            verdicts: columns.into(),
-            judges: Vec::new(),
-            own: Vec::new(),
-            flagged: Vec::new(),
-            bursts: 0,
-        }
+        JudgedBatch { verdicts: columns.into(), ..JudgedBatch::default() }
     }
 
     #[test]

@@ -1,11 +1,11 @@
 //! Finds printheads that were judged at other temperatures than their models were learned at, by models that
 //! do not know what temperature does, and whose channels could not be followed.
 //!
-//! In: bursts and the judges assigned to them, from the identify stage; at the end the printheads
-//! that were followed, from `wiring`. Out: a warning per printhead, to `finish`. Printheads that
-//! are followed need no such knowledge: what temperature does to all of their channels is part of
-//! their level.
+//! In: bursts and the judges assigned to them, from the identify stage; at the end the printheads that were
+//! followed, from `wiring`. Out: a warning per printhead, to `finish`. What temperature does to all channels of a
+//! followed printhead is part of its level.
 
+use super::groups::of_printhead;
 use inkling_core::burst::Burst;
 use inkling_core::design::Judge;
 use inkling_lab::critique::digits::significant;
@@ -33,21 +33,19 @@ struct TemperatureRange {
 }
 
 impl TemperatureCheck {
-    /// Takes in a burst and the judge assigned to it. A burst without a temperature, or judged by a
-    /// model that knows what temperature does, says nothing.
+    /// Takes in a burst and the judge assigned to it.
     pub fn take(&mut self, judge: &Judge, burst: &Burst) {
         let Some(t) = burst.temperature_c.filter(|t| t.is_finite()) else { return };
         if judge.model.temperature_response.is_some() {
             return;
         }
         let off = judge.model.temperature_c.map_or(0.0, |reference| (t - reference).abs());
-        if let Some(range) = self.by_printhead.get_mut(&burst.printhead) {
+        let new = || TemperatureRange { least: t, most: t, farthest: off };
+        let of = of_printhead(&mut self.by_printhead, &burst.printhead, MOST_PRINTHEADS, new);
+        if let Some(range) = of {
             range.least = range.least.min(t);
             range.most = range.most.max(t);
             range.farthest = range.farthest.max(off);
-        } else if self.by_printhead.len() < MOST_PRINTHEADS {
-            let range = TemperatureRange { least: t, most: t, farthest: off };
-            self.by_printhead.insert(burst.printhead.clone(), range);
         }
     }
 
@@ -58,8 +56,8 @@ impl TemperatureCheck {
         }
     }
 
-    /// The warning, by printhead, that its verdicts may be false alarms: where a temperature lay
-    /// more than `HARMLESS_K` from the model's, or so far from the middle of the range.
+    /// Warnings by printhead: where a temperature lay more than `HARMLESS_K` from the model's, or so far from
+    /// the middle of the range.
     pub fn warnings(&self) -> Vec<(Arc<str>, String)> {
         let says = |range: &TemperatureRange| {
             format!(

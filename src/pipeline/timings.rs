@@ -1,21 +1,19 @@
-//! Measures where the time of a recording goes, for `--timings` and the summary: by phase, one
-//! after another ([`Phases`]); and within the phase `stages`, for each stage, how long its workers
-//! worked, waited for input (*starved*), and waited for room behind them (*blocked*) ([`Timings`]).
-//! The stage that waits for neither is the bottleneck.
+//! Measures where the time of a recording goes, for `--timings` and the summary: by phase, one after another
+//! ([`Phases`]); and for each stage, how long its workers worked, waited for input (*starved*), and waited for
+//! room behind them (*blocked*) ([`Timings`]). The stage that waits for neither is the bottleneck.
 //!
-//! Each worker has a [`Clock`], through which it receives and sends; the clock adds its sums to
-//! those of the stage when the worker ends.
+//! Each worker has a [`Clock`], through which it receives and sends, and which adds its sums to those of the
+//! stage when the worker ends.
 
+use super::locked;
 use crossbeam_channel::{Receiver, Sender};
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// The duration of a phase; a recording's phases come one after the other.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct PhaseTiming {
-    /// `open`, `survey` and `windows` (the two passes that learn models), `stages`, `given up`
-    /// (stages that had to begin anew), `wait` (until a recording that is followed was closed),
-    /// `finish`.
+    /// `open`, `survey` and `windows` (the two passes that learn models), `stages`, `given up` (stages that
+    /// had to begin anew), `wait` (until a recording that is followed was closed), `finish`.
     pub phase: &'static str,
     pub seconds: f64,
 }
@@ -24,7 +22,6 @@ pub struct PhaseTiming {
 #[derive(Debug)]
 pub struct Phases {
     started: Instant,
-    /// Time that was spent before `started`.
     before: Duration,
     /// The phases in the order in which they were first met.
     pub list: Vec<PhaseTiming>,
@@ -38,7 +35,6 @@ impl Phases {
         phases
     }
 
-    /// Runs a job, and adds its duration to a phase.
     pub fn time<T>(&mut self, phase: &'static str, job: impl FnOnce() -> T) -> T {
         let started = Instant::now();
         let done = job();
@@ -46,7 +42,6 @@ impl Phases {
         done
     }
 
-    /// Adds a duration to a phase.
     pub fn add(&mut self, phase: &'static str, took: Duration) {
         let seconds = took.as_secs_f64();
         match self.list.iter_mut().find(|of| of.phase == phase) {
@@ -55,22 +50,19 @@ impl Phases {
         }
     }
 
-    /// Duration of everything so far, s.
     pub fn seconds(&self) -> f64 {
         (self.before + self.started.elapsed()).as_secs_f64()
     }
 }
 
-/// The timing of one stage, summed over its workers.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct StageTiming {
     pub stage: &'static str,
-    /// Number of its workers, and of the batches that they took; the reader's batches are those
-    /// that it made.
+    /// Number of its workers, and of the batches that they took, or made in the reader.
     pub workers: usize,
     pub batches: u64,
-    /// Time spent working, waiting for input, and waiting for room behind; s, summed over workers. On a
-    /// machine that has other work, the time of work includes waiting for a processor.
+    /// Time spent working (or waiting for a processor), waiting for input, and waiting for room behind; s,
+    /// summed over workers.
     pub busy_s: f64,
     pub starved_s: f64,
     pub blocked_s: f64,
@@ -85,10 +77,9 @@ pub struct Timings(Mutex<Vec<StageTiming>>);
 impl Timings {
     /// Announces a stage; stages are listed in the order in which they were announced.
     pub fn expect(&self, stage: &'static str) {
-        self.lock().push(StageTiming { stage, ..StageTiming::default() });
+        locked(&self.0).push(StageTiming { stage, ..StageTiming::default() });
     }
 
-    /// A clock for one worker of a stage.
     pub fn clock(&self, stage: &'static str) -> Clock<'_> {
         let of = StageTiming { stage, workers: 1, ..StageTiming::default() };
         Clock { timings: self, started: Instant::now(), of }
@@ -96,15 +87,11 @@ impl Timings {
 
     /// The timings of the stages, with the average fill of their queues.
     pub fn stages(&self) -> Vec<StageTiming> {
-        let mut stages = self.lock().clone();
+        let mut stages = locked(&self.0).clone();
         for s in &mut stages {
             s.queue_fill /= s.batches.max(1) as f64;
         }
         stages
-    }
-
-    fn lock(&self) -> std::sync::MutexGuard<'_, Vec<StageTiming>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -143,7 +130,6 @@ impl Clock<'_> {
         waited
     }
 
-    /// Counts a batch that did not come from a queue.
     pub fn count(&mut self) {
         self.of.batches += 1;
     }
@@ -153,7 +139,7 @@ impl Drop for Clock<'_> {
     fn drop(&mut self) {
         let StageTiming { stage, workers, batches, starved_s, blocked_s, queue_fill, .. } = self.of;
         let busy_s = (self.started.elapsed().as_secs_f64() - starved_s - blocked_s).max(0.0);
-        let mut stages = self.timings.lock();
+        let mut stages = locked(&self.timings.0);
         if let Some(s) = stages.iter_mut().find(|s| s.stage == stage) {
             s.workers += workers;
             s.batches += batches;

@@ -1,11 +1,9 @@
-//! Visits the bursts of a recording, or of some of its blocks, in one pass outside the stages, on
-//! one thread: [`Pass`]. In: an opened recording, and a function. Out: the function is called with
-//! each burst in file order, and what was damaged or unusable is returned. Verbs that learn
-//! (`collect`), the passes for windows (`windows`), the order of recordings (`chain`) and `inspect`
-//! read recordings so. An interruption is the only error.
+//! Visits the bursts of a recording, or of some of its blocks, in one pass outside the stages, on one thread:
+//! [`Pass`]. In: an opened recording, and a function. Out: the function is called with each burst in file order,
+//! and what was damaged or unusable is returned. An interruption is the only error.
 
 use super::batches::MOST_ROWS;
-use super::{Control, PipelineError};
+use super::{Control, Result};
 use inkling_core::burst::{Acquisition, Burst};
 use inkling_core::fault::HEALTHY;
 use inkling_core::labels::Labels;
@@ -24,21 +22,19 @@ pub struct Lost {
 }
 
 impl Lost {
-    /// All damage of the recording: what the pass met, what opening the recording found, and what
-    /// is missing by the number of bursts that the file's statistics state.
+    /// All damage of the recording: what the pass and opening met, and what is missing by the file's statistics.
     pub fn all_damage(self, recording: &Recording) -> Vec<Damage> {
         let missing = recording.missing(self.bursts);
         self.damage.into_iter().chain(recording.damage.iter().cloned()).chain(missing).collect()
     }
 }
 
-/// Whether the signal of a channel in a burst counts as healthy: labels, if there are any, say that
-/// it is. A signal without a label does not count then.
+/// Whether the signal of a channel in a burst counts as healthy: labels, if there are any, say that it is.
 pub fn is_healthy(labels: Option<&Labels>, burst: &Burst, channel: u32) -> bool {
-    let state = |labels: &Labels| {
-        labels.at(&burst.printhead, channel, burst.t_acq_ns).map(|label| label.state == HEALTHY)
-    };
-    labels.is_none_or(|labels| state(labels) == Some(true))
+    labels.is_none_or(|labels| {
+        let label = labels.at(&burst.printhead, channel, burst.t_acq_ns);
+        label.is_some_and(|label| label.state == HEALTHY)
+    })
 }
 
 /// A recording that is to be read outside the stages, and what may interrupt that.
@@ -50,17 +46,17 @@ pub struct Pass<'a> {
 
 impl Pass<'_> {
     /// Calls `see` with the block index and every usable burst, in file order.
-    pub fn all(self, see: impl FnMut(u64, &Burst)) -> Result<Lost, PipelineError> {
+    pub fn all(self, see: impl FnMut(u64, &Burst)) -> Result<Lost> {
         self.bursts(|_| true, see)
     }
 
-    /// Calls `see` with the block index and every usable burst of the blocks that `want`
-    /// chooses by index, in file order.
+    /// Calls `see` with the block index and every usable burst of the blocks that `want` chooses by index, in
+    /// file order.
     pub fn bursts(
         self,
         want: impl FnMut(u64) -> bool,
         mut see: impl FnMut(u64, &Burst),
-    ) -> Result<Lost, PipelineError> {
+    ) -> Result<Lost> {
         let mut lost = Lost::default();
         let mut reader = self.recording.reader();
         lost.damage = self.acquisitions(&mut reader, want, |block, acquisition| {
@@ -80,11 +76,10 @@ impl Pass<'_> {
         reader: &mut BlockReader,
         mut want: impl FnMut(u64) -> bool,
         mut see: impl FnMut(u64, &Acquisition),
-    ) -> Result<Vec<Damage>, PipelineError> {
+    ) -> Result<Vec<Damage>> {
         let Pass { recording, control } = self;
         let mut damage = Vec::new();
-        // where the file's channels are not known upfront, a block may define those
-        // of a later one: all must be read
+        // unless the file's channels are known upfront, a block may define those of a later one
         let all = !recording.channels_known_upfront;
         control.bytes_read.store(0, Ordering::Relaxed);
         for block in recording.blocks() {

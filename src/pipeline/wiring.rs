@@ -1,21 +1,17 @@
-//! Runs the six stages side by side: starts their threads, connects them by bounded queues, and
-//! gathers their results.
+//! Runs the six stages side by side: starts their threads, connects them by bounded queues, and gathers their
+//! results.
 //!
-//! In: a run ([`Run`]) and the models, learned before or to be learned on the way ([`Models`]),
-//! from `replay`. Out: [`StageResults`], from which `finish` makes the report and completes the
-//! files.
+//! In: a run ([`Run`]) and the models, learned before or to be learned on the way ([`Models`]), from `replay`.
+//! Out: [`StageResults`], from which `finish` makes the report and completes the files.
 //!
-//! What ends the threads: the reader at the end of the recording, each other stage when the stage
-//! before it is gone. If a stage fails, its ends of the queues are dropped, so that the stages
-//! before it cannot send and end, and the stages behind it get no more and end. Of several
-//! errors the writer's own is returned, else that of the first stage.
+//! The reader ends at the end of the recording, each other stage when the stage before it is gone. If a stage
+//! fails, its ends of the queues are dropped, so that the stages before and behind it end, too.
 
-use super::PipelineError;
 use super::batches::{BufferPools, JudgedBatch};
 use super::episodes::{EpisodeReport, EpisodeTap};
 use super::head_movement::HeadMovement;
 use super::heads::Heads;
-use super::in_flight::{InFlight, ParkedBatches};
+use super::in_flight::InFlight;
 use super::job::Run;
 use super::models::Models;
 use super::rotation::PartWriter;
@@ -24,7 +20,8 @@ use super::stages::{self, BlockQueue, JudgeAssignment};
 use super::tally::Tally;
 use super::temperature_check::TemperatureCheck;
 use super::timings::{Clock, StageTiming, Timings};
-use crossbeam_channel::bounded;
+use super::{PipelineError, Result};
+use crossbeam_channel::{Receiver, bounded};
 use inkling_core::fault::categories;
 use inkling_core::state::Memory;
 use inkling_core::verdict::Verdicts;
@@ -46,36 +43,29 @@ const MOST_BYTES: u64 = 64 << 20;
 
 /// What the stages leave behind. The files are not complete yet, and do not have their names.
 pub struct StageResults<'a> {
-    /// All models, and the windows that gave none.
     pub schedule: Schedule<'a>,
-    /// Counts of signals, channels and printheads, and the damage that decoding met.
     pub tally: Tally,
-    /// The verdicts.
     pub table: Table,
     /// The episodes, and their table; `None`: they are only listed.
     pub episodes: (EpisodeReport, Option<EpisodeWriter>),
-    /// Damage that framing the file's blocks met.
     pub scan_damage: Vec<Damage>,
     pub timings: Vec<StageTiming>,
-    /// Digest of the whole file.
     pub digest: Digest,
     /// Printheads judged at temperatures that no model knows, and that were not followed.
     pub temperatures: TemperatureCheck,
     /// How all channels of printheads moved together, where there is something to tell.
     pub moved: Vec<HeadMovement>,
-    /// With `--baseline`: what is remembered for the next recording.
     pub memory: Option<Memory>,
 }
 
 impl Run<'_> {
-    /// Creates the tables that the writer appends to: verdicts and episodes, in files or in memory.
-    /// `classes`: names of the fault classes.
-    fn tables(&self, classes: &[String]) -> Result<Tables<'_>, PipelineError> {
+    /// Creates the tables that the writer appends to. `classes`: names of the fault classes.
+    fn tables(&self, classes: &[String]) -> Result<Tables<'_>> {
         let output = &self.replay.settings.output;
         let timestamp_unit = output.timestamps;
-        let label = &self.recording.label;
         let of_episodes = self.verdicts.map(|verdicts| {
-            EpisodeWriter::create(&episode_table::path_beside(verdicts), timestamp_unit, label)
+            let path = episode_table::path_beside(verdicts);
+            EpisodeWriter::create(&path, timestamp_unit, &self.recording.label)
         });
         let episodes = EpisodeTap::create(self.replay, self.watch, of_episodes.transpose()?)?;
         let options = TableOptions {
@@ -96,7 +86,7 @@ impl Run<'_> {
         let rotation = self.watch.and_then(|watch| watch.rotation);
         let rotating = rotation
             .filter(|_| self.recording.is_growing())
-            .map(|of| PartWriter::new(of, self.replay, self.recording, verdicts, options.clone()));
+            .map(|of| PartWriter::new(of, *self, verdicts, options.clone()));
         let table = Table::File(VerdictWriter::create(verdicts, options)?);
         let rows = self.watch.and_then(|watch| watch.rows);
         Ok(Tables { episodes, table, rotating, rows })
@@ -106,56 +96,44 @@ impl Run<'_> {
     fn workers(&self) -> [usize; 3] {
         let Run { replay, recording, .. } = *self;
         let stages = &replay.settings.replay;
-        // One reader takes blocks one after another where a block may define channels of later ones, and
-        // where bursts are handed on at a pace.
-        let one_reader = self.paced().is_some() || !recording.channels_known_upfront;
+        // blocks may define channels of later ones, and a pace is that of one reader
+        let one_reader = self.pacer.is_some() || !recording.channels_known_upfront;
         let readers = if one_reader { 1 } else { replay.workers(stages.readers) };
         [readers, replay.workers(stages.filters), replay.workers(stages.isolators)]
     }
 
     /// Connects the six stages, runs them, and waits for all of them. The writer runs on the caller's thread.
-    /// `models`: gives each burst its model.
-    pub fn through_stages<'m>(
-        &self,
-        models: Models<'m>,
-    ) -> Result<StageResults<'m>, PipelineError> {
+    pub fn through_stages<'m>(&self, models: Models<'m>) -> Result<StageResults<'m>> {
         let Run { replay, recording, control, .. } = *self;
         let settings = &replay.settings;
 
         // 1. what the writer and the identify stage work with
         let classes = replay.classes();
         let mut tables = self.tables(&classes)?;
-
         let mut tally = Tally::new(classes);
-        // Printheads are followed where channels are judged about a common level;
-        // own levels need that in any case.
+        // own levels rest on a head's common level
         let is_followed = replay.baselines.is_some() || settings.identify.common_change;
         let following = is_followed.then(|| Heads::new(replay));
         let temperatures = TemperatureCheck::default();
         let mut deciding = JudgeAssignment { models, temperatures, following };
         let [readers, filters, isolators] = self.workers();
 
-        // 2. what the stages share. There are enough blocks in flight that every worker of a
-        // parallel stage has one at work and one waiting.
+        // 2. what the stages share
         let in_flight =
             InFlight::new(BLOCKS_PER_WORKER * (readers + filters + isolators), MOST_BYTES);
         let queue = BlockQueue::new(recording, &in_flight, control);
         let (timings, pools) = (Timings::default(), BufferPools::default());
+        // listed in this order
         let names = ["reader", "identify", "filter", "gate", "isolate", "writer"];
-        // announced in this order, in which the timings are listed
         names.iter().for_each(|stage| timings.expect(stage));
         control.bytes_read.store(0, Ordering::Relaxed);
-        control.set_abandoned(false);
+        control.abandoned.store(false, Ordering::Relaxed);
 
         // 3. the threads, which end before the scope does
         thread::scope(|scope| {
-            // one bounded queue between every two stages
             let (to_identify, from_reader) = bounded(QUEUE);
             let (to_filter, from_identify) = bounded(QUEUE);
-            let (to_gate, from_filter) = bounded(QUEUE);
-            let (to_isolate, from_gate) = bounded(QUEUE);
-            let (to_writer, from_isolate) = bounded(QUEUE);
-            let (queue, in_flight, pacer) = (&queue, &in_flight, self.paced());
+            let (queue, in_flight, pacer) = (&queue, &in_flight, self.pacer);
             let (timings, pools, deciding) = (&timings, &pools, &mut deciding);
 
             let mut running = RunningStages { scope, timings, stages: Vec::new() };
@@ -167,26 +145,14 @@ impl Run<'_> {
             drop(to_identify);
             let rails = settings.input.rails;
             running.start("identify", move |clock| {
-                let parked = ParkedBatches::new(in_flight);
-                stages::identify(deciding, parked, clock, from_reader, to_filter)
+                stages::identify(deciding, in_flight, clock, from_reader, to_filter)
             });
-            for _ in 0..filters {
-                let (input, out) = (from_identify.clone(), to_gate.clone());
-                running.start("filter", move |clock| {
-                    stages::each(clock, input, out, stages::filter(rails, pools))
-                });
-            }
-            drop((from_identify, to_gate));
-            running.start("gate", move |clock| {
-                stages::each(clock, from_filter, to_isolate, |batch| stages::gate(pools, batch))
-            });
-            for _ in 0..isolators {
-                let (input, out) = (from_gate.clone(), to_writer.clone());
-                running.start("isolate", move |clock| {
-                    stages::each(clock, input, out, stages::isolate(settings, pools))
-                });
-            }
-            drop((from_gate, to_writer));
+            let filter = move || stages::filter(rails, pools);
+            let from_filter = running.start_each("filter", filters, from_identify, filter);
+            let gate = move || move |batch| stages::gate(pools, batch);
+            let from_gate = running.start_each("gate", 1, from_filter, gate);
+            let isolate = move || stages::isolate(settings, pools);
+            let from_isolate = running.start_each("isolate", isolators, from_gate, isolate);
 
             // the writer, here
             let put = |judged: &mut JudgedBatch| {
@@ -196,9 +162,8 @@ impl Run<'_> {
             };
             let clock = timings.clock("writer");
             let written = stages::write(clock, from_isolate, in_flight, pools, control, put);
-            // A reader that waits for room in flight, or for more to be written, must not
-            // wait for a writer that is gone.
-            control.set_abandoned(true);
+            // a reader that waits for room or for more to be written must not wait for a writer that is gone
+            control.abandoned.store(true, Ordering::Relaxed);
             in_flight.close();
             running.joined(written)
         })?;
@@ -207,8 +172,8 @@ impl Run<'_> {
         let ((scan_damage, digest), timings) = (queue.finish()?, timings.stages());
         let Tables { episodes, table, .. } = tables;
         let JudgeAssignment { models, mut temperatures, following } = deciding;
-        let (schedule, episodes) = (models.into_schedule(), episodes.finish()?);
-        // followed printheads need no warning about temperature: it is part of their level
+        let (schedule, episodes) = (models.learning.schedule, episodes.finish()?);
+        // what temperature does to followed printheads is part of their level
         temperatures.forget(following.iter().flat_map(Heads::followed));
 
         Ok(StageResults {
@@ -233,7 +198,6 @@ pub enum Table {
 }
 
 impl Table {
-    /// Appends the rows of a batch.
     fn write(&mut self, of: &Verdicts) -> Result<(), TableError> {
         match self {
             Table::File(writer) => writer.write(of),
@@ -243,7 +207,6 @@ impl Table {
         }
     }
 
-    /// Number of rows written so far.
     pub fn rows(&self) -> u64 {
         match self {
             Table::File(writer) => writer.rows(),
@@ -256,16 +219,14 @@ impl Table {
 struct Tables<'a> {
     episodes: EpisodeTap<'a>,
     table: Table,
-    /// With `--rotate`: the parts of a recording that is being written.
     rotating: Option<PartWriter<'a>>,
-    /// Called with the rows of each batch.
     rows: Option<&'a (dyn Fn(&Verdicts) + Sync)>,
 }
 
 impl Tables<'_> {
-    /// Appends a batch to all tables. Episodes come first: they take what isolation says of flagged
-    /// signals out of the batch, which the tables do not need.
-    fn write(&mut self, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
+    /// Appends a batch to all tables. Episodes come first: they take what isolation says of flagged signals
+    /// out of the batch.
+    fn write(&mut self, judged: &mut JudgedBatch) -> Result<()> {
         if judged.verdicts.is_empty() {
             return Ok(());
         }
@@ -285,7 +246,7 @@ impl Tables<'_> {
 struct RunningStages<'scope, 'env> {
     scope: &'scope Scope<'scope, 'env>,
     timings: &'scope Timings,
-    stages: Vec<(&'static str, ScopedJoinHandle<'scope, Result<(), PipelineError>>)>,
+    stages: Vec<(&'static str, ScopedJoinHandle<'scope, Result<()>>)>,
 }
 
 impl<'scope> RunningStages<'scope, '_> {
@@ -293,20 +254,39 @@ impl<'scope> RunningStages<'scope, '_> {
     fn start(
         &mut self,
         stage: &'static str,
-        work: impl FnOnce(Clock<'scope>) -> Result<(), PipelineError> + Send + 'scope,
+        work: impl FnOnce(Clock<'scope>) -> Result<()> + Send + 'scope,
     ) {
         let timings = self.timings;
         self.stages.push((stage, self.scope.spawn(move || work(timings.clock(stage)))));
     }
 
+    /// Starts the workers of a stage that turns each batch into one of the next stage by itself; `turn` makes
+    /// what turns them. Returns the queue of the turned batches.
+    fn start_each<A, B, T>(
+        &mut self,
+        stage: &'static str,
+        workers: usize,
+        input: Receiver<A>,
+        turn: impl Fn() -> T + Copy + Send + 'scope,
+    ) -> Receiver<B>
+    where
+        A: Send + 'scope,
+        B: Send + 'scope,
+        T: FnMut(A) -> B,
+    {
+        let (out, turned) = bounded(QUEUE);
+        for _ in 0..workers {
+            let (input, out) = (input.clone(), out.clone());
+            self.start(stage, move |clock| stages::each(clock, input, out, turn()));
+        }
+        turned
+    }
+
     /// Waits for all threads. Of several errors the writer's own is returned, else that of the first stage.
-    fn joined(self, written: Result<(), PipelineError>) -> Result<(), PipelineError> {
+    fn joined(self, written: Result<()>) -> Result<()> {
         let mut outcome = written;
-        for (stage, handle) in self.stages {
-            let ended = handle.join().unwrap_or(Err(PipelineError::Panicked(stage)));
-            if outcome.is_ok() {
-                outcome = ended;
-            }
+        for (stage, thread) in self.stages {
+            outcome = outcome.and(thread.join().unwrap_or(Err(PipelineError::Panicked(stage))));
         }
         outcome
     }
