@@ -1,13 +1,14 @@
-//! Scenario files: the types that the simulator works on, one struct for each table of the TOML file, with
-//! the file's names and units. `scenario/read.rs` makes a [`Scenario`] from TOML, and `scenario/checks.rs`
-//! makes sure that whatever it then holds can be simulated.
+//! Scenario files: one struct for each table of the TOML file, with the file's names and units.
+//! `scenario/read.rs` makes a [`Scenario`] from TOML, and `scenario/checks.rs` makes sure that it can be
+//! simulated.
 //!
 //! There are two kinds: `physics` (default; channels of thesis (2-2), faults, print runs) and `classes` (the
-//! data set of thesis §4-1). Unknown keys are refused. `_us` in a name means microseconds, `_c` degrees
-//! Celsius, `_v` volts; `sample_logs/scenarios` has examples.
+//! data set of thesis §4-1). `_us` in a name means microseconds, `_c` degrees Celsius, `_v` volts.
 
 mod checks;
 mod read;
+
+pub(super) use checks::require;
 
 use inkling_core::burst::{Compression, Format, Layout};
 use inkling_core::fault::CLASSES;
@@ -28,6 +29,12 @@ pub enum ScenarioError {
     Schema { found: String },
     #[error("`{key}`: {why}")]
     Value { key: String, why: String },
+}
+
+impl ScenarioError {
+    pub(super) fn value(key: &str, why: impl Into<String>) -> ScenarioError {
+        ScenarioError::Value { key: key.to_owned(), why: why.into() }
+    }
 }
 
 /// A scenario that was checked.
@@ -53,8 +60,7 @@ pub struct RecordingOptions {
     pub compression: Compression,
     /// Uncompressed size at which a chunk of the recording is closed, bytes.
     pub chunk_bytes: u64,
-    /// Largest number of channels in one burst; by default a burst of a print run holds a whole printhead,
-    /// and a burst of a set 450 channels.
+    /// Largest number of channels in one burst; by default a whole printhead, or 450 channels of a set.
     pub channels_per_burst: Option<u32>,
     /// Whether a burst's samples are stored channel after channel, or sample after sample.
     #[serde(with = "LayoutWords")]
@@ -113,7 +119,7 @@ pub struct Physics {
     rates: Option<InkChannel>,
     geometry: Option<Geometry>,
     /// Nominal rates at 25 °C, which `read.rs` makes of one of the two.
-    #[serde(skip, default = "no_rates")]
+    #[serde(skip)]
     pub channel: InkChannel,
     pub spread: Spread,
     pub shot: Shot,
@@ -131,22 +137,15 @@ pub struct Physics {
     pub hidden: Option<HiddenRun>,
 }
 
-/// Rates of 0, which stand in `Physics::channel` until `read.rs` has set it.
-fn no_rates() -> InkChannel {
-    InkChannel { a_per_s2: 0.0, b_per_s2: 0.0, g_per_s: 0.0, d_per_s: 0.0 }
-}
-
 impl Physics {
-    /// The fault classes that the scenario has, with the lowest and the highest severity of each, in the
-    /// order of the thesis's tables. A class's index in this list is the one that `dataset::Truth` holds.
+    /// The fault classes with their ranges, in the thesis's order. A class's index is that in `dataset::Truth`.
     pub fn severity_ranges(&self) -> Vec<(String, [f64; 2])> {
         let range = |class: &&str| Some(((*class).to_owned(), self.fault.get(*class)?.range));
         CLASSES.iter().filter_map(range).collect()
     }
 }
 
-/// `[spread]`: how healthy channels differ from the nominal one: relative half-widths of uniform
-/// distributions of the four rates and of the gain. A channel keeps its own values over a run.
+/// `[spread]`: how channels differ: relative half-widths of the four rates and of the gain, uniform.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Spread {
@@ -173,8 +172,7 @@ pub struct Shot {
 pub struct Acquisition {
     /// Length of the actuation's pulse.
     pub pulse_us: f64,
-    /// The steps that the pulse consists of: share of `pulse_us` and relative voltage of each; absent: one
-    /// rectangle.
+    /// The steps of the pulse: share of `pulse_us` and relative voltage; absent: one rectangle.
     #[serde(default)]
     pub waveform: Waveform,
     /// Time from the end of the pulse to the first sample, at t_a.
@@ -210,8 +208,7 @@ pub struct Temperature {
     pub viscosity_per_k: f64,
 }
 
-/// `[drive]`: drive levels in print runs. One level is drawn for each burst, with the probability in the same
-/// place of `shares`.
+/// `[drive]`: drive levels, one of which is drawn for each burst, with the probability in `shares`.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Drive {
@@ -289,20 +286,17 @@ pub enum Recorded {
 pub struct HiddenRun {
     /// Covariates that the recording holds.
     pub recorded: Vec<Recorded>,
-    /// Times since the previous actuation. For each signal one of them is drawn, or "no previous actuation",
-    /// all with the same probability.
+    /// Times since the previous actuation, drawn for each signal, or that there was none.
     #[serde(default)]
     pub idle_times_us: Vec<f64>,
-    /// Healthy scatter of frequency and damping from burst to burst, in addition to `shot`: relative standard
-    /// deviations.
+    /// Healthy scatter from burst to burst in addition to `shot`: relative standard deviations.
     #[serde(default)]
     pub frequency_sd: f64,
     #[serde(default)]
     pub damping_sd: f64,
 }
 
-/// `[[print_run.fault]]`: a fault from `from_s` (inclusive) to `to_s` (exclusive), counted from the first
-/// burst.
+/// `[[print_run.fault]]`: a fault from `from_s` to `to_s` (exclusive), counted from the first burst.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ExplicitFault {
@@ -354,8 +348,7 @@ impl Classes {
         self.t_us * 1e-6 / self.n as f64
     }
 
-    /// Fault classes and their boxes: the thesis's classes in the order of its tables, then others by name. A
-    /// class's index in this list is the one that `dataset::Truth` holds.
+    /// Fault classes and their boxes, the thesis's classes first. A class's index is that in `dataset::Truth`.
     pub fn fault_classes(&self) -> Vec<(String, ClassBox)> {
         let place = |class: &str| CLASSES.iter().position(|c| *c == class).unwrap_or(CLASSES.len());
         let faults = self.classes.faults.iter();
