@@ -181,7 +181,7 @@ impl<'a> ChangesSince<'a> {
             "recordings": recordings,
             "still": still,
         });
-        for (key, _, faults) in self.changes.kinds() {
+        for (key, _, faults) in &self.changes.kinds {
             told[key] = faults.iter().map(|fault| as_json(fault)).collect();
         }
         told["unjudged"] = json!(self.unjudged);
@@ -199,7 +199,7 @@ impl<'a> ChangesSince<'a> {
                 writeln!(out, "{count} recording{plural} since that run, from {from} to {to} UTC")?
             }
         }
-        for (_, words, faults) in self.changes.kinds() {
+        for (_, words, faults) in &self.changes.kinds {
             let told = |fault: &&Fault| {
                 let channel = fault.story.channel;
                 let head = printable(&fault.story.printhead);
@@ -213,7 +213,7 @@ impl<'a> ChangesSince<'a> {
             format!("{}: {}", printable::line(what, 200), printable::line(why, 600))
         };
         list(out, "not judged", self.unjudged.iter().map(told))?;
-        if *recordings > 0 && self.changes.kinds().iter().all(|(.., faults)| faults.is_empty()) {
+        if *recordings > 0 && self.changes.kinds.iter().all(|(.., faults)| faults.is_empty()) {
             writeln!(out, "no change, of what was judged")?;
         }
         match *still {
