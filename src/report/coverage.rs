@@ -10,9 +10,10 @@
 //! that were not measured in the last night, or channels silent since the first half of their
 //! latest recording; `doubtful`, channels of which nothing certain is known now.
 
+use super::counts::Tally;
 use super::night::{Span, last_night, whole};
 use super::source::{LostRecording, Source};
-use super::survey::{Head, Survey, Tally};
+use super::survey::{Head, Survey};
 use super::words::{counted, first_of, joined, of_some, percent, thousands};
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -12,8 +12,9 @@
 //! from the scatter over channels, divided by the one that independent signals would have, and
 //! squared; by this factor the numbers of signals are divided before Wilson's interval.
 
+use super::counts::ChannelCount;
 use super::source::Source;
-use super::survey::{ChannelCount, Survey};
+use super::survey::Survey;
 use super::watch::BurstCounts;
 use inkling_lab::score::curves::wilson;
 use std::sync::Arc;

@@ -4,8 +4,9 @@
 //! In: a [`Report`]. Out: HTML. Green never means that nobody looked (`known`).
 
 use super::Report;
+use super::counts::Tally;
 use super::light::Light;
-use super::survey::{Head, Tally};
+use super::survey::Head;
 use super::tables::LinkTargets;
 use super::words::{counted, percent};
 use inkling_lab::plot::page::name;

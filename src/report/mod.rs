@@ -7,7 +7,7 @@
 //! faults. The report never judges by itself: the episodes decide what is a fault.
 //!
 //! The steps, each in a file:
-//! 1. `survey` reads the verdicts once: counts, a map of each printhead (`map`), and a `watch` of
+//! 1. `survey` reads the verdicts once: `counts`, a map of each printhead (`map`), and a `watch` of
 //!    each channel that had an episode.
 //! 2. `coverage` and `false_alarms` say what was judged, and how well.
 //! 3. `story` links the episodes of each channel into one story per fault; `trend` says whether the
@@ -19,6 +19,7 @@
 
 mod bins;
 mod changes;
+mod counts;
 mod coverage;
 mod drift;
 mod evaluation;
@@ -56,6 +57,7 @@ pub use source::{LostRecording, Source};
 pub use survey::{Names, Survey};
 pub use words::{Column, clock, columns, first_of, grouped, three_digits};
 
+use counts::Tally;
 use coverage::Coverage;
 use drift::ModelPoint;
 use false_alarms::FalseAlarms;
@@ -64,7 +66,6 @@ use night::{Span, whole};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use story::Rates;
-use survey::Tally;
 use watch::Spell;
 
 /// Counts of one recording: a line of the page's table of recordings.

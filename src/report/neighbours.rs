@@ -167,8 +167,8 @@ fn sentence(members: &[usize], faults: &[Fault], settings: &ReportSettings) -> S
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::report::counts::{ChannelCount, Tally};
     use crate::report::story::{Rates, stories};
-    use crate::report::survey::{ChannelCount, Tally};
     use crate::report::watch::{Spell, Watch};
     use inkling_core::episodes::Episode;
 

@@ -5,9 +5,10 @@
 //! about printheads with so many faults at once that the cause is hardly the nozzles, and about
 //! recordings that overlap in time, whose signals count twice.
 
+use super::counts::Tally;
 use super::fault::Fault;
 use super::source::Source;
-use super::survey::{Head, Survey, Tally};
+use super::survey::{Head, Survey};
 use super::words::{counted, percent, thousands};
 use inkling_core::verdict::at_once::{ADVICE, FEWEST_CHANNELS, MOST_AT_ONCE};
 

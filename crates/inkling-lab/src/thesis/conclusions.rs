@@ -9,7 +9,7 @@
 //! paired by round (`Measured::difference`). The claim's verdict is the worst of its pairs'
 //! verdicts. A claim with `least` is judged by `at_least`; one with `undecided` is never decided.
 
-use super::measure::{Size, figure};
+use super::methods::{COMPARED, Size, figure};
 use super::outcome::{Confusion, DataSet, Difference, Measured};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -234,7 +234,7 @@ fn compared(
 fn at_least(of: &Measured, bound: f64) -> (Verdict, String) {
     let mut least = (f64::INFINITY, String::new());
     let mut verdicts = Vec::new();
-    for method in super::measure::COMPARED {
+    for method in COMPARED {
         for size in Size::EACH {
             let key = figure(method.name, size, "accuracy");
             let Some(spread) = of.spread(&key) else {

@@ -7,7 +7,8 @@
 
 use super::datasets::{self, Part, each, states};
 use super::key_figures::{self, key_numbers};
-use super::measure::{TestSignal, each_signal, own_isolation, thesis_detect, train};
+use super::measure::{TestSignal, each_signal, train};
+use super::methods::{own_isolation, thesis_detect};
 use super::outcome::{DataSet, ThesisError};
 use crate::plot::{Axis, Figure, Mark, Series};
 use crate::simulate::drying;

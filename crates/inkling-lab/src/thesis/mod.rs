@@ -6,7 +6,7 @@
 //!
 //! The steps, each a file here:
 //! 1. `datasets` makes a `Part`, signals to learn from and to test on, for each seed or fold.
-//! 2. `measure` trains every method on the part and tests it; the methods are the product's own
+//! 2. `measure` trains every method of `methods` on the part and tests it; they are the product's own
 //!    ([`inkling_core::design`]). `practice` is the baseline. The result is `Figures`.
 //! 3. `outcome` gathers the figures of all rounds into a `Measured` for each data set.
 //! 4. `conclusions` judges the claims, `published` compares with the thesis's numbers.
@@ -18,6 +18,7 @@ mod datasets;
 mod figures;
 mod key_figures;
 mod measure;
+mod methods;
 mod outcome;
 mod practice;
 mod published;

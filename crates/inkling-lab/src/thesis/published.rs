@@ -1,7 +1,7 @@
 //! The numbers that the thesis reports, and a test of whether this program's number could be the
 //! same.
 //!
-//! In: the name of one of our figures (as `measure::figure` makes it) and the figure's values over
+//! In: the name of one of our figures (as `methods::figure` makes it) and the figure's values over
 //! rounds, one share for each round. Out to `tables`: the thesis's number from `published.toml`,
 //! and whether it differs from ours, by a p-value: how probable a number as far from ours would be
 //! if the thesis's data set were one more of our rounds.

@@ -10,7 +10,7 @@
 
 use super::chapter::{Chapter, Rounds};
 use super::conclusions::{Conclusion, Kind};
-use super::measure::{Beside, COMPARED, Detection, ROWS, Size, figure};
+use super::methods::{Beside, COMPARED, Detection, ROWS, Size, figure};
 use super::outcome::{DataSet, Measured, Spread};
 use super::published::{Matrix, Published, matrices, published};
 use inkling_core::fault::CLASSES;
@@ -307,7 +307,7 @@ mod tests {
     #[test]
     fn the_first_row_is_the_thesiss_own_setting() {
         use inkling_core::detect::THESIS_OSCILLATIONS_OF_RING;
-        let own = crate::thesis::measure::thesis_detect(2.0);
+        let own = crate::thesis::methods::thesis_detect(2.0);
         assert_eq!((own.mu, own.oscillations_of_ring), (2.0, Some(THESIS_OSCILLATIONS_OF_RING)));
     }
 }
