@@ -1,5 +1,5 @@
 //! Counts of signals: of a printhead in one recording ([`Tally`]), and of a channel over all of them
-//! ([`ChannelCount`]), with what can be told from them: whether the channel is known, heard or
+//! ([`ChannelCount`]), with what can be told from them: whether the channel is known, measured or
 //! doubtful now.
 //!
 //! In: the rows of the verdicts, which `survey` counts. Out: numbers, to most files of the report.
@@ -101,7 +101,7 @@ impl ChannelCount {
     /// Whether the channel was measured in the last night, which began at `from_ns`, and did not
     /// fall silent in the first half of its latest recording. `head`: its printhead, of whose span
     /// in that recording the half is meant.
-    pub fn is_heard(&self, from_ns: i64, head: &Head) -> bool {
+    pub fn is_measured(&self, from_ns: i64, head: &Head) -> bool {
         let InRecording { recording, to_ns, judged, rejected, .. } = self.last;
         let span = head.tallies.get(&recording).and_then(|of| of.span);
         let fell_silent = span.is_some_and(|(from, to)| to_ns - from < (to - from) / 2);

@@ -6,7 +6,7 @@
 //! (`first`) and the JSON output tell.
 //!
 //! A gap is something that was not judged, in words. Gaps have three sources: `gaps`, what the
-//! summaries say and what the counts of each recording show; `unheard`, printheads and channels
+//! summaries say and what the counts of each recording show; `not_measured`, printheads and channels
 //! that were not measured in the last night, or channels silent since the first half of their
 //! latest recording; `doubtful`, channels of which nothing certain is known now.
 
@@ -85,7 +85,7 @@ impl Coverage {
         let tallies = || survey.heads.iter().flat_map(|head| head.tallies.values());
         let is_whole = |of: &&Source| of.missing.is_empty() && of.damaged_places() == 0;
         Coverage {
-            gaps: [gaps(survey, sources), unheard(survey, sources), doubtful(survey, sources)]
+            gaps: [gaps(survey, sources), not_measured(survey, sources), doubtful(survey, sources)]
                 .concat(),
             lost,
             channels: survey.channels().filter(|c| c.judged > 0).count() as u64,
@@ -121,16 +121,15 @@ impl Coverage {
 
     /// The text that the report begins with: what was not judged. `None` if everything is known.
     pub fn first(&self) -> Option<String> {
-        let rest = if self.judged == 0 { String::new() } else { self.rest() };
-        let sentences = match (self.named(), rest.as_str()) {
-            (named, _) if named.is_empty() && self.judged == 0 => "Nothing was judged.".to_owned(),
-            (named, _) if self.judged == 0 => format!("Nothing was judged. {named}."),
-            (named, "") if named.is_empty() => return None,
-            (named, rest) if named.is_empty() => format!("Not all is known: {rest}."),
-            (named, "") => format!("Not judged. {named}."),
-            (named, rest) => format!("Not judged. {named}. In all, {rest}."),
-        };
-        Some(sentences)
+        let (named, rest) = (self.named(), self.rest());
+        match (named.as_str(), rest.as_str()) {
+            ("", _) if self.judged == 0 => Some("Nothing was judged.".into()),
+            (named, _) if self.judged == 0 => Some(format!("Nothing was judged. {named}.")),
+            ("", "") => None,
+            ("", rest) => Some(format!("Not all is known: {rest}.")),
+            (named, "") => Some(format!("Not judged. {named}.")),
+            (named, rest) => Some(format!("Not judged. {named}. In all, {rest}.")),
+        }
     }
 
     /// The gaps and the lost recordings by name; empty if there are none.
@@ -166,15 +165,15 @@ impl Coverage {
 }
 
 /// What a gap concerns: a printhead (first), a topic (second), or, if both are `None`, a whole recording.
-type Of = (Option<Arc<str>>, Option<String>);
+type Subject = (Option<Arc<str>>, Option<String>);
 
 /// A gap of one recording: when that ended (`None`: it has no signals), its index, and the gap in words.
-type Place = (Option<i64>, usize, String);
+type Occurrence = (Option<i64>, usize, String);
 
 /// The gaps of all recordings, merged by what they concern. Each text is that of the latest
 /// recording concerned, by the last signal of the printhead concerned, or else of all.
 fn gaps(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
-    let mut all: BTreeMap<Of, Vec<Place>> = BTreeMap::new();
+    let mut all: BTreeMap<Subject, Vec<Occurrence>> = BTreeMap::new();
     for (recording, source) in sources.iter().enumerate() {
         let span = |head: &Head| head.tallies.get(&recording)?.span;
         let of_all = whole(survey.heads.iter().filter_map(span));
@@ -184,7 +183,7 @@ fn gaps(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
             all.entry(of).or_default().push((until, recording, what));
         }
     }
-    let gap = |((printhead, _), places): (Of, Vec<Place>)| {
+    let gap = |((printhead, _), places): (Subject, Vec<Occurrence>)| {
         let recordings = places.len() as u64;
         let (_, source, what) = places.into_iter().max()?;
         let recording = sources[source].name.clone();
@@ -194,7 +193,7 @@ fn gaps(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
 }
 
 /// What was not judged of one recording: as its summary says, or else from the counts of its signals.
-fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<Of, String> {
+fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<Subject, String> {
     let mut gaps = BTreeMap::new();
     let told = ["not_judged", "unread"].map(|key| source.document[key].as_array());
     for told in told.into_iter().flatten().flatten() {
@@ -202,18 +201,17 @@ fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<
         let of = (text("printhead").map(Arc::from), text("topic").map(str::to_owned));
         gaps.extend(text("what").map(|what| (of, what.to_owned())));
     }
-    let of_head = |head: &'_ Head| Some((head.name.clone(), head.tallies.get(&recording)?.clone()));
 
     // Printheads of which nothing was judged, unless the summary named them.
     let mut all = Tally::default();
-    for (name, tally) in survey.heads.iter().filter_map(of_head) {
+    let heads = survey.heads.iter();
+    for (name, tally) in heads.filter_map(|of| Some((&of.name, of.tallies.get(&recording)?))) {
         (all.judged, all.rejected) = (all.judged + tally.judged, all.rejected + tally.rejected);
         for (reason, n) in &tally.reasons {
             *all.reasons.entry(*reason).or_default() += n;
         }
         if tally.judged == 0 && tally.rejected > 0 && !name.is_empty() {
-            gaps.entry((Some(name.clone()), None))
-                .or_insert_with(|| by_counts(Some(&name), &tally));
+            gaps.entry((Some(name.clone()), None)).or_insert_with(|| by_counts(Some(name), tally));
         }
     }
 
@@ -229,7 +227,7 @@ fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<
 
 /// A gap for each printhead that was not measured in the last night (`night::last_night`), or some
 /// of whose channels were not, or fell silent in the first half of their latest recording.
-fn unheard(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
+fn not_measured(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     let tallies = survey.heads.iter().flat_map(|head| head.tallies.values());
     let mut spans: Vec<Span> = tallies.filter_map(|of| of.span).collect();
     spans.sort_unstable();
@@ -239,7 +237,7 @@ fn unheard(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
         // A printhead whose latest recording ended before the night is told as a whole.
         let (recording, tally) = head.latest()?;
         let name = &head.name;
-        let what = match head.channels.iter().filter(|of| !of.is_heard(from_ns, head)).count() {
+        let what = match head.channels.iter().filter(|of| !of.is_measured(from_ns, head)).count() {
             0 => return None,
             _ if tally.span?.1 < from_ns => {
                 format!("the last recording of {name}: it was not heard in the last night")

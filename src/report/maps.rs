@@ -13,7 +13,7 @@
 use super::fault::{Fault, what};
 use super::map::{LEVELS, Picture, Shows, class, level};
 use super::night::{Span, whole};
-use super::survey::{Head, KNOWN_CATEGORIES};
+use super::survey::Head;
 use super::words::{clock, counted, first_of, percent};
 use inkling_core::verdict::Reason;
 use inkling_lab::plot::page::{escaped, name, shortened};
@@ -45,7 +45,7 @@ const fn rgb(hex: [u32; 12]) -> [Colour; 12] {
     colours
 }
 
-/// Letters of the known categories; own categories have numbers.
+/// Letters of the survey's first categories, the known ones; own categories have numbers.
 const LETTERS: [&str; 4] = ["D", "B", "A", "E"];
 /// Most episodes that are marked on a map.
 const MOST_MARKED: usize = 1500;
@@ -62,15 +62,12 @@ const BELOW: f64 = 40.0;
 
 /// The letter of an episode's category, the number of an own one; S: at the sensor line, U: not named.
 fn letter(category: Option<&str>, reason: Option<Reason>, categories: &[String]) -> String {
-    let Some(category) = category else {
-        return if reason == Some(Reason::NoRing) { "S" } else { "U" }.into();
-    };
-    match KNOWN_CATEGORIES.iter().position(|known| *known == category) {
-        Some(at) => LETTERS[at].into(),
-        None => match categories.iter().position(|c| c == category) {
-            Some(at) => format!("{}", at + 1 - KNOWN_CATEGORIES.len()),
-            None => "U".into(),
-        },
+    let at = category.and_then(|category| categories.iter().position(|c| c == category));
+    match (category, at) {
+        (None, _) if reason == Some(Reason::NoRing) => "S".into(),
+        (None, _) | (_, None) => "U".into(),
+        (_, Some(at)) if at < LETTERS.len() => LETTERS[at].into(),
+        (_, Some(at)) => format!("{}", at + 1 - LETTERS.len()),
     }
 }
 

@@ -96,17 +96,16 @@ fn overlapping(head: &Head) -> Vec<(usize, usize)> {
     let span = |(&k, t): (&usize, &Tally)| t.span.map(|(from, to)| (from, to, k));
     let mut spans: Vec<(i64, i64, usize)> = head.tallies.iter().filter_map(span).collect();
     spans.sort_unstable();
-    let mut pairs = Vec::new();
-    for (at, &(from, _, k)) in spans.iter().enumerate() {
+    let pair = |(at, &(from, _, k)): (usize, &(i64, i64, usize))| {
         let shares = |other: usize| {
             let (a, b) = (head.tallies[&k].channels, head.tallies[&other].channels);
             a.zip(b).is_some_and(|([a, z], [b, y])| a.max(b) <= z.min(y))
         };
-        let earlier = spans[..at].iter().rev().take(MOST_LOOKED_BACK);
-        let of = earlier.clone().find(|(_, to, other)| *to > from && shares(*other));
-        pairs.extend(of.map(|&(_, _, other)| (other.min(k), other.max(k))));
-    }
-    pairs
+        let mut earlier = spans[..at].iter().rev().take(MOST_LOOKED_BACK);
+        let of = earlier.find(|(_, to, other)| *to > from && shares(*other));
+        of.map(|&(_, _, other)| (other.min(k), other.max(k)))
+    };
+    spans.iter().enumerate().filter_map(pair).collect()
 }
 
 /// Number of preceding recordings with which each one is compared, to bound the time.

@@ -63,7 +63,7 @@ pub struct Names<'a> {
 }
 
 /// The categories of the thesis's fault classes. Those of own classes come after them.
-pub const KNOWN_CATEGORIES: [&str; 4] =
+const KNOWN_CATEGORIES: [&str; 4] =
     ["dried_nozzle", "blocked_nozzle", "air_bubble", "empty_channel"];
 
 impl Survey {

@@ -39,15 +39,10 @@ pub fn thousands(n: u64) -> String {
 
 /// A number with its digits in groups of three.
 pub fn grouped(n: u64, separator: char) -> String {
-    let digits = n.to_string();
-    let mut text = String::new();
-    for (k, digit) in digits.chars().enumerate() {
-        if k > 0 && (digits.len() - k).is_multiple_of(3) {
-            text.push(separator);
-        }
-        text.push(digit);
+    match n {
+        0..1000 => n.to_string(),
+        _ => format!("{}{separator}{:03}", grouped(n / 1000, separator), n % 1000),
     }
-    text
 }
 
 /// A positive number with about three significant digits.

@@ -20,7 +20,6 @@ use std::sync::Arc;
 /// Version (`schema`) of the scenario files that this program reads.
 const SCHEMA: i64 = 1;
 
-/// Why a scenario cannot be simulated.
 #[derive(Debug, thiserror::Error)]
 pub enum ScenarioError {
     #[error("the scenario is not readable:\n{0}")]
@@ -62,10 +61,8 @@ pub struct RecordingOptions {
     pub chunk_bytes: u64,
     /// Largest number of channels in one burst; by default a whole printhead, or 450 channels of a set.
     pub channels_per_burst: Option<u32>,
-    /// Whether a burst's samples are stored channel after channel, or sample after sample.
     #[serde(with = "LayoutWords")]
     pub layout: Layout,
-    /// Number format of a sample: int16 or f32.
     pub format: Format,
     /// Time of the first burst, ns since the epoch; the file has `start`, a time in RFC 3339.
     #[serde(rename = "start", deserialize_with = "rfc_3339")]
@@ -85,7 +82,6 @@ impl Default for RecordingOptions {
     }
 }
 
-/// The words for [`Layout`] in a scenario file.
 #[derive(Deserialize)]
 #[serde(remote = "Layout", rename_all = "snake_case")]
 enum LayoutWords {
@@ -129,9 +125,7 @@ pub struct Physics {
     /// Severities of each fault class that occurs, by the class's name.
     #[serde(default)]
     pub fault: BTreeMap<String, FaultRange>,
-    /// The sets to simulate; absent: none.
     pub dataset: Option<Dataset>,
-    /// The print run to simulate; absent: none.
     pub print_run: Option<PrintRun>,
     /// What a print run records with `simulate --hide`; absent: the default, which records no covariates.
     pub hidden: Option<HiddenRun>,
@@ -160,7 +154,6 @@ pub struct Spread {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Shot {
-    /// Standard deviation of the gain.
     pub gain: f64,
     /// Standard deviation of each component of the acquisition state.
     pub state: f64,
@@ -170,7 +163,6 @@ pub struct Shot {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Acquisition {
-    /// Length of the actuation's pulse.
     pub pulse_us: f64,
     /// The steps of the pulse: share of `pulse_us` and relative voltage; absent: one rectangle.
     #[serde(default)]
@@ -178,7 +170,6 @@ pub struct Acquisition {
     /// Time from the end of the pulse to the first sample, at t_a.
     pub delay_us: f64,
     pub sample_period_us: f64,
-    /// Number of samples of a signal, N.
     pub samples: usize,
     /// Peak of the nominal healthy channel's signal at nominal drive, without noise.
     pub largest_healthy_counts: f64,
@@ -201,7 +192,6 @@ impl Acquisition {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Temperature {
-    /// Amplitude of the sine, K.
     pub swing_c: f64,
     pub period_s: f64,
     /// Relative change of g and d per kelvin above 25 °C.
@@ -248,11 +238,9 @@ pub struct PrintRun {
     pub printheads: usize,
     /// A name for each printhead; by default `printhead-1` and so on.
     pub names: Option<Vec<String>>,
-    /// Number of channels of each printhead.
     pub channels: usize,
     /// Number of acquisitions of each printhead; every channel is in each of them.
     pub bursts_per_channel: usize,
-    /// Time from one acquisition of a printhead to the next.
     pub interval_s: f64,
     /// Share of all channels that get one drawn fault each, 0 to 1.
     #[serde(default)]
@@ -284,7 +272,6 @@ pub enum Recorded {
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HiddenRun {
-    /// Covariates that the recording holds.
     pub recorded: Vec<Recorded>,
     /// Times since the previous actuation, drawn for each signal, or that there was none.
     #[serde(default)]

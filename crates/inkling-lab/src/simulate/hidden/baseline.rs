@@ -27,7 +27,6 @@ use std::f64::consts::TAU;
 const DRAWN: usize = 200;
 /// Share that is added to the variance of each freedom over channels, so that the covariance can be inverted.
 const RIDGE: f64 = 1e-4;
-/// Largest number of Gauss-Newton steps.
 const MOST_STEPS: usize = 40;
 /// Largest change of each freedom in one step, in the order of [`Freedom`].
 const LONGEST_STEP: [f64; 6] = [0.3, 0.3, 0.3, 0.2, 0.02, 1.0];
@@ -51,19 +50,15 @@ pub struct Change<'a> {
     pub samples: DVector<f64>,
 }
 
-/// What is needed to compute a decay from its freedoms.
 #[derive(Clone, Copy)]
 pub struct Frame {
-    /// Samples of a signal.
     pub samples: usize,
-    /// Sampling period.
     pub period_s: f64,
     /// Lowest and highest rate lambda of the real pole.
     pub poles_per_s: [f64; 2],
 }
 
 impl Frame {
-    /// The frame of a run.
     pub fn of(base: &Base) -> Frame {
         let (g, d) = (base.rates.g_per_s, base.rates.d_per_s);
         let samples = base.physics.acquisition.samples;
@@ -133,7 +128,6 @@ pub struct Baseline {
     pub frame: Frame,
     /// Variance of a sample, rounding to whole counts included, counts².
     pub noise_var: f64,
-    /// The freedoms of the nominal channel.
     pub nominal: Freedom,
     /// Covariance of the freedoms from burst to burst within a channel.
     covariance: Freedoms,
@@ -187,7 +181,6 @@ impl Baseline {
     /// `drive`, relative to the nominal one; `gram`: J' J.
     fn weight(&self, gram: &Freedoms, drive: f64) -> (Freedoms, Freedoms) {
         let information = gram * (drive * drive / self.noise_var);
-        // M
         let inner = (Freedoms::identity() + information * self.covariance).try_inverse();
         let inner = self.covariance * inner.unwrap_or_else(Freedoms::zeros);
         (information - information * inner * information, inner)
@@ -279,7 +272,6 @@ impl Baseline {
     }
 }
 
-/// J' J as a matrix of fixed size.
 fn gram(j: &DMatrix<f64>) -> Freedoms {
     Freedoms::from_iterator(j.tr_mul(j).iter().copied())
 }

@@ -19,17 +19,14 @@ pub struct Conditions {
     /// Place on the printhead: -1/2 at the first channel, 1/2 at the last.
     pub position: f64,
     pub drive_v: f64,
-    /// Temperature above 25 °C, K.
     pub above_c: f64,
     /// Time since the previous actuation; NaN: there was none.
     pub idle_s: f64,
-    /// Number of neighbours that fired with the channel.
     pub neighbours: u8,
     /// The trigger's jitter in units of its size, the same for all channels of a burst.
     pub trigger: f64,
     /// Phase of a random tone, uniform, the same for all channels of a burst.
     pub phase_rad: f64,
-    /// Number of the burst.
     pub burst: usize,
     /// Healthy relative scatter of the gain, of the state's four components, of frequency and damping.
     pub shot: [f64; 7],
@@ -44,10 +41,8 @@ pub struct Samples<'a> {
     pub peak_counts: f64,
 }
 
-/// What an effect acts on.
 #[derive(Clone, Copy, Debug)]
 pub enum Acts {
-    /// The equation of motion.
     Plant(fn(&Effect, &Conditions, &mut Equation)),
     /// The sensor's output, before noise.
     Output(fn(&Effect, &Conditions, &mut Samples)),

@@ -40,7 +40,6 @@ pub use run::Circumstance;
 /// Smallest distance of a line (tone, mode) from the resonance and its multiples, relative to the resonance.
 const CLEAR_OF_HARMONICS: f64 = 0.12;
 
-/// What is to be hidden.
 #[derive(Clone, Debug, Default)]
 pub struct Plan {
     /// Effects, each with its strength in detection limits; their sizes are not known yet.
@@ -52,7 +51,6 @@ pub struct Plan {
 /// What is true of a recording: the contents of the sealed file.
 #[derive(Clone, Debug, Serialize)]
 pub struct Truth {
-    /// Version of the file.
     pub version: u32,
     /// A random number, so that the truth cannot be guessed from its digest, which lies beside the recording.
     pub salt: String,
@@ -64,7 +62,6 @@ pub struct Truth {
     pub faulty_signals: usize,
 }
 
-/// A recording with something hidden in it, and what that is.
 pub struct Hidden {
     pub recording: SimulatedRecording,
     pub labels: Vec<Label>,
@@ -151,7 +148,6 @@ fn draw(physics: &Physics, run: &PrintRun, hidden: &HiddenRun, seed: u64) -> Pla
         effects.iter().filter(|e| testable(e, physics, run, hidden)).copied().collect()
     };
     let (catalogue, outside) = (known(&effect::CATALOGUE), known(&effect::OUTSIDE));
-    // how many effects, and from which list
     let kind: f64 = rng.random();
     let mut effects: Vec<(Effect, f64)> = Vec::new();
     let (from, count) = match kind {
@@ -206,7 +202,6 @@ pub fn shaped(effect: Effect, physics: &Physics, rng: &mut ChaCha8Rng) -> Effect
     Effect { shape: low, ..effect }
 }
 
-/// The effect as the truth states it.
 fn true_effect(
     effect: &Effect,
     strength_dl: f64,

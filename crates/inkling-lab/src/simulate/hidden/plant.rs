@@ -45,7 +45,6 @@ pub struct Equation {
     pub half_order_rad_s: f64,
 }
 
-/// State of a channel.
 #[derive(Clone, Debug)]
 pub struct State {
     /// V_r, V_n (counts·s), q_r, q_n (counts).

@@ -51,7 +51,6 @@ pub enum Circumstance {
 pub struct RunChannel {
     /// Its rates at 25 °C, with its fault if it has one.
     pub rates: InkChannel,
-    /// Gain relative to the nominal channel's.
     pub gain: f64,
     pub faulty: bool,
 }
@@ -63,13 +62,11 @@ pub struct Base {
     pub run: PrintRun,
     pub hidden: HiddenRun,
     pub circumstances: Vec<Circumstance>,
-    /// Nominal rates of this recording.
     pub rates: InkChannel,
     /// Peak of the nominal channel at nominal drive, counts.
     pub peak_counts: f64,
     /// Displaced volume per volt, counts·s.
     displaced_per_v: f64,
-    /// The channels of each printhead.
     pub heads: Vec<Vec<RunChannel>>,
     seed: u64,
 }
@@ -148,7 +145,6 @@ impl Base {
         [shot.gain, state, state, state, state, frequency_sd, hidden.damping_sd]
     }
 
-    /// Sampling period.
     pub fn dt_s(&self) -> f64 {
         self.physics.acquisition.sample_period_s()
     }
@@ -204,7 +200,6 @@ impl Base {
         self.peak_counts * self.drive_range_v()[1] / NOMINAL_DRIVE_V
     }
 
-    /// The lowest and the highest drive level.
     pub fn drive_range_v(&self) -> [f64; 2] {
         let levels = self.physics.drive.levels_v.iter().copied();
         [levels.clone().fold(f64::INFINITY, f64::min), levels.fold(0.0, f64::max)]
@@ -225,7 +220,6 @@ impl Base {
                 _ => {}
             }
         }
-        // scatter of the gain and of the state's components
         let mut state = self.rung(&equation, c.drive_v, late_s);
         for (x, of_component) in state.x.iter_mut().zip(&c.shot[1..5]) {
             *x *= made.gain * (1.0 + c.shot[0]) * (1.0 + of_component);
@@ -239,7 +233,6 @@ impl Base {
             let later = equation.sample(state, dt, n);
             y.iter_mut().zip(later).for_each(|(y, later)| *y += tail * later);
         }
-        // what effects do to the sensor's output
         for effect in effects {
             if let Acts::Output(act) = effect.acts {
                 let peak_counts = self.peak_counts;
@@ -254,7 +247,6 @@ impl Base {
 pub struct Acquisitions {
     pub base: Base,
     pub effects: Vec<Effect>,
-    /// Of each printhead.
     streams: Vec<Streams>,
 }
 
@@ -266,12 +258,10 @@ struct Streams {
     shots: ChaCha8Rng,
     /// The noise, and the error of the recorded temperature.
     noise: ChaCha8Rng,
-    /// Phase of the temperature.
     phase_rad: f64,
 }
 
 impl Acquisitions {
-    /// `effects`: with their sizes.
     pub fn new(base: Base, effects: Vec<Effect>) -> Acquisitions {
         let of_head = |head| {
             let of = |purpose| stream(base.seed, purpose, part::HIDDEN + 1 + head);

@@ -22,7 +22,6 @@ use inkling_core::model::bisection::bisected;
 use nalgebra::DVector;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Noncentrality of one detection limit.
 pub const NONCENTRALITY: f64 = 20.9;
 /// Strengths that effects are hidden with, in detection limits, in ascending order.
 pub const STRENGTHS_DL: [f64; 5] = [1.0, 2.0, 4.0, 8.0, 30.0];
@@ -34,7 +33,6 @@ const FEWEST_STEPS: usize = 4;
 const COARSEST_STEP: f64 = 12.0;
 /// Largest factor from one trial size to the next, so that the refit can follow.
 const LONGEST_STEP: f64 = 1.6;
-/// Largest number of trial sizes.
 const MOST_TRIALS: usize = 40;
 /// Nodes (in standard deviations) and weights of Gauss-Hermite quadrature, for means over normal noise.
 const NODES: [(f64, f64); 7] = [
@@ -49,7 +47,6 @@ const NODES: [(f64, f64); 7] = [
 
 /// A healthy signal of the run without scatter and noise, and what it was simulated from.
 struct SimulatedSignal {
-    /// The signal's channel.
     made: RunChannel,
     /// Number of the channel, counted over all printheads.
     channel: usize,
@@ -58,7 +55,6 @@ struct SimulatedSignal {
     plain: Vec<f64>,
 }
 
-/// An effect's size, and its strength at that size.
 #[derive(Clone, Copy, Debug)]
 pub struct Strength {
     pub size: f64,
