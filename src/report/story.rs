@@ -169,19 +169,15 @@ pub fn stories(watch: &Watch, rates: &Rates) -> Vec<Story> {
         // It ended where its last episode did, or at the first quiet burst after it if the channel was cured
         // later.
         let inner: Vec<Gap> = (from + 1..k).map(gap).collect();
-        let ended = before.episode.ended_at_ns.is_some() || here.cured;
+        let is_over = before.episode.ended_at_ns.is_some() || here.cured;
         let ended_at_ns = before.episode.ended_at_ns.or(watch.outside[k].first_quiet_ns);
+        let ended_at_ns = ended_at_ns.filter(|_| is_over);
 
         // Its onset was seen if the channel was quiet at some time before.
         let before_it = &watch.outside[from];
         let onset_seen = before_it.judged > before_it.flagged;
-        all.push(story(
-            watch,
-            &watch.spells[from..k],
-            &inner,
-            onset_seen,
-            ended_at_ns.filter(|_| ended),
-        ));
+        let spells = &watch.spells[from..k];
+        all.push(story(watch, spells, &inner, onset_seen, ended_at_ns));
         from = k;
     }
     all
