@@ -176,7 +176,7 @@ impl<'a> ChangesSince<'a> {
             "still": still,
             "unjudged": self.unjudged,
         });
-        for (key, _, faults) in self.changes.kinds() {
+        for (key, _, faults) in &self.changes.kinds {
             document[key] = faults.iter().map(|fault| as_json(fault)).collect();
         }
         document
@@ -191,7 +191,7 @@ impl<'a> ChangesSince<'a> {
         } else {
             writeln!(out, "no recording has verdicts that it had not at that run")?;
         }
-        for (_, words, faults) in self.changes.kinds() {
+        for (_, words, faults) in &self.changes.kinds {
             let line = |fault: &&Fault| {
                 let channel = fault.story.channel;
                 let head = printable(&fault.story.printhead);
@@ -205,7 +205,7 @@ impl<'a> ChangesSince<'a> {
             format!("{}: {}", printable::line(what, 200), printable::line(why, 600))
         };
         list(out, "not judged", self.unjudged.iter().map(line))?;
-        if *recordings > 0 && self.changes.kinds().iter().all(|(.., faults)| faults.is_empty()) {
+        if *recordings > 0 && self.changes.kinds.iter().all(|(.., faults)| faults.is_empty()) {
             writeln!(out, "no change, of what was judged")?;
         }
         match *still as u64 {

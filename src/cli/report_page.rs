@@ -15,6 +15,7 @@ use super::progress::{Progress, first_few, interruptible};
 use super::results::{self, ReadReport};
 use crate::report::{self, Fault, Report};
 use crate::settings::Settings;
+use inkling_core::verdict::Reason;
 use inkling_io::column_types::TimestampUnit;
 use inkling_io::outcomes_file::{self, Doubt};
 use inkling_io::outputs::{self, ResultFile};
@@ -229,7 +230,7 @@ static COLUMNS: [(Column, Cell); 16] = [
     (Column::nullable("severity_last", Kind::Number), |f| json!(f.story.severity_last)),
     (Column::nullable("severity_per_day", Kind::Number), |f| json!(per_day(f))),
     (Column::nullable("certainty", Kind::Number), |f| json!(f.story.certainty)),
-    (Column::nullable("reason", Kind::Name), |f| json!(f.story.reason())),
+    (Column::nullable("reason", Kind::Name), |f| json!(f.story.reason.map(Reason::as_str))),
     (Column::required("urgency", Kind::Number), |f| json!(f.urgency)),
     (Column::required("action", Kind::Name), |f| json!(f.action)),
     (Column::required("sentence", Kind::Text), |f| json!(f.sentence)),

@@ -8,8 +8,7 @@
 
 use std::collections::BTreeMap;
 
-/// The contents of a bin, which can be merged with those of another bin. The result must not depend
-/// on the order.
+/// The contents of a bin; the order in which bins are merged must not matter.
 pub trait Pooled: Default {
     /// Most bins, at least 8: with the greatest width the whole range of i64 takes no more, so that doubling always
     /// ends.
@@ -41,8 +40,7 @@ impl<T: Pooled> Default for TimeBins<T> {
 }
 
 impl<T: Pooled> TimeBins<T> {
-    /// The bin that holds a time. It is added if it is new; before that bins are merged until there
-    /// is room for it.
+    /// The bin that holds a time, which is added if it is new; then others may be merged to make room.
     pub fn at(&mut self, t_ns: i64) -> &mut T {
         while !self.bins.contains_key(&self.key(t_ns)) && self.bins.len() >= self.most {
             self.coarsen();
@@ -63,8 +61,7 @@ impl<T: Pooled> TimeBins<T> {
         t_ns.div_euclid(self.width_ns)
     }
 
-    /// Doubles the width, and merges every two bins that become one. Widths are powers of two, so a
-    /// key of the wider bins is half of the old one, rounded down.
+    /// Doubles the width, and merges every two bins that become one.
     fn coarsen(&mut self) {
         self.width_ns = self.width_ns.saturating_mul(2);
         let mut wider: BTreeMap<i64, T> = BTreeMap::new();

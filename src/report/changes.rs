@@ -10,27 +10,21 @@
 use super::RecordingLine;
 use super::fault::{Fault, certain_trend};
 use super::night::{Span, last_night, whole};
+use super::story::Story;
 use super::trend::Direction;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
 /// The last faults of all channels, sorted by what became of them.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Changes<'a> {
     /// From the begin to the end of the recordings since then, ns.
     pub from_ns: i64,
     pub to_ns: i64,
     /// Number of recordings since then.
     pub recordings: usize,
-    /// Faults without an episode in the earlier recordings.
-    pub new: Vec<&'a Fault>,
-    /// Faults of the earlier recordings that were cured, and began again after the end of these
-    /// recordings.
-    pub back: Vec<&'a Fault>,
-    /// Faults that were on before and whose trend is certain to get worse.
-    pub worse: Vec<&'a Fault>,
-    /// Faults that ended after the earlier recordings.
-    pub healthy: Vec<&'a Fault>,
+    /// The changed faults by kind (key in JSON, words, faults), the most important kind first.
+    pub kinds: [(&'static str, &'static str, Vec<&'a Fault>); 4],
     /// Number of faults that are on as before.
     pub still: usize,
     /// Printheads that earlier recordings judged, and that no recording since then judged.
@@ -38,16 +32,6 @@ pub struct Changes<'a> {
 }
 
 impl<'a> Changes<'a> {
-    /// The changed faults by kind (key in JSON, words, faults), the most important kind first.
-    pub fn kinds(&self) -> [(&'static str, &'static str, &[&'a Fault]); 4] {
-        [
-            ("new", "new", &self.new),
-            ("back", "came back", &self.back),
-            ("worse", "getting worse", &self.worse),
-            ("cured", "healthy again", &self.healthy),
-        ]
-    }
-
     /// The changes of the last night (`night::last_night`); `None` if there is no night before.
     pub fn of(lines: &[RecordingLine], faults: &'a [Fault]) -> Option<Changes<'a>> {
         let mut spans: Vec<Span> = lines.iter().filter_map(|line| line.span).collect();
@@ -63,7 +47,6 @@ impl<'a> Changes<'a> {
     }
 
     /// The changes since the recordings whose names `is_known` accepts, which an earlier run saw.
-    /// The other recordings may be of the same time, or earlier.
     pub fn since(
         lines: &[RecordingLine],
         faults: &'a [Fault],
@@ -74,8 +57,7 @@ impl<'a> Changes<'a> {
         Changes::between(before, last, span, faults)
     }
 
-    /// The changes from the recordings `before` to the recordings `last`, which last from `from_ns`
-    /// to `to_ns`.
+    /// The changes from the recordings `before` to the recordings `last`, which have the given span.
     fn between(
         before: Vec<&RecordingLine>,
         last: Vec<&RecordingLine>,
@@ -96,29 +78,37 @@ impl<'a> Changes<'a> {
         let until_now = before.iter().filter(|of| of.span.is_some_and(|(_, to)| to >= from_ns));
         let of_last: BTreeSet<Arc<str>> =
             last.iter().chain(until_now).flat_map(|of| judged(of)).collect();
-        let mut changes = Changes {
-            from_ns,
-            to_ns,
-            recordings: last.len(),
-            silent: of_before.difference(&of_last).cloned().collect(),
-            ..Changes::default()
-        };
 
         // The order of the cases matters: each fault counts once, and a new one is not also worse.
-        // A fault that ended within the earlier recordings is no change.
-        for fault in faults.iter().filter(|fault| fault.is_latest) {
-            let story = &fault.story;
+        let kind = |story: &Story| {
             let was_known = story.spells.iter().any(|of| known.contains(&of.recording));
             let is_worse = certain_trend(story).is_some_and(|t| t.direction() == Direction::Worse);
             match story.ended_at_ns {
-                Some(end) if end > known_to_ns => changes.healthy.push(fault),
-                Some(_) => {}
-                None if !was_known => changes.new.push(fault),
-                None if story.last_began_at_ns > known_to_ns => changes.back.push(fault),
-                None if is_worse => changes.worse.push(fault),
-                None => changes.still += 1,
+                Some(end) if end > known_to_ns => "cured",
+                Some(_) => "ended within the earlier recordings",
+                None if !was_known => "new",
+                // cured, and began again after the end of the earlier recordings
+                None if story.last_began_at_ns > known_to_ns => "back",
+                None if is_worse => "worse",
+                None => "as before",
             }
+        };
+        let of_kind = |key| -> Vec<&'a Fault> {
+            faults.iter().filter(|fault| fault.is_latest && kind(&fault.story) == key).collect()
+        };
+        let kinds = [
+            ("new", "new"),
+            ("back", "came back"),
+            ("worse", "getting worse"),
+            ("cured", "healthy again"),
+        ];
+        Changes {
+            from_ns,
+            to_ns,
+            recordings: last.len(),
+            kinds: kinds.map(|(key, words)| (key, words, of_kind(key))),
+            still: of_kind("as before").len(),
+            silent: of_before.difference(&of_last).cloned().collect(),
         }
-        changes
     }
 }

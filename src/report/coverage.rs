@@ -6,23 +6,22 @@
 //! (`first`) and the JSON output tell.
 //!
 //! A gap is something that was not judged, in words. Gaps have three sources: `gaps`, what the
-//! summaries say and what the counts of each recording show; `unheard`, printheads and channels
+//! summaries say and what the counts of each recording show; `not_measured`, printheads and channels
 //! that were not measured in the last night, or channels silent since the first half of their
 //! latest recording; `doubtful`, channels of which nothing certain is known now.
 
+use super::counts::Tally;
 use super::night::{Span, last_night, whole};
 use super::source::{LostRecording, Source};
-use super::survey::{Head, Survey, Tally};
-use super::words::{counted, first_of, percent, thousands};
+use super::survey::{Head, Survey};
+use super::words::{counted, first_of, joined, of_some, percent, thousands};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Most gaps, recordings or channels that a sentence names one by one.
 const MOST_NAMED: usize = 4;
 
-/// Something that was not judged, or is not known well enough: a printhead of which nothing is
-/// known, or some of whose channels are not known as they are now; recordings without any signal, or
-/// of which less than half was judged; or a topic that is not read.
+/// Something that was not judged, or is not known well enough.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Gap {
     /// What was not judged and why, for the latest of the recordings concerned.
@@ -39,8 +38,7 @@ pub struct Gap {
 }
 
 impl Gap {
-    /// A gap of a printhead in one recording, the source with the index `at`; `None`: there is no
-    /// such source.
+    /// A gap of a printhead in one recording, the source with the index `at`.
     fn of_head(head: &Head, what: String, at: usize, sources: &[Source]) -> Option<Gap> {
         let recording = sources.get(at)?.name.clone();
         Some(Gap { what, printhead: Some(head.name.clone()), recording, source: at, recordings: 1 })
@@ -65,29 +63,39 @@ pub struct Coverage {
     pub not_whole: u64,
     /// Number of recordings whose faults are not known, because their table of episodes is missing.
     pub without_faults: u64,
+    /// Number of all recordings with verdicts.
+    #[serde(skip)]
+    recordings: u64,
+}
+
+/// How much is known, which is how much a report may say that names no channel to clean.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Extent {
+    NothingJudged,
+    /// No recording has its table of episodes.
+    NoFaults,
+    Partial,
+    /// Everything was judged, and no recording is damaged or incomplete.
+    Complete,
 }
 
 impl Coverage {
     /// The coverage of these recordings. `sources`: in the order of the survey's indices.
     pub fn of(survey: &Survey, sources: &[Source], lost: Vec<LostRecording>) -> Coverage {
-        let channels = || survey.heads.iter().flat_map(|head| &head.channels);
         let tallies = || survey.heads.iter().flat_map(|head| head.tallies.values());
-        let is_whole = |source: &&Source| {
-            let damaged = source.document["damage"]["places"].as_u64().unwrap_or(0);
-            source.missing.is_empty() && damaged == 0
-        };
+        let is_whole = |of: &&Source| of.missing.is_empty() && of.damaged_places() == 0;
         Coverage {
-            gaps: [gaps(survey, sources), unheard(survey, sources), doubtful(survey, sources)]
+            gaps: [gaps(survey, sources), not_measured(survey, sources), doubtful(survey, sources)]
                 .concat(),
             lost,
-            channels: channels().filter(|c| c.judged > 0).count() as u64,
-            unknown_channels: channels().filter(|c| c.judged == 0).count() as u64,
+            channels: survey.channels().filter(|c| c.judged > 0).count() as u64,
+            unknown_channels: survey.channels().filter(|c| c.judged == 0).count() as u64,
             judged: tallies().map(|t| t.judged).sum(),
             not_judged: tallies().map(|t| t.rejected).sum::<u64>()
                 + survey.left_out.values().sum::<u64>(),
-            not_whole: sources.iter().filter(|source| !is_whole(source)).count() as u64,
-            without_faults: sources.iter().filter(|s| s.missing.contains(&"episodes")).count()
-                as u64,
+            not_whole: sources.iter().filter(|of| !is_whole(of)).count() as u64,
+            without_faults: sources.iter().filter(|of| !of.has_episodes()).count() as u64,
+            recordings: sources.len() as u64,
         }
     }
 
@@ -97,9 +105,13 @@ impl Coverage {
         self.gaps.iter().filter(of_it).find(|gap| gap.printhead.as_ref() == Some(printhead))
     }
 
-    /// Whether something was judged and at least one of the `recordings` has its table of episodes.
-    pub fn knows_faults(&self, recordings: usize) -> bool {
-        self.judged > 0 && self.without_faults < recordings as u64
+    pub fn extent(&self) -> Extent {
+        match () {
+            () if self.judged == 0 => Extent::NothingJudged,
+            () if self.without_faults >= self.recordings => Extent::NoFaults,
+            () if self.is_complete() => Extent::Complete,
+            () => Extent::Partial,
+        }
     }
 
     /// Whether everything in the recordings was judged, and no recording is damaged or incomplete.
@@ -107,19 +119,17 @@ impl Coverage {
         self.gaps.is_empty() && self.lost.is_empty() && self.not_judged + self.not_whole == 0
     }
 
-    /// The text that the report begins with: what was not judged, by name and then in numbers.
-    /// `None` if everything was judged and every recording is whole.
+    /// The text that the report begins with: what was not judged. `None` if everything is known.
     pub fn first(&self) -> Option<String> {
-        let rest = if self.judged == 0 { String::new() } else { self.rest() };
-        let sentences = match (self.named(), rest.as_str()) {
-            (named, _) if named.is_empty() && self.judged == 0 => "Nothing was judged.".to_owned(),
-            (named, _) if self.judged == 0 => format!("Nothing was judged. {named}."),
-            (named, "") if named.is_empty() => return None,
-            (named, rest) if named.is_empty() => format!("Not all is known: {rest}."),
-            (named, "") => format!("Not judged. {named}."),
-            (named, rest) => format!("Not judged. {named}. In all, {rest}."),
-        };
-        Some(sentences)
+        let (named, rest) = (self.named(), self.rest());
+        match (named.as_str(), rest.as_str()) {
+            ("", _) if self.judged == 0 => Some("Nothing was judged.".into()),
+            (named, _) if self.judged == 0 => Some(format!("Nothing was judged. {named}.")),
+            ("", "") => None,
+            ("", rest) => Some(format!("Not all is known: {rest}.")),
+            (named, "") => Some(format!("Not judged. {named}.")),
+            (named, rest) => Some(format!("Not judged. {named}. In all, {rest}.")),
+        }
     }
 
     /// The gaps and the lost recordings by name; empty if there are none.
@@ -136,52 +146,44 @@ impl Coverage {
 
     /// Numbers of signals, channels and recordings that are not fully known; empty if there are none.
     fn rest(&self) -> String {
-        let mut parts = Vec::new();
-        if self.without_faults > 0 {
-            let recordings = counted(self.without_faults, "recording");
-            parts.push(format!("the faults of {recordings} are not known"));
-        }
-        if self.not_judged > 0 {
-            let all = self.judged + self.not_judged;
-            let signals = counted(self.not_judged, "signal");
-            let verb = if self.not_judged == 1 { "was" } else { "were" };
-            parts.push(format!("{signals} ({}) {verb} not judged", percent(self.not_judged, all)));
-        }
-        if self.unknown_channels > 0 {
-            parts
-                .push(format!("of {} nothing is known", counted(self.unknown_channels, "channel")));
-        }
-        if self.not_whole > 0 {
-            let verb = if self.not_whole == 1 { "is" } else { "are" };
-            parts.push(format!("{} {verb} not whole", counted(self.not_whole, "recording")));
-        }
-        parts.join(", ")
+        let Coverage { without_faults, not_judged, unknown_channels, not_whole, .. } = *self;
+        let share = percent(not_judged, self.judged + not_judged);
+        let recordings = counted(without_faults, "recording");
+        let signals = counted(not_judged, "signal");
+        let channels = counted(unknown_channels, "channel");
+        let broken = counted(not_whole, "recording");
+        let was = if not_judged == 1 { "was" } else { "were" };
+        let is = if not_whole == 1 { "is" } else { "are" };
+        let parts = of_some([
+            (without_faults, format!("the faults of {recordings} are not known")),
+            (not_judged, format!("{signals} ({share}) {was} not judged")),
+            (unknown_channels, format!("of {channels} nothing is known")),
+            (not_whole, format!("{broken} {is} not whole")),
+        ]);
+        joined(parts, ", ")
     }
 }
 
 /// What a gap concerns: a printhead (first), a topic (second), or, if both are `None`, a whole recording.
-type Of = (Option<Arc<str>>, Option<String>);
+type Subject = (Option<Arc<str>>, Option<String>);
 
-/// A recording that has a gap: when it ended (`None`: it has no signals), its index, and the gap in
-/// words.
-type Place = (Option<i64>, usize, String);
+/// A gap of one recording: when that ended (`None`: it has no signals), its index, and the gap in words.
+type Occurrence = (Option<i64>, usize, String);
 
 /// The gaps of all recordings, merged by what they concern. Each text is that of the latest
-/// recording concerned: by the last signal of the printhead concerned, or else of all. Sources may
-/// stand in any order.
+/// recording concerned, by the last signal of the printhead concerned, or else of all.
 fn gaps(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
-    let heads: BTreeMap<_, _> = survey.heads.iter().map(|head| (&head.name, head)).collect();
-    let mut all: BTreeMap<Of, Vec<Place>> = BTreeMap::new();
+    let mut all: BTreeMap<Subject, Vec<Occurrence>> = BTreeMap::new();
     for (recording, source) in sources.iter().enumerate() {
         let span = |head: &Head| head.tallies.get(&recording)?.span;
         let of_all = whole(survey.heads.iter().filter_map(span));
         for (of, what) in of_recording(survey, recording, source) {
-            let of_head = of.0.as_ref().and_then(|name| span(heads.get(name)?));
+            let of_head = of.0.as_ref().and_then(|name| span(survey.get(name)?));
             let until = of_head.or(of_all).map(|(_, to_ns)| to_ns);
             all.entry(of).or_default().push((until, recording, what));
         }
     }
-    let gap = |((printhead, _), places): (Of, Vec<Place>)| {
+    let gap = |((printhead, _), places): (Subject, Vec<Occurrence>)| {
         let recordings = places.len() as u64;
         let (_, source, what) = places.into_iter().max()?;
         let recording = sources[source].name.clone();
@@ -190,9 +192,8 @@ fn gaps(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     all.into_iter().filter_map(gap).collect()
 }
 
-/// What was not judged of one recording: as its summary says, and from the counts of its signals where the
-/// summary says nothing.
-fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<Of, String> {
+/// What was not judged of one recording: as its summary says, or else from the counts of its signals.
+fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<Subject, String> {
     let mut gaps = BTreeMap::new();
     let told = ["not_judged", "unread"].map(|key| source.document[key].as_array());
     for told in told.into_iter().flatten().flatten() {
@@ -200,18 +201,17 @@ fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<
         let of = (text("printhead").map(Arc::from), text("topic").map(str::to_owned));
         gaps.extend(text("what").map(|what| (of, what.to_owned())));
     }
-    let of_head = |head: &'_ Head| Some((head.name.clone(), head.tallies.get(&recording)?.clone()));
 
     // Printheads of which nothing was judged, unless the summary named them.
     let mut all = Tally::default();
-    for (name, tally) in survey.heads.iter().filter_map(of_head) {
+    let heads = survey.heads.iter();
+    for (name, tally) in heads.filter_map(|of| Some((&of.name, of.tallies.get(&recording)?))) {
         (all.judged, all.rejected) = (all.judged + tally.judged, all.rejected + tally.rejected);
         for (reason, n) in &tally.reasons {
             *all.reasons.entry(*reason).or_default() += n;
         }
         if tally.judged == 0 && tally.rejected > 0 && !name.is_empty() {
-            gaps.entry((Some(name.clone()), None))
-                .or_insert_with(|| by_counts(Some(&name), &tally));
+            gaps.entry((Some(name.clone()), None)).or_insert_with(|| by_counts(Some(name), tally));
         }
     }
 
@@ -227,18 +227,17 @@ fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<
 
 /// A gap for each printhead that was not measured in the last night (`night::last_night`), or some
 /// of whose channels were not, or fell silent in the first half of their latest recording.
-fn unheard(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
+fn not_measured(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     let tallies = survey.heads.iter().flat_map(|head| head.tallies.values());
     let mut spans: Vec<Span> = tallies.filter_map(|of| of.span).collect();
     spans.sort_unstable();
     let Some((_, to_ns)) = whole(spans.iter().copied()) else { return Vec::new() };
     let from_ns = last_night(&spans, to_ns);
     let gap = |head: &Head| {
-        // Of each printhead count the channels that were not heard; if its latest recording ended
-        // before the night, tell that instead.
+        // A printhead whose latest recording ended before the night is told as a whole.
         let (recording, tally) = head.latest()?;
         let name = &head.name;
-        let what = match head.channels.iter().filter(|of| !of.is_heard(from_ns, head)).count() {
+        let what = match head.channels.iter().filter(|of| !of.is_measured(from_ns, head)).count() {
             0 => return None,
             _ if tally.span?.1 < from_ns => {
                 format!("the last recording of {name}: it was not heard in the last night")
@@ -253,10 +252,9 @@ fn unheard(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     survey.heads.iter().filter_map(gap).collect()
 }
 
-/// Gaps of channels that cannot be called healthy though they may have no episode: those flagged in
-/// most of their signals without enough of them for an episode, and those of which less than half
-/// was judged in the channel's latest recording. Printheads of which nothing was judged in that
-/// recording are told elsewhere.
+/// Gaps of channels that cannot be called healthy though they may have no episode: those flagged in most of
+/// their signals, and those of which less than half was judged in their latest recording. Printheads of which
+/// nothing was judged in that recording are told elsewhere.
 fn doubtful(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     let flagged = "flagged in most signals, of which no recording has enough to tell a fault";
     let mut all = Vec::new();
@@ -275,8 +273,7 @@ fn doubtful(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
             tell(&channels.collect::<Vec<_>>(), at, flagged);
         }
 
-        // What is not known, for the latest recording of each channel. Reasons are counted by
-        // printhead, so that a channel's reason is known where there is only one.
+        // Reasons are counted by printhead, so that a channel's reason is known where there is only one.
         let mut unknown: BTreeMap<usize, Vec<u32>> = BTreeMap::new();
         for of in head.channels.iter().filter(|of| !of.is_known_now()) {
             unknown.entry(of.latest()).or_default().push(of.channel);
@@ -291,8 +288,7 @@ fn doubtful(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     all
 }
 
-/// The numbers of channels in words, `channels 3, 7 and 12`; of more than `MOST_NAMED` the first
-/// ones and how many more there are.
+/// The numbers of channels in words, `channels 3, 7 and 12`, or the first ones and how many more there are.
 fn numbers(channels: &[u32]) -> String {
     let named: Vec<String> = channels.iter().take(MOST_NAMED).map(u32::to_string).collect();
     match (named.as_slice(), channels.len() - named.len()) {
@@ -304,7 +300,7 @@ fn numbers(channels: &[u32]) -> String {
 
 /// How many signals of a printhead or a recording were not judged, with the most frequent reason.
 fn by_counts(printhead: Option<&str>, tally: &Tally) -> String {
-    let (n, all) = (tally.rejected, tally.judged + tally.rejected);
+    let (n, all) = (tally.rejected, tally.signals());
     if all == 0 {
         return "no signal was found in it".into();
     }

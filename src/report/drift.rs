@@ -26,8 +26,7 @@ pub struct ModelPoint {
     pub damping_per_s: f64,
 }
 
-/// The models in the order of time, each of them once: a model of a design stands in the documents of all
-/// recordings that it judged.
+/// The models in the order of time, each of them once: that of a design stands in many documents.
 pub fn points(sources: &[Source]) -> Vec<ModelPoint> {
     let mut seen = BTreeSet::new();
     let mut points = Vec::new();

@@ -17,7 +17,6 @@ use inkling_lab::plot::{Axis, Figure, Mark, Series};
 use inkling_lab::score::Report;
 use inkling_lab::score::curves::{Curves, EventDelay, Operating, wilson};
 use std::collections::BTreeSet;
-use std::fmt::Write;
 
 /// Number of thresholds, at most, at which the curve of delays is drawn.
 const MOST_THRESHOLDS: usize = 120;
@@ -38,11 +37,10 @@ pub fn html(scored: Option<(&Report, &Curves)>, promise: Option<&Promise>) -> St
 
 /// Adds the sections about the agreement with labels.
 fn against_labels(report: &Report, curves: &Curves, body: &mut String) {
-    let _ = writeln!(body, "<p class=\"sentence\">{}</p>", sentence(report));
-    let _ = writeln!(
-        body,
+    *body += &format!("<p class=\"sentence\">{}</p>\n", sentence(report));
+    *body += &format!(
         "<p class=\"note\">{} labelled signals judged; {} unlabelled and {} rejected ones are not scored. \
-         What the labels call true is taken for true.</p>",
+         What the labels call true is taken for true.</p>\n",
         thousands(curves.healthy() + curves.faulty()),
         thousands(report.unlabelled),
         thousands(report.rejected)
@@ -134,8 +132,7 @@ fn detection(report: &Report, curves: &Curves, body: &mut String) {
     delays(report, curves, body);
 }
 
-/// The series of a curve, of the point (x, y) that was used, and of that point's intervals along
-/// both axes, `[left, right]` and `[low, high]`.
+/// The series of a curve, of the point that was used, and of its intervals along both axes.
 fn with_working_point(
     curve: Vec<(f64, f64)>,
     (x, y): (f64, f64),
@@ -156,22 +153,20 @@ fn delays(report: &Report, curves: &Curves, body: &mut String) {
     }
     let used = curves.delays(&[1.0])[0];
     let figure = delay_figure(report, curves, &used);
-    let _ = writeln!(
-        body,
+    *body += &format!(
         "<h2>Delay against false alarms, fault by fault</h2>\n<p class=\"note\">{}, {:.1} % of them found at \
          the threshold used: at the first flagged signal, and credited for no other. Lines: other thresholds. \
          Bursts are counted in the order of the file, from the labelled onset; faults grow. No false alarm is \
-         drawn as half a one.</p>\n{}",
+         drawn as half a one.</p>\n{}\n",
         counted(curves.events() as u64, "labelled fault"),
         100.0 * used.found,
         drawn(&figure)
     );
     if let Some(e) = &report.episodes {
         let bursts = |b: Option<f64>| b.map_or("–".into(), |b| format!("{b}"));
-        let _ = writeln!(
-            body,
+        *body += &format!(
             "<p>Episodes, from the evidence of several bursts: {:.1} % found, {:.2} false per million \
-             healthy signals, {} bursts after the onset in the median, {} after full size.</p>",
+             healthy signals, {} bursts after the onset in the median, {} after full size.</p>\n",
             100.0 * e.recall,
             e.false_per_million,
             bursts(e.delay_from_onset_bursts),
@@ -180,9 +175,7 @@ fn delays(report: &Report, curves: &Curves, body: &mut String) {
     }
 }
 
-/// The figure of delays over all thresholds: lines through the delays of half and of nine of ten
-/// faults, with a dot for what was used and one for episodes. `used`: the delays at the threshold
-/// that was used.
+/// The figure of delays over all thresholds. `used`: the delays at the threshold that was used.
 fn delay_figure(report: &Report, curves: &Curves, used: &EventDelay) -> Figure {
     let operating = curves.operating();
     let every = operating.len().div_ceil(MOST_THRESHOLDS).max(1);
@@ -234,8 +227,7 @@ fn confusion(curves: &Curves, body: &mut String) {
     let truths: BTreeSet<&String> = counts.keys().map(|(truth, _)| truth).collect();
     let words: BTreeSet<&String> = counts.keys().map(|(_, word)| word).collect();
 
-    // Order of the columns: healthy, undecided, then categories and a user's own classes, then the
-    // thesis's classes.
+    // Healthy, undecided, then categories and a user's own classes, then the thesis's classes.
     let rank = |word: &str| match word {
         fault::HEALTHY => 0,
         "undecided" => 1,
@@ -247,26 +239,26 @@ fn confusion(curves: &Curves, body: &mut String) {
     *body += "<h2>What was said of what</h2>\n<p class=\"note\">Rows: true; columns: said. A category \
               stands where the class was not certain enough.</p>\n<div class=\"wide\"><table><tr><th></th>";
     words.iter().for_each(|word| {
-        let _ = write!(body, "<th class=n>{}</th>", name(&word.replace('_', " ")));
+        *body += &format!("<th class=n>{}</th>", name(&word.replace('_', " ")));
     });
     *body += "</tr>\n";
     for truth in truths {
-        let _ = write!(body, "<tr><th>{}</th>", name(truth));
+        *body += &format!("<tr><th>{}</th>", name(truth));
         for word in &words {
             let n = counts.get(&(truth.clone(), (*word).clone())).copied().unwrap_or(0);
-            let _ = match n {
-                0 => write!(body, "<td class=n>·</td>"),
-                n if truth == *word => write!(body, "<td class=n><b>{}</b></td>", thousands(n)),
-                n => write!(body, "<td class=n>{}</td>", thousands(n)),
+            let cell = match n {
+                0 => "·".into(),
+                n if truth == *word => format!("<b>{}</b>", thousands(n)),
+                n => thousands(n),
             };
+            *body += &format!("<td class=n>{cell}</td>");
         }
         *body += "</tr>\n";
     }
     *body += "</table></div>\n";
 }
 
-/// Adds the reliability diagram of the stated certainties, with 95 % intervals of the share that is
-/// right in each bin, and a table by class.
+/// Adds the reliability diagram of the stated certainties, with 95 % intervals, and a table by class.
 fn reliability(report: &Report, body: &mut String) {
     let bins: Vec<(f64, f64, u64)> =
         report.calibration.bins.iter().copied().filter(|bin| bin.2 > 0).collect();
@@ -287,8 +279,7 @@ fn reliability(report: &Report, body: &mut String) {
             Series::new("", Mark::Bars, bars.collect()),
         ],
     );
-    let _ = write!(
-        body,
+    *body += &format!(
         "<h2>Reliability of certainties</h2>\n<p class=\"note\">Line: as it should be; bars: \
          measured, 95 %.</p>\n{}",
         drawn(&figure)
@@ -298,11 +289,10 @@ fn reliability(report: &Report, body: &mut String) {
         [name(class), thousands(c.signals), stated, right, ece]
     });
     let heads = ["said", ">signals", ">certainty stated", ">right", ">off by (ECE)"];
-    let _ = writeln!(body, "{}", table(heads, of_class));
+    *body += &format!("{}\n", table(heads, of_class));
 }
 
-/// Adds the share of wrong classes against the share of signals that are kept, over all bounds on
-/// the certainty.
+/// Adds the share of wrong classes against the share of signals that are kept, over all bounds.
 fn risk(report: &Report, curves: &Curves, body: &mut String) {
     let points = curves.risk();
     if points.len() < 2 {
@@ -323,8 +313,7 @@ fn risk(report: &Report, curves: &Curves, body: &mut String) {
             Series::new("", Mark::Dots, vec![(c.coverage, 1.0 - c.accuracy)]),
         ],
     );
-    let _ = write!(
-        body,
+    *body += &format!(
         "<h2>Risk against coverage</h2>\n<p class=\"note\">Line: other bounds on certainty; \
          dot: the bound that was used.</p>\n{}",
         drawn(&figure)

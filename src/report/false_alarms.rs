@@ -12,8 +12,10 @@
 //! from the scatter over channels, divided by the one that independent signals would have, and
 //! squared; by this factor the numbers of signals are divided before Wilson's interval.
 
+use super::counts::ChannelCount;
 use super::source::Source;
-use super::survey::{ChannelCount, Survey};
+use super::survey::Survey;
+use super::watch::BurstCounts;
 use inkling_lab::score::curves::wilson;
 use std::sync::Arc;
 
@@ -28,17 +30,15 @@ pub struct FalseAlarms {
     pub flagged: u64,
     /// Standard error of the share of flagged signals, from the scatter over channels.
     pub standard_error: f64,
-    /// Least and greatest false-alarm rate that the recordings' thresholds were set for; `None` if no
-    /// threshold was set by a rate. This is a setting, and not the promise of a design.
+    /// Least and greatest false-alarm rate that the recordings' thresholds were set for, if any was.
     pub promised: Option<(f64, f64)>,
-    /// Channels without an episode of which at least two signals were flagged: at most `MOST_NAMED`, those
-    /// that are flagged in the largest shares of their signals, the largest first.
+    /// At most `MOST_NAMED` channels without an episode, those with the largest shares of flagged signals
+    /// first.
     pub often: Vec<(Arc<str>, ChannelCount)>,
 }
 
 impl FalseAlarms {
-    /// Counts all judged signals of channels without an episode, and of the other channels those outside of
-    /// their episodes.
+    /// Counts all judged signals outside of episodes.
     pub fn of(survey: &Survey, sources: &[Source]) -> FalseAlarms {
         // judged and flagged signals of each channel outside of its episodes
         let mut counts: Vec<(u64, u64)> = Vec::new();
@@ -49,8 +49,7 @@ impl FalseAlarms {
                 often.push((head.name.clone(), *channel));
             }
             for watch in &head.watches {
-                let sum =
-                    |of: fn(&super::watch::LookCounts) -> u64| watch.outside.iter().map(of).sum();
+                let sum = |of: fn(&BurstCounts) -> u64| watch.outside.iter().map(of).sum();
                 counts.push((sum(|o| o.judged), sum(|o| o.flagged)));
             }
         }
@@ -74,8 +73,7 @@ impl FalseAlarms {
         FalseAlarms { judged, flagged, standard_error, promised: promised(sources), often }
     }
 
-    /// Share of flagged signals. One signal that counts as half flagged is added, so that the share is not
-    /// 0 if none was flagged.
+    /// Share of flagged signals, with one signal added that counts as half flagged, so that it is not 0.
     pub fn rate(&self) -> f64 {
         (self.flagged as f64 + 0.5) / (self.judged as f64 + 1.0)
     }

@@ -1,9 +1,8 @@
 //! A story as an entry of the cleaning list: how urgent the fault is, what to do, and one sentence.
 //!
-//! In: the `Story`s of one channel in the order of time, from `story`, and the report's settings.
-//! Out: a `Fault` for each (`Fault::of_channel`, called by `Report::new`), which the page, the
-//! terminal's list and `report.faults.parquet` show. Only the last fault of a channel is to be
-//! cleaned; those before it are its past.
+//! In: the `Story`s of one channel in the order of time, and the report's settings. Out: a `Fault`
+//! for each (`Fault::of_channel`), which the page, the terminal's list and `report.faults.parquet`
+//! show. Only the last fault of a channel is to be cleaned; those before it are its past.
 //!
 //! The formulas: urgency = certainty x expected loss of a drop x (1 if the fault is on, 0.5 if it
 //! is over but came back before, 0 if it is over). The loss is a rough share of a drop by class and
@@ -33,57 +32,54 @@ const URGENCY_STEP: f64 = 0.01;
 #[derive(Clone, Debug)]
 pub struct Fault {
     pub story: Story,
-    /// From 0 to 1: certainty, times the loss of drop expected in a day, times a factor for whether the fault
-    /// is on. It is 0 for a fault that another one followed.
+    /// From 0 to 1, by the formula of the file's doc; 0 for a fault that another one followed.
     pub urgency: f64,
     pub action: String,
     pub sentence: String,
     /// Whether this is the last fault of its channel, which tells the present state of the channel.
     pub is_latest: bool,
     /// For the last fault of a channel: the faults before it. Empty for others.
-    pub earlier: Vec<Bout>,
+    pub earlier: Vec<EarlierFault>,
 }
 
 /// An earlier fault of a channel, in words, from its onset to its end (`None`: no end was seen).
 #[derive(Clone, Debug, PartialEq)]
-pub struct Bout {
+pub struct EarlierFault {
     pub what: String,
     pub from_ns: i64,
     pub to_ns: Option<i64>,
 }
 
 impl Fault {
-    /// The faults of one channel, from its stories in the order of time. Only the last one says what is to be
-    /// done.
-    pub fn of_channel(stories: Vec<Story>, settings: &ReportSettings) -> Vec<Fault> {
-        let (number, mut earlier) = (stories.len(), Vec::new());
-        let fault = |(k, story): (usize, Story)| {
+    /// The faults of one channel, from its stories in the order of time.
+    pub fn of_channel(mut stories: Vec<Story>, settings: &ReportSettings) -> Vec<Fault> {
+        let latest = stories.pop();
+        let earlier_fault = |story: &Story| {
             let (from_ns, to_ns) = (story.began_at_ns, story.ended_at_ns);
-            let bout = Bout { what: what(&story), from_ns, to_ns };
-            let mut fault = Fault::new(story, k + 1 == number, settings);
-            if fault.is_latest {
-                fault.earlier = std::mem::take(&mut earlier);
-            }
-            earlier.push(bout);
-            fault
+            EarlierFault { what: what(story), from_ns, to_ns }
         };
-        stories.into_iter().enumerate().map(fault).collect()
+        let past = stories.iter().map(earlier_fault).collect();
+        let earlier = stories.into_iter().map(|story| Fault::new(story, None, settings));
+        earlier.chain(latest.map(|story| Fault::new(story, Some(past), settings))).collect()
     }
 
-    /// A fault without its past. `is_latest`: whether it is the last fault of its channel.
-    fn new(story: Story, is_latest: bool, settings: &ReportSettings) -> Fault {
-        let urgency = match is_latest {
-            true => (urgency(&story) / URGENCY_STEP).round() * URGENCY_STEP,
-            false => 0.0,
+    /// A fault. `past`: the faults before it, if it is the last one of its channel.
+    fn new(story: Story, past: Option<Vec<EarlierFault>>, settings: &ReportSettings) -> Fault {
+        let is_latest = past.is_some();
+        let urgency = (urgency(&story) / URGENCY_STEP).round() * URGENCY_STEP;
+        let mut fault = Fault {
+            urgency: if is_latest { urgency } else { 0.0 },
+            action: settings.action(key(&story)).to_owned(),
+            sentence: String::new(),
+            is_latest,
+            earlier: past.unwrap_or_default(),
+            story,
         };
-        let action = settings.action(key(&story)).to_owned();
-        let (sentence, earlier) = (String::new(), Vec::new());
-        let fault = Fault { story, urgency, action, sentence, is_latest, earlier };
-        Fault { sentence: sentence_of(&fault), ..fault }
+        fault.sentence = sentence_of(&fault);
+        fault
     }
 
-    /// Whether the channel is to be cleaned: this is its last fault, and it is still on, or is over but came
-    /// back before.
+    /// Whether the channel is to be cleaned: its last fault is still on, or is over but came back before.
     pub fn is_open(&self) -> bool {
         self.is_latest && (self.story.ended_at_ns.is_none() || self.story.cures > 0)
     }
@@ -91,15 +87,14 @@ impl Fault {
 
 /// The key under which the settings hold the action: the category, or the reason if there is none.
 fn key(story: &Story) -> &str {
-    story.category.as_deref().or(story.reason()).unwrap_or_default()
+    story.category.as_deref().or(story.reason.map(Reason::as_str)).unwrap_or_default()
 }
 
-/// Certainty times the loss of a drop times a factor for whether the fault is on, from 0 to 1. If
-/// the trend is certain, the severity is extrapolated by a day, or by the time over which the trend
-/// was seen if that is shorter.
+/// The urgency by the file's formula. A certain trend extrapolates the severity by a day, or by the time over
+/// which the trend was seen if that is shorter.
 fn urgency(story: &Story) -> f64 {
     // A signal without a ring certainly has a fault, though nothing is known of the nozzle.
-    let unknown = if story.strange == Some(Reason::NoRing) { 1.0 } else { UNKNOWN };
+    let unknown = if story.reason == Some(Reason::NoRing) { 1.0 } else { UNKNOWN };
     let certainty = story.certainty.unwrap_or(unknown).clamp(0.0, 1.0);
     let ahead = certain_trend(story).map_or(0.0, |t| t.per_day * t.span_days.min(1.0));
     let severity = story.severity_last.map(|s| s + ahead);
@@ -120,11 +115,10 @@ fn loss(class: Option<&str>, category: Option<&str>, severity: Option<f64>) -> f
     });
     let of = |loss: fn(f64) -> f64| severity.map_or(UNKNOWN, loss).clamp(0.0, 1.0);
     match class.unwrap_or_default() {
-        // By class, from what its severity measures. A blocked nozzle and a bubble in the nozzle
-        // (AB1) take their share of the nozzle. A dried nozzle has its viscosity times the
-        // severity, and 1 / severity of the drop is taken to come out. A bubble in the chamber
-        // (AB2, AB3) adds its compliance to the chamber's, which is taken to keep that part of the
-        // drive.
+        // A blocked nozzle and a bubble in the nozzle (AB1) take their share of the nozzle. A dried
+        // nozzle has its viscosity times the severity, and 1 / severity of the drop is taken to come
+        // out. A bubble in the chamber (AB2, AB3) adds its compliance to the chamber's, which is taken
+        // to keep that part of the drive.
         "EC" => 1.0, // no ink, no drop
         "BN" | "PBN" | "AB1" => of(|s| s),
         "SDN" | "IDN" | "DDN" => of(|s| 1.0 - 1.0 / s.max(1.0)),
@@ -135,7 +129,7 @@ fn loss(class: Option<&str>, category: Option<&str>, severity: Option<f64>) -> f
 
 /// What the fault is in words, without its size.
 pub fn what(story: &Story) -> String {
-    match (&story.fault, &story.category, &story.looks_like, story.strange) {
+    match (&story.fault, &story.category, &story.explanation, story.reason) {
         (Some(class), ..) => match fault::in_words(class) {
             words if words == class => class.clone(),
             words => format!("{words} ({class})"),
@@ -173,7 +167,6 @@ pub fn trend_in_words(story: &Story) -> String {
         return if is_unnamed { String::new() } else { "no trend yet".into() };
     };
 
-    // In which unit: time, then severity.
     let (per, unit) = match trend.span_days {
         days if days >= 1.0 => (1.0, "day"),
         _ => (24.0, "hour"),
@@ -218,8 +211,7 @@ pub fn hours_to_visible(story: &Story) -> Option<(f64, [f64; 2])> {
         return None;
     }
 
-    // The loss grows with severity: double the time until the loss is beyond the limit, then
-    // bisect.
+    // Double the time until the loss, which grows with severity, is beyond the limit, then bisect.
     let mut beyond = 1.0;
     while loss_at(ahead(beyond)) < VISIBLE_LOSS {
         beyond *= 2.0;
@@ -229,8 +221,8 @@ pub fn hours_to_visible(story: &Story) -> Option<(f64, [f64; 2])> {
     }
     let [_, visible] = bisected(0.0, beyond, 40, |hours| loss_at(ahead(hours)) < VISIBLE_LOSS);
 
-    // The interval. The severity that is left until then, over the trend, is the time. The earliest
-    // time has the largest size now and the largest change, the latest time the smallest of both.
+    // The time is the severity that is left until then over the trend. The earliest time has the largest size
+    // now and the largest change, the latest time the smallest of both.
     let left = ahead(visible) - last;
     let hours = |left: f64, per_day: f64| 24.0 * (left / per_day).max(0.0);
     let interval =
@@ -238,8 +230,7 @@ pub fn hours_to_visible(story: &Story) -> Option<(f64, [f64; 2])> {
     (interval[1] <= 10.0 * visible).then_some((visible, interval))
 }
 
-/// The forecast in words, `visible defect (half of a drop lost) in about 9 hours (7 to 12), if it
-/// goes on so`; `None` if there is none.
+/// The forecast in words, `visible defect (half of a drop lost) in about 9 hours (7 to 12), if it goes on so`.
 pub fn forecast_in_words(story: &Story) -> Option<String> {
     let (hours, [low, high]) = hours_to_visible(story)?;
     let (per, unit) = if hours < 72.0 { (1.0, "hours") } else { (24.0, "days") };
@@ -254,18 +245,11 @@ pub fn forecast_in_words(story: &Story) -> Option<String> {
     Some(format!("visible defect (half of a drop lost) {when}, if it goes on so"))
 }
 
-/// The fault in one sentence: what, how large, how certain, since when, its trend and forecast, and what to
-/// do if the channel is to be cleaned.
+/// The fault in one sentence, with what to do if the channel is to be cleaned.
 fn sentence_of(fault: &Fault) -> String {
     let story = &fault.story;
-    let mut parts = vec![what(story)];
-    let size = size(story);
-    if !size.is_empty() {
-        parts[0] += &format!(", {size}");
-    }
-    if let Some(certainty) = story.certainty {
-        parts[0] += &format!(", certainty {}", share(certainty));
-    }
+    let certainty = story.certainty.map_or(String::new(), |c| format!("certainty {}", share(c)));
+    let mut parts = vec![words::joined([what(story), size(story), certainty], ", ")];
     let since = words::clock(story.began_at_ns);
     let recordings = words::counted(story.recordings.into(), "recording");
     parts.push(match (story.ended_at_ns, story.cures) {
@@ -293,9 +277,8 @@ fn sentence_of(fault: &Fault) -> String {
     if fault.is_open() { format!("{text}: {}", fault.action) } else { text }
 }
 
-/// Sorts the most urgent faults first. Of equally urgent ones those that are still on come first, then the
-/// order is by printhead and channel, as a technician walks, then by onset, newest first, so that the order
-/// is unique.
+/// Sorts the most urgent faults first, then those that are still on, then by printhead and channel, as a
+/// technician walks, then the newest first, so that the order is unique.
 pub fn sort(faults: &mut [Fault]) {
     let place = |Fault { story, .. }: &Fault| {
         let is_over = story.ended_at_ns.is_some();
@@ -319,7 +302,7 @@ mod tests {
         ]);
         for t in 0..100 {
             let flagged = (10..20).contains(&t) || t >= 80;
-            watch.look(0, t, flagged, None, None);
+            watch.add_burst(0, t, flagged, None, None);
         }
         let stories = stories(&watch, &Rates { false_alarms: 1e-3, ..Rates::default() });
         let mut faults = Fault::of_channel(stories, &ReportSettings::default());
@@ -327,7 +310,7 @@ mod tests {
         let [now, was] = &faults[..] else { panic!("{faults:?}") };
         assert!(now.is_open() && now.urgency > 0.0 && now.sentence.ends_with(": purge"), "{now:?}");
         assert!(!was.is_open() && was.urgency == 0.0 && !was.sentence.contains("pre-fire"));
-        let past = Bout { what: "dried nozzle".into(), from_ns: 10, to_ns: Some(20) };
+        let past = EarlierFault { what: "dried nozzle".into(), from_ns: 10, to_ns: Some(20) };
         assert_eq!((&now.earlier[..], was.earlier.len()), (&[past][..], 0));
     }
 

@@ -11,6 +11,7 @@ use super::fault::{Fault, certain_trend, trend_in_words, what};
 use super::night::whole;
 use super::survey::Survey;
 use super::trend::Severities;
+use super::watch::Watch;
 use super::words::{clock, counted_as, signed};
 use inkling_core::model::faults::{Law, law};
 use inkling_lab::plot::page::escaped;
@@ -28,42 +29,34 @@ const LEAST_BINS: usize = 5;
 /// Least number of models of a printhead for a figure of its drift.
 const LEAST_DOTS: usize = 8;
 
-/// Figures of severity over time of the most urgent faults that have enough sizes, by the fault's
-/// index in the report.
+/// Figures of severity over time of the most urgent faults, by the fault's index in the report.
 pub fn trends(report: &Report) -> BTreeMap<usize, String> {
     let drawn = |(place, fault): (usize, &Fault)| Some((place, trend(fault, &report.survey)?));
     report.faults.iter().enumerate().filter_map(drawn).take(MOST_TRENDS).collect()
 }
 
-/// The figure of one fault: the mean of each bin of its channel's severities, in the story's
-/// quantity, with a 95 % bar where a bin has several; `None` if there are too few bins between the
-/// story's onset and end.
+/// The figure of one fault: the mean of each bin of its severities, with a 95 % bar where a bin has several.
 fn trend(fault: &Fault, survey: &Survey) -> Option<String> {
     let story = &fault.story;
-    let head = survey.heads.iter().find(|head| head.name == story.printhead)?;
-    let watch = head
-        .watches
-        .iter()
-        .find(|w| w.spells.first().is_some_and(|s| s.episode.channel == story.channel))?;
+    let of_channel = |w: &&Watch| w.spells.iter().any(|s| s.episode.channel == story.channel);
+    let watch = survey.get(&story.printhead)?.watches.iter().find(of_channel)?;
     let from = story.began_at_ns as f64;
     let to = story.ended_at_ns.map_or(f64::INFINITY, |end| end as f64);
     let quantity = story.quantity.as_deref()?;
-    let course = watch.course(quantity)?;
 
-    // The bins of this story. A bin that holds only signals without a size has the time 0, which
-    // lies before any onset.
-    let bins = || course.0.values().filter(|b| (from..=to).contains(&b.t_ns()));
-    if bins().count() < LEAST_BINS {
-        return None;
-    }
-    let last = bins().last()?.t_ns();
+    // A bin that holds only signals without a size has the time 0, which lies before any onset.
+    let bins = watch.course(quantity)?.values().filter(|b| (from..=to).contains(&b.t_ns()));
+    let bins: Vec<&Severities> = bins.collect();
+    let last = bins.last().filter(|_| bins.len() >= LEAST_BINS)?.t_ns();
 
     // Means and bars, over the time since the onset.
     let (scale, unit) = unit_of_time(last - from);
-    let at = |t_ns: f64| (t_ns - from) * scale;
-    let means = bins().map(|b| (at(b.t_ns()), b.mean())).collect();
-    let bars = bins()
-        .filter_map(|b| Some((at(b.t_ns()), b.mean(), 1.96 * b.standard_error()?)))
+    let at = |b: &Severities| (b.t_ns() - from) * scale;
+    let means = bins.iter().map(|b| (at(b), b.mean())).collect();
+    let half = |b: &Severities| b.standard_error().map(|error| 1.96 * error);
+    let bars = bins
+        .iter()
+        .filter_map(|b| Some((at(b), b.mean(), half(b)?)))
         .flat_map(|(t, y, half)| [(t, y - half), (t, y + half)])
         .collect();
 
@@ -74,15 +67,13 @@ fn trend(fault: &Fault, survey: &Survey) -> Option<String> {
         (None, cures) => format!("cured {}", counted_as(cures.into(), "once", "times")),
     };
 
-    // The axis begins at the severity of no fault, so that a change can be compared with the size
-    // itself.
+    // The axis begins at the severity of no fault.
     let class = story.fault.as_deref().or(story.category.as_deref()).unwrap_or_default();
     let none = if class == "dried_nozzle" { Some(1.0) } else { law(class).map(Law::none) };
     let none = none.unwrap_or(0.0);
-    let highest = bins()
-        .map(|b| b.mean() + 1.96 * b.standard_error().unwrap_or(0.0))
-        .fold(f64::NEG_INFINITY, f64::max);
-    let lowest = bins().map(Severities::mean).fold(none, f64::min);
+    let tops = bins.iter().map(|b| b.mean() + half(b).unwrap_or(0.0));
+    let highest = tops.fold(f64::NEG_INFINITY, f64::max);
+    let lowest = bins.iter().map(|b| b.mean()).fold(none, f64::min);
     let room = 0.08 * (highest - lowest);
     let figure = Figure::new(
         plain(&format!("{} channel {}: {finding}", story.printhead, story.channel)),
@@ -106,8 +97,7 @@ fn unit_of_time(span_ns: f64) -> (f64, &'static str) {
     }
 }
 
-/// Figures of the healthy resonance and damping of the printheads, against temperature where it was
-/// recorded.
+/// Figures of healthy resonance and damping, against temperature where it was recorded.
 pub fn drift(points: &[ModelPoint]) -> Vec<String> {
     let resonance = quantity(points, "Healthy resonance", "kHz", |p| p.frequency_hz / 1e3);
     let damping = quantity(points, "Healthy damping", "1/ms", |p| p.damping_per_s / 1e3);
@@ -116,8 +106,7 @@ pub fn drift(points: &[ModelPoint]) -> Vec<String> {
 
 /// The figure of one quantity of the healthy models, one series for each printhead: against
 /// temperature if at least three models have one, else against the time when the model's use began.
-/// `what`, `unit`: the quantity in words; `of`: its value. `None` if no printhead has
-/// [`LEAST_DOTS`] models with a place on that axis.
+/// `None` if no printhead has [`LEAST_DOTS`] models with a place on that axis.
 fn quantity(
     points: &[ModelPoint],
     what: &str,
@@ -134,7 +123,6 @@ fn quantity(
         }
     }
 
-    // The quantity of the x axis.
     let with_temperature = points.iter().filter(|p| p.temperature_c.is_some()).count() >= 3;
     let span = whole(points.iter().filter_map(|p| p.valid_from_ns).map(|t_ns| (t_ns, t_ns)));
     let origin = span.map(|(first, _)| first);
@@ -145,7 +133,6 @@ fn quantity(
         false => Some(p.valid_from_ns?.saturating_sub(origin?) as f64 * scale),
     };
 
-    // The series, and the relative change per kelvin of each printhead.
     let mut changes: Vec<f64> = Vec::new();
     let mut series = Vec::new();
     for (name, own) in of_heads {
@@ -160,7 +147,6 @@ fn quantity(
     }
     changes.sort_by(f64::total_cmp);
 
-    // The title tells the range of these changes, or else of the quantity.
     let finding = match (changes.first(), changes.last()) {
         (Some(low), Some(high)) => format!(
             "{what} changes by {} to {} % per K from printhead to printhead",
@@ -187,8 +173,7 @@ pub fn drawn(figure: &Figure) -> String {
     drawn_as(figure, &figure.title)
 }
 
-/// A figure as HTML, with `alt` as the text for those who do not see it; that text and the error if
-/// it could not be drawn.
+/// A figure as HTML, with `alt` as the text for those who do not see it, or that text and the error.
 fn drawn_as(figure: &Figure, alt: &str) -> String {
     let alt = escaped(alt);
     match figure.svg_of_size(SIZE) {

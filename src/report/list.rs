@@ -3,7 +3,8 @@
 //! In: a [`Report`]. Out: text: what was not judged and the notes, then one line for each channel
 //! to clean, most urgent first, then groups of neighbours and channels that are healthy again.
 
-use super::words::{Column, clock, columns, counted, counted_as};
+use super::coverage::Extent;
+use super::words::{Column, clock, columns, counted, counted_as, joined};
 use super::{Fault, Report, certain_trend, forecast_in_words, size, trend_in_words, what};
 use std::io::{self, Write};
 
@@ -12,8 +13,7 @@ const MOST_LISTED: usize = 40;
 /// Most channels that are named as healthy again.
 const MOST_OVER: usize = 8;
 
-/// Writes what was not judged, the notes, the cleaning list, groups of neighbours, and channels that are
-/// healthy again. `printable`: makes a text safe for the terminal and cuts it to a number of characters.
+/// Writes the list. `printable`: makes a text safe for the terminal and cuts it to a number of characters.
 pub fn print(
     report: &Report,
     printable: impl Fn(&str, usize) -> String,
@@ -28,33 +28,17 @@ pub fn print(
         writeln!(out, "note: {}", printable(note, 600))?;
     }
     let recordings = counted(report.recordings.len() as u64, "recording");
-    let coverage = &report.coverage;
-    if open.is_empty() && coverage.judged == 0 {
-        // nothing was judged, and the sentence about the coverage has said so
-    } else if open.is_empty() && !coverage.knows_faults(report.recordings.len()) {
-        writeln!(out, "what is to be cleaned after {recordings} is not known")?;
-    } else if open.is_empty() && coverage.is_complete() {
-        writeln!(out, "nothing to clean after {recordings}")?;
-    } else if open.is_empty() {
-        writeln!(out, "what is known after {recordings} names no channel to clean")?;
-    } else {
-        let channels = counted(open.len() as u64, "channel");
-        writeln!(out, "to clean after {recordings}: {channels}, most urgent first")?;
-        let heads = [
-            Column::Number("urgency", 7),
-            Column::Words("printhead", 20),
-            Column::Number("channel", 7),
-            Column::Words("since", 20),
-            Column::Words("do", 15),
-            Column::Last("what"),
-        ];
-        let of_fault = open.iter().take(MOST_LISTED).map(|fault| {
-            let (urgency, story) = (format!("{:.2}", fault.urgency), &fault.story);
-            let (head, channel) = (printable(&story.printhead, 64), story.channel.to_string());
-            let (action, what) = (printable(&fault.action, 64), printable(&in_words(fault), 400));
-            [urgency, head, channel, clock(story.began_at_ns), action, what]
-        });
-        columns(out, heads, of_fault)?;
+    match report.coverage.extent() {
+        _ if !open.is_empty() => to_clean(&open, &recordings, &printable, out)?,
+        // the sentence about the coverage has said so
+        Extent::NothingJudged => {}
+        Extent::NoFaults => {
+            writeln!(out, "what is to be cleaned after {recordings} is not known")?;
+        }
+        Extent::Complete => writeln!(out, "nothing to clean after {recordings}")?,
+        Extent::Partial => {
+            writeln!(out, "what is known after {recordings} names no channel to clean")?;
+        }
     }
     if open.len() > MOST_LISTED {
         writeln!(out, "  and {} channels more", open.len() - MOST_LISTED)?;
@@ -74,8 +58,33 @@ pub fn print(
     Ok(())
 }
 
-/// The last column of a fault's line: what the fault is, its size, its trend and forecast, its
-/// cures, and the number of earlier faults of the channel.
+/// Writes the table of the channels to clean. `recordings`: their number, in words.
+fn to_clean(
+    open: &[&Fault],
+    recordings: &str,
+    printable: impl Fn(&str, usize) -> String,
+    out: &mut impl Write,
+) -> io::Result<()> {
+    let channels = counted(open.len() as u64, "channel");
+    writeln!(out, "to clean after {recordings}: {channels}, most urgent first")?;
+    let heads = [
+        Column::Number("urgency", 7),
+        Column::Words("printhead", 20),
+        Column::Number("channel", 7),
+        Column::Words("since", 20),
+        Column::Words("do", 15),
+        Column::Last("what"),
+    ];
+    let of_fault = open.iter().take(MOST_LISTED).map(|fault| {
+        let (urgency, story) = (format!("{:.2}", fault.urgency), &fault.story);
+        let (head, channel) = (printable(&story.printhead, 64), story.channel.to_string());
+        let (action, what) = (printable(&fault.action, 64), printable(&in_words(fault), 400));
+        [urgency, head, channel, clock(story.began_at_ns), action, what]
+    });
+    columns(out, heads, of_fault)
+}
+
+/// The last column of a fault's line.
 fn in_words(fault: &Fault) -> String {
     let story = &fault.story;
     let mut parts = vec![what(story), size(story)];
@@ -91,6 +100,5 @@ fn in_words(fault: &Fault) -> String {
         let n = counted(fault.earlier.len() as u64, "other fault");
         parts.push(format!("{n} before it"));
     }
-    parts.retain(|part| !part.is_empty());
-    parts.join("; ")
+    joined(parts, "; ")
 }

@@ -21,9 +21,8 @@ const MOST_CELLS: usize = 1 << 20;
 /// Most columns of a picture; a printhead with more channels has several channels in each column.
 const MOST_COLUMNS: usize = 1200;
 
-/// Codes of a cell in the map of classes. The larger one of two is shown: what is flagged before what was
-/// rejected, and what has a category before what has none. Of two categories the one with the larger code is
-/// shown, but it is not worse: they have their codes in the order in which the survey lists them.
+/// Codes of a cell in the map of classes, of which the larger one of two is shown. Categories have their
+/// codes in the order in which the survey lists them: a larger one is not worse.
 pub mod class {
     pub const GAP: u8 = 0;
     pub const HEALTHY: u8 = 1;
@@ -36,13 +35,11 @@ pub mod class {
     pub const CATEGORIES: u8 = 8;
 }
 
-/// Lower limits of the levels of statistic over threshold; from 1 on a signal is flagged, or lies on the
-/// threshold. A signal below the first limit has the code [`ratio::LOWEST`], one above it a larger code.
+/// Lower limits of the levels of statistic over threshold; below the first one lies [`ratio::LOWEST`].
 pub const LEVELS: [f32; 9] = [0.25, 0.5, 0.75, 1.0, 1.5, 2.5, 5.0, 10.0, 30.0];
 
-/// Codes of a cell in the map of statistics. [`ratio::LOWEST`] is the smallest code of what was judged; those
-/// of the [`LEVELS`] follow it. What was rejected has no statistic, so here, unlike in the map of classes,
-/// any signal that was judged is shown before it.
+/// Codes of a cell in the map of statistics; those of the [`LEVELS`] follow [`ratio::LOWEST`]. What was
+/// rejected has no statistic, so any signal that was judged is shown before it.
 pub mod ratio {
     pub const GAP: u8 = 0;
     pub const REJECTED: u8 = 1;
@@ -54,14 +51,12 @@ pub fn level(ratio: f32) -> u8 {
     ratio::LOWEST + LEVELS.iter().map(|from| u8::from(ratio >= *from)).sum::<u8>()
 }
 
-/// A row of a map: the cells of one bin of time, one for each channel. A channel's index is its place in the
-/// survey's list of the printhead's channels, which is in the order in which they were met.
+/// A row of a map: the cells of one bin of time, by the index of the channel in the survey's list.
 #[derive(Clone, Debug, Default)]
 pub struct Cells {
     /// Times of the first and the last burst in the row.
     span: Option<Span>,
-    /// The codes of each channel: that of its class, and that of its statistic. [`Shows`] is the index of
-    /// either; a gap is 0 in both.
+    /// The codes of each channel, of its class and of its statistic ([`Shows`] is the index); a gap is 0.
     shown: Vec<[u8; 2]>,
 }
 
@@ -77,8 +72,8 @@ impl Pooled for Cells {
 }
 
 impl Cells {
-    /// Puts a verdict's two codes into the cell of the channel with the index `place`. Each of them stays
-    /// only if no larger one is there, so the two codes of a cell may come from different verdicts.
+    /// Puts a verdict's codes into the cell of the channel with the index `place`, unless larger ones are
+    /// there.
     pub fn mark(&mut self, place: usize, class: u8, ratio: u8) {
         if place >= self.shown.len() {
             self.shown.resize(place + 1, [class::GAP, ratio::GAP]);
@@ -88,14 +83,10 @@ impl Cells {
     }
 }
 
-/// The cells of one printhead, in bins of time that hold at least one burst.
-#[derive(Clone, Debug, Default)]
-pub struct HeadMap {
-    rows: TimeBins<Cells>,
-}
+/// The cells of one printhead, in rows of time that hold at least one burst.
+pub type HeadMap = TimeBins<Cells>;
 
-/// What a picture shows: classes, or the statistic over its threshold. The number of a variant is the index
-/// in `Cells::shown`.
+/// What a picture shows; the number of a variant is the index in `Cells::shown`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shows {
     Class,
@@ -105,8 +96,7 @@ pub enum Shows {
 /// A map as it is drawn.
 #[derive(Clone, Debug)]
 pub struct Picture {
-    /// Its rows: of bursts the times of the first and the last of them, ns. `None`: a time without bursts, one
-    /// line whatever it lasts.
+    /// Its rows: the times of the first and the last burst, ns. `None`: a pause, one line whatever it lasts.
     pub lines: Vec<Option<Span>>,
     /// The lowest channel of each column.
     pub columns: Vec<u32>,
@@ -117,24 +107,21 @@ pub struct Picture {
 }
 
 impl HeadMap {
-    /// The row for a burst at a time, whose span from now on holds that time. It is added if it is new, and
-    /// other rows are pooled if there is no room for it.
+    /// The row for a burst at a time, which is added if it is new; then other rows may be pooled.
     pub fn row(&mut self, t_ns: i64) -> &mut Cells {
-        let cells = self.rows.at(t_ns);
+        let cells = self.at(t_ns);
         cells.span = whole(cells.span.into_iter().chain([(t_ns, t_ns)]));
         cells
     }
 
     /// Bounds the number of rows of a printhead with this many channels, so that there are at most `MOST_CELLS`
-    /// cells; rows that are too many are pooled. 16 rows are what 65 536 channels leave, the most that the
-    /// survey takes of a printhead. It has to be called for each new channel, before its verdicts are marked.
+    /// cells. It has to be called for each new channel, before its verdicts are marked.
     pub fn make_room(&mut self, channels: usize) {
-        self.rows.limit((MOST_CELLS / channels.max(1)).clamp(16, MOST_ROWS));
+        self.limit((MOST_CELLS / channels.max(1)).clamp(16, MOST_ROWS));
     }
 
-    /// The map as it is drawn: lines from the earliest to the latest, columns by ascending channel number.
-    /// `channels`: the channel number that belongs to each index of [`Cells::mark`]. A pixel is the largest
-    /// code of the channels in its column.
+    /// The map as it is drawn. `channels`: the channel number that belongs to each index of [`Cells::mark`].
+    /// A pixel is the largest code of the channels in its column.
     pub fn picture(&self, channels: &[u32], shows: Shows) -> Picture {
         let mut order: Vec<usize> = (0..channels.len()).collect();
         order.sort_by_key(|&place| channels[place]);
@@ -143,7 +130,7 @@ impl HeadMap {
         let lines = self.lines();
 
         // The pixels: each line of bursts takes the next row, and pauses stay gaps.
-        let mut rows = self.rows.values();
+        let mut rows = self.values();
         let mut pixels = Vec::with_capacity(lines.len() * columns.len());
         for line in &lines {
             let cells = line.and_then(|_| rows.next());
@@ -159,20 +146,18 @@ impl HeadMap {
 
     /// One line for each row, and a pause between two rows where the time from the last burst of the one to
     /// the first of the other is more than [`PAUSE`] times the usual one: the lower median over all rows, or
-    /// the width of a row if that is more. Of three rows that are a short and a long step apart, the long one is
-    /// a pause; of two rows there is none.
+    /// the width of a row if that is more.
     fn lines(&self) -> Vec<Option<Span>> {
-        let rows: Vec<Span> = self.rows.values().filter_map(|cells| cells.span).collect();
+        let rows: Vec<Span> = self.values().filter_map(|cells| cells.span).collect();
         let mut steps: Vec<i64> = rows.windows(2).map(|w| w[1].0.saturating_sub(w[0].1)).collect();
         steps.sort_unstable();
         let middle = steps.len().saturating_sub(1) / 2;
-        let usual = steps.get(middle).copied().unwrap_or(0).max(self.rows.width_ns);
+        let usual = steps.get(middle).copied().unwrap_or(0).max(self.width_ns);
 
-        // A line for each row, and a pause before it where the step to it is unusual.
         let mut lines = Vec::new();
         for (k, &(from, to)) in rows.iter().enumerate() {
             if k > 0 && from.saturating_sub(rows[k - 1].1) > usual.saturating_mul(PAUSE) {
-                lines.push(None); // a pause
+                lines.push(None);
             }
             lines.push(Some((from, to)));
         }
@@ -184,8 +169,7 @@ impl HeadMap {
 const PAUSE: i64 = 4;
 
 impl Picture {
-    /// Index of the line of bursts that shows a time; of the next one if none shows it, and of the last one
-    /// if none follows.
+    /// Index of the line of bursts that shows a time, else of the next one, else of the last one.
     pub fn line_of(&self, t_ns: i64) -> usize {
         let each = self.lines.iter().enumerate();
         let mut bursts = each.filter_map(|(k, line)| Some((k, line.as_ref()?.1)));

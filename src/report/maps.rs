@@ -11,15 +11,14 @@
 //! frames and letters are SVG above it.
 
 use super::fault::{Fault, what};
-use super::map::{LEVELS, Picture, Shows, class, ratio};
+use super::map::{LEVELS, Picture, Shows, class, level};
 use super::night::{Span, whole};
-use super::survey::{Head, KNOWN_CATEGORIES};
+use super::survey::Head;
 use super::words::{clock, counted, first_of, percent};
 use inkling_core::verdict::Reason;
 use inkling_lab::plot::page::{escaped, name, shortened};
 use inkling_lab::plot::raster::{Colour, Raster};
 use std::collections::BTreeSet;
-use std::fmt::Write;
 
 /// Colours of the map of classes by code, which people with colour blindness can tell apart, too
 /// (Okabe and Ito 2008): gap, healthy, rejected, flagged, dried, blocked, air, empty, then own
@@ -28,8 +27,7 @@ const CLASS_COLOURS: [Colour; 12] = rgb([
     0xffffff, 0xdfe7ee, 0x969696, 0xf0e442, 0x0072b2, 0x000000, 0x56b4e9, 0xd55e00, 0x009e73,
     0xcc79a7, 0xe69f00, 0x78501a,
 ]);
-/// Colours of the map of statistics by code: gap, rejected, below the threshold from pale to
-/// darker, above it from yellow to brown.
+/// Colours of the map of statistics by code: gap, rejected, below the threshold, above it.
 const RATIO_COLOURS: [Colour; 12] = rgb([
     0xffffff, 0x969696, 0xf4f7fa, 0xe4ebf2, 0xcedae6, 0xb2c5d8, 0xfee391, 0xfec44f, 0xfe9929,
     0xec7014, 0xbe4603, 0x5c1e04,
@@ -47,7 +45,7 @@ const fn rgb(hex: [u32; 12]) -> [Colour; 12] {
     colours
 }
 
-/// Letters of the known categories; own categories have numbers.
+/// Letters of the survey's first categories, the known ones; own categories have numbers.
 const LETTERS: [&str; 4] = ["D", "B", "A", "E"];
 /// Most episodes that are marked on a map.
 const MOST_MARKED: usize = 1500;
@@ -62,23 +60,18 @@ const TOP: f64 = 46.0;
 const WIDTH: f64 = 860.0;
 const BELOW: f64 = 40.0;
 
-/// The letter of an episode's category; the number of a user's own category; without a category S
-/// (at the sensor line, if the reason is `NoRing`) or U (not named).
+/// The letter of an episode's category, the number of an own one; S: at the sensor line, U: not named.
 fn letter(category: Option<&str>, reason: Option<Reason>, categories: &[String]) -> String {
-    let Some(category) = category else {
-        return if reason == Some(Reason::NoRing) { "S" } else { "U" }.into();
-    };
-    match KNOWN_CATEGORIES.iter().position(|known| *known == category) {
-        Some(at) => LETTERS[at].into(),
-        None => match categories.iter().position(|c| c == category) {
-            Some(at) => format!("{}", at + 1 - KNOWN_CATEGORIES.len()),
-            None => "U".into(),
-        },
+    let at = category.and_then(|category| categories.iter().position(|c| c == category));
+    match (category, at) {
+        (None, _) if reason == Some(Reason::NoRing) => "S".into(),
+        (None, _) | (_, None) => "U".into(),
+        (_, Some(at)) if at < LETTERS.len() => LETTERS[at].into(),
+        (_, Some(at)) => format!("{}", at + 1 - LETTERS.len()),
     }
 }
 
-/// One picture of a printhead, and what is needed to draw it. `height` is that of the picture, in
-/// units of the SVG.
+/// One picture of a printhead, and what is needed to draw it. `height`: in units of the SVG.
 struct Map<'a> {
     head: &'a Head,
     faults: &'a [&'a Fault],
@@ -88,26 +81,22 @@ struct Map<'a> {
     height: f64,
 }
 
-/// Both maps of a printhead, of classes and of statistics; empty if it has none. `faults`: all of
-/// this printhead; `categories`: the survey's.
-pub fn maps(head: &Head, faults: &[&Fault], categories: &[String]) -> Result<String, String> {
-    let Some(map) = &head.map else { return Ok(String::new()) };
-    let channels: Vec<u32> = head.channels.iter().map(|c| c.channel).collect();
+/// Both maps of a printhead; empty if it has none. `faults`: of all printheads; `categories`: the survey's.
+pub fn maps(head: &Head, faults: &[Fault], categories: &[String]) -> Result<String, String> {
+    let of_head = |fault: &&Fault| fault.story.printhead == head.name;
+    let faults: Vec<&Fault> = faults.iter().filter(of_head).collect();
     let mut text = String::new();
     for (shows, colours) in [(Shows::Class, &CLASS_COLOURS), (Shows::Ratio, &RATIO_COLOURS)] {
-        let picture = map.picture(&channels, shows);
-        if picture.pixels.is_empty() {
-            return Ok(String::new());
-        }
+        let Some(picture) = head.picture(shows) else { return Ok(String::new()) };
         let height = (picture.lines.len() as f64 * 6.0).clamp(120.0, 380.0);
+        let faults = &faults;
         text += &Map { head, faults, categories, picture, shows, height }.figure(colours)?;
     }
     Ok(text)
 }
 
 impl Map<'_> {
-    /// The map as SVG: the cells as an embedded image, axes around it, and marks over the map of
-    /// classes. `colours`: by code.
+    /// The map as SVG: the cells as an embedded image, axes, and marks over the map of classes.
     fn figure(&self, colours: &[Colour]) -> Result<String, String> {
         let (picture, height) = (&self.picture, self.height);
         let raster = Raster {
@@ -138,32 +127,33 @@ impl Map<'_> {
         Ok(svg)
     }
 
+    /// The share of the picture's cells whose codes are `wanted`, in words.
+    fn share(&self, wanted: impl Fn(u8) -> bool) -> String {
+        let cells = &self.picture.pixels;
+        let wanted = cells.iter().filter(|code| wanted(**code)).count();
+        percent(wanted as u64, cells.len() as u64)
+    }
+
     /// The title of the map, which tells its main result.
     fn title(&self) -> String {
-        let Map { head, faults, picture, .. } = self;
+        let Map { head, faults, .. } = self;
         let name = shortened(&head.name, 24);
-        match self.shows {
-            Shows::Class => {
-                let failed: BTreeSet<u32> = faults.iter().map(|f| f.story.channel).collect();
-                let open = faults.iter().filter(|f| f.is_open()).count();
-                let channels = counted(head.channels.len() as u64, "channel");
-                if head.channels.iter().all(|c| c.judged == 0) {
-                    return format!("{name}: none of {channels} was judged");
-                }
-                let judged = head.channels.iter().filter(|c| c.judged > 0).count() as u64;
-                format!(
-                    "{name}: {} of {} had a fault, {open} to be cleaned",
-                    failed.len(),
-                    counted(judged, "channel")
-                )
-            }
-            Shows::Ratio => {
-                let beyond = picture.pixels.iter().filter(|p| **p >= first_beyond()).count() as u64;
-                format!(
-                    "{name}: detection statistic over threshold, {} of the cells beyond 1",
-                    percent(beyond, picture.pixels.len() as u64)
-                )
-            }
+        if self.shows == Shows::Ratio {
+            let beyond = self.share(|code| code >= level(1.0));
+            return format!(
+                "{name}: detection statistic over threshold, {beyond} of the cells beyond 1"
+            );
+        }
+        let failed: BTreeSet<u32> = faults.iter().map(|f| f.story.channel).collect();
+        let open = faults.iter().filter(|f| f.is_open()).count();
+        let channels = counted(head.channels.len() as u64, "channel");
+        match head.channels.iter().filter(|c| c.judged > 0).count() as u64 {
+            0 => format!("{name}: none of {channels} was judged"),
+            judged => format!(
+                "{name}: {} of {} had a fault, {open} to be cleaned",
+                failed.len(),
+                counted(judged, "channel")
+            ),
         }
     }
 
@@ -179,7 +169,7 @@ impl Map<'_> {
             [1, 2, 5, 10, 20, 50, 100, 200, 500].into_iter().find(|s| *s >= every).unwrap_or(every);
         for column in (0..columns).step_by(every) {
             let x = LEFT + (column as f64 + 0.5) * column_width;
-            let _ = writeln!(svg, "<path d=\"M{x:.1} {bottom:.1}v5\" stroke=\"#555\"/>");
+            *svg += &format!("<path d=\"M{x:.1} {bottom:.1}v5\" stroke=\"#555\"/>\n");
             put(svg, (x, bottom + 17.0), "middle", &picture.columns[column].to_string());
         }
         let per = match picture.channels_per_column {
@@ -210,8 +200,7 @@ impl Map<'_> {
         let step = step.unwrap_or(LONGEST_STEP_S);
         let line_height = height / picture.lines.len() as f64;
 
-        // `free`: from here downwards there is room for a label; `day`: the day of the label
-        // before.
+        // from `free` downwards there is room for a label; `day` is that of the label before
         let (mut free, mut day) = (TOP, i64::MIN);
         for (k, t_s) in marked(step) {
             let y = TOP + (k as f64 + 0.5) * line_height;
@@ -220,7 +209,7 @@ impl Map<'_> {
             }
             free = y + 13.0;
             let text = tick(t_s, step, std::mem::replace(&mut day, t_s.div_euclid(DAY)));
-            let _ = writeln!(svg, "<path d=\"M{LEFT:.1} {y:.1}h-5\" stroke=\"#555\"/>");
+            *svg += &format!("<path d=\"M{LEFT:.1} {y:.1}h-5\" stroke=\"#555\"/>\n");
             put(svg, (LEFT - 8.0, y + 4.0), "end", &text);
         }
     }
@@ -250,10 +239,9 @@ impl Map<'_> {
             };
             let explained: String = e.explanation.chars().take(MOST_OF_A_SENTENCE).collect();
             let words = format!("{explained}; from {} {until}", clock(e.began_at_ns));
-            let _ = writeln!(
-                svg,
+            *svg += &format!(
                 "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{high:.1}\" \
-             fill=\"#000\" fill-opacity=\"0\" stroke=\"#000\" stroke-width=\".7\"><title>{}</title></rect>",
+             fill=\"#000\" fill-opacity=\"0\" stroke=\"#000\" stroke-width=\".7\"><title>{}</title></rect>\n",
                 escaped(&words)
             );
 
@@ -261,10 +249,9 @@ impl Map<'_> {
             let sign = (fault.story.channel, fault.story.began_at_ns, e.category.as_deref());
             if lettered != Some(sign) {
                 lettered = Some(sign);
-                let _ = writeln!(
-                    svg,
+                *svg += &format!(
                     "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\" font-size=\"11\" \
-                 font-weight=\"bold\" stroke=\"#fff\" stroke-width=\"3\" paint-order=\"stroke\">{}</text>",
+                 font-weight=\"bold\" stroke=\"#fff\" stroke-width=\"3\" paint-order=\"stroke\">{}</text>\n",
                     x + width / 2.0,
                     (y - 2.0).max(TOP - 4.0),
                     letter(e.category.as_deref(), e.reason, categories)
@@ -278,50 +265,39 @@ impl Map<'_> {
         let Map { head, faults, picture, shows, .. } = self;
         let (from, to) = whole(picture.lines.iter().copied().flatten()).unwrap_or_default();
         let pauses = picture.lines.iter().filter(|line| line.is_none()).count() as u64;
-        let what_it_shows = match shows {
-            Shows::Class => "what each channel was found to be",
-            Shows::Ratio => "detection statistic over its threshold",
+        let (what_it_shows, cells) = match shows {
+            Shows::Class => {
+                let [flagged, rejected] =
+                    [self.share(|p| p >= class::FLAGGED), self.share(|p| p == class::REJECTED)];
+                let cells = format!("{flagged} hold a flagged signal, {rejected} a rejected one");
+                ("what each channel was found to be", cells)
+            }
+            Shows::Ratio => {
+                let beyond = self.share(|code| code >= level(1.0));
+                let cells = format!("{beyond} reach beyond the threshold");
+                ("detection statistic over its threshold", cells)
+            }
         };
-        let mut text = format!(
-            "{}, {what_it_shows}: {} across, {} to {} down, {}.",
+        let of_fault = |f: &&Fault| format!("channel {} ({})", f.story.channel, what(&f.story));
+        let named: Vec<String> = faults.iter().map(of_fault).collect();
+        let faults = match named.is_empty() {
+            true => "No faults".into(),
+            false => format!("Faults: {}", first_of(&named, MOST_IN_WORDS, ", ")),
+        };
+        format!(
+            "{}, {what_it_shows}: {} across, {} to {} down, {}. Of its cells {cells}. {faults}.",
             head.name,
             counted(head.channels.len() as u64, "channel"),
             clock(from),
             clock(to),
             counted(pauses, "pause")
-        );
-        let cells = picture.pixels.len() as u64;
-        let share = |wanted: &dyn Fn(u8) -> bool| {
-            percent(picture.pixels.iter().filter(|p| wanted(**p)).count() as u64, cells)
-        };
-        text += &match shows {
-            Shows::Class => format!(
-                " Of its cells {} hold a flagged signal, {} a rejected one.",
-                share(&|p| p >= class::FLAGGED),
-                share(&|p| p == class::REJECTED)
-            ),
-            Shows::Ratio => {
-                format!(
-                    " Of its cells {} reach beyond the threshold.",
-                    share(&|p| p >= first_beyond())
-                )
-            }
-        };
-        let named: Vec<String> = faults
-            .iter()
-            .map(|f| format!("channel {} ({})", f.story.channel, what(&f.story)))
-            .collect();
-        match named.is_empty() {
-            true => text += " No faults.",
-            false => text += &format!(" Faults: {}.", first_of(&named, MOST_IN_WORDS, ", ")),
-        }
-        text
+        )
     }
 }
 
 /// Puts a text beside a point of a figure. `anchor`: which of its ends lies there, as SVG says it.
 fn put(svg: &mut String, (x, y): (f64, f64), anchor: &str, text: &str) {
-    let _ = writeln!(svg, "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\">{text}</text>");
+    *svg += &format!("<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\">{text}</text>\n");
 }
 
 /// Round intervals between time labels, s.
@@ -334,9 +310,8 @@ const LONGEST_STEP_S: i64 = 315_360_000;
 /// A day, s.
 const DAY: i64 = 86_400;
 
-/// A time label, with seconds only if the step is below a minute, and with the date if it differs
-/// from that of the label before. `t_s`: s since 1970; `step_s`: the interval between labels;
-/// `day_before`: the number of the day of the label before.
+/// A time label, with seconds only if the interval is below a minute, and with the date if it differs from that
+/// of the label before.
 fn tick(t_s: i64, step_s: i64, day_before: i64) -> String {
     let whole = clock(t_s.saturating_mul(1_000_000_000));
     let (date, time) = whole.split_once(' ').unwrap_or((&whole, ""));
@@ -348,31 +323,19 @@ fn tick(t_s: i64, step_s: i64, day_before: i64) -> String {
     }
 }
 
-/// The code of the first level beyond the threshold, that of a ratio of 1.
-fn first_beyond() -> u8 {
-    super::map::level(1.0)
-}
-
 /// Number of lines of each picture of a waterfall.
 const WATERFALL: usize = 64;
 /// Least width of such a picture, pixels: viewers blur small images when they enlarge these.
 const LEAST_WIDTH: usize = 480;
 
-/// The map of classes as it looked at each time, for a view that moves along the recording. For
-/// each line of bursts `each` gets the time of its last burst, ns, and a PNG of that line at the
-/// bottom and the 63 lines before it above, in the order of time. The first error of `each` ends
-/// it.
+/// The map of classes as it looked at each time. For each line of bursts `each` gets the time of its last
+/// burst, ns, and a PNG of that line at the bottom and the 63 lines before it above.
 pub fn waterfalls<E: From<String>>(
     head: &Head,
     mut each: impl FnMut(i64, Vec<u8>) -> Result<(), E>,
 ) -> Result<(), E> {
-    let Some(map) = &head.map else { return Ok(()) };
-    let channels: Vec<u32> = head.channels.iter().map(|c| c.channel).collect();
-    let picture = map.picture(&channels, Shows::Class);
+    let Some(picture) = head.picture(Shows::Class) else { return Ok(()) };
     let columns = picture.columns.len();
-    if columns == 0 {
-        return Ok(());
-    }
     // each cell becomes `scale` x `high` pixels
     let scale = LEAST_WIDTH.div_ceil(columns).max(1);
     let high = scale.min(4);
@@ -398,41 +361,35 @@ pub fn waterfalls<E: From<String>>(
 
 /// The key of the colours of both maps, as HTML.
 pub fn key(categories: &[String]) -> String {
-    let patch = |colour: &Colour, words: &str| {
+    let patch = |([red, green, blue], words): (&Colour, String)| {
         format!(
             "<span class=\"key\"><svg width=\"14\" height=\"14\" viewBox=\"0 0 14 14\" \
              aria-hidden=\"true\"><rect x=\".5\" y=\".5\" width=\"13\" height=\"13\" \
-             fill=\"#{:02x}{:02x}{:02x}\" stroke=\"#888\"/></svg>{words}</span>\n",
-            colour[0], colour[1], colour[2]
+             fill=\"#{red:02x}{green:02x}{blue:02x}\" stroke=\"#888\"/></svg>{words}</span>\n"
         )
     };
-    let mut text = String::from("<p>Class: ");
-    for (colour, words) in CLASS_COLOURS.iter().zip([
-        "not measured",
-        "healthy",
-        "rejected",
-        "flagged, of no certain category",
-    ]) {
-        text += &patch(colour, words);
-    }
-    for (k, category) in categories.iter().take(usize::from(class::CATEGORIES)).enumerate() {
-        let words = match k + 1 == usize::from(class::CATEGORIES) && categories.len() > k + 1 {
-            true => "other categories".into(),
+    let most = usize::from(class::CATEGORIES);
+    let of_category = |(k, category): (usize, &String)| {
+        let words = match k + 1 == most && categories.len() > most {
+            true => "other categories".to_owned(),
             false => name(&category.replace('_', " ")),
         };
-        let words = format!("{words} ({})", letter(Some(category), None, categories));
-        text += &patch(&CLASS_COLOURS[usize::from(class::CATEGORY) + k], &words);
-    }
-    text += "</p>\n<p>Statistic over threshold: ";
-    text += &patch(&RATIO_COLOURS[usize::from(ratio::GAP)], "not measured");
-    text += &patch(&RATIO_COLOURS[usize::from(ratio::REJECTED)], "rejected");
-    text += &patch(&RATIO_COLOURS[usize::from(ratio::LOWEST)], &format!("below {}", LEVELS[0]));
-    for (k, from) in LEVELS.iter().enumerate() {
-        let words = match LEVELS.get(k + 1) {
-            Some(to) => format!("{from} to {to}"),
-            None => format!("{from} and more"),
-        };
-        text += &patch(&RATIO_COLOURS[usize::from(ratio::LOWEST) + 1 + k], &words);
-    }
-    text + "</p>\n"
+        format!("{words} ({})", letter(Some(category), None, categories))
+    };
+    let of_level = |(k, from): (usize, &f32)| match LEVELS.get(k + 1) {
+        Some(to) => format!("{from} to {to}"),
+        None => format!("{from} and more"),
+    };
+
+    // the words of each code, in the order of the codes
+    let classes = ["not measured", "healthy", "rejected", "flagged, of no certain category"];
+    let classes = classes.into_iter().map(str::to_owned);
+    let classes = classes.chain(categories.iter().enumerate().take(most).map(of_category));
+    let ratios = ["not measured".into(), "rejected".into(), format!("below {}", LEVELS[0])];
+    let ratios = ratios.into_iter().chain(LEVELS.iter().enumerate().map(of_level));
+    format!(
+        "<p>Class: {}</p>\n<p>Statistic over threshold: {}</p>\n",
+        CLASS_COLOURS.iter().zip(classes).map(patch).collect::<String>(),
+        RATIO_COLOURS.iter().zip(ratios).map(patch).collect::<String>()
+    )
 }

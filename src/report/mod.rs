@@ -2,13 +2,12 @@
 //! recordings it tells which channels to clean, since when they are faulty, and whether the
 //! verdicts can be trusted.
 //!
-//! In, from the verbs `report` and `replay` (`cli/results.rs`): the [`Source`] and the episodes of
-//! each recording, then all verdicts once ([`Survey`]). Out: a [`Report`], and from it the page
-//! (`html`), the list on a terminal (`print`) and the table of faults. The report must never judge
-//! by itself: the episodes decide what is a fault.
+//! In: the [`Source`] and the episodes of each recording, then all verdicts once ([`Survey`]). Out: a
+//! [`Report`], and from it the page (`html`), the list on a terminal (`print`) and the table of
+//! faults. The report never judges by itself: the episodes decide what is a fault.
 //!
 //! The steps, each in a file:
-//! 1. `survey` reads the verdicts once: counts, a map of each printhead (`map`), and a `watch` of
+//! 1. `survey` reads the verdicts once: `counts`, a map of each printhead (`map`), and a `watch` of
 //!    each channel that had an episode.
 //! 2. `coverage` and `false_alarms` say what was judged, and how well.
 //! 3. `story` links the episodes of each channel into one story per fault; `trend` says whether the
@@ -20,6 +19,7 @@
 
 mod bins;
 mod changes;
+mod counts;
 mod coverage;
 mod drift;
 mod evaluation;
@@ -57,6 +57,7 @@ pub use source::{LostRecording, Source};
 pub use survey::{Names, Survey};
 pub use words::{Column, clock, columns, first_of, grouped, three_digits};
 
+use counts::Tally;
 use coverage::Coverage;
 use drift::ModelPoint;
 use false_alarms::FalseAlarms;
@@ -65,31 +66,22 @@ use night::{Span, whole};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use story::Rates;
-use survey::Tally;
+use watch::Spell;
 
 /// Counts of one recording: a line of the page's table of recordings.
 #[derive(Clone, Debug)]
 pub struct RecordingLine {
     pub name: String,
-    /// Index of the recording among the sources, by which the spells of the stories refer to it.
-    /// The lines themselves are sorted by time.
+    /// Index of the recording among the sources, by which spells refer to it.
     pub source: usize,
     /// From the recording's first to its last signal; `None` if it has none.
     pub span: Option<Span>,
     /// Number of judged signals.
     pub judged: u64,
-    /// Rejected signals by reason.
-    pub rejected: BTreeMap<String, u64>,
-    /// Number of messages by the file's own statistics.
-    pub expected: Option<u64>,
-    /// Number of bursts that were found.
-    pub bursts: Option<u64>,
-    /// Number of places where the file is damaged.
-    pub damaged_places: u64,
-    /// The first of these places, in words.
-    pub damage: Option<String>,
-    /// Files that are missing beside the verdicts ([`Source::missing`]).
-    pub missing: Vec<&'static str>,
+    /// What is wrong with the data, in words; empty if nothing is.
+    pub flaws: String,
+    pub is_damaged: bool,
+    pub has_episodes: bool,
     /// Counts by printhead.
     pub heads: BTreeMap<Arc<str>, HeadCount>,
 }
@@ -121,9 +113,15 @@ pub struct Report {
     pub survey: Survey,
 }
 
+impl RecordingLine {
+    /// Number of signals that were not judged.
+    pub fn rejected(&self) -> u64 {
+        self.heads.values().map(|head| head.tally.rejected).sum()
+    }
+}
+
 impl Report {
-    /// The report of the recordings of which `survey` has seen all verdicts. `sources`: these
-    /// recordings, in the order of the survey's indices; `lost`: recordings without verdicts.
+    /// `survey`: has seen all verdicts of the `sources`, in their order; `lost`: recordings without verdicts.
     pub fn new(
         sources: &[Source],
         survey: Survey,
@@ -135,19 +133,14 @@ impl Report {
 
         // The stories of each channel, linked with the rates of all channels.
         let rates = rates(&survey, &false_alarms);
-        let mut faults: Vec<Fault> = survey
-            .heads
-            .iter()
-            .flat_map(|head| &head.watches)
-            .flat_map(|watch| Fault::of_channel(story::stories(watch, &rates), &settings))
-            .collect();
+        let faults = |watch| Fault::of_channel(story::stories(watch, &rates), &settings);
+        let mut faults: Vec<Fault> = survey.watches().flat_map(faults).collect();
         fault::sort(&mut faults);
 
         // What is told over channels and recordings.
-        let observed = neighbours::Observed::of(&survey, &faults);
-        let groups = neighbours::groups(&faults, &observed, &settings);
+        let groups = neighbours::groups(&faults, &survey.heads, &settings);
         let notes = notes::notes(&survey, &faults, sources);
-        let mut recordings = lines(sources, &survey, &faults);
+        let mut recordings = lines(sources, &survey);
         recordings.sort_by_cached_key(|line| (line.span.map(|span| span.0), line.name.clone()));
         let drift = drift::points(sources);
         Report { recordings, faults, groups, notes, coverage, false_alarms, drift, survey }
@@ -164,57 +157,43 @@ impl Report {
     }
 }
 
-/// How often faults begin, healthy signals are flagged, and each category occurs, over all
-/// channels: what `story` weighs the bursts of one channel against.
+/// The rates over all channels, against which `story` weighs the bursts of one channel.
 fn rates(survey: &Survey, false_alarms: &FalseAlarms) -> Rates {
     let mut categories: BTreeMap<String, u64> = BTreeMap::new();
-    let watches = || survey.heads.iter().flat_map(|head| &head.watches);
-    for spell in watches().flat_map(|watch| &watch.spells) {
-        if let Some(category) = &spell.episode.category {
-            *categories.entry(category.clone()).or_default() += 1;
-        }
+    let spells = survey.watches().flat_map(|watch| &watch.spells);
+    for category in spells.filter_map(|spell| spell.episode.category.clone()) {
+        *categories.entry(category).or_default() += 1;
     }
-    let channels = survey.heads.iter().flat_map(|head| &head.channels);
     Rates {
-        faulty_channels: watches().count() as u64,
-        judged: channels.map(|c| c.judged).sum(),
+        faulty_channels: survey.watches().count() as u64,
+        judged: survey.channels().map(|c| c.judged).sum(),
         false_alarms: false_alarms.rate(),
         categories,
     }
 }
 
-/// A line of counts for each source: from the survey by printhead, and from the JSON document of
-/// the recording's summary.
-fn lines(sources: &[Source], survey: &Survey, faults: &[Fault]) -> Vec<RecordingLine> {
+/// A line of counts for each source.
+fn lines(sources: &[Source], survey: &Survey) -> Vec<RecordingLine> {
     // channels with an episode, by recording and printhead
-    let mut faulty: BTreeMap<(usize, Arc<str>), BTreeSet<u32>> = BTreeMap::new();
-    for story in faults.iter().map(|fault| &fault.story) {
-        for spell in &story.spells {
-            let key = (spell.recording, story.printhead.clone());
-            faulty.entry(key).or_default().insert(story.channel);
-        }
+    let mut faulty: BTreeMap<(usize, &Arc<str>), BTreeSet<u32>> = BTreeMap::new();
+    for Spell { recording, episode, .. } in survey.watches().flat_map(|watch| &watch.spells) {
+        faulty.entry((*recording, &episode.printhead)).or_default().insert(episode.channel);
     }
     let line = |(recording, source): (usize, &Source)| {
         let count = |head: &survey::Head| {
             let tally = head.tallies.get(&recording)?.clone();
-            let channels = faulty.get(&(recording, head.name.clone())).map_or(0, BTreeSet::len);
+            let channels = faulty.get(&(recording, &head.name)).map_or(0, BTreeSet::len);
             Some((head.name.clone(), HeadCount { tally, faulty_channels: channels as u64 }))
         };
         let heads: BTreeMap<Arc<str>, HeadCount> = survey.heads.iter().filter_map(count).collect();
-        let counts = &source.document["counts"];
-        let rejected = counts["rejected"].as_object().into_iter().flatten();
-        let damage = &source.document["damage"];
         RecordingLine {
             name: source.name.clone(),
             source: recording,
             span: whole(heads.values().filter_map(|h| h.tally.span)),
             judged: heads.values().map(|h| h.tally.judged).sum(),
-            rejected: rejected.filter_map(|(why, n)| Some((why.clone(), n.as_u64()?))).collect(),
-            expected: source.document["expected"].as_u64(),
-            bursts: counts["bursts"].as_u64(),
-            damaged_places: damage["places"].as_u64().unwrap_or(0),
-            damage: damage["first"].as_str().map(str::to_owned),
-            missing: source.missing.clone(),
+            flaws: tables::flaws(source),
+            is_damaged: source.damaged_places() > 0,
+            has_episodes: source.has_episodes(),
             heads,
         }
     };

@@ -1,7 +1,7 @@
 //! Neighbouring channels that may have failed together, as with an air front or a flooded plate.
 //!
 //! In: the faults of all channels, the settings' rows and pitch (how the nozzles lie), and from the
-//! survey how much was judged when (`Observed`). Out to the page and the list: [`Group`]s of open
+//! survey how much was judged when (`Head`). Out to the page and the list: [`Group`]s of open
 //! faults of one category on neighbouring nozzles that began together, each with a sentence.
 //!
 //! Independent faults also lie beside each other and begin together at times. So two faults are
@@ -15,17 +15,17 @@
 //! Groups are the connected components of joined faults.
 
 use super::fault::Fault;
-use super::night::whole;
+use super::night::{Span, whole};
 use super::settings::ReportSettings;
-use super::survey::Survey;
-use super::words;
+use super::story::Story;
+use super::survey::Head;
+use super::words::clock;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Least number of onsets in the order of their channels that show a direction.
 const LEAST_OF_A_FRONT: usize = 4;
-/// Two limits in one: the probability that two independent faults begin so close together, and the number of
-/// such pairs that a printhead is expected to have by chance.
+/// The limit of both numbers of the file's doc.
 const CHANCE: f64 = 0.05;
 
 /// Faults of one category on neighbouring nozzles that were on at the same time.
@@ -36,82 +36,55 @@ pub struct Group {
     pub sentence: String,
 }
 
-/// How much of one printhead was judged when.
-#[derive(Clone, Debug, Default)]
-pub struct Observed {
-    pub channels: usize,
-    /// Of each recording its begin, ns, its end, ns, and the number of signals judged in it.
-    pub recordings: Vec<(i64, i64, u64)>,
-    /// Number of its faults, of all categories and times.
-    pub faults: usize,
+/// Share of all judged signals of a printhead that lie between two times, ns, if they are evenly
+/// spread over each recording. One burst is added, so that the share is not 0 for equal times.
+fn share_between(head: &Head, a_ns: i64, b_ns: i64) -> f64 {
+    let (from, to) = (a_ns.min(b_ns) as f64, a_ns.max(b_ns) as f64);
+    let judged = head.tallies.values().filter_map(|of| Some((of.span?, of.judged)));
+    let within = |((begins, ends), n): (Span, u64)| {
+        let (begins, ends) = (begins as f64, ends as f64);
+        let overlap = (to.min(ends) - from.max(begins)).max(0.0);
+        n as f64 * overlap / (ends - begins).max(1.0)
+    };
+    let all: u64 = judged.clone().map(|(_, n)| n).sum();
+    let between: f64 = judged.map(within).sum();
+    (between + head.channels.len() as f64) / all.max(1) as f64
 }
 
-impl Observed {
-    /// The observations of every printhead.
-    pub fn of(survey: &Survey, faults: &[Fault]) -> BTreeMap<Arc<str>, Observed> {
-        let of = |head: &super::survey::Head| {
-            let span = |t: &super::survey::Tally| t.span.map(|(from, to)| (from, to, t.judged));
-            let observed = Observed {
-                channels: head.channels.len(),
-                recordings: head.tallies.values().filter_map(span).collect(),
-                faults: faults.iter().filter(|f| f.story.printhead == head.name).count(),
-            };
-            (head.name.clone(), observed)
-        };
-        survey.heads.iter().map(of).collect()
-    }
-
-    /// Share of all judged signals that lie between two times, ns, if they are evenly spread over
-    /// each recording. One burst is added, so that the share is not 0 for equal times.
-    fn share(&self, a_ns: i64, b_ns: i64) -> f64 {
-        let (from, to) = (a_ns.min(b_ns) as f64, a_ns.max(b_ns) as f64);
-        let all: u64 = self.recordings.iter().map(|r| r.2).sum();
-        let within = |&(begins, ends, n): &(i64, i64, u64)| {
-            let (begins, ends) = (begins as f64, ends as f64);
-            let overlap = (to.min(ends) - from.max(begins)).max(0.0);
-            n as f64 * overlap / (ends - begins).max(1.0)
-        };
-        let looks: f64 = self.recordings.iter().map(within).sum();
-        (looks + self.channels as f64) / all.max(1) as f64
-    }
-
-    /// Whether the faults of two neighbours began closer together than independent faults would.
-    /// `rows`: rows of nozzles of the printhead. If neither onset was seen, only the channels'
-    /// places are evidence, and the first number is not asked for.
-    fn began_together(&self, a: &Fault, b: &Fault, rows: u32) -> bool {
-        let (a, b) = (&a.story, &b.story);
-        let unseen = !a.onset_seen && !b.onset_seen;
-        // close: the probability that a second, independent onset lies so close to the first,
-        // before or after it
-        let close = (2.0 * self.share(a.began_at_ns, b.began_at_ns)).min(1.0);
-
-        // A nozzle has two neighbours in its row, and three in each row beside it, of which there
-        // are at most two.
-        let neighbours = 2.0 + 3.0 * f64::from((rows - 1).min(2));
-        // pairs of faults, and the probability that the channels of a pair are neighbours
-        let pairs = 0.5 * self.faults as f64 * self.faults.saturating_sub(1) as f64;
-        let touching = neighbours / self.channels.saturating_sub(1).max(1) as f64;
-        // if neither onset was seen, only the places of the channels are evidence
-        let close = if unseen { 1.0 } else { close };
-        (unseen || close <= CHANCE) && pairs * touching * close <= CHANCE
-    }
-}
-
-/// Groups of two or more open faults, the largest first.
-pub fn groups(
-    faults: &[Fault],
-    observed: &BTreeMap<Arc<str>, Observed>,
-    settings: &ReportSettings,
-) -> Vec<Group> {
-    let mut left: Vec<usize> = (0..faults.len()).filter(|k| faults[*k].is_open()).collect();
-    let mut groups = Vec::new();
-    let joined = |a: &Fault, b: &Fault| {
-        let together = |of: &Observed| of.began_together(a, b, settings.rows);
-        touch(a, b, settings) && observed.get(&a.story.printhead).is_some_and(together)
+/// Whether the faults of two neighbours began closer together than independent faults would.
+/// `faults`: number of faults of the printhead; `rows`: its rows of nozzles.
+fn began_together(head: &Head, faults: usize, a: &Story, b: &Story, rows: u32) -> bool {
+    // The probability that a second, independent onset lies so close to the first, before or after
+    // it. If neither onset was seen, only the places of the channels are evidence.
+    let unseen = !a.onset_seen && !b.onset_seen;
+    let close = match unseen {
+        true => 1.0,
+        false => (2.0 * share_between(head, a.began_at_ns, b.began_at_ns)).min(1.0),
     };
 
-    // Connected components: take any fault that is left, and grow its group by what is joined to
-    // one of its members, until no member has anything left to join.
+    // A nozzle has two neighbours in its row, and three in each row beside it, of which there are
+    // at most two.
+    let neighbours = 2.0 + 3.0 * f64::from((rows - 1).min(2));
+    // pairs of faults, and the probability that the channels of a pair are neighbours
+    let pairs = 0.5 * faults as f64 * faults.saturating_sub(1) as f64;
+    let touching = neighbours / head.channels.len().saturating_sub(1).max(1) as f64;
+    (unseen || close <= CHANCE) && pairs * touching * close <= CHANCE
+}
+
+/// Groups of two or more open faults, the largest first. `heads`: all printheads.
+pub fn groups(faults: &[Fault], heads: &[Head], settings: &ReportSettings) -> Vec<Group> {
+    let mut left: Vec<usize> = (0..faults.len()).filter(|k| faults[*k].is_open()).collect();
+    let mut groups = Vec::new();
+    let of_head = |name: &Arc<str>| faults.iter().filter(|of| of.story.printhead == *name).count();
+    let heads: BTreeMap<&Arc<str>, (&Head, usize)> =
+        heads.iter().map(|head| (&head.name, (head, of_head(&head.name)))).collect();
+    let joined = |Fault { story: a, .. }: &Fault, Fault { story: b, .. }: &Fault| {
+        let together =
+            |(head, faults): &(&Head, usize)| began_together(head, *faults, a, b, settings.rows);
+        touch(a, b, settings) && heads.get(&a.printhead).is_some_and(together)
+    };
+
+    // Grow a group from any fault by what is joined to one of its members, until nothing is.
     while let Some(first) = left.pop() {
         let mut members = vec![first];
         let mut at = 0;
@@ -133,10 +106,8 @@ pub fn groups(
     groups
 }
 
-/// Whether two faults of one category are on neighbouring nozzles, in one row or in adjacent rows,
-/// and were on at the same time.
-fn touch(a: &Fault, b: &Fault, settings: &ReportSettings) -> bool {
-    let (a, b) = (&a.story, &b.story);
+/// Whether two faults of one category are on neighbouring nozzles, and were on at the same time.
+fn touch(a: &Story, b: &Story, settings: &ReportSettings) -> bool {
     let place =
         |channel: u32| (i64::from(channel % settings.rows), i64::from(channel / settings.rows));
     let ((row_a, at_a), (row_b, at_b)) = (place(a.channel), place(b.channel));
@@ -169,18 +140,15 @@ fn sentence(members: &[usize], faults: &[Fault], settings: &ReportSettings) -> S
         text += &format!(", over {:.2} mm", width * settings.pitch / 1e3);
     }
 
-    // When: from the first onset to the last. Four or more onsets in the order of the channels look
-    // like a front.
+    // Four or more onsets in the order of the channels look like a front.
     let onsets: Vec<i64> = stories.iter().map(|s| s.began_at_ns).collect();
     let (rising, falling) = (onsets.is_sorted(), onsets.iter().rev().is_sorted());
     let (first_ns, last_ns) = whole(onsets.iter().map(|t| (*t, *t))).unwrap_or_default();
     let moves = first_ns != last_ns && onsets.len() >= LEAST_OF_A_FRONT;
     text += &match stories.iter().any(|s| s.onset_seen) {
         false => ", all since before they were first looked at".to_owned(),
-        true if first_ns == last_ns => format!(", all since {}", words::clock(first_ns)),
-        true => {
-            format!(", since {} to {}", words::clock(first_ns), words::clock(last_ns))
-        }
+        true if first_ns == last_ns => format!(", all since {}", clock(first_ns)),
+        true => format!(", since {} to {}", clock(first_ns), clock(last_ns)),
     };
 
     // What may be the cause.
@@ -199,6 +167,7 @@ fn sentence(members: &[usize], faults: &[Fault], settings: &ReportSettings) -> S
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::report::counts::{ChannelCount, Tally};
     use crate::report::story::{Rates, stories};
     use crate::report::watch::{Spell, Watch};
     use inkling_core::episodes::Episode;
@@ -215,18 +184,23 @@ mod tests {
             bursts: 9,
             ..Episode::default()
         };
-        let spell = Spell { recording: 0, episode, looked: Default::default() };
+        let spell = Spell { recording: 0, episode, counts: Default::default() };
         let mut watch = Watch::new(vec![spell]);
-        watch.look(0, BEFORE, false, None, None);
+        watch.add_burst(0, BEFORE, false, None, None);
         let stories = stories(&watch, &Rates::default());
         Fault::of_channel(stories, &ReportSettings::default()).remove(0)
     }
 
     fn of(faults: &[Fault], rows: u32) -> Vec<Group> {
-        let recordings = vec![(BEFORE, 1_000_000, 256 * 2000)];
-        let observed = Observed { channels: 256, recordings, faults: faults.len() };
-        let observed = BTreeMap::from([("p".into(), observed)]);
-        groups(faults, &observed, &ReportSettings { rows, pitch: 100.0, ..Default::default() })
+        let span = Some((BEFORE, 1_000_000));
+        let tally = Tally { judged: 256 * 2000, span, ..Tally::default() };
+        let head = Head {
+            name: "p".into(),
+            channels: vec![ChannelCount::default(); 256],
+            tallies: BTreeMap::from([(0, tally)]),
+            ..Head::default()
+        };
+        groups(faults, &[head], &ReportSettings { rows, pitch: 100.0, ..Default::default() })
     }
 
     #[test]

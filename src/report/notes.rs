@@ -5,9 +5,10 @@
 //! about printheads with so many faults at once that the cause is hardly the nozzles, and about
 //! recordings that overlap in time, whose signals count twice.
 
+use super::counts::Tally;
 use super::fault::Fault;
 use super::source::Source;
-use super::survey::{Head, Survey, Tally};
+use super::survey::{Head, Survey};
 use super::words::{counted, percent, thousands};
 use inkling_core::verdict::at_once::{ADVICE, FEWEST_CHANNELS, MOST_AT_ONCE};
 
@@ -26,7 +27,7 @@ pub fn notes(survey: &Survey, faults: &[Fault], sources: &[Source]) -> Vec<Strin
 /// model fits them.
 fn not_judged(head: &Head) -> Option<String> {
     let mismatched: u64 = head.tallies.values().map(Tally::mismatched).sum();
-    let all: u64 = head.tallies.values().map(|t| t.judged + t.rejected).sum();
+    let all: u64 = head.tallies.values().map(Tally::signals).sum();
     (2 * mismatched > all).then(|| {
         format!(
             "{}: {} of its {} were not judged, because no model fits it. Is the design of this \
@@ -64,24 +65,16 @@ fn at_once(head: &Head, faults: &[Fault]) -> Option<String> {
     })
 }
 
-/// The note about recordings that seem to hold the same channels at the same time ([`overlapping`]), one for
-/// all printheads.
+/// The note about recordings that seem to hold the same channels at the same time.
 fn overlaps(survey: &Survey, sources: &[Source]) -> Option<String> {
-    let mut pairs: Vec<(usize, usize)> = Vec::new();
-    let mut heads = 0;
-    for head in &survey.heads {
-        let before = pairs.len();
-        pairs.extend(overlapping(head));
-        heads += u64::from(pairs.len() > before);
-    }
+    let of_heads = survey.heads.iter().map(overlapping).filter(|pairs| !pairs.is_empty());
+    let of_heads: Vec<Vec<(usize, usize)>> = of_heads.collect();
+    let mut pairs = of_heads.concat();
     pairs.sort_unstable();
     pairs.dedup();
     let name = |k: usize| sources.get(k).map_or("", |source| source.name.as_str());
-    let named: Vec<String> = pairs
-        .iter()
-        .take(MOST_NAMED)
-        .map(|&(a, b)| format!("{} and {}", name(a), name(b)))
-        .collect();
+    let both = |&(a, b): &(usize, usize)| format!("{} and {}", name(a), name(b));
+    let named: Vec<String> = pairs.iter().take(MOST_NAMED).map(both).collect();
     let more = match pairs.len().saturating_sub(MOST_NAMED) {
         0 => String::new(),
         n => format!(", and {} more", counted(n as u64, "pair")),
@@ -90,34 +83,30 @@ fn overlaps(survey: &Survey, sources: &[Source]) -> Option<String> {
         format!(
             "Recordings overlap in time on {}: {}{more}. What two of them hold counts twice; or a clock \
              was wrong.",
-            counted(heads, "printhead"),
+            counted(of_heads.len() as u64, "printhead"),
             named.join(", ")
         )
     })
 }
 
-/// Pairs of recordings of a printhead, by their indices, that overlap in time and in the range from
-/// the lowest to the highest channel that they judged. Spans of time that only touch do not
-/// overlap. Each recording is compared with the [`MOST_LOOKED_BACK`] recordings that come before it
-/// in the order of their begins, and paired with at most one of these: the latest one that it
-/// overlaps.
+/// Pairs of recordings of a printhead, by their indices, that overlap in time and in the range of channels that
+/// they judged. Each recording is paired with at most one of the [`MOST_LOOKED_BACK`] before it: the latest one
+/// that it overlaps.
 fn overlapping(head: &Head) -> Vec<(usize, usize)> {
-    let span = |(&k, t): (&usize, &super::survey::Tally)| t.span.map(|(from, to)| (from, to, k));
+    let span = |(&k, t): (&usize, &Tally)| t.span.map(|(from, to)| (from, to, k));
     let mut spans: Vec<(i64, i64, usize)> = head.tallies.iter().filter_map(span).collect();
     spans.sort_unstable();
-    let mut pairs = Vec::new();
-    for (at, &(from, _, k)) in spans.iter().enumerate() {
+    let pair = |(at, &(from, _, k)): (usize, &(i64, i64, usize))| {
         let shares = |other: usize| {
             let (a, b) = (head.tallies[&k].channels, head.tallies[&other].channels);
             a.zip(b).is_some_and(|([a, z], [b, y])| a.max(b) <= z.min(y))
         };
-        let earlier = spans[..at].iter().rev().take(MOST_LOOKED_BACK);
-        let of = earlier.clone().find(|(_, to, other)| *to > from && shares(*other));
-        pairs.extend(of.map(|&(_, _, other)| (other.min(k), other.max(k))));
-    }
-    pairs
+        let mut earlier = spans[..at].iter().rev().take(MOST_LOOKED_BACK);
+        let of = earlier.find(|(_, to, other)| *to > from && shares(*other));
+        of.map(|&(_, _, other)| (other.min(k), other.max(k)))
+    };
+    spans.iter().enumerate().filter_map(pair).collect()
 }
 
-/// Number of preceding recordings with which each one is compared. It bounds the time where there are many;
-/// an overlap with a recording that lies further back is not found.
+/// Number of preceding recordings with which each one is compared, to bound the time.
 const MOST_LOOKED_BACK: usize = 64;

@@ -8,21 +8,22 @@
 //! and the fault's index), so figures and maps are drawn first and put in later.
 
 use super::changes::Changes;
+use super::coverage::Extent;
+use super::false_alarms::FalseAlarms;
 use super::fault::{Fault, what};
 use super::night::whole;
+use super::story::Story;
 use super::survey::Head;
 use super::tables::LinkTargets;
-use super::words::{clock, counted, first_of, percent, thousands};
-use super::{Report, figures, heads, maps, tables};
+use super::words::{clock, counted, first_of, of_some, percent, thousands};
+use super::{RecordingLine, Report, figures, heads, maps, tables};
 use inkling_core::fault;
 use inkling_core::verdict::Reason;
 use inkling_lab::plot::page::{escaped, name, page, table};
 use std::collections::BTreeMap;
-use std::fmt::Write;
 use std::sync::Arc;
 
-/// Once all maps together have more bytes than this no further map is drawn, and the page says so:
-/// the page is to be mailed.
+/// Once all maps together have more bytes than this no further one is drawn: the page is to be mailed.
 const MOST_MAP_BYTES: usize = 3_500_000;
 /// Most groups of neighbours that are listed.
 const MOST_GROUPS: usize = 30;
@@ -34,13 +35,12 @@ pub fn html(report: &Report) -> String {
     let open: Vec<&Fault> = report.open().collect();
     let over: Vec<&Fault> = report.over().collect();
     let mut body = String::from("<h1>Nozzle report</h1>\n");
-    let first = report.coverage.first();
-    for sentence in first.iter().chain(sentence(report, &open).iter()) {
-        let _ = writeln!(body, "<p class=\"sentence\">{}</p>", escaped(sentence));
+    for sentence in report.coverage.first().into_iter().chain(sentence(report, &open)) {
+        body += &format!("<p class=\"sentence\">{}</p>\n", escaped(&sentence));
     }
-    let _ = writeln!(body, "<p class=\"note\">{}</p>", escaped(&basis(report)));
+    body += &format!("<p class=\"note\">{}</p>\n", escaped(&basis(report)));
     for note in &report.notes {
-        let _ = writeln!(body, "<p class=\"warn\"><b>Note.</b> {}</p>", escaped(note));
+        body += &format!("<p class=\"warn\"><b>Note.</b> {}</p>\n", escaped(note));
     }
 
     // Figures and maps are drawn before the lists, because the lists link to those that exist.
@@ -48,17 +48,23 @@ pub fn html(report: &Report) -> String {
     let (maps, of_heads) = draw_maps(report);
     let drawn = LinkTargets { trends: trends.keys().copied().collect(), maps: of_heads };
     body += &heads::lights(report, &drawn);
-    changed(report, &mut body);
+    body += &changed(report);
     body += "<h2>To clean</h2>\n";
-    match open.is_empty() {
-        true if report.coverage.is_complete() => body += "<p>Nothing.</p>\n",
-        true if report.coverage.knows_faults(report.recordings.len()) => {
-            body += "<p>No channel, as far as is known; what is not stands first.</p>\n";
+    body += &match report.coverage.extent() {
+        _ if !open.is_empty() => tables::to_clean(report, &open, &drawn),
+        Extent::Complete => "<p>Nothing.</p>\n".into(),
+        Extent::Partial => {
+            "<p>No channel, as far as is known; what is not stands first.</p>\n".into()
         }
-        true => body += "<p>Nobody knows.</p>\n",
-        false => body += &tables::to_clean(report, &open, &drawn),
+        Extent::NothingJudged | Extent::NoFaults => "<p>Nobody knows.</p>\n".into(),
+    };
+    let groups = report.groups.iter().take(MOST_GROUPS);
+    let groups = groups.map(|group| format!("<li>{}</li>\n", escaped(&group.sentence)));
+    let groups: String = groups.collect();
+    if !groups.is_empty() {
+        body += "<h3>Neighbours that may have failed together</h3>\n";
+        body += &format!("<ul>\n{groups}</ul>\n");
     }
-    together(report, &mut body);
     if !over.is_empty() {
         body += "<h2>Over: healthy again, and did not come back</h2>\n";
         body += &tables::over(report, &over, &drawn);
@@ -69,15 +75,19 @@ pub fn html(report: &Report) -> String {
     body += &maps;
     let anchored =
         |(place, figure): (&usize, &String)| format!("<div id=\"t{place}\">{figure}</div>");
-    section("Faults over time", &trends.iter().map(anchored).collect::<Vec<_>>(), &mut body);
-    section("Drift of the healthy ring", &figures::drift(&report.drift), &mut body);
-    false_alarms(report, &mut body);
-    explain(&mut body);
+    let trends: Vec<String> = trends.iter().map(anchored).collect();
+    let drift = figures::drift(&report.drift);
+    for (title, figures) in [("Faults over time", trends), ("Drift of the healthy ring", drift)] {
+        if !figures.is_empty() {
+            body += &format!("<h2>{title}</h2>\n{}\n", figures.join("\n"));
+        }
+    }
+    body += &false_alarms(&report.false_alarms);
+    body += &explained();
     page("Nozzle report", &body)
 }
 
-/// The page's first sentence: `6 of 192 channels on 3 printheads need care ...`. `open`: the faults
-/// to clean, the most urgent first. `None` if nothing was judged.
+/// The page's first sentence: `6 of 192 channels on 3 printheads need care ...`, if anything was judged.
 fn sentence(report: &Report, open: &[&Fault]) -> Option<String> {
     let coverage = &report.coverage;
     let judged = |head: &&Head| head.tallies.values().any(|tally| tally.judged > 0);
@@ -90,25 +100,23 @@ fn sentence(report: &Report, open: &[&Fault]) -> Option<String> {
 
     // Nothing is to be cleaned: how much that says depends on how much is known.
     let Some(first) = open.first() else {
-        return match coverage {
-            _ if coverage.judged == 0 => None,
-            _ if !coverage.knows_faults(report.recordings.len()) => {
-                Some("What needs care is not known.".into())
-            }
-            _ if coverage.is_complete() => Some(format!("Of {of} none needs care.")),
-            _ => Some(format!("What is known of {of} names no channel to clean.")),
+        return match coverage.extent() {
+            Extent::NothingJudged => None,
+            Extent::NoFaults => Some("What needs care is not known.".into()),
+            Extent::Complete => Some(format!("Of {of} none needs care.")),
+            Extent::Partial => Some(format!("What is known of {of} names no channel to clean.")),
         };
     };
 
     // How many faults there are of each kind, the most frequent kind first.
     let mut kinds: BTreeMap<String, u64> = BTreeMap::new();
-    for fault in open {
-        let kind = fault.story.category.as_deref().map(|c| c.replace('_', " "));
-        let unnamed = match fault.story.strange {
-            Some(Reason::NoRing) => "at the sensor line",
-            _ => "not named",
+    for Story { category, reason, .. } in open.iter().map(|fault| &fault.story) {
+        let kind = match (category, reason) {
+            (Some(category), _) => category.replace('_', " "),
+            (None, Some(Reason::NoRing)) => "at the sensor line".into(),
+            (None, _) => "not named".into(),
         };
-        *kinds.entry(kind.unwrap_or_else(|| unnamed.into())).or_default() += 1;
+        *kinds.entry(kind).or_default() += 1;
     }
     let mut kinds: Vec<(String, u64)> = kinds.into_iter().collect();
     kinds.sort_by_key(|(_, n)| std::cmp::Reverse(*n));
@@ -134,51 +142,29 @@ fn sentence(report: &Report, open: &[&Fault]) -> Option<String> {
 fn basis(report: &Report) -> String {
     let lines = &report.recordings;
     let judged: u64 = lines.iter().map(|line| line.judged).sum();
-    let rejected: u64 =
-        lines.iter().flat_map(|line| line.heads.values()).map(|h| h.tally.rejected).sum();
-    let damaged = lines.iter().filter(|line| line.damaged_places > 0).count() as u64;
-    let mut text = format!(
+    let rejected: u64 = lines.iter().map(RecordingLine::rejected).sum();
+    let damaged = lines.iter().filter(|line| line.is_damaged).count() as u64;
+    let mut parts = vec![format!(
         "{}, {} signals judged, {} rejected",
         counted(lines.len() as u64, "recording"),
         thousands(judged),
         percent(rejected, judged + rejected)
-    );
-    if let Some((from, to)) = whole(lines.iter().filter_map(|line| line.span)) {
-        text = format!("{text}; {} to {} UTC", clock(from), clock(to));
-    }
-    if !report.coverage.lost.is_empty() {
-        let lost = counted(report.coverage.lost.len() as u64, "recording");
-        text += &format!("; {lost} without verdicts");
-    }
-    if damaged > 0 {
-        text += &format!("; {} damaged", counted(damaged, "recording"));
-    }
-    let left_out = report.survey.left_out.values().sum();
-    if left_out > 0 {
-        text += &format!(
-            "; {} signals of more printheads or channels than are told apart",
-            thousands(left_out)
-        );
-    }
-    text + "."
+    )];
+    let span = whole(lines.iter().filter_map(|line| line.span));
+    parts.extend(span.map(|(from, to)| format!("{} to {} UTC", clock(from), clock(to))));
+    let lost = report.coverage.lost.len() as u64;
+    let left_out: u64 = report.survey.left_out.values().sum();
+    let of_channels = "signals of more printheads or channels than are told apart";
+    parts.extend(of_some([
+        (lost, format!("{} without verdicts", counted(lost, "recording"))),
+        (damaged, format!("{} damaged", counted(damaged, "recording"))),
+        (left_out, format!("{} {of_channels}", thousands(left_out))),
+    ]));
+    parts.join("; ") + "."
 }
 
-/// The list of neighbours that may have failed together.
-fn together(report: &Report, body: &mut String) {
-    if report.groups.is_empty() {
-        return;
-    }
-    *body += "<h3>Neighbours that may have failed together</h3>\n<ul>\n";
-    for group in report.groups.iter().take(MOST_GROUPS) {
-        let _ = writeln!(body, "<li>{}</li>", escaped(&group.sentence));
-    }
-    *body += "</ul>\n";
-}
-
-/// The section of the maps, and the number of each printhead's map that was drawn, which is part of
-/// the map's address in the page.
+/// The section of the maps, and the number of each printhead's map, which is part of its address.
 fn draw_maps(report: &Report) -> (String, BTreeMap<Arc<str>, usize>) {
-    let heads: Vec<_> = report.survey.heads.iter().filter(|h| !h.tallies.is_empty()).collect();
     let mut body = String::from(
         "<h2>Maps of the printheads</h2>\n<p class=\"note\">Channels across, time down; each cell \
               shows the worst of its bursts, so that a single bad one stays visible. White bars: nobody \
@@ -187,149 +173,113 @@ fn draw_maps(report: &Report) -> (String, BTreeMap<Arc<str>, usize>) {
     );
     body += &maps::key(&report.survey.categories);
     let (before, mut left_out, mut drawn_of) = (body.len(), 0, BTreeMap::new());
-    for head in &heads {
-        let faults: Vec<&Fault> =
-            report.faults.iter().filter(|f| f.story.printhead == head.name).collect();
+    for head in report.survey.heads_with_signals() {
         let drawn = match body.len() - before {
             bytes if bytes > MOST_MAP_BYTES => Ok(String::new()),
-            _ => maps::maps(head, &faults, &report.survey.categories),
+            _ => maps::maps(head, &report.faults, &report.survey.categories),
         };
         match drawn {
             Ok(maps) if maps.is_empty() => left_out += 1,
             Ok(maps) => {
                 let number = drawn_of.len();
                 drawn_of.insert(head.name.clone(), number);
-                let _ = writeln!(body, "<h3 id=\"m{number}\">{}</h3>\n{maps}", name(&head.name));
+                body += &format!("<h3 id=\"m{number}\">{}</h3>\n{maps}\n", name(&head.name));
             }
-            Err(e) => {
-                let _ = writeln!(body, "<p>{}: {}</p>", name(&head.name), escaped(&e));
-            }
+            Err(e) => body += &format!("<p>{}: {}</p>\n", name(&head.name), escaped(&e)),
         }
     }
     if left_out > 0 {
-        let _ = writeln!(
-            body,
-            "<p>{} more are not drawn: those with most faults come first.</p>",
-            counted(left_out, "printhead")
-        );
+        let heads = counted(left_out, "printhead");
+        body += &format!("<p>{heads} more are not drawn: those with most faults come first.</p>\n");
     }
     (body, drawn_of)
 }
 
-/// Adds the section of what changed since the night before, if there was one. It stands before the
-/// cleaning list.
-fn changed(report: &Report, body: &mut String) {
-    let Some(changes) = Changes::of(&report.recordings, &report.faults) else { return };
-    let _ = writeln!(
-        body,
-        "<h2>What changed since the night before</h2>\n<p class=\"note\">In {} from {} to {} UTC.</p>\n<ul>",
+/// The section of what changed since the night before; empty if there was none.
+fn changed(report: &Report) -> String {
+    let Some(changes) = Changes::of(&report.recordings, &report.faults) else {
+        return String::new();
+    };
+    let mut items = Vec::new();
+    for (_, words, faults) in changes.kinds.iter().filter(|kind| !kind.2.is_empty()) {
+        let all: Vec<String> = faults.iter().map(|fault| change(report, fault)).collect();
+        let (some, (first, rest)) = (first_of(&all, MOST_CHANGES, "; "), words.split_at(1));
+        items.push(format!("<b>{}{rest}:</b> {some}.", first.to_uppercase()));
+    }
+    let names = changes.silent.iter().take(MOST_CHANGES).map(|of| name(of));
+    let names = names.collect::<Vec<_>>().join(", ");
+    if !changes.silent.is_empty() {
+        items.push(format!(
+            "<b>Not judged last night:</b> {names}; what is known of them is older."
+        ));
+    }
+    let still = counted(changes.still as u64, "channel");
+    items.extend(match (items.is_empty(), changes.still) {
+        (false, 0) => None,
+        (false, _) => Some(format!("{still} as before.")),
+        (true, 0) => Some("Nothing, of what was judged.".to_owned()),
+        (true, _) => Some(format!("Nothing, of what was judged: {still} as before.")),
+    });
+    let items: String = items.iter().map(|item| format!("<li>{item}</li>\n")).collect();
+    format!(
+        "<h2>What changed since the night before</h2>\n<p class=\"note\">In {} from {} to {} UTC.</p>\n\
+         <ul>\n{items}</ul>\n",
         counted(changes.recordings as u64, "recording"),
         clock(changes.from_ns),
         clock(changes.to_ns)
-    );
-    let mut is_any = false;
-    for (_, words, faults) in changes.kinds() {
-        if faults.is_empty() {
-            continue;
-        }
-        is_any = true;
-        let (first, rest) = words.split_at(1);
-        let words = format!("{}{rest}", first.to_uppercase());
-        let all: Vec<String> = faults.iter().map(|fault| change(report, fault)).collect();
-        let some = first_of(&all, MOST_CHANGES, "; ");
-        let _ = writeln!(body, "<li><b>{words}:</b> {some}.</li>");
-    }
-    if !changes.silent.is_empty() {
-        is_any = true;
-        let names: Vec<String> =
-            changes.silent.iter().take(MOST_CHANGES).map(|of| name(of)).collect();
-        let _ = writeln!(
-            body,
-            "<li><b>Not judged last night:</b> {}; what is known of them is older.</li>",
-            names.join(", ")
-        );
-    }
-    let still = counted(changes.still as u64, "channel");
-    match (is_any, changes.still) {
-        (true, 0) => {}
-        (true, _) => *body += &format!("<li>{still} as before.</li>\n"),
-        (false, 0) => *body += "<li>Nothing, of what was judged.</li>\n",
-        (false, _) => {
-            *body += &format!("<li>Nothing, of what was judged: {still} as before.</li>\n");
-        }
-    }
-    *body += "</ul>\n";
-}
-
-/// The words for a changed fault, `black-2 channel 0, empty ink channel (EC)`, with a link to the
-/// fault's row.
-fn change(report: &Report, fault: &Fault) -> String {
-    let s = &fault.story;
-    let place = tables::place(report, fault);
-    format!(
-        "<a href=\"#r{place}\">{} channel {}</a>, {}",
-        name(&s.printhead),
-        s.channel,
-        escaped(&what(s))
     )
 }
 
-/// Adds a section of figures, if there are any.
-fn section(title: &str, figures: &[String], body: &mut String) {
-    if !figures.is_empty() {
-        let _ = writeln!(body, "<h2>{title}</h2>\n{}", figures.join("\n"));
-    }
+/// A changed fault, `black-2 channel 0, empty ink channel (EC)`, with a link to its row.
+fn change(report: &Report, fault: &Fault) -> String {
+    let (place, story) = (tables::place(report, fault), &fault.story);
+    let (head, what) = (name(&story.printhead), escaped(&what(story)));
+    format!("<a href=\"#r{place}\">{head} channel {}</a>, {what}", story.channel)
 }
 
-/// Adds the section of false alarms, with the channels that are flagged most often.
-fn false_alarms(report: &Report, body: &mut String) {
-    let f = &report.false_alarms;
+/// The section of false alarms, with the channels that are flagged most often.
+fn false_alarms(f: &FalseAlarms) -> String {
     let per_million = |share: f64| thousands((1e6 * share).round() as u64);
-    let [low, high] = f.interval();
-    let _ = writeln!(
-        body,
+    let [low, high] = f.interval().map(per_million);
+    let meant = match f.promised {
+        None => String::new(),
+        Some((one, other)) if one == other => {
+            format!("; the threshold is meant for {}", per_million(one))
+        }
+        Some((least, most)) => {
+            let [least, most] = [least, most].map(per_million);
+            format!("; the thresholds are meant for {least} to {most}")
+        }
+    };
+    let text = format!(
         "<h2>False alarms</h2>\n<p>Outside of every episode {} of {} signals were flagged: {} of a million \
-         (95 %: {} to {}, from the scatter over channels){}. Faults too short for an episode are \
-         counted as false alarms here: it is an upper estimate.</p>",
+         (95 %: {low} to {high}, from the scatter over channels){meant}. Faults too short for an episode are \
+         counted as false alarms here: it is an upper estimate.</p>\n",
         thousands(f.flagged),
         thousands(f.judged),
         per_million(f.flagged as f64 / f.judged.max(1) as f64),
-        per_million(low),
-        per_million(high),
-        match f.promised {
-            None => String::new(),
-            Some((low, high)) if low == high => {
-                format!("; the threshold is meant for {}", per_million(low))
-            }
-            Some((low, high)) => {
-                format!(
-                    "; the thresholds are meant for {} to {}",
-                    per_million(low),
-                    per_million(high)
-                )
-            }
-        }
     );
     if f.often.is_empty() {
-        return;
+        return text;
     }
     let often = f.often.iter().map(|(printhead, of)| {
         let [flagged, judged] = [of.flagged, of.judged].map(thousands);
         [name(printhead), of.channel.to_string(), flagged, judged]
     });
     let often = table(["printhead", ">channel", ">flagged", ">judged"], often);
-    let _ = writeln!(body, "<p>Flagged most often without an episode:</p>\n{often}");
+    format!("{text}<p>Flagged most often without an episode:</p>\n{often}\n")
 }
 
-/// Adds the section that explains the page's words and the classes. `glossary.txt` has a line for
-/// each word, and below it one for its meaning.
-fn explain(body: &mut String) {
-    *body += "<h2>What the words mean</h2>\n<dl>\n";
+/// The section that explains words and classes. `glossary.txt` has lines of a word and of its meaning.
+fn explained() -> String {
     let lines: Vec<&str> = include_str!("glossary.txt").lines().map(str::trim).collect();
-    for [word, meaning] in lines.as_chunks().0 {
-        let _ = writeln!(body, "<dt>{word}</dt><dd>{meaning}.</dd>");
-    }
+    let words = lines.as_chunks().0.iter();
+    let words = words.map(|[word, meaning]| format!("<dt>{word}</dt><dd>{meaning}.</dd>\n"));
     let of_class = fault::CLASSES
         .map(|class| [class, fault::in_words(class), fault::quantity(class)].map(str::to_owned));
-    let _ = writeln!(body, "</dl>\n{}", table(["class", "in words", "how bad is"], of_class));
+    format!(
+        "<h2>What the words mean</h2>\n<dl>\n{}</dl>\n{}\n",
+        words.collect::<String>(),
+        table(["class", "in words", "how bad is"], of_class)
+    )
 }

@@ -8,23 +8,16 @@ use super::words::{Column, columns, counted};
 use inkling_core::fault;
 use inkling_core::promise::{Detectable, FOUND, Pair, Promise};
 use inkling_lab::plot::page::{name, table};
-use std::fmt::Write as _;
 use std::io::{self, Write};
 
-/// Two classes count as told apart if they are mistaken for each other in a smaller share of their
-/// flagged signals than this.
+/// Two classes count as told apart if they are mistaken in a smaller share of their flagged signals.
 const APART: f64 = 0.01;
 /// Most pairs that are listed one by one.
 const MOST_PAIRS: usize = 20;
 
-/// A severity in words, in the unit of the verdict table.
-fn size(severity: f64) -> String {
-    format!("{severity:.3}")
-}
-
-/// The range of a class's sizes in words.
+/// The range of a class's sizes, in the unit of the verdict table.
 fn sizes(d: &Detectable) -> String {
-    format!("{} to {}", size(d.range[0]), size(d.range[1]))
+    format!("{:.3} to {:.3}", d.range[0], d.range[1])
 }
 
 /// The share of a class's signals, over all its sizes, that is found.
@@ -32,13 +25,12 @@ fn found(d: &Detectable) -> String {
     format!("{:.1} %", 100.0 * d.found)
 }
 
-/// The smallest fault of a class that is found, in words: a severity, and how it lies to the sizes
-/// of the class.
+/// The smallest fault of a class that is found, in words.
 fn smallest(d: &Detectable) -> String {
     match d.smallest {
         Some(smallest) if smallest <= d.range[0] => "all of its sizes".into(),
-        Some(smallest) if smallest > d.range[1] => format!("{}, beyond it", size(smallest)),
-        Some(smallest) => size(smallest),
+        Some(smallest) if smallest > d.range[1] => format!("{smallest:.3}, beyond it"),
+        Some(smallest) => format!("{smallest:.3}"),
         None => "none of its sizes".into(),
     }
 }
@@ -86,12 +78,11 @@ pub fn html(promise: &Promise) -> String {
     });
     text += &table(heads, of_class);
     let (confused, apart) = confused(promise);
-    let _ = writeln!(
-        text,
+    text += &format!(
         "</div>\n<h3>Isolability: classes that are mistaken for each other</h3>\n<p class=\"note\">Of \
          the flagged signals of the one the share whose best class is the other, mean of both ways; classes \
          of one kind (blocked and partly blocked, the three degrees of drying) differ by size alone. The other \
-         {} are told apart: mistaken in fewer than {:.0} %.</p>",
+         {} are told apart: mistaken in fewer than {:.0} %.</p>\n",
         counted(apart as u64, "pair"),
         100.0 * APART
     );
@@ -107,8 +98,7 @@ pub fn html(promise: &Promise) -> String {
     text
 }
 
-/// Writes the promise for a terminal. `printable`: makes a text safe for the terminal and cuts it to a number
-/// of characters.
+/// Writes the promise for a terminal. `printable`: makes a text safe and cuts it to a number of characters.
 pub fn print(
     promise: &Promise,
     printable: impl Fn(&str, usize) -> String,

@@ -18,8 +18,7 @@ pub struct ReportSettings {
     pub rows: u32,
     /// Distance from a nozzle to the next one in its row, µm; 0 if it is not known.
     pub pitch: f64,
-    /// What to do, in the user's words, by category of the fault, or by reason if no category is
-    /// certain.
+    /// What to do, by category of the fault, or by reason if no category is certain.
     #[serde(deserialize_with = "over_defaults")]
     pub actions: BTreeMap<String, String>,
 }
@@ -30,8 +29,7 @@ impl Default for ReportSettings {
     }
 }
 
-/// The actions unless the user sets others: for each category of the thesis's classes, and for each
-/// reason why a fault has no name.
+/// The actions unless the user sets others.
 fn default_actions() -> BTreeMap<String, String> {
     [
         ("dried_nozzle", "pre-fire"),
@@ -69,8 +67,7 @@ impl ReportSettings {
         Ok(())
     }
 
-    /// Checks that each action belongs to a category or a reason; the error names the first one that does
-    /// not. `own`: categories of own classes.
+    /// Checks that each action belongs to a category or a reason. `own`: categories of own classes.
     pub fn check_actions<'a>(&self, own: impl IntoIterator<Item = &'a str>) -> Result<(), String> {
         let mut known: BTreeSet<String> = default_actions().into_keys().collect();
         known.extend(own.into_iter().map(str::to_owned));
@@ -83,8 +80,7 @@ impl ReportSettings {
         }
     }
 
-    /// The action for a category or a reason. Without an entry, as for an own category, it is that of
-    /// `uncertain`.
+    /// The action for a category or a reason, or else that of `uncertain`.
     pub fn action(&self, key: &str) -> &str {
         self.actions.get(key).or(self.actions.get("uncertain")).map_or("inspect", String::as_str)
     }

@@ -14,6 +14,17 @@ pub struct Source {
     pub missing: Vec<&'static str>,
 }
 
+impl Source {
+    /// Number of places where the recording is damaged.
+    pub fn damaged_places(&self) -> u64 {
+        self.document["damage"]["places"].as_u64().unwrap_or(0)
+    }
+
+    pub fn has_episodes(&self) -> bool {
+        !self.missing.contains(&"episodes")
+    }
+}
+
 /// A recording that has no verdicts.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct LostRecording {

@@ -1,9 +1,8 @@
 //! Links the episodes of a channel over recordings: one story per fault.
 //!
 //! In: the `Watch` of a channel (its episodes, and counts of its bursts in and between them), and
-//! `Rates`, how often faults begin on channels at all. Out to `fault`: `Story`s. `stories` is the
-//! entry point, called by `Report::new` for each channel that had an episode. Two episodes are of
-//! one fault unless the channel was cured between them and the second episode is another fault.
+//! `Rates`, how often faults begin on channels at all. Out to `fault`: `Story`s (`stories`). Two
+//! episodes are of one fault unless the channel was cured between them and the second is another.
 //!
 //! # Cured or not
 //!
@@ -34,15 +33,14 @@
 //! one.
 
 use super::trend::{self, Trend};
-use super::watch::{self, LookCounts, Spell, Watch};
+use super::watch::{self, BurstCounts, Spell, Watch};
 use inkling_core::episodes::Episode;
 use inkling_core::model::faults::{self, Law};
 use inkling_core::verdict::Reason;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-/// A channel counts as cured if the ln of the likelihood ratio, healthy over still faulty, is above
-/// this: 20 to 1. Below, its fault may just show in few bursts.
+/// A channel counts as cured above this ln of the likelihood ratio, healthy over still faulty: 20 to 1.
 const CURED: f64 = 3.0;
 /// Prior of the share of flagged bursts in a channel's episodes: as if this many bursts, half of
 /// them flagged, had been seen before.
@@ -90,15 +88,12 @@ pub struct Story {
     pub category: Option<String>,
     /// Class, if the episode that the story is named after has one.
     pub fault: Option<String>,
-    /// For a story without a category: why it has none, which is the reason that most of its
-    /// flagged bursts have.
-    pub strange: Option<Reason>,
-    /// For a story without a category: what the explanation of the last episode says. The text comes from a
-    /// file and is not trusted.
-    pub looks_like: Option<String>,
+    /// For a story without a category: the reason that most of its flagged bursts have.
+    pub reason: Option<Reason>,
+    /// For a story without a category: what its episode's explanation says, which is not trusted.
+    pub explanation: Option<String>,
     pub began_at_ns: i64,
-    /// Whether a burst of the channel before the onset was judged and not flagged; if not, the
-    /// fault may be older.
+    /// Whether the channel was seen healthy before the onset; if not, the fault may be older.
     pub onset_seen: bool,
     /// When the fault ended; `None` if it is still on.
     pub ended_at_ns: Option<i64>,
@@ -109,8 +104,7 @@ pub struct Story {
     pub cures: u32,
     /// Onset of the first episode after the last cure.
     pub last_began_at_ns: i64,
-    /// The first and the last severity among the episodes that are sized in `quantity`. `None`: none
-    /// is, or the story has no name.
+    /// The first and the last severity among the episodes that are sized in `quantity`.
     pub severity_first: Option<f64>,
     pub severity_last: Option<f64>,
     /// Standard deviation of `severity_last`.
@@ -121,16 +115,6 @@ pub struct Story {
     pub trend: Option<Trend>,
     /// Certainty, from 0 to 1, of the episode that the story is named after.
     pub certainty: Option<f64>,
-}
-
-impl Story {
-    /// Why the fault has no name, as the verdict table's `reason` says it; `None` if it has one.
-    pub fn reason(&self) -> Option<&'static str> {
-        match self.category {
-            Some(_) => None,
-            None => Some(self.strange.unwrap_or(Reason::Uncertain).as_str()),
-        }
-    }
 }
 
 /// If these words stand in an episode's explanation, the cause lies in the sensor line.
@@ -144,10 +128,8 @@ struct Gap {
 }
 
 impl Gap {
-    /// The gap that these bursts make, by a binomial likelihood ratio. `share`: share of flagged
-    /// bursts in the channel's episodes; `false_alarms`: share of flagged signals on healthy
-    /// channels.
-    fn of(between: &LookCounts, share: f64, false_alarms: f64) -> Gap {
+    /// `share`: share of flagged bursts in the channel's episodes; `false_alarms`: that on healthy channels.
+    fn of(between: &BurstCounts, share: f64, false_alarms: f64) -> Gap {
         let quiet = between.judged - between.flagged;
         // A healthy channel must be flagged more rarely than a faulty one, or the ratio says
         // nothing.
@@ -162,21 +144,19 @@ impl Gap {
 /// The stories of a channel, in the order of their onsets.
 pub fn stories(watch: &Watch, rates: &Rates) -> Vec<Story> {
     // The share of flagged bursts in this channel's episodes, with a weak prior.
-    let mut whole = LookCounts::default();
-    watch.spells.iter().for_each(|spell| whole.absorb(&spell.looked));
+    let mut whole = BurstCounts::default();
+    watch.spells.iter().for_each(|spell| whole.absorb(&spell.counts));
     let share = (whole.flagged as f64 + 0.5 * PRIOR_BURSTS) / (whole.judged as f64 + PRIOR_BURSTS);
     let share = share.clamp(0.01, 0.999);
 
     // The gap before episode k; with k the number of episodes, the time after the last one.
     let gap = |k: usize| {
-        // If the episode ended within its recording, the sequential test saw the channel healthy
-        // again: then one quiet burst is enough for a cure.
+        // The sequential test saw the channel healthy if the episode ended: then one quiet burst is enough.
         let ended = watch.spells[k - 1].episode.ended_at_ns.is_some();
         let gap = Gap::of(&watch.outside[k], share, rates.false_alarms);
         Gap { cured: gap.cured || ended && gap.quiet > 0, quiet: gap.quiet }
     };
-    // Episodes `from..k` make up the current story. It is closed where episode k is another fault, or after
-    // the last episode.
+    // Episodes `from..k` make up the current story, which ends where episode k is another fault.
     let mut all = Vec::new();
     let mut from = 0;
     for k in 1..=watch.spells.len() {
@@ -186,23 +166,24 @@ pub fn stories(watch: &Watch, rates: &Rates) -> Vec<Story> {
             continue;
         }
 
-        // The story ended where its last episode did, or at the first quiet burst after it if the
-        // channel was cured later; otherwise it is still on.
+        // It ended where its last episode did, or at the first quiet burst after it if the channel was cured
+        // later.
         let inner: Vec<Gap> = (from + 1..k).map(gap).collect();
-        let ended = before.episode.ended_at_ns.is_some() || here.cured;
+        let is_over = before.episode.ended_at_ns.is_some() || here.cured;
         let ended_at_ns = before.episode.ended_at_ns.or(watch.outside[k].first_quiet_ns);
+        let ended_at_ns = ended_at_ns.filter(|_| is_over);
 
         // Its onset was seen if the channel was quiet at some time before.
         let before_it = &watch.outside[from];
         let onset_seen = before_it.judged > before_it.flagged;
-        all.push(story(watch, from..k, &inner, onset_seen, ended_at_ns.filter(|_| ended)));
+        let spells = &watch.spells[from..k];
+        all.push(story(watch, spells, &inner, onset_seen, ended_at_ns));
         from = k;
     }
     all
 }
 
-/// Whether the episode after a gap is a new fault, rather than the old one that goes on or comes
-/// back.
+/// Whether the episode after a gap is a new fault, rather than the old one.
 fn is_another(before: &Spell, after: &Spell, gap: &Gap, rates: &Rates) -> bool {
     if !gap.cured {
         return false; // whatever it is called now, it was never gone
@@ -219,106 +200,98 @@ fn is_another(before: &Spell, after: &Spell, gap: &Gap, rates: &Rates) -> bool {
     returns_over_new(gap.quiet as f64, rates.onset()) / same < 1.0
 }
 
-/// Likelihood that a fault comes back after n quiet bursts (n > 0), over the likelihood that a new
-/// one begins then. `mu`: rate of new faults per burst.
+/// Likelihood that a fault comes back after n > 0 quiet bursts, over that of a new one. `mu`: rate of new ones.
 fn returns_over_new(n: f64, mu: f64) -> f64 {
     (1.0 - ((mu - 1.0) * n).exp()) / (mu * n * (1.0 / mu).ln())
 }
 
-/// The story of the episodes with the indices `of`. `inner`: the gaps between these episodes, one
-/// fewer than episodes; `ended_at_ns`: `None` if the story is still on.
+/// The episode that the story of these spells is named after: the last one with a class, unless a
+/// later episode names another category. An unnamed episode takes nothing back.
+fn named_after(spells: &[Spell]) -> &Episode {
+    let latest = || spells.iter().rev().map(|s| &s.episode);
+    let category = latest().find(|e| e.category.is_some());
+    match (latest().find(|e| e.fault.is_some()), category) {
+        (Some(fault), Some(category)) if fault.category == category.category => fault,
+        (_, Some(category)) => category,
+        _ => &spells[spells.len() - 1].episode,
+    }
+}
+
+/// The story of these episodes. `inner`: the gaps between them, one fewer than episodes;
+/// `ended_at_ns`: `None` if the story is still on.
 fn story(
     watch: &Watch,
-    of: std::ops::Range<usize>,
+    spells: &[Spell],
     inner: &[Gap],
     onset_seen: bool,
     ended_at_ns: Option<i64>,
 ) -> Story {
-    let spells = &watch.spells[of];
-    let (first, last) = (&spells[0].episode, &spells[spells.len() - 1].episode);
-
-    // What the story is called: the last named class wins, unless a later episode names another
-    // category; an unnamed episode takes nothing back.
-    let latest = || spells.iter().rev().map(|s| &s.episode);
-    let named = latest().find(|e| e.fault.is_some());
-    let category_of = latest().find(|e| e.category.is_some());
-    let said = match (named, category_of) {
-        (Some(fault), Some(category)) if fault.category == category.category => fault,
-        (_, Some(category)) => category,
-        _ => last,
-    };
-
-    // Where and since when: the recordings that hold an episode, and the first episode after the
-    // last cure.
-    let mut recordings: Vec<usize> = spells.iter().map(|s| s.recording).collect();
-    recordings.sort_unstable();
-    recordings.dedup();
+    let (first, named) = (&spells[0].episode, named_after(spells));
+    let recordings: BTreeSet<usize> = spells.iter().map(|s| s.recording).collect();
+    // the first episode after the last cure
     let last_run = inner.iter().rposition(|gap| gap.cured).map_or(0, |k| k + 1);
     let last_began_at_ns = spells[last_run].episode.began_at_ns;
 
-    // The size: of the last episode that has one in the quantity that the story's class is measured by.
-    // Episodes of another class may be sized, too, in another unit, and those without a name as
-    // their best class is.
-    let quantity = watch::quantity(said).map(str::to_owned);
-    let same = |e: &Episode| e.category.is_some() && watch::quantity(e) == quantity.as_deref();
-    let last_sized = latest().find(|e| e.severity_last.is_some() && same(e));
-    let course = quantity.as_deref().and_then(|quantity| watch.course(quantity));
-    let to_ns = ended_at_ns.unwrap_or(i64::MAX);
+    // The size is that of the last episode that has one in the quantity of the story's class. Episodes
+    // of another class may be sized in another unit, and those without a name as their best class is.
+    let quantity = watch::quantity(named).map(str::to_owned);
+    let same = |e: &&Episode| e.category.is_some() && watch::quantity(e) == quantity.as_deref();
+    let mut sized = spells.iter().map(|s| &s.episode).filter(same);
+    let last_sized = sized.clone().rfind(|e| e.severity_last.is_some());
     let severity_last = last_sized.and_then(|e| e.severity_last);
     let severity_sd = last_sized.and_then(|e| e.severity_sd);
 
     // The relative standard deviation of the size, measured from the severity of no fault
     // (`Law::none`): all sizes of the channel may be off by this factor, and so may the trend.
-    let none = said.fault.as_deref().and_then(faults::law).map(Law::none);
+    let none = named.fault.as_deref().and_then(faults::law).map(Law::none);
     let scale = severity_last.zip(severity_sd).zip(none);
-    let scale = scale.map_or(0.0, |((last, sd), none)| sd / (last - none).abs());
-    let scale = if scale.is_finite() { scale } else { 0.0 };
+    let scale = scale.map(|((last, sd), none)| sd / (last - none).abs());
+    let scale = scale.filter(|scale| scale.is_finite()).unwrap_or(0.0);
+    let course = quantity.as_deref().and_then(|quantity| watch.course(quantity));
+    let to_ns = ended_at_ns.unwrap_or(i64::MAX);
     let trend = course.and_then(|course| trend::trend(course, last_began_at_ns, to_ns));
 
     // What stands for the name of a story without a category.
-    let looks_like = said.category.is_none().then(|| looks_like(said)).flatten();
-    let strange = said.category.is_none().then(|| match &looks_like {
+    let is_unnamed = named.category.is_none();
+    let explanation = explanation(named).filter(|_| is_unnamed);
+    let reason = is_unnamed.then(|| match &explanation {
         Some(words) if words.contains(SENSOR_LINE) => Reason::NoRing,
-        _ => strange(spells),
+        _ => commonest_reason(spells),
     });
     Story {
         printhead: first.printhead.clone(),
         channel: first.channel,
-        category: said.category.clone(),
-        fault: said.fault.clone(),
-        strange,
-        looks_like,
+        category: named.category.clone(),
+        fault: named.fault.clone(),
+        reason,
+        explanation,
         began_at_ns: first.began_at_ns,
         onset_seen,
         ended_at_ns,
         recordings: recordings.len() as u32,
         cures: inner.iter().filter(|gap| gap.cured).count() as u32,
         last_began_at_ns,
-        severity_first: spells
-            .iter()
-            .find_map(|s| s.episode.severity_first.filter(|_| same(&s.episode))),
+        severity_first: sized.find_map(|e| e.severity_first),
         severity_last,
         severity_sd,
         trend: trend.map(|trend| trend.of_scale(scale)),
-        quantity,
-        certainty: said.certainty,
+        certainty: named.certainty,
         spells: spells.to_vec(),
+        quantity,
     }
 }
 
-/// An episode's explanation without its beginning `channel 7: `, as the channel stands beside it on
-/// the page; `None` if it is empty.
-fn looks_like(said: &Episode) -> Option<String> {
-    let prefix = format!("channel {}: ", said.channel);
-    let words = said.explanation.strip_prefix(&prefix).unwrap_or(&said.explanation);
+/// An episode's explanation without its beginning `channel 7: `; `None` if it is empty.
+fn explanation(of: &Episode) -> Option<String> {
+    let prefix = format!("channel {}: ", of.channel);
+    let words = of.explanation.strip_prefix(&prefix).unwrap_or(&of.explanation);
     (!words.is_empty()).then(|| words.chars().take(MOST_OF_A_SENTENCE).collect())
 }
 
-/// The reason of an unnamed fault: the one that more than half of its flagged bursts have, else
-/// `Uncertain`.
-fn strange(spells: &[Spell]) -> Reason {
-    let mut all = LookCounts::default();
-    spells.iter().for_each(|spell| all.absorb(&spell.looked));
+/// The reason that more than half of the flagged bursts have, else `Uncertain`.
+fn commonest_reason(spells: &[Spell]) -> Reason {
+    let mut all = BurstCounts::default();
+    spells.iter().for_each(|spell| all.absorb(&spell.counts));
     match () {
         () if 2 * all.no_ring > all.flagged => Reason::NoRing,
         () if 2 * all.unknown_fault > all.flagged => Reason::UnknownFault,
@@ -353,7 +326,7 @@ pub mod tests {
             severity_sd: Some(0.1),
             ..Episode::default()
         };
-        Spell { recording, episode, looked: LookCounts::default() }
+        Spell { recording, episode, counts: BurstCounts::default() }
     }
 
     /// A watch of recordings r of 20 bursts each, at the times 100 r, 100 r + 1, ...; flagged where `on` is
@@ -363,7 +336,7 @@ pub mod tests {
         for r in 0..recordings {
             for k in 0..20 {
                 let t = 100 * r as i64 + k;
-                watch.look(r, t, on(t), None, None);
+                watch.add_burst(r, t, on(t), None, None);
             }
         }
         watch
@@ -408,8 +381,8 @@ pub mod tests {
         on.episode.explanation = format!("channel 7: {words}");
         // the bursts were flagged without a reason, so the story's reason comes from the explanation
         let all = stories(&watched(vec![on], 1, |t| t >= 5), &RATES());
-        assert_eq!(all[0].looks_like.as_deref(), Some(words));
-        assert_eq!((all[0].strange, all[0].onset_seen), (Some(Reason::NoRing), true));
+        assert_eq!(all[0].explanation.as_deref(), Some(words));
+        assert_eq!((all[0].reason, all[0].onset_seen), (Some(Reason::NoRing), true));
     }
 
     #[test]

@@ -1,18 +1,18 @@
 //! One pass over the verdicts of all recordings.
 //!
 //! In: the episodes of every recording (`Survey::new`), then the verdicts of each, batch by batch
-//! (`Survey::add`), from `cli/results.rs`; recordings may come in any order. Out to the rest of the
-//! report: a `Survey` with a map of each printhead, counts of each printhead in each recording
-//! (`Tally`) and of each channel (`ChannelCount`), and a [`Watch`] of each channel that had an
-//! episode. Memory grows with printheads, channels and recordings, not with bursts.
+//! (`Survey::add`), in any order of recordings. Out: a `Survey` with a map of each printhead, counts
+//! of each printhead in each recording (`Tally`) and of each channel (`ChannelCount`), and a [`Watch`]
+//! of each channel that had an episode. Memory does not grow with bursts.
 //!
 //! The episodes come first, because they decide which channels are watched, and which printheads
 //! get a map. Then `Head::burst` looks at each row once. A row counts as judged unless it was
 //! rejected or its reason concerns the whole printhead, and as flagged if it was judged and not
 //! healthy.
 
-use super::map::{HeadMap, class, level, ratio};
-use super::night::{Span, whole};
+use super::counts::{ChannelCount, Tally};
+use super::map::{HeadMap, Picture, Shows, class, level, ratio};
+use super::night::whole;
 use super::watch::{DISTANCE, Size, Spell, Watch};
 use inkling_core::episodes::Episode;
 use inkling_core::fault;
@@ -21,128 +21,12 @@ use std::collections::{BTreeMap, HashMap};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Number of printheads that get a map: first those with the most channels that had an episode, then others
-/// in the order in which their verdicts come.
+/// Number of printheads that get a map, those with the most faulty channels first.
 const MOST_MAPS: usize = 24;
 /// Most channels of a printhead that are counted one by one; rows of further channels are left out.
 const MOST_CHANNELS: usize = 1 << 16;
 /// Most printheads that are counted one by one; rows of further printheads are left out.
 const MOST_PRINTHEADS: usize = 1 << 12;
-/// Least number of signals of a channel from which it can be told that the channel fell silent. With fewer,
-/// the channel may have been measured once in a scan over all channels, and an early time says nothing.
-const SEVERAL: u64 = 4;
-/// From this many flagged signals of a channel on they are no false alarms if they are most of the
-/// channel's signals. Somewhat arbitrary.
-const AGAIN: u64 = 3;
-
-/// Counts of the signals of one printhead in one recording. `judged` and `rejected` are all
-/// signals; `flagged` are some of the judged ones.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Tally {
-    pub judged: u64,
-    pub flagged: u64,
-    /// Signals that count as not judged: those that were rejected, and those whose reason concerns
-    /// the whole printhead ([`Reason::is_of_head`]) and so says nothing about a nozzle.
-    pub rejected: u64,
-    /// Signals that were not judged, by reason.
-    pub reasons: BTreeMap<Reason, u64>,
-    /// The lowest and the highest channel that was judged.
-    pub channels: Option<[u32; 2]>,
-    /// From the first to the last signal, judged or not.
-    pub span: Option<Span>,
-}
-
-impl Tally {
-    /// Number of signals that were not judged because no model fits them.
-    pub fn mismatched(&self) -> u64 {
-        let of = |reason| self.reasons.get(&reason).copied().unwrap_or_default();
-        of(Reason::DesignMismatch) + of(Reason::NoModel)
-    }
-
-    /// The most frequent of the reasons for which signals were not judged; `None` if none has a
-    /// reason.
-    pub fn commonest_reason(&self) -> Option<Reason> {
-        self.reasons.iter().max_by_key(|(_, n)| **n).map(|(reason, _)| *reason)
-    }
-}
-
-/// Counts of the signals of one channel over all recordings.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct ChannelCount {
-    pub channel: u32,
-    pub judged: u64,
-    pub flagged: u64,
-    /// The channel's counts in the latest recording that holds it, which tell how the channel is
-    /// now.
-    last: InRecording,
-    /// Index into the watches of its printhead; `None` if the channel had no episode.
-    watch: Option<usize>,
-}
-
-/// Counts of one channel in one recording.
-#[derive(Clone, Copy, Debug, Default)]
-struct InRecording {
-    recording: usize,
-    /// Times of the channel's first and last signal in the recording.
-    from_ns: i64,
-    to_ns: i64,
-    judged: u64,
-    flagged: u64,
-    rejected: u64,
-}
-
-impl ChannelCount {
-    /// Index of the latest recording that holds the channel.
-    pub fn latest(&self) -> usize {
-        self.last.recording
-    }
-
-    /// Whether at least half of the channel's signals were judged in the latest recording that holds it.
-    pub fn is_known_now(&self) -> bool {
-        self.last.judged >= self.last.rejected
-    }
-
-    /// Whether the channel is flagged again and again, but no recording holds enough such signals
-    /// for an episode.
-    pub fn is_doubtful(&self) -> bool {
-        // Either most of all its signals are flagged, or all of at least two in the latest
-        // recording.
-        let often = self.flagged >= AGAIN && 2 * self.flagged > self.judged;
-        let now = self.last.flagged >= 2 && self.last.flagged == self.last.judged;
-        !self.is_watched() && (often || now)
-    }
-
-    /// Whether the channel was measured in the last night, which began at `from_ns`, and did not
-    /// fall silent in the first half of its latest recording. `head`: its printhead, of whose span
-    /// in that recording the half is meant.
-    pub fn is_heard(&self, from_ns: i64, head: &Head) -> bool {
-        let InRecording { recording, to_ns, judged, rejected, .. } = self.last;
-        let span = head.tallies.get(&recording).and_then(|of| of.span);
-        let fell_silent = span.is_some_and(|(from, to)| to_ns - from < (to - from) / 2);
-        to_ns >= from_ns && !(fell_silent && judged + rejected >= SEVERAL)
-    }
-
-    /// Counts one signal for the latest recording. Recordings may come in any order: a recording
-    /// that begins later replaces what was counted, and the signals of an earlier one are ignored.
-    fn look(&mut self, recording: usize, t_ns: i64, is_judged: bool) {
-        let is_new = recording != self.last.recording || self.last.judged + self.last.rejected == 0;
-        if is_new && t_ns >= self.last.from_ns {
-            self.last =
-                InRecording { recording, from_ns: t_ns, to_ns: t_ns, ..InRecording::default() };
-        }
-        if recording == self.last.recording {
-            self.last.to_ns = self.last.to_ns.max(t_ns);
-            self.last.judged += u64::from(is_judged);
-            self.last.rejected += u64::from(!is_judged);
-        }
-    }
-
-    /// Whether the channel had an episode.
-    pub fn is_watched(&self) -> bool {
-        self.watch.is_some()
-    }
-}
-
 /// One printhead over all recordings.
 #[derive(Clone, Debug, Default)]
 pub struct Head {
@@ -163,18 +47,15 @@ pub struct Survey {
     pub heads: Vec<Head>,
     /// Index into `heads`, by name.
     by_name: HashMap<Arc<str>, usize>,
-    /// Names of the fault categories: `KNOWN_CATEGORIES` first, then others in the order in which they are
-    /// met.
+    /// `KNOWN_CATEGORIES`, then others in the order in which they are met.
     pub categories: Vec<String>,
-    /// Number of rows of printheads and channels beyond `MOST_PRINTHEADS` and `MOST_CHANNELS`, by
-    /// recording. Nothing else counts them.
+    /// Number of rows beyond `MOST_PRINTHEADS` and `MOST_CHANNELS`, by recording. Nothing else counts them.
     pub left_out: BTreeMap<usize, u64>,
     /// Number of printheads that get a map; 0 if only counts and stories are wanted.
     maps: usize,
 }
 
-/// The names to which the indices in a batch's columns refer; they may differ from recording to
-/// recording.
+/// The names to which the indices in a recording's columns refer.
 #[derive(Clone, Copy, Debug)]
 pub struct Names<'a> {
     pub classes: &'a [String],
@@ -182,19 +63,18 @@ pub struct Names<'a> {
 }
 
 /// The categories of the thesis's fault classes. Those of own classes come after them.
-pub const KNOWN_CATEGORIES: [&str; 4] =
+const KNOWN_CATEGORIES: [&str; 4] =
     ["dried_nozzle", "blocked_nozzle", "air_bubble", "empty_channel"];
 
 impl Survey {
-    /// A survey that knows the episodes, but no verdicts yet. `episodes`: those of each recording,
-    /// by the recording's index; `with_maps`: whether printheads get maps.
+    /// A survey that knows the episodes, by the recording's index, but no verdicts yet.
     pub fn new(episodes: Vec<Vec<Episode>>, with_maps: bool) -> Survey {
         let mut of_head: BTreeMap<Arc<str>, BTreeMap<u32, Vec<Spell>>> = BTreeMap::new();
         for (recording, episodes) in episodes.into_iter().enumerate() {
             for episode in episodes {
                 let channels = of_head.entry(episode.printhead.clone()).or_default();
                 let spells = channels.entry(episode.channel).or_default();
-                spells.push(Spell { recording, episode, looked: Default::default() });
+                spells.push(Spell { recording, episode, counts: Default::default() });
             }
         }
 
@@ -221,6 +101,26 @@ impl Survey {
         survey
     }
 
+    /// The printhead of this name.
+    pub fn get(&self, name: &Arc<str>) -> Option<&Head> {
+        Some(&self.heads[*self.by_name.get(name)?])
+    }
+
+    /// All channels of all printheads.
+    pub fn channels(&self) -> impl Iterator<Item = &ChannelCount> {
+        self.heads.iter().flat_map(|head| &head.channels)
+    }
+
+    /// The watches of all channels that had an episode.
+    pub fn watches(&self) -> impl Iterator<Item = &Watch> {
+        self.heads.iter().flat_map(|head| &head.watches)
+    }
+
+    /// The printheads of which a recording holds signals.
+    pub fn heads_with_signals(&self) -> impl Iterator<Item = &Head> {
+        self.heads.iter().filter(|head| !head.tallies.is_empty())
+    }
+
     /// Adds one batch of the verdicts of the recording with this index.
     pub fn add(&mut self, recording: usize, c: &VerdictColumns, names: Names) {
         let codes: Vec<u8> = names.categories.iter().map(|name| self.code(name)).collect();
@@ -243,8 +143,8 @@ impl Survey {
         }
     }
 
-    /// The code that a map's cell holds for a category, which is added to the list if it is new.
-    /// Categories beyond the number of colours share the last code.
+    /// The code of a category, which is new or known. Categories beyond the number of colours share the last
+    /// one.
     fn code(&mut self, category: &str) -> u8 {
         let known = self.categories.iter().position(|c| c == category);
         let at = known.unwrap_or_else(|| {
@@ -274,6 +174,12 @@ impl Survey {
 }
 
 impl Head {
+    /// The picture of the printhead's map; `None` if it has no map, or an empty one.
+    pub fn picture(&self, shows: Shows) -> Option<Picture> {
+        let channels: Vec<u32> = self.channels.iter().map(|c| c.channel).collect();
+        Some(self.map.as_ref()?.picture(&channels, shows)).filter(|of| !of.pixels.is_empty())
+    }
+
     /// The recording with the latest signal of the printhead, and its counts.
     pub fn latest(&self) -> Option<(usize, &Tally)> {
         let last = self.tallies.iter().max_by_key(|(_, of)| of.span.map(|span| span.1));
@@ -281,8 +187,7 @@ impl Head {
     }
 
     /// The index of a channel in `channels`, which is added if it is new; `None` if there are too many
-    /// channels. `guess`: an index to try first. Within a burst it is mostly the one after that of the row
-    /// before, which saves the look-up.
+    /// channels. `guess`: an index to try first, which saves the look-up.
     fn place(&mut self, channel: u32, guess: usize) -> Option<usize> {
         if self.channels.get(guess).is_some_and(|c| c.channel == channel) {
             return Some(guess);
@@ -295,17 +200,15 @@ impl Head {
             return None;
         }
         self.places.insert(channel, place);
-        let last = InRecording { from_ns: i64::MIN, ..InRecording::default() };
-        self.channels.push(ChannelCount { channel, last, ..ChannelCount::default() });
+        self.channels.push(ChannelCount::new(channel));
         if let Some(map) = &mut self.map {
             map.make_room(place + 1);
         }
         Some(place)
     }
 
-    /// Adds the rows of one burst: counts them for the printhead, draws them on its map, and counts
-    /// them for their channels and watches. Returns how many rows are left out, because there are
-    /// too many channels.
+    /// Adds the rows of one burst to the printhead's counts, map, channels and watches. Returns how many
+    /// rows are left out, because there are too many channels.
     fn burst(
         &mut self,
         recording: usize,
@@ -316,17 +219,15 @@ impl Head {
     ) -> u64 {
         let t_ns = c.acquired_at_ns[rows.start];
         let mut left_out = 0;
-        // Places are looked up first, because a new channel may coarsen the map that `cells`
-        // borrows below.
-        let mut places = Vec::with_capacity(rows.len());
+        // Places come first, because a new channel may coarsen the map that `cells` borrows below.
         let mut guess = 0;
-        for row in rows.clone() {
-            let place = self.place(c.channel[row], guess);
+        let place = |channel: &u32| {
+            let place = self.place(*channel, guess);
             guess = place.map_or(0, |place| place + 1);
-            places.push(place);
-        }
+            place
+        };
+        let places: Vec<Option<usize>> = c.channel[rows.clone()].iter().map(place).collect();
 
-        // From here on each row of a channel that has a place is counted.
         let tally = self.tallies.entry(recording).or_default();
         let mut cells = self.map.as_mut().map(|map| map.row(t_ns));
         for (row, place) in rows.zip(places) {
@@ -344,36 +245,29 @@ impl Head {
             tally.rejected += u64::from(!is_judged);
             let why = c.reason[row].filter(|_| !is_judged);
             why.into_iter().for_each(|why| *tally.reasons.entry(why).or_default() += 1);
-            if !why.is_some_and(Reason::is_of_burst) {
-                tally.span = whole(tally.span.into_iter().chain([(t_ns, t_ns)])); // a burst that is no burst may have any time
-            }
-
-            // The map, and the channel in its latest recording.
             if let Some(cells) = &mut cells {
                 let (class, ratio) = shown(c, row, codes);
                 cells.mark(place, class, ratio);
             }
+            // a burst that is no burst may have any time
             if !why.is_some_and(Reason::is_of_burst) {
-                self.channels[place].look(recording, t_ns, is_judged);
+                tally.span = whole(tally.span.into_iter().chain([(t_ns, t_ns)]));
+                self.channels[place].count_last(recording, t_ns, is_judged, flagged);
             }
             if !is_judged {
                 continue;
             }
 
-            // What only judged rows count for: the range of channels, the channel's counts, its
-            // watch.
+            // what only judged rows count for
             let channel = c.channel[row];
             let [least, most] = tally.channels.unwrap_or([channel; 2]);
             tally.channels = Some([least.min(channel), most.max(channel)]);
             let count = &mut self.channels[place];
             count.judged += 1;
             count.flagged += u64::from(flagged);
-            if count.last.recording == recording {
-                count.last.flagged += u64::from(flagged);
-            }
             if let Some(watch) = count.watch.and_then(|at| self.watches.get_mut(at)) {
                 let sized = sized(c, row, classes).filter(|_| flagged);
-                watch.look(recording, t_ns, flagged, c.reason[row], sized);
+                watch.add_burst(recording, t_ns, flagged, c.reason[row], sized);
             }
         }
         left_out
@@ -394,8 +288,7 @@ fn sized<'a>(c: &VerdictColumns, row: usize, classes: &'a [String]) -> Option<Si
     over.filter(|_| class.is_none() && is_ring).map(|size| Size { quantity: DISTANCE, size })
 }
 
-/// The two codes that a map's cell shows for a row: of its outcome or category, and of its
-/// statistic over the threshold.
+/// The codes of a row on both maps.
 fn shown(c: &VerdictColumns, row: usize, codes: &[u8]) -> (u8, u8) {
     let named = || c.category[row].and_then(|k| codes.get(usize::from(k))).copied();
     let class = match c.outcome[row] {

@@ -7,12 +7,12 @@
 
 use super::fault::{Fault, forecast_in_words, size, trend_in_words, what};
 use super::light::Light;
+use super::source::Source;
 use super::words::{clock, counted, counted_as, percent, thousands};
 use super::{HeadCount, RecordingLine, Report};
 use inkling_core::episodes::share;
 use inkling_lab::plot::page::{escaped, name};
 use std::collections::{BTreeMap, BTreeSet};
-use std::fmt::Write;
 use std::sync::Arc;
 
 /// Most rows of a list of faults; all faults are in `report.faults.parquet`.
@@ -22,7 +22,7 @@ const MOST_RECORDINGS: usize = 400;
 /// Most printheads with a column of their own: those with the most faults.
 const MOST_COLUMNS: usize = 12;
 /// Most earlier faults of a channel that are listed.
-const MOST_BOUTS: usize = 4;
+const MOST_EARLIER: usize = 4;
 /// Most characters of the text about a recording's damage or loss.
 const MOST_OF_DAMAGE: usize = 200;
 
@@ -45,8 +45,7 @@ pub fn to_clean(report: &Report, list: &[&Fault], drawn: &LinkTargets) -> String
     let mut text = String::from("<div>");
     for (k, words) in SORTED_BY.iter().enumerate() {
         let checked = if k == 0 { " checked" } else { "" };
-        let _ = write!(
-            text,
+        text += &format!(
             "<input class=\"by\" type=\"radio\" name=\"by\" id=\"by{k}\"{checked}><label for=\"by{k}\">{words}</label>"
         );
     }
@@ -84,8 +83,7 @@ fn more(list: &[&Fault]) -> String {
     }
 }
 
-/// The rank of each fault, by its place in `list`, when the list is sorted by a key. Faults with
-/// equal keys keep their order.
+/// The rank of each fault, by its place in `list`, when the list is sorted by a key.
 fn ranks<K: Ord>(list: &[&Fault], key: impl Fn(&Fault) -> K) -> Vec<usize> {
     let mut places: Vec<usize> = (0..list.len()).collect();
     places.sort_by_key(|&place| key(list[place]));
@@ -101,42 +99,38 @@ fn ranks<K: Ord>(list: &[&Fault], key: impl Fn(&Fault) -> K) -> Vec<usize> {
 fn row(report: &Report, fault: &Fault, drawn: &LinkTargets, order: Option<[usize; 4]>) -> String {
     let (s, light) = (&fault.story, Light::of(fault));
     let place = place(report, fault);
-    let [a, b, c, d] = order.unwrap_or_default();
-    let style = match order {
-        Some(_) => format!(" style=\"--a:{a};--b:{b};--c:{c};--d:{d}\""),
-        None => String::new(),
-    };
-    let action = match order {
-        Some(_) => format!(
-            "<b>{}</b><br><span class=\"small\">urgency {:.2}</span>",
-            escaped(&fault.action),
-            fault.urgency
-        ),
-        None => s.ended_at_ns.map(clock).unwrap_or_default(),
-    };
-    let done = if order.is_some() { "do" } else { "healthy since" };
-    let mut is = escaped(&what(s));
-    let trend = if order.is_some() { trend_in_words(s) } else { String::new() };
-    for more in [size(s), trend, forecast_in_words(s).unwrap_or_default()] {
-        if !more.is_empty() {
-            let _ = write!(is, "<br><span class=\"small\">{}</span>", escaped(&more));
+    let (style, third, cell, trend) = match order {
+        Some([a, b, c, d]) => {
+            let (action, urgency) = (escaped(&fault.action), fault.urgency);
+            let cell =
+                format!("<b>{action}</b><br><span class=\"small\">urgency {urgency:.2}</span>");
+            let style = format!(" style=\"--a:{a};--b:{b};--c:{c};--d:{d}\"");
+            (style, "do", cell, trend_in_words(s))
         }
-    }
+        None => {
+            let ended = s.ended_at_ns.map(clock).unwrap_or_default();
+            (String::new(), "healthy since", ended, String::new())
+        }
+    };
+    let more = [size(s), trend, forecast_in_words(s).unwrap_or_default()];
+    let more = more.iter().filter(|more| !more.is_empty());
+    let more = more.map(|more| format!("<br><span class=\"small\">{}</span>", escaped(more)));
     format!(
-        "<tr id=\"r{place}\"{style}><td>{}{}</td><td data-l=\"channel\">{}</td><td data-l=\"{done}\">{action}</td>\
-         <td data-l=\"what\">{is}</td><td data-l=\"since\">{}<br><span class=\"small\">{}</span></td>\
+        "<tr id=\"r{place}\"{style}><td>{}{}</td><td data-l=\"channel\">{}</td><td data-l=\"{third}\">{cell}</td>\
+         <td data-l=\"what\">{}{}</td><td data-l=\"since\">{}<br><span class=\"small\">{}</span></td>\
          <td data-l=\"certainty\">{}</td></tr>\n",
         light.dot(),
         light.word(),
         whose(fault, place, drawn),
+        escaped(&what(s)),
+        more.collect::<String>(),
         clock(s.began_at_ns),
         escaped(&history(fault)),
         s.certainty.map_or("–".into(), share),
     )
 }
 
-/// Index of a fault in the report. The fault is found by its address, so `fault` must be borrowed
-/// from the report.
+/// Index of a fault that is borrowed from the report (it is found by its address).
 pub fn place(report: &Report, fault: &Fault) -> usize {
     report.faults.iter().position(|other| std::ptr::eq(other, fault)).unwrap_or_default()
 }
@@ -146,17 +140,15 @@ fn whose(fault: &Fault, place: usize, drawn: &LinkTargets) -> String {
     let s = &fault.story;
     let mut text = format!("{} <b>{}</b>", name(&s.printhead), s.channel);
     if let Some(map) = drawn.maps.get(&s.printhead) {
-        let _ = write!(text, "<br><span class=\"small\"><a href=\"#m{map}\">map</a></span>");
+        text += &format!("<br><span class=\"small\"><a href=\"#m{map}\">map</a></span>");
     }
     if drawn.trends.contains(&place) {
-        let _ =
-            write!(text, " <span class=\"small\"><a href=\"#t{place}\">size over time</a></span>");
+        text += &format!(" <span class=\"small\"><a href=\"#t{place}\">size over time</a></span>");
     }
     text
 }
 
-/// The history of a fault, `28 in 28 recordings; still on`: the number of episodes and recordings,
-/// cures, and the channel's earlier faults.
+/// The history of a fault, `28 in 28 recordings; still on`.
 fn history(fault: &Fault) -> String {
     let s = &fault.story;
     let episodes = thousands(s.spells.len() as u64);
@@ -170,61 +162,47 @@ fn history(fault: &Fault) -> String {
         (Some(_), 0) => "",
         (Some(_), _) => "; healthy now",
     };
-    for bout in fault.earlier.iter().rev().take(MOST_BOUTS) {
+    for bout in fault.earlier.iter().rev().take(MOST_EARLIER) {
         let until = bout.to_ns.map_or(String::new(), |to| format!(" to {}", clock(to)));
         text += &format!("; before it {} from {}{until}", bout.what, clock(bout.from_ns));
     }
-    if fault.earlier.len() > MOST_BOUTS {
-        let more = (fault.earlier.len() - MOST_BOUTS) as u64;
+    if fault.earlier.len() > MOST_EARLIER {
+        let more = (fault.earlier.len() - MOST_EARLIER) as u64;
         text += &format!("; and {} more", counted(more, "earlier fault"));
     }
     text
 }
 
-/// The cell of a recording's name, with the recording's light; a short name is not broken over
-/// lines.
+/// The cell of a recording's name, with its light; a short name is not broken over lines.
 fn name_cell(light: Light, text: &str) -> String {
     const SHORT: usize = 24;
     let class = if text.chars().count() <= SHORT { " class=t" } else { "" };
     format!("<td{class}>{}{}</td>", light.dot(), name(text))
 }
 
-/// The light of a recording: grey if most of it was not judged, green if nothing is wrong with its
-/// data, else amber.
+/// The light of a recording: grey if most of it was not judged, green if its data have no flaws.
 fn light(line: &RecordingLine) -> Light {
-    let rejected: u64 = line.heads.values().map(|head| head.tally.rejected).sum();
-    match quality(line) {
-        _ if line.judged < rejected || line.judged == 0 => Light::Grey,
-        words if words == WHOLE => Light::Green,
-        _ => Light::Amber,
+    match () {
+        () if line.judged < line.rejected() || line.judged == 0 => Light::Grey,
+        () if line.flaws.is_empty() => Light::Green,
+        () => Light::Amber,
     }
 }
 
-/// What `quality` says of a recording with which nothing is wrong.
-const WHOLE: &str = "whole";
-
-/// The table of recordings, the newest ones last, and below them those without verdicts. Each
-/// printhead has a column with the number of faulty channels and the share of flagged signals; the
-/// last column tells the quality of the data.
+/// The table of recordings, the newest ones last, then those without verdicts. Each printhead has a column with
+/// the number of faulty channels and the share of flagged signals.
 pub fn recordings(report: &Report) -> String {
     let (columns, left_out) = columns(report);
     let mut text = String::from(
         "<div class=\"wide\"><table class=\"cards\"><tr class=\"head\"><th>recording</th><th>from (UTC)</th><th class=n>judged</th>",
     );
     for column in &columns {
-        let _ = write!(text, "<th class=n>{}</th>", name(column));
+        text += &format!("<th class=n>{}</th>", name(column));
     }
     text += "<th>data quality</th></tr>\n";
     let from = report.recordings.len().saturating_sub(MOST_RECORDINGS);
     for line in &report.recordings[from..] {
-        let _ = write!(
-            text,
-            "<tr>{}<td class=t data-l=\"from\">{}</td><td class=n data-l=\"judged\">{}</td>",
-            name_cell(light(line), &line.name),
-            line.span.map_or("–".into(), |(from, _)| clock(from)),
-            thousands(line.judged)
-        );
-        for column in &columns {
+        let of_head = |column: &Arc<str>| {
             let cell = match line.heads.get(column) {
                 None => "–".into(),
                 Some(HeadCount { tally, .. }) if tally.judged == 0 => "not judged".into(),
@@ -232,15 +210,22 @@ pub fn recordings(report: &Report) -> String {
                     format!("<b>{faulty_channels}</b> · {}", percent(tally.flagged, tally.judged))
                 }
             };
-            let _ = write!(text, "<td class=n data-l=\"{}\">{cell}</td>", name(column));
-        }
-        let _ = writeln!(text, "<td data-l=\"data\">{}</td></tr>", escaped(&quality(line)));
+            format!("<td class=n data-l=\"{}\">{cell}</td>", name(column))
+        };
+        text += &format!(
+            "<tr>{}<td class=t data-l=\"from\">{}</td><td class=n data-l=\"judged\">{}</td>{}\
+             <td data-l=\"data\">{}</td></tr>\n",
+            name_cell(light(line), &line.name),
+            line.span.map_or("–".into(), |(from, _)| clock(from)),
+            thousands(line.judged),
+            columns.iter().map(of_head).collect::<String>(),
+            if line.flaws.is_empty() { "whole".into() } else { escaped(&line.flaws) }
+        );
     }
     for lost in report.coverage.lost.iter().take(MOST_RECORDINGS) {
-        let _ = writeln!(
-            text,
+        text += &format!(
             "<tr>{}<td class=t data-l=\"from\">–</td><td class=n data-l=\"judged\">0</td>{}\
-             <td data-l=\"data\">not judged: {}</td></tr>",
+             <td data-l=\"data\">not judged: {}</td></tr>\n",
             name_cell(Light::Grey, &lost.name),
             "<td class=n>–</td>".repeat(columns.len()),
             escaped(&lost.why.chars().take(MOST_OF_DAMAGE).collect::<String>())
@@ -248,28 +233,25 @@ pub fn recordings(report: &Report) -> String {
     }
     text += "</table></div>\n";
     if from > 0 {
-        let _ = writeln!(
-            text,
-            "<p>The newest {MOST_RECORDINGS}; {} before them.</p>",
+        text += &format!(
+            "<p>The newest {MOST_RECORDINGS}; {} before them.</p>\n",
             thousands(from as u64)
         );
     }
     if left_out > 0 {
-        let _ = writeln!(
-            text,
-            "<p>The printheads with most faults; {} more have no column.</p>",
+        text += &format!(
+            "<p>The printheads with most faults; {} more have no column.</p>\n",
             counted(left_out as u64, "printhead")
         );
     }
     text
 }
 
-/// The printheads that have a column, by name: all of them, or those with the most faults if there
-/// are too many; and the number of those without a column.
+/// The printheads that have a column, those with the most faults, and the number of others.
 fn columns(report: &Report) -> (Vec<Arc<str>>, usize) {
     let mut faults: BTreeMap<&Arc<str>, usize> = BTreeMap::new();
     report.faults.iter().for_each(|f| *faults.entry(&f.story.printhead).or_default() += 1);
-    let heads = report.survey.heads.iter().filter(|head| !head.tallies.is_empty());
+    let heads = report.survey.heads_with_signals();
     let mut names: Vec<Arc<str>> = heads.map(|head| head.name.clone()).collect();
     names.sort_by_key(|n| (std::cmp::Reverse(faults.get(n).copied().unwrap_or(0)), n.clone()));
     let left_out = names.len().saturating_sub(MOST_COLUMNS);
@@ -278,23 +260,26 @@ fn columns(report: &Report) -> (Vec<Arc<str>>, usize) {
     (names, left_out)
 }
 
-/// What is wrong with the data of a recording, in words; [`WHOLE`] if nothing is.
-fn quality(line: &RecordingLine) -> String {
-    let mut parts: Vec<String> =
-        line.rejected.iter().map(|(why, n)| format!("{} {why}", thousands(*n))).collect();
-    if let Some((expected, found)) = line.expected.zip(line.bursts)
+/// What is wrong with the data of a recording, in words; empty if nothing is.
+pub fn flaws(source: &Source) -> String {
+    let counts = &source.document["counts"];
+    let rejected = counts["rejected"].as_object().into_iter().flatten();
+    let rejected =
+        rejected.filter_map(|(why, n)| Some(format!("{} {why}", thousands(n.as_u64()?))));
+    let mut parts: Vec<String> = rejected.collect();
+    if let Some((expected, found)) =
+        source.document["expected"].as_u64().zip(counts["bursts"].as_u64())
         && expected > found
     {
         parts.push(format!("{} of {} bursts found", thousands(found), thousands(expected)));
     }
-    if line.damaged_places > 0 {
-        let first = line.damage.as_deref().unwrap_or_default();
-        let first: String = first.chars().take(MOST_OF_DAMAGE).collect();
-        parts.push(match line.damaged_places {
-            1 => format!("damaged: {first}"),
-            n => format!("damaged in {} places: {first}", thousands(n)),
-        });
+    let first = source.document["damage"]["first"].as_str().unwrap_or_default();
+    let first: String = first.chars().take(MOST_OF_DAMAGE).collect();
+    match source.damaged_places() {
+        0 => {}
+        1 => parts.push(format!("damaged: {first}")),
+        n => parts.push(format!("damaged in {} places: {first}", thousands(n))),
     }
-    parts.extend(line.missing.iter().map(|what| format!("no {what} file")));
-    if parts.is_empty() { WHOLE.into() } else { parts.join("; ") }
+    parts.extend(source.missing.iter().map(|what| format!("no {what} file")));
+    parts.join("; ")
 }

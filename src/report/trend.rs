@@ -1,8 +1,7 @@
 //! Whether a fault gets worse or better.
 //!
-//! In: a channel's severities over time, pooled in bins (`Course`, which `watch` fills while
-//! verdicts are read). Out to `story` and from there to the list: a `Trend`, the slope per day by
-//! least squares with a 95 % interval. `trend` is the entry point.
+//! In: a channel's severities over time, pooled in bins (`Course`, which `watch` fills). Out: a
+//! `Trend`, the slope per day by least squares with a 95 % interval (`trend`).
 //!
 //! The steps:
 //! 1. A line through the means of the bins by least squares (`line`). The bins are not weighted by
@@ -99,26 +98,25 @@ impl Severities {
 }
 
 /// The severities of a channel over time, in one quantity.
-#[derive(Clone, Debug, Default)]
-pub struct Course(pub TimeBins<Severities>);
+pub type Course = TimeBins<Severities>;
 
 impl Course {
     /// Adds one severity, unless it is infinite or NaN.
     pub fn add(&mut self, t_ns: i64, severity: f64) {
         if severity.is_finite() {
-            self.0.at(t_ns).pool(Severities {
+            self.at(t_ns).pool(Severities {
                 n: 1.0,
                 sum: severity,
                 sum_of_squares: severity * severity,
                 sum_t_ns: t_ns as f64,
-                missed: 0.0,
+                ..Severities::default()
             });
         }
     }
 
     /// Adds a signal of the fault that has no size in this quantity.
     pub fn miss(&mut self, t_ns: i64) {
-        self.0.at(t_ns).pool(Severities { missed: 1.0, ..Severities::default() });
+        self.at(t_ns).pool(Severities { missed: 1.0, ..Severities::default() });
     }
 }
 
@@ -142,11 +140,10 @@ pub enum Direction {
 }
 
 impl Trend {
-    /// The trend with its interval widened by the uncertainty of the scale of sizes; `relative`:
-    /// its relative standard deviation. All sizes of a channel may be too large or too small by the
-    /// same factor, which the scatter about the line does not show. The outer bound is multiplied
-    /// by 1 + 1.96 `relative`, and a bound on the near side of 0 is divided by it. So bounds keep
-    /// their signs, and the trend its direction.
+    /// The trend with its interval widened by the uncertainty of the scale of sizes, of which `relative` is the
+    /// relative standard deviation: all sizes of a channel may be off by one factor. The outer bound is
+    /// multiplied by 1 + 1.96 `relative`, a bound on the near side of 0 divided by it, so the trend keeps its
+    /// direction.
     pub fn of_scale(self, relative: f64) -> Trend {
         let wider = 1.0 + 1.96 * relative;
         let [low, high] = self.interval;
@@ -165,13 +162,12 @@ impl Trend {
     }
 }
 
-/// The trend of the severities between two times, ns; `None` if there are too few bins or they span
-/// too little time.
+/// The trend of the severities between two times, ns; `None` if the bins are too few or span too little.
 pub fn trend(course: &Course, from_ns: i64, to_ns: i64) -> Option<Trend> {
     let time = from_ns as f64..=to_ns as f64;
 
     // Only bins with a size count, at the mean time of their sizes.
-    let bins = course.0.values().filter(|bin| bin.n > 0.0 && time.contains(&bin.t_ns()));
+    let bins = course.values().filter(|bin| bin.n > 0.0 && time.contains(&bin.t_ns()));
     let bins: Vec<&Severities> = bins.collect();
     let line_of = |size: &dyn Fn(&Severities) -> f64| {
         let point = |bin: &&Severities| ((bin.t_ns() - from_ns as f64) / DAY_NS, size(bin));
@@ -211,8 +207,7 @@ fn latest_line(points: &[(f64, f64)]) -> Option<Trend> {
     }
 }
 
-/// Means of points (x, y), the sum of squares of x about its mean, and the slope of the line
-/// through the points by least squares.
+/// Means of points (x, y), the sum of squares of x about its mean, and the slope of the least-squares line.
 pub struct Moments {
     pub x0: f64,
     pub y0: f64,
@@ -232,8 +227,8 @@ impl Moments {
     }
 }
 
-/// Least-squares line through (days, severity), in the order of time, with the interval of its
-/// slope; `None` if there are fewer than [`LEAST_BINS`] points or all are at one time.
+/// Least-squares line through (days, severity), in the order of time; `None` with fewer than [`LEAST_BINS`]
+/// points.
 fn line(points: &[(f64, f64)]) -> Option<Trend> {
     let n = points.len() as f64;
     if points.len() < LEAST_BINS {
@@ -248,21 +243,18 @@ fn line(points: &[(f64, f64)]) -> Option<Trend> {
     let residuals: Vec<f64> = points.iter().map(|p| p.1 - y0 - slope * (p.0 - x0)).collect();
     let squares: f64 = residuals.iter().map(|r| r * r).sum();
     let lagged: f64 = residuals.windows(2).map(|w| w[0] * w[1]).sum();
-    // r is the lag-1 autocorrelation of the residuals. It is corrected for its bias (2 + 4 rho) /
-    // n: rho = (r + 2 / n) / (1 - 4 / n). A negative rho counts as 0, so that the interval is never
-    // narrowed.
+    // Its bias is (2 + 4 rho) / n, so rho = (r + 2 / n) / (1 - 4 / n). A negative rho counts as 0, so
+    // that the interval is never narrowed.
     let correlation = if squares > 0.0 { lagged / squares } else { 0.0 };
     let correlation = (correlation + 2.0 / n) / (1.0 - 4.0 / n);
     let correlation = correlation.clamp(0.0, MOST_CORRELATION);
 
-    // Variance of a mean of first-order autoregressive noise over that of white noise. It widens
-    // the interval and lowers the effective number of points, from which the degrees of freedom
-    // follow.
+    // The variance of a mean of such noise over that of white noise widens the interval and lowers the
+    // effective number of points, from which the degrees of freedom follow.
     let inflated = (1.0 + correlation) / (1.0 - correlation);
     let freedom = (n / inflated - 2.0).max(1.0);
 
-    // The standard error of the slope. Severities in tables are f32: a change below their rounding
-    // is none.
+    // Severities in tables are f32: a change below their rounding is none.
     let rounded = n * (f64::from(f32::EPSILON) * y0).powi(2);
     let error = ((squares + rounded) / (n - 2.0) / sxx * inflated).sqrt();
     let half = student_quantile(0.975, freedom) * error;
@@ -327,7 +319,6 @@ mod tests {
             };
             held += usize::from(holds(trend(&course, 0, i64::MAX)));
             let sized: Vec<_> = course
-                .0
                 .values()
                 .filter(|of| of.n > 0.0)
                 .map(|of| (of.t_ns() / DAY_NS, of.mean()))

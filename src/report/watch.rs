@@ -1,7 +1,7 @@
 //! Counts over the bursts of a channel that had an episode: how often it was flagged in its
 //! episodes and between them, and how severe its faults were over time.
 //!
-//! In: the episodes of a channel, then from `survey` its judged bursts one by one (`Watch::look`),
+//! In: the episodes of a channel, then from `survey` its judged bursts one by one (`Watch::add_burst`),
 //! from recordings in any order. Out: a `Watch`, from which [`super::story`] decides which episodes
 //! are of one fault, and which `false_alarms` counts over. A burst holds one signal of the channel,
 //! so bursts and signals are the same number here.
@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 
 /// Counts of a channel's judged bursts over some time.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct LookCounts {
+pub struct BurstCounts {
     pub judged: u64,
     pub flagged: u64,
     /// Flagged bursts that no ring explains.
@@ -25,7 +25,7 @@ pub struct LookCounts {
     pub first_quiet_ns: Option<i64>,
 }
 
-impl LookCounts {
+impl BurstCounts {
     /// Counts one judged burst. `t_ns`: its t_a; `reason`: why it has no name, if it has none.
     pub fn add(&mut self, t_ns: i64, flagged: bool, reason: Option<Reason>) {
         self.judged += 1;
@@ -39,7 +39,7 @@ impl LookCounts {
     }
 
     /// Adds the counts of another stretch of time.
-    pub fn absorb(&mut self, other: &LookCounts) {
+    pub fn absorb(&mut self, other: &BurstCounts) {
         self.judged += other.judged;
         self.flagged += other.flagged;
         self.no_ring += other.no_ring;
@@ -54,35 +54,30 @@ pub struct Spell {
     /// Index of the recording that the episode is in.
     pub recording: usize,
     pub episode: Episode,
-    pub looked: LookCounts,
+    pub counts: BurstCounts,
 }
 
-/// The size of one signal's fault, and the quantity in which the size is measured (words with the
-/// unit).
+/// The size of one signal's fault, and the quantity (words with the unit) in which it is measured.
 #[derive(Clone, Copy, Debug)]
 pub struct Size<'a> {
     pub quantity: &'a str,
     pub size: f64,
 }
 
-/// A channel's episodes in the order of their onsets, and the counts of its bursts in the episodes
-/// and outside of them.
+/// A channel's episodes in the order of their onsets, and counts of its bursts in and outside of them.
 #[derive(Clone, Debug)]
 pub struct Watch {
     pub spells: Vec<Spell>,
-    /// Counts outside of episodes: `outside[k]` holds the bursts after the onsets of k episodes, so
-    /// `outside[0]` those before the first. There is one more than episodes.
-    pub outside: Vec<LookCounts>,
+    /// Counts outside of episodes: `outside[k]` holds the bursts after the onsets of k episodes.
+    pub outside: Vec<BurstCounts>,
     /// Severities of the flagged bursts in episodes over time, by the quantity that they measure. A
     /// flagged burst without a size in a quantity counts there as missed.
     courses: BTreeMap<String, Course>,
-    /// All flagged bursts in episodes, each as missed: what the course of a quantity begins with that was
-    /// not met before.
+    /// All flagged bursts in episodes as missed: what the course of a new quantity begins with.
     missed: Course,
 }
 
-/// Most quantities that are followed for a channel. Their number is bounded because each class that users
-/// define has a quantity of its own.
+/// Most quantities that are followed for a channel; each own class has one.
 const MOST_QUANTITIES: usize = 16;
 
 impl Watch {
@@ -92,14 +87,14 @@ impl Watch {
             let key = |s: &Spell| (s.episode.began_at_ns, s.recording, s.episode.raised_at_ns);
             key(a).cmp(&key(b))
         });
-        let outside = vec![LookCounts::default(); spells.len() + 1];
+        let outside = vec![BurstCounts::default(); spells.len() + 1];
         Watch { spells, outside, courses: BTreeMap::new(), missed: Course::default() }
     }
 
     /// Counts one judged burst of a recording, for the episode that it lies in or else for the time
     /// between episodes. `reason`: why it has no name; `sized`: the size of its fault, if it is
     /// flagged and was sized.
-    pub fn look(
+    pub fn add_burst(
         &mut self,
         recording: usize,
         t_ns: i64,
@@ -112,35 +107,28 @@ impl Watch {
             s.recording == recording && s.episode.ended_at_ns.is_none_or(|end| t_ns < end)
         };
         // Of the recording's episodes the one that began last: earlier ones have ended.
-        match self.spells[..before].iter_mut().rev().find(within) {
-            Some(spell) => {
-                spell.looked.add(t_ns, flagged, reason);
-
-                // A flagged burst without a size in some quantity is counted there, since `trend`
-                // corrects for such bursts.
-                let measured = sized.as_ref().map(|of| of.quantity);
-                if flagged {
-                    let others =
-                        self.courses.iter_mut().filter(|(of, _)| Some(of.as_str()) != measured);
-                    others.for_each(|(_, course)| course.miss(t_ns));
-                }
-
-                if let Some(Size { quantity, size: severity }) = sized {
-                    // A quantity beyond the limit is not followed.
-                    if !self.courses.contains_key(quantity) && self.courses.len() < MOST_QUANTITIES
-                    {
-                        self.courses.insert(quantity.to_owned(), self.missed.clone());
-                    }
-                    if let Some(course) = self.courses.get_mut(quantity) {
-                        course.add(t_ns, severity);
-                    }
-                }
-                if flagged {
-                    self.missed.miss(t_ns);
-                }
-            }
-            None => self.outside[before].add(t_ns, flagged, reason),
+        let Some(spell) = self.spells[..before].iter_mut().rev().find(within) else {
+            return self.outside[before].add(t_ns, flagged, reason);
+        };
+        spell.counts.add(t_ns, flagged, reason);
+        if !flagged {
+            return;
         }
+
+        // A flagged burst without a size in some quantity is counted there, since `trend` corrects
+        // for such bursts. A quantity beyond the limit is not followed.
+        let measured = sized.map(|of| of.quantity);
+        let others = self.courses.iter_mut().filter(|(of, _)| Some(of.as_str()) != measured);
+        others.for_each(|(_, course)| course.miss(t_ns));
+        if let Some(Size { quantity, size }) = sized {
+            if !self.courses.contains_key(quantity) && self.courses.len() < MOST_QUANTITIES {
+                self.courses.insert(quantity.to_owned(), self.missed.clone());
+            }
+            if let Some(course) = self.courses.get_mut(quantity) {
+                course.add(t_ns, size);
+            }
+        }
+        self.missed.miss(t_ns);
     }
 
     /// The severities over time that are measured in `quantity`; `None` if there are none.
@@ -149,12 +137,10 @@ impl Watch {
     }
 }
 
-/// The quantity of a fault without a name: the distance of its signals from healthy ones, in multiples of the
-/// threshold's distance.
+/// The quantity of a fault without a name.
 pub const DISTANCE: &str = "distance from a healthy channel, in thresholds";
 
-/// The quantity that an episode's severities measure; `None` if the classes of its category are sized by
-/// different quantities.
+/// The quantity that an episode's severities measure, if its category has one quantity.
 pub fn quantity(episode: &Episode) -> Option<&str> {
     match (episode.fault.as_deref(), episode.category.as_deref()) {
         (Some(class), _) => Some(fault::quantity(class)),
@@ -163,8 +149,7 @@ pub fn quantity(episode: &Episode) -> Option<&str> {
     }
 }
 
-/// A class whose quantity stands for a category without a class; `None` for the categories whose
-/// classes are sized by different quantities, and for a user's own categories.
+/// A class whose quantity stands for a category, if all its classes are sized by that.
 pub fn sized_as(category: &str) -> Option<&'static str> {
     match category {
         "blocked_nozzle" => Some("PBN"),

@@ -16,6 +16,17 @@ pub fn counted(n: u64, what: &str) -> String {
     format!("{} {what}{}", thousands(n), if n == 1 { "" } else { "s" })
 }
 
+/// The texts of those parts whose number is not 0.
+pub fn of_some(parts: impl IntoIterator<Item = (u64, String)>) -> impl Iterator<Item = String> {
+    parts.into_iter().filter(|(n, _)| *n > 0).map(|(_, text)| text)
+}
+
+/// The texts that are not empty, with `between` between two of them.
+pub fn joined(parts: impl IntoIterator<Item = String>, between: &str) -> String {
+    let parts = parts.into_iter().filter(|part| !part.is_empty());
+    parts.collect::<Vec<_>>().join(between)
+}
+
 /// A number of times: the words of `once` for 1, else for example `3 times`.
 pub fn counted_as(n: u64, once: &str, times: &str) -> String {
     if n == 1 { once.to_owned() } else { format!("{} {times}", thousands(n)) }
@@ -28,15 +39,10 @@ pub fn thousands(n: u64) -> String {
 
 /// A number with its digits in groups of three.
 pub fn grouped(n: u64, separator: char) -> String {
-    let digits = n.to_string();
-    let mut text = String::new();
-    for (k, digit) in digits.chars().enumerate() {
-        if k > 0 && (digits.len() - k).is_multiple_of(3) {
-            text.push(separator);
-        }
-        text.push(digit);
+    match n {
+        0..1000 => n.to_string(),
+        _ => format!("{}{separator}{:03}", grouped(n / 1000, separator), n % 1000),
     }
-    text
 }
 
 /// A positive number with about three significant digits.
@@ -89,8 +95,7 @@ pub enum Column<'a> {
     Last(&'a str),
 }
 
-/// Writes a table: a line of heads, then the rows. Columns are separated by one space, and a column
-/// of words after a column of numbers by two. Cells that are too wide are not cut.
+/// Writes a table: a line of heads, then the rows. Cells that are too wide are not cut.
 pub fn columns<const N: usize>(
     out: &mut impl Write,
     columns: [Column; N],

@@ -1,9 +1,8 @@
 //! Figures: one set of axes with points and lines. This is the only place that uses `plotters`.
 //!
-//! In: a `Figure` (title, axes, series, thresholds) from the rooms that have something to show:
-//! `thesis`, `critique`, the report and the verbs. Out: with `write` an SVG, a PNG and the data as
-//! CSV under one name; with `svg` or `svg_of_size` an SVG document for a page. One function,
-//! `draw`, draws for SVG and PNG alike.
+//! In: a `Figure` (title, axes, series, thresholds). Out: with `write` an SVG, a PNG and the data as
+//! CSV under one name; with `svg` or `svg_of_size` an SVG document for a page. `draw` draws for SVG
+//! and PNG alike.
 //!
 //! Beside figures there are [`raster`], pictures made of cells, and [`page`], the page that figures
 //! stand on.
@@ -18,7 +17,7 @@ use axis::Scale;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::{FontStyle, register_font};
-use std::io::Write;
+use std::ops::Range;
 use std::path::Path;
 use std::sync::Once;
 use thiserror::Error;
@@ -26,9 +25,10 @@ use thiserror::Error;
 /// A figure could not be drawn or written. `path`: the file, or the figure's title if it has no
 /// file.
 #[derive(Debug, Error)]
-pub enum PlotError {
-    #[error("{path}: {message}")]
-    Failed { path: String, message: String },
+#[error("{path}: {message}")]
+pub struct PlotError {
+    path: String,
+    message: String,
 }
 
 /// How a series is drawn.
@@ -111,18 +111,18 @@ impl Figure {
 
     /// Writes `<name>.svg`, `<name>.png` and `<name>.csv` into `dir`.
     pub fn write(&self, dir: &Path, name: &str) -> Result<(), PlotError> {
-        let path = |extension: &str| dir.join(format!("{name}.{extension}"));
-        let failed = |path: &Path, message: String| PlotError::Failed {
-            path: path.display().to_string(),
-            message,
-        };
-        let csv = path("csv");
-        self.write_csv(&csv).map_err(|e| failed(&csv, e.to_string()))?;
-        let (svg, png) = (path("svg"), path("png"));
-        self.draw(SVGBackend::new(&svg, SIZE).into_drawing_area()).map_err(|e| failed(&svg, e))?;
-        self.png()
-            .and_then(|bytes| std::fs::write(&png, bytes).map_err(|e| e.to_string()))
-            .map_err(|e| failed(&png, e))
+        let files = [
+            ("csv", Ok(self.csv().into_bytes())),
+            ("svg", self.document(SIZE).map(String::into_bytes)),
+            ("png", self.png()),
+        ];
+        for (extension, contents) in files {
+            let path = dir.join(format!("{name}.{extension}"));
+            contents
+                .and_then(|bytes| std::fs::write(&path, bytes).map_err(|e| e.to_string()))
+                .map_err(|message| PlotError { path: path.display().to_string(), message })?;
+        }
+        Ok(())
     }
 
     /// The figure as the bytes of a PNG file.
@@ -133,6 +133,13 @@ impl Figure {
         raster::encode(width, height, |of| of.set_color(png::ColorType::Rgb), &pixels)
     }
 
+    /// The figure as an SVG document of this width and height, pixels.
+    fn document(&self, size: (u32, u32)) -> Result<String, String> {
+        let mut text = String::new();
+        self.draw(SVGBackend::with_string(&mut text, size).into_drawing_area())?;
+        Ok(text)
+    }
+
     /// The figure as an SVG document.
     pub fn svg(&self) -> Result<String, PlotError> {
         self.svg_of_size(SIZE)
@@ -140,27 +147,19 @@ impl Figure {
 
     /// The figure as an SVG document of this width and height, pixels.
     pub fn svg_of_size(&self, size: (u32, u32)) -> Result<String, PlotError> {
-        let mut text = String::new();
-        let drawn = self.draw(SVGBackend::with_string(&mut text, size).into_drawing_area());
-        drawn.map_err(|message| PlotError::Failed { path: self.title.clone(), message })?;
-        Ok(text)
+        self.document(size).map_err(|message| PlotError { path: self.title.clone(), message })
     }
 
-    /// Writes all points as rows `series,x,y` of a CSV file, and after them the thresholds, which
-    /// have no y.
-    fn write_csv(&self, path: &Path) -> std::io::Result<()> {
-        let mut file = std::io::BufWriter::new(std::fs::File::create(path)?);
+    /// All points as rows `series,x,y`, and after them the thresholds, which have no y.
+    fn csv(&self) -> String {
         let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
-        writeln!(file, "series,{},{}", quoted(&self.x.label), quoted(&self.y.label))?;
+        let mut text = format!("series,{},{}\n", quoted(&self.x.label), quoted(&self.y.label));
         for series in &self.series {
-            for (x, y) in &series.points {
-                writeln!(file, "{},{x},{y}", quoted(&series.name))?;
-            }
+            let name = quoted(&series.name);
+            text.extend(series.points.iter().map(|(x, y)| format!("{name},{x},{y}\n")));
         }
-        for (x, what) in &self.thresholds {
-            writeln!(file, "{},{x},", quoted(what))?;
-        }
-        file.flush()
+        text.extend(self.thresholds.iter().map(|(x, what)| format!("{},{x},\n", quoted(what))));
+        text
     }
 
     /// Draws the figure with whatever backend the area has.
@@ -177,7 +176,7 @@ impl Figure {
         let marked = self.thresholds.iter().map(|t| t.0);
         let x = self.x.scale(points().map(|p| p.0).chain(marked));
         let y = self.y.scale(points().map(|p| p.1));
-        let ends = Ends { x: (x.low, x.high), y: (y.low, y.high) };
+        let ends = [x.range(), y.range()];
         // the y axis is as wide as the longest name of a category
         let names = self.y.categories.iter().map(|c| 24 + 8 * c.len() as u32);
 
@@ -254,7 +253,10 @@ impl Figure {
     ) -> Result<(), String> {
         let points = series.points.iter().map(|p| (self.x.at(p.0), self.y.at(p.1)));
         let circle = |p, radius, opacity| Circle::new(p, radius, colour.mix(opacity).filled());
-        let inside = |p: &(f64, f64)| ends.hold(*p);
+        let inside = |p: &(f64, f64)| {
+            let within = |end: &Range<f64>, v: &f64| (end.start..=end.end).contains(v);
+            within(&ends[0], &p.0) && within(&ends[1], &p.1)
+        };
         let drawn = match series.mark {
             Mark::Line => chart.draw_series(LineSeries::new(points, colour.stroke_width(2))),
             Mark::Points => chart.draw_series(points.filter(inside).map(|p| circle(p, 2, 0.55))),
@@ -303,7 +305,7 @@ impl Figure {
             // single one is red
             let colour = if self.thresholds.len() > 1 { COLOURS[k % COLOURS.len()] } else { RED };
             let (x, style) = (self.x.at(*x), colour.stroke_width(2));
-            let line = DashedLineSeries::new([(x, ends.y.0), (x, ends.y.1)], 8, 5, style);
+            let line = DashedLineSeries::new([(x, ends[1].start), (x, ends[1].end)], 8, 5, style);
             chart
                 .draw_series(line)
                 .map_err(text::<B>)?
@@ -316,18 +318,8 @@ impl Figure {
 
 type Chart<'a, B> = ChartContext<'a, B, Cartesian2d<Scale, Scale>>;
 
-/// The two ends of each axis, in coordinates.
-struct Ends {
-    x: (f64, f64),
-    y: (f64, f64),
-}
-
-impl Ends {
-    /// Whether a point lies within the axes.
-    fn hold(&self, (x, y): (f64, f64)) -> bool {
-        (self.x.0..=self.x.1).contains(&x) && (self.y.0..=self.y.1).contains(&y)
-    }
-}
+/// From the lowest to the highest coordinate of the x axis, and of the y axis.
+type Ends = [Range<f64>; 2];
 
 /// The words of a backend's error.
 fn text<B: DrawingBackend>(e: DrawingAreaErrorKind<B::ErrorType>) -> String {

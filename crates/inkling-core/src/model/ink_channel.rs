@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, Matrix4, dmatrix};
 
 /// Thesis (2-2) in the four rates on which its A depends: x' = A x, y = C x. It rings from an
 /// acquisition state x_a that is not zero.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct InkChannel {
     /// 1/(I_r B_t), 1/s².

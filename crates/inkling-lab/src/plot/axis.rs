@@ -132,8 +132,8 @@ impl Axis {
 
 /// A range with ticks, both in coordinates, as `plotters` wants it.
 pub(super) struct Scale {
-    pub low: f64,
-    pub high: f64,
+    low: f64,
+    high: f64,
     ticks: Vec<f64>,
 }
 

@@ -29,18 +29,13 @@ impl Raster<'_> {
             return Err(format!("cells beyond a palette of {} colours", self.palette.len()));
         }
         if self.cells.len() != self.width as usize * self.height as usize || self.cells.is_empty() {
-            return Err(format!(
-                "{} cells, not {} x {}",
-                self.cells.len(),
-                self.width,
-                self.height
-            ));
+            let Raster { width, height, .. } = self;
+            return Err(format!("{} cells, not {width} x {height}", self.cells.len()));
         }
-        let packed: Vec<u8> = self
-            .cells
-            .chunks(self.width as usize)
-            .flat_map(|row| row.chunks(2).map(pair))
-            .collect();
+        // two cells in a byte, the first in the upper half; the last cell of an odd row stands alone
+        let pair = |cells: &[u8]| cells[0] << 4 | cells.get(1).copied().unwrap_or(0);
+        let rows = self.cells.chunks(self.width as usize);
+        let packed: Vec<u8> = rows.flat_map(|row| row.chunks(2).map(pair)).collect();
         let indexed = |of: &mut Encoder| {
             of.set_color(png::ColorType::Indexed);
             of.set_depth(png::BitDepth::Four);
@@ -75,12 +70,6 @@ pub(super) fn encode(
         .and_then(|mut writer| writer.write_image_data(pixels).and_then(|()| writer.finish()));
     written.map_err(|e| e.to_string())?;
     Ok(bytes)
-}
-
-/// Packs two cells into a byte, the first in the upper half; the last cell of an odd row stands
-/// alone.
-fn pair(cells: &[u8]) -> u8 {
-    cells[0] << 4 | cells.get(1).copied().unwrap_or(0)
 }
 
 #[cfg(test)]

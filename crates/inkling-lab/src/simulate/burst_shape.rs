@@ -6,8 +6,8 @@ use super::scenario::RecordingOptions;
 use bytes::Bytes;
 use inkling_core::burst::{Burst, Format, Layout};
 
-/// One acquisition of a printhead: a burst of all its channels that holds everything but samples, number of
-/// channels, layout and format; and the samples, counts, channels x samples_per_channel, channel by channel.
+/// One acquisition of a printhead: a burst of all its channels without samples, number of channels, layout and
+/// format; and its counts, channels x samples_per_channel, channel by channel.
 pub type Acquired = (Burst, Vec<i16>);
 
 /// A sample as the converter gives it: rounded, and clamped to the range of int16.

@@ -4,8 +4,7 @@
 //! After thesis §4-1: a set holds healthy signals and equally many of each fault class, shuffled, and
 //! training and test set are drawn separately. The steps: draw the truth of each signal (class and severity),
 //! number the channels on from set to set (so that one labels file covers all sets), and, when a burst is
-//! asked for, sense one signal for each truth. The first and third are written for any kind of signal, since
-//! [`super::thesis_form`] makes its sets here, too.
+//! asked for, sense one signal for each truth. [`super::thesis_form`] makes its sets here, too.
 
 use super::burst_shape;
 use super::draws::{Purpose, part, stream};
@@ -40,61 +39,34 @@ impl Truth {
     const HEALTHY: Truth = Truth { class: None, severity: 0.0 };
 }
 
-/// One set of signals, before they are simulated.
+/// One set of signals, each of another channel. Channels are numbered on from set to set.
 pub(super) struct Set {
     /// Stem of the recording's file name.
     pub stem: &'static str,
     /// The set's random streams (`draws::part`).
     pub part: u32,
-    /// Channel of the first signal; each further signal has the next channel.
-    pub first_channel: u32,
     /// The truth of each signal.
     pub truths: Vec<Truth>,
 }
 
-/// Numbers the channels of sets one after another, so that channel numbers never repeat. `sets`: stem, part
-/// and truths of each.
-pub(super) fn placed(sets: Vec<(&'static str, u32, Vec<Truth>)>) -> Vec<Set> {
-    let mut next = 0;
-    let place = |(stem, part, truths): (_, _, Vec<Truth>)| {
-        let first_channel = next;
-        next += truths.len() as u32;
-        Set { stem, part, first_channel, truths }
-    };
-    sets.into_iter().map(place).collect()
-}
-
-/// A training and a test set, drawn separately: stem, part and truths of each. The array holds the number of
-/// healthy signals, of signals per fault class, and of fault classes; `severity` draws the severity of a
-/// signal of a class.
+/// A training and a test set, drawn separately and shuffled. The array holds the numbers of healthy signals, of
+/// signals per fault class, and of classes; `severity` draws that of a signal of a class.
 pub(super) fn train_and_test(
     seed: u64,
     [healthy, per_fault, classes]: [usize; 3],
     severity: impl Fn(usize, &mut ChaCha8Rng) -> f64,
-) -> Vec<(&'static str, u32, Vec<Truth>)> {
+) -> Vec<Set> {
     let set = |(stem, part)| {
         let mut rng = stream(seed, Purpose::Truth, part);
-        (stem, part, mixed(healthy, per_fault, classes, &mut rng, &severity))
+        let mut truths = vec![Truth::HEALTHY; healthy];
+        for class in 0..classes {
+            let draw = || Truth { class: Some(class), severity: severity(class, &mut rng) };
+            truths.extend(std::iter::repeat_with(draw).take(per_fault));
+        }
+        truths.shuffle(&mut rng);
+        Set { stem, part, truths }
     };
     [("train", part::TRAIN), ("test", part::TEST)].map(set).into()
-}
-
-/// The truths of `healthy` healthy signals and of `per_fault` signals of each class, shuffled.
-fn mixed(
-    healthy: usize,
-    per_fault: usize,
-    classes: usize,
-    rng: &mut ChaCha8Rng,
-    mut severity: impl FnMut(usize, &mut ChaCha8Rng) -> f64,
-) -> Vec<Truth> {
-    let mut truths = vec![Truth::HEALTHY; healthy];
-    for class in 0..classes {
-        for _ in 0..per_fault {
-            truths.push(Truth { class: Some(class), severity: severity(class, rng) });
-        }
-    }
-    truths.shuffle(rng);
-    truths
 }
 
 /// The sets that the scenario asks for; severities are uniform in the ranges of their classes.
@@ -105,8 +77,8 @@ fn sets(physics: &Physics, seed: u64) -> Vec<Set> {
         let [low, high] = ranges[class].1;
         low + (high - low) * rng.random::<f64>()
     };
-    let mut sets =
-        train_and_test(seed, [dataset.healthy, dataset.per_fault, ranges.len()], severity);
+    let numbers = [dataset.healthy, dataset.per_fault, ranges.len()];
+    let mut sets = train_and_test(seed, numbers, severity);
     if dataset.calibration_test > 0 {
         let mut rng = stream(seed, Purpose::Truth, part::CALIBRATION);
         // the calibration set has faulty signals only, of classes drawn at random
@@ -115,9 +87,9 @@ fn sets(physics: &Physics, seed: u64) -> Vec<Set> {
             Truth { class: Some(class), severity: severity(class, &mut rng) }
         };
         let truths = (0..dataset.calibration_test).map(draw).collect();
-        sets.push(("calibration", part::CALIBRATION, truths));
+        sets.push(Set { stem: "calibration", part: part::CALIBRATION, truths });
     }
-    placed(sets)
+    sets
 }
 
 /// The labels of the scenario's sets.
@@ -127,30 +99,22 @@ pub(super) fn labels(physics: &Physics, seed: u64) -> Vec<Label> {
     labels_of(&sets(physics, seed), class)
 }
 
-/// The labels of sets: a `*` row that says healthy, then a row per faulty channel; none at all without sets.
-/// `state` returns the class and the severity of a truth, `None` for a healthy one.
+/// The labels of sets: a `*` row that says healthy, then a row per faulty channel. `state`: the class and the
+/// severity of a truth that is not healthy.
 pub(super) fn labels_of(
     sets: &[Set],
     state: impl Fn(&Truth) -> Option<(String, Option<f64>)>,
 ) -> Vec<Label> {
-    if sets.is_empty() {
-        return Vec::new();
-    }
-    let mut labels = vec![healthy_everywhere(PRINTHEAD)];
-    for set in sets {
-        for (truth, channel) in set.truths.iter().zip(set.first_channel..) {
-            if let Some((state, severity)) = state(truth) {
-                let healthy = healthy_everywhere(PRINTHEAD);
-                labels.push(Label { channel: Channels::One(channel), state, severity, ..healthy });
-            }
-        }
-    }
-    labels
+    let healthy = sets.first().map(|_| healthy_everywhere(PRINTHEAD));
+    let faulty = sets.iter().flat_map(|set| &set.truths).zip(0..).filter_map(|(truth, channel)| {
+        let ((state, severity), channel) = (state(truth)?, Channels::One(channel));
+        Some(Label { channel, state, severity, ..healthy_everywhere(PRINTHEAD) })
+    });
+    healthy.into_iter().chain(faulty).collect()
 }
 
 /// The recordings of sets, not yet made. `common`: what all bursts have in common. `sense` is called once for
-/// each set with its part, and returns the function that appends the counts of one signal of a given truth;
-/// this function draws random numbers, so signals must be asked for in order.
+/// each set with its part, and returns the function that appends the counts of one signal of a given truth.
 pub(super) fn recordings_of<S>(
     sets: Vec<Set>,
     options: &RecordingOptions,
@@ -162,12 +126,13 @@ where
 {
     let per_burst = options.channels_per_burst.unwrap_or(CHANNELS_PER_BURST);
     let common = Burst { printhead: PRINTHEAD.into(), ..common };
-    let mut next_burst = 0;
+    let (mut next_burst, mut next_channel) = (0, 0);
     let record = |set: Set| {
-        // bursts, and so their times, are counted on from set to set
+        // bursts, and so their times, are counted on from set to set, as channels are
         let burst_count = (set.truths.len() as u64).div_ceil(u64::from(per_burst));
-        let first_burst = next_burst;
+        let (first_burst, first_channel) = (next_burst, next_channel);
         next_burst += burst_count as i64;
+        next_channel += set.truths.len() as u32;
         let (start_ns, mut sense) = (options.start_ns, sense(set.part));
         let (shape, common) = (options.clone(), common.clone());
         let samples = common.samples_per_channel as usize;
@@ -178,7 +143,7 @@ where
             set.truths[from..to].iter().for_each(|truth| sense(truth, &mut counts));
             let burst = Burst {
                 t_acq_ns: start_ns + (first_burst + i as i64) * BURST_INTERVAL_NS,
-                first_channel: set.first_channel + from as u32,
+                first_channel: first_channel + from as u32,
                 ..common.clone()
             };
             burst_shape::bursts((burst, counts), &shape)
@@ -189,8 +154,7 @@ where
     sets.into_iter().map(record).collect()
 }
 
-/// The recordings of the scenario's sets, with channels of thesis (2-2): for each signal, a channel is drawn,
-/// the fault is applied to its rates, and its signal is sensed at nominal drive and temperature.
+/// The recordings of the scenario's sets, sensed at nominal drive and temperature.
 pub(super) fn recordings(
     physics: &Arc<Physics>,
     options: &RecordingOptions,

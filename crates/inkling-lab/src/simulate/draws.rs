@@ -38,15 +38,14 @@ pub fn about_one(half_width: f64, rng: &mut ChaCha8Rng) -> f64 {
     1.0 + half_width * (2.0 * rng.random::<f64>() - 1.0)
 }
 
-/// Numbers of the parts of a scenario, for [`stream`]. They decide what a seed gives, so they must never
-/// change.
+/// Numbers of the parts, for [`stream`]. They decide what a seed gives, so they must never change.
 pub mod part {
     /// The three sets.
     pub const TRAIN: u32 = 0;
     pub const TEST: u32 = 1;
     pub const CALIBRATION: u32 = 2;
     /// The first drying experiment; repeated ones count on from here. From the 13th on they share their
-    /// streams with printheads of a print run of the same seed, which matters only if both are compared.
+    /// streams with printheads of a print run of the same seed.
     pub const DRYING: u32 = 4;
     /// The first printhead of a print run; further ones count on from here.
     pub const PRINT_RUN: u32 = 16;

@@ -2,7 +2,7 @@
 //!
 //! In: a physics scenario. Out: the signals of the experiment, each with the state that the number of
 //! pre-fires before it makes: none leaves the nozzle deeply dried (DDN), one intermediately dried (IDN),
-//! eight healthy. The replay of the thesis's tables reads them.
+//! eight healthy.
 //!
 //! The model of drying: a nozzle is dried by a factor on its viscosity that is uniform in the range of class
 //! DDN, and pre-firing carries dried ink out, so that each pre-fire leaves the share `LEFT` of the excess:
@@ -18,14 +18,12 @@ use rand::seq::SliceRandom;
 
 /// Drive voltage of the actuation that every signal rings from, V.
 pub const DRIVE_V: f64 = NOMINAL_DRIVE_V;
-/// Share of the excess viscosity that a pre-fire leaves. The thesis does not say it; with this share the
-/// three states form three clusters, as in its Fig. 4-2.
+/// Share of the excess viscosity that a pre-fire leaves: with it the three states form clusters as in Fig. 4-2.
 const LEFT: f64 = 0.25;
 /// State, number of signals and number of pre-fires of each set; the numbers of signals are the thesis's.
 const SETS: [(&str, usize, i32); 3] = [(HEALTHY, 48, 8), ("IDN", 39, 1), ("DDN", 60, 0)];
 
-/// Simulates one experiment: state and counts of each of its 147 signals, shuffled. Experiments of one seed
-/// with different `repeat` are drawn separately.
+/// Simulates one experiment: state and counts of each of its 147 signals, shuffled. `repeat`: which one.
 pub fn experiment(physics: &Physics, seed: u64, repeat: u32) -> Vec<(&'static str, Vec<i16>)> {
     let part = part::DRYING + repeat;
     let mut spread = stream(seed, Purpose::Spread, part);
@@ -40,7 +38,7 @@ pub fn experiment(physics: &Physics, seed: u64, repeat: u32) -> Vec<(&'static st
             let dried = low + (high - low) * truth.random::<f64>();
             let factor = 1.0 + (dried - 1.0) * LEFT.powi(pre_fires);
             let rates = faults::apply("DDN", factor, &rates).unwrap_or(rates);
-            let mut counts = Vec::with_capacity(sensor.samples());
+            let mut counts = Vec::with_capacity(physics.acquisition.samples);
             sensor.sense(&rates, gain, NOMINAL_DRIVE_V, &mut counts);
             signals.push((state, counts));
         }

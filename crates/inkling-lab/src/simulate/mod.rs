@@ -1,21 +1,18 @@
 //! Simulates recordings with known truth. In: a scenario (a checked TOML file, [`scenario`]) and a seed. Out:
-//! bursts, and labels that say which channels have which fault, from when to when, and how severe the fault
-//! is. `inkling simulate` writes both to files.
+//! bursts, and labels that say which channels have which fault, when, and how severe it is.
 //!
 //! A scenario of kind `physics` simulates channels by thesis §2-2: sets of signals for training and test,
 //! each signal from another channel ([`dataset`]), printheads over time ([`print_run`]), or both. A
 //! scenario of kind `classes` simulates the data set of thesis §4-1 without physics: the parameters of
 //! every ring-down are drawn from the box of its class ([`thesis_form`]). Two further experiments use a
-//! physics scenario but are not among its recordings; callers ask for them by themselves: effects that the
-//! model does not know ([`hidden`]), and nozzles that are dried on purpose ([`drying`]).
+//! physics scenario but are not among its recordings: effects that the model does not know ([`hidden`]), and
+//! nozzles that are dried on purpose ([`drying`]).
 //!
-//! The files below share: one channel's signal (`sensor`), random streams (`draws`), samples into bursts
-//! (`burst_shape`), and a recording that is not yet made (`simulated`).
+//! Shared are: one channel's signal (`sensor`), random streams (`draws`), samples into bursts (`burst_shape`),
+//! and a recording that is not yet made (`simulated`).
 //!
 //! Bursts are made when they are asked for, so memory does not grow with the length of a run. The same
-//! scenario and seed give the same bytes. Truth, spread, noise and every other purpose draw from a random
-//! stream of their own, one for each set and printhead: if one of them is changed, the others draw what they
-//! drew before.
+//! scenario and seed give the same bytes.
 
 mod burst_shape;
 pub mod dataset;
@@ -48,17 +45,15 @@ impl Scenario {
         }
     }
 
-    /// What is true of the scenario's recordings, in one list for all of them: first, for each printhead, a
-    /// row for all its channels (`*`) that says healthy, then the rows of single channels with a fault. Where
-    /// both hold, the row of the single channel counts ([`inkling_core::labels`]).
+    /// What is true of the scenario's recordings: first, for each printhead, a row for all its channels (`*`)
+    /// that says healthy, then the rows of single channels with a fault.
     pub fn labels(&self, seed: u64) -> Vec<Label> {
         match &self.kind {
             Kind::Classes(classes) => thesis_form::labels(classes, seed),
             Kind::Physics(physics) => {
                 let mut labels = dataset::labels(physics, seed);
                 labels.extend(print_run::labels(physics, &self.recording, seed));
-                // Move the `*` rows to the front, those of the print run too. This changes nothing in what
-                // the labels say. The sort is stable, so all other rows keep their order.
+                // the `*` rows of the print run come to the front, too
                 labels.sort_by_key(|label| label.channel != Channels::All);
                 labels
             }

@@ -2,10 +2,9 @@
 //! `[print_run]` of a physics scenario. Out: one recording of bursts in time order, one acquisition per
 //! printhead and time step, and labels with the truth.
 //!
-//! After thesis (2-1), (2-2) over time. A channel's rates are constant but for temperature and faults, and
-//! every channel fires in every burst. The steps: list all faults (drawn, or those of the file); per
-//! printhead, draw the channels; per step, draw temperature error and drive, change each channel's rates by
-//! viscosity and by its faults of that step, and sense its signal (`sensor.rs`).
+//! After thesis (2-1), (2-2) over time; every channel fires in every burst. The steps: list all faults (drawn,
+//! or those of the file); per printhead, draw the channels; per step, draw temperature error and drive, change
+//! each channel's rates by viscosity and by its faults of that step, and sense its signal (`sensor.rs`).
 //!
 //! Departs: (2-1) adds B_f f of faults that a channel has at once. Two large ones together would make a rate
 //! negative; here each fault changes the rates that the faults before it leave.
@@ -55,9 +54,8 @@ struct Fault {
 }
 
 impl Fault {
-    /// The severity at burst `step`, with `from` <= `step` < `to`: a ramp of `RAMP_BURSTS` bursts from the
-    /// severity that changes nothing (`none`) to the full severity, which itself may change linearly with time
-    /// from `severity` to `to_severity`.
+    /// The severity at burst `step`, with `from` <= `step` < `to`: a ramp of `RAMP_BURSTS` bursts from none to
+    /// the full severity, which itself may change linearly from `severity` to `to_severity`.
     fn severity_at(&self, step: usize) -> f64 {
         let none = faults::law(&self.class).map_or(0.0, Law::none);
         // how much of the ramp is done, and how much of the fault's time has passed
@@ -77,8 +75,7 @@ impl Fault {
     }
 
     /// The fault's class at burst `step`. A fault with `to_severity` whose severity has left the range of its
-    /// class takes the class of the same kind whose range holds that severity (for example from slightly to
-    /// deeply dried). It keeps its class if there is none.
+    /// class takes the class of the same kind whose range holds it, if there is one.
     fn class_at(&self, step: usize) -> &str {
         let severity = self.severity_at(step);
         // whether the severity lies in the range of a class; a range may be written from high to low
@@ -101,21 +98,18 @@ impl Fault {
     }
 }
 
-/// Time of burst `step`, ns since the epoch. The scenario's checks made sure that the end of the run fits
-/// into i64.
+/// Time of burst `step`, ns since the epoch; checked: the end of the run fits into i64.
 pub fn time_ns(run: &PrintRun, start_ns: i64, step: usize) -> i64 {
     start_ns + (step as f64 * run.interval_s * 1e9).round() as i64
 }
 
-/// Number of the first burst at or after `seconds` from the first burst on; at most the number of bursts of
-/// the run.
+/// Number of the first burst at or after `seconds` from the first one on; at most that of all bursts.
 pub fn step_at(run: &PrintRun, seconds: f64) -> usize {
     // a rounding error must not turn a whole number of intervals into the next one
     ((seconds / run.interval_s - 1e-9).ceil().max(0.0) as usize).min(run.bursts_per_channel)
 }
 
-/// All faults of the run, those that the file lists or else drawn ones, sorted by printhead, channel and
-/// begin.
+/// All faults of the run, listed or else drawn, sorted by printhead, channel and begin.
 fn faults_of(physics: &Physics, run: &PrintRun, seed: u64) -> Vec<Fault> {
     let mut faults = if run.fault.is_empty() {
         drawn_faults(physics, run, seed)
@@ -137,8 +131,7 @@ fn faults_of(physics: &Physics, run: &PrintRun, seed: u64) -> Vec<Fault> {
     faults
 }
 
-/// Draws one fault for each of a share (`faulty_channels`) of all channels. Class, severity within the
-/// class's range, begin and end are uniform; a fault lasts at least `LEAST_FAULT_BURSTS` bursts.
+/// Draws one fault for each of a share (`faulty_channels`) of all channels, uniform in all it has.
 fn drawn_faults(physics: &Physics, run: &PrintRun, seed: u64) -> Vec<Fault> {
     let ranges = physics.severity_ranges();
     let channels = run.printheads * run.channels;
@@ -167,9 +160,9 @@ fn drawn_faults(physics: &Physics, run: &PrintRun, seed: u64) -> Vec<Fault> {
 }
 
 /// The labels of a run: a healthy row per printhead; then, for each channel with faults, a row for each burst
-/// in which one of its faults grows, and a row for each span of bursts in which none does. A channel with
-/// several faults at once is labelled with the names of all in alphabetical order, `AB2+SDN`, and without a
-/// severity. Spans begin and end midway between bursts, so that rounding of times does not matter.
+/// in which one of them grows, and a row for each span of bursts in which none does. Several faults at once
+/// are one label without a severity, `AB2+SDN`. Spans begin and end midway between bursts, so that rounding
+/// of times does not matter.
 pub(super) fn labels(physics: &Physics, options: &RecordingOptions, seed: u64) -> Vec<Label> {
     let Some(run) = &physics.print_run else { return Vec::new() };
     let mut labels = healthy_heads(run);
@@ -214,37 +207,8 @@ struct Printhead {
 }
 
 impl Printhead {
-    fn new(
-        physics: &Physics,
-        run: &PrintRun,
-        number: usize,
-        faults: Vec<Fault>,
-        seed: u64,
-    ) -> Printhead {
-        let part = part::PRINT_RUN + number as u32;
-        let mut spread = stream(seed, Purpose::Spread, part);
-        let mut temperature = stream(seed, Purpose::Temperature, part);
-        Printhead {
-            name: run.name(number).into(),
-            channels: (0..run.channels).map(|_| Channel::draw(physics, &mut spread)).collect(),
-            faults,
-            temperature_phase_rad: TAU * temperature.random::<f64>(),
-            sensor: Sensor::new(physics, seed, part),
-            temperature,
-            drive: stream(seed, Purpose::Drive, part),
-            neighbours: stream(seed, Purpose::Neighbours, part),
-        }
-    }
-
-    /// Simulates the acquisition of all channels at burst `step`. The steps of a printhead must be asked for
-    /// in order, each once, since every step draws random numbers.
-    fn acquire(
-        &mut self,
-        physics: &Physics,
-        run: &PrintRun,
-        start_ns: i64,
-        step: usize,
-    ) -> Acquired {
+    /// Simulates the acquisition at burst `step`, whose time is `t_ns`; steps must be asked for in order.
+    fn acquire(&mut self, physics: &Physics, run: &PrintRun, step: usize, t_ns: i64) -> Acquired {
         // temperature: the true one changes the viscosity, the recorded one has an error
         let sine = &physics.temperature;
         let phase = TAU * step as f64 * run.interval_s / sine.period_s + self.temperature_phase_rad;
@@ -260,7 +224,7 @@ impl Printhead {
         on.for_each(|fault| faulty.entry(fault.channel).or_default().push(fault));
 
         // each channel's rates now, and its signal
-        let n = self.sensor.samples();
+        let n = physics.acquisition.samples;
         let mut counts = Vec::with_capacity(self.channels.len() * n);
         for (channel, number) in self.channels.iter().zip(0..) {
             let rates = at_viscosity(&channel.rates, viscosity);
@@ -272,9 +236,9 @@ impl Printhead {
         // what is recorded beside the signals; the neighbours have no effect in this simulation
         let fired = |_| self.neighbours.random_range(0..=2u8);
         let burst = Burst {
-            t_acq_ns: time_ns(run, start_ns, step),
+            t_acq_ns: t_ns,
             printhead: self.name.clone(),
-            sample_period_s: self.sensor.sample_period_s(),
+            sample_period_s: physics.acquisition.sample_period_s(),
             samples_per_channel: n as u32,
             temperature_c: Some(
                 NOMINAL_TEMPERATURE_C + above_c + RECORDED_TEMPERATURE_SD_K * misread,
@@ -311,13 +275,24 @@ pub(super) fn recording(
     for fault in faults_of(physics, &run, seed) {
         faults[fault.printhead].push(fault);
     }
-    let mut printheads: Vec<Printhead> = faults
-        .into_iter()
-        .enumerate()
-        .map(|(number, faults)| Printhead::new(physics, &run, number, faults, seed))
-        .collect();
+    let printhead = |(number, faults): (usize, Vec<Fault>)| {
+        let part = part::PRINT_RUN + number as u32;
+        let mut spread = stream(seed, Purpose::Spread, part);
+        let mut temperature = stream(seed, Purpose::Temperature, part);
+        Printhead {
+            name: run.name(number).into(),
+            channels: (0..run.channels).map(|_| Channel::draw(physics, &mut spread)).collect(),
+            faults,
+            temperature_phase_rad: TAU * temperature.random::<f64>(),
+            sensor: Sensor::new(physics, seed, part),
+            temperature,
+            drive: stream(seed, Purpose::Drive, part),
+            neighbours: stream(seed, Purpose::Neighbours, part),
+        }
+    };
+    let mut printheads: Vec<Printhead> = faults.into_iter().enumerate().map(printhead).collect();
     let (physics, start_ns) = (physics.clone(), options.start_ns);
     Some(SimulatedRecording::of_run(&run.clone(), options.clone(), move |number, step| {
-        printheads[number].acquire(&physics, &run, start_ns, step)
+        printheads[number].acquire(&physics, &run, step, time_ns(&run, start_ns, step))
     }))
 }

@@ -1,13 +1,14 @@
-//! Scenario files: the types that the simulator works on, one struct for each table of the TOML file, with
-//! the file's names and units. `scenario/read.rs` makes a [`Scenario`] from TOML, and `scenario/checks.rs`
-//! makes sure that whatever it then holds can be simulated.
+//! Scenario files: one struct for each table of the TOML file, with the file's names and units.
+//! `scenario/read.rs` makes a [`Scenario`] from TOML, and `scenario/checks.rs` makes sure that it can be
+//! simulated.
 //!
 //! There are two kinds: `physics` (default; channels of thesis (2-2), faults, print runs) and `classes` (the
-//! data set of thesis §4-1). Unknown keys are refused. `_us` in a name means microseconds, `_c` degrees
-//! Celsius, `_v` volts; `sample_logs/scenarios` has examples.
+//! data set of thesis §4-1). `_us` in a name means microseconds, `_c` degrees Celsius, `_v` volts.
 
 mod checks;
 mod read;
+
+pub(super) use checks::require;
 
 use inkling_core::burst::{Compression, Format, Layout};
 use inkling_core::fault::CLASSES;
@@ -19,7 +20,6 @@ use std::sync::Arc;
 /// Version (`schema`) of the scenario files that this program reads.
 const SCHEMA: i64 = 1;
 
-/// Why a scenario cannot be simulated.
 #[derive(Debug, thiserror::Error)]
 pub enum ScenarioError {
     #[error("the scenario is not readable:\n{0}")]
@@ -28,6 +28,12 @@ pub enum ScenarioError {
     Schema { found: String },
     #[error("`{key}`: {why}")]
     Value { key: String, why: String },
+}
+
+impl ScenarioError {
+    pub(super) fn value(key: &str, why: impl Into<String>) -> ScenarioError {
+        ScenarioError::Value { key: key.to_owned(), why: why.into() }
+    }
 }
 
 /// A scenario that was checked.
@@ -53,13 +59,10 @@ pub struct RecordingOptions {
     pub compression: Compression,
     /// Uncompressed size at which a chunk of the recording is closed, bytes.
     pub chunk_bytes: u64,
-    /// Largest number of channels in one burst; by default a burst of a print run holds a whole printhead,
-    /// and a burst of a set 450 channels.
+    /// Largest number of channels in one burst; by default a whole printhead, or 450 channels of a set.
     pub channels_per_burst: Option<u32>,
-    /// Whether a burst's samples are stored channel after channel, or sample after sample.
     #[serde(with = "LayoutWords")]
     pub layout: Layout,
-    /// Number format of a sample: int16 or f32.
     pub format: Format,
     /// Time of the first burst, ns since the epoch; the file has `start`, a time in RFC 3339.
     #[serde(rename = "start", deserialize_with = "rfc_3339")]
@@ -79,7 +82,6 @@ impl Default for RecordingOptions {
     }
 }
 
-/// The words for [`Layout`] in a scenario file.
 #[derive(Deserialize)]
 #[serde(remote = "Layout", rename_all = "snake_case")]
 enum LayoutWords {
@@ -113,7 +115,7 @@ pub struct Physics {
     rates: Option<InkChannel>,
     geometry: Option<Geometry>,
     /// Nominal rates at 25 °C, which `read.rs` makes of one of the two.
-    #[serde(skip, default = "no_rates")]
+    #[serde(skip)]
     pub channel: InkChannel,
     pub spread: Spread,
     pub shot: Shot,
@@ -123,30 +125,21 @@ pub struct Physics {
     /// Severities of each fault class that occurs, by the class's name.
     #[serde(default)]
     pub fault: BTreeMap<String, FaultRange>,
-    /// The sets to simulate; absent: none.
     pub dataset: Option<Dataset>,
-    /// The print run to simulate; absent: none.
     pub print_run: Option<PrintRun>,
     /// What a print run records with `simulate --hide`; absent: the default, which records no covariates.
     pub hidden: Option<HiddenRun>,
 }
 
-/// Rates of 0, which stand in `Physics::channel` until `read.rs` has set it.
-fn no_rates() -> InkChannel {
-    InkChannel { a_per_s2: 0.0, b_per_s2: 0.0, g_per_s: 0.0, d_per_s: 0.0 }
-}
-
 impl Physics {
-    /// The fault classes that the scenario has, with the lowest and the highest severity of each, in the
-    /// order of the thesis's tables. A class's index in this list is the one that `dataset::Truth` holds.
+    /// The fault classes with their ranges, in the thesis's order. A class's index is that in `dataset::Truth`.
     pub fn severity_ranges(&self) -> Vec<(String, [f64; 2])> {
         let range = |class: &&str| Some(((*class).to_owned(), self.fault.get(*class)?.range));
         CLASSES.iter().filter_map(range).collect()
     }
 }
 
-/// `[spread]`: how healthy channels differ from the nominal one: relative half-widths of uniform
-/// distributions of the four rates and of the gain. A channel keeps its own values over a run.
+/// `[spread]`: how channels differ: relative half-widths of the four rates and of the gain, uniform.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Spread {
@@ -161,7 +154,6 @@ pub struct Spread {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Shot {
-    /// Standard deviation of the gain.
     pub gain: f64,
     /// Standard deviation of each component of the acquisition state.
     pub state: f64,
@@ -171,16 +163,13 @@ pub struct Shot {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Acquisition {
-    /// Length of the actuation's pulse.
     pub pulse_us: f64,
-    /// The steps that the pulse consists of: share of `pulse_us` and relative voltage of each; absent: one
-    /// rectangle.
+    /// The steps of the pulse: share of `pulse_us` and relative voltage; absent: one rectangle.
     #[serde(default)]
     pub waveform: Waveform,
     /// Time from the end of the pulse to the first sample, at t_a.
     pub delay_us: f64,
     pub sample_period_us: f64,
-    /// Number of samples of a signal, N.
     pub samples: usize,
     /// Peak of the nominal healthy channel's signal at nominal drive, without noise.
     pub largest_healthy_counts: f64,
@@ -203,15 +192,13 @@ impl Acquisition {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Temperature {
-    /// Amplitude of the sine, K.
     pub swing_c: f64,
     pub period_s: f64,
     /// Relative change of g and d per kelvin above 25 °C.
     pub viscosity_per_k: f64,
 }
 
-/// `[drive]`: drive levels in print runs. One level is drawn for each burst, with the probability in the same
-/// place of `shares`.
+/// `[drive]`: drive levels, one of which is drawn for each burst, with the probability in `shares`.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Drive {
@@ -251,11 +238,9 @@ pub struct PrintRun {
     pub printheads: usize,
     /// A name for each printhead; by default `printhead-1` and so on.
     pub names: Option<Vec<String>>,
-    /// Number of channels of each printhead.
     pub channels: usize,
     /// Number of acquisitions of each printhead; every channel is in each of them.
     pub bursts_per_channel: usize,
-    /// Time from one acquisition of a printhead to the next.
     pub interval_s: f64,
     /// Share of all channels that get one drawn fault each, 0 to 1.
     #[serde(default)]
@@ -287,22 +272,18 @@ pub enum Recorded {
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HiddenRun {
-    /// Covariates that the recording holds.
     pub recorded: Vec<Recorded>,
-    /// Times since the previous actuation. For each signal one of them is drawn, or "no previous actuation",
-    /// all with the same probability.
+    /// Times since the previous actuation, drawn for each signal, or that there was none.
     #[serde(default)]
     pub idle_times_us: Vec<f64>,
-    /// Healthy scatter of frequency and damping from burst to burst, in addition to `shot`: relative standard
-    /// deviations.
+    /// Healthy scatter from burst to burst in addition to `shot`: relative standard deviations.
     #[serde(default)]
     pub frequency_sd: f64,
     #[serde(default)]
     pub damping_sd: f64,
 }
 
-/// `[[print_run.fault]]`: a fault from `from_s` (inclusive) to `to_s` (exclusive), counted from the first
-/// burst.
+/// `[[print_run.fault]]`: a fault from `from_s` to `to_s` (exclusive), counted from the first burst.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ExplicitFault {
@@ -354,8 +335,7 @@ impl Classes {
         self.t_us * 1e-6 / self.n as f64
     }
 
-    /// Fault classes and their boxes: the thesis's classes in the order of its tables, then others by name. A
-    /// class's index in this list is the one that `dataset::Truth` holds.
+    /// Fault classes and their boxes, the thesis's classes first. A class's index is that in `dataset::Truth`.
     pub fn fault_classes(&self) -> Vec<(String, ClassBox)> {
         let place = |class: &str| CLASSES.iter().position(|c| *c == class).unwrap_or(CLASSES.len());
         let faults = self.classes.faults.iter();

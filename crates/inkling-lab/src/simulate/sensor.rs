@@ -3,14 +3,13 @@
 //!
 //! The steps ([`Sensor::sense`]): the actuation pulse, acting through the channel's own rates, gives the
 //! acquisition state x_a; scatter from burst to burst ("shot") multiplies the gain and each component of x_a;
-//! the free decay from x_a is sampled and scaled to counts; white noise is added; the sum is rounded. The
-//! print runs, the sets and the drying experiment make their signals here.
+//! the free decay from x_a is sampled and scaled to counts; white noise is added; the sum is rounded.
 
 use super::burst_shape::digitise;
 use super::draws::{Purpose, about_one, stream};
-use super::scenario::{Physics, Spread};
+use super::scenario::{Acquisition, Physics, Shot, Spread};
+use inkling_core::model::InkChannel;
 use inkling_core::model::ring_down::ring_down_into;
-use inkling_core::model::{Actuation, InkChannel};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
@@ -49,27 +48,19 @@ impl Channel {
     }
 }
 
-/// The rates of a channel after its viscosity was multiplied by a factor: both resistances grow by it, and
-/// with them g and d.
+/// The rates after the viscosity was multiplied by a factor, and both resistances with it.
 pub fn at_viscosity(rates: &InkChannel, factor: f64) -> InkChannel {
     InkChannel { g_per_s: rates.g_per_s * factor, d_per_s: rates.d_per_s * factor, ..*rates }
 }
 
-/// What turns rates into signals in one part of a scenario (a set, or a printhead of a run), with random
-/// streams of its own for shot and white noise.
+/// What turns rates into signals in one part of a scenario (a set, or a printhead of a run).
 pub struct Sensor {
-    actuation: Actuation,
-    sample_period_s: f64,
-    samples: usize,
-    /// Factor from the flow that the model gives to counts; such that the nominal channel has the scenario's
-    /// peak.
+    acquisition: Acquisition,
+    /// Factor from the model's flow to counts, such that the nominal channel has the scenario's peak.
     counts_per_flow: f64,
-    noise_sd_counts: f64,
-    /// Relative standard deviations, from burst to burst, of the gain and of each component of the state; see
-    /// [`super::scenario::Shot`].
-    shot_gain: f64,
-    shot_state: f64,
-    shot: ChaCha8Rng,
+    /// How signals differ from burst to burst, and the random stream of that.
+    shot: Shot,
+    shots: ChaCha8Rng,
     noise: ChaCha8Rng,
     /// The decay without noise, N samples; kept so that its memory is used again.
     decay: Vec<f64>,
@@ -80,48 +71,35 @@ impl Sensor {
     pub fn new(physics: &Physics, seed: u64, part: u32) -> Sensor {
         let acquisition = &physics.acquisition;
         let mut sensor = Sensor {
-            actuation: acquisition.actuation(),
-            sample_period_s: acquisition.sample_period_s(),
-            samples: acquisition.samples,
+            acquisition: acquisition.clone(),
             counts_per_flow: 1.0,
-            noise_sd_counts: acquisition.noise_sd_counts,
-            shot_gain: physics.shot.gain,
-            shot_state: physics.shot.state,
-            shot: stream(seed, Purpose::Shot, part),
+            shot: physics.shot.clone(),
+            shots: stream(seed, Purpose::Shot, part),
             noise: stream(seed, Purpose::Noise, part),
             decay: vec![0.0; acquisition.samples],
         };
         // find the scale at which the nominal channel at nominal drive peaks at the scenario's largest counts
         let nominal = physics.channel;
-        let x_a = sensor.actuation.acquisition_state(&nominal, NOMINAL_DRIVE_V);
-        ring_down_into(&nominal, &x_a, sensor.sample_period_s, &mut sensor.decay);
+        let x_a = acquisition.actuation().acquisition_state(&nominal, NOMINAL_DRIVE_V);
+        ring_down_into(&nominal, &x_a, acquisition.sample_period_s(), &mut sensor.decay);
         let largest = sensor.decay.iter().fold(0.0_f64, |m, y| m.max(y.abs()));
-        // The scenario's checks ensure that the pulse moves ink. So `largest` is 0 only by underflow, and
-        // then all signals are silent.
+        // checked: the pulse moves ink, so `largest` is 0 only by underflow, and then all signals are silent
         if largest > 0.0 {
             sensor.counts_per_flow = acquisition.largest_healthy_counts / largest;
         }
         sensor
     }
 
-    pub fn samples(&self) -> usize {
-        self.samples
-    }
-
-    pub fn sample_period_s(&self) -> f64 {
-        self.sample_period_s
-    }
-
-    /// Appends one signal, N samples, of a channel with these rates to `counts`. `gain`: the channel's,
-    /// relative to the nominal one; `drive_v`: drive level, V. Each call draws new shot and noise.
+    /// Appends one signal of a channel with these rates and relative gain to `counts`. `drive_v`: drive level,
+    /// V.
     pub fn sense(&mut self, rates: &InkChannel, gain: f64, drive_v: f64, counts: &mut Vec<i16>) {
-        let mut shot = |sd: f64| 1.0 + sd * self.shot.sample::<f64, _>(StandardNormal);
-        let gain = gain * self.counts_per_flow * shot(self.shot_gain);
-        let x_a = self.actuation.acquisition_state(rates, drive_v);
-        let x_a = x_a.map(|x| x * gain * shot(self.shot_state));
-        ring_down_into(rates, &x_a, self.sample_period_s, &mut self.decay);
+        let mut shot = |sd: f64| 1.0 + sd * self.shots.sample::<f64, _>(StandardNormal);
+        let gain = gain * self.counts_per_flow * shot(self.shot.gain);
+        let x_a = self.acquisition.actuation().acquisition_state(rates, drive_v);
+        let x_a = x_a.map(|x| x * gain * shot(self.shot.state));
+        ring_down_into(rates, &x_a, self.acquisition.sample_period_s(), &mut self.decay);
         // white noise, then rounding
-        let (noise, sd) = (&mut self.noise, self.noise_sd_counts);
+        let (noise, sd) = (&mut self.noise, self.acquisition.noise_sd_counts);
         counts.extend(self.decay.iter().map(|y| {
             let white: f64 = noise.sample(StandardNormal);
             digitise(y + sd * white)
@@ -171,7 +149,7 @@ mod tests {
     fn noise_about_the_decay_is_white_rounding_and_shot() {
         let physics = frozen();
         let mut sensor = Sensor::new(&physics, 1, 0);
-        let (mut counts, signals, n) = (Vec::new(), 4000, sensor.samples());
+        let (mut counts, signals, n) = (Vec::new(), 4000, physics.acquisition.samples);
         for _ in 0..signals {
             sensor.sense(&physics.channel, 1.0, 30.0, &mut counts);
         }

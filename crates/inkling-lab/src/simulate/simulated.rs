@@ -1,7 +1,5 @@
-//! A simulated recording before it is made: a name, and an iterator that simulates its bursts one by one when
-//! they are asked for, so that a recording of any length needs the memory of one acquisition. And labels for
-//! what is healthy. Used by all simulations of this room; whoever writes the recording to a file drives the
-//! iterator.
+//! A simulated recording before it is made: a name, and an iterator that simulates its bursts one by one, so
+//! that a recording of any length needs the memory of one acquisition. And labels for what is healthy.
 
 use super::burst_shape::{Acquired, bursts};
 use super::scenario::{PrintRun, RecordingOptions};
@@ -19,9 +17,8 @@ pub struct SimulatedRecording {
 }
 
 impl SimulatedRecording {
-    /// The recording of a print run. `acquire` is called with the number of the printhead and the step of the
-    /// run, step after step and, within a step, printhead after printhead; it returns the acquisition of all
-    /// channels of that printhead.
+    /// The recording of a print run. `acquire` is called with the numbers of printhead and step, step after step
+    /// and, within a step, printhead after printhead; it returns the acquisition of all channels.
     pub fn of_run(
         run: &PrintRun,
         options: RecordingOptions,

@@ -4,11 +4,10 @@
 //!
 //! Each signal is y(t) = A (e^{-sigma t} cos(2 pi f t + phi0) + rho e^{-lambda t}) plus white noise, rounded
 //! to counts, where A, sigma and f are uniform in the box of the signal's class and phi0, rho and lambda are
-//! the same for all. All numbers come from the scenario file. How sets, channels and bursts are arranged is
-//! shared with `dataset.rs`.
+//! the same for all. Sets, channels and bursts are arranged by `dataset.rs`.
 
 use super::burst_shape::digitise;
-use super::dataset::{Set, Truth, labels_of, placed, recordings_of, train_and_test};
+use super::dataset::{Set, Truth, labels_of, recordings_of, train_and_test};
 use super::draws::{Purpose, stream};
 use super::scenario::{ClassBox, Classes, RecordingOptions};
 use super::simulated::SimulatedRecording;
@@ -19,38 +18,11 @@ use rand_distr::StandardNormal;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-/// The parameters A, sigma and f of one signal, drawn from the box of its class.
-#[derive(Clone, Copy, Debug)]
-struct Decay {
-    amplitude_counts: f64,
-    sigma_per_s: f64,
-    freq_hz: f64,
-}
-
-impl Decay {
-    /// Draws each parameter, uniform in its range.
-    fn draw(class: &ClassBox, rng: &mut impl rand::Rng) -> Decay {
-        let mut within = |[low, high]: [f64; 2]| low + (high - low) * rng.random::<f64>();
-        Decay {
-            amplitude_counts: within(class.amplitude_counts),
-            sigma_per_s: within(class.sigma_per_s),
-            freq_hz: within(class.freq_hz),
-        }
-    }
-
-    /// The signal without noise at time `t_s`, counts. `form`: the scenario, for phi0, rho and lambda.
-    fn at(&self, t_s: f64, form: &Classes) -> f64 {
-        let ringing =
-            (-self.sigma_per_s * t_s).exp() * (TAU * self.freq_hz * t_s + form.phi0_rad).cos();
-        self.amplitude_counts * (ringing + form.rho * (-form.lambda_per_s * t_s).exp())
-    }
-}
-
 /// Training and test set. Severities do not exist in this scenario: they are NaN.
 fn sets(classes: &Classes, seed: u64) -> Vec<Set> {
     let fault_classes = classes.fault_classes().len();
     let numbers = [classes.n_healthy, classes.n_per_fault, fault_classes];
-    placed(train_and_test(seed, numbers, |_, _| f64::NAN))
+    train_and_test(seed, numbers, |_, _| f64::NAN)
 }
 
 /// The labels of the scenario's sets, without severities.
@@ -78,11 +50,16 @@ pub(super) fn recordings(
         let mut noise = stream(seed, Purpose::Noise, part);
         move |truth: &Truth, counts: &mut Vec<i16>| {
             let class = truth.class.map_or(&form.classes.healthy, |i| &boxes[i]);
-            let decay = Decay::draw(class, &mut spread);
+            let mut within = |[low, high]: [f64; 2]| low + (high - low) * spread.random::<f64>();
+            let amplitude_counts = within(class.amplitude_counts);
+            let (sigma_per_s, freq_hz) = (within(class.sigma_per_s), within(class.freq_hz));
             counts.extend((0..form.n).map(|k| {
                 let white: f64 = noise.sample(StandardNormal);
                 let t_s = k as f64 * form.sample_period_s();
-                digitise(decay.at(t_s, &form) + form.noise_sd_counts * white)
+                let ringing =
+                    (-sigma_per_s * t_s).exp() * (TAU * freq_hz * t_s + form.phi0_rad).cos();
+                let y = amplitude_counts * (ringing + form.rho * (-form.lambda_per_s * t_s).exp());
+                digitise(y + form.noise_sd_counts * white)
             }));
         }
     })

@@ -1,16 +1,14 @@
-//! All that one run of `inkling thesis` found: a `Chapter`, which `tables` writes as `tables.md`
-//! and as `tables.json`.
+//! All that one run of `inkling thesis` found: a `Chapter`.
 //!
-//! In: the figures of each data set over its rounds (`Measured`). `Chapter::new` adds the verdicts
-//! on the claims (`conclusions`); nothing else is computed here.
+//! In: the figures of each data set over its rounds (`Measured`), to which `Chapter::new` adds the
+//! verdicts on the claims. Out: `tables.json`, and what `tables` writes as `tables.md`.
 
 use super::conclusions::{Conclusion, conclusions};
 use super::outcome::{DataSet, Measured};
 use serde::Serialize;
 use serde_json::{Value, json};
 
-/// What the rounds are in which figures are measured: of simulated data one for each seed, of
-/// recordings one for each part. A `Measured` keeps the figures of each round.
+/// What the rounds are in which figures are measured.
 #[derive(Clone, Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Rounds {
@@ -24,7 +22,7 @@ pub enum Rounds {
     },
 }
 
-/// Chapter 4 over all rounds, and what that says of the conclusions of chapter 5 and of this project's claims.
+/// Chapter 4 over all rounds, and what that says of the claims of chapter 5 and of this project.
 #[derive(Clone, Debug)]
 pub struct Chapter {
     pub rounds: Rounds,

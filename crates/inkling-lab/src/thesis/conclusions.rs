@@ -1,15 +1,15 @@
 //! Judges the claims of chapter 5 of the thesis, one by one: held, not held, or cannot tell.
 //!
 //! In: the figures of one data set over its rounds (`Measured`), and the claims of `claims.toml`,
-//! which explains its keys. Out to `chapter` and `tables`: a `Conclusion` for each claim that these
-//! data can decide, with the figures that decided.
+//! which explains its keys. Out: a `Conclusion` for each claim that these data can decide, with the
+//! figures that decided.
 //!
 //! A claim names pairs of figures and says that the first of each pair is larger (or, if `alike`,
 //! that the two hardly differ). Each pair gets a verdict from the 95 % interval of its difference,
 //! paired by round (`Measured::difference`). The claim's verdict is the worst of its pairs'
 //! verdicts. A claim with `least` is judged by `at_least`; one with `undecided` is never decided.
 
-use super::measure::{Size, figure};
+use super::methods::{COMPARED, Size, figure};
 use super::outcome::{Confusion, DataSet, Difference, Measured};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -42,8 +42,7 @@ impl Verdict {
         }
     }
 
-    /// The verdict on a claim that consists of several parts: the worst of theirs, so that one part
-    /// that did not hold refutes the whole. A claim without parts held.
+    /// The verdict on a claim of several parts: the worst of theirs. A claim without parts held.
     fn of_all(each: impl Iterator<Item = Verdict>) -> Verdict {
         each.max().unwrap_or(Verdict::Held)
     }
@@ -85,10 +84,9 @@ impl Difference {
     }
 
     /// Verdict on the claim that the difference is negligible: held if the whole interval is within
-    /// 2 `ALIKE` of 0, not held if the whole interval lies on one side of 0 and farther than
-    /// `ALIKE`.
+    /// 2 `ALIKE` of 0, not held if it lies on one side of 0 and farther than `ALIKE`.
     fn is_negligible(self) -> Verdict {
-        let Difference { low, high, .. } = self;
+        let Difference { low, high } = self;
         let is_small = low > -2.0 * ALIKE && high < 2.0 * ALIKE;
         Verdict::of(is_small, low > ALIKE || high < -ALIKE)
     }
@@ -105,8 +103,7 @@ struct Claim {
     words: String,
     #[serde(default)]
     kind: Kind,
-    /// The claim is that the first figure of each pair is the larger one; with `alike`, that the
-    /// two of each pair hardly differ.
+    /// The first figure of each pair is the larger one; with `alike`, the two hardly differ.
     #[serde(default)]
     pairs: Vec<Pair>,
     #[serde(default)]
@@ -128,8 +125,7 @@ struct Claim {
     needs: Option<String>,
 }
 
-/// The claims of `claims.toml`, which is compiled in: under one key a list in the order of the
-/// page.
+/// The claims of `claims.toml`: under one key a list in the order of the page.
 static CLAIMS: LazyLock<BTreeMap<String, Vec<Claim>>> = LazyLock::new(|| {
     toml::from_str(include_str!("claims.toml")).expect("a test has read the same text")
 });
@@ -147,8 +143,7 @@ impl Claim {
             && self.needs.as_ref().is_none_or(|key| of.mean(key).is_finite())
     }
 
-    /// The verdict on the claim. Its `pairs` are compared over all faulty test signals, or, with
-    /// `all_signals`, over all test signals.
+    /// The verdict on the claim.
     fn judged(&'static self, of: &Measured) -> Conclusion {
         let (verdict, mut because) = match (&self.undecided, self.least) {
             (Some(why), _) => (Verdict::CannotTell, why.clone()),
@@ -167,8 +162,7 @@ impl Claim {
         Conclusion { data: of.set, kind: self.kind, claim: &self.words, verdict, because }
     }
 
-    /// The pairs with `*` in their figures' names replaced by each of the claim's training sizes,
-    /// one size after the other; the pairs as they stand if the claim names no sizes.
+    /// The pairs with each of the claim's training sizes, if it names any, for `*`.
     fn pairs_by_size(&self) -> Vec<Pair> {
         let of_size = |size: &String| {
             let pair = |pair: &Pair| pair.each_ref().map(|key| key.replace('*', size));
@@ -181,12 +175,11 @@ impl Claim {
     }
 }
 
-/// The words that every claim of this project gets at its end: how often the product's default and
-/// the thesis's own method name the category rightly, and the class that each of them names rightly
-/// least often.
+/// The end of every claim of this project: how often the product's default and the thesis's own
+/// method name the category rightly, and the class that each of them names rightly least often.
 fn both_named(of: &Measured) -> String {
     let [ours, theirs] = ["default", "LR on r"].map(|name| {
-        let category = of.mean(&figure(name, Size::All, "category"));
+        let category = of.mean(&figure(name, Size::ALL, "category"));
         let worst = of.confusions.get(name).and_then(worst_class).unwrap_or_default();
         format!("category right {}{worst}", share(category))
     });
@@ -201,53 +194,47 @@ fn worst_class(confusion: &Confusion) -> Option<String> {
     Some(format!(", least often {}: {right:.0} of {all:.0}", confusion.classes[i]))
 }
 
-/// Compares the figures of each pair, and says the verdict on all pairs with the figures that
-/// decide. `signals`: the number of test signals of one round that the figures are shares of;
-/// `says`: the verdict of one difference.
+/// The verdict on all pairs with the figures that decide. `signals`: the number of test signals of one round
+/// that the figures are shares of; `says`: the verdict of one difference.
 fn compared(
     of: &Measured,
     pairs: &[Pair],
     signals: f64,
     says: fn(Difference) -> Verdict,
 ) -> (Verdict, String) {
-    let mut each = Vec::new();
-    for [a, b] in pairs {
+    let of_pair = |[a, b]: &Pair| {
         // a figure of certain signals counts only those in which phi reaches its bound
         let counted = |key: &str| {
             let coverage = key.strip_suffix("certain").map(|of| of.to_owned() + "coverage");
             signals * coverage.map_or(1.0, |key| of.mean(&key))
         };
         let Some(difference) = of.difference(a, b, counted(a).min(counted(b))) else {
-            each.push((Verdict::CannotTell, format!("{a} against {b}: not measured")));
-            continue;
+            return (Verdict::CannotTell, format!("{a} against {b}: not measured"));
         };
-        let Difference { low, high, .. } = difference;
+        let Difference { low, high } = difference;
         let (ours, other) = (share(of.mean(a)), share(of.mean(b)));
         let interval = format!("[{}, {}]", signed(low), signed(high));
         let [a, b] = [a, b].map(|key| in_words(key));
-        each.push((says(difference), format!("{a} {ours}, {b} {other}, difference {interval}")));
-    }
+        (says(difference), format!("{a} {ours}, {b} {other}, difference {interval}"))
+    };
+    let each: Vec<(Verdict, String)> = pairs.iter().map(of_pair).collect();
     let all = Verdict::of_all(each.iter().map(|(verdict, _)| *verdict));
 
-    // Tell only the comparisons whose verdict is that of the whole claim, and of these the first
-    // three.
-    let mut deciding: Vec<&String> =
-        each.iter().filter(|(verdict, _)| *verdict == all).map(|(_, because)| because).collect();
-    let (number, of_all) = (deciding.len(), each.len());
-    deciding.truncate(3);
-    let mut because = deciding.into_iter().cloned().collect::<Vec<_>>().join("; ");
-    if of_all > 3 {
-        because += &format!(" ({number} of {of_all} comparisons say so)");
+    // Tell the first three of the comparisons whose verdict is that of the whole claim.
+    let deciding = each.iter().filter(|(verdict, _)| *verdict == all);
+    let deciding: Vec<&str> = deciding.map(|(_, because)| because.as_str()).collect();
+    let mut because = deciding[..deciding.len().min(3)].join("; ");
+    if each.len() > 3 {
+        because += &format!(" ({} of {} comparisons say so)", deciding.len(), each.len());
     }
     (all, because)
 }
 
-/// Judges the claim that the accuracy of each method in `COMPARED`, at every training size, is at
-/// least `bound`. In words it tells the least accuracy.
+/// Judges the claim that the accuracy of each method, at every training size, is at least `bound`.
 fn at_least(of: &Measured, bound: f64) -> (Verdict, String) {
     let mut least = (f64::INFINITY, String::new());
     let mut verdicts = Vec::new();
-    for method in super::measure::COMPARED {
+    for method in COMPARED {
         for size in Size::EACH {
             let key = figure(method.name, size, "accuracy");
             let Some(spread) = of.spread(&key) else {
@@ -255,8 +242,7 @@ fn at_least(of: &Measured, bound: f64) -> (Verdict, String) {
                 continue;
             };
             let rounds = of.values(&key).len() as f64;
-            // The half-width of an approximate 95 % interval, two standard errors: from the scatter
-            // over rounds, but at least from the sampling of the signals of all rounds.
+            // Two standard errors: from the scatter over rounds, but at least from the sampling of all signals.
             let sampling = spread.mean * (1.0 - spread.mean) / (of.mean("tested/faulty") * rounds);
             let half = 2.0 * (spread.sd / rounds.sqrt()).max(sampling.sqrt());
             verdicts.push(Verdict::of(spread.mean - half >= bound, spread.mean + half < bound));
@@ -269,8 +255,7 @@ fn at_least(of: &Measured, bound: f64) -> (Verdict, String) {
     (Verdict::of_all(verdicts.into_iter()), because)
 }
 
-/// A figure's name in words for the reader: the method, and what was measured unless that is a
-/// plain share.
+/// A figure's name in words.
 fn in_words(key: &str) -> String {
     let (method, figure) = key.split_once('/').unwrap_or((key, ""));
     let method = if method == "I, 1.12 f0" { "the FD filter" } else { method };

@@ -5,10 +5,9 @@
 //! `figures`: a `Part`, the signals to learn from and those to test on. The two share no signal
 //! and, of recordings, no channel.
 //!
-//! Simulated parts come from the product's own simulator (`crate::simulate`): two scenarios of
-//! `sample_logs/scenarios`, each of which has a training and a test recording, and the drying
-//! experiment. Recordings are divided by channel into at most five folds (`assigned`), so that no
-//! method can recognise a channel; each fold is tested on once.
+//! Simulated are two scenarios of `sample_logs/scenarios`, each of which has a training and a test
+//! recording, and the drying experiment. Recordings are divided by channel into at most five folds
+//! (`assigned`), so that no method can recognise a channel; each fold is tested on once.
 
 use super::outcome::{DataSet, ThesisError};
 use crate::plot::page::first_of;
@@ -26,25 +25,21 @@ const THESIS_FORM: &str = include_str!("../../../../sample_logs/scenarios/thesis
 const PHYSICS: &str = include_str!("../../../../sample_logs/scenarios/physics.toml");
 /// Name of the one printhead that all simulated signals are given.
 const PRINTHEAD: &str = "dataset";
-/// Number of faulty signals for the calibration error: on 2025 signals even a perfect posterior averages
-/// .013.
+/// Faulty signals for the calibration error: of 2025 even a perfect posterior averages .013.
 const CALIBRATION_SIGNALS: usize = 20_000;
 /// Added to the seed for calibration signals, which must differ from those that are learned from.
 const CALIBRATION_SEEDS: u64 = 1_000_000;
-/// Most recorded signals that are used of a printhead, healthy and of each class: the nearest
-/// neighbour compares each signal with each.
+/// Most recorded signals of a printhead, healthy and of each class: 1-NN compares each with each.
 const MOST_HEALTHY: usize = 5_000;
 const MOST_OF_A_CLASS: usize = 1_000;
 /// Largest number of parts that recordings are divided into.
 const MOST_FOLDS: usize = 5;
 
-/// The factor mu of (3-4) that thesis §4-2 takes for its simulated data, and the one for its
-/// experiment.
+/// The factors mu of (3-4) that thesis §4-2 takes for its simulated data, and for its experiment.
 const MU: f64 = 1.0;
 const MU_OF_DRYING: f64 = 2.0;
 
-/// The training and test signals of one seed of simulated data. Fails for `DataSet::Recordings`,
-/// which have no seeds.
+/// The training and test signals of one seed of simulated data.
 pub fn part(set: DataSet, seed: u64) -> Result<Part, ThesisError> {
     match set {
         DataSet::ThesisForm => of_scenario(&scenario(THESIS_FORM)?, seed),
@@ -63,15 +58,13 @@ pub fn part(set: DataSet, seed: u64) -> Result<Part, ThesisError> {
 pub struct Part {
     pub learn: TrainingSet,
     pub test: TrainingSet,
-    /// More faulty test signals, for the calibration error of the product's default; `None`: the
-    /// test signals have to do.
+    /// More faulty test signals, for the calibration error of the product's default.
     pub calibration: Option<TrainingSet>,
-    /// The factor mu of thesis (3-4), by which the largest healthy energy is multiplied.
+    /// The factor mu of thesis (3-4).
     pub mu: f64,
 }
 
-/// The physics scenario. The drying experiment takes its channels and acquisition, and the figures
-/// show its actuation.
+/// The physics scenario, whose channels and acquisition the drying experiment takes.
 pub fn physics() -> Result<Physics, ThesisError> {
     match scenario(PHYSICS)?.kind {
         Kind::Physics(physics) => Ok(Physics::clone(&physics)),
@@ -83,9 +76,8 @@ fn scenario(text: &str) -> Result<Scenario, ThesisError> {
     Scenario::from_toml(text).map_err(|e| ThesisError::Data(e.to_string()))
 }
 
-/// Training, test and calibration signals of a scenario: its first recording is to learn from, its
-/// second to test on. Of the physics scenario the third is for calibration; for one of classes such
-/// a set is simulated in addition.
+/// Training, test and calibration signals of a scenario: its first three recordings. A scenario of
+/// classes has no third one; a set for calibration is simulated in addition.
 fn of_scenario(scenario: &Scenario, seed: u64) -> Result<Part, ThesisError> {
     let missing = || ThesisError::Data("a training and a test set are needed".into());
     let labels = Labels::new(scenario.labels(seed));
@@ -99,9 +91,7 @@ fn of_scenario(scenario: &Scenario, seed: u64) -> Result<Part, ThesisError> {
     Ok(Part { learn, test, calibration, mu: MU })
 }
 
-/// A set of the same classes from another seed: the scenario's test recording, with at least
-/// `CALIBRATION_SIGNALS` faulty signals in all and a single healthy one. `None`: the scenario has
-/// no second recording.
+/// A set of the same classes from another seed, with `CALIBRATION_SIGNALS` faulty signals in all.
 fn more_faulty(scenario: &Scenario, classes: &Classes, seed: u64) -> Option<TrainingSet> {
     let mut more = classes.clone();
     more.n_per_fault = CALIBRATION_SIGNALS.div_ceil(classes.fault_classes().len().max(1));
@@ -112,8 +102,7 @@ fn more_faulty(scenario: &Scenario, classes: &Classes, seed: u64) -> Option<Trai
     more.recordings(seed).into_iter().nth(1).map(|recording| of_recording(recording, &labels))
 }
 
-/// Takes all signals of a recording into memory, each with its labelled state; a signal without a
-/// label counts as healthy.
+/// All signals of a recording with their labelled states; without a label they count as healthy.
 fn of_recording(recording: SimulatedRecording, labels: &Labels) -> TrainingSet {
     let mut set = TrainingSet::default();
     for burst in recording.bursts {
@@ -131,8 +120,7 @@ fn of_recording(recording: SimulatedRecording, labels: &Labels) -> TrainingSet {
     set
 }
 
-/// One drying experiment; each signal is of a channel of its own. `repeat`: 0 to learn from, 1 to
-/// test on.
+/// One drying experiment. `repeat`: 0 to learn from, 1 to test on.
 fn dried(physics: &Physics, seed: u64, repeat: u32) -> TrainingSet {
     let mut set = TrainingSet {
         sample_period_s: physics.acquisition.sample_period_s(),
@@ -148,8 +136,7 @@ fn dried(physics: &Physics, seed: u64, repeat: u32) -> TrainingSet {
     set
 }
 
-/// Adds a signal (counts) to a set under its state, at the reference drive and without a
-/// temperature.
+/// Adds a signal (counts) to a set, at the reference drive and without a temperature.
 fn add(set: &mut TrainingSet, state: &str, signal: &[f32], channel: u32) {
     let samples = set.samples;
     let sets = match state {
@@ -171,8 +158,7 @@ pub fn each(set: &TrainingSet) -> impl Iterator<Item = (&str, Vec<f64>)> {
     })
 }
 
-/// The states that a set has: healthy first (also where the set has no healthy signal), then faults
-/// in the thesis's order, then a user's own classes by name.
+/// The states of a set: healthy first (always), then the thesis's faults, then own classes by name.
 pub fn states(set: &TrainingSet) -> Vec<String> {
     let is_there = |class: &str| class == HEALTHY || set.faulty.contains_key(class);
     let known = std::iter::once(HEALTHY).chain(CLASSES).filter(|class| is_there(class));
@@ -218,11 +204,11 @@ pub struct Recorded {
 type Place = (String, u32);
 
 impl Recorded {
-    /// Divides recorded signals into parts by channel, so that each channel is tested on once, by
-    /// what was learned from others. `mu`: the factor of (3-4). Fails unless healthy signals and at
-    /// least two fault classes remain that can be learned and tested on different channels.
+    /// Divides recorded signals into parts by channel. `mu`: the factor of (3-4). Fails unless healthy
+    /// signals and at least two fault classes remain that can be learned and tested on different
+    /// channels.
     pub fn new(set: &TrainingSet, mu: f64) -> Result<Recorded, ThesisError> {
-        // Step 1: thin out the signals, and collect the channels of each state.
+        // the channels of each state, and the fold of each channel, whatever its states
         let (few, mut left_out) = fewer(set);
         let mut channels: BTreeMap<&str, BTreeSet<Place>> = BTreeMap::new();
         for (state, printhead, signals) in few.sets() {
@@ -230,11 +216,9 @@ impl Recorded {
             own.extend(signals.channel.iter().map(|&channel| (printhead.to_owned(), channel)));
         }
 
-        // Step 2: give each channel a fold, whatever its states.
         let fold_of = assigned(&channels);
 
-        // Step 3: leave out a class whose channels are all in one fold: it could not be learned on
-        // the other channels.
+        // A class whose channels are all in one fold could not be learned on the other channels.
         let mut is_left_out = BTreeSet::new();
         for (state, own) in &channels {
             let within: BTreeSet<usize> = own.iter().map(|place| fold_of[place]).collect();
@@ -248,7 +232,7 @@ impl Recorded {
             }
         }
 
-        // Step 4: chapter 4 compares classes, so it needs healthy signals and two classes.
+        // Chapter 4 compares classes, so it needs healthy signals and two classes.
         let faults =
             channels.keys().filter(|state| **state != HEALTHY && !is_left_out.contains(**state));
         if faults.count() < 2 || !channels.contains_key(HEALTHY) || is_left_out.contains(HEALTHY) {
@@ -261,9 +245,7 @@ impl Recorded {
             )));
         }
 
-        // Step 5: for each fold a part, whose test signals are those of the fold's channels, and
-        // whose training signals are those of all others. A fold without faulty signals tests
-        // nothing and is dropped.
+        // A fold without faulty signals tests nothing and is dropped.
         let part_of = |is_in: &dyn Fn(usize) -> bool| {
             few.with(|state, printhead, signals| {
                 let chosen = |&i: &usize| {
@@ -291,8 +273,7 @@ impl Recorded {
     }
 }
 
-/// Thins the signals of each state and printhead out to the number that is used, evenly over all of
-/// them, and says in sentences where that was needed.
+/// Thins the signals of each state and printhead out, evenly, and says in sentences where.
 fn fewer(set: &TrainingSet) -> (TrainingSet, Vec<String>) {
     let mut left_out = Vec::new();
     let few = set.with(|state, printhead, signals| {
@@ -312,8 +293,7 @@ fn fewer(set: &TrainingSet) -> (TrainingSet, Vec<String>) {
 /// A channel may have several states, and all of its signals go to one fold. Greedy: states with
 /// few channels come first, since they have the least choice. Each of their channels that has no
 /// fold yet goes to the fold that holds the fewest channels of this state, and among equal ones the
-/// fewest of all. So a class of two channels lies in two folds, unless states that came before have
-/// put both into one.
+/// fewest of all.
 fn assigned(channels: &BTreeMap<&str, BTreeSet<Place>>) -> BTreeMap<Place, usize> {
     let all: BTreeSet<&Place> = channels.values().flatten().collect();
     let folds = all.len().clamp(2, MOST_FOLDS);
@@ -322,8 +302,7 @@ fn assigned(channels: &BTreeMap<&str, BTreeSet<Place>>) -> BTreeMap<Place, usize
     by_number.sort_by_key(|own| own.len());
     let mut of_all = vec![0; folds];
 
-    // `held`: how many channels of this state each fold holds, beginning with those that have their
-    // fold from another state.
+    // `held`: how many channels of this state each fold holds, first those from other states
     for own in by_number {
         let mut held = vec![0; folds];
         own.iter().filter_map(|place| fold_of.get(place)).for_each(|&fold| held[fold] += 1);

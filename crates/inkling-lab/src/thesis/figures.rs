@@ -1,14 +1,14 @@
 //! The figures of the thesis, drawn from the signals of one part: 2-2, 3-2, 3-3, 3-5, 4-1 to 4-4.
 //!
 //! In: a seed (`simulated`) or a part of a user's recordings (`recorded`), from `thesis::write`.
-//! Out: for each figure an SVG, a PNG and a CSV in a directory (`crate::plot`). The filter, the
-//! model and the weights shown are those of the thesis's own design (`measure::thesis_detect`,
-//! `own_isolation`), learned from the part. Every title is a sentence made of the numbers that its
-//! figure shows. Figs. 4-1 and 4-2 are in `key_figures`.
+//! Out: for each figure an SVG, a PNG and a CSV in a directory. The filter, the model and the weights
+//! are those of the thesis's own design, learned from the part. Every title is a sentence made of the
+//! numbers that its figure shows. Figs. 4-1 and 4-2 are in `key_figures`.
 
 use super::datasets::{self, Part, each, states};
 use super::key_figures::{self, key_numbers};
-use super::measure::{Met, each_met, own_isolation, thesis_detect, train};
+use super::measure::{TestSignal, each_signal, train};
+use super::methods::{own_isolation, thesis_detect};
 use super::outcome::{DataSet, ThesisError};
 use crate::plot::{Axis, Figure, Mark, Series};
 use crate::simulate::drying;
@@ -17,30 +17,32 @@ use inkling_core::design::{Design, TrainingSet};
 use inkling_core::fault::HEALTHY;
 use std::path::Path;
 
-/// Writes the figures of one seed of simulated data: signals of the thesis's form, and the drying
-/// experiment.
+/// Writes the figures of one seed of simulated data.
 pub fn simulated(seed: u64, dir: &Path) -> Result<(), ThesisError> {
     let physics = datasets::physics()?;
     let of_form = datasets::part(DataSet::ThesisForm, seed)?;
     let drying = datasets::part(DataSet::Drying, seed)?;
     let (design, of_drying) = (learned(&of_form)?, learned(&drying)?);
-    chain(&of_form, &design, dir)?;
+    of_any(&of_form, &design, dir)?;
     identified(&of_drying, &drying.test, Some(&physics), dir)?;
-    key_numbers(&of_form.test, "fig_4-1", dir)?;
-    energies(&design, &of_form.test, "fig_4-3_energies", dir)?;
     actuation(&physics, &drying.test).write(dir, "fig_2-2_actuation_and_signal")?;
     key_numbers(&drying.test, "fig_4-2", dir)?;
     energies(&of_drying, &drying.test, "fig_4-4_energies_drying", dir)
 }
 
-/// Writes the figures of one part of recordings. There is no Fig. 2-2, since the actuation is not
-/// known, and no figure of the drying experiment.
+/// Writes the figures of one part of recordings; the actuation is not known.
 pub fn recorded(part: &Part, dir: &Path) -> Result<(), ThesisError> {
     let design = learned(part)?;
-    chain(part, &design, dir)?;
-    identified(&design, &part.test, None, dir)?;
+    of_any(part, &design, dir)?;
+    identified(&design, &part.test, None, dir)
+}
+
+/// The figures that can be drawn of any signals: 3-2, 3-5, 4-1 and 4-3.
+fn of_any(part: &Part, design: &Design, dir: &Path) -> Result<(), ThesisError> {
+    average(&part.learn).write(dir, "fig_3-2_average")?;
+    isolated(design, &part.test, dir)?;
     key_numbers(&part.test, "fig_4-1", dir)?;
-    energies(&design, &part.test, "fig_4-3_energies", dir)
+    energies(design, &part.test, "fig_4-3_energies", dir)
 }
 
 /// Most letters of a class's name in a title.
@@ -80,8 +82,7 @@ fn healthy_one(set: &TrainingSet) -> Vec<f64> {
     each(set).find(|(state, _)| *state == HEALTHY).map_or(Vec::new(), |(_, y)| y)
 }
 
-/// The drive voltage over the time since t_a, as a series in µs and tenths of a volt: a rectangle
-/// that ends `delay_us` before t_a. It is drawn from 5 µs before the pulse until `until_us`.
+/// The drive voltage as a series in µs since t_a and tenths of a volt, until `until_us`.
 fn pulse(physics: &Physics, until_us: f64) -> Series {
     let (end_us, tenths) = (-physics.acquisition.delay_us, 10.0 * drying::DRIVE_V);
     let begin_us = end_us - physics.acquisition.pulse_us;
@@ -111,15 +112,7 @@ fn actuation(physics: &Physics, test: &TrainingSet) -> Figure {
     Figure { thresholds: vec![(0.0, "t_a".into())], ..figure }
 }
 
-/// Figs. 3-2 and 3-5: how a set of signals becomes an average, and how a residual becomes the name
-/// of a fault.
-fn chain(part: &Part, design: &Design, dir: &Path) -> Result<(), ThesisError> {
-    average(&part.learn).write(dir, "fig_3-2_average")?;
-    isolated(design, &part.test, dir)
-}
-
-/// Fig. 3-2: 40 healthy training signals, and the average of all. The title tells the scatter about
-/// the average and its standard error.
+/// Fig. 3-2: 40 healthy training signals, and the average of all.
 fn average(learn: &TrainingSet) -> Figure {
     const SHOWN: usize = 40;
     let healthy: Vec<Vec<f64>> =
@@ -128,8 +121,7 @@ fn average(learn: &TrainingSet) -> Figure {
     let mean: Vec<f64> =
         (0..learn.samples).map(|k| healthy.iter().map(|y| y[k]).sum::<f64>() / n).collect();
     let dt_s = learn.sample_period_s;
-    // Standard deviation of the signals about their mean, over all samples; divided by the root of
-    // n it is that of the mean.
+    // Standard deviation about the mean, over all samples; over the root of n it is that of the mean.
     let off = |y: &Vec<f64>| y.iter().zip(&mean).map(|(y, m)| (y - m).powi(2)).sum::<f64>();
     let scatter =
         healthy.iter().map(off).sum::<f64>() / (learn.samples as f64 * (n - 1.0).max(1.0));
@@ -151,8 +143,7 @@ fn average(learn: &TrainingSet) -> Figure {
     )
 }
 
-/// Fig. 3-3: one healthy signal and the identified model, thesis (3-1), with the input where that
-/// is known (`physics`).
+/// Fig. 3-3: one healthy signal and the identified model, with the input where that is known.
 fn identified(
     design: &Design,
     test: &TrainingSet,
@@ -174,9 +165,7 @@ fn identified(
     Ok(figure.write(dir, "fig_3-3_signal_and_model")?)
 }
 
-/// Fig. 3-5 as three figures: the mean residuals R, a column for each class; one signal's residual
-/// r with the mixture R phi; and the weights phi of that signal. The last two are not drawn if no
-/// signal was named.
+/// Fig. 3-5: the mean residuals R; one signal's residual r with R phi; and that signal's weights phi.
 fn isolated(design: &Design, test: &TrainingSet, dir: &Path) -> Result<(), ThesisError> {
     let (model, dt_s) = (&design.pooled, test.sample_period_s);
     let residual = |deviation: &[f64]| {
@@ -185,8 +174,7 @@ fn isolated(design: &Design, test: &TrainingSet, dir: &Path) -> Result<(), Thesi
         r
     };
 
-    // The columns of R are the residuals of the classes' mean deviations; the filter is linear, so
-    // these are the mean residuals rho of thesis §3-3-2.
+    // The filter is linear, so these are the mean residuals rho of thesis §3-3-2.
     let columns: Vec<Vec<f64>> = design.classes.iter().map(|c| residual(&c.deviation)).collect();
     let names = design.class_names();
     let energy = |rho: &Vec<f64>| rho.iter().map(|r| r * r).sum::<f64>();
@@ -196,7 +184,6 @@ fn isolated(design: &Design, test: &TrainingSet, dir: &Path) -> Result<(), Thesi
     let weakest = all().rev().min_by(|a, b| energy(a.1).total_cmp(&energy(b.1)));
     let [strongest, weakest] = [strongest, weakest].map(|of| of.map_or("", |(name, _)| name));
 
-    // First figure: all columns of R, with the largest and the smallest in the title.
     Figure::over_time(
         format!(
             "R holds the mean residual of each of {} faults: {strongest} has the largest, {weakest} the smallest",
@@ -207,7 +194,7 @@ fn isolated(design: &Design, test: &TrainingSet, dir: &Path) -> Result<(), Thesi
     )
     .write(dir, "fig_3-5_mean_residuals")?;
 
-    // Second figure: r and R phi of one signal. Both are at the reference drive.
+    // r and R phi of one signal, both at the reference drive
     let Some(example) = Example::of(design, test)? else { return Ok(()) };
     let r = residual(&example.deviation);
     let mixed: Vec<f64> = (0..test.samples)
@@ -228,7 +215,6 @@ fn isolated(design: &Design, test: &TrainingSet, dir: &Path) -> Result<(), Thesi
     )
     .write(dir, "fig_3-5_one_signal")?;
 
-    // Third figure: the weights of the same signal.
     let points = example.phi.iter().enumerate().map(|(k, &phi)| (phi, k as f64)).collect();
     let weight = example.phi[example.class];
     Figure::new(
@@ -261,8 +247,8 @@ impl Example {
     fn of(design: &Design, test: &TrainingSet) -> Result<Option<Example>, ThesisError> {
         let (settings, names) = (own_isolation(), design.class_names());
         let [mut right, mut any] = [None, None];
-        each_met(design, &settings, test, |met, work| {
-            let Met { judge, deviation, drive, state } = met;
+        each_signal(design, &settings, test, |met, work| {
+            let TestSignal { judge, deviation, drive, state } = met;
             if state == HEALTHY || right.is_some() {
                 return;
             }
@@ -297,25 +283,22 @@ fn energies(
     let names = states(test);
     let mut by_state: Vec<Vec<f64>> = vec![Vec::new(); names.len()];
     // relative to the threshold, since each printhead has its own
-    each_met(design, &own_isolation(), test, |met, work| {
+    each_signal(design, &own_isolation(), test, |met, work| {
         let found = met.judge.test(met.judge.detect(met.deviation, met.drive, work));
         if let Some(k) = names.iter().position(|name| name == met.state) {
             by_state[k].push(found.statistic / found.threshold);
         }
     })?;
 
-    // The faults with their shares below the threshold, the worst first. `names` begins with the
-    // healthy state, which is skipped.
+    // The faults with their shares below the threshold, the worst first, without the healthy state.
     let below = |energies: &[f64]| {
         energies.iter().filter(|e| **e <= 1.0).count() as f64 / energies.len().max(1) as f64
     };
-    let mut missed: Vec<(f64, &str)> =
-        names.iter().zip(&by_state).skip(1).map(|(n, e)| (below(e), n.as_str())).collect();
+    let faults = names.iter().zip(&by_state).skip(1);
+    let mut missed: Vec<_> = faults.map(|(name, all)| (below(all), name, all)).collect();
     missed.sort_by(|a, b| b.0.total_cmp(&a.0));
     let title = match missed[..] {
-        [(_, hardest), (second, _), ..] => {
-            let own = names.iter().zip(&by_state).find(|(name, _)| *name == hardest);
-            let all = own.map_or(&[][..], |(_, energies)| energies);
+        [(_, hardest, all), (second, ..), ..] => {
             let under = all.iter().filter(|e| **e <= 1.0).count();
             let hardest: String = hardest.chars().take(LONGEST_NAME).collect();
             format!(
@@ -327,8 +310,7 @@ fn energies(
         _ => "Energies of the residual beside the threshold".into(),
     };
 
-    // One band for each class. Within it signals are moved up and down by multiples of the golden
-    // ratio, so that they do not cover each other.
+    // Within a band signals are moved by multiples of the golden ratio, so that none covers another.
     let band = |row: usize, energies: &[f64]| {
         let spread = |i: usize| 0.6 * ((i as f64 * 0.618_034).fract() - 0.5);
         energies.iter().enumerate().map(|(i, &e)| (e, row as f64 + spread(i))).collect()

@@ -16,12 +16,10 @@ use std::path::Path;
 
 /// Share of a class's signals that its range leaves out at each end.
 const BEYOND: f64 = 0.05;
-/// A close-up leaves out the classes whose middle frequency differs by more than this share from
-/// the healthy middle frequency.
+/// A close-up leaves out classes whose middle frequency is farther from the healthy one than this share.
 const NEAR: f64 = 0.15;
 
-/// One of the three numbers: its name in titles, the label of its axis, and its value in the
-/// label's unit.
+/// One of the three numbers; `of`: its value in the label's unit.
 struct Quantity {
     name: &'static str,
     label: &'static str,
@@ -42,8 +40,7 @@ struct Class {
 }
 
 impl Class {
-    /// The range in which the middle 90 % of the class's signals lie, in the quantity's unit; NaN
-    /// without signals.
+    /// The range of the middle 90 % of the signals, in the quantity's unit; NaN without signals.
     fn range(&self, quantity: &Quantity) -> [f64; 2] {
         let mut v: Vec<f64> = self.numbers.iter().map(quantity.of).collect();
         v.sort_unstable_by(f64::total_cmp);
@@ -81,8 +78,7 @@ pub fn names(stem: &str) -> impl Iterator<Item = String> {
         .flat_map(move |(name, ..)| ["", "_zoom"].map(|end| format!("{stem}_{name}{end}")))
 }
 
-/// Writes the figures `<stem>_damping`, `_amplitude`, `_amplitude_damping`, and of each a close-up
-/// `..._zoom`, into `dir`.
+/// Writes the figures that `names` lists into `dir`.
 pub fn key_numbers(set: &TrainingSet, stem: &str, dir: &Path) -> Result<(), ThesisError> {
     let numbers = practice::key_numbers(set);
 
@@ -103,8 +99,7 @@ pub fn key_numbers(set: &TrainingSet, stem: &str, dir: &Path) -> Result<(), Thes
         draw(&all, x, y, whole_title(&all, y)).write(dir, &format!("{stem}_{name}"))?;
         let title = close_up_title(&near, y);
         let mut figure = draw(&near, x, y, title);
-        // The close-up has the axes of the near classes, but all series, so that each class has the
-        // same colour in both figures; points that lie farther are outside the axes and not drawn.
+        // All series, so that each class has the same colour in both figures.
         figure.series = draw(&all, x, y, String::new()).series;
         figure.write(dir, &format!("{stem}_{name}_zoom"))?;
     }
@@ -127,9 +122,8 @@ fn draw(classes: &[&Class], x: &Quantity, y: &Quantity, title: String) -> Figure
     Figure::new(title, axis(x), axis(y), series.collect())
 }
 
-/// Title of a whole figure. With more than three faults it counts those that lie apart from the
-/// healthy class in the quantity drawn upwards; with fewer it tells the range of each class.
-/// `classes`: the healthy one first.
+/// Title of a whole figure: the number of faults that lie apart from the healthy class in the quantity
+/// drawn upwards, or of few faults the range of each. `classes`: the healthy one first.
 fn whole_title(classes: &[&Class], y: &Quantity) -> String {
     let Some((healthy, faults)) = classes.split_first() else { return String::new() };
     if faults.len() > 3 {
@@ -148,8 +142,7 @@ fn whole_title(classes: &[&Class], y: &Quantity) -> String {
     format!("Middle 90 % of {}: {ranges}", y.label.trim_start_matches("dominant "))
 }
 
-/// Title of a close-up: which of the near faults overlap the healthy class in the quantity drawn
-/// upwards. `near`: the healthy class first.
+/// Title of a close-up: which near faults overlap the healthy class. `near`: that class first.
 fn close_up_title(near: &[&Class], y: &Quantity) -> String {
     let Some((healthy, faults)) = near.split_first() else { return "Close up".into() };
     let among: Vec<&str> = faults

@@ -1,141 +1,36 @@
 //! Chapter 4 on one part of one data set: every method is trained and tested, and its figures are
 //! taken. thesis §4-2 and §4-3.
 //!
-//! In: a `Part`, signals to learn from and to test on. Out to `outcome`: `Figures`, numbers by name
-//! (`figure`), and for each method that failed the reason. `figures` is the entry point, which
-//! `thesis::mod` calls for each round.
+//! In: a `Part`, signals to learn from and to test on. Out: `Figures`, numbers by name (`figure`),
+//! and for each method that failed the reason. `figures` is the entry point.
 //!
-//! For each method the steps are the same: `train` makes a `Design` of the product from the
-//! training signals; `test` judges each test signal with that design and counts the verdicts in a
-//! `Score`. What is tried: detection with each row of `tables.toml` (the denominators of §3-2-1,
-//! and the product's default); isolation by linear regression and by the nearest neighbour, on r
+//! For each method `train` makes a `Design` of the product from the training signals; `test` judges
+//! each test signal with that design and counts the verdicts in a `Score`. What is tried: detection
+//! with each row of `tables.toml`; isolation by linear regression and by the nearest neighbour, on r
 //! and on y, learned from all, half and a tenth of the faulty signals; model matching; the current
-//! practice (`practice`); the product's default.
+//! practice; the product's default.
 
 use super::datasets::{Part, faulty, healthy, with_faulty};
+use super::methods::{
+    COMPARED, Compared, Detection, ROWS, Size, figure, isolation, own_isolation, thesis_detect,
+};
 use super::outcome::{Confusion, Figures, ThesisError};
 use super::practice::{Thresholds, key_numbers};
 use crate::score::{Prediction, Report, Score};
 use inkling_core::design::{
     Design, DetectSettings, IsolateSettings, Judge, TrainingSet, Workspace,
 };
+use inkling_core::detect::key_numbers::KeyNumbers;
 use inkling_core::detect::{DetectMethod, denominator_search, null_space};
 use inkling_core::fault::HEALTHY;
 use inkling_core::identify::GreyBoxSettings;
 use inkling_core::isolate::{IsolateMethod, IsolateSignal};
-use serde::Deserialize;
 use std::collections::BTreeSet;
-use std::sync::LazyLock;
 
-/// Share of the faulty signals whose phi reaches .8 in thesis Table 4-4. As large a share of the
-/// default's most certain signals is compared with it.
+/// Share of the faulty signals whose phi reaches .8 in thesis Table 4-4.
 const SHARE_KEPT: f64 = 0.532;
 /// Classes that the manufacturer's own method can name, thesis §4-3.
 const KNOWN_TO_PRACTICE: [&str; 4] = ["EC", "AB3", "BN", "PBN"];
-
-/// How many of the faulty training signals are learned from, as in thesis Tables 4-6 and 4-7.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Size {
-    All,
-    Half,
-    Tenth,
-}
-
-impl Size {
-    /// All sizes, the largest first.
-    pub const EACH: [Size; 3] = [Size::All, Size::Half, Size::Tenth];
-
-    pub fn name(self) -> &'static str {
-        match self {
-            Size::All => "all",
-            Size::Half => "half",
-            Size::Tenth => "tenth",
-        }
-    }
-
-    /// Number of faulty signals to learn from, if there are `faulty` ones.
-    fn of(self, faulty: usize) -> usize {
-        match self {
-            Size::All => faulty,
-            Size::Half => faulty.div_ceil(2),
-            Size::Tenth => faulty.div_ceil(10),
-        }
-    }
-}
-
-/// A method of isolation that the thesis compares, with the signal that it is applied to: the
-/// residual r, or the deviation y - y_hat, which stands for the thesis's y.
-pub struct Compared {
-    pub name: &'static str,
-    method: IsolateMethod,
-    signal: IsolateSignal,
-}
-
-/// The methods that the thesis compares: linear regression (LR), and the nearest neighbour (1-NN).
-pub const COMPARED: [Compared; 4] = {
-    use IsolateMethod::{Neighbours, ResidualMatching};
-    use IsolateSignal::{Deviation, Residual};
-    [
-        Compared { name: "LR on r", method: ResidualMatching, signal: Residual },
-        Compared { name: "LR on y", method: ResidualMatching, signal: Deviation },
-        Compared { name: "1-NN on r", method: Neighbours, signal: Residual },
-        Compared { name: "1-NN on y", method: Neighbours, signal: Deviation },
-    ]
-};
-
-/// Name of a figure of a method of isolation, `method, size/what`, as `tables`, `claims.toml` and
-/// `published.toml` refer to it.
-pub fn figure(method: &str, size: Size, what: &str) -> String {
-    format!("{method}, {}/{what}", size.name())
-}
-
-/// What `tables.toml` holds, in the order in which the tables show it.
-#[derive(Deserialize)]
-pub struct Rows {
-    pub detections: Vec<Detection>,
-    pub beside: Vec<Beside>,
-}
-
-/// A row of the table of detection: the name of its figures, a description of the method for the
-/// reader, and its settings.
-#[derive(Deserialize)]
-pub struct Detection {
-    pub name: String,
-    pub words: String,
-    settings: DetectSettings,
-}
-
-/// A figure that is shown beside the tables.
-#[derive(Deserialize)]
-pub struct Beside {
-    pub figure: String,
-    pub words: String,
-    /// Whether the figure is a share of the signals whose phi reaches its bound, and not of all
-    /// faulty signals.
-    #[serde(default)]
-    pub certain: bool,
-}
-
-/// The contents of `tables.toml`, which is compiled in.
-pub static ROWS: LazyLock<Rows> = LazyLock::new(|| {
-    toml::from_str(include_str!("tables.toml")).expect("a test has read the same text")
-});
-
-/// The settings of detection that reproduce the thesis's figures, which are those of the first row.
-/// `mu`: the factor of (3-4).
-pub fn thesis_detect(mu: f64) -> DetectSettings {
-    DetectSettings { mu, ..ROWS.detections[0].settings.clone() }
-}
-
-/// Residual matching on r, as thesis §3-3-2 has it.
-pub fn own_isolation() -> IsolateSettings {
-    isolation(IsolateMethod::ResidualMatching, IsolateSignal::Residual)
-}
-
-/// Settings of isolation of every signal, also of those that detection passes (`gate` is false).
-fn isolation(method: IsolateMethod, signal: IsolateSignal) -> IsolateSettings {
-    IsolateSettings { method, signal, gate: false, ..IsolateSettings::default() }
-}
 
 /// Trains a design on a set, with these settings.
 pub fn train(
@@ -143,16 +38,15 @@ pub fn train(
     detect: &DetectSettings,
     isolate: &IsolateSettings,
 ) -> Result<Design, ThesisError> {
-    // The thesis identifies its model on the plain mean of healthy signals (Fig. 3-2). The
-    // product's own method (`Sensitivity`) corrects the model for what averaging does where
-    // channels scatter.
+    // The thesis identifies its model on the plain mean of healthy signals (Fig. 3-2); the product's own method
+    // corrects it for what averaging does.
     let plain_mean = detect.method != DetectMethod::Sensitivity;
     let grey_box = GreyBoxSettings { plain_mean, ..GreyBoxSettings::default() };
     Ok(Design::train(set, &grey_box, detect, isolate)?.0)
 }
 
 /// One signal as the design's judge meets it.
-pub struct Met<'a> {
+pub struct TestSignal<'a> {
     pub judge: &'a Judge,
     /// The signal minus what the design expects of its printhead at its drive, N samples, counts.
     pub deviation: &'a [f64],
@@ -162,13 +56,12 @@ pub struct Met<'a> {
     pub state: &'a str,
 }
 
-/// Calls `look` for every signal of a set, with a judge by the model of the signal's printhead. The
-/// judge takes the signal's temperature from the workspace that `look` is given.
-pub fn each_met(
+/// Calls `look` for every signal of a set, with a judge by the model of the signal's printhead.
+pub fn each_signal(
     design: &Design,
     isolate: &IsolateSettings,
     set: &TrainingSet,
-    mut look: impl FnMut(Met, &mut Workspace),
+    mut look: impl FnMut(TestSignal, &mut Workspace),
 ) -> Result<(), ThesisError> {
     let printheads: BTreeSet<&str> = set.sets().map(|(_, printhead, _)| printhead).collect();
     let mut work = Workspace::default();
@@ -178,7 +71,7 @@ pub fn each_met(
         for (state, _, signals) in set.sets().filter(|of| of.1 == printhead) {
             judge.model.each_deviation(signals, |i, deviation, drive| {
                 work.warmer = judge.model.warmer(signals.temperature_c[i]);
-                look(Met { judge: &judge, deviation, drive, state }, &mut work);
+                look(TestSignal { judge: &judge, deviation, drive, state }, &mut work);
             });
         }
     }
@@ -186,19 +79,17 @@ pub fn each_met(
 }
 
 /// How a design performed on test signals.
-pub struct Tested {
+pub struct TestResult {
     /// Isolation of all faulty signals, whether flagged or not: thesis Table 4-3, which is ungated.
-    /// The report's detection is that of the design.
     pub ungated: Report,
     /// Isolation of only those faulty signals that were flagged, as in the product.
     gated: Report,
     /// Isolation, ungated, of only those that reached the certainty bound: thesis Table 4-4.
     certain: Report,
-    /// For every faulty signal the weight of the class that was named (0 if none was), and whether
-    /// that class is right.
-    said: Vec<(f64, bool)>,
+    /// The weight of the named class of every faulty signal (0: none), and whether that class is right.
+    named: Vec<(f64, bool)>,
     /// Number of faulty signals for which no class was named.
-    nothing_said: usize,
+    unnamed: usize,
 }
 
 /// Judges every test signal: detects all, and isolates all that are faulty in truth.
@@ -206,7 +97,7 @@ pub fn test(
     design: &Design,
     isolate: &IsolateSettings,
     set: &TrainingSet,
-) -> Result<Tested, ThesisError> {
+) -> Result<TestResult, ThesisError> {
     let names = design.class_names();
     let [mut ungated, mut gated, mut certain] = [(); 3].map(|()| {
         let mut score = Score::default();
@@ -214,27 +105,25 @@ pub fn test(
         score.bound = Some(isolate.certainty);
         score
     });
-    let (mut said, mut nothing_said, mut weights) = (Vec::new(), 0, Vec::<f32>::new());
+    let (mut named, mut unnamed, mut weights) = (Vec::new(), 0, Vec::<f32>::new());
 
-    // The three scores get the same verdicts, but for the name: `gated` hides it where the signal
-    // was not flagged, `certain` where the class's own weight is below the bound.
-    each_met(design, isolate, set, |met, work| {
-        let Met { judge, deviation, drive, state } = met;
+    // `gated` hides the name where the signal was not flagged, `certain` where the weight is below the bound.
+    each_signal(design, isolate, set, |met, work| {
+        let TestSignal { judge, deviation, drive, state } = met;
         let flagged = judge.test(judge.detect(deviation, drive, work)).is_flagged();
         let class = match state {
             HEALTHY => None,
             _ => judge.isolate(deviation, drive, work).and_then(|decision| decision.candidate),
         };
         let class = class.map(usize::from);
-        // The weight of the class itself; the `certainty` of a decision may be that of its
-        // category.
+        // that of the class itself; the `certainty` of a decision may be that of its category
         let certainty = class.and_then(|class| work.weights.get(class).copied());
         weights.clear();
         weights.extend(class.iter().flat_map(|_| work.weights.iter().map(|&w| w as f32)));
         let candidate = class.map(|class| names[class].as_str());
         if state != HEALTHY {
-            said.push((certainty.unwrap_or(0.0), candidate == Some(state)));
-            nothing_said += usize::from(class.is_none());
+            named.push((certainty.unwrap_or(0.0), candidate == Some(state)));
+            unnamed += usize::from(class.is_none());
         }
         let weights = Some(&weights[..]).filter(|weights| !weights.is_empty());
         let of = |candidate| Prediction { flagged, candidate, certainty, weights };
@@ -243,17 +132,17 @@ pub fn test(
         let reached = certainty.is_some_and(|c| c >= isolate.certainty);
         certain.add(of(candidate.filter(|_| reached)), Some(state));
     })?;
-    Ok(Tested {
+    Ok(TestResult {
         ungated: ungated.report(),
         gated: gated.report(),
         certain: certain.report(),
-        said,
-        nothing_said,
+        named,
+        unnamed,
     })
 }
 
-/// All figures of one part. A method that cannot be tried on it leaves the reason instead; only if
-/// the thesis's own method fails is that an error, since there is nothing to compare with then.
+/// All figures of one part. A method that cannot be tried on it leaves the reason instead, but for the thesis's
+/// own.
 pub fn figures(part: &Part) -> Result<Figures, ThesisError> {
     let mut out = Figures::default();
     let Part { learn, test, mu, .. } = part;
@@ -274,21 +163,20 @@ pub fn figures(part: &Part) -> Result<Figures, ThesisError> {
 
     // Isolation by every method, learned from fewer and fewer faulty signals.
     for size in Size::EACH {
-        out.put(&format!("learned/{}", size.name()), size.of(faulty(learn)) as f64);
+        out.put(&format!("learned/{}", size.name), size.of(faulty(learn)) as f64);
         let few = with_faulty(learn, size.of(faulty(learn)));
         regression_and_neighbours(&few, part, size, &mut out)
-            .unwrap_or_else(|e| out.cannot(&format!("LR and 1-NN, {}", size.name()), &e));
+            .unwrap_or_else(|e| out.cannot(&format!("LR and 1-NN, {}", size.name), &e));
         by_default(&few, part, size, &mut out)
-            .unwrap_or_else(|e| out.cannot(&format!("default, {}", size.name()), &e));
+            .unwrap_or_else(|e| out.cannot(&format!("default, {}", size.name), &e));
     }
     model_matching(part, &mut out).unwrap_or_else(|e| out.cannot("model matching", &e));
     practice(part, &mut out);
     Ok(out)
 }
 
-/// The class of which the thesis's detection misses the largest share of training signals. Methods
-/// II and III are made for this class, as they are made for the slightly dried nozzle in the text.
-/// Empty if there is no fault.
+/// The class of which the thesis's detection misses the largest share of training signals, for which
+/// methods II and III are made. Empty if there is no fault.
 fn hardest(
     design: &Design,
     isolate: &IsolateSettings,
@@ -303,8 +191,7 @@ fn hardest(
     Ok(hardest.map(|(_, state)| state).unwrap_or_default())
 }
 
-/// Detection by every row of `tables.toml`. `fault`: the class that methods II and III are made
-/// for.
+/// Detection by every row. `fault`: the class that methods II and III are made for.
 fn detection(part: &Part, fault: &str, out: &mut Figures) {
     let isolate = own_isolation();
     for Detection { name, settings, .. } in &ROWS.detections {
@@ -318,9 +205,7 @@ fn detection(part: &Part, fault: &str, out: &mut Figures) {
     }
 }
 
-/// What the search for a denominator (`denominator_search`) promises, measured on training signals
-/// alone: misses by five-fold cross-validation, and the poles that were chosen. `design`: one by
-/// method I, whose healthy model gives the numerator and the deviations.
+/// What the search for a denominator promises on training signals alone. `design`: one by method I.
 fn search(design: &Design, part: &Part, out: &mut Figures) -> Result<(), ThesisError> {
     const DEGREE: usize = 4;
     let (model, dt_s) = (&design.pooled, part.learn.sample_period_s);
@@ -340,9 +225,8 @@ fn search(design: &Design, part: &Part, out: &mut Figures) -> Result<(), ThesisE
     Ok(())
 }
 
-/// Isolation by linear regression and by the nearest neighbour, on r and on y, learned from `few`.
-/// One design serves all four: training for the nearest neighbour keeps the training signals, and
-/// the settings of the test choose the method.
+/// Isolation by linear regression and by the nearest neighbour, on r and on y, learned from `few`. One design
+/// serves all four: the settings of the test choose the method.
 fn regression_and_neighbours(
     few: &TrainingSet,
     part: &Part,
@@ -366,15 +250,14 @@ fn model_matching(part: &Part, out: &mut Figures) -> Result<(), ThesisError> {
     let models = design.classes.iter().filter(|class| class.model.is_some()).count();
     out.put("model matching/models", models as f64);
     let tested = test(&design, &matching, &part.test)?;
-    out.isolation("model matching", Size::All, &tested);
-    let named = 1.0 - tested.nothing_said as f64 / tested.said.len().max(1) as f64;
+    out.isolation("model matching", Size::ALL, &tested);
+    let named = 1.0 - tested.unnamed as f64 / tested.named.len().max(1) as f64;
     out.put("model matching/of all", tested.ungated.isolation.accuracy * named);
     out.put("model matching/rejected", 1.0 - named);
     Ok(())
 }
 
-/// Isolation by the product's default settings, with figures for which the thesis has no table:
-/// calibration of the stated certainty, and the accuracy of the most certain signals.
+/// Isolation by the product's default settings, with calibration and the most certain signals.
 fn by_default(
     few: &TrainingSet,
     part: &Part,
@@ -386,18 +269,17 @@ fn by_default(
     let design = train(few, &DetectSettings::default(), &isolate)?;
     let tested = test(&design, &isolate, &part.test)?;
     out.isolation(NAME, size, &tested);
-    let mut said = tested.said;
-    let right = |said: &[(f64, bool)]| {
-        said.iter().filter(|(_, right)| *right).count() as f64 / said.len().max(1) as f64
+    let mut named = tested.named;
+    let right = |named: &[(f64, bool)]| {
+        named.iter().filter(|(_, right)| *right).count() as f64 / named.len().max(1) as f64
     };
-    // Here a signal for which nothing was named counts as wrong. This accuracy replaces the one
-    // that `isolation` put, which is of named signals only.
-    out.put(&figure(NAME, size, "accuracy"), right(&said));
+    // Here a signal for which nothing was named counts as wrong.
+    out.put(&figure(NAME, size, "accuracy"), right(&named));
 
     // The accuracy of the most certain 53.2 %.
-    said.sort_by(|a, b| b.0.total_cmp(&a.0));
-    said.truncate((SHARE_KEPT * said.len() as f64) as usize);
-    out.put(&figure(NAME, size, "best 53.2 %"), right(&said));
+    named.sort_by(|a, b| b.0.total_cmp(&a.0));
+    named.truncate((SHARE_KEPT * named.len() as f64) as usize);
+    out.put(&figure(NAME, size, "best 53.2 %"), right(&named));
 
     // Calibration errors, on the larger set where there is one.
     let calibration = match &part.calibration {
@@ -416,31 +298,27 @@ fn practice(part: &Part, out: &mut Figures) {
     let learned = key_numbers(&part.learn);
     let thresholds = Thresholds::learn(&learned);
     let is_known = |name: &str| KNOWN_TO_PRACTICE.contains(&name);
-    let [mut misses, mut false_alarms, mut named, mut extended, mut one_step, mut known] = [0; 6];
-    for (state, k) in key_numbers(&part.test) {
-        let flagged = thresholds.is_faulty(&k);
-        if state == HEALTHY {
-            false_alarms += usize::from(flagged);
-            continue;
-        }
-        misses += usize::from(!flagged);
-        known += usize::from(is_known(state));
-        named += usize::from(thresholds.name(&k, is_known) == Some(state));
-        let right = thresholds.name(&k, |_| true) == Some(state);
-        extended += usize::from(right);
-        // the practice detects and isolates in one step: what looks healthy to it gets no name
-        one_step += usize::from(right && flagged);
-    }
-    let (healthy, faulty) = (healthy(&part.test) as f64, faulty(&part.test) as f64);
-    let right = healthy + faulty - (misses + false_alarms) as f64;
-    out.put("practice/right", right / (healthy + faulty));
-    out.put("practice/misses", misses as f64);
-    out.put("practice/detected", 1.0 - misses as f64 / faulty);
-    out.put("practice/false alarms", false_alarms as f64);
-    out.put("practice/four classes", named as f64 / faulty);
-    out.put("practice/of the four", named as f64 / known as f64);
-    out.put("practice/all classes", extended as f64 / faulty);
-    out.put("practice/in one step", one_step as f64 / faulty);
+    let is_named = |state: &str, k: &KeyNumbers| thresholds.name(k, |_| true) == Some(state);
+    let (healthy, faulty): (Vec<_>, Vec<_>) =
+        key_numbers(&part.test).into_iter().partition(|(state, _)| *state == HEALTHY);
+    let count = |is: &dyn Fn(&str, &KeyNumbers) -> bool| {
+        faulty.iter().filter(|(state, k)| is(state, k)).count() as f64
+    };
+    let misses = count(&|_, k| !thresholds.is_faulty(k));
+    let false_alarms = healthy.iter().filter(|(_, k)| thresholds.is_faulty(k)).count() as f64;
+    let named = count(&|state, k| thresholds.name(k, is_known) == Some(state));
+    // the practice detects and isolates in one step: what looks healthy to it gets no name
+    let one_step = count(&|state, k| is_named(state, k) && thresholds.is_faulty(k));
+    let (known, extended) = (count(&|state, _| is_known(state)), count(&is_named));
+    let (faulty, signals) = (faulty.len() as f64, (healthy.len() + faulty.len()) as f64);
+    out.put("practice/right", (signals - (misses + false_alarms)) / signals);
+    out.put("practice/misses", misses);
+    out.put("practice/detected", 1.0 - misses / faulty);
+    out.put("practice/false alarms", false_alarms);
+    out.put("practice/four classes", named / faulty);
+    out.put("practice/of the four", named / known);
+    out.put("practice/all classes", extended / faulty);
+    out.put("practice/in one step", one_step / faulty);
 }
 
 impl Figures {
@@ -449,8 +327,7 @@ impl Figures {
         self.failed.insert(name.into(), why.to_string());
     }
 
-    /// Puts the figures of a method of detection: misses and false alarms as numbers, `detected`
-    /// (of the faulty) and `right` (of all) as shares, the confusion, and the misses of each class.
+    /// Puts the figures of a method of detection, its confusion, and the misses of each class.
     fn detection(&mut self, name: &str, report: &Report) {
         let d = &report.detection;
         self.put(&format!("{name}/misses"), d.fn_ as f64);
@@ -466,10 +343,9 @@ impl Figures {
         }
     }
 
-    /// Puts the figures of a method of isolation at one training size, ungated and gated; for the
-    /// size `All` also its confusions, and two variants of the accuracy in which the text of §4-3
-    /// sets aside or merges dried nozzles.
-    fn isolation(&mut self, name: &str, size: Size, tested: &Tested) {
+    /// Puts the figures of a method of isolation; with all training signals also its confusions, and two
+    /// variants in which the text of §4-3 sets aside or merges dried nozzles.
+    fn isolation(&mut self, name: &str, size: Size, tested: &TestResult) {
         let modes = [("", &tested.ungated), ("gated ", &tested.gated)];
         for (mode, report) in modes {
             let mut put =
@@ -482,7 +358,7 @@ impl Figures {
             put("certain", of_some(report.certain.accuracy, report.certain.coverage > 0.0));
             put("coverage", report.certain.coverage);
         }
-        if size != Size::All {
+        if size != Size::ALL {
             return;
         }
         // confusions, and the thesis's variants of them, with all training signals only

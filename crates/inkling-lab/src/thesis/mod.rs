@@ -1,13 +1,12 @@
 //! Chapters 4 and 5 of the thesis again: its tables and figures beside this program's, and which of
-//! its conclusions held. The verb `inkling thesis` (`src/cli/thesis.rs`) calls this room.
+//! its conclusions held.
 //!
 //! In: seeds (`simulated`), or a user's own labelled signals (`Recorded::chapter`). Out: a
-//! `Chapter`, and from it (`write`) a directory with `tables.md`, `tables.json` and figures. All is
-//! done in memory.
+//! `Chapter`, and from it (`write`) a directory with `tables.md`, `tables.json` and figures.
 //!
 //! The steps, each a file here:
 //! 1. `datasets` makes a `Part`, signals to learn from and to test on, for each seed or fold.
-//! 2. `measure` trains every method on the part and tests it; the methods are the product's own
+//! 2. `measure` trains every method of `methods` on the part and tests it; they are the product's own
 //!    ([`inkling_core::design`]). `practice` is the baseline. The result is `Figures`.
 //! 3. `outcome` gathers the figures of all rounds into a `Measured` for each data set.
 //! 4. `conclusions` judges the claims, `published` compares with the thesis's numbers.
@@ -19,6 +18,7 @@ mod datasets;
 mod figures;
 mod key_figures;
 mod measure;
+mod methods;
 mod outcome;
 mod practice;
 mod published;
@@ -33,8 +33,7 @@ pub use conclusions::{Conclusion, Kind, Verdict};
 pub use datasets::Recorded;
 pub use outcome::{Confusion, DataSet, Measured, Spread, ThesisError};
 
-/// Runs every seed on each set of simulated data, at most `threads` at a time. `done` is called
-/// whenever one seed of one set succeeded. An error of any seed is the result of the whole.
+/// Runs every seed on each set of simulated data, at most `threads` at a time, with `done` after each.
 pub fn simulated(
     seeds: &[u64],
     threads: usize,
@@ -51,9 +50,8 @@ pub fn simulated(
     Ok(Chapter::new(Rounds::Seeds(seeds.to_vec()), sets))
 }
 
-/// Computes the figures of all jobs, at most `threads` at a time, in the order of `jobs`. All jobs
-/// run; if some fail, the first error in their order is the result. `done` is called after each
-/// that succeeds.
+/// The figures of all jobs in their order, at most `threads` at a time, with `done` after each; or the first
+/// error.
 fn measured<J: Send>(
     threads: usize,
     jobs: Vec<J>,
@@ -65,8 +63,7 @@ fn measured<J: Send>(
 }
 
 impl Recorded {
-    /// Tests on every part once, with what was learned from the other parts. `threads`: the most
-    /// parts at a time; `done` is called after each part.
+    /// Tests on every part once, at most `threads` at a time, with `done` after each.
     pub fn chapter(&self, threads: usize, done: impl Fn() + Sync) -> Result<Chapter, ThesisError> {
         let each = measured(threads, self.parts.iter().collect(), done, measure::figures)?;
         let rounds = Rounds::Folds { number: each.len(), left_out: self.left_out.clone() };
@@ -75,8 +72,7 @@ impl Recorded {
 }
 
 /// Writes tables and figures into `dir`, which is made if need be. `recorded`: the user's signals,
-/// if the chapter is about them. The figures are drawn from the first seed, or from the first part
-/// of recordings.
+/// if the chapter is about them. The figures are of the first seed, or of the first part.
 pub fn write(
     chapter: &Chapter,
     recorded: Option<&Recorded>,

@@ -1,14 +1,10 @@
 //! The outcome of chapter 4: the figures of each round, their means and differences over rounds,
 //! and the errors that may prevent them.
 //!
-//! A round is one seed of simulated data, or one part (fold) of recordings. `measure` fills the
-//! `Figures` of one round; `Measured::of` gathers the rounds of one data set; `conclusions` and
-//! `tables` read that. A figure is a number with a name such as `LR on r, half/accuracy`; shares
-//! are from 0 to 1.
-//!
-//! The one formula here is that of `Measured::difference`: a mean difference of two shares, paired
-//! by round, with a 95 % interval from Student's t, which is never narrower than the sampling error
-//! of the signals.
+//! A round is one seed of simulated data, or one part (fold) of recordings. In: the `Figures` of each
+//! round. Out: `Measured`, the rounds of one data set, and differences of its shares with intervals
+//! (`Measured::difference`). A figure is a number with a name such as `LR on r, half/accuracy`;
+//! shares are from 0 to 1.
 
 use inkling_core::model::student::student_quantile;
 use serde::{Deserialize, Serialize};
@@ -59,9 +55,8 @@ impl DataSet {
     }
 }
 
-/// How many signals of a class (row: truth) were given a name (column). Rows and columns are both
-/// in the order of `classes`. Of ours the counts are means over rounds, so they are no whole
-/// numbers; of the thesis they are those of its table.
+/// How many signals of a class (row: truth) were given a name (column), both in the order of
+/// `classes`. Of ours the counts are means over rounds, so they are no whole numbers.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Confusion {
     pub classes: Vec<String>,
@@ -69,8 +64,7 @@ pub struct Confusion {
 }
 
 impl Confusion {
-    /// Builds the matrix of these classes. `count(truth, name)`: the number of signals of the class
-    /// `truth` that were given the name `name`.
+    /// `count(truth, name)`: the number of signals of the class `truth` that were given the name `name`.
     fn of(classes: Vec<String>, count: impl Fn(&str, &str) -> f64) -> Confusion {
         let row = |truth| classes.iter().map(|name| count(truth, name)).collect();
         Confusion { counts: classes.iter().map(|truth| row(truth)).collect(), classes }
@@ -94,8 +88,7 @@ impl Confusion {
         Confusion::of(kept.collect(), |truth, name| self.count(truth, name))
     }
 
-    /// The confusion with the two classes as one, which is called `into`: the rows and the columns
-    /// of both are added.
+    /// The confusion with the two classes as one, which is called `into`.
     pub fn merged(&self, into: &str, class: &str) -> Confusion {
         let kept = self.classes.iter().filter(|c| *c != class).cloned();
         Confusion::of(kept.collect(), |truth, name| {
@@ -106,8 +99,7 @@ impl Confusion {
         })
     }
 
-    /// Adds `share` times another confusion. Classes are matched by name, and those that are new
-    /// here are appended.
+    /// Adds `share` times another confusion; new classes are appended.
     fn add(&mut self, other: &Confusion, share: f64) {
         let new = other.classes.iter().filter(|c| !self.classes.contains(c));
         let all = self.classes.iter().chain(new).cloned().collect();
@@ -117,8 +109,7 @@ impl Confusion {
     }
 }
 
-/// The figures of one round, by name: `method/figure`, or `method, size/figure` for methods of
-/// isolation.
+/// The figures of one round, `method/figure`, or `method, size/figure` for isolation.
 #[derive(Clone, Debug, Default)]
 pub struct Figures {
     pub values: BTreeMap<String, f64>,
@@ -162,10 +153,9 @@ impl Spread {
 /// Number of rounds from which on their scatter tells how well their mean is known.
 const ENOUGH_ROUNDS: usize = 5;
 
-/// A mean difference of two shares with its 95 % interval, within -1 to 1.
+/// The 95 % interval of a mean difference of two shares, within -1 to 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Difference {
-    pub mean: f64,
     pub low: f64,
     pub high: f64,
 }
@@ -182,8 +172,7 @@ pub struct Measured {
 }
 
 impl Measured {
-    /// Gathers the figures of all rounds. A confusion becomes the mean over the rounds that have it, as
-    /// other figures do: where a method failed there is none.
+    /// Gathers the figures of all rounds. A confusion becomes the mean over the rounds that have it.
     pub fn of(set: DataSet, each: &[Figures]) -> Measured {
         let mut all = Measured {
             set,
@@ -245,8 +234,7 @@ impl Measured {
             return None;
         }
         let Spread { mean, sd, .. } = Spread::of(&each);
-        // v, the variance of the difference per signal. It is at least that of one signal among
-        // all, so that equal shares do not get an interval of width 0.
+        // at least that of one signal among all, so that equal shares get an interval
         let all = signals * n;
         let sampling = match pairs.len() < ENOUGH_ROUNDS {
             true => pairs.iter().map(|(a, b)| a * (1.0 - a) + b * (1.0 - b)).sum::<f64>() / n,
@@ -260,11 +248,10 @@ impl Measured {
             _ => student_quantile(0.975, n - 1.0) * sd / n.sqrt(),
         };
         let half = scatter.max(sampling);
-        Some(Difference { mean, low: (mean - half).max(-1.0), high: (mean + half).min(1.0) })
+        Some(Difference { low: (mean - half).max(-1.0), high: (mean + half).min(1.0) })
     }
 
-    /// The part of `tables.json` about this data set: the spread of each figure (null where no
-    /// round has it), the confusions, and the methods that failed.
+    /// The part of `tables.json` about this data set.
     pub fn json(&self) -> Value {
         let values: BTreeMap<&String, Option<Spread>> =
             self.rounds.keys().map(|key| (key, self.spread(key))).collect();

@@ -42,9 +42,7 @@ impl<'a> Thresholds<'a> {
         self.ranges.get(HEALTHY).is_some_and(|range| range.distance(k) > 1.0)
     }
 
-    /// The fault class whose range the signal lies in, and of several the one whose middle is
-    /// nearest in half-widths. Only classes that `known` accepts are named; `None`: the signal lies
-    /// in the range of none of them.
+    /// The fault class that `known` accepts in whose range the signal lies, the nearest by half-widths.
     pub fn name(&self, k: &KeyNumbers, known: impl Fn(&str) -> bool) -> Option<&'a str> {
         self.ranges
             .iter()

@@ -1,7 +1,7 @@
 //! The numbers that the thesis reports, and a test of whether this program's number could be the
 //! same.
 //!
-//! In: the name of one of our figures (as `measure::figure` makes it) and the figure's values over
+//! In: the name of one of our figures (as `methods::figure` makes it) and the figure's values over
 //! rounds, one share for each round. Out to `tables`: the thesis's number from `published.toml`,
 //! and whether it differs from ours, by a p-value: how probable a number as far from ours would be
 //! if the thesis's data set were one more of our rounds.
@@ -61,9 +61,8 @@ impl Published {
             return None;
         }
         let Spread { mean, sd, .. } = Spread::of(ours);
-        // The mean m of our rounds. If all of the signals that were seen are right (or none is),
-        // that does not hold for all other signals: one signal that is half right is added, so m is
-        // never 0 or 1.
+        // The mean m of our rounds, with one signal that is half right added, so that m is never 0 or
+        // 1.
         let seen = rounds * signals;
         let mean = (mean * seen + 0.5) / (seen + 1.0);
 
@@ -83,9 +82,8 @@ impl Published {
         let rho = ((variance * n / sampling - 1.0) / (n - 1.0)).clamp(1e-9, 1.0 - 1e-9);
         let (a, b) = (mean * (1.0 / rho - 1.0), (1.0 - mean) * (1.0 / rho - 1.0));
 
-        // The probabilities of 0 to n right signals. That of 0 is the product of (b + i) / (a + b +
-        // i) over i below n; each next one follows from the one before by a ratio. Logarithms keep
-        // tiny probabilities from becoming 0.
+        // The probability of 0 right signals is the product of (b + i) / (a + b + i) over i below n; each next
+        // one follows by a ratio. Logarithms keep tiny ones from becoming 0.
         let mut ln_p: f64 = (0..self.of).map(f64::from).map(|i| ((b + i) / (a + b + i)).ln()).sum();
         let each = (0..=self.of).map(f64::from).map(|i| {
             let p = ln_p.exp();
@@ -100,15 +98,13 @@ impl Published {
         Some((2.0 * (below.min(above) + each[k])).min(1.0))
     }
 
-    /// Whether the thesis's number differs from ours: its p-value is below `DIFFERS`. Arguments and
-    /// `None` are those of `p_value`.
+    /// Whether the p-value is below `DIFFERS`.
     pub fn differs(self, ours: &[f64], signals: f64) -> Option<bool> {
         Some(self.p_value(ours, signals)? < DIFFERS)
     }
 }
 
-/// The 95 % quantile of chi-squared, by Wilson and Hilferty (1931): good to a per cent from one degree of
-/// freedom on.
+/// The 95 % quantile of chi-squared, by Wilson and Hilferty (1931): good to a per cent.
 fn chi_squared_quantile_95(freedom: f64) -> f64 {
     let of = 2.0 / (9.0 * freedom);
     freedom * (1.0 - of + 1.645 * of.sqrt()).powi(3)
@@ -121,17 +117,14 @@ struct Thesis {
     matrices: Vec<Matrix>,
 }
 
-/// The numbers of one data set, by our name of the figure. `shares`: a share and the number of
-/// signals that it is of; `counts`: a number of cases, and the number of signals among which they
-/// were counted.
+/// The numbers of one data set by our names: shares of so many signals, and counts among so many.
 #[derive(Deserialize)]
 struct Numbers {
     shares: BTreeMap<String, (f64, u32)>,
     counts: BTreeMap<String, (u32, u32)>,
 }
 
-/// A confusion matrix of the thesis (Tables 4-1 to 4-5), which `tables` shows beside one of ours.
-/// Rows are the truth, columns what was said; cells are numbers of signals.
+/// A confusion matrix of the thesis (Tables 4-1 to 4-5). Rows are the truth, columns what was said.
 #[derive(Deserialize)]
 pub struct Matrix {
     pub title: String,

@@ -5,18 +5,15 @@
 //! data set the tables of detection, of isolation, of what is beside the thesis's tables, and
 //! confusion matrices.
 //!
-//! Which rows there are comes from `tables.toml` (`ROWS`) and `COMPARED`; the thesis's numbers come
-//! from `published`. A number is shown as mean ± standard deviation over rounds, then the thesis's
-//! in brackets, marked *differs* where the test of `published` says so. Nothing is computed here
-//! but that.
+//! A number is shown as mean ± standard deviation over rounds, then the thesis's in brackets, marked
+//! *differs* where the test of `published` says so.
 
 use super::chapter::{Chapter, Rounds};
 use super::conclusions::{Conclusion, Kind};
-use super::measure::{Beside, COMPARED, Detection, ROWS, Size, figure};
+use super::methods::{Beside, COMPARED, Detection, ROWS, Size, figure};
 use super::outcome::{DataSet, Measured, Spread};
 use super::published::{Matrix, Published, matrices, published};
 use inkling_core::fault::CLASSES;
-use std::fmt::Write;
 
 /// The whole page. It begins with what the rounds are.
 pub fn markdown(chapter: &Chapter) -> String {
@@ -60,18 +57,15 @@ pub fn markdown(chapter: &Chapter) -> String {
 
 /// The conclusions, with one table for each data set.
 fn conclusions(all: &[Conclusion], out: &mut String) {
-    // Writing to a String cannot fail, here and below.
-    let _ = writeln!(
-        out,
+    *out += &format!(
         "\n## Chapter 5, conclusion by conclusion\n\nHeld, or not held: the 95 % interval of the difference, paired by round, lies above 0, or \
-         below .005. What lies between cannot be told from these data."
+         below .005. What lies between cannot be told from these data.\n"
     );
     let mut set = None;
     for Conclusion { data, kind, claim, verdict, because } in all {
         if set.replace(*data) != Some(*data) {
-            let _ = writeln!(
-                out,
-                "\n**{}**\n\n| the thesis | here | figures |\n|---|---|---|",
+            *out += &format!(
+                "\n**{}**\n\n| the thesis | here | figures |\n|---|---|---|\n",
                 data.title()
             );
         }
@@ -81,16 +75,15 @@ fn conclusions(all: &[Conclusion], out: &mut String) {
             Kind::Ours => " *(not the thesis's claim)*",
         };
         let because = escaped(because);
-        let _ = writeln!(out, "| {claim}{whose} | **{}** | {because} |", verdict.in_words());
+        *out += &format!("| {claim}{whose} | **{}** | {because} |\n", verdict.in_words());
     }
 }
 
 /// All tables of one data set, and the methods that failed on it.
 fn data_set(of: &Measured, out: &mut String) {
     let count = |what: &str| whole(of.mean(what));
-    let _ = writeln!(
-        out,
-        "\n## {}\n\nLearned from {} healthy and {} faulty signals, tested on {} and {}; mu of (3-4) is {}.",
+    *out += &format!(
+        "\n## {}\n\nLearned from {} healthy and {} faulty signals, tested on {} and {}; mu of (3-4) is {}.\n",
         of.set.title(),
         count("learned/healthy"),
         count("learned/faulty"),
@@ -102,8 +95,7 @@ fn data_set(of: &Measured, out: &mut String) {
     isolation(of, out);
     beside(of, out);
 
-    // Our two main confusions are shown on every data set, with the thesis's cells in brackets
-    // where it has such a table. Then come the other confusions that the thesis has.
+    // Our two main confusions are shown on every data set; then the others that the thesis has.
     for (key, confusion) in
         [("LR on r", "Linear regression on r"), ("default", "inkling's default")]
     {
@@ -116,13 +108,12 @@ fn data_set(of: &Measured, out: &mut String) {
     if !of.failed.is_empty() {
         out.push_str("\nNot possible on these data:\n\n");
         of.failed.iter().for_each(|(what, why)| {
-            let _ = writeln!(out, "* {what}: {}", escaped(why));
+            *out += &format!("* {what}: {}\n", escaped(why));
         });
     }
 }
 
-/// In brackets, which of the thesis's tables is about these data: the first of the two for signals
-/// of its form, the second for its experiment; nothing for other data.
+/// In brackets, which of the thesis's tables is about these data.
 fn beside_table(of: &Measured, [of_form, of_drying]: [&str; 2]) -> String {
     match of.set {
         DataSet::ThesisForm => format!(" (thesis Table {of_form})"),
@@ -131,14 +122,12 @@ fn beside_table(of: &Measured, [of_form, of_drying]: [&str; 2]) -> String {
     }
 }
 
-/// The table of detection: a row for each method that was measured, then the practice, and below
-/// the table what the search for a denominator found.
+/// The table of detection, and below it what the search for a denominator found.
 fn detection(of: &Measured, out: &mut String) {
     let table = beside_table(of, ["4-1", "4-2"]);
     let (faulty, healthy) = (of.mean("tested/faulty"), of.mean("tested/healthy"));
-    let _ = writeln!(
-        out,
-        "\n### Detection{table}\n\n| | misses of {} | false alarms of {} | share right |\n|---|---|---|---|",
+    *out += &format!(
+        "\n### Detection{table}\n\n| | misses of {} | false alarms of {} | share right |\n|---|---|---|---|\n",
         whole(faulty),
         whole(healthy)
     );
@@ -151,16 +140,15 @@ fn detection(of: &Measured, out: &mut String) {
         let misses = counts(of, &format!("{name}/misses"), faulty);
         let false_alarms = counts(of, &format!("{name}/false alarms"), healthy);
         let right = shares(of, &format!("{name}/right"), faulty + healthy);
-        let _ = writeln!(out, "| {words} | {misses} | {false_alarms} | {right} |");
+        *out += &format!("| {words} | {misses} | {false_alarms} | {right} |\n");
     }
     let searched = ["misses, chosen on the other folds", "misses, method I"].map(|what| {
         of.spread(&format!("search/{what}")).map(|spread| format!("{:.1}", spread.mean))
     });
     if let [Some(searched), Some(method)] = searched {
-        let _ = writeln!(
-            out,
+        *out += &format!(
             "\nThe search, five-fold on training data at one false alarm in 1000: {searched} misses with denominators chosen on the other \
-             folds, {method} with method I. It chose a frequency of {} f0, a damping of {} 1/s and other poles of {} 1/s.",
+             folds, {method} with method I. It chose a frequency of {} f0, a damping of {} 1/s and other poles of {} 1/s.\n",
             number(of, "search/frequency over f0", 3),
             number(of, "search/damping of the pair, 1/s", 0),
             number(of, "search/other poles, 1/s", 0),
@@ -172,14 +160,13 @@ fn detection(of: &Measured, out: &mut String) {
 fn isolation(of: &Measured, out: &mut String) {
     let table = beside_table(of, ["4-6", "4-7"]);
     let faulty = of.mean("tested/faulty");
-    let _ = writeln!(
-        out,
+    *out += &format!(
         "\n### Isolation{table}\n\nEvery faulty signal, detected or not; *gated*: of those that the detection passed.\n\n\
          | method, faulty signals learned from | class right | where phi or certainty >= .8 | of | category right | gated: class right |\n\
-         |---|---|---|---|---|---|"
+         |---|---|---|---|---|---|\n"
     );
     for size in Size::EACH {
-        let learned = whole(of.mean(&format!("learned/{}", size.name())));
+        let learned = whole(of.mean(&format!("learned/{}", size.name)));
         for name in COMPARED.iter().map(|method| method.name).chain(["default"]) {
             let key = |what| figure(name, size, what);
             if of.values(&key("accuracy")).is_empty() {
@@ -193,9 +180,8 @@ fn isolation(of: &Measured, out: &mut String) {
                     [shares(of, &key("certain"), certain), shares(of, &key("coverage"), faulty)]
                 }
             };
-            let _ = writeln!(
-                out,
-                "| {name}, {learned} | {} | {right_where} | {coverage} | {} | {} |",
+            *out += &format!(
+                "| {name}, {learned} | {} | {right_where} | {coverage} | {} | {} |\n",
                 shares(of, &key("accuracy"), faulty),
                 shares(of, &key("category"), faulty),
                 shares(of, &key("gated accuracy"), faulty),
@@ -207,27 +193,25 @@ fn isolation(of: &Measured, out: &mut String) {
 /// The table of further shares: figures that the thesis has in its text, or not at all.
 fn beside(of: &Measured, out: &mut String) {
     let faulty = of.mean("tested/faulty");
-    let reached = of.mean(&figure("LR on r", Size::All, "coverage")) * faulty;
+    let reached = of.mean(&figure("LR on r", Size::ALL, "coverage")) * faulty;
     out.push_str("\n### Beside the tables\n\n| | share |\n|---|---|\n");
     for Beside { figure, words, certain } in &ROWS.beside {
         if !of.values(figure).is_empty() {
             let signals = if *certain { reached } else { faulty };
-            let _ = writeln!(out, "| {words} | {} |", shares(of, figure, signals));
+            *out += &format!("| {words} | {} |\n", shares(of, figure, signals));
         }
     }
 }
 
-/// A confusion matrix: mean counts over rounds, with the thesis's counts in brackets where there
-/// are any. `key`: the name of our confusion; without it nothing is written. The classes are the
-/// thesis's, or else those that were met.
+/// A confusion matrix, with the thesis's counts in brackets. `key`: the name of ours; without it nothing is
+/// written. The classes are the thesis's, or else those that were met.
 fn matrix(of: &Measured, key: &str, title: &str, theirs: Option<&Matrix>, out: &mut String) {
     let Some(ours) = of.confusions.get(key) else { return };
     let theirs = theirs.map(|theirs| &theirs.confusion);
     let classes: Vec<String> = match theirs {
         Some(theirs) => theirs.classes.clone(),
         None => {
-            // A class is shown if signals of it, or answers with it, were counted. Known classes
-            // stand in the thesis's order, a user's own ones after them.
+            // Known classes that were met stand in the thesis's order, a user's own ones after them.
             let is_met = |class: &&String| {
                 let with = |other| ours.count(class, other) + ours.count(other, class);
                 ours.classes.iter().any(|other| with(other) > 0.0)
@@ -239,20 +223,17 @@ fn matrix(of: &Measured, key: &str, title: &str, theirs: Option<&Matrix>, out: &
         }
     };
     let names: Vec<String> = classes.iter().map(|class| escaped(class)).collect();
-    let _ =
-        writeln!(out, "\n### {title}\n\nRows: truth; columns: what was said. Mean over rounds.\n");
-    let _ = writeln!(out, "| | {} |", names.join(" | "));
-    let _ = writeln!(out, "|---{}|", "|---".repeat(classes.len()));
+    *out += &format!("\n### {title}\n\nRows: truth; columns: what was said. Mean over rounds.\n\n");
+    *out += &format!("| | {} |\n", names.join(" | "));
+    *out += &format!("|---{}|\n", "|---".repeat(classes.len()));
     for (class, shown) in classes.iter().zip(&names) {
-        let _ = write!(out, "| {shown} |");
+        *out += &format!("| {shown} |");
         for name in &classes {
             let n = ours.count(class, name);
             let n = if n >= 0.05 { format!("{n:.1}") } else { "·".into() };
             let theirs = theirs.map_or(0.0, |theirs| theirs.count(class, name));
-            let _ = match theirs > 0.0 {
-                true => write!(out, " {n} ({theirs}) |"),
-                false => write!(out, " {n} |"),
-            };
+            let theirs = if theirs > 0.0 { format!(" ({theirs})") } else { String::new() };
+            *out += &format!(" {n}{theirs} |");
         }
         out.push('\n');
     }
@@ -273,9 +254,8 @@ fn counts(of: &Measured, key: &str, signals: f64) -> String {
         + &beside_theirs(theirs, &each, signals, |p| whole(p.share * f64::from(p.of)))
 }
 
-/// The thesis's number in brackets, marked if it differs; empty if either side has no number.
-/// `ours`: our share in each round; `signals`: of how many signals each is; `written`: the thesis's
-/// number as text.
+/// The thesis's number in brackets, marked if it differs. `ours`: our share in each round; `signals`: of how
+/// many signals each is; `written`: the thesis's number as text.
 fn beside_theirs(
     theirs: Option<Published>,
     ours: &[f64],
@@ -287,24 +267,19 @@ fn beside_theirs(
     format!(" ({}){}", written(theirs), if differs { " *differs*" } else { "" })
 }
 
-/// A text that may come from a user, for a cell of a Markdown table: nothing in it ends the cell or
-/// is HTML.
+/// A text for a cell of a Markdown table: nothing in it ends the cell or is HTML.
 fn escaped(text: &str) -> String {
-    let mut safe = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '|' => safe.push_str("\\|"),
-            '<' => safe.push_str("&lt;"),
-            '&' => safe.push_str("&amp;"),
-            c if c.is_control() => safe.push(' '),
-            c => safe.push(c),
-        }
-    }
-    safe
+    let safe = |c: char| match c {
+        '|' => "\\|".to_owned(),
+        '<' => "&lt;".to_owned(),
+        '&' => "&amp;".to_owned(),
+        c if c.is_control() => " ".to_owned(),
+        c => c.to_string(),
+    };
+    text.chars().map(safe).collect()
 }
 
-/// The mean over rounds, with the standard deviation if there are several; a dash where no round
-/// has the figure.
+/// The mean over rounds, with the standard deviation if there are several.
 fn number(of: &Measured, key: &str, digits: usize) -> String {
     match (of.spread(key), of.values(key).len()) {
         (None, _) => "–".into(),
@@ -332,7 +307,7 @@ mod tests {
     #[test]
     fn the_first_row_is_the_thesiss_own_setting() {
         use inkling_core::detect::THESIS_OSCILLATIONS_OF_RING;
-        let own = crate::thesis::measure::thesis_detect(2.0);
+        let own = crate::thesis::methods::thesis_detect(2.0);
         assert_eq!((own.mu, own.oscillations_of_ring), (2.0, Some(THESIS_OSCILLATIONS_OF_RING)));
     }
 }

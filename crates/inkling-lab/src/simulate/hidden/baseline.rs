@@ -1,6 +1,5 @@
-//! How much of an effect a healthy model cannot explain. The baseline is the healthy model of a run in which
-//! an effect is to be hidden: what the baseline can explain by other parameters of its channels, nobody can
-//! find.
+//! How much of an effect the healthy model of a run, the baseline, cannot explain: what it can explain by other
+//! parameters of its channels, nobody can find.
 //!
 //! In: what an effect changes in each signal, counts ([`Change`], from `strength.rs`). Out:
 //! [`Baseline::misfit`], the chi-squared that is left when each channel's own six parameters, its freedoms,
@@ -26,15 +25,12 @@ use std::f64::consts::TAU;
 
 /// Number of channels that are drawn to estimate how the freedoms scatter from channel to channel.
 const DRAWN: usize = 200;
-/// Variance that is added to each freedom over channels, as a share of its own, so that the covariance can be
-/// inverted.
+/// Share that is added to the variance of each freedom over channels, so that the covariance can be inverted.
 const RIDGE: f64 = 1e-4;
-/// Largest number of Gauss-Newton steps.
 const MOST_STEPS: usize = 40;
 /// Largest change of each freedom in one step, in the order of [`Freedom`].
 const LONGEST_STEP: [f64; 6] = [0.3, 0.3, 0.3, 0.2, 0.02, 1.0];
-/// Prior standard deviation of the mean of u over channels: that of the logistic distribution, which u has
-/// when lambda is uniform between its bounds.
+/// Prior standard deviation of the mean of u over channels: that of a logistic variable.
 const POLE_SD: f64 = 1.81;
 
 /// A covariance or an information matrix over the six freedoms.
@@ -54,28 +50,22 @@ pub struct Change<'a> {
     pub samples: DVector<f64>,
 }
 
-/// How decays are sampled, and the bounds of the real pole: what is needed to compute a decay from its
-/// freedoms.
 #[derive(Clone, Copy)]
 pub struct Frame {
-    /// Samples of a signal.
     pub samples: usize,
-    /// Sampling period.
     pub period_s: f64,
     /// Lowest and highest rate lambda of the real pole.
     pub poles_per_s: [f64; 2],
 }
 
 impl Frame {
-    /// The frame of a run.
     pub fn of(base: &Base) -> Frame {
         let (g, d) = (base.rates.g_per_s, base.rates.d_per_s);
         let samples = base.physics.acquisition.samples;
         Frame { samples, period_s: base.dt_s(), poles_per_s: [g.min(d), g.max(d)] }
     }
 
-    /// The freedoms of a channel with the given rates and a gain of 1: rates from the channel's poles,
-    /// amplitudes and phase by least squares from its simulated decay. `None`: the channel does not ring.
+    /// The freedoms of a channel with these rates and a gain of 1; `None`: it does not ring.
     pub fn freedom(&self, base: &Base, rates: &InkChannel) -> Option<Freedom> {
         let poles = rates.poles()?;
         let [low, high] = self.poles_per_s;
@@ -90,8 +80,7 @@ impl Frame {
         of.iter().all(|x| x.is_finite()).then_some(of)
     }
 
-    /// Amplitudes of cosine, sine and real pole in `y` (N samples) by least squares, with sigma, omega and
-    /// lambda of `of`. `None`: they cannot be solved for.
+    /// Amplitudes of cosine, sine and real pole in `y` by least squares, with sigma, omega and lambda of `of`.
     pub fn amplitudes(&self, y: &[f64], of: &Freedom) -> Option<[f64; 3]> {
         let rates = Freedom::from([0.0, 0.0, 0.0, of[3], of[4], of[5]]);
         let (_, of_cosine) = self.decay(&rates);
@@ -125,8 +114,7 @@ impl Frame {
         (y, j)
     }
 
-    /// Derivative of the freedoms by t_a, per second: how they change if the same decay is recorded from a
-    /// later time on.
+    /// Derivative of the freedoms by t_a, per second.
     pub fn later(&self, of: &Freedom) -> Freedom {
         let [low, high] = self.poles_per_s;
         let lambda = low + (high - low) / (1.0 + (-of[5]).exp());
@@ -140,7 +128,6 @@ pub struct Baseline {
     pub frame: Frame,
     /// Variance of a sample, rounding to whole counts included, counts².
     pub noise_var: f64,
-    /// The freedoms of the nominal channel.
     pub nominal: Freedom,
     /// Covariance of the freedoms from burst to burst within a channel.
     covariance: Freedoms,
@@ -149,13 +136,11 @@ pub struct Baseline {
 }
 
 impl Baseline {
-    /// The baseline of the run that `base` describes; `None`: its nominal channel, or a drawn one, does not
-    /// ring.
+    /// The baseline of a run; `None`: its nominal channel, or a drawn one, does not ring.
     pub fn new(base: &Base) -> Option<Baseline> {
         let frame = Frame::of(base);
         let nominal = frame.freedom(base, &base.rates)?;
-        // Derivatives of the freedoms by each of the seven numbers that scatter from burst to burst, in the
-        // order of `Conditions::shot`. The gain adds to ln A alone.
+        // Derivatives of the freedoms by the seven numbers of `Conditions::shot`. The gain adds to ln A alone.
         let mut changes = vec![Freedom::from([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])];
         let (sine, cosine) = nominal[1].sin_cos();
         // A component of the state adds its own decay: resolve its amplitudes into changes of ln A, of phi
@@ -196,31 +181,27 @@ impl Baseline {
     /// `drive`, relative to the nominal one; `gram`: J' J.
     fn weight(&self, gram: &Freedoms, drive: f64) -> (Freedoms, Freedoms) {
         let information = gram * (drive * drive / self.noise_var);
-        // M
         let inner = (Freedoms::identity() + information * self.covariance).try_inverse();
         let inner = self.covariance * inner.unwrap_or_else(Freedoms::zeros);
         (information - information * inner * information, inner)
     }
 
-    /// The information v² J' W J of a signal of the nominal channel at relative drive v; `strength.rs` uses
-    /// it for the trigger.
+    /// The information v² J' W J of a signal of the nominal channel at relative drive v.
     pub fn information(&self, drive: f64) -> Freedoms {
         let (_, j) = self.frame.decay(&self.nominal);
         self.weight(&gram(&j), drive).0
     }
 
-    /// Chi-squared of the changes that is left after the baseline was refitted to the changed signals; 0 if
-    /// it cannot be computed. `changes`: one per signal, those of a channel one after another, since each
-    /// channel's decay is then computed once in a step. `moved`: how far the freedoms of each channel have
-    /// moved from their own; the search begins there, and writes where it ends, which helps the next search.
+    /// Chi-squared of the changes that is left after the baseline was refitted to the changed signals; 0 if it
+    /// cannot be computed. `changes`: one per signal, those of a channel one after another. `moved`: how far
+    /// the freedoms of each channel have moved from their own; the search begins and ends there.
     pub fn misfit(&self, changes: &[Change], moved: &mut Vec<Freedom>) -> f64 {
         let channels = changes.iter().map(|c| c.channel + 1).max().unwrap_or(0);
         moved.resize(channels, Freedom::zeros());
         let mut before = f64::INFINITY;
         for _ in 0..MOST_STEPS {
             let Some((total, next)) = self.step(changes, moved) else { return 0.0 };
-            // Move each channel by a share of its step, such that no freedom moves farther than
-            // `LONGEST_STEP`. The search ends when chi-squared rests and all steps were whole ones.
+            // Move each channel by a share of its step, such that no freedom moves farther than `LONGEST_STEP`.
             let mut rests = (before - total).abs() < 1e-4 * (1.0 + total);
             for (now, next) in moved.iter_mut().zip(next) {
                 let step = next - *now;
@@ -237,9 +218,8 @@ impl Baseline {
         before
     }
 
-    /// One step of Gauss-Newton: returns the chi-squared that would be left if the decays were linear in the
-    /// freedoms about `moved`, and how far each channel would then have moved from its own freedoms in all.
-    /// `None`: a matrix is singular.
+    /// One step of Gauss-Newton: the chi-squared that would be left if the decays were linear in the freedoms
+    /// about `moved`, and how far each channel would then have moved in all. `None`: a matrix is singular.
     fn step(&self, changes: &[Change], moved: &[Freedom]) -> Option<(f64, Vec<Freedom>)> {
         // per signal: add its chi-squared, and its information and score to those of its channel
         let n = moved.len();
@@ -258,9 +238,9 @@ impl Baseline {
                 at = Some((change.channel, y - before, j, gram));
             }
             let (_, followed, j, gram) = at.as_ref()?;
-            // What the channel's tangent at its present place has to explain: the change, less what the
-            // channel's move so far has followed of it, plus what the tangent says of that move. Then the
-            // solution is the whole move from the channel's own freedoms, and not only the next step.
+            // What the tangent at the present place has to explain: the change, less what the channel's move so
+            // far has followed of it, plus what the tangent says of that move. So the solution is the whole
+            // move from the channel's own freedoms.
             let r = &change.samples - (followed - j * by) * change.drive;
             let (information, inner) = self.weight(gram, change.drive);
             let score = Freedom::from_iterator(j.tr_mul(&r).iter().copied())
@@ -271,10 +251,9 @@ impl Baseline {
             let raw = gram * (change.drive * change.drive / self.noise_var);
             scores[change.channel] += score - raw * (inner * score);
         }
-        // Channels are drawn about a mean that is free, with the inverse covariance p. First eliminate each
-        // channel's own move, given the mean: the channel would go to (information + p)^{-1} (score + p
-        // mean). What is left is quadratic in the mean, with matrix `q` and right-hand side `r`; the prior of
-        // the real pole's place enters `q`.
+        // Channels are drawn about a mean that is free, with the inverse covariance p. Given the mean, each
+        // channel goes to (information + p)^{-1} (score + p mean). What is left is quadratic in the mean, with
+        // matrix `q`, which holds the prior of the real pole's place, and right-hand side `r`.
         let p = &self.precision;
         let (mut q, mut r) = (Freedoms::zeros(), Freedom::zeros());
         q[(5, 5)] = POLE_SD.powi(-2);
@@ -293,14 +272,12 @@ impl Baseline {
     }
 }
 
-/// J' J as a matrix of fixed size.
 fn gram(j: &DMatrix<f64>) -> Freedoms {
     Freedoms::from_iterator(j.tr_mul(j).iter().copied())
 }
 
-/// Inverse covariance of the freedoms from healthy channel to healthy channel, about the nominal one. It is
-/// estimated from `DRAWN` drawn channels; the random numbers are the same in every run, whatever its seed.
-/// `None`: a drawn channel does not ring.
+/// Inverse covariance of the freedoms from healthy channel to healthy channel, about the nominal one, estimated
+/// from `DRAWN` channels, the same in every run. `None`: one of them does not ring.
 fn precision(base: &Base, frame: &Frame, nominal: &Freedom) -> Option<Freedoms> {
     let mut rng = stream(0, Purpose::Spread, part::HIDDEN);
     let mut covariance = Freedoms::identity() * 1e-12;

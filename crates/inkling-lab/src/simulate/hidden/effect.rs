@@ -2,8 +2,7 @@
 //! size, and the conditions of a signal. Out: a changed equation of motion, changed samples, or changed
 //! codes; effects on trigger, tail and noise are only named here, and `run.rs` carries them out.
 //!
-//! [`CATALOGUE`] and [`OUTSIDE`] are the lists; each entry says what it acts on ([`Acts`]), by which function
-//! below, and what data it needs ([`Needs`]). Identifiers, parameters and units are those of the critique's
+//! [`CATALOGUE`] and [`OUTSIDE`] are the lists. Identifiers, parameters and units are those of the critique's
 //! catalogue (contract, `critique.json`); an [`Effect`] with another identifier is outside it. The
 //! definitions are written from the catalogue's words alone: the critique's own models are other code.
 
@@ -20,21 +19,16 @@ pub struct Conditions {
     /// Place on the printhead: -1/2 at the first channel, 1/2 at the last.
     pub position: f64,
     pub drive_v: f64,
-    /// Temperature above 25 °C, K.
     pub above_c: f64,
     /// Time since the previous actuation; NaN: there was none.
     pub idle_s: f64,
-    /// Number of neighbours that fired with the channel.
     pub neighbours: u8,
-    /// A standard normal number, the same for all channels of a burst: the trigger's jitter in units of its
-    /// size.
+    /// The trigger's jitter in units of its size, the same for all channels of a burst.
     pub trigger: f64,
     /// Phase of a random tone, uniform, the same for all channels of a burst.
     pub phase_rad: f64,
-    /// Number of the burst.
     pub burst: usize,
-    /// Healthy scatter of this signal, relative: of the gain, of the state's four components, of the
-    /// frequency and of the damping.
+    /// Healthy relative scatter of the gain, of the state's four components, of frequency and damping.
     pub shot: [f64; 7],
 }
 
@@ -47,10 +41,8 @@ pub struct Samples<'a> {
     pub peak_counts: f64,
 }
 
-/// What an effect acts on.
 #[derive(Clone, Copy, Debug)]
 pub enum Acts {
-    /// The equation of motion.
     Plant(fn(&Effect, &Conditions, &mut Equation)),
     /// The sensor's output, before noise.
     Output(fn(&Effect, &Conditions, &mut Samples)),
@@ -86,10 +78,10 @@ pub struct Effect {
     pub needs: Needs,
     pub acts: Acts,
     /// What grows with the strength: the parameter itself, an amplitude in counts, or a coefficient of the
-    /// equation of motion (`plant.rs`). `Yardstick::parameter` converts it to the parameter.
+    /// equation of motion.
     pub size: f64,
     /// What does not grow with the strength: a frequency in Hz, a rate in 1/s, a delay in s, or a place as a
-    /// share of the signal; 0 for an effect without one.
+    /// share of the signal.
     pub shape: f64,
     /// Range that `shape` is drawn from; where both ends are 0, there is no shape.
     pub shapes: [f64; 2],
@@ -150,8 +142,7 @@ const fn effect(
 const SLOW: &[&str] = &["offset", "droop", "meniscus"];
 const EARLY: &[&str] = &["lowpass", "fractional_damping"];
 
-/// The effects of the catalogue. Each `size` is about one detection limit of 192 signals of 128 samples, from
-/// which the search for the right size starts.
+/// The effects of the catalogue. Each `size`, from which searches start, is about one detection limit.
 pub static CATALOGUE: [Effect; 22] = [
     effect("offset", "offset", "counts", Nothing, 0.1, Output(offset)).tied(SLOW),
     effect("droop", "rate", "1/s", DriveScan, 1e3, Output(droop)).tied(SLOW),
@@ -177,8 +168,7 @@ pub static CATALOGUE: [Effect; 22] = [
     effect("heteroscedastic_noise", "h", "1", Nothing, 0.1, Acts::NoiseGrowth),
 ];
 
-/// Effects that the catalogue does not have, to which `unknown` is the right answer. The tests have more of
-/// them.
+/// Effects that the catalogue does not have, to which `unknown` is the right answer.
 pub static OUTSIDE: [Effect; 4] = [
     effect("outside_even_order", "share", "1", DriveScan, 0.02, Output(even_order)),
     effect("outside_echo", "share", "1", Nothing, 0.02, Output(echo)).of(25e-6, 45e-6),
@@ -249,9 +239,8 @@ fn offset(effect: &Effect, _: &Conditions, samples: &mut Samples) {
 }
 
 /// A charge amplifier with a high-pass of rate w = `size`, reset at t_a: y(t) becomes y - w I with I(t) =
-/// int_0^t e^{-w(t-s)} y(s) ds. From sample to sample I is multiplied by e^{-w dt} and grows by the integral
-/// of what the amplifier still holds of y over that step, computed by a rule that is exact if that is a cubic
-/// in time (a quadratic in the first and the last step).
+/// int_0^t e^{-w(t-s)} y(s) ds. I is integrated from sample to sample by a rule that is exact if what the
+/// amplifier still holds of y is a cubic in time (a quadratic in the first and the last step).
 fn droop(effect: &Effect, _: &Conditions, samples: &mut Samples) {
     let (w, dt) = (effect.size, samples.period_s);
     let y = samples.y.to_vec();
@@ -312,8 +301,7 @@ fn even_order(effect: &Effect, _: &Conditions, samples: &mut Samples) {
     samples.y.iter_mut().for_each(|y| *y += effect.size * *y * *y / peak_counts);
 }
 
-/// A reflection: the share `size` of the signal arrives again, later by `shape` seconds. Samples are changed
-/// from the last to the first, so that the echo has no echo.
+/// A reflection: the share `size` of the signal arrives again, later by `shape` seconds, without an echo.
 fn echo(effect: &Effect, _: &Conditions, samples: &mut Samples) {
     let late = ((effect.shape / samples.period_s) as usize).min(samples.y.len() - 1);
     for k in (late..samples.y.len()).rev() {

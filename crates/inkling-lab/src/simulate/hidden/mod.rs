@@ -1,7 +1,7 @@
 //! Simulates recordings with a hidden effect, by which the critique is tested (`simulate --hide SEED`).
 //!
-//! In: a scenario with a healthy print run, and a seed. Out: [`Hidden`]: bursts that say nothing about what
-//! is in them, labels of faulty channels, and the truth, which the caller seals in a file of its own.
+//! In: a scenario with a healthy print run, and a seed. Out: [`Hidden`]: bursts, labels of faulty channels, and
+//! the truth, which the caller seals in a file of its own.
 //!
 //! The steps: (1) draw what is hidden: in 30 % of the cases nothing, in 45 % one effect of the catalogue,
 //! in 15 % one outside it, in 10 % two, each of 1, 2, 4, 8 or 30 detection limits, and sometimes an awkward
@@ -19,7 +19,9 @@ pub mod run;
 pub mod strength;
 
 use super::draws::{Purpose, part, stream};
-use super::scenario::{HiddenRun, Physics, PrintRun, Recorded, RecordingOptions, ScenarioError};
+use super::scenario::{
+    HiddenRun, Physics, PrintRun, Recorded, RecordingOptions, ScenarioError, require,
+};
 use super::simulated::{SimulatedRecording, healthy_everywhere, healthy_heads};
 use crate::score::blind::TrueEffect;
 use effect::{Effect, Needs};
@@ -38,7 +40,6 @@ pub use run::Circumstance;
 /// Smallest distance of a line (tone, mode) from the resonance and its multiples, relative to the resonance.
 const CLEAR_OF_HARMONICS: f64 = 0.12;
 
-/// What is to be hidden.
 #[derive(Clone, Debug, Default)]
 pub struct Plan {
     /// Effects, each with its strength in detection limits; their sizes are not known yet.
@@ -50,10 +51,8 @@ pub struct Plan {
 /// What is true of a recording: the contents of the sealed file.
 #[derive(Clone, Debug, Serialize)]
 pub struct Truth {
-    /// Version of the file.
     pub version: u32,
-    /// A random number, so that the truth cannot be guessed from the digest of the file, which lies beside
-    /// the recording.
+    /// A random number, so that the truth cannot be guessed from its digest, which lies beside the recording.
     pub salt: String,
     pub seed: u64,
     pub effects: Vec<TrueEffect>,
@@ -63,7 +62,6 @@ pub struct Truth {
     pub faulty_signals: usize,
 }
 
-/// A recording with something hidden in it, and what that is.
 pub struct Hidden {
     pub recording: SimulatedRecording,
     pub labels: Vec<Label>,
@@ -91,7 +89,8 @@ pub fn planted(
     let (run, hidden) = healthy_run(physics)?;
     let base = Base::new(physics, &run, &hidden, &plan.circumstances, seed);
     // from strengths to sizes; the yardstick may find that only a smaller strength is possible
-    let yardstick = Yardstick::new(&base).ok_or_else(|| refused("channel", "does not ring"))?;
+    let no_ring = || ScenarioError::value("channel", "does not ring");
+    let yardstick = Yardstick::new(&base).ok_or_else(no_ring)?;
     let mut effects = Vec::new();
     let mut truths = Vec::new();
     for (effect, strength_dl) in &plan.effects {
@@ -116,33 +115,21 @@ pub fn planted(
     Ok(Hidden { recording: bursts(Acquisitions::new(base, effects), options), labels, truth })
 }
 
-/// The error for a scenario in which nothing can be hidden.
-fn refused(key: &str, why: &str) -> ScenarioError {
-    ScenarioError::Value { key: key.to_owned(), why: why.to_owned() }
-}
-
-/// The scenario's print run and `[hidden]` table, if something can be hidden in this run: it must have no
-/// faults, no effect of temperature, two bursts of each channel and 16 signals at least.
+/// The scenario's print run and `[hidden]` table, if something can be hidden in this run.
 fn healthy_run(physics: &Physics) -> Result<(PrintRun, HiddenRun), ScenarioError> {
-    let run = physics.print_run.clone();
-    let run = run.ok_or_else(|| refused("print_run", "--hide hides something in a print run"))?;
-    if run.faulty_channels > 0.0 || !run.fault.is_empty() {
-        return Err(refused("print_run", "--hide needs a healthy run, without faults"));
-    }
-    if physics.temperature.viscosity_per_k != 0.0 {
-        let why = "must be 0 with --hide: damping that follows temperature is one of the effects";
-        return Err(refused("temperature.viscosity_per_k", why));
-    }
-    if run.bursts_per_channel < 2 || run.channels * run.bursts_per_channel < 16 {
-        let why = "--hide needs 2 bursts of each channel and 16 signals at least";
-        return Err(refused("print_run.bursts_per_channel", why));
-    }
-    let hidden = physics.hidden.clone().unwrap_or_default();
-    Ok((run, hidden))
+    let why = "--hide hides something in a print run";
+    let run = physics.print_run.clone().ok_or_else(|| ScenarioError::value("print_run", why))?;
+    let is_healthy = run.faulty_channels <= 0.0 && run.fault.is_empty();
+    require(is_healthy, "print_run", "--hide needs a healthy run, without faults")?;
+    let why = "must be 0 with --hide: damping that follows temperature is one of the effects";
+    require(physics.temperature.viscosity_per_k == 0.0, "temperature.viscosity_per_k", why)?;
+    let is_long = run.bursts_per_channel >= 2 && run.channels * run.bursts_per_channel >= 16;
+    let why = "--hide needs 2 bursts of each channel and 16 signals at least";
+    require(is_long, "print_run.bursts_per_channel", why)?;
+    Ok((run, physics.hidden.clone().unwrap_or_default()))
 }
 
-/// Whether an effect can be seen at all in a run: the covariate that it needs must be recorded and vary, and
-/// a gradient along the head needs eight channels.
+/// Whether an effect can be seen in a run: its covariate must be recorded and vary; a gradient needs channels.
 fn testable(effect: &Effect, physics: &Physics, run: &PrintRun, hidden: &HiddenRun) -> bool {
     let recorded = |what| hidden.recorded.contains(&what);
     match effect.needs {
@@ -161,7 +148,6 @@ fn draw(physics: &Physics, run: &PrintRun, hidden: &HiddenRun, seed: u64) -> Pla
         effects.iter().filter(|e| testable(e, physics, run, hidden)).copied().collect()
     };
     let (catalogue, outside) = (known(&effect::CATALOGUE), known(&effect::OUTSIDE));
-    // how many effects, and from which list
     let kind: f64 = rng.random();
     let mut effects: Vec<(Effect, f64)> = Vec::new();
     let (from, count) = match kind {
@@ -181,14 +167,11 @@ fn draw(physics: &Physics, run: &PrintRun, hidden: &HiddenRun, seed: u64) -> Pla
         }
     }
 
-    // at most one circumstance: 10 % each frequency scatter of channels or of signals, 15 % faulty channels,
-    // 15 % a temperature that follows time, 10 % heavy tails; the last two only where they are fair
+    // at most one circumstance; the last two only where they are fair
     let circumstance: f64 = rng.random();
     let sd = rng.random_range(0.005..0.02);
     let time_bound = |e: &Effect| matches!(e.id, "ageing" | "clock_drift" | "temperature");
-    // The temperature may follow time only if it is recorded; if nothing is hidden, or an effect follows one
-    // of the two; and if no effect is a clock drift or has ties of its own, since the right answer would not
-    // be clear then.
+    // The temperature may follow time only if it is recorded and if the right answer stays clear.
     let collinear = hidden.recorded.contains(&Recorded::Temperature)
         && effects.iter().all(|(e, _)| e.ties.is_empty() && e.id != "clock_drift")
         && (effects.is_empty() || effects.iter().any(|(e, _)| time_bound(e)));
@@ -204,8 +187,8 @@ fn draw(physics: &Physics, run: &PrintRun, hidden: &HiddenRun, seed: u64) -> Pla
     Plan { effects, circumstances }
 }
 
-/// The effect with its shape (frequency, rate, place) drawn from its range; lines keep clear of the
-/// scenario's resonance and its multiples. After 1000 failures the range's lower end is taken.
+/// The effect with its shape drawn from its range; lines keep clear of the resonance and its multiples. After
+/// 1000 failures the range's lower end is taken.
 pub fn shaped(effect: Effect, physics: &Physics, rng: &mut ChaCha8Rng) -> Effect {
     let [low, high] = effect.shapes;
     let resonance_hz = physics.channel.poles().map_or(0.0, |p| p.frequency_hz);
@@ -219,8 +202,6 @@ pub fn shaped(effect: Effect, physics: &Physics, rng: &mut ChaCha8Rng) -> Effect
     Effect { shape: low, ..effect }
 }
 
-/// The effect as the truth states it: its parameter in the contract's unit, its strength, and the names that
-/// an honest critique may leave it tied with.
 fn true_effect(
     effect: &Effect,
     strength_dl: f64,
@@ -243,8 +224,7 @@ fn true_effect(
     }
 }
 
-/// Labels of the recording: a healthy row for each printhead, and a row for each channel that was made
-/// faulty.
+/// Labels: a healthy row for each printhead, and a row for each faulty channel.
 fn labels(base: &Base) -> Vec<Label> {
     let run = &base.run;
     let mut labels = healthy_heads(run);
@@ -260,8 +240,7 @@ fn labels(base: &Base) -> Vec<Label> {
     labels
 }
 
-/// The recording, not yet made. It is never compressed, since its size would tell what is in it: for example,
-/// coarse codes compress well.
+/// The recording, not yet made. It is never compressed, since its size would tell what is in it.
 fn bursts(mut acquisitions: Acquisitions, options: &RecordingOptions) -> SimulatedRecording {
     let options = RecordingOptions { compression: Compression::None, ..options.clone() };
     let (run, start_ns) = (acquisitions.base.run.clone(), options.start_ns);

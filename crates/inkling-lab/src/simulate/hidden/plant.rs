@@ -1,6 +1,5 @@
 //! Simulates a channel whose equation of motion has more terms than thesis (2-2). In: an [`Equation`] (rates
-//! and extra terms), a pulse. Out: samples without noise, counts. `run.rs` makes the clean signals of hidden
-//! runs here.
+//! and extra terms), a pulse. Out: samples without noise, counts.
 //!
 //! The state is (V_r, V_n, q_r, q_n), the displaced volumes and the flows of restrictor and nozzle. With the
 //! volume V = V_r + V_n - displaced:
@@ -17,14 +16,11 @@
 //! library's own models use matrix exponentials and closed forms instead, so that the critique is tested by
 //! other code. Volumes are in counts·s, flows in counts: the output of a state is q_r + q_n.
 
-/// Steps of the integrator per sample period; with them the error of a whole decay stays below 1e-6 of its
-/// peak.
+/// Steps of the integrator per sample period: the error of a whole decay is below 1e-6 of its peak.
 const STEPS_PER_SAMPLE: f64 = 8.0;
-/// Range of the relaxation rates that represent the half-order derivative, 1/s, and their number; they are
-/// spaced evenly in their logarithm.
+/// Relaxation rates of the half-order derivative: range, 1/s, and number, evenly spaced in the logarithm.
 const RELAXATIONS: ([f64; 2], usize) = ([1e2, 1.2e7], 28);
-/// Flow within which dry friction changes its sign smoothly, counts: a sign that jumps could not be
-/// integrated in fixed steps.
+/// Flow within which dry friction changes its sign smoothly, counts.
 const STICTION_COUNTS: f64 = 0.02;
 
 /// The equation of motion: the rates of thesis (2-2), and the terms that the thesis leaves out (0: absent).
@@ -43,13 +39,12 @@ pub struct Equation {
     pub friction_counts_per_s: f64,
     /// k3, 1/(counts·s)²: the chamber's pressure is V (1 + k3 V²)/B_t.
     pub cubic: f64,
-    /// Share of the nozzle's loss that is a half-order derivative. The part in phase with the flow is the
-    /// same as without it at the angular frequency `half_order_rad_s`.
+    /// Share of the nozzle's loss that is a half-order derivative, with the same part in phase at the angular
+    /// frequency `half_order_rad_s`.
     pub half_order: f64,
     pub half_order_rad_s: f64,
 }
 
-/// State of a channel.
 #[derive(Clone, Debug)]
 pub struct State {
     /// V_r, V_n (counts·s), q_r, q_n (counts).
@@ -75,13 +70,11 @@ impl Equation {
             + self.drag_per_s_count * q.abs() * q
             + self.friction_counts_per_s * q / q.hypot(STICTION_COUNTS);
         if self.half_order != 0.0 {
-            // s^{1/2} = s/pi int_0^inf x^{-1/2}/(s + x) dx. With x = e^u, the integral becomes a sum over
-            // evenly spaced u: D^{1/2} q = sum x^{1/2} du/pi (q - x z_x), where z_x' = q - x z_x is the
-            // memory of the relaxation of rate x.
+            // s^{1/2} = s/pi int_0^inf x^{-1/2}/(s + x) dx. With x = e^u: D^{1/2} q = sum x^{1/2} du/pi (q - x
+            // z_x), where z_x' = q - x z_x is the memory of the relaxation of rate x.
             let ([low, high], n) = RELAXATIONS;
             let step = (high / low).ln() / (n - 1) as f64;
-            // Re (j omega)^{1/2} = (omega/2)^{1/2}: with this scale, the loss at the resonance stays what it
-            // was
+            // Re (j omega)^{1/2} = (omega/2)^{1/2}: the loss at the resonance stays what it was
             let scale = self.half_order * self.d_per_s / (self.half_order_rad_s / 2.0).sqrt();
             let mut derivative = 0.0;
             let mut relaxation = low;
@@ -100,8 +93,7 @@ impl Equation {
         rate[3] = -self.b_per_s2 * (pressure + self.meniscus * x[1]) - loss;
     }
 
-    /// Integrates over `duration_s`, in equal steps of at most `step_s`, with the displaced volume constant.
-    /// A duration that is not positive changes nothing.
+    /// Integrates over `duration_s` (0: nothing), in equal steps of at most `step_s`.
     pub fn advance(&self, state: &mut State, displaced: f64, duration_s: f64, step_s: f64) {
         if duration_s.is_nan() || duration_s <= 0.0 {
             return;
@@ -127,22 +119,30 @@ impl Equation {
         state.memory.copy_from_slice(&y[4..]);
     }
 
-    /// Takes `n` samples (counts) of the free decay from `state` on, one every `period_s`; the first one is
-    /// the state's own output.
-    pub fn sample(&self, mut state: State, period_s: f64, n: usize) -> Vec<f64> {
-        let mut y = Vec::with_capacity(n);
-        for k in 0..n {
-            if k > 0 {
-                self.advance(&mut state, 0.0, period_s, period_s / STEPS_PER_SAMPLE);
-            }
-            y.push(state.x[2] + state.x[3]);
-        }
-        y
+    /// The output (counts) at `n` times of the free decay from `state` on, one every `period_s`; the first one
+    /// is the state's own.
+    pub fn sample(&self, state: State, period_s: f64, n: usize) -> Vec<f64> {
+        self.course(state, period_s, n, |state| state.x[2] + state.x[3])
     }
 
-    /// The acquisition state: the state after a rectangular pulse of length `pulse_s` and a wait of `wait_s`,
-    /// from rest. `displaced`: volume that the pulse displaces, counts·s; `period_s`: sampling period, which
-    /// sets the integrator's step.
+    /// What `of` makes of the states at the same times.
+    pub fn course(
+        &self,
+        mut state: State,
+        period_s: f64,
+        n: usize,
+        of: fn(&State) -> f64,
+    ) -> Vec<f64> {
+        let at = |k| {
+            let duration_s = if k > 0 { period_s } else { 0.0 };
+            self.advance(&mut state, 0.0, duration_s, period_s / STEPS_PER_SAMPLE);
+            of(&state)
+        };
+        (0..n).map(at).collect()
+    }
+
+    /// The state after a rectangular pulse of length `pulse_s` and a wait of `wait_s`, from rest. `displaced`:
+    /// volume that the pulse displaces, counts·s; `period_s`: sampling period.
     pub fn rung(&self, displaced: f64, pulse_s: f64, wait_s: f64, period_s: f64) -> State {
         let mut state = self.at_rest();
         self.advance(&mut state, displaced, pulse_s, period_s / STEPS_PER_SAMPLE);

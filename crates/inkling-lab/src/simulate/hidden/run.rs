@@ -3,12 +3,11 @@
 //! `hidden::planted`), and clean signals for any conditions (used to find sizes, in `strength.rs` and
 //! `baseline.rs`).
 //!
-//! [`Base`] holds what is constant in a recording: its nominal rates, which are drawn about the scenario's,
-//! its peak, its channels. [`Acquisitions`] holds the random streams of the run. A signal is made in these
-//! steps: draw its conditions; let the scatter and the effects on plant and trigger change the channel's
-//! equation; integrate pulse and wait (`plant.rs`); scatter the state; integrate the decay; add the previous
-//! ring's tail; let effects on the output change the samples ([`Base::clean`]); add noise; let effects on
-//! codes change the samples; round ([`Acquisitions::acquire`]).
+//! [`Base`] holds what is constant in a recording, [`Acquisitions`] the random streams of the run. A signal is
+//! made in these steps: draw its conditions; let the scatter and the effects on plant and trigger change the
+//! channel's equation; integrate pulse and wait (`plant.rs`); scatter the state; integrate the decay; add the
+//! previous ring's tail; let effects on the output change the samples ([`Base::clean`]); add noise; let
+//! effects on codes change the samples; round ([`Acquisitions::acquire`]).
 
 use super::effect::{Acts, Conditions, Effect, Samples, stiffen, thin};
 use super::plant::{Equation, State};
@@ -17,7 +16,6 @@ use crate::simulate::draws::{Purpose, about_one, part, stream};
 use crate::simulate::print_run::{RECORDED_TEMPERATURE_SD_K, draw_level, time_ns};
 use crate::simulate::scenario::{HiddenRun, Physics, PrintRun, Recorded, Spread};
 use crate::simulate::sensor::{Channel, NOMINAL_DRIVE_V, NOMINAL_TEMPERATURE_C};
-use bytes::Bytes;
 use inkling_core::burst::Burst;
 use inkling_core::model::{InkChannel, faults};
 use rand::RngExt;
@@ -29,8 +27,7 @@ use std::sync::Arc;
 
 /// Degrees of freedom of the heavy-tailed noise (Student's t).
 const TAIL_DOF: f64 = 4.0;
-/// How a recording's nominal rates and its peak scatter about the scenario's: relative half-widths of uniform
-/// distributions.
+/// Half-widths of a recording's nominal rates and peak about the scenario's, relative.
 const BASE_SPREAD: Spread = Spread { a: 0.10, b: 0.10, g: 0.15, d: 0.15, gain: 0.15 };
 
 /// Circumstances that make a recording awkward without being an effect: a critique must not name them.
@@ -51,10 +48,9 @@ pub enum Circumstance {
 
 /// The constants of one channel.
 #[derive(Clone, Copy, Debug)]
-pub struct Made {
+pub struct RunChannel {
     /// Its rates at 25 °C, with its fault if it has one.
     pub rates: InkChannel,
-    /// Gain relative to the nominal channel's.
     pub gain: f64,
     pub faulty: bool,
 }
@@ -66,14 +62,12 @@ pub struct Base {
     pub run: PrintRun,
     pub hidden: HiddenRun,
     pub circumstances: Vec<Circumstance>,
-    /// Nominal rates of this recording.
     pub rates: InkChannel,
     /// Peak of the nominal channel at nominal drive, counts.
     pub peak_counts: f64,
     /// Displaced volume per volt, counts·s.
     displaced_per_v: f64,
-    /// The channels of each printhead.
-    pub heads: Vec<Vec<Made>>,
+    pub heads: Vec<Vec<RunChannel>>,
     seed: u64,
 }
 
@@ -109,10 +103,9 @@ impl Base {
     }
 
     /// Draws one healthy channel's constants about the base.
-    pub fn draw(&self, rng: &mut ChaCha8Rng) -> Made {
+    pub fn draw(&self, rng: &mut ChaCha8Rng) -> RunChannel {
         let Channel { mut rates, gain } = Channel::about(&self.rates, &self.physics.spread, rng);
-        // The number from -1 to 1 is drawn in any case, so that circumstances do not shift the random
-        // numbers. Its standard deviation is 1/sqrt(3), hence the factor below.
+        // drawn in any case, so that circumstances do not shift the random numbers; its sd is 1/sqrt(3)
         let scattered = about_one(1.0, rng) - 1.0;
         for circumstance in &self.circumstances {
             if let Circumstance::FrequencyScatter(sd) = circumstance {
@@ -121,14 +114,14 @@ impl Base {
                 rates.b_per_s2 *= stiffness;
             }
         }
-        Made { rates, gain, faulty: false }
+        RunChannel { rates, gain, faulty: false }
     }
 
-    /// Draws the channels of a printhead. With [`Circumstance::FaultyChannels`], each of them is faulty with
-    /// a probability of 6 %, of one of three classes.
-    fn channels(&self, head: u32) -> Vec<Made> {
+    /// Draws the channels of a printhead, of which 6 % are faulty with [`Circumstance::FaultyChannels`].
+    fn channels(&self, head: u32) -> Vec<RunChannel> {
         let mut rng = stream(self.seed, Purpose::Spread, part::HIDDEN + 1 + head);
-        let mut channels: Vec<Made> = (0..self.run.channels).map(|_| self.draw(&mut rng)).collect();
+        let mut channels: Vec<RunChannel> =
+            (0..self.run.channels).map(|_| self.draw(&mut rng)).collect();
         let faulty = self.circumstances.contains(&Circumstance::FaultyChannels);
         for made in channels.iter_mut().take(if faulty { usize::MAX } else { 0 }) {
             let (hit, class) = (rng.random::<f64>() < 0.06, rng.random_range(0..3usize));
@@ -152,7 +145,6 @@ impl Base {
         [shot.gain, state, state, state, state, frequency_sd, hidden.damping_sd]
     }
 
-    /// Sampling period.
     pub fn dt_s(&self) -> f64 {
         self.physics.acquisition.sample_period_s()
     }
@@ -169,8 +161,7 @@ impl Base {
         }
     }
 
-    /// The state at t_a, after the pulse at `drive_v` volts and the wait, with t_a later than nominal by
-    /// `late_s`.
+    /// The state at t_a, which is later than nominal by `late_s`, after a pulse of `drive_v` volts.
     fn rung(&self, equation: &Equation, drive_v: f64, late_s: f64) -> State {
         let acquisition = &self.physics.acquisition;
         let (pulse_s, wait_s) = (acquisition.pulse_us * 1e-6, acquisition.delay_us * 1e-6);
@@ -186,8 +177,7 @@ impl Base {
         equation.sample(self.rung(&equation, drive_v, 0.0), self.dt_s(), n)
     }
 
-    /// Four decays of the nominal channel, each from one component of its acquisition state alone; they add
-    /// up to `linear`.
+    /// Decays of the nominal channel, each from one component of its acquisition state alone.
     pub fn components(&self, drive_v: f64) -> [Vec<f64>; 4] {
         let equation = self.equation(&self.rates);
         let state = self.rung(&equation, drive_v, 0.0);
@@ -198,22 +188,25 @@ impl Base {
         })
     }
 
-    /// Nozzle flow (counts) and displaced volume V_r + V_n (counts·s) of the nominal channel, N samples each.
-    pub fn inner(&self, drive_v: f64) -> [Vec<f64>; 2] {
+    /// What `of` makes of the states of the nominal channel's decay, N samples.
+    pub fn course(&self, drive_v: f64, of: fn(&State) -> f64) -> Vec<f64> {
         let equation = self.equation(&self.rates);
-        let mut state = self.rung(&equation, drive_v, 0.0);
-        let (mut flow, mut volume) = (Vec::new(), Vec::new());
-        for _ in 0..self.physics.acquisition.samples {
-            flow.push(state.x[3]);
-            volume.push(state.x[0] + state.x[1]);
-            equation.advance(&mut state, 0.0, self.dt_s(), self.dt_s() / 8.0);
-        }
-        [flow, volume]
+        let n = self.physics.acquisition.samples;
+        equation.course(self.rung(&equation, drive_v, 0.0), self.dt_s(), n, of)
     }
 
-    /// One signal of a channel with its effects, before noise and codes; N samples, counts. `c`: the signal's
-    /// conditions, scatter included.
-    pub fn clean(&self, made: &Made, c: &Conditions, effects: &[Effect]) -> Vec<f64> {
+    /// Peak of the nominal channel at the highest drive level, counts.
+    pub fn largest_counts(&self) -> f64 {
+        self.peak_counts * self.drive_range_v()[1] / NOMINAL_DRIVE_V
+    }
+
+    pub fn drive_range_v(&self) -> [f64; 2] {
+        let levels = self.physics.drive.levels_v.iter().copied();
+        [levels.clone().fold(f64::INFINITY, f64::min), levels.fold(0.0, f64::max)]
+    }
+
+    /// One signal of a channel with scatter and effects, before noise and codes; N samples, counts.
+    pub fn clean(&self, made: &RunChannel, c: &Conditions, effects: &[Effect]) -> Vec<f64> {
         let (n, dt) = (self.physics.acquisition.samples, self.dt_s());
         let mut equation = self.equation(&made.rates);
         // scatter of frequency and damping from burst to burst, then effects on the equation and the trigger
@@ -227,7 +220,6 @@ impl Base {
                 _ => {}
             }
         }
-        // scatter of the gain and of the state's components
         let mut state = self.rung(&equation, c.drive_v, late_s);
         for (x, of_component) in state.x.iter_mut().zip(&c.shot[1..5]) {
             *x *= made.gain * (1.0 + c.shot[0]) * (1.0 + of_component);
@@ -241,7 +233,6 @@ impl Base {
             let later = equation.sample(state, dt, n);
             y.iter_mut().zip(later).for_each(|(y, later)| *y += tail * later);
         }
-        // what effects do to the sensor's output
         for effect in effects {
             if let Acts::Output(act) = effect.acts {
                 let peak_counts = self.peak_counts;
@@ -252,60 +243,55 @@ impl Base {
     }
 }
 
-/// Simulates the acquisitions of a run in order. Every purpose draws from a random stream of its own, one for
-/// each printhead.
+/// Simulates the acquisitions of a run in order.
 pub struct Acquisitions {
     pub base: Base,
     pub effects: Vec<Effect>,
-    /// Streams of drive, phase, idle time, neighbours and trigger.
-    conditions: Vec<ChaCha8Rng>,
-    /// Streams of the healthy scatter from burst to burst.
-    shots: Vec<ChaCha8Rng>,
-    /// Streams of the noise, and of the error of the recorded temperature.
-    noise: Vec<ChaCha8Rng>,
-    /// Phase of each printhead's temperature.
-    phases_rad: Vec<f64>,
+    streams: Vec<Streams>,
+}
+
+/// The random streams of one printhead, one for each purpose.
+struct Streams {
+    /// Drive, phase, idle time, neighbours and trigger.
+    conditions: ChaCha8Rng,
+    /// The healthy scatter from burst to burst.
+    shots: ChaCha8Rng,
+    /// The noise, and the error of the recorded temperature.
+    noise: ChaCha8Rng,
+    phase_rad: f64,
 }
 
 impl Acquisitions {
-    /// `effects`: with their sizes.
     pub fn new(base: Base, effects: Vec<Effect>) -> Acquisitions {
-        let streams = |purpose| -> Vec<ChaCha8Rng> {
-            (0..base.run.printheads as u32)
-                .map(|head| stream(base.seed, purpose, part::HIDDEN + 1 + head))
-                .collect()
+        let of_head = |head| {
+            let of = |purpose| stream(base.seed, purpose, part::HIDDEN + 1 + head);
+            Streams {
+                conditions: of(Purpose::Drive),
+                shots: of(Purpose::Shot),
+                noise: of(Purpose::Noise),
+                phase_rad: TAU * of(Purpose::Temperature).random::<f64>(),
+            }
         };
-        let mut temperature = streams(Purpose::Temperature);
-        let phases_rad = temperature.iter_mut().map(|rng| TAU * rng.random::<f64>()).collect();
-        Acquisitions {
-            conditions: streams(Purpose::Drive),
-            shots: streams(Purpose::Shot),
-            noise: streams(Purpose::Noise),
-            phases_rad,
-            base,
-            effects,
-        }
+        let streams = (0..base.run.printheads as u32).map(of_head).collect();
+        Acquisitions { streams, base, effects }
     }
 
-    /// Draws the conditions of all channels of printhead `head` at burst `step`. Steps must be asked for in
-    /// order, each once.
+    /// Draws the conditions of all channels at burst `step`. Steps must be asked for in order, each once.
     pub fn conditions(&mut self, head: usize, step: usize) -> Vec<Conditions> {
         let (physics, run) = (&self.base.physics, &self.base.run);
-        let rng = &mut self.conditions[head];
+        let Streams { conditions: rng, shots, phase_rad, .. } = &mut self.streams[head];
         let last = (run.bursts_per_channel - 1).max(1) as f64;
         let progress = step as f64 / last;
 
         // course of the temperature from -1 to 1: a sine, or along with time
         let phase = TAU * step as f64 * run.interval_s / physics.temperature.period_s;
         let follows = self.base.circumstances.contains(&Circumstance::TemperatureFollowsTime);
-        let course =
-            if follows { 2.0 * progress - 1.0 } else { (phase + self.phases_rad[head]).sin() };
+        let course = if follows { 2.0 * progress - 1.0 } else { (phase + *phase_rad).sin() };
         let above_c = physics.temperature.swing_c * course;
         // what all channels of the burst share, then what each has for itself
         let drive_v = draw_level(&physics.drive, rng);
         let phase_rad = TAU * rng.random::<f64>();
         let last_channel = (run.channels - 1).max(1) as f64;
-        let shot_rng = &mut self.shots[head];
         let shot_sd = self.base.shot_sd();
         let mut all: Vec<Conditions> = (0..run.channels)
             .map(|channel| {
@@ -322,22 +308,22 @@ impl Acquisitions {
                     trigger: rng.sample(StandardNormal),
                     phase_rad,
                     burst: step,
-                    shot: shot_sd.map(|sd| sd * shot_rng.sample::<f64, _>(StandardNormal)),
+                    shot: shot_sd.map(|sd| sd * shots.sample::<f64, _>(StandardNormal)),
                 }
             })
             .collect();
-        // All channels of a burst share the trigger: that of the first channel. The others have drawn one all
-        // the same, so that the other random numbers of a seed stay what they were in earlier versions.
+        // All channels of a burst share the trigger of the first one. The others have drawn one all the same,
+        // so that a seed's other random numbers stay what they were in earlier versions.
         let trigger = all.first().map_or(0.0, |c| c.trigger);
         all.iter_mut().for_each(|c| c.trigger = trigger);
         all
     }
 
-    /// Adds noise to the samples of a signal, lets effects on codes change them, and appends them to `counts`
-    /// as int16. The noise is AR(1) with correlation rho (0 without such an effect) and unit variance, times
-    /// its standard deviation, times the root of 1 + growth (y/largest)².
+    /// Adds noise, lets effects on codes change the samples, and appends them to `counts` as int16. The noise
+    /// is AR(1) with correlation rho and unit variance, times its standard deviation, times the root of 1 +
+    /// growth (y/largest)².
     fn digitised(&mut self, head: usize, clean: &[f64], counts: &mut Vec<i16>) {
-        let (base, rng) = (&self.base, &mut self.noise[head]);
+        let (base, rng) = (&self.base, &mut self.streams[head].noise);
         let acts = |wanted: fn(&Acts) -> bool| -> f64 {
             self.effects.iter().filter(|e| wanted(&e.acts)).map(|e| e.size).sum()
         };
@@ -368,9 +354,8 @@ impl Acquisitions {
         }
     }
 
-    /// Simulates the acquisition of printhead `head` at burst `step`; the steps of a printhead must be asked
-    /// for in order, each once. The burst holds only those covariates that the scenario's `hidden.recorded`
-    /// lists. `start_ns`: time of the first burst, ns since the epoch.
+    /// Simulates the acquisition of a printhead at burst `step`; the steps must be asked for in order, each
+    /// once. `start_ns`: time of the first burst.
     pub fn acquire(&mut self, head: usize, step: usize, start_ns: i64) -> Acquired {
         let conditions = self.conditions(head, step);
         let n = self.base.physics.acquisition.samples;
@@ -379,47 +364,24 @@ impl Acquisitions {
             let clean = self.base.clean(&made, c, &self.effects);
             self.digitised(head, &clean, &mut counts);
         }
-        let misread: f64 = self.noise[head].sample(StandardNormal);
+        let misread: f64 = self.streams[head].noise.sample(StandardNormal);
         let run = &self.base.run;
         let recorded = |what: Recorded| self.base.hidden.recorded.contains(&what);
-        let first = conditions.first().copied();
-        let known = |what: Recorded, of: fn(&Conditions) -> f64| {
-            first.as_ref().filter(|_| recorded(what)).map(of)
-        };
+        let all = |what: Recorded| conditions.iter().filter(move |_| recorded(what));
         let burst = Burst {
             t_acq_ns: time_ns(run, start_ns, step),
             printhead: run.name(head).into(),
             sample_period_s: self.base.dt_s(),
             samples_per_channel: n as u32,
-            temperature_c: known(Recorded::Temperature, |c| NOMINAL_TEMPERATURE_C + c.above_c)
-                .map(|t| t + RECORDED_TEMPERATURE_SD_K * misread),
-            drive_voltage_v: known(Recorded::Drive, |c| c.drive_v),
-            idle_time_s: match recorded(Recorded::Idle) {
-                true => conditions.iter().map(|c| c.idle_s as f32).collect(),
-                false => Vec::new(),
-            },
-            neighbours_fired: match recorded(Recorded::Neighbours) {
-                true => conditions.iter().map(|c| c.neighbours).collect(),
-                false => Bytes::new(),
-            },
+            // temperature and drive are the same for all channels of a burst
+            temperature_c: all(Recorded::Temperature)
+                .next()
+                .map(|c| NOMINAL_TEMPERATURE_C + c.above_c + RECORDED_TEMPERATURE_SD_K * misread),
+            drive_voltage_v: all(Recorded::Drive).next().map(|c| c.drive_v),
+            idle_time_s: all(Recorded::Idle).map(|c| c.idle_s as f32).collect(),
+            neighbours_fired: all(Recorded::Neighbours).map(|c| c.neighbours).collect(),
             ..Burst::default()
         };
         (burst, counts)
-    }
-}
-
-impl Base {
-    /// Peak of the nominal channel at the highest drive level, counts.
-    pub fn largest_counts(&self) -> f64 {
-        self.peak_counts * self.drive_range_v()[1] / NOMINAL_DRIVE_V
-    }
-
-    /// The lowest and the highest drive level.
-    pub fn drive_range_v(&self) -> [f64; 2] {
-        let levels = &self.physics.drive.levels_v;
-        [
-            levels.iter().copied().fold(f64::INFINITY, f64::min),
-            levels.iter().copied().fold(0.0, f64::max),
-        ]
     }
 }

@@ -1,6 +1,6 @@
 //! Finds the size of an effect that has a given strength in detection limits (DL). In: a run (`Base`), an
 //! effect, a strength. Out: [`Strength`], the size and the strength that was reached, and the contract's
-//! parameter of that size. `hidden::planted` calls this for each effect that it hides.
+//! parameter of that size.
 //!
 //! A detection limit is the size at which the likelihood-ratio test of one degree of freedom against the
 //! refitted baseline has noncentrality 20.9 (significance level 1e-3, power 90 %). An effect of s detection
@@ -15,28 +15,24 @@
 
 use super::baseline::{Baseline, Change, Freedom};
 use super::effect::{Acts, Conditions, Effect};
-use super::run::{Acquisitions, Base, Made};
+use super::plant::State;
+use super::run::{Acquisitions, Base, RunChannel};
 use crate::simulate::sensor::NOMINAL_DRIVE_V;
 use inkling_core::model::bisection::bisected;
 use nalgebra::DVector;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Noncentrality of one detection limit.
 pub const NONCENTRALITY: f64 = 20.9;
 /// Strengths that effects are hidden with, in detection limits, in ascending order.
 pub const STRENGTHS_DL: [f64; 5] = [1.0, 2.0, 4.0, 8.0, 30.0];
-/// If a run has more signals than this, only some of its acquisitions are simulated to find a size: about so
-/// many signals, spread evenly over the run. The result is scaled to the whole run.
+/// Of more signals than this only about so many are simulated to find a size, evenly over the run.
 const MANY_SIGNALS: usize = 1024;
-/// At least so many acquisitions of each printhead are simulated, however many channels the printhead has,
-/// because what changes along the run is not seen in a single one.
+/// At least so many acquisitions of each printhead are simulated, to see what changes along the run.
 const FEWEST_STEPS: usize = 4;
 /// Coarsest step of codes that is hidden, counts.
 const COARSEST_STEP: f64 = 12.0;
-/// Largest factor by which a trial size grows to the next one, so that the refit, which starts where the last
-/// one ended, can follow.
+/// Largest factor from one trial size to the next, so that the refit can follow.
 const LONGEST_STEP: f64 = 1.6;
-/// Largest number of trial sizes.
 const MOST_TRIALS: usize = 40;
 /// Nodes (in standard deviations) and weights of Gauss-Hermite quadrature, for means over normal noise.
 const NODES: [(f64, f64); 7] = [
@@ -49,11 +45,9 @@ const NODES: [(f64, f64); 7] = [
     (-3.750_439_717_725_742, 0.000_548_268_855_973),
 ];
 
-/// A healthy signal of the run without scatter and noise, and what it was simulated from. The strength of an
-/// effect is measured by how much it changes such signals.
+/// A healthy signal of the run without scatter and noise, and what it was simulated from.
 struct SimulatedSignal {
-    /// The signal's channel.
-    made: Made,
+    made: RunChannel,
     /// Number of the channel, counted over all printheads.
     channel: usize,
     conditions: Conditions,
@@ -61,7 +55,6 @@ struct SimulatedSignal {
     plain: Vec<f64>,
 }
 
-/// An effect's size, and its strength at that size.
 #[derive(Clone, Copy, Debug)]
 pub struct Strength {
     pub size: f64,
@@ -76,8 +69,7 @@ pub struct Yardstick {
     signals: Vec<SimulatedSignal>,
     /// Freedoms of each channel, by its number over all printheads.
     own: Vec<Freedom>,
-    /// Number of all healthy signals of the run over the number of simulated ones: noncentralities are
-    /// multiplied by it.
+    /// All healthy signals of the run over the simulated ones, by which noncentralities are multiplied.
     share: f64,
 }
 
@@ -93,25 +85,18 @@ impl Yardstick {
         let steps = steps.min(all_steps);
         let simulated: BTreeSet<usize> =
             (0..steps).map(|i| (2 * i + 1) * all_steps / (2 * steps)).collect();
-        for step in 0..all_steps {
-            for head in 0..run.printheads {
-                // conditions are drawn for every step, also for those left out, since the random numbers come
-                // in order
-                let conditions = acquisitions.conditions(head, step);
-                if !simulated.contains(&step) {
-                    continue;
-                }
-                for (place, conditions) in conditions.into_iter().enumerate() {
-                    let made = base.heads[head][place];
-                    if made.faulty {
-                        continue;
-                    }
-                    // the healthy scatter is in the baseline's covariance instead
-                    let conditions = Conditions { shot: [0.0; 7], ..conditions };
-                    let plain = base.clean(&made, &conditions, &[]);
-                    let channel = head * run.channels + place;
-                    signals.push(SimulatedSignal { made, channel, conditions, plain });
-                }
+        for (step, head) in (0..all_steps).flat_map(|k| (0..run.printheads).map(move |h| (k, h))) {
+            // drawn for every step, since the random numbers come in order
+            let conditions = acquisitions.conditions(head, step);
+            let channels = (head * run.channels..).zip(&base.heads[head]).zip(conditions);
+            let wanted = simulated.contains(&step);
+            for ((channel, &made), conditions) in
+                channels.filter(|((_, made), _)| wanted && !made.faulty)
+            {
+                // the healthy scatter is in the baseline's covariance instead
+                let conditions = Conditions { shot: [0.0; 7], ..conditions };
+                let plain = base.clean(&made, &conditions, &[]);
+                signals.push(SimulatedSignal { made, channel, conditions, plain });
             }
         }
         let share = all_steps as f64 / steps as f64;
@@ -128,9 +113,8 @@ impl Yardstick {
     }
 
     /// The size at which `effect` has `strength_dl` detection limits. If its physical range does not allow
-    /// that, the next smaller one of [`STRENGTHS_DL`] is tried, and so on; if the range allows none of these,
-    /// the size and the strength that were reached last are returned. `effect`: with its shape; its size is
-    /// where the search starts.
+    /// that, the next smaller one of [`STRENGTHS_DL`] is tried, and so on. `effect`: with its shape; its size
+    /// is where the search starts.
     pub fn size(&self, effect: &Effect, strength_dl: f64) -> Strength {
         let lower = STRENGTHS_DL.iter().rev().copied().filter(|s| *s < strength_dl);
         let mut reached = Strength { size: effect.size, strength_dl };
@@ -143,9 +127,7 @@ impl Yardstick {
         reached
     }
 
-    /// The size for one strength (the cases of the file's doc). The strength in the result is the one that
-    /// was reached, which is smaller than asked for a very coarse step, and may be so where the size is
-    /// searched by `sought`.
+    /// The size for one strength (the cases of the file's doc), with the strength that was reached.
     fn size_within(&self, effect: &Effect, strength_dl: f64) -> Strength {
         let samples = self.base.physics.acquisition.samples as f64;
         let signals = self.signals.len() as f64 * self.share;
@@ -159,8 +141,8 @@ impl Yardstick {
                     || self.signals.iter().flat_map(|s| &s.plain).map(|y| (y / largest).powi(2));
                 let n = self.signals.len() as f64 * samples;
                 let mean = grown().sum::<f64>() / n;
-                // The information of h at 0 is half the sum of the squares of u about its mean; about its
-                // mean, because the level v of the noise is fitted, too.
+                // The information of h at 0 is half the sum of the squares of u about its mean, as v is fitted,
+                // too.
                 let squares = grown().map(|u| (u - mean).powi(2)).sum::<f64>();
                 strength_dl * (2.0 * NONCENTRALITY / (squares * self.share)).sqrt()
             }
@@ -188,9 +170,8 @@ impl Yardstick {
 
     /// Searches the size that leaves as much misfit as is wanted, from the size in the catalogue on, by steps
     /// of bounded length that assume misfit ~ size^power. The search may end before: at the largest size that
-    /// is physical, or where a larger effect leaves less misfit. The strength in the result says how far it
-    /// came; 0 means that the misfit is not a positive number, or that `MOST_TRIALS` trials did not find the
-    /// size.
+    /// is physical, or where a larger effect leaves less misfit. A strength of 0 in the result: the misfit is
+    /// no positive number, or `MOST_TRIALS` trials did not find the size.
     fn sought(&self, effect: &Effect, strength_dl: f64) -> Strength {
         let wanted = NONCENTRALITY * strength_dl * strength_dl;
         let largest = effect.largest();
@@ -208,8 +189,7 @@ impl Yardstick {
             if (reached.strength_dl / strength_dl - 1.0).abs() < 2e-3 {
                 return Strength { size, strength_dl };
             }
-            // The misfit of a small effect grows with the square of its size; from the second trial on,
-            // assume the power by which it has grown between the last two.
+            // The misfit of a small effect grows with the square of its size; then by the power seen last.
             let mut power = 2.0;
             if let Some((smaller, of_smaller)) = before {
                 let grown = (size / smaller).ln();
@@ -230,8 +210,7 @@ impl Yardstick {
         Strength { size, strength_dl: 0.0 }
     }
 
-    /// The clipping level of so many detection limits, by bisection: the lower the level, the larger the
-    /// misfit.
+    /// The clipping level of so many detection limits: the lower the level, the larger the misfit.
     fn level(&self, effect: &Effect, strength_dl: f64) -> f64 {
         let wanted = NONCENTRALITY * strength_dl * strength_dl;
         let is_below = |size: f64| self.noncentrality(&effect.of_size(size)) > wanted;
@@ -254,8 +233,7 @@ impl Yardstick {
         DVector::from_vec(self.base.clean(&signal.made, &signal.conditions, &[*effect])) - plain
     }
 
-    /// Noncentrality of the likelihood-ratio test of an effect (on the mean) of this size against the
-    /// refitted baseline.
+    /// Noncentrality of the likelihood-ratio test of an effect on the mean against the refitted baseline.
     pub fn noncentrality(&self, effect: &Effect) -> f64 {
         self.misfit(effect, &mut Vec::new())
     }
@@ -282,8 +260,8 @@ impl Yardstick {
     /// bursts of (sum over the burst's signals of x' W x)²/2, with x its direction in the freedoms; and a
     /// difference of two independent estimates has the information I1 I2 / (I1 + I2).
     fn trigger_information(&self) -> f64 {
-        // The shift per 10 ns, so that the numbers are moderate; the factor 1e32 at the end takes the fourth
-        // power of 10 ns back. Across it: the same length in ln A and phi, turned by a right angle.
+        // The shift per 10 ns, so that the numbers are moderate; the factor 1e32 takes that back. Across it:
+        // the same length in ln A and phi, turned by a right angle.
         let later = self.baseline.frame.later(&self.baseline.nominal) * 1e-8;
         let mut across = Freedom::zeros();
         (across[0], across[1]) = (-later[1], later[0]);
@@ -304,26 +282,24 @@ impl Yardstick {
         of(0) * of(1) / (of(0) + of(1))
     }
 
-    /// The contract's `parameter` for an effect of this size, in the contract's unit: the frequency of a
-    /// line; the rate of the low-pass; for a term of the equation of motion, how much frequency or damping at
-    /// the largest drive differ from those at no or the smallest amplitude (by the first harmonic of the
-    /// term); or the size itself.
+    /// The contract's `parameter` for an effect of this size: the frequency of a line; the rate of the
+    /// low-pass; for a term of the equation of motion, how much frequency or damping at the largest drive
+    /// differ from those at no or the smallest amplitude (by the term's first harmonic); or the size itself.
     pub fn parameter(&self, effect: &Effect) -> f64 {
         match effect.id {
             "lowpass" | "second_mode" | "tone" | "random_tone" => effect.shape,
-            // the size is the change along the head relative to the middle, the parameter is relative to the
-            // first channel
+            // the size is relative to the middle of the head, the parameter to the first channel
             "position_gradient" => (1.0 + 0.5 * effect.size) / (1.0 - 0.5 * effect.size) - 1.0,
             "cubic_stiffness" => {
                 // first harmonic of V (1 + k3 V²): stiffness grows by 3/4 k3 V0²
-                let volume = self.oscillation(&self.base.inner(self.base.drive_range_v()[1])[1]);
+                let highest_v = self.base.drive_range_v()[1];
+                let volume = self.oscillation(highest_v, |state| state.x[0] + state.x[1]);
                 (1.0 + 0.75 * effect.size * volume * volume).max(0.0).sqrt() - 1.0
             }
             "quadratic_drag" | "dry_friction" => {
-                // damping of the nominal channel with the term replaced by a linear loss of the same first
-                // harmonic
+                // damping with the term replaced by a linear loss of the same first harmonic
                 let damping = |drive_v: f64| {
-                    let flow = self.oscillation(&self.base.inner(drive_v)[0]);
+                    let flow = self.oscillation(drive_v, |state| state.x[3]);
                     // first harmonics of |q| q and of sign q
                     let extra = match effect.id {
                         "quadratic_drag" => 8.0 / (3.0 * std::f64::consts::PI) * effect.size * flow,
@@ -340,9 +316,10 @@ impl Yardstick {
         }
     }
 
-    /// Amplitude at t_a of the oscillating part of y (N samples, counts or counts·s).
-    fn oscillation(&self, y: &[f64]) -> f64 {
-        let fitted = self.baseline.frame.amplitudes(y, &self.baseline.nominal);
+    /// Amplitude at t_a of the oscillating part of what `of` makes of the nominal channel's states.
+    fn oscillation(&self, drive_v: f64, of: fn(&State) -> f64) -> f64 {
+        let y = self.base.course(drive_v, of);
+        let fitted = self.baseline.frame.amplitudes(&y, &self.baseline.nominal);
         fitted.map_or(f64::NAN, |[a, b, _]| a.hypot(b))
     }
 }
@@ -461,7 +438,7 @@ mod tests {
         let mut base = Base::new(&physics, &run, &hidden, &[], 5);
         // all channels are alike, though the base lets them scatter widely, so each has six freedoms of its
         // own
-        let made = Made { rates: base.rates, gain: 1.0, faulty: false };
+        let made = RunChannel { rates: base.rates, gain: 1.0, faulty: false };
         base.heads.iter_mut().flatten().for_each(|channel| *channel = made);
         let yardstick = Yardstick::new(&base).unwrap();
         let offset = effect::CATALOGUE[0].of_size(1e-3);

@@ -3,8 +3,7 @@
 //! what would be right.
 //!
 //! The simulator relies on these checks: where its code says "checked", one of the functions below made sure.
-//! There is one function for each table of the file; the three at the top (`require`, `within`, `positive`)
-//! make the errors. Comparisons are written such that NaN fails them.
+//! Comparisons are written such that NaN fails them.
 
 use super::{
     Acquisition, Classes, Dataset, ExplicitFault, Kind, Physics, PrintRun, RecordingOptions,
@@ -23,8 +22,7 @@ const MOST_CHANNELS: usize = 1_000_000;
 const MOST_SIGNALS: u64 = 1_000_000_000;
 /// Smallest number of samples of a signal.
 const LEAST_SAMPLES: usize = 8;
-/// Largest number of samples of a signal. Real acquisitions have some hundreds; each printhead keeps one
-/// decay in memory.
+/// Largest number of samples of a signal; each printhead keeps one decay in memory.
 const MOST_SAMPLES: usize = 16_384;
 const MOST_PRINTHEADS: usize = 1024;
 /// Largest size of a burst, 64 MiB.
@@ -35,8 +33,8 @@ const LATEST_NS: f64 = 7.258e18;
 type Check = Result<(), ScenarioError>;
 
 /// An error for `key` unless `ok`. `why`: what is wrong, in words.
-fn require(ok: bool, key: &str, why: impl Into<String>) -> Check {
-    if ok { Ok(()) } else { Err(ScenarioError::Value { key: key.to_owned(), why: why.into() }) }
+pub fn require(ok: bool, key: &str, why: impl Into<String>) -> Check {
+    if ok { Ok(()) } else { Err(ScenarioError::value(key, why)) }
 }
 
 /// Requires `low` <= `x` <= `high`.
@@ -171,8 +169,7 @@ fn check_class(class: &str, key: &str) -> Check {
     require(CLASSES.contains(&class), key, why)
 }
 
-/// A severity of a class must be at or above the one that changes nothing, and must leave positive rates of
-/// moderate size.
+/// A severity must be at or above the one that changes nothing, and must leave moderate positive rates.
 fn check_severity(class: &str, severity: f64, physics: &Physics, key: &str) -> Check {
     let none = faults::law(class).map_or(0.0, Law::none);
     let faulty = faults::apply(class, severity, &physics.channel);
@@ -182,8 +179,7 @@ fn check_severity(class: &str, severity: f64, physics: &Physics, key: &str) -> C
     require(severity >= none && moderate, key, why)
 }
 
-/// Each `[fault.CLASS]` must be a known class with a valid range, and its words on the change, if there are
-/// any, those of this program.
+/// Each `[fault.CLASS]` must be a known class with a valid range; its `change`, if given, this program's.
 fn check_fault_ranges(physics: &Physics) -> Check {
     for (class, fault) in &physics.fault {
         let key = format!("fault.{class}");
@@ -258,8 +254,7 @@ fn check_print_run(run: &PrintRun, physics: &Physics, recording: &RecordingOptio
     check_explicit_faults(run, physics)
 }
 
-/// Names of printheads, if given, must be as many as printheads, unlike each other, and unlike that of the
-/// sets.
+/// Names must be as many as printheads, unlike each other, and unlike that of the sets.
 fn check_names(run: &PrintRun, physics: &Physics) -> Check {
     let key = "print_run.names";
     let Some(names) = &run.names else { return Ok(()) };
@@ -275,8 +270,7 @@ fn check_names(run: &PrintRun, physics: &Physics) -> Check {
     Ok(())
 }
 
-/// Each listed fault must lie on a channel of the run, have a valid class and severity and a span that holds
-/// a burst; and faults of one category on one channel must not overlap.
+/// Each listed fault must be possible in the run; faults of one category on one channel must not overlap.
 fn check_explicit_faults(run: &PrintRun, physics: &Physics) -> Check {
     let names: Vec<String> = (0..run.printheads).map(|p| run.name(p)).collect();
     require(run.fault.len() <= MOST_CHANNELS, "print_run.fault", "too many faults")?;
@@ -300,7 +294,7 @@ fn check_explicit_faults(run: &PrintRun, physics: &Physics) -> Check {
         require(step_at(run, fault.from_s) < step_at(run, fault.to_s), &key, why)?;
     }
     // Faults of several categories may be on at once, thesis (2-1); two of one category would be one fault.
-    // Sort by printhead, channel, category and begin, so that only neighbours can overlap.
+    // In this order only neighbours can overlap.
     let place = |f: &ExplicitFault| (f.printhead.clone(), f.channel, category(&f.class).to_owned());
     by_channel
         .sort_by(|(_, x), (_, y)| place(x).cmp(&place(y)).then(x.from_s.total_cmp(&y.from_s)));
@@ -314,8 +308,7 @@ fn check_explicit_faults(run: &PrintRun, physics: &Physics) -> Check {
     Ok(())
 }
 
-/// Checks a classes scenario: its formula's numbers, the sizes of its sets, and that each range of a box goes
-/// upwards from 0 or more.
+/// Checks a classes scenario; each range of a box must go upwards from 0 or more.
 fn check_classes(classes: &Classes, recording: &RecordingOptions) -> Check {
     positive(classes.t_us, 1e8, "T_us")?;
     within(classes.n, LEAST_SAMPLES, MOST_SAMPLES, "N")?;

@@ -1,7 +1,6 @@
 //! Reads a scenario. In: the text of a TOML file. Out: a checked [`Scenario`], or a [`ScenarioError`] that
-//! names the key. The steps: read version and kind, which decide how the rest is read; deserialise the rest
-//! (which refuses unknown keys); make the channel's rates of its geometry, if that is given instead; check
-//! all values (`checks.rs`).
+//! names the key. The steps: read version and kind; deserialise the rest (which refuses unknown keys); make
+//! the channel's rates of its geometry, if that is given instead; check all values (`checks.rs`).
 
 use super::{Classes, Kind, Physics, SCHEMA, Scenario, ScenarioError, checks};
 use serde::Deserialize;
@@ -29,8 +28,8 @@ impl Scenario {
                     (Some(rates), None) => rates,
                     (None, Some(geometry)) => geometry.ink_channel(),
                     _ => {
-                        let why = "give either [channel] or [geometry], one of them".to_owned();
-                        return Err(ScenarioError::Value { key: "channel".to_owned(), why });
+                        let why = "give either [channel] or [geometry], one of them";
+                        return Err(ScenarioError::value("channel", why));
                     }
                 };
                 Scenario {
@@ -49,7 +48,7 @@ impl Scenario {
             }
             other => {
                 let why = format!("{other:?} is neither \"physics\" nor \"classes\"");
-                return Err(ScenarioError::Value { key: "kind".to_owned(), why });
+                return Err(ScenarioError::value("kind", why));
             }
         };
         checks::check(&scenario)?;
