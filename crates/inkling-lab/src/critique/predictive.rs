@@ -229,15 +229,20 @@ mod tests {
     #[test]
     fn the_density_is_that_of_its_whole_covariance() {
         let signal = &some()[3];
-        let noise = Noise { growth: Some([0.7, 9000.0]), tone: Some([60.0, 1.5]) };
+        let growth = Growth { h: 0.7, top: 9000.0, mean: 2000.0 };
+        let noise = Noise { growth: Some(growth), tone: Some([60.0, 1.5]) };
         let n = signal.off.len();
         let s = DMatrix::from_fn(FREE, FREE, |i, j| signal.spread[(i, j)]);
-        let grown = |k: usize| 1.0 + 0.7 * signal.expected[k].powi(2) / 9000.0;
-        let mean = (0..n).map(grown).sum::<f64>() / n as f64;
+        let grown = |square: f64| 1.0 + 0.7 * square / 9000.0;
         let wave = |k: usize, l: usize| 1.5 * (60.0 * (k as f64 - l as f64) / n as f64).cos();
         let mut v = &signal.tangent * s * signal.tangent.transpose();
         v += DMatrix::from_fn(n, n, |k, l| {
-            wave(k, l) + if k == l { signal.noise_var * grown(k) / mean } else { 0.0 }
+            wave(k, l)
+                + if k == l {
+                    signal.noise_var * grown(signal.expected[k].powi(2)) / grown(2000.0)
+                } else {
+                    0.0
+                }
         });
         let whole = v.cholesky().unwrap();
         let ln_det: f64 = 2.0 * whole.l().diagonal().iter().map(|l| l.ln()).sum::<f64>();
