@@ -25,7 +25,7 @@ use inkling_core::fault::is_reserved;
 use inkling_core::identify::IdentifyError;
 use inkling_core::identify::averaging::SignalSet;
 use inkling_core::labels::{Label, Labels};
-use inkling_core::model::lie::Lie;
+use inkling_core::model::row_layout::RowLayout;
 use inkling_io::labels_file::{self, States, Written};
 use inkling_io::outcomes_file::{self, Outcomes};
 use inkling_io::{design_file, outputs};
@@ -176,7 +176,7 @@ pub fn learn(lesson: Lesson) -> Result<Learned, Failure> {
 }
 
 /// Refuses healthy signals that do not look like ring-downs: nothing can be learned from noise, or
-/// from rows that are no channels because the layout is wrong. [`Lie`] measures how neighbouring
+/// from rows that are no channels because the layout is wrong. [`RowLayout`] measures how neighbouring
 /// samples correlate and how alike the signals are. Fewer than 16 signals are not looked at; the
 /// training refuses so few by itself.
 fn refuse_no_rings(printhead: &str, signals: &SignalSet) -> Result<(), Failure> {
@@ -192,7 +192,7 @@ fn refuse_no_rings(printhead: &str, signals: &SignalSet) -> Result<(), Failure> 
     }
     let numbers: Vec<f64> =
         signals.data[..rows * signals.samples].iter().map(|&y| y.into()).collect();
-    match Lie::of(&numbers, rows, false).filter(|lie| !lie.is_plausible()) {
+    match RowLayout::of(&numbers, rows, false).filter(|lie| !lie.is_plausible()) {
         Some(lie) => Err(Failure::new(format!(
             "{}: what is labelled `healthy` are no ring-downs as laid out: neighbouring samples of a signal correlate {:.2}, and \
              signals have {:.2} of their energy in common; look at `format`, `layout`, `channels` and `samples_per_channel`, and \

@@ -8,7 +8,7 @@
 //! Steps: the field with the most numbers is taken for the samples; other keys go to the fields
 //! with likely names whose kind fits (`CHANNELS`, `PERIOD` and so on); layout and number of
 //! channels come from fields whose number divides that of the samples, checked or replaced by how
-//! the samples correlate ([`Lie`]).
+//! the samples correlate ([`RowLayout`]).
 
 use super::fields::{FieldInfo, Kind};
 use super::plan::{Reading, Schema, Written, is_time};
@@ -18,7 +18,7 @@ use crate::printable;
 use bytes::Bytes;
 use chrono::{DateTime, SecondsFormat};
 use inkling_core::burst::Format;
-use inkling_core::model::lie::Lie;
+use inkling_core::model::row_layout::RowLayout;
 use std::fmt::Write as _;
 
 /// A message with fewer numbers than these is no burst.
@@ -266,8 +266,8 @@ impl Guess<'_> {
         let nested = |n: usize| outer.is_none_or(|outer| n == outer || n * outer == numbers);
         // 2. the likeliest layout among those that agree with the fields, or with the lists
         let lie = match named {
-            Some(n) => Lie::likeliest(&self.size.samples, |m| m == n),
-            None => Lie::likeliest(&self.size.samples, nested),
+            Some(n) => RowLayout::likeliest(&self.size.samples, |m| m == n),
+            None => RowLayout::likeliest(&self.size.samples, nested),
         };
         let major =
             |sample_major| if sample_major { "\"sample-major\"" } else { "\"channel-major\"" };
@@ -275,7 +275,7 @@ impl Guess<'_> {
         // 3. the layout, with the correlation of the layout that was not taken for comparison
         match lie {
             Some(lie) => {
-                let other = Lie::of(&self.size.samples, lie.channels, !lie.sample_major);
+                let other = RowLayout::of(&self.size.samples, lie.channels, !lie.sample_major);
                 let other = other.map_or(0.0, |other| other.neighbours);
                 let why = format!(
                     "by the samples: neighbours of a channel correlate ({:.2}; laid out as {} {other:.2})",
@@ -323,7 +323,7 @@ impl Guess<'_> {
     /// likelier layout of these two by how the samples correlate.
     fn counts_channels(&self, of: &Divisor) -> bool {
         let either = [of.n, self.size.numbers / of.n];
-        let lie = Lie::likeliest(&self.size.samples, |n| either.contains(&n));
+        let lie = RowLayout::likeliest(&self.size.samples, |n| either.contains(&n));
         lie.is_some_and(|lie| lie.channels == of.n)
     }
 
