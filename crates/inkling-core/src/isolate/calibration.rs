@@ -87,12 +87,8 @@ impl SeverityLine {
         // fitted and are uncertain, less the part that the estimates' own uncertainty explains.
         let rest = mean(&|s| residual(s).powi(2)) * (all + 2.0) / (all - 2.0)
             - mean(&|s| (slope * s.estimated.sd).powi(2));
-        let sd = rest.max(0.0).sqrt();
-        [offset, slope, sd].iter().all(|v| v.is_finite()).then_some(SeverityLine {
-            offset,
-            slope,
-            sd,
-        })
+        let line = SeverityLine { offset, slope, sd: rest.max(0.0).sqrt() };
+        [offset, slope, line.sd].iter().all(|v| v.is_finite()).then_some(line)
     }
 
     fn correct(self, Severity { value, sd }: Severity) -> Severity {

@@ -19,11 +19,13 @@
 //! 5. Rotate each node's covariance to axes in which noise and other scatter are both diagonal
 //!    (`Node::scattered`), so that densities at any drive need no inversion.
 
-use super::fault_simulator::{CHANGES, FaultSimulator, Point, Slope, Square, of_change, wrapped};
+use super::fault_simulator::{
+    CHANGES, Changes, FaultSimulator, Point, Slope, Square, of_change, wrapped,
+};
 use super::tuned;
 use crate::model::faults::Law;
 use crate::numbers::tuned::guessed_rate;
-use nalgebra::{Matrix2, Matrix4, Matrix4x2, SMatrix, SVector, SymmetricEigen, Vector2, Vector4};
+use nalgebra::{Matrix2, Matrix4, Matrix4x2, SMatrix, SymmetricEigen, Vector2, Vector4};
 
 /// How healthy features are distributed (the phase free), and what is uncertain of the physics.
 #[derive(Clone, Debug)]
@@ -114,7 +116,7 @@ impl Trust {
             Trust::InRates => believed * belief * believed.transpose(),
             Trust::InDirection => {
                 let (rate, pulse) = (guessed_rate(), tuned::pulse_sd());
-                let guessed = SVector::from([rate, rate, rate, rate, pulse]).map(|sd| sd * sd);
+                let guessed = Changes::from([rate, rate, rate, rate, pulse]).map(|sd| sd * sd);
                 let law = Vector4::from_fn(|j, _| {
                     tuned::of_law()[j].powi(2).max((tuned::share_of_law() * mean[j]).powi(2))
                 });

@@ -21,7 +21,7 @@ use super::alternatives::{Alternative, broad};
 use super::channel_spread::spread_of_channels;
 use super::fault_curve::{HealthySpread, fault_curve};
 use super::fault_simulator::{
-    ActuatedChannel, CHANGES, FaultSimulator, Slope, Square, of_change, wrapped,
+    ActuatedChannel, CHANGES, Changes, FaultSimulator, Slope, Square, of_change, wrapped,
 };
 use super::physics_density::{FaultCurves, LabelledSeverities, Member, uniform_in_range};
 use super::tuned;
@@ -31,7 +31,7 @@ use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, RingFitter};
 use crate::model::{Actuation, InkChannel};
 use crate::side_by_side::{cores, side_by_side};
-use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, SMatrix, SVector, Vector2, Vector4};
+use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, SMatrix, Vector2, Vector4};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -88,12 +88,7 @@ impl FaultPhysics {
     /// Estimates rates and pulse from the prior and the healthy ring alone. `guess_sd`: prior
     /// standard deviation of each ln rate beside the common factors; `noise`: of one sample,
     /// counts. `None`: no such channel rings.
-    pub fn new(
-        guess: ActuatedChannel,
-        guess_sd: f64,
-        ring: Ring,
-        noise: f64,
-    ) -> Option<FaultPhysics> {
+    pub fn new(guess: ActuatedChannel, guess_sd: f64, ring: Ring, noise: f64) -> Option<Self> {
         let mut physics = FaultPhysics {
             channel: guess.channel,
             actuation: guess.actuation,
@@ -106,7 +101,7 @@ impl FaultPhysics {
         };
         let prior = Prior::new(guess, guess_sd)?;
         for _ in 0..2 * ROUNDS {
-            physics.step(&prior, Square::zeros(), SVector::zeros())?;
+            physics.step(&prior, Square::zeros(), Changes::zeros())?;
         }
         Some(physics)
     }
@@ -153,7 +148,7 @@ impl FaultPhysics {
         for _ in 0..ROUNDS {
             let change = self.change()?;
             let mut simulator = self.simulator(&fitter)?;
-            let (mut information, mut gradient) = (Square::zeros(), SVector::zeros());
+            let (mut information, mut gradient) = (Square::zeros(), Changes::zeros());
             for signal in labelled.iter().filter(|signal| signal.severity.is_finite()) {
                 let law = self.laws.law(&signal.kind);
                 let Some(point) =
@@ -197,12 +192,7 @@ impl FaultPhysics {
     /// One Gauss-Newton step; the posterior covariance before it becomes the `belief`.
     /// `information`, `gradient`: of the labelled signals. `None`: the channel would not ring;
     /// nothing is changed.
-    fn step(
-        &mut self,
-        prior: &Prior,
-        information: Square,
-        gradient: SVector<f64, CHANGES>,
-    ) -> Option<()> {
+    fn step(&mut self, prior: &Prior, information: Square, gradient: Changes) -> Option<()> {
         const MOST: f64 = 0.3;
         let theta = logs(&self.channel, &self.actuation);
         let measured = Vector2::new(self.ring.damping_per_s.ln(), self.ring.frequency_hz.ln());
@@ -271,7 +261,7 @@ impl FaultPhysics {
 
     /// Covariance of a channel's own changes, which are taken for independent of each other.
     fn channels(&self) -> Square {
-        Square::from_diagonal(&SVector::from(self.spread).map(|sd| sd * sd))
+        Square::from_diagonal(&Changes::from(self.spread).map(|sd| sd * sd))
     }
 
     /// The fault curves of `classes`, and behind them those of what is no class. Without any curve
@@ -352,7 +342,7 @@ impl FaultPhysics {
 }
 
 struct Prior {
-    mean: SVector<f64, CHANGES>,
+    mean: Changes,
     information: Square,
 }
 
@@ -372,12 +362,12 @@ impl Prior {
 }
 
 /// ln a, ln b, ln g, ln d, ln pulse.
-fn logs(channel: &InkChannel, actuation: &Actuation) -> SVector<f64, CHANGES> {
+fn logs(channel: &InkChannel, actuation: &Actuation) -> Changes {
     let [a, b, g, d] = channel.rates();
-    SVector::from([a, b, g, d, actuation.pulse_s]).map(f64::ln)
+    Changes::from([a, b, g, d, actuation.pulse_s]).map(f64::ln)
 }
 
-fn channel(theta: &SVector<f64, CHANGES>) -> InkChannel {
+fn channel(theta: &Changes) -> InkChannel {
     InkChannel::of(std::array::from_fn(|j| theta[j].exp()))
 }
 

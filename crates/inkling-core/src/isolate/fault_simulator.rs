@@ -9,17 +9,18 @@ use crate::model::faults::Law;
 use crate::model::ring_down::{Poles, ring_down_into};
 use crate::model::ring_fit::{Features, FitBuffers, RingFitter};
 use crate::model::{Actuation, InkChannel};
-use nalgebra::{Matrix4, Matrix4x2, SMatrix, Vector4};
+use nalgebra::{Matrix4, Matrix4x2, SMatrix, SVector, Vector4};
 
 /// Number of parameters in which a channel may differ from the mean channel: ln a, ln b, ln g, ln
 /// d, ln gain.
 pub const CHANGES: usize = 5;
-/// Jacobian of the features with respect to these changes.
-pub type Slope = SMatrix<f64, 4, CHANGES>;
-
-/// A covariance of these changes, or of the parameters that all channels share: ln a, ln b, ln g,
-/// ln d, ln pulse.
+/// These changes, or errors of the parameters that all channels share: ln a, ln b, ln g, ln d, ln
+/// pulse.
+pub type Changes = SVector<f64, CHANGES>;
+/// Covariance of [`Changes`].
 pub type Square = SMatrix<f64, CHANGES, CHANGES>;
+/// Jacobian of the features with respect to [`Changes`].
+pub type Slope = SMatrix<f64, 4, CHANGES>;
 
 #[derive(Clone, Copy, Debug)]
 pub struct ActuatedChannel {
@@ -70,11 +71,7 @@ const STEP: f64 = 0.01;
 impl<'a> FaultSimulator<'a> {
     /// `noise`: standard deviation of one sample, counts. `None`: the healthy channel does not
     /// ring.
-    pub fn new(
-        fitter: &'a RingFitter,
-        healthy: ActuatedChannel,
-        noise: f64,
-    ) -> Option<FaultSimulator<'a>> {
+    pub fn new(fitter: &'a RingFitter, healthy: ActuatedChannel, noise: f64) -> Option<Self> {
         let ActuatedChannel { channel, actuation } = healthy;
         let reference = Reference { actuation, origin: Vector4::zeros() };
         let mut simulator = FaultSimulator {

@@ -20,10 +20,7 @@ pub struct Neighbours {
 impl Neighbours {
     /// Keeps the class and the residual of each example. Errors: k is 0 or more than there are
     /// examples, or a residual is not finite in f32.
-    pub fn new(
-        examples: &[(u16, Vec<f64>)],
-        neighbours: usize,
-    ) -> Result<Neighbours, IsolateError> {
+    pub fn new(examples: &[(u16, Vec<f64>)], neighbours: usize) -> Result<Self, IsolateError> {
         if neighbours == 0 || neighbours > examples.len() {
             return Err(IsolateError::NeighbourCount { neighbours, found: examples.len() });
         }

@@ -35,6 +35,9 @@ impl Examples {
     }
 }
 
+/// Of each example of a class the ln density in every class.
+type Rows = Vec<Vec<f64>>;
+
 const TEMPERATURES: [f64; 10] = [1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.5, 5.0];
 
 /// Plausible is a temperature whose ln likelihood is lower than the largest by this at most: 1.645²
@@ -49,8 +52,8 @@ impl Posterior {
     pub fn learn(examples: &[Examples]) -> Option<Posterior> {
         // the physics has a density of 0 everywhere
         let far = vec![f64::NEG_INFINITY; examples.len()];
-        let none: Vec<Vec<Vec<f64>>> =
-            examples.iter().map(|e| vec![far.clone(); e.features.len()]).collect();
+        let rows = |e: &Examples| vec![far.clone(); e.features.len()];
+        let none: Vec<Rows> = examples.iter().map(rows).collect();
         let examples: Vec<Option<Examples>> = examples.iter().cloned().map(Some).collect();
         Posterior::stack(&examples, &none, &vec![false; examples.len()])
     }
@@ -67,7 +70,7 @@ impl Posterior {
     /// it predicts the examples.
     pub fn stack(
         examples: &[Option<Examples>],
-        physics: &[Vec<Vec<f64>>],
+        physics: &[Rows],
         in_physics: &[bool],
     ) -> Option<Posterior> {
         // few examples are divided into more folds, so that each fold leaves out few
@@ -137,11 +140,7 @@ fn without(class: &Examples, part: usize, parts: usize) -> Option<Examples> {
 /// Per class and example the ln density of that example in every class, learned without the
 /// example's fold; -infinity in classes of which no density could be learned. `physics`: only its
 /// shape is used (classes x examples x classes), which the result has, too.
-fn unseen(
-    examples: &[Option<Examples>],
-    physics: &[Vec<Vec<f64>>],
-    parts: usize,
-) -> Vec<Vec<Vec<f64>>> {
+fn unseen(examples: &[Option<Examples>], physics: &[Rows], parts: usize) -> Vec<Rows> {
     let mut unseen = physics.to_vec();
     for part in 0..parts {
         let rest: Vec<_> =
@@ -162,12 +161,7 @@ fn unseen(
 /// that is plausible, since the likeliest is too low as often as too high, and too low a
 /// temperature makes verdicts certain and wrong. `unseen`, `physics`: ln densities, classes x
 /// examples x classes.
-fn temperature(
-    scarce: bool,
-    unseen: &[Vec<Vec<f64>>],
-    physics: &[Vec<Vec<f64>>],
-    physics_share: &[f64],
-) -> f64 {
+fn temperature(scarce: bool, unseen: &[Rows], physics: &[Rows], physics_share: &[f64]) -> f64 {
     let mut weights = vec![0.0; unseen.len()];
     let score = |temperature: f64| -> f64 {
         let of_class = |k: usize| -> f64 {

@@ -19,8 +19,7 @@ pub fn median_of(values: impl Iterator<Item = f64>) -> f64 {
 /// A robust standard deviation of `values` about `middle`: the median of the absolute deviations
 /// times 1.4826, which is right for Gaussian values. For no values it is NaN.
 pub fn robust_sd(values: &[f64], middle: f64) -> f64 {
-    let mut off: Vec<f64> = values.iter().map(|v| (v - middle).abs()).collect();
-    1.4826 * median(&mut off)
+    1.4826 * median_of(values.iter().map(|v| (v - middle).abs()))
 }
 
 #[cfg(test)]

@@ -241,7 +241,7 @@ fn portable<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Evaluation; W] {
         let of_pole = std::array::from_fn(|j| of_pole[j][l]);
         let sums = normal_equations(frame, z, of_pole, of_signal, of.along_real[l]);
         let Evaluation { a, b, misfit, step } =
-            evaluate_one(of.phase, sigma[l], omega[l], &sums, of.square[l]);
+            evaluate_one(of.phase, [sigma[l], omega[l]], &sums, of.square[l]);
         let Step { damping, frequency, a: of_a, b: of_b, gain } = step;
         let all = [a, b, misfit, damping, frequency, of_a, of_b, gain];
         for j in 0..8 {
@@ -256,16 +256,11 @@ fn portable<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Evaluation; W] {
 }
 
 /// The best amplitudes at a trial, and the Gauss-Newton step with the amplitudes eliminated.
-/// `phase`: whether the phase is free; `sigma_dt`, `omega_dt`: those of the trial, per sample;
-/// `sums`: see the header of `ring_gram`; `yy`: ||y||².
+/// `phase`: whether the phase is free; `pole`: sigma dt and omega dt of the trial; `sums`: see the
+/// header of `ring_gram`; `yy`: ||y||².
 #[inline(always)] // compiled once per instruction set
-fn evaluate_one(
-    phase: bool,
-    sigma_dt: f64,
-    omega_dt: f64,
-    sums: &NormalEquations,
-    yy: f64,
-) -> Evaluation {
+fn evaluate_one(phase: bool, pole: [f64; 2], sums: &NormalEquations, yy: f64) -> Evaluation {
+    let [sigma_dt, omega_dt] = pole;
     let [pp, qp, qq, xp, xq, xx, zp, zq, zx, zz] = sums.gram;
     let [up, uq, ux, uz] = sums.slope;
 

@@ -76,9 +76,8 @@ impl RowLayout {
         let most = x.len() / FEWEST_SAMPLES;
         let possible = (2..=most).filter(|n| x.len().is_multiple_of(*n) && may_be(*n));
         let both = possible.flat_map(|n| [(n, false), (n, true)]);
-        let plausible = both
-            .filter_map(|(n, major)| RowLayout::of(x, n, major))
-            .filter(RowLayout::is_plausible);
+        let plausible =
+            both.filter_map(|(n, major)| Self::of(x, n, major)).filter(Self::is_plausible);
 
         // correlation and likeness also hold in some wrong layouts, as with half the number of
         // channels

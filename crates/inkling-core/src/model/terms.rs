@@ -237,7 +237,7 @@ impl Interior {
             Some((Term::CubicStiffness, e)) => of.cubic = e * 8.0 / 3.0 / (stiff * stiff),
             // equivalent linear loss over a period: k |q| q acts as 8/(3 pi) k A q
             Some((Term::QuadraticDrag, e)) => {
-                of.drag = e * sigma / (slope * 8.0 / (3.0 * PI) * damped);
+                of.drag = e * sigma / (slope * 8.0 / (3.0 * PI) * damped)
             }
             // mu sign(q) acts over a period as 4 mu/(pi A) q
             Some((Term::DryFriction, e)) => of.dry = e * sigma * PI * damped / (4.0 * slope),
@@ -302,14 +302,8 @@ impl Interior {
         let [v, q_r, q_n] = self.state;
         let step = self.channel.transition(1.0 / samples as f64);
         // how V is divided between V_r and V_n does not matter to the flows
-        let mut x = nalgebra::Vector4::new(v, 0.0, q_r, q_n) * drive;
-        (0..samples)
-            .map(|_| {
-                let q = x[3];
-                x = step * x;
-                q
-            })
-            .collect()
+        let x = nalgebra::Vector4::new(v, 0.0, q_r, q_n) * drive;
+        std::iter::successors(Some(x), |x| Some(step * x)).map(|x| x[3]).take(samples).collect()
     }
 }
 
