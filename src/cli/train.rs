@@ -25,8 +25,8 @@ use inkling_core::fault::is_reserved;
 use inkling_core::identify::IdentifyError;
 use inkling_core::identify::averaging::SignalSet;
 use inkling_core::labels::{Label, Labels};
-use inkling_core::model::lie::Lie;
 use inkling_core::model::ring_down::Poles;
+use inkling_core::model::row_layout::RowLayout;
 use inkling_io::labels_file::{self, LabelSource, States};
 use inkling_io::outcomes_file::{self, Outcomes};
 use inkling_io::{design_file, outputs};
@@ -175,7 +175,7 @@ pub fn learn(lesson: TrainingInput) -> Result<TrainedDesign, Failure> {
 }
 
 /// Refuses healthy signals that do not look like ring-downs: nothing can be learned from noise, or
-/// from rows that are no channels because the layout is wrong. [`Lie`] measures how neighbouring
+/// from rows that are no channels because the layout is wrong. [`RowLayout`] measures how neighbouring
 /// samples correlate and how alike the signals are. Fewer than 16 signals are not looked at; the
 /// training refuses so few by itself.
 fn refuse_no_rings(printhead: &str, signals: &SignalSet) -> Result<(), Failure> {
@@ -191,8 +191,8 @@ fn refuse_no_rings(printhead: &str, signals: &SignalSet) -> Result<(), Failure> 
     }
     let samples = &signals.data[..rows * signals.samples];
     let samples: Vec<f64> = samples.iter().map(|&y| y.into()).collect();
-    let implausible = Lie::of(&samples, rows, false).filter(|lie| !lie.is_plausible());
-    let Some(Lie { neighbours, alike, .. }) = implausible else { return Ok(()) };
+    let implausible = RowLayout::of(&samples, rows, false).filter(|lie| !lie.is_plausible());
+    let Some(RowLayout { neighbours, alike, .. }) = implausible else { return Ok(()) };
     let (printhead, alike) = (printable(printhead), alike.max(0.0));
     Err(Failure::new(format!(
         "{printhead}: what is labelled `healthy` are no ring-downs as laid out: neighbouring samples of a signal \

@@ -244,7 +244,7 @@ impl<'a> Isolator<'a> {
         ring: Option<[f64; 2]>,
         row: usize,
     ) -> FlaggedSignal {
-        let strange = isolation.is_some_and(|isolation| isolation.likeness != Likeness::Known);
+        let strange = isolation.is_some_and(|isolation| isolation.likeness != Likeness::KnownClass);
         let poles = of.judge.model.identification.poles;
         // ln damping and ln frequency from the healthy model's
         let relative = |[f, damping]: [f64; 2]| {

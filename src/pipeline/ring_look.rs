@@ -6,13 +6,13 @@
 //! of that. No signal is judged by it.
 //!
 //! A layout is wrong if neighbouring samples of a channel hardly correlate, or if channels have little in common,
-//! while with rows and columns exchanged both hold ([`Lie`]). A sample period is wrong if the mean signal would
+//! while with rows and columns exchanged both hold ([`RowLayout`]). A sample period is wrong if the mean signal would
 //! ring outside of 500 Hz to 2 MHz, or holds less than one period. All these limits are heuristic.
 
 use super::batches::usable;
 use crate::report::three_digits;
 use inkling_core::burst::{Burst, Layout};
-use inkling_core::model::lie::{LEAST_NEIGHBOURS, Lie, periods};
+use inkling_core::model::row_layout::{LEAST_NEIGHBOURS, RowLayout, periods};
 use inkling_io::recording::Recording;
 use std::collections::BTreeMap;
 
@@ -73,17 +73,17 @@ fn of_layout(bursts: &[Burst]) -> Option<String> {
     for burst in bursts {
         let (all, channels) = (numbers(burst), burst.channels as usize);
         let sample_major = burst.layout == Layout::SampleMajor;
-        let Some(here) = Lie::of(&all, channels, sample_major) else { continue };
+        let Some(here) = RowLayout::of(&all, channels, sample_major) else { continue };
         if here.neighbours < LEAST_NEIGHBOURS {
             noisy.push(here);
         }
-        let other = Lie::of(&all, channels, !sample_major).filter(Lie::is_plausible);
+        let other = RowLayout::of(&all, channels, !sample_major).filter(RowLayout::is_plausible);
         if let Some(other) = other.filter(|_| channels > 1 && !here.is_plausible()) {
             other_way.push((here, other));
         }
     }
 
-    let major = |lie: &Lie| if lie.sample_major { "sample-major" } else { "channel-major" };
+    let major = |lie: &RowLayout| if lie.sample_major { "sample-major" } else { "channel-major" };
     // the other layout is the likelier cause
     if let Some((here, other)) = other_way.first().filter(|_| 2 * other_way.len() > bursts.len()) {
         return Some(format!(

@@ -10,7 +10,7 @@
 use super::batches::GatedBatch;
 use inkling_core::burst::{Acquisition, Burst};
 use inkling_core::design::{Judge, JudgeKey};
-use inkling_core::model::ring_fit::{Fit, Products};
+use inkling_core::model::ring_fit::{Fit, FitBuffers};
 use inkling_core::verdict::{Reason, unusable_signal};
 
 /// The buffers for one signal after the other.
@@ -63,7 +63,7 @@ impl Deviations {
 #[derive(Default)]
 pub struct Rings {
     /// Buffers of the fits.
-    products: Products,
+    products: FitBuffers,
     /// The fits that were not taken yet, in the order of the rows; `None`: the signal is no ring.
     pub fits: std::vec::IntoIter<Option<Fit>>,
 }

@@ -65,7 +65,7 @@ pub fn push_judged(columns: &mut VerdictColumns, id: Id, row: Row) {
         (true, Some(_)) => (Outcome::Faulty, None),
         (true, None) => {
             let reason = match isolation.map(|i| i.likeness).unwrap_or_default() {
-                Likeness::Known => Reason::Uncertain,
+                Likeness::KnownClass => Reason::Uncertain,
                 Likeness::NoClass => Reason::UnknownFault,
                 Likeness::NoRing => Reason::NoRing,
             };

@@ -23,7 +23,7 @@ use inkling_core::detect::kernel::{LaneFilter, LaneStatistics};
 use inkling_core::detect::lane_sensitivity::{Condition, LaneSensitivity};
 use inkling_core::detect::row_projection::{LANES, Projections, Room};
 use inkling_core::detect::tile::Tile;
-use inkling_core::model::ring_fit::{Fit, Products};
+use inkling_core::model::ring_fit::{Fit, FitBuffers};
 use inkling_core::verdict::Reason;
 use nalgebra::{Matrix3, Vector4};
 
@@ -42,7 +42,7 @@ pub struct Statistics {
     deviations: Deviations,
     work: Workspace,
     own: Vec<f64>,
-    products: Products,
+    products: FitBuffers,
 }
 
 /// A signal that still waits for its statistic.

@@ -15,9 +15,10 @@ use super::{Design, DesignError, FaultClass, HealthyModel, IsolateSettings, Trai
 use crate::fault;
 use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
-use crate::isolate::calibration::{LabelledSize, SizeError};
-use crate::isolate::fault_curve::{Conditions, Healthy};
+use crate::isolate::calibration::{LabelledSeverity, SeverityLine};
+use crate::isolate::fault_curve::Conditions;
 use crate::isolate::fault_physics::{FaultPhysics, LabelledFault};
+use crate::isolate::fault_simulator::ActuatedChannel;
 use crate::isolate::physics_density::{Comparison, FaultCurves, LabelledSeverities};
 use crate::model::faults::Law;
 use crate::model::ring::Ring;
@@ -63,7 +64,7 @@ pub(super) fn physics(
     };
     let delay_s = isolate.delay_s.unwrap_or(DELAY_S * slower);
     let channel = scaled.channel();
-    let guess = Healthy { channel, actuation: Actuation { pulse_s, delay_s, waveform } };
+    let guess = ActuatedChannel { channel, actuation: Actuation { pulse_s, delay_s, waveform } };
     let Some(mut physics) = FaultPhysics::new(guess, isolate.guess_sd, ring, model.noise) else {
         return Ok(None);
     };
@@ -163,11 +164,11 @@ fn learn_sizes(
         let size = |fault: &&LabelledFault| {
             let labelled = Some(fault.severity).filter(|severity| severity.is_finite())?;
             let estimated = estimate(&curves, k, fault)?;
-            Some(LabelledSize { estimated, labelled, weight: fault.weight })
+            Some(LabelledSeverity { estimated, labelled, weight: fault.weight })
         };
-        let sizes: Vec<LabelledSize> = labelled.iter().filter_map(size).collect();
+        let sizes: Vec<LabelledSeverity> = labelled.iter().filter_map(size).collect();
         let seen = physics.seen.get_mut(*name);
-        seen.into_iter().for_each(|seen| seen.error = SizeError::learn(&sizes));
+        seen.into_iter().for_each(|seen| seen.error = SeverityLine::learn(&sizes));
     }
 }
 

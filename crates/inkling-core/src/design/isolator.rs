@@ -21,7 +21,7 @@ use super::{
 use crate::identify::averaging::SignalSet;
 use crate::isolate::neighbours::Neighbours;
 use crate::isolate::posterior::Posterior;
-use crate::isolate::typical::{RingMisfit, Typical};
+use crate::isolate::typical::Typical;
 use crate::isolate::{
     IsolateMethod, IsolateSignal, MAX_CLASSES, SignatureMatrix, Simplex, model_matching,
 };
@@ -80,15 +80,13 @@ impl Isolator {
                 Isolator::ModelMatching(design.classes.iter().map(|c| c.model.clone()).collect())
             }
             IsolateMethod::Neighbours => {
-                // `rows`: the training signals of all classes, filtered by this model; `class_of`:
-                // the class of each
-                let (mut rows, mut class_of) = (Vec::new(), Vec::new());
-                for (k, class) in design.classes.iter().enumerate() {
-                    rows.extend(class.examples.iter().map(|e| compared(model, settings.signal, e)));
-                    class_of.resize(rows.len(), k as u16); // check(): at most 32 classes
-                }
-                let (classes, k) = (design.classes.len(), settings.neighbours);
-                Isolator::Neighbours(Neighbours::new(&slices(&rows), &class_of, classes, k)?)
+                // the training signals of all classes, filtered by this model
+                let classes = (0..).zip(&design.classes);
+                let labelled =
+                    classes.flat_map(|(k, class)| class.examples.iter().map(move |e| (k, e)));
+                let examples: Vec<(u16, Vec<f64>)> =
+                    labelled.map(|(k, e)| (k, compared(model, settings.signal, e))).collect();
+                Isolator::Neighbours(Neighbours::new(&examples, settings.neighbours)?)
             }
         })
     }
@@ -113,12 +111,12 @@ impl Isolator {
                 // c = R^T r = (F^T R)^T d, per unit drive: the residual itself is not needed
                 adjoint.project(deviation, projection);
                 projection.iter_mut().for_each(|c| *c /= drive);
-                simplex.solve(projection, weights).ok()?;
+                simplex.solve(projection, weights);
             }
             Isolator::Neighbours(neighbours) => {
                 write_compared(model, signal, deviation, residual);
                 residual.iter_mut().for_each(|r| *r /= drive);
-                neighbours.weigh(residual, weights).ok()?;
+                neighbours.weigh(residual, weights);
             }
             Isolator::ModelMatching(models) => {
                 // Per class the energy that its filter leaves; infinite where that exceeds the
@@ -260,7 +258,7 @@ impl RingClassifier {
             // the reference drive. `size` is the amplitude of this signal's ring over the healthy
             // one, each in units of its own noise.
             let size = fit.features.ln_amplitude.exp() * (model.noise_beside() / noise);
-            typical.misfit_of(RingMisfit { values: beside, size }, class)
+            typical.misfit_of(beside, size, class)
         })
     }
 }

@@ -19,9 +19,10 @@ use super::{Design, DesignError, Extension, HealthyModel, IsolateSettings, Stati
 use crate::burst::Burst;
 use crate::detect::key_numbers::Spectrum;
 use crate::detect::sensitivity::Sensitivity;
+use crate::fault::Naming;
 use crate::identify::reservoir::relative_drive;
 use crate::isolate::physics_density::FaultCurves;
-use crate::isolate::{Decision, DecisionRule, IsolateMethod, IsolateSignal};
+use crate::isolate::{Decision, IsolateMethod, IsolateSignal};
 use crate::model::ring::Ring;
 use crate::model::ring_fit::RingFitter;
 use crate::verdict::Test;
@@ -108,7 +109,7 @@ pub(super) struct Isolating {
     /// Whether residual matching and neighbours compare signals' residuals or their deviations.
     signal: IsolateSignal,
     /// What may be named on the strength of the weights.
-    pub(super) rule: DecisionRule,
+    pub(super) rule: Naming,
     /// The classes' curves by the physics, with `isolate.method` = `posterior`.
     pub(super) curves: Option<Arc<FaultCurves>>,
     /// The healthy ring about which the curves were computed; `None`: the design has no physics.
@@ -139,7 +140,7 @@ impl Judge {
             Some(design) if !design.classes.is_empty() => Some(Isolating {
                 isolator: Arc::new(Isolator::new(&model, design, settings)?),
                 signal: settings.signal,
-                rule: DecisionRule::new(&design.fault_classes(), settings.certainty)?,
+                rule: Naming::new(&design.fault_classes(), settings.certainty),
                 physics_ring: design.physics.as_ref().map(|physics| physics.ring),
                 quieter: design
                     .physics
@@ -320,7 +321,7 @@ impl Judge {
         // The other methods compare the signal's residual or deviation with those of the classes.
         // The results in `work`, which are of the signal before, are forgotten.
         work.forget();
-        work.weights.resize(rule.naming.category_of.len(), 0.0);
+        work.weights.resize(rule.category_of.len(), 0.0);
         isolator.weigh((deviation, drive), (&self.model, *signal), work)?;
         let weights = &work.weights;
         // These methods know no alternatives to the classes, so the signal is of some class with

@@ -16,7 +16,7 @@ use super::rings::Rings;
 use crate::identify::averaging::SignalSet;
 use crate::model::inner_product::dot;
 use crate::model::median::median;
-use crate::model::ring_fit::{Features, Products};
+use crate::model::ring_fit::{Features, FitBuffers};
 
 /// At most so many signals are fitted, spread evenly over the set.
 const MOST_SIGNALS: usize = 4096;
@@ -64,7 +64,7 @@ impl Leftovers {
         let mut fits = Vec::with_capacity(chosen.len());
         rings.fitter.fit_all(
             true,
-            &mut Products::default(),
+            &mut FitBuffers::default(),
             |y| {
                 model.at_reference(set, *next.next()?, y);
                 signals.push(y.to_vec());
@@ -154,7 +154,7 @@ impl Leftovers {
     /// same length.
     pub fn of_white_noise(&self, rings: &Rings, lags: usize) -> Vec<f64> {
         let n = self.rows.first().map_or(0, Vec::len);
-        let explained = rings.beside.explained(&rings.fitter, &Features::HEALTHY);
+        let tangent_space = rings.beside.tangent_space(&rings.fitter, &Features::HEALTHY);
         let rows = (0..64)
             .map(|i| {
                 // Any white sequence will do, since only the effect of the projection matters: here
@@ -167,7 +167,7 @@ impl Leftovers {
                     (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
                 };
                 // such a number has the variance 1/12
-                explained.taken_off((0..n).map(|_| 12f64.sqrt() * next()).collect())
+                tangent_space.without((0..n).map(|_| 12f64.sqrt() * next()).collect())
             })
             .collect();
         Leftovers { rows, size: Vec::new() }.autocovariance(lags)

@@ -16,7 +16,7 @@
 use super::isolator::{Isolator, RingClassifier};
 use super::judge::{Isolating, Isolation, Judge};
 use super::workspace::Workspace;
-use crate::isolate::alternatives::{Weighed, weigh};
+use crate::isolate::alternatives::{AlternativePosterior, weigh};
 use crate::isolate::appearance::UnknownSignal;
 use crate::isolate::fault_curve::Conditions;
 use crate::isolate::physics_density::FaultCurves;
@@ -119,9 +119,9 @@ impl Judge {
         // learned densities and the physics. If densities about a channel's own level were learned
         // and the level is known, they are used, with the features counted from the level.
         weights.clear();
-        weights.resize(rule.naming.category_of.len(), 0.0);
+        weights.resize(rule.category_of.len(), 0.0);
         let from_own = of_own.map(|(_, baseline)| features - baseline);
-        let of_own = posterior.of_own().zip(from_own.as_ref().map(Vector4::as_slice));
+        let of_own = posterior.of_own.as_deref().zip(from_own.as_ref().map(Vector4::as_slice));
         let (posterior, place) = of_own.unwrap_or((posterior, features.as_slice()));
         posterior.weigh(place, &physics.ln_densities, priors, ln_densities, weights);
 
@@ -129,7 +129,7 @@ impl Judge {
         // `none` a priori. `known`: the probability that the signal is of any class; `likely`: the
         // likeliest alternative and its probability.
         let none = curves.map_or(no_class(), |curves| curves.of_no_class());
-        let Weighed { of_any: known, alternative: likely } =
+        let AlternativePosterior { of_any: known, alternative: likely } =
             weigh(features.as_slice(), ln_densities, priors, (&physics.ln_alternatives, none));
         let decision = rule.decide(weights, known);
         *of_any = known;

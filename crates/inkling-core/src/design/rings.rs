@@ -11,7 +11,7 @@ use crate::identify::averaging::SignalSet;
 use crate::identify::grey_box::Identification;
 use crate::model::beside_ring::BesideRing;
 use crate::model::ring::Ring;
-use crate::model::ring_fit::{Features, Products, RingFitter};
+use crate::model::ring_fit::{Features, FitBuffers, RingFitter};
 use nalgebra::Vector4;
 
 /// Fits rings about a model's ring, and tells what a signal holds beside its ring.
@@ -30,7 +30,10 @@ impl Rings {
     /// every healthy signal has. `y`: the signal per unit drive, N, counts; `at`: the features of
     /// its fitted ring, the phase free.
     pub fn misfit(&self, y: &[f64], at: &Features) -> Vec<f64> {
-        self.beside.misfit_without(&self.fitter, y, at, &self.leftover)
+        let mut misfit = self.beside.misfit(&self.fitter, y, at);
+        let amplitude = at.ln_amplitude.exp();
+        misfit.iter_mut().zip(&self.leftover).for_each(|(m, shape)| *m -= amplitude * shape);
+        misfit
     }
 }
 
@@ -64,7 +67,7 @@ impl HealthyModel {
     ) -> Result<Vec<(usize, Vector4<f64>)>, DesignError> {
         let fitter = self.fitter()?;
         let per_k = self.features_per_k(&fitter);
-        let (mut signal, mut columns) = (Vec::new(), Products::default());
+        let (mut signal, mut columns) = (Vec::new(), FitBuffers::default());
         let mut found = Vec::new();
         self.each_deviation(set, |i, deviation, drive| {
             let warmer = self.warmer(set.temperature_c[i]);

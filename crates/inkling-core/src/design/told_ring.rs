@@ -32,7 +32,7 @@ impl Judge {
             fit
         });
         let noise = self.model.noise_beside() / drive;
-        fit.filter(|fit| is_ring(fit, noise)).map(|fit| fitter.told(&fit.features))
+        fit.filter(|fit| is_ring(fit, noise)).map(|fit| fitter.frequency_and_damping(&fit.features))
     }
 
     /// Resonance, Hz, and damping, 1/s, of a signal in closed form: from features to second order,

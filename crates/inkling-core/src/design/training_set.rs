@@ -10,7 +10,7 @@ use super::channel_levels::ChannelLevels;
 use super::{DesignError, Extension, HealthyModel};
 use crate::fault::HEALTHY;
 use crate::identify::averaging::SignalSet;
-use crate::isolate::posterior::Examples;
+use crate::isolate::stacking::Examples;
 use crate::model::ring_fit::Features;
 use nalgebra::{DMatrix, DVector, Vector4};
 use std::collections::BTreeMap;

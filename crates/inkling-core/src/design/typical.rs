@@ -13,7 +13,7 @@
 use super::leftover::Leftovers;
 use super::{Design, DesignError, HealthyModel, TrainingSet};
 use crate::identify::averaging::SignalSet;
-use crate::isolate::typical::{RingMisfit, Typical, directions, misfit_bound};
+use crate::isolate::typical::{Typical, directions, misfit_bound};
 use crate::model::inner_product::dot;
 use crate::numbers::tuned::few;
 use std::collections::BTreeMap;
@@ -71,7 +71,7 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
     // Step 4: bounds on what remains, never below the bound that healthy signals give.
     let misfits = |left: &Leftovers, k: usize| -> Vec<f64> {
         let each = left.rows.iter().zip(&left.size);
-        each.map(|(left, &size)| typical.misfit_of(RingMisfit { values: left, size }, k)).collect()
+        each.map(|(left, &size)| typical.misfit_of(left, size, k)).collect()
     };
     let bounds = classes.iter().enumerate().map(|(k, of)| {
         // `of_noise`: the bound for healthy signals if they were judged as of class k

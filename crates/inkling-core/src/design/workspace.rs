@@ -12,7 +12,7 @@
 use super::own_channel::Own;
 use crate::isolate::calibration::Severity;
 use crate::isolate::physics_density::Comparison;
-use crate::model::ring_fit::{Fit, Products};
+use crate::model::ring_fit::{Fit, FitBuffers};
 use crate::verdict::Appearance;
 
 /// Buffers of a judge, one set per thread, and results beside the decision on the signal last
@@ -24,7 +24,7 @@ pub struct Workspace {
     /// Buffer: one number per class, by which the methods without rings weigh the classes.
     pub(super) projection: Vec<f64>,
     /// Buffers of ring fits.
-    pub(super) products: Products,
+    pub(super) products: FitBuffers,
     /// Weight of each class for the signal last isolated, in the design's order: the posterior
     /// given that the signal is of some class, or phi, or votes. Empty: no ring explains the
     /// signal, or nothing was isolated. All 0: a method without rings found no class.

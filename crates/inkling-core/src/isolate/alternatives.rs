@@ -1,12 +1,12 @@
-//! What a flagged signal may be instead of a fault of a known class: a ring of another gain, clock or delay,
-//! a channel whose rates are all a little off, a ring of any kind, or, by name, what else happens to channels
-//! (*contrasts*, `Catalogue::contrasts`). Without these, the least unlike class would always win.
+//! What a flagged signal may be instead of a fault of a known class: a ring of another gain, clock
+//! or delay, a channel whose rates are all a little off, a ring of any kind, or, by name, what else
+//! happens to channels (*contrasts*, `Catalogue::contrasts`). Without these, the least unlike class
+//! would always win.
 //!
-//! Two entry points. `broad`, called by [`super::fault_physics`], gives for gain, clock, delay and
-//! rates the nodes (Gaussians in the features) whose mean is the alternative's density; contrasts
-//! get fault curves like classes. All stand behind the classes in
-//! [`super::physics_density::FaultCurves`]. [`weigh`], called by `design/named_ring.rs`, is Bayes'
-//! rule for a signal with the features x:
+//! `broad` gives for gain, clock, delay and rates the nodes (Gaussians in the features) whose mean
+//! is the alternative's density; contrasts get fault curves like classes. All stand behind the
+//! classes in [`super::physics_density::FaultCurves`]. [`weigh`] is Bayes' rule for a signal with
+//! the features x:
 //!
 //! ```text
 //! P(any class | x) = (1 - w) sum of prior_k p(x | class k) / all
@@ -14,8 +14,7 @@
 //! w   = sum of weight_j + no_class: the weight of all that is no class
 //! ```
 //!
-//! The weights are a priori shares of what is flagged. They are heuristic: on what they were
-//! chosen, and what other weights do, says `docs/names.md`.
+//! The weights are heuristic; `docs/names.md` tells on what they were chosen.
 
 use super::fault_curve::{HealthySpread, Node};
 use super::posterior::ROUNDED_AWAY;
@@ -26,31 +25,29 @@ use crate::verdict::Appearance;
 use nalgebra::{Matrix4, SMatrix, Vector4};
 use std::sync::Arc;
 
-/// An explanation of a signal that is no class of faults.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Alternative {
-    /// A healthy ring of another amplitude: another gain or supply.
+    /// A healthy ring of another amplitude.
     Gain,
-    /// A healthy ring sampled by another clock: damping and frequency changed by the same factor.
+    /// A healthy ring whose damping and frequency are changed by the same factor.
     Clock,
     /// A healthy ring that begins earlier or later.
     Delay,
-    /// A channel whose four rates are all a little off, independently of each other.
+    /// A channel whose four rates are a little off, independently of each other.
     Rates,
     /// An effect of the catalogue that is no class, by its name.
     Contrast(Arc<str>),
 }
 
 impl Alternative {
-    /// What a signal that this alternative explains looks like, in words. `x`: the signal's four
-    /// features, relative to the healthy ring of `frequency_hz`. What the words say must hold of
-    /// the signal itself; otherwise the signal is described as a ring that nobody knows.
+    /// What a signal that this alternative explains looks like. `x`: its four features, relative to
+    /// the healthy ring of `frequency_hz`. What the words say must hold of the signal itself;
+    /// otherwise it is described as a ring that nobody knows.
     pub fn appearance(&self, x: &[f64], frequency_hz: f64) -> Appearance {
-        // a phase behind the healthy one is a ring that begins late
+        // a phase behind the healthy one is a late ring
         let late_s = -x[3] / (std::f64::consts::TAU * frequency_hz);
         match self {
             Alternative::Gain => Appearance::OtherGain(x[0].exp()),
-            // another clock changes damping and frequency by the same factor: here at least roughly
             Alternative::Clock if (x[1] - x[2]).abs() > 0.5 * x[2].abs() => Appearance::OtherRing,
             Alternative::Clock => Appearance::OtherClock(x[2].exp()),
             Alternative::Delay if late_s.abs() < LEAST_DELAY_S => Appearance::OtherRing,
@@ -61,23 +58,21 @@ impl Alternative {
     }
 }
 
-/// Delays below this, s, are not told, since the words give tenths of a microsecond.
+/// Delays below this, s, are not told: the words give tenths of a microsecond.
 const LEAST_DELAY_S: f64 = 0.5e-7;
-/// Number of nodes by which a line of gains, clocks or delays is represented.
+/// Number of nodes of a line of gains, clocks or delays.
 const NODES: usize = 40;
 
-/// The alternatives that do not come from the catalogue, each with its nodes. The nodes of one
-/// alternative are equally likely: gain, clock and delay are lines through the healthy features,
-/// `most_off` to either side, and the rates a few wide Gaussians about the healthy features.
-/// `fitter`: of rings about the healthy one; `noise`: standard deviation of one sample, counts;
-/// `healthy`: how healthy channels differ, which widens every node. `None`: a node's covariance is
-/// singular.
+/// The alternatives that do not come from the catalogue, each with its equally likely nodes: gain,
+/// clock and delay are lines through the healthy features, `most_off` to either side, and the rates
+/// a few wide Gaussians about them. `fitter`: of rings about the healthy one; `noise`: standard
+/// deviation of one sample, counts; `healthy`: how healthy channels differ, which widens every
+/// node.
 pub(super) fn broad(
     fitter: &RingFitter,
     noise: f64,
     healthy: &HealthySpread,
 ) -> Option<Vec<(Alternative, Vec<Node>)>> {
-    // a node displaced from the healthy features to `at`, with the covariance `belief` added
     let node = |at: Vector4<f64>, belief| {
         let noise = fitter.noise_covariance(&Features::from(at), noise)?;
         Node::displaced(at, belief, noise, healthy)
@@ -87,9 +82,8 @@ pub(super) fn broad(
     // the phase by which the longest delay turns the ring
     let turn = std::f64::consts::TAU * fitter.ring.frequency_hz * late;
 
-    // Nodes at equal distances on a line of features from -`to` to `to`. Each is widened along the
-    // line by the variance of a uniform density as long as the distance of two nodes, so that the
-    // nodes together are about uniform, and in all features by `beside`.
+    // Nodes at equal distances from -`to` to `to`, each widened along the line by the variance of a
+    // uniform density as long as the distance of two nodes, and in all features by `beside`.
     let line = |to: [f64; 4]| -> Option<Vec<Node>> {
         let to = Vector4::from(to);
         let between = to * to.transpose() / (NODES * NODES * 3) as f64;
@@ -97,8 +91,7 @@ pub(super) fn broad(
         at.map(|at| node(at, beside + between)).collect()
     };
 
-    // Rates that are all off independently of each other, by half of what a guessed rate is uncertain by, by as
-    // much, and by twice as much; each of the three is as likely. The gain is that of healthy channels.
+    // Rates off by half of what a guessed rate is uncertain by, by as much, and by twice as much.
     let rates = [0.5, 1.0, 2.0].map(|times| {
         let square = (times * guessed_rate()).powi(2);
         let variances = [square, square, square, square, 0.0];
@@ -106,8 +99,6 @@ pub(super) fn broad(
         node(Vector4::zeros(), healthy.slope * of_rates * healthy.slope.transpose())
     });
 
-    // A delay turns the phase, and the ring has decayed less by then: a later ring is larger at
-    // t_a.
     let [gain, clock, _] = tuned::most_off();
     Some(vec![
         (Alternative::Gain, line([gain, 0.0, 0.0, 0.0])?),
@@ -117,38 +108,34 @@ pub(super) fn broad(
     ])
 }
 
-/// What a signal is, among the classes and all else that it may be.
+/// How likely the classes are, and the likeliest alternative to them.
 #[derive(Clone, Copy, Debug)]
-pub struct Weighed {
-    /// Probability that the signal is of any class.
+pub struct AlternativePosterior {
     pub of_any: f64,
-    /// The number of the likeliest alternative, and its probability; `None`: a ring of any kind is likelier
-    /// than each of the alternatives, or there are none.
+    /// The number of the likeliest alternative, and its probability; `None`: a ring of any kind is
+    /// likelier.
     pub alternative: Option<(usize, f64)>,
 }
 
-/// Compares the classes together with what is no class, by Bayes' rule. `features`: the signal's,
-/// relative to the healthy ring; `ln_densities`: ln density of these in each class; `priors`: of
-/// each class, up to a factor; `ln_alternatives`: ln of the density in each alternative times its
-/// weight ([`super::physics_density::Comparison`]). The weights of all alternatives and of any ring
-/// add up to `of_no_class`.
+/// Compares the classes together with what is no class. `features`: relative to the healthy ring;
+/// `ln_densities`: of these in each class; `priors`: of each class, up to a factor;
+/// `ln_alternatives`: ln of density times weight ([`super::physics_density::Comparison`]);
+/// `of_no_class`: the weight of all alternatives and of any ring.
 pub fn weigh(
     features: &[f64],
     ln_densities: &[f64],
     priors: &[f64],
     (ln_alternatives, of_no_class): (&[f64], f64),
-) -> Weighed {
-    // the classes share what the weights of the alternatives leave
+) -> AlternativePosterior {
     let all: f64 = priors.iter().sum();
-    let known = ((1.0 - of_no_class) / all).ln();
+    let ln_share = ((1.0 - of_no_class) / all).ln();
     let any = tuned::no_class().ln() + ln_density_of_any_ring(features);
     let most = ln_densities.iter().chain(ln_alternatives).copied().fold(any, f64::max);
 
-    // densities relative to the largest, so that nothing underflows; most are so far off that they
-    // add nothing
+    // densities relative to the largest; most are so far off that they add nothing
     let density = |ln: f64| if ln > most - ROUNDED_AWAY { (ln - most).exp() } else { 0.0 };
     let of_classes = ln_densities.iter().zip(priors);
-    let of_classes: f64 = of_classes.map(|(ln, prior)| prior * density(ln + known)).sum();
+    let of_classes: f64 = of_classes.map(|(ln, prior)| prior * density(ln + ln_share)).sum();
     let of_all =
         of_classes + ln_alternatives.iter().copied().map(density).sum::<f64>() + density(any);
 
@@ -156,14 +143,14 @@ pub fn weigh(
     let likeliest = ln_alternatives.iter().enumerate();
     let likeliest = likeliest.reduce(|best, next| if next.1 > best.1 { next } else { best });
     let likeliest = likeliest.filter(|(_, ln)| **ln > any);
-    Weighed {
+    AlternativePosterior {
         of_any: of_classes / of_all,
         alternative: likeliest.map(|(number, ln)| (number, density(*ln) / of_all)),
     }
 }
 
 /// ln density of a ring of which nothing is known: Student's t with three degrees of freedom in
-/// each of its first three features, with the scales `any`, and a uniform phase.
+/// each of its first three features, and a uniform phase.
 fn ln_density_of_any_ring(features: &[f64]) -> f64 {
     /// ln of the density of Student's t with three degrees of freedom at 0.
     const AT_ZERO: f64 = -1.000_888_849_6;

@@ -1,19 +1,14 @@
 //! A description of a flagged signal that is of no known class, for a technician: mostly there is a
 //! fault of the measurement (cable, amplifier) and not of the nozzle.
 //!
-//! In, from `design/named_ring.rs`: the signal, the healthy one, and the signal's misfit beside its
-//! ring. Out: [`Appearance`], which the verdict's words are made of. A chain of tests, the
-//! simplest description first; the first that fits wins:
+//! In: the signal, the healthy one, and the signal's misfit beside its ring. Out: [`Appearance`],
+//! by a chain of tests of which the first that fits wins; their bounds are heuristic:
 //!
 //! 1. hardly more than noise about its mean: a constant, or noise alone;
-//! 2. the ring leaves little more than noise: a ring of another gain (upside down, too), or another
-//!    ring;
+//! 2. the ring leaves little more than noise: a ring of another gain, or another ring;
 //! 3. few samples hold most of the misfit: jumps;
-//! 4. one spectral line holds most of the misfit: a slow change below two cycles, else a tone;
+//! 4. one spectral line holds most of the misfit: a slow change, else a tone;
 //! 5. else something else.
-//!
-//! The bounds of the tests (twice the noise, six standard errors, a thirty-second of the samples)
-//! are heuristic.
 
 use crate::model::inner_product::dot;
 use crate::model::simd_math::sin_cos;
@@ -21,7 +16,6 @@ use crate::numbers::tuned::little;
 use crate::processor::for_processor;
 use crate::verdict::Appearance;
 
-/// A signal that no known class explains.
 #[derive(Clone, Copy, Debug)]
 pub struct UnknownSignal<'a> {
     /// The signal, N, counts, per unit drive.
@@ -33,25 +27,23 @@ pub struct UnknownSignal<'a> {
     /// The signal's misfit beside its ring, N, in standard deviations of the noise; the whole
     /// signal if it does not ring.
     pub misfit: &'a [f64],
-    /// Sample period, s.
     pub dt_s: f64,
 }
 
 impl UnknownSignal<'_> {
-    /// Describes the signal by the tests at the head of this file. At least 2 samples are needed.
+    /// Describes the signal, of at least 2 samples, by the tests at the head of this file.
     pub fn appearance(&self) -> Appearance {
         let n = self.signal.len() as f64;
         let mean = self.signal.iter().sum::<f64>() / n;
-        // Square sum of the signal about its mean. Noise alone explains it if it is below twice the
-        // expected one. A mean that is six of its standard errors off 0 is then a constant.
+        // Noise alone explains a signal whose square sum about its mean is below twice the expected
+        // one. A mean that is six standard errors off 0 is then a constant.
         let about: f64 = self.signal.iter().map(|y| (y - mean).powi(2)).sum::<f64>();
         if about < 2.0 * n * self.noise * self.noise {
             let stands = mean.abs() > 6.0 * self.noise / n.sqrt();
             return if stands { Appearance::Constant } else { Appearance::NoiseAlone };
         }
 
-        // Square sum of the misfit beyond the noise's, in noise variances. If it is small, a ring
-        // explains the signal.
+        // square sum of the misfit beyond the noise's, in noise variances
         let beyond = dot(self.misfit, self.misfit) - n;
         if beyond < n {
             return self.of_ring();
@@ -65,8 +57,7 @@ impl UnknownSignal<'_> {
             return Appearance::Jumps;
         }
 
-        // one spectral line holds most of the misfit; below two cycles in the signal it is a slow
-        // change
+        // below two cycles in the signal a line is a slow change
         let Some((share, cycles)) = self.line() else { return Appearance::Other };
         match share > MOST * beyond {
             true if cycles < 2.0 => Appearance::Slow,
@@ -75,13 +66,12 @@ impl UnknownSignal<'_> {
         }
     }
 
-    /// Describes a ring: the healthy one with another gain (negative if it is upside down) if that leaves little of
-    /// the signal and explains most of what the signal differs from the healthy one by, else another ring. The
-    /// first tells it from a ring of another damping or frequency, the second from one whose gain
-    /// differs by less than these do.
+    /// The healthy ring with another gain (negative if it is upside down) if that leaves little of
+    /// the signal and explains most of the difference, else another ring. The first tells it from a
+    /// ring of another damping or frequency, the second from one whose gain differs by less than
+    /// these do.
     fn of_ring(&self) -> Appearance {
         let gain = dot(self.signal, self.healthy) / dot(self.healthy, self.healthy);
-        // what the signal differs by from the healthy one times `gain`, beyond its noise
         let of_noise = self.signal.len() as f64 * self.noise * self.noise;
         let beside = |gain: f64| {
             let off = self.signal.iter().zip(self.healthy).map(|(y, h)| y - gain * h);
@@ -95,45 +85,36 @@ impl UnknownSignal<'_> {
     }
 
     /// The spectral line that explains most of the misfit: its energy (in noise variances), and its
-    /// number of cycles in the signal, a multiple of one half. Looked at are 0 to (N - 1) / 2
-    /// cycles, but 511.5 at most, so that faster tones in signals of more than 1024 samples are not
-    /// found. `None`: the misfit is empty.
+    /// number of cycles in the signal, a multiple of one half, 511.5 at most. `None`: no misfit.
     fn line(&self) -> Option<(f64, f64)> {
-        let n = self.misfit.len();
-        let lines = n.min(1024);
-        let mut most: Option<(f64, f64)> = None;
-        for from in (0..lines).step_by(LINES) {
-            let mut energies = [0.0; LINES];
-            energies_of_lines(self.misfit, from, &mut energies);
-            for (k, energy) in (from..lines).zip(energies) {
-                // at frequency 0 there is no sine, so that the formula counts the cosine twice
-                let energy = if k == 0 { energy / 2.0 } else { energy };
-                if most.is_none_or(|(known, _)| energy >= known) {
-                    most = Some((energy, k as f64 / 2.0));
-                }
-            }
-        }
-        most
+        let lines = self.misfit.len().min(1024);
+        let energies =
+            (0..lines).step_by(LINES).flat_map(|from| energies_of_lines(self.misfit, from));
+        // at frequency 0 there is no sine, so that the formula counts the cosine twice
+        let of_line = |(k, energy): (usize, f64)| {
+            (if k == 0 { energy / 2.0 } else { energy }, k as f64 / 2.0)
+        };
+        let of_lines = (0..lines).zip(energies).map(of_line);
+        of_lines.reduce(|most, line| if line.0 >= most.0 { line } else { most })
     }
 }
 
-/// Share of the misfit's energy beyond the noise that a shape must explain for the misfit to be named after it:
-/// more than all else together.
+/// Share of the misfit's energy beyond the noise that a shape must explain: more than all else.
 const MOST: f64 = 0.5;
-/// Number of spectral lines whose energies are computed at once. Each line's recursion waits for
-/// its own last step, and the other lines fill that time.
+/// Number of spectral lines whose energies are computed at once, as each recursion waits for its
+/// own last step.
 const LINES: usize = 64;
 
 for_processor! {
     /// Energies in `y` of spectral lines with `from`, `from` + 1, .. half cycles in its length
-    /// (Goertzel 1958): the square sum of the best-fitting sinusoid, 2/N |sum of y_i e^(-j w i)|².
-    fn energies_of_lines(y: &[f64], from: usize, energies: &mut [f64; LINES]) { energies_at_once }
+    /// (Goertzel 1958): 2/N |sum of y_i e^(-j w i)|².
+    fn energies_of_lines(y: &[f64], from: usize) -> [f64; LINES] { energies_at_once }
 }
 
 #[inline(always)] // body of `energies_of_lines`, compiled once per instruction set
-fn energies_at_once(y: &[f64], from: usize, energies: &mut [f64; LINES]) {
+fn energies_at_once(y: &[f64], from: usize) -> [f64; LINES] {
     let n = y.len() as f64;
-    // Goertzel's recursion s_k = y_k + 2 cos(w) s_(k-1) - s_(k-2) of every line, over all samples
+    // s_k = y_k + 2 cos(w) s_(k-1) - s_(k-2)
     let twice_cos: [f64; LINES] =
         std::array::from_fn(|k| 2.0 * sin_cos(std::f64::consts::PI * (from + k) as f64 / n).1);
     let (mut last, mut before) = ([0.0; LINES], [0.0; LINES]);
@@ -143,11 +124,12 @@ fn energies_at_once(y: &[f64], from: usize, energies: &mut [f64; LINES]) {
             (before[k], last[k]) = (last[k], next);
         }
     }
-    // |sum of y_i e^(-j w i)|² from the last two states
+    let mut energies = [0.0; LINES];
     for k in 0..LINES {
         let square = last[k] * last[k] + before[k] * before[k] - twice_cos[k] * last[k] * before[k];
         energies[k] = 2.0 * square / n;
     }
+    energies
 }
 
 #[cfg(test)]
@@ -161,9 +143,7 @@ mod tests {
         for n in [37, 128, 1500] {
             let y: Vec<f64> = (0..n).map(|_| normal()).collect();
             for from in [0, 16, n.min(1024)] {
-                let mut energies = [0.0; LINES];
-                energies_of_lines(&y, from, &mut energies);
-                for (k, energy) in (from..).zip(energies) {
+                for (k, energy) in (from..).zip(energies_of_lines(&y, from)) {
                     let angle = |i: usize| std::f64::consts::PI * (k * i) as f64 / n as f64;
                     let along = |wave: fn(f64) -> f64| -> f64 {
                         y.iter().enumerate().map(|(i, v)| v * wave(angle(i))).sum()

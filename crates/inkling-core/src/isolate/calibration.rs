@@ -1,14 +1,14 @@
 //! How far estimated severities lie off the true ones, and their correction.
 //!
-//! In, for training (`design/cold_start.rs`): severities of labelled signals as the physics
-//! estimates them and as they were labelled. Out: a [`SizeError`] per class. In, for a signal
-//! ([`super::severity`]): an estimate of its severity. Out: the corrected [`Severity`].
+//! In, for training: severities of labelled signals as estimated and as labelled. Out: a
+//! [`SeverityLine`] per class. In, for a signal: an estimate of its severity. Out: the corrected
+//! [`Severity`].
 //!
 //! What a fault does may differ from its law by any factor along its curve. No decay tells such a
-//! factor, but labels do. So where at least `few` labels tell, a straight line from estimates to
-//! labels is fitted by least squares: label = offset + slope estimate, and the scatter about the
-//! line widens the standard deviation. Without labels the estimate is kept, and its standard
-//! deviation is widened by a share of what the fault changes (`guessed_rate`).
+//! factor, but labels do: where at least `few` labels tell, a line label = offset + slope estimate
+//! is fitted by least squares, and the scatter about it widens the standard deviation. Without
+//! labels the estimate is kept, and its standard deviation is widened by a share of what the fault
+//! changes (`guessed_rate`).
 
 use crate::numbers::tuned::{few, guessed_rate};
 use serde::{Deserialize, Serialize};
@@ -20,31 +20,28 @@ pub struct Severity {
     pub sd: f64,
 }
 
-/// How severities by the physics lie off labelled ones: a label is `offset` + `slope` times the estimate, up
-/// to an error of standard deviation `sd` beyond the estimate's own.
+/// A label is `offset` + `slope` times the estimate, up to an error of standard deviation `sd`
+/// beyond the estimate's own.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SizeError {
+pub struct SeverityLine {
     pub offset: f64,
     pub slope: f64,
     pub sd: f64,
 }
 
-/// The severity of a signal as estimated and as labelled.
 #[derive(Clone, Copy, Debug)]
-pub struct LabelledSize {
+pub struct LabelledSeverity {
     pub estimated: Severity,
     pub labelled: f64,
-    /// The signal's weight; the weights of a channel's signals add up to 1.
+    /// The weights of a channel's signals add up to 1.
     pub weight: f64,
 }
 
-/// How the severities of a class are corrected.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Calibration {
-    /// By what was learned from labelled severities.
-    Learned(SizeError),
-    /// Where no label tells: the estimate is kept, and what a fault changes (the estimate less
-    /// `none`) is believed to within the relative error of guessed rates.
+    Learned(SeverityLine),
+    /// Where no label tells: what a fault changes is believed to within the relative error of
+    /// guessed rates.
     Guessed {
         /// The severity of no fault, in the class's unit.
         none: f64,
@@ -52,10 +49,9 @@ pub(super) enum Calibration {
 }
 
 impl Calibration {
-    /// The corrected severity, with the standard deviation that the correction leaves.
     pub fn correct(self, estimated: Severity) -> Severity {
         match self {
-            Calibration::Learned(error) => error.correct(estimated),
+            Calibration::Learned(line) => line.correct(estimated),
             Calibration::Guessed { none } => {
                 let guessed = guessed_rate() * (estimated.value - none);
                 Severity { sd: estimated.sd.hypot(guessed), ..estimated }
@@ -64,48 +60,42 @@ impl Calibration {
     }
 }
 
-impl SizeError {
-    /// The weighted least-squares line from estimates to labels. `sd` is the standard deviation
-    /// that is to be expected of a further label about the line (the final prediction error of
-    /// Akaike, 1969), as far as the estimates' own standard deviations do not explain it. The sum
-    /// of the weights counts as the number of signals: signals of one channel weigh like one, as
-    /// they have in common what is particular to the channel. `None`: there are fewer than `few`
-    /// signals, or signals of two channels at most, which a line fits whatever they are.
-    pub fn learn(signals: &[LabelledSize]) -> Option<SizeError> {
+impl SeverityLine {
+    /// The weighted least-squares line from estimates to labels. `sd` is what is to be expected of
+    /// a further label about the line (the final prediction error of Akaike, 1969), as far as the
+    /// estimates' own standard deviations do not explain it. Signals of one channel weigh like one,
+    /// as they have in common what is particular to it. `None`: fewer than `few` signals, or of two
+    /// channels at most, which a line fits whatever they are.
+    pub fn learn(signals: &[LabelledSeverity]) -> Option<SeverityLine> {
         let all: f64 = signals.iter().map(|s| s.weight).sum();
         if signals.len() < few() || all <= 2.0 {
             return None;
         }
-        let mean = |of: &dyn Fn(&LabelledSize) -> f64| {
+        let mean = |of: &dyn Fn(&LabelledSeverity) -> f64| {
             signals.iter().map(|s| s.weight * of(s)).sum::<f64>() / all
         };
 
-        // the line through the weighted means; where all estimates are equal, only the offset is
-        // learned
+        // where all estimates are equal, only the offset is learned
         let (x, y) = (mean(&|s| s.estimated.value), mean(&|s| s.labelled));
         let square = mean(&|s| (s.estimated.value - x).powi(2));
         let product = mean(&|s| (s.estimated.value - x) * (s.labelled - y));
         let slope = if square > 0.0 { product / square } else { 1.0 };
         let offset = y - slope * x;
-        let residual = |s: &LabelledSize| s.labelled - offset - slope * s.estimated.value;
+        let residual = |s: &LabelledSeverity| s.labelled - offset - slope * s.estimated.value;
 
         // The mean square about the line, times (n + 2) / (n - 2), because two parameters were
-        // fitted and are as uncertain as n signals leave them; less the part that the estimates'
-        // own uncertainty explains.
+        // fitted and are uncertain, less the part that the estimates' own uncertainty explains.
         let rest = mean(&|s| residual(s).powi(2)) * (all + 2.0) / (all - 2.0)
             - mean(&|s| (slope * s.estimated.sd).powi(2));
-        let sd = rest.max(0.0).sqrt();
-        [offset, slope, sd].iter().all(|v| v.is_finite()).then_some(SizeError { offset, slope, sd })
+        let line = SeverityLine { offset, slope, sd: rest.max(0.0).sqrt() };
+        [offset, slope, line.sd].iter().all(|v| v.is_finite()).then_some(line)
     }
 
-    /// The severity that a label would give to this estimate: on the line, with the variance about
-    /// the line added.
     fn correct(self, Severity { value, sd }: Severity) -> Severity {
         let value = self.offset + self.slope * value;
         Severity { value, sd: (self.slope * sd).hypot(self.sd) }
     }
 
-    /// Whether a stored error could have been learned.
     pub fn check(&self) -> bool {
         [self.offset, self.slope, self.sd].iter().all(|v| v.abs() < 1e6) && self.sd >= 0.0
     }
@@ -119,27 +109,27 @@ mod tests {
 
     /// Drawn severities from 1 to 3: the estimate has a standard deviation of .02, and the label is `label`
     /// of the true one with a standard deviation of `rest`.
-    fn sizes(n: usize, label: impl Fn(f64) -> f64, rest: f64) -> Vec<LabelledSize> {
+    fn sizes(n: usize, label: impl Fn(f64) -> f64, rest: f64) -> Vec<LabelledSeverity> {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(12);
         let mut signal = || {
             let size: f64 = rng.random_range(1.0..3.0);
             let [p, q]: [f64; 2] = std::array::from_fn(|_| StandardNormal.sample(&mut rng));
             let estimated = Severity { value: size + 0.02 * p, sd: 0.02 };
-            LabelledSize { estimated, labelled: label(size) + rest * q, weight: 0.5 }
+            LabelledSeverity { estimated, labelled: label(size) + rest * q, weight: 0.5 }
         };
         (0..n).map(|_| signal()).collect()
     }
 
     #[test]
     fn what_the_physics_is_off_by_is_learned_and_what_it_leaves_is_told() {
-        let exact = SizeError::learn(&sizes(2000, |s| s, 0.0)).unwrap();
+        let exact = SeverityLine::learn(&sizes(2000, |s| s, 0.0)).unwrap();
         assert!((exact.slope - 1.0).abs() < 0.01 && exact.offset.abs() < 0.01, "{exact:?}");
         assert!(exact.sd < 0.01, "{exact:?}");
-        let off = SizeError::learn(&sizes(2000, |s| 1.0 + 0.8 * (s - 1.0), 0.05)).unwrap();
+        let off = SeverityLine::learn(&sizes(2000, |s| 1.0 + 0.8 * (s - 1.0), 0.05)).unwrap();
         let found = off.correct(Severity { value: 2.0, sd: 0.02 });
         assert!((found.value - 1.8).abs() < 0.01, "{off:?} {found:?}");
         assert!((found.sd - 0.016_f64.hypot(0.05)).abs() < 0.005, "{off:?} {found:?}");
-        assert!(off.check() && SizeError::learn(&sizes(7, |s| s, 0.0)).is_none());
+        assert!(off.check() && SeverityLine::learn(&sizes(7, |s| s, 0.0)).is_none());
     }
 
     /// Four channels give ten signals each, and each channel's labels are off by its own amount, of standard deviation
@@ -149,11 +139,11 @@ mod tests {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(77);
         let (mut said, mut off) = (0.0, 0.0);
         for _ in 0..2000 {
-            let mut signals: Vec<LabelledSize> = Vec::new();
+            let mut signals: Vec<LabelledSeverity> = Vec::new();
             for _ in 0..5 {
                 let (size, own): (f64, f64) =
                     (rng.random_range(1.0..3.0), StandardNormal.sample(&mut rng));
-                let one = |_| LabelledSize {
+                let one = |_| LabelledSeverity {
                     estimated: Severity { value: size, sd: 0.0 },
                     labelled: size + 0.1 * own,
                     weight: 0.1,
@@ -161,7 +151,7 @@ mod tests {
                 signals.extend((0..10).map(one));
             }
             let fifth = signals.split_off(40)[0];
-            let learned = SizeError::learn(&signals).unwrap();
+            let learned = SeverityLine::learn(&signals).unwrap();
             let found = learned.correct(fifth.estimated);
             said += found.sd.powi(2) / 2000.0;
             off += (found.value - fifth.labelled).clamp(-1.0, 1.0).powi(2) / 2000.0;

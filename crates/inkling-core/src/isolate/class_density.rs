@@ -1,21 +1,18 @@
 //! How the features of one fault class are spread: a density that can be learned from few examples.
 //!
-//! In, from [`super::posterior`]: features of labelled signals (ln amplitude, ln damping, ln
-//! frequency, phase), and the covariance of the fit's noise at the class. Out: a [`ClassDensity`],
-//! which gives the ln density of any features x, and how far outside the class they lie.
-//!
-//! The density is a product of one-dimensional densities along axes u = B (x - mean), in each of
+//! In: features of labelled signals, and the covariance of the fit's noise at the class. Out: a
+//! [`ClassDensity`], which gives the ln density of any features x, and how far outside the class
+//! they lie. It is a product of one-dimensional densities along axes u = B (x - mean), in each of
 //! which the noise has unit variance. How it is learned:
 //!
-//! 1. Mean and covariance of the examples. The covariance is shrunk towards that of all classes
-//!    together, which counts as one example.
-//! 2. Two choices of B are tried: the axes in which the noise has unit covariance and the class's
-//!    covariance is diagonal; and the features themselves, each over the noise's standard
-//!    deviation. The one with the larger likelihood is kept.
-//! 3. Along each axis the density is either a Gaussian, or uniform over a range convolved with the
-//!    noise, whichever has the larger likelihood. Faults come in severities over a range, so the
-//!    features of a class often fill an interval. Over a range the density is uniform in the
-//!    feature, or in the quantity of which the feature is the logarithm (`Range` with a slope).
+//! 1. Mean and covariance of the examples, shrunk towards that of all classes together, which
+//!    counts as one example.
+//! 2. Of two choices of B the likelier is kept: the axes in which the noise has unit covariance and
+//!    the class's covariance is diagonal; and the features themselves, each over the noise's
+//!    standard deviation.
+//! 3. Along each axis the density is a Gaussian, or uniform over a range convolved with the noise,
+//!    whichever is likelier: faults come in severities over a range. Over a range the density is
+//!    uniform in the feature, or in the quantity of which the feature is the logarithm.
 //! 4. Both are widened, because the next signal is less well known than the examples are: the
 //!    Gaussian by its predictive variance, the range by how far its true ends lie beyond the
 //!    outermost examples.
@@ -28,48 +25,41 @@ use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use serde::{Deserialize, Serialize};
 use std::sync::OnceLock;
 
-/// The density along one axis of a class.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Axis {
-    /// A Gaussian about 0: its standard deviation, noise included, in units of the noise's.
+    /// Standard deviation of a Gaussian about 0, noise included, in units of the noise's.
     Gaussian(f64),
-    /// A range convolved with the noise.
     Range(Range),
 }
 
-/// Density proportional to e^(slope v) for v in -half_width .. half_width, and 0 elsewhere, before
-/// it is convolved with the noise; v in standard deviations of the noise. With slope 0 it is
-/// uniform in the feature. With the slope that makes e^(slope v) the exponential of the feature it
-/// is uniform in that exponential.
+/// Density proportional to e^(slope v) for |v| < half_width, and 0 elsewhere, before it is
+/// convolved with the noise; v in standard deviations of the noise. With slope 0 it is uniform in
+/// the feature, with the slope that makes e^(slope v) the exponential of the feature in that.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Range {
     half_width: f64,
     slope: f64,
 }
 
-/// The density of one class's features.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ClassDensity {
     /// The features at u = 0: the middle of ranges, the examples' mean along Gaussian axes.
     mean: Vec<f64>,
-    /// Rows of B: the class's axes are u = B (x - mean), in each of which the noise has unit variance.
+    /// Rows of B.
     to_axes: Vec<Vec<f64>>,
-    /// ln of |det B|.
     ln_determinant: f64,
     axes: Vec<Axis>,
-    /// ln of the factor that normalises the density, and ln of an upper bound of the density;
-    /// computed once.
+    /// ln of the factor that normalises the density, and of an upper bound; computed once.
     #[serde(skip)]
     ln_scales: OnceLock<[f64; 2]>,
 }
 
 impl ClassDensity {
-    /// Learns the density of a class. `features`: one vector per signal, four numbers at most.
-    /// `noise`: covariance of a fit's noise at the class. `pooled`: within-class covariance of all
-    /// classes, towards which that of few examples is shrunk. `tell_ends`: whether the examples are
-    /// so many that an axis may be a range. `None`: there are no examples (or only one and nothing
-    /// pooled), or `noise` is not positive definite.
+    /// Learns the density of a class. `features`: per signal, four numbers at most. `noise`:
+    /// covariance of a fit's noise; `pooled`: within-class covariance of all classes; `tell_ends`:
+    /// whether an axis may be a range. `None`: too few examples, or `noise` is not positive
+    /// definite.
     pub fn learn(
         features: &[DVector<f64>],
         noise: &DMatrix<f64>,
@@ -78,42 +68,34 @@ impl ClassDensity {
     ) -> Option<ClassDensity> {
         let n = features.len() as f64;
         let size = features.first()?.len();
-        let (mean, scatter) = scattered(features, DMatrix::zeros(size, size));
-        // Degrees of freedom of the covariance: the pooled covariance counts as one example.
-        let known = match pooled {
-            Some(_) => n - 1.0 + tuned::ONE_EXAMPLE,
-            None => n - 1.0,
-        };
-        let covariance = match pooled {
-            Some(pooled) => (scatter + pooled * tuned::ONE_EXAMPLE) / known,
-            None if n > 1.0 => scatter / known,
+        let (mean, scatter) = mean_and_scatter(features, DMatrix::zeros(size, size));
+        let (freedom, scatter) = match pooled {
+            Some(pooled) => (n - 1.0 + tuned::ONE_EXAMPLE, scatter + pooled * tuned::ONE_EXAMPLE),
+            None if n > 1.0 => (n - 1.0, scatter),
             None => return None,
         };
+        let covariance = scatter / freedom;
 
-        // Predictive variance of the next signal over the estimated variance: the mean is uncertain
-        // (1 + 1/n), and so is the variance (Student's t with nu degrees of freedom has variance nu
-        // / (nu - 2)).
-        let wider = (1.0 + 1.0 / n) * known / (known - 2.0).max(0.5);
+        // Predictive over estimated variance: the mean is uncertain (1 + 1/n), and so is the
+        // variance (Student's t with nu degrees of freedom has variance nu / (nu - 2)).
+        let wider = (1.0 + 1.0 / n) * freedom / (freedom - 2.0).max(0.5);
 
-        // Axes in which the noise is white and the class's covariance is diagonal: with noise = L L^T, the
-        // eigenvectors of the covariance whitened by L.
-        let l = noise.clone().cholesky()?.l();
-        let inverse = l.try_inverse()?;
+        // with noise = L L^T, the eigenvectors of the covariance whitened by L
+        let inverse = noise.clone().cholesky()?.l().try_inverse()?;
         let spread = &inverse * &covariance * inverse.transpose();
         let SymmetricEigen { eigenvectors, .. } = SymmetricEigen::new(spread);
-        // The other axes: the features themselves, for features that vary independently of each other.
         let apart = DMatrix::from_diagonal(&noise.diagonal().map(|v| 1.0 / v.sqrt()));
 
-        // the likelier of the two
         [eigenvectors.transpose() * inverse, apart]
             .into_iter()
-            .filter_map(|to_axes| along(to_axes, &mean, (&covariance, wider), features, tell_ends))
+            .filter_map(|to_axes| {
+                density_along(to_axes, &mean, (&covariance, wider), features, tell_ends)
+            })
             .max_by(|(p, _), (q, _)| p.total_cmp(q))
             .map(|(_, density)| density)
     }
 
-    /// Refuses a stored density that could not have been learned, or that is not of so many
-    /// features.
+    /// Refuses a stored density that could not have been learned of so many features.
     pub fn check(&self, coordinates: usize) -> Result<(), String> {
         let finite = |v: &[f64]| v.len() == coordinates && v.iter().all(|x| x.abs() <= 1e30);
         let axis = |a: &Axis| match *a {
@@ -133,9 +115,8 @@ impl ClassDensity {
 
     /// ln density at features `x`, which are four at most.
     pub fn ln_density(&self, x: &[f64]) -> f64 {
-        // A range convolved with the noise is a difference of normal tails at its near and its far end. The
-        // tails of all axes are computed together; an axis that is no range has the limits -infinity and
-        // infinity, between which the probability is 1.
+        // A range convolved with the noise is a difference of normal tails at its two ends. The
+        // tails of all axes are computed together; an axis that is no range has infinite limits.
         let (mut ends, mut ln_rest) = ([[f64::NEG_INFINITY, f64::INFINITY]; 4], 0.0);
         let axes = self.axes.iter().zip(&self.to_axes);
         for ((axis, row), ends) in axes.zip(&mut ends) {
@@ -158,7 +139,6 @@ impl ClassDensity {
         self.ln_scales()[0] + ln_rest + ln_masses.iter().sum::<f64>()
     }
 
-    /// The two cached logarithms, see the field.
     fn ln_scales(&self) -> &[f64; 2] {
         let all = |of: fn(Axis) -> f64| {
             self.ln_determinant + self.axes.iter().map(|axis| of(*axis)).sum::<f64>()
@@ -166,28 +146,26 @@ impl ClassDensity {
         self.ln_scales.get_or_init(|| [all(Axis::ln_scale), all(Axis::ln_highest)])
     }
 
-    /// ln of an upper bound of the density, with which negligible classes are found cheaply:
-    /// ln_density(x) <= ln_highest - square(x) / 2, with [`ClassDensity::square`].
+    /// ln of an upper bound, with which negligible classes are found cheaply: ln_density(x) <=
+    /// ln_highest - square(x) / 2.
     pub fn ln_highest(&self) -> f64 {
         self.ln_scales()[1]
     }
 
-    /// Squared Mahalanobis distance from the class. Along a range it is counted from the nearer end, in the
-    /// noise's standard deviations.
+    /// Squared Mahalanobis distance, along a range from the nearer end, in the noise's units.
     pub fn square(&self, x: &[f64]) -> f64 {
         let axes = self.axes.iter().zip(&self.to_axes);
         axes.map(|(axis, row)| axis.distance(self.along(row, x)).powi(2)).sum()
     }
 
-    /// The coordinate of features along one axis, given by its row of B.
     fn along(&self, row: &[f64], x: &[f64]) -> f64 {
         row.iter().zip(x.iter().zip(&self.mean)).map(|(b, (x, m))| b * (x - m)).sum()
     }
 }
 
-/// The mean of feature vectors, and the scatter matrix: the sum of the outer squares of their
-/// deviations from the mean, added to `before`. At least one vector is needed.
-pub(super) fn scattered(
+/// The mean of feature vectors, and the sum of the outer squares of their deviations from it, added
+/// to `before`.
+pub(super) fn mean_and_scatter(
     features: &[DVector<f64>],
     before: DMatrix<f64>,
 ) -> (DVector<f64>, DMatrix<f64>) {
@@ -200,11 +178,10 @@ pub(super) fn scattered(
     (mean, scatter)
 }
 
-/// The density along given axes, along each of which it is of the kind with the larger likelihood,
-/// and its ln likelihood for the examples. `to_axes`: B; `covariance`: of the examples, shrunk;
-/// `wider`: predictive variance over the estimated one; `tell_ends`: whether ranges are tried.
-/// `None`: the axes are linearly dependent.
-fn along(
+/// The density along the axes `to_axes` (B), along each of the likelier kind, and its ln likelihood
+/// for the examples. `covariance`: of the examples, shrunk; `wider`: predictive variance over the
+/// estimated one. `None`: the axes are linearly dependent.
+fn density_along(
     to_axes: DMatrix<f64>,
     mean: &DVector<f64>,
     (covariance, wider): (&DMatrix<f64>, f64),
@@ -222,42 +199,31 @@ fn along(
     let mut axes = Vec::with_capacity(mean.len());
     for j in 0..mean.len() {
         let row = to_axes.row(j);
-        // the examples along this axis; their variance is taken for no less than a quarter of the
-        // noise's
+        // their variance is taken for no less than a quarter of the noise's
         let u: Vec<f64> = features.iter().map(|x| (row * (x - mean))[0]).collect();
         let variance = spread[(j, j)].max(0.25);
 
-        // the kinds are compared by the examples' own likelihood, not the predictive one; kept is
-        // the Gaussian with the predictive variance
+        // compared is the examples' own likelihood; kept is the Gaussian with the predictive
+        // variance
         let of_gaussian = Axis::Gaussian(variance.sqrt()).ln_likelihood(&u, 0.0);
         let gaussian = Axis::Gaussian((wider * variance).sqrt());
 
-        // the half width of a uniform density (variance w² / 3) whose variance is that of the
-        // examples less the noise's: where the search for a range starts
+        // where the search for a range starts: half width w of a uniform density with the variance
+        // w² / 3
         let width = (3.0 * (variance - 1.0).max(0.0) * (1.0 + 1.0 / n)).sqrt();
-        // The density over a range is uniform in the feature. Where the axis is a single log
-        // feature, the density may also be uniform in the quantity of which that feature is the
-        // logarithm.
+        // where the axis is a single log feature, the density may be uniform in its exponential
         let mut others = (0..row.len()).filter(|&k| k != j).map(|k| row[k]);
-        let in_itself = 1.0 / row[j];
         let is_logarithm = j < LOGARITHMS && others.all(|b| b == 0.0);
-        let slopes = if is_logarithm { vec![0.0, in_itself] } else { vec![0.0] };
-        let (of_range, middle, range) = match width >= 0.05 && tell_ends {
-            true => slopes
-                .into_iter()
-                .map(|slope| likeliest_range(&u, width, slope))
-                .max_by(|p, q| p.0.total_cmp(&q.0))
-                .unwrap_or((f64::NEG_INFINITY, 0.0, gaussian)),
-            false => (f64::NEG_INFINITY, 0.0, gaussian),
-        };
+        let slopes = [Some(0.0), is_logarithm.then_some(1.0 / row[j])];
+        let slopes = slopes.into_iter().flatten().filter(|_| width >= 0.05 && tell_ends);
+        let ranges = slopes.map(|slope| likeliest_range(&u, width, slope));
 
-        // the likelier kind; a range brings its own middle
-        let is_range = of_range > of_gaussian;
-        likelihood += if is_range { of_range } else { of_gaussian };
-        centre[j] = if is_range { middle } else { 0.0 };
-        axes.push(if is_range { range } else { gaussian });
+        let range = ranges.max_by(|p, q| p.0.total_cmp(&q.0)).filter(|range| range.0 > of_gaussian);
+        let (of_axis, middle, axis) = range.unwrap_or((of_gaussian, 0.0, gaussian));
+        likelihood += of_axis;
+        centre[j] = middle;
+        axes.push(axis);
     }
-    // a range has its own middle, which need not be the examples' mean
     let mean = mean + to_axes.clone().try_inverse()? * centre;
     let density = ClassDensity {
         mean: mean.as_slice().to_vec(),
@@ -269,23 +235,20 @@ fn along(
     Some((likelihood, density))
 }
 
-/// Smallest half width of a range, in standard deviations of the noise: there the range adds 1e-4 to the
-/// noise's variance, and a narrower one would differ in nothing.
+/// Smallest half width of a range, in standard deviations of the noise.
 const NARROWEST: f64 = 0.02;
 /// The first three features are logarithms: of amplitude, damping and frequency.
 const LOGARITHMS: usize = 3;
 
 /// The maximum-likelihood range of a given slope for examples `u` along an axis: its ln likelihood,
-/// its middle, and the range, which is widened because its true ends lie outside the outermost
-/// examples. `half_width`: from the examples' variance, where the search starts. The search is
-/// worth it: the error of such a start falls only with the root of the number of examples, while
-/// that of the ends falls with the number itself.
+/// its middle, and the range, widened because its true ends lie outside the outermost examples.
+/// `half_width`: where the search starts; the error of such a start falls only with the root of the
+/// number of examples, that of the ends with the number itself.
 fn likeliest_range(u: &[f64], half_width: f64, slope: f64) -> (f64, f64, Axis) {
     let likelihood =
         |half_width, middle| Axis::Range(Range { half_width, slope }).ln_likelihood(u, middle);
     let mut best = (likelihood(half_width, 0.0), 0.0, half_width);
-    // Pattern search over middle and half width: the likelihood is smooth, with a single maximum near the
-    // start. The steps are halved where no direction is better.
+    // Pattern search over middle and half width, as the likelihood is smooth with a single maximum.
     let mut step = 0.2 * half_width;
     let ways = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)];
     for _ in 0..60 {
@@ -307,46 +270,40 @@ fn likeliest_range(u: &[f64], half_width: f64, slope: f64) -> (f64, f64, Axis) {
         }
     }
 
-    // A true end lies 2 w / n beyond the outermost of n examples on average (w: half width), and with
-    // probability e^-3 three times as far: the range is widened by that.
+    // A true end lies 2 w / n beyond the outermost of n examples on average, and with probability
+    // e^-3 three times as far.
     let n = u.len() as f64;
     let half_width = best.2 * (1.0 + 6.0 / (n - 1.0));
     (best.0, best.1, Axis::Range(Range { half_width, slope }))
 }
 
 impl Range {
-    /// ln of the integral of e^(slope v) over the range, which normalises the density.
+    /// ln of the integral of e^(slope v) over the range, 2 sinh(t) / slope with t = slope
+    /// half_width, in a form that neither overflows nor cancels.
     fn ln_mass(self) -> f64 {
-        let t = (self.slope * self.half_width).abs();
-        // ln of 2 sinh(t) / slope with t = slope half_width, in a form that neither overflows nor cancels
-        match t < 1e-6 {
-            true => (2.0 * self.half_width).ln(),
-            false => (2.0 * self.half_width).ln() + t + ((1.0 - (-2.0 * t).exp()) / (2.0 * t)).ln(),
-        }
+        let (ln_width, t) = ((2.0 * self.half_width).ln(), (self.slope * self.half_width).abs());
+        if t < 1e-6 { ln_width } else { ln_width + t + ((1.0 - (-2.0 * t).exp()) / (2.0 * t)).ln() }
     }
 
-    /// The integral of e^(slope v) phi(u - v) over the range is e^[`Range::ln_tilt`] times the probability
-    /// that a unit Gaussian about u + slope lies in the range. These are its limits relative to that mean, in
-    /// standard deviations, the near one first.
+    /// The integral of e^(slope v) phi(u - v) over the range is e^[`Range::ln_tilt`] times the
+    /// probability that a unit Gaussian about u + slope lies in the range: its ends relative to
+    /// that mean, the near one first.
     fn ends(self, u: f64) -> [f64; 2] {
         let off = (u + self.slope).abs();
         [off - self.half_width, off + self.half_width]
     }
 
-    /// ln of the factor that the slope contributes at `u`, see [`Range::ends`].
     fn ln_tilt(self, u: f64) -> f64 {
         self.slope * (u + 0.5 * self.slope)
     }
 }
 
 impl Axis {
-    /// ln likelihood of examples `u` along the axis, whose middle is `middle`.
     fn ln_likelihood(self, u: &[f64], middle: f64) -> f64 {
         u.iter().map(|u| self.ln_density(u - middle)).sum()
     }
 
-    /// ln density along this axis at `u`. [`ClassDensity::ln_density`] computes the same for all
-    /// axes together.
+    /// ln density along this axis; [`ClassDensity::ln_density`] computes that of all axes together.
     fn ln_density(self, u: f64) -> f64 {
         match self {
             Axis::Gaussian(sd) => -0.5 * (u / sd).powi(2) + self.ln_scale(),
@@ -355,7 +312,6 @@ impl Axis {
                 let mass = (upper_tail(beyond) - upper_tail(far)).max(0.0);
                 let ln_mass = match mass > 1e-280 {
                     true => mass.ln(),
-                    // far outside, the tails' difference underflows: take the asymptote of the near one
                     false => -0.5 * beyond * beyond - (beyond * SQRT_TAU).ln(),
                 };
                 range.ln_tilt(u) + ln_mass + self.ln_scale()
@@ -363,7 +319,6 @@ impl Axis {
         }
     }
 
-    /// ln of the factor that normalises the axis's density.
     fn ln_scale(self) -> f64 {
         match self {
             Axis::Gaussian(sd) => -(sd * SQRT_TAU).ln(),
@@ -371,9 +326,9 @@ impl Axis {
         }
     }
 
-    /// ln of an upper bound: ln_density(u) <= ln_highest - distance(u)² / 2. For a range of half width w, the
-    /// probability that noise alone carries it to u is <= 1 inside and <= 1 - Phi(|u| - w) <= e^(-(|u| - w)²
-    /// / 2) outside, and the range's own density is highest at an end.
+    /// ln of an upper bound: ln_density(u) <= ln_highest - distance(u)² / 2. For a range the
+    /// probability that noise carries it to u is <= e^(-distance² / 2), and the range's own density
+    /// is highest at an end.
     fn ln_highest(self) -> f64 {
         match self {
             Axis::Gaussian(_) => self.ln_scale(),
@@ -381,8 +336,7 @@ impl Axis {
         }
     }
 
-    /// Distance from the class along the axis: in standard deviations of a Gaussian, or beyond the end of a
-    /// range.
+    /// Distance from the class: in standard deviations of a Gaussian, or beyond the end of a range.
     fn distance(self, u: f64) -> f64 {
         match self {
             Axis::Gaussian(sd) => u / sd,
@@ -391,18 +345,17 @@ impl Axis {
     }
 }
 
-/// ln of the smallest probability, about 1e-280, for which the difference of two tails is accurate.
+/// ln of the smallest probability for which the difference of two tails is accurate.
 const LN_LEAST_MASS: f64 = -644.0;
 
 for_processor! {
-    /// ln of the probability between two limits of a unit Gaussian, for four pairs of limits; a result below
-    /// [`LN_LEAST_MASS`] means less than that.
+    /// ln of the probability between two limits of a unit Gaussian, for four pairs of limits; a
+    /// result below [`LN_LEAST_MASS`] means less than that.
     fn ln_masses(ends: &[[f64; 2]; 4]) -> [f64; 4] { portable }
 }
 
 #[inline(always)] // body of `ln_masses`, compiled once per instruction set
 fn portable(ends: &[[f64; 2]; 4]) -> [f64; 4] {
-    // all near limits, then all far ones
     let at: [f64; 8] = std::array::from_fn(|i| ends[i % 4][i / 4]);
     let mut tails = [0.0; 8];
     for i in 0..8 {
@@ -416,7 +369,7 @@ fn portable(ends: &[[f64; 2]; 4]) -> [f64; 4] {
     masses
 }
 
-/// [`upper_tail`] without branches, so that it can be computed in SIMD lanes; 1 at -infinity, 0 at infinity.
+/// [`upper_tail`] without branches.
 #[inline(always)] // compiled once per instruction set
 fn tail(x: f64) -> f64 {
     // beyond 57 the tail is negligible

@@ -1,129 +1,88 @@
 //! What may be said of a signal on the strength of its weights per class: a class, a category of
 //! classes, or neither. thesis §3-3-2, Tables 4-3ff.
 //!
-//! In, from `design/judge.rs` and `design/named_ring.rs`: one weight per class (phi, or a posterior
-//! probability), the probability that the signal is of any class, and the certainty from which on
-//! something is named (`isolate.certainty`). Out: a [`Decision`]: candidate, fault, category and
-//! certainty as the columns of the verdict table define them (`schemas/verdicts.md`).
-//!
-//! The rule ([`Naming::name`]): all weights are multiplied by the probability of any class. If the
-//! largest reaches the bound, its class is named. Else, if the sum over some category does, that
-//! category is named. Else nothing is. phi is a mixture weight that is calibrated to nothing, and a
-//! sum of phi over a category is no probability either.
+//! In: one weight per class (phi, or a posterior probability), the probability that the signal is
+//! of any class, and the rule by which something is named ([`Naming`]). Out: a [`Decision`]:
+//! candidate, fault, category and certainty as the columns of the verdict table define them
+//! (`schemas/verdicts.md`).
 
-use super::{IsolateError, MAX_CLASSES};
-use crate::fault::{Class, Named, Naming};
+use crate::fault::{Named, Naming};
 
-/// What is said of one signal. Classes and categories are indices into those of the [`DecisionRule`].
+/// What is said of one signal. Classes and categories are indices into those of a [`Naming`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Decision {
-    /// The class with the largest weight, named or not; `None` if there were no weights to compare.
+    /// The class with the largest weight; `None` if there were no weights to compare.
     pub candidate: Option<u16>,
     /// The class that is named, because its weight reaches the bound.
     pub fault: Option<u16>,
     /// The category of the named class, or one that is certain although none of its classes is.
     pub category: Option<u16>,
-    /// The weight of the named class, else of the named category, else of the class with the
-    /// largest weight; times the probability of any class, 0 to 1.
+    /// The weight of the named class, else of the named category, else of the candidate; times the
+    /// probability of any class, 0 to 1.
     pub certainty: Option<f32>,
-    /// Whether any known class explains the signal.
     pub likeness: Likeness,
 }
 
 /// Whether any known class explains the signal at all.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Likeness {
-    /// The signal lies where signals of a known class lie.
     #[default]
-    Known,
+    KnownClass,
     /// The signal is a ring, but of no known class.
     NoClass,
-    /// No ring explains the signal.
     NoRing,
 }
 
 impl Decision {
-    /// The same decision, but nothing is named.
-    pub fn unnamed(self) -> Decision {
-        Decision { fault: None, category: None, ..self }
-    }
-
     /// The same decision, but nothing is named, because no known class looks like the signal.
     pub fn of_unknown_fault(self) -> Decision {
-        Decision { likeness: Likeness::NoClass, ..self.unnamed() }
+        Decision { fault: None, category: None, likeness: Likeness::NoClass, ..self }
     }
 
-    /// The decision about a signal that no ring explains: it looks like no class, so it has not even a
-    /// candidate.
+    /// The decision about a signal that no ring explains: it has not even a candidate.
     pub fn of_no_ring() -> Decision {
         Decision { likeness: Likeness::NoRing, ..Decision::default() }
     }
 
     /// The same decision with the candidate's weight as its certainty, also where a category is
-    /// named. For methods whose weights are phi, as in the thesis, since sums of phi are no
-    /// probability. `weights`: one per class.
+    /// named: sums of phi are no probability. `weights`: one per class.
     pub fn certain_of_class(self, weights: &[f64]) -> Decision {
         let certainty = self.candidate.and_then(|k| unit(*weights.get(usize::from(k))?));
         Decision { certainty, ..self }
     }
 
-    /// Whether neither class nor category is named: the outcome is undecided. (A named class brings
-    /// its category.)
+    /// Whether nothing is named. (A named class brings its category.)
     pub fn is_uncertain(&self) -> bool {
         self.category.is_none()
     }
 }
 
-/// The rule by which a signal's weights decide what is said of it, for the classes of a design.
-#[derive(Clone, Debug, PartialEq)]
-pub struct DecisionRule {
-    /// The classes' categories, and the bound on the certainty.
-    pub naming: Naming,
-}
-
-impl DecisionRule {
-    /// Makes the rule for these classes. `certainty`: the bound, 0 to 1. The bound 0 always names
-    /// the best class, as the thesis's Table 4-3 does.
-    pub fn new(classes: &[Class], certainty: f64) -> Result<DecisionRule, IsolateError> {
-        if classes.is_empty() || classes.len() > MAX_CLASSES {
-            return Err(IsolateError::ClassCount { found: classes.len() });
-        }
-        if !(0.0..=1.0).contains(&certainty) {
-            return Err(IsolateError::BadBound { value: certainty });
-        }
-        Ok(DecisionRule { naming: Naming::new(classes, certainty) })
-    }
-
-    /// The index of the class whose severity belongs to a decision: the named class, else the class
-    /// with the largest weight in the named category. `None`: nothing is named. `weights`: one per
-    /// class.
+impl Naming {
+    /// The class whose severity belongs to a decision: the named one, else the one with the largest
+    /// weight in the named category.
     pub fn sized(&self, decision: &Decision, weights: &[f64]) -> Option<usize> {
         let category = decision.category?;
-        let of_category = |k: &usize| self.naming.category_of[*k] == category;
-        let best = (0..self.naming.category_of.len())
-            .filter(of_category)
-            .max_by(|&i, &j| weights[i].total_cmp(&weights[j]));
+        let of_category = (0..self.category_of.len()).filter(|&k| self.category_of[k] == category);
+        let best = of_category.max_by(|&i, &j| weights[i].total_cmp(&weights[j]));
         decision.fault.map(usize::from).or(best)
     }
 
     /// Decides what is named ([`Naming::name`]). `weights`: one per class, with the sum 1;
-    /// `of_any`: the probability that the signal is of any class, 1 where a method does not know
-    /// it. If there are not as many weights as classes, or one is not finite, nothing is named and
-    /// there is no candidate.
+    /// `of_any`: the probability that the signal is of any class. If there are not as many weights
+    /// as classes, or one is not finite, there is not even a candidate.
     pub fn decide(&self, weights: &[f64], of_any: f64) -> Decision {
-        let nothing = Decision::default();
-        let all = weights.len() == self.naming.category_of.len();
-        if !all || weights.iter().any(|w| !w.is_finite()) {
-            return nothing;
-        }
-        let Some(named) = self.naming.name(weights, of_any) else { return nothing };
-        let Named { best, fault, category, certainty } = named;
+        let is_whole =
+            weights.len() == self.category_of.len() && weights.iter().all(|w| w.is_finite());
+        let named = if is_whole { self.name(weights, of_any) } else { None };
+        let Some(Named { best, fault, category, certainty }) = named else {
+            return Decision::default();
+        };
         let (candidate, certainty) = (Some(best as u16), unit(certainty));
-        Decision { candidate, fault, category, certainty, ..nothing }
+        Decision { candidate, fault, category, certainty, likeness: Likeness::KnownClass }
     }
 }
 
-/// A weight as a certainty, clamped to 0 .. 1, since sums of weights are 1 only up to rounding.
+/// A weight as a certainty; sums of weights are 1 only up to rounding.
 fn unit(weight: f64) -> Option<f32> {
     Some(weight.clamp(0.0, 1.0) as f32)
 }
@@ -131,16 +90,16 @@ fn unit(weight: f64) -> Option<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fault::Class;
 
     /// A rule for six classes of four categories.
-    fn rule(certainty: f64) -> DecisionRule {
-        let classes = ["EC", "AB1", "AB2", "BN", "PBN", "own"].map(Class::plain);
-        DecisionRule::new(&classes, certainty).unwrap()
+    fn rule(certainty: f64) -> Naming {
+        Naming::new(&["EC", "AB1", "AB2", "BN", "PBN", "own"].map(Class::plain), certainty)
     }
 
     #[test]
     fn categories_are_the_contracts_and_a_users_class_is_its_own() {
-        let rule = rule(0.8).naming;
+        let rule = rule(0.8);
         assert_eq!(rule.categories, ["empty_channel", "air_bubble", "blocked_nozzle", "own"]);
         assert_eq!(rule.category_of, [0, 1, 1, 2, 2, 3]);
     }
@@ -172,13 +131,11 @@ mod tests {
     fn what_is_not_named_keeps_its_candidate_and_only_what_it_says_changes() {
         let weights = [0.0, 0.1, 0.1, 0.8, 0.0, 0.0];
         let named = rule(0.8).decide(&weights, 1.0);
-        let unnamed = named.unnamed();
+        assert_eq!(named.likeness, Likeness::KnownClass);
+        let unnamed = named.of_unknown_fault();
         assert!(unnamed.is_uncertain());
-        let (said, kept) =
-            ((unnamed.fault, unnamed.category), (unnamed.candidate, unnamed.certainty));
-        assert_eq!((said, kept), ((None, None), (named.candidate, named.certainty)));
-        assert_eq!(unnamed.likeness, Likeness::Known);
-        assert_eq!(named.of_unknown_fault(), Decision { likeness: Likeness::NoClass, ..unnamed });
+        let likeness = Likeness::NoClass;
+        assert_eq!(unnamed, Decision { fault: None, category: None, likeness, ..named });
         // a category is as certain as two of its classes together, and by this as certain as the better one
         // alone
         let both = rule(0.8).decide(&[0.1, 0.0, 0.0, 0.5, 0.4, 0.0], 1.0);
@@ -192,15 +149,6 @@ mod tests {
             let d = rule(0.0).decide(weights, 1.0);
             assert_eq!((d.candidate, d.certainty), (None, None));
             assert!(d.is_uncertain());
-        }
-    }
-
-    #[test]
-    fn senseless_rules_are_errors() {
-        assert!(DecisionRule::new(&[], 0.8).is_err());
-        let one = [Class::plain("EC")];
-        for bound in [-0.1, 1.1, f64::NAN] {
-            assert!(DecisionRule::new(&one, bound).is_err());
         }
     }
 }

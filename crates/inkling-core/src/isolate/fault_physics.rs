@@ -1,34 +1,29 @@
 //! The physical parameters of a machine's channels, estimated with their covariance. They predict
 //! faults of which no signal was labelled. thesis (2-2), §2-2.
 //!
-//! In, from `design/cold_start.rs`: a guess of the rates a, b, g, d and of the actuation, the
-//! measured healthy ring, features of healthy signals, and labelled faulty signals with severities
-//! where there are any. Out: [`FaultPhysics`], which a design stores: rates and actuation with
-//! their covariance (`belief`), and how channels differ (`spread`). [`FaultPhysics::curves`] makes
-//! from it the curves of all fault classes and alternatives ([`FaultCurves`]), with which signals
-//! are compared.
+//! In: a guess of the rates a, b, g, d and of the actuation, the measured healthy ring, features of
+//! healthy signals, and labelled faulty signals. Out: [`FaultPhysics`], which a design stores:
+//! rates and actuation with their covariance (`belief`), and how channels differ (`spread`).
+//! [`FaultPhysics::curves`] makes from it the curves of all fault classes and alternatives.
 //!
 //! The estimate of the rates (maximum a posteriori):
 //!
 //! 1. Prior: Gaussian in ln a, ln b, ln g, ln d, ln pulse about the guess. Only ratios of rates are
 //!    trusted (to `isolate.guess_sd`); common factors of a and b, and of g and d, are free.
-//! 2. Damping and frequency of the healthy ring are two very precise observations. They determine
-//!    two combinations of the four rates. The ratios a/b and g/d are not observable in healthy
-//!    signals.
+//! 2. Damping and frequency of the healthy ring determine two combinations of the rates. The ratios
+//!    a/b and g/d are not observable in healthy signals.
 //! 3. A faulty signal of labelled severity observes these ratios: its features should be those of a
 //!    simulated fault of that severity ([`super::fault_curve`]).
-//! 4. Gauss-Newton: linearise all observations about the present estimate, add up information and
-//!    gradient, and step. Faulty signals have the weights of Student's t, against wrong labels.
-//!
-//! How channels differ is estimated from the covariance of healthy features less their noise
-//! (`spread_of_channels`).
+//! 4. Gauss-Newton: linearise all observations, add up information and gradient, and step. Faulty
+//!    signals have the weights of Student's t, against wrong labels.
 
 use super::alternatives::{Alternative, broad};
-use super::class_density::scattered;
-use super::fault_curve::{
-    CHANGES, FaultSimulator, Healthy, HealthySpread, Slope, Square, fault_curve, of_change, turned,
+use super::channel_spread::spread_of_channels;
+use super::fault_curve::{HealthySpread, fault_curve};
+use super::fault_simulator::{
+    ActuatedChannel, CHANGES, Changes, FaultSimulator, Slope, Square, of_change, wrapped,
 };
-use super::physics_density::{FaultCurves, LabelledSeverities, Member, of_name};
+use super::physics_density::{FaultCurves, LabelledSeverities, Member, uniform_in_range};
 use super::tuned;
 use crate::fault::Class;
 use crate::model::faults::{Catalogue, Law};
@@ -36,29 +31,24 @@ use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, RingFitter};
 use crate::model::{Actuation, InkChannel};
 use crate::side_by_side::{cores, side_by_side};
-use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, SMatrix, SVector, Vector2, Vector4};
+use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, SMatrix, Vector2, Vector4};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// The parameters from which the fault curves of a design's classes are computed.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct FaultPhysics {
-    /// The rates of the healthy channel.
     pub channel: InkChannel,
-    /// What actuates the channel. The length of its pulse is estimated with the rates; its delay is
-    /// only a first guess, which [`FaultSimulator`] adapts to the measured phase.
+    /// The length of the pulse is estimated with the rates; the delay is a first guess, which
+    /// [`FaultSimulator`] adapts to the measured phase.
     pub actuation: Actuation,
     /// Posterior covariance of ln a, ln b, ln g, ln d, ln pulse.
     pub belief: [[f64; CHANGES]; CHANGES],
-    /// The measured healthy ring, to which the features of signals are relative.
     pub ring: Ring,
     /// Standard deviation of one sample's noise, counts.
     pub noise: f64,
     /// Standard deviations over healthy channels of ln a, ln b, ln g, ln d, ln gain.
     pub spread: [f64; CHANGES],
-    /// Severities of the labelled signals, by the name of their class.
     pub seen: BTreeMap<String, LabelledSeverities>,
-    /// The laws of all that is known to happen to a channel: `faults.toml` and the user's own.
     #[serde(default, skip_serializing_if = "Catalogue::is_empty")]
     pub laws: Catalogue,
 }
@@ -66,46 +56,39 @@ pub struct FaultPhysics {
 /// A labelled faulty signal, with its severity if the label gives one.
 #[derive(Clone, Debug)]
 pub struct LabelledFault {
-    /// The signal's label, the name of a class.
     pub class: String,
-    /// The name of the law in whose unit the severity is given.
+    /// The law in whose unit the severity is given.
     pub kind: String,
-    /// The severity that the label gives; NaN: none.
+    /// NaN: the label gives none.
     pub severity: f64,
-    /// Fitted features, with the phase free, relative to the healthy ring.
     pub features: Vector4<f64>,
     /// Drive voltage over the reference voltage.
     pub drive: f64,
-    /// ln damping and ln frequency of the healthy ring at that time, relative to [`FaultPhysics::ring`].
+    /// ln damping and ln frequency of the healthy ring then, relative to [`FaultPhysics::ring`].
     pub ring: [f64; 2],
-    /// The signal's weight: one over the number of labelled signals of its channel, so that every
-    /// channel counts as one signal. Signals of one channel are not independent.
+    /// One over the number of labelled signals of its channel: signals of one channel are not
+    /// independent.
     pub weight: f64,
 }
 
-/// Sample period in s, and number of samples per signal.
 pub type Sampling = (f64, usize);
 
-/// Largest number of passes of the coordinate search for the channels' spread; some 50 suffice.
-const MOST_PASSES: usize = 10_000;
-/// Number of Gauss-Newton steps on the rates; twice as many without labelled faults.
+/// Number of Gauss-Newton steps; twice as many without labelled faults.
 const ROUNDS: usize = 6;
-/// Degrees of freedom of Student's t, by which a wrong label gets little weight.
 const DEGREES: f64 = 3.0;
-/// Standard deviation of ln damping and ln frequency of the measured healthy ring. Small against all that is
-/// not known, so that its value does not matter.
+/// Standard deviation of the measured healthy ring's ln damping and ln frequency. Small against all
+/// that is not known, so that its value does not matter.
 const RING_SD: f64 = 1e-3;
-/// Prior standard deviation of the ln of a common factor of a and b (stiffness), and of one of g and d
-/// (viscosity): of the guessed rates only the ratios are trusted. Large against what the healthy ring tells
-/// of both, so that its value does not matter.
+/// Prior standard deviation of the ln of a common factor of a and b (stiffness), and of one of g
+/// and d (viscosity). Large against what the healthy ring tells of both, so that its value does not
+/// matter.
 const SCALE_SD: f64 = 1.0;
 
 impl FaultPhysics {
-    /// Estimates rates and pulse from the prior and the healthy ring alone. `guess`: rates and
-    /// actuation; `guess_sd`: prior standard deviation of each ln rate beside the common factors;
-    /// `ring`: as measured; `noise`: standard deviation of one sample, counts. The channels' spread
-    /// is 0 at first. `None`: no such channel rings.
-    pub fn new(guess: Healthy, guess_sd: f64, ring: Ring, noise: f64) -> Option<FaultPhysics> {
+    /// Estimates rates and pulse from the prior and the healthy ring alone. `guess_sd`: prior
+    /// standard deviation of each ln rate beside the common factors; `noise`: of one sample,
+    /// counts. `None`: no such channel rings.
+    pub fn new(guess: ActuatedChannel, guess_sd: f64, ring: Ring, noise: f64) -> Option<Self> {
         let mut physics = FaultPhysics {
             channel: guess.channel,
             actuation: guess.actuation,
@@ -118,26 +101,24 @@ impl FaultPhysics {
         };
         let prior = Prior::new(guess, guess_sd)?;
         for _ in 0..2 * ROUNDS {
-            physics.step(&prior, Square::zeros(), SVector::zeros())?;
+            physics.step(&prior, Square::zeros(), Changes::zeros())?;
         }
         Some(physics)
     }
 
-    /// A fitter of rings about the healthy one.
     fn fitter(&self, (dt_s, samples): Sampling) -> RingFitter {
         RingFitter::new(self.ring, dt_s, samples)
     }
 
-    /// A simulator of faults of the healthy channel. `None`: that channel does not ring.
+    /// `None`: the healthy channel does not ring.
     fn simulator<'a>(&self, fitter: &'a RingFitter) -> Option<FaultSimulator<'a>> {
-        let healthy = Healthy { channel: self.channel, actuation: self.actuation };
+        let healthy = ActuatedChannel { channel: self.channel, actuation: self.actuation };
         FaultSimulator::new(fitter, healthy, self.noise)
     }
 
-    /// Learns how healthy channels differ, into `spread`. `features`: the four features of each
-    /// healthy signal, fitted with the phase free; `noise`: mean covariance of their noise, 4 x 4;
-    /// `channels`: how many channels the signals came from. `None`: fewer than 16 signals, or
-    /// numbers that are not finite; nothing is changed.
+    /// Learns `spread`. `features`: of each healthy signal, the phase free; `noise`: mean
+    /// covariance of their noise, 4 x 4; `channels`: how many the signals came from. `None`: fewer
+    /// than 16 signals, or numbers that are not finite; nothing is changed.
     pub fn learn_spread(
         &mut self,
         features: &[DVector<f64>],
@@ -147,17 +128,17 @@ impl FaultPhysics {
     ) -> Option<()> {
         let fitter = self.fitter(sampling);
         let simulator = self.simulator(&fitter)?;
-        self.spread = spread_of_channels(simulator.healthy_slope(), features, noise, channels)?;
+        self.spread = spread_of_channels(&simulator.healthy_slope, features, noise, channels)?;
         Some(())
     }
 
-    /// Corrects rates and pulse by labelled signals of known severity. `guess`, `guess_sd`: the
-    /// prior, as in [`FaultPhysics::new`]. Left out are signals without severity or of unknown
-    /// laws, and severities at which a channel would not ring. `None`: the corrected channel would
-    /// not ring; some steps may have been taken by then, so the caller keeps a copy.
+    /// Corrects rates and pulse by labelled signals. `guess`, `guess_sd`: as in
+    /// [`FaultPhysics::new`]. Left out are signals without severity or of unknown laws, and
+    /// severities at which a channel would not ring. `None`: the corrected channel would not ring;
+    /// some steps may have been taken by then, so the caller keeps a copy.
     pub fn learn_rates(
         &mut self,
-        guess: Healthy,
+        guess: ActuatedChannel,
         guess_sd: f64,
         labelled: &[LabelledFault],
         sampling: Sampling,
@@ -165,11 +146,9 @@ impl FaultPhysics {
         let prior = Prior::new(guess, guess_sd)?;
         let fitter = self.fitter(sampling);
         for _ in 0..ROUNDS {
-            // linearise about the present estimate: `information` and `gradient` are those of all
-            // signals' ln likelihood by the five parameters
             let change = self.change()?;
             let mut simulator = self.simulator(&fitter)?;
-            let (mut information, mut gradient) = (Square::zeros(), SVector::zeros());
+            let (mut information, mut gradient) = (Square::zeros(), Changes::zeros());
             for signal in labelled.iter().filter(|signal| signal.severity.is_finite()) {
                 let law = self.laws.law(&signal.kind);
                 let Some(point) =
@@ -178,8 +157,6 @@ impl FaultPhysics {
                     continue;
                 };
 
-                // covariance of a signal's features about the prediction: channels differ, and
-                // noise
                 let scatter = point.slope * self.channels() * point.slope.transpose()
                     + point.noise / (signal.drive * signal.drive);
                 let Some(inverse) = scatter.try_inverse() else { continue };
@@ -187,11 +164,11 @@ impl FaultPhysics {
                 // The healthy ring had changed by the time of the signal (ink temperature), and the
                 // faulty one with it; `rest` is what the prediction leaves.
                 let changed = change * Vector2::from(signal.ring);
-                let moved = of_change(&(point.slope - simulator.healthy_slope())) * changed;
-                let rest = turned(signal.features - point.mean - moved);
+                let moved = of_change(&(point.slope - simulator.healthy_slope)) * changed;
+                let rest = wrapped(signal.features - point.mean - moved);
 
-                // Student's t in four dimensions: a signal far from its prediction gets less weight, as its
-                // label may be wrong
+                // Student's t in four dimensions: a signal far from its prediction may be labelled
+                // wrongly
                 let square = rest.dot(&(inverse * rest));
                 let weight = signal.weight * (DEGREES + 4.0) / (DEGREES + square);
                 information +=
@@ -204,9 +181,7 @@ impl FaultPhysics {
     }
 
     /// Derivative of (ln stiffness, ln viscosity) by (ln damping, ln frequency) of the healthy
-    /// ring, 2 x 2: the inverse of the derivative the other way round. Stiffness is a common factor
-    /// of the rates a and b of all channels, viscosity one of g and d. `None`: the channel does not
-    /// ring.
+    /// ring: the inverse of the derivative the other way round.
     fn change(&self) -> Option<Matrix2<f64>> {
         let stiffer = |by: f64| ln_ring(&self.channel.times([by.exp(), by.exp(), 1.0, 1.0]));
         let thicker = |by: f64| ln_ring(&self.channel.times([1.0, 1.0, by.exp(), by.exp()]));
@@ -214,27 +189,19 @@ impl FaultPhysics {
             .try_inverse()
     }
 
-    /// One Gauss-Newton step on ln rates and ln pulse; the posterior covariance, linearised before
-    /// the step, becomes the `belief`. `information`, `gradient`: those of the labelled signals;
-    /// the prior's and the healthy ring's are added here. `None`: after the step the channel would
-    /// not ring; nothing is changed.
-    fn step(
-        &mut self,
-        prior: &Prior,
-        information: Square,
-        gradient: SVector<f64, CHANGES>,
-    ) -> Option<()> {
-        /// Largest change of a ln rate or ln pulse in one step.
+    /// One Gauss-Newton step; the posterior covariance before it becomes the `belief`.
+    /// `information`, `gradient`: of the labelled signals. `None`: the channel would not ring;
+    /// nothing is changed.
+    fn step(&mut self, prior: &Prior, information: Square, gradient: Changes) -> Option<()> {
         const MOST: f64 = 0.3;
         let theta = logs(&self.channel, &self.actuation);
         let measured = Vector2::new(self.ring.damping_per_s.ln(), self.ring.frequency_hz.ln());
         let off = measured - ln_ring(&self.channel)?;
 
-        // the prior adds its information, and its pull towards the guess
         let (mut total, mut slope) = (information + prior.information, gradient);
         slope += prior.information * (prior.mean - theta);
 
-        // gradients of ln damping and ln frequency of the healthy ring by ln rates; the pulse (row
+        // the measured ring observes ln damping and ln frequency, each to `RING_SD`; the pulse (row
         // 4) changes neither
         let mut gradients = SMatrix::<f64, CHANGES, 2>::zeros();
         for j in 0..4 {
@@ -245,13 +212,12 @@ impl FaultPhysics {
             };
             gradients.set_row(j, &derivative(moved, 1e-4)?.transpose());
         }
-        // the measured ring is an observation of ln damping and of ln frequency, each to `RING_SD`
         for (column, off) in gradients.column_iter().zip(off.iter()) {
             total += column * column.transpose() / (RING_SD * RING_SD);
             slope += column * (off / (RING_SD * RING_SD));
         }
 
-        // the step; long steps are cut, since the model is linear only near by
+        // long steps are cut, since the model is linear only near by
         let covariance = total.try_inverse()?;
         let step = (covariance * slope).map(|v| v.clamp(-MOST, MOST));
         let theta = theta + step;
@@ -265,7 +231,6 @@ impl FaultPhysics {
         Some(())
     }
 
-    /// Refuses stored physics that could not have been learned, and says which field is wrong.
     pub fn check(&self) -> Result<(), String> {
         let Ring { amplitude, damping_per_s, frequency_hz, lambda_per_s, .. } = self.ring;
         let positive = [amplitude, damping_per_s, frequency_hz, lambda_per_s, self.noise]
@@ -294,22 +259,19 @@ impl FaultPhysics {
         Err(format!("`physics` could not have been learned: {wrong}; train again"))
     }
 
-    /// Covariance of a channel's own changes, diagonal: the changes are taken for independent of
-    /// each other.
+    /// Covariance of a channel's own changes, which are taken for independent of each other.
     fn channels(&self) -> Square {
-        Square::from_diagonal(&SVector::from(self.spread).map(|sd| sd * sd))
+        Square::from_diagonal(&Changes::from(self.spread).map(|sd| sd * sd))
     }
 
-    /// The fault curves of `classes`, and behind them those of what is no class: the catalogue's
-    /// contrasts, and the broad alternatives. `dt_s`, `samples`: of the signals that will be
-    /// compared. Without any curve where the healthy channel does not ring. This takes long
-    /// (thousands of fits), so a design keeps the result.
+    /// The fault curves of `classes`, and behind them those of what is no class. Without any curve
+    /// where the healthy channel does not ring. This takes long (thousands of fits).
     pub fn curves(&self, classes: &[Class], dt_s: f64, samples: usize) -> FaultCurves {
         let fitter = self.fitter((dt_s, samples));
         let simulator = self.simulator(&fitter);
         let noise = fitter.noise_covariance(&Features::HEALTHY, self.noise);
         let healthy = HealthySpread {
-            slope: simulator.as_ref().map_or(Slope::zeros(), |of| *of.healthy_slope()),
+            slope: simulator.as_ref().map_or(Slope::zeros(), |of| of.healthy_slope),
             channels: self.channels(),
             noise: noise.unwrap_or_else(Matrix4::identity),
             belief: Square::from_fn(|i, j| self.belief[i][j]),
@@ -317,7 +279,7 @@ impl FaultPhysics {
         };
         let mut curves = FaultCurves::new(classes.len(), healthy.clone());
         let Some(simulator) = simulator else { return curves };
-        // the curves of several laws, computed side by side on all cores
+        // the curves of several laws, side by side on all cores
         let curves_of = |laws: Vec<&Law>| {
             side_by_side(cores(), laws, |law| {
                 let most = self.laws.largest(law);
@@ -325,8 +287,8 @@ impl FaultPhysics {
             })
         };
 
-        // Classes of one kind of fault share a curve, so one curve is computed per kind. `numbers`:
-        // of each kind the number of its curve, or none if the kind does not ring.
+        // Classes of one kind of fault share a curve. `numbered`: the kinds that ring, each with the
+        // number of its curve.
         let laws = |class: &'_ Class| -> Vec<&Law> {
             class.of.iter().filter_map(|name| self.laws.law(name)).collect()
         };
@@ -336,32 +298,28 @@ impl FaultPhysics {
                 kinds.push(law);
             }
         }
-        let of_kinds = curves_of(kinds.clone()).into_iter();
-        let numbers: Vec<Option<usize>> = of_kinds.map(|curve| Some(curves.add(curve?))).collect();
-        // a class's members: the laws that it stands for, each with its curve
+        let of_kinds = kinds.iter().zip(curves_of(kinds.clone()));
+        let numbered: Vec<(&Law, usize)> =
+            of_kinds.filter_map(|(kind, curve)| Some((*kind, curves.add(curve?)))).collect();
         let member = |law| {
-            let kind = kinds.iter().position(|known: &&Law| known.is_kind_of(law))?;
-            Some(Member { law, curve: numbers[kind]? })
+            let (_, curve) = *numbered.iter().find(|(kind, _)| kind.is_kind_of(law))?;
+            Some(Member { law, curve })
         };
         for (k, class) in classes.iter().enumerate() {
             let members: Vec<Member> = laws(class).into_iter().filter_map(member).collect();
             curves.set(k, &members, self.seen.get(&class.name));
         }
 
-        // what happens to channels and is no class (contrasts): severities are uniform in the range
-        // of the name
+        // contrasts: severities are uniform in the range of the name
         let contrasts: Vec<(&str, &Law)> = self.laws.contrasts().collect();
         let of_contrasts = curves_of(contrasts.iter().map(|(_, law)| *law).collect());
         for ((name, law), curve) in contrasts.into_iter().zip(of_contrasts) {
-            // where a contrast would not ring, nothing is known of it
-            if let Some(curve) = curve {
-                let share = of_name(&curve, law);
-                let what = Alternative::Contrast(name.into());
-                curves.add_alternative(what, law.weight, curve, &share);
-            }
+            let Some(curve) = curve else { continue };
+            let share = uniform_in_range(&curve, law);
+            curves.add_alternative(Alternative::Contrast(name.into()), law.weight, curve, &share);
         }
 
-        // gains, clocks, delays and rates: all nodes of one are equally likely
+        // all nodes of one broad alternative are equally likely
         for (what, nodes) in broad(&fitter, self.noise, &healthy).into_iter().flatten() {
             let share = vec![1.0; nodes.len()];
             curves.add_alternative(what, tuned::no_class(), nodes, &share);
@@ -369,9 +327,9 @@ impl FaultPhysics {
         curves
     }
 
-    /// What a fault of this severity adds to the healthy signal, N, counts: the difference of two
-    /// simulated decays at the reference drive. `class`: the name of a law. `None`: there is no
-    /// such law, or one of the two channels does not ring.
+    /// What a fault of this severity adds to the healthy signal, N, counts, by two simulated decays
+    /// at the reference drive. `class`: the name of a law. `None`: there is none, or a channel does
+    /// not ring.
     pub fn deviation(&self, class: &str, severity: f64, sampling: Sampling) -> Option<Vec<f64>> {
         let fitter = self.fitter(sampling);
         let simulator = self.simulator(&fitter)?;
@@ -383,18 +341,16 @@ impl FaultPhysics {
     }
 }
 
-/// The Gaussian prior of ln rates and ln pulse: its mean, and the inverse of its covariance.
 struct Prior {
-    mean: SVector<f64, CHANGES>,
+    mean: Changes,
     information: Square,
 }
 
 impl Prior {
-    /// The prior about a guess. `guess_sd`: of each ln rate by itself. `None`: the covariance is
-    /// singular.
-    fn new(guess: Healthy, guess_sd: f64) -> Option<Prior> {
-        // Each ln rate by itself is known to within `guess_sd`. A factor that a and b have in common, and one
-        // of g and d, are hardly known: they add a block of equal entries for each of both pairs.
+    /// `guess_sd`: of each ln rate by itself. `None`: the covariance is singular.
+    fn new(guess: ActuatedChannel, guess_sd: f64) -> Option<Prior> {
+        // A factor that a and b have in common, and one of g and d, are hardly known: they add a
+        // block of equal entries for each of both pairs.
         let mut covariance = Square::identity() * (guess_sd * guess_sd);
         for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1), (2, 2), (2, 3), (3, 2), (3, 3)] {
             covariance[(i, j)] += SCALE_SD * SCALE_SD;
@@ -405,99 +361,23 @@ impl Prior {
     }
 }
 
-/// The estimated parameters: ln a, ln b, ln g, ln d, ln pulse.
-fn logs(channel: &InkChannel, actuation: &Actuation) -> SVector<f64, CHANGES> {
+/// ln a, ln b, ln g, ln d, ln pulse.
+fn logs(channel: &InkChannel, actuation: &Actuation) -> Changes {
     let [a, b, g, d] = channel.rates();
-    SVector::from([a, b, g, d, actuation.pulse_s]).map(f64::ln)
+    Changes::from([a, b, g, d, actuation.pulse_s]).map(f64::ln)
 }
 
-/// The channel with the estimated parameters, in the order of `logs`.
-fn channel(theta: &SVector<f64, CHANGES>) -> InkChannel {
+fn channel(theta: &Changes) -> InkChannel {
     InkChannel::of(std::array::from_fn(|j| theta[j].exp()))
 }
 
-/// ln damping and ln frequency of a channel's ring; `None`: it does not ring.
 fn ln_ring(channel: &InkChannel) -> Option<Vector2<f64>> {
     let poles = channel.poles()?;
     Some(Vector2::new(poles.damping_per_s.ln(), poles.frequency_hz.ln()))
 }
 
-/// The derivative of a function at 0, by central differences. `None`: the function has no value
-/// there.
 fn derivative(of: impl Fn(f64) -> Option<Vector2<f64>>, step: f64) -> Option<Vector2<f64>> {
     Some((of(step)? - of(-step)?) / (2.0 * step))
-}
-
-/// Standard deviations of ln a, ln b, ln g, ln d, ln gain over healthy channels, from the
-/// covariance of their features. `slope`: Jacobian of the features by these; `features`: of fits
-/// with the phase free, one vector per signal; `noise`: their mean noise covariance, 4 x 4;
-/// `channels`: how many channels the signals came from. `None`: there are fewer than 16 signals, or
-/// numbers that are not finite.
-///
-/// The model is: covariance of the features = slope diag(variances) slope' + noise + a variance of
-/// the phase by other causes. Four features do not determine six variances, so a and b are given
-/// the same, and so are g and d; four unknowns are left. Their ln standard deviations are estimated
-/// by maximum a posteriori: Gaussian likelihood of the sample covariance, counted as often as there
-/// are channels, and a weak prior; by a coordinate search.
-fn spread_of_channels(
-    slope: &Slope,
-    features: &[DVector<f64>],
-    noise: &DMatrix<f64>,
-    channels: usize,
-) -> Option<[f64; CHANGES]> {
-    let n = features.len() as f64;
-    if features.len() < 16 || noise.nrows() != 4 {
-        return None;
-    }
-
-    let (_, scatter) = scattered(features, DMatrix::zeros(4, 4));
-    let sample = scatter.fixed_view::<4, 4>(0, 0) / (n - 1.0);
-    let noise = noise.fixed_view::<4, 4>(0, 0);
-
-    // Minus the log posterior. `ln_sd`: ln standard deviations of a and b, of g and d, of gain, and
-    // of the phase by other causes (such as the trigger).
-    let cost = |ln_sd: &[f64; 4]| -> f64 {
-        let v = ln_sd.map(|l| (2.0 * l).exp());
-        let rates = SMatrix::<f64, CHANGES, 1>::from([v[0], v[0], v[1], v[1], v[2]]);
-        let mut model = slope * SMatrix::from_diagonal(&rates) * slope.transpose() + noise;
-        model[(3, 3)] += v[3];
-        let Some(cholesky) = model.cholesky() else { return f64::INFINITY };
-        // minus twice the Gaussian log likelihood per channel, up to a constant
-        let fit = cholesky.determinant().ln() + (cholesky.inverse() * sample).trace();
-        // a weak prior towards small spreads, for those that the features do not determine
-        let small: f64 = ln_sd.iter().map(|l| ((l + 5.0) / 3.0).powi(2)).sum();
-        0.5 * (channels as f64 * fit + small)
-    };
-    let mut best = [-5.0; 4];
-    let mut least = cost(&best);
-    if !least.is_finite() {
-        return None; // features or noise so large that their squares overflow
-    }
-
-    // coordinate search: the step is halved when a pass over all coordinates gains next to nothing
-    let mut step = 1.0;
-    for _ in 0..MOST_PASSES {
-        if step <= 1e-3 {
-            break;
-        }
-        let before = least;
-        for k in 0..best.len() {
-            for sign in [-1.0, 1.0] {
-                let mut trial = best;
-                trial[k] = (trial[k] + sign * step).clamp(-12.0, 0.0);
-                let c = cost(&trial);
-                if c < least {
-                    (best, least) = (trial, c);
-                }
-            }
-        }
-        if before - least >= 1e-6 {
-            continue; // false where either is NaN
-        }
-        step /= 2.0;
-    }
-    let sd = best.map(f64::exp);
-    least.is_finite().then_some([sd[0], sd[0], sd[1], sd[1], sd[2]])
 }
 
 #[cfg(test)]
@@ -505,12 +385,13 @@ mod tests {
     use super::super::alternatives::weigh;
     use super::super::fault_curve::Conditions;
     use super::super::physics_density::Comparison;
-    use super::super::posterior::{Examples, Posterior};
+    use super::super::posterior::Posterior;
+    use super::super::stacking::Examples;
     use super::*;
     use crate::fault::{CLASSES, category};
     use crate::model::faults;
     use crate::model::ring_down::ring_down_into;
-    use crate::model::ring_fit::Products;
+    use crate::model::ring_fit::FitBuffers;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
     use rand_distr::StandardNormal;
@@ -540,7 +421,7 @@ mod tests {
 
     /// The physics learned from a guess and the healthy ring, with the spread of [`any_channel`].
     fn physics(guess: InkChannel, guess_sd: f64) -> FaultPhysics {
-        let guess = Healthy { channel: guess, actuation: ACTUATION };
+        let guess = ActuatedChannel { channel: guess, actuation: ACTUATION };
         let mut physics = FaultPhysics::new(guess, guess_sd, healthy().1, NOISE).unwrap();
         physics.spread = [0.002, 0.002, 0.03, 0.04, 0.015];
         physics
@@ -553,7 +434,7 @@ mod tests {
     /// Features fitted to a signal.
     fn fitted(y: &[f64]) -> Vector4<f64> {
         let fitter = RingFitter::new(healthy().1, DT_S, SAMPLES);
-        let fit = fitter.fit(y, true, &mut Products::default()).unwrap();
+        let fit = fitter.fit(y, true, &mut FitBuffers::default()).unwrap();
         fit.features.coordinates()
     }
 
@@ -599,19 +480,6 @@ mod tests {
     }
 
     #[test]
-    fn features_that_are_no_numbers_have_no_spread_and_an_end() {
-        let noise = DMatrix::identity(4, 4) * 1e-6;
-        for wrong in [f64::NAN, f64::INFINITY, 1e200] {
-            let mut features = vec![DVector::repeat(4, 1e-3); 20];
-            features[7][2] = wrong;
-            assert_eq!(spread_of_channels(&Slope::identity(), &features, &noise, 10), None);
-        }
-        let features: Vec<_> =
-            (0..20).map(|i| DVector::repeat(4, 0.1 * f64::from(i % 3 - 1))).collect();
-        assert!(spread_of_channels(&Slope::identity(), &features, &noise, 10).is_some());
-    }
-
-    #[test]
     fn rates_agree_with_the_measured_ring_whatever_the_guess() {
         let guess = InkChannel { a_per_s2: 4e10, b_per_s2: 1.5e11, g_per_s: 2e4, d_per_s: 6e4 };
         let physics = physics(guess, 0.05);
@@ -645,7 +513,7 @@ mod tests {
                 }
             })
             .collect();
-        let guess = Healthy { channel: guess, actuation: ACTUATION };
+        let guess = ActuatedChannel { channel: guess, actuation: ACTUATION };
         physics.learn_rates(guess, 0.1, &labelled, (DT_S, SAMPLES)).unwrap();
         let after = ratio(&physics.channel);
         assert!((after.0 / truth.0 - 1.0).abs() < 0.015, "{after:?} {truth:?}");

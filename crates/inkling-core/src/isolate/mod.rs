@@ -3,13 +3,13 @@
 //!
 //! In: residuals or fitted rings of flagged signals, and per fault class what is known of its
 //! signals. Out: a weight per class, and what may be said on the strength of the weights. Whether a
-//! signal is faulty is decided before, in `detect`, never here. `design/isolator.rs` and
-//! `design/named_ring.rs` put these parts together.
+//! signal is faulty is decided before, in `detect`. `design/isolator.rs` and `design/named_ring.rs`
+//! put these parts together.
 //!
 //! * The default method, a posterior over the classes from the features of a fitted ring:
-//!   [`fault_physics`] (the channel's parameters), [`fault_curve`] (what a fault does to the
+//!   [`fault_physics`] (the channel's parameters), [`fault_curve`] with [`fault_simulator`] (what a fault does to the
 //!   features), [`physics_density`] with `node_columns` (densities along these curves),
-//!   [`class_density`] (densities from labelled signals), [`posterior`] (both together),
+//!   [`class_density`] (densities from labelled signals), [`posterior`] and [`stacking`] (both together),
 //!   [`alternatives`] (what is no class), [`typical`] (what may lie beside the ring).
 //! * The thesis's methods: [`residual_matching`] with [`signatures`], [`model_matching`],
 //!   [`neighbours`].
@@ -18,10 +18,12 @@
 pub mod alternatives;
 pub mod appearance;
 pub mod calibration;
+mod channel_spread;
 pub mod class_density;
 pub mod decision;
 pub mod fault_curve;
 pub mod fault_physics;
+pub mod fault_simulator;
 pub mod model_matching;
 pub mod neighbours;
 mod node_columns;
@@ -31,10 +33,11 @@ pub mod residual_matching;
 mod settings;
 pub mod severity;
 pub mod signatures;
+pub mod stacking;
 pub mod tuned;
 pub mod typical;
 
-pub use decision::{Decision, DecisionRule, Likeness};
+pub use decision::{Decision, Likeness};
 pub use residual_matching::Simplex;
 pub use settings::{IsolateMethod, IsolateSettings, IsolateSignal};
 pub use signatures::SignatureMatrix;
@@ -42,21 +45,12 @@ pub use signatures::SignatureMatrix;
 /// The largest number of fault classes that a design can hold: scratch space of the stream has this size.
 pub const MAX_CLASSES: usize = 32;
 
-/// Why no isolator can be made, or no signal be isolated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum IsolateError {
-    #[error("{found} fault classes: isolation needs 1 to {max}", max = MAX_CLASSES)]
-    ClassCount { found: usize },
-    #[error("{what} has length {found} where {expected} is due")]
-    WrongLength { what: &'static str, found: usize, expected: usize },
     #[error("{what} holds a number that is not finite, at index {index}")]
     NotFinite { what: &'static str, index: usize },
-    #[error("class number {class} of a remembered residual: there are {classes} classes")]
-    UnknownClass { class: u16, classes: usize },
     #[error("{neighbours} neighbours of {found} residuals: ask for 1 to that many")]
     NeighbourCount { neighbours: usize, found: usize },
     #[error("isolate.priors names \"{name}\", which is no class of the design ({classes})")]
     UnknownPrior { name: String, classes: String },
-    #[error("certainty bound {value}: it must be from 0 to 1")]
-    BadBound { value: f64 },
 }

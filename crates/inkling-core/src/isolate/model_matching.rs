@@ -1,16 +1,8 @@
 //! Model matching: one residual generator per fault class, and the class whose residual is
-//! smallest. thesis §3-3-1.
-//!
-//! In, from `design/isolator.rs`: a signal's residual energy under each class's own filter,
-//! counts²·s, and each class's bound. Out: the class. A filter made for a class turns the signals
-//! of that class into almost nothing, so the least energy tells the class; the bound rejects
-//! signals that no class's filter explains. The filters themselves are made and run in
-//! `design/fault_class.rs`.
+//! smallest. thesis §3-3-1. The filters are made and run in `design/fault_class.rs`.
 
-/// The index of the class with the smallest energy among those whose energy is at most their own
-/// bound, thesis §3-3-1; of equals the first. `None`: every class is above its bound, so the signal
-/// fits none. `energies`, `bounds`: one per class. An energy that is not a number is within no
-/// bound.
+/// The class with the smallest energy (counts²·s) among those whose energy is at most their own
+/// bound; of equals the first. `None`: the signal fits no class. NaN is within no bound.
 pub fn best_class(energies: &[f64], bounds: &[f64]) -> Option<u16> {
     let within = energies.iter().zip(bounds).enumerate().filter(|(_, (e, bound))| e <= bound);
     within.reduce(|best, next| if next.1.0 < best.1.0 { next } else { best }).map(|(i, _)| i as u16)

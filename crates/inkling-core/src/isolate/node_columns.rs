@@ -1,23 +1,19 @@
 //! The nodes of a fault curve as a structure of arrays with bounding boxes, so that a signal is
-//! compared with several nodes at once, and only with those near it. It computes fast what
-//! `Node::ln_density` (in the tests) says node by node; an isolation compares a signal with
-//! thousands of nodes.
+//! compared with several nodes at once, and only with those near it.
 //!
-//! In, from [`super::physics_density`]: once the nodes of a curve; then a signal's features and
-//! conditions. Out: the densities of the features at all nodes that are not negligible, up to a
-//! factor of the curve. The steps:
+//! In: once the nodes of a curve; then a signal's features and conditions. Out: what
+//! `Node::ln_density` (in the tests) says of all nodes that are not negligible, up to a factor of
+//! the curve. The steps:
 //!
-//! 1. Nodes are stored in blocks of [`NODES`] consecutive ones, each block with its bounding box in
-//!    the features, and sixteen boxes side by side. A block is left out where the features lie far
-//!    outside of its box in one coordinate (`near`): there all its nodes are negligible.
+//! 1. Nodes are stored in blocks of [`NODES`], each with its bounding box in the features, and
+//!    sixteen boxes side by side. A block is left out where the features lie far outside of its box
+//!    in one coordinate (`near`).
 //! 2. For the nodes of the other blocks: the squared Mahalanobis distance and the height of the
-//!    peak (`Block::compare`). In a node's axes the covariance is diagonal at any drive, so no
-//!    matrix is inverted.
+//!    peak (`Block::compare`). In a node's axes the covariance is diagonal at any drive.
 //! 3. Exponentials relative to the nearest node (`densities`), so that nothing underflows.
 //!
-//! Differences of features are taken in f64, and all that follows is computed in f32, of which a register
-//! holds twice as many. With u the distance along an axis, in standard deviations, the rounding changes a
-//! squared distance by some 10^-6 (4 + u²) at most (`tests`), and a certainty in its sixth digit.
+//! Differences of features are taken in f64, all else in f32, of which a register holds twice as
+//! many. The rounding changes a certainty in its sixth digit.
 
 use super::fault_curve::{Conditions, Node};
 use crate::model::simd_math::exp_single;
@@ -26,49 +22,42 @@ use std::f32::consts::{PI, TAU};
 
 /// Number of nodes in a block.
 pub const NODES: usize = 16;
-/// One value for each node of a block.
 pub type OfNodes<T = f32> = [T; NODES];
 /// Number of boxes that are tested together.
 const BOXES: usize = 16;
-/// One value for each of these boxes.
 type OfBoxes = [f32; BOXES];
 /// Squared distance in one coordinate, in variances, beyond which a node is negligible: there its
-/// density is e^-30 of its peak. Of a signal that is so far from all nodes of a curve the curve's
-/// density counts as 0.
+/// density is e^-30 of its peak.
 const FAR: f32 = 60.0;
 /// Number of coordinates of the boxes: all features but the phase, which is periodic.
 const COORDINATES: usize = 3;
 
-/// The nodes of one curve.
 #[derive(Clone, Debug)]
 pub struct NodeColumns {
+    /// The nodes one by one.
+    pub nodes: Vec<Node>,
     boxes: Vec<Boxes>,
     blocks: Vec<Block>,
-    /// The largest `ln_determinant` of any node.
     ln_determinant: f64,
 }
 
-/// Bounding boxes of [`BOXES`] blocks, coordinate by coordinate; beyond the curve's last block they
-/// are empty.
+/// Bounding boxes of [`BOXES`] blocks; beyond the last block they are empty.
 type Boxes = [Bounds; COORDINATES];
 
-/// For [`BOXES`] blocks in one coordinate: the smallest and the largest mean of each block's nodes.
+/// The smallest and the largest mean of each block's nodes in one coordinate.
 #[derive(Clone, Copy, Debug)]
 struct Bounds {
     low: OfBoxes,
     high: OfBoxes,
-    /// Largest variances of this coordinate over the block's nodes: of all scatter but the noise,
-    /// and of the noise at the reference drive.
+    /// Largest variances: of all scatter but the noise, and of the noise at the reference drive.
     beyond: OfBoxes,
     noise: OfBoxes,
-    /// Derivatives of the mean of the block's first node by the conditions, which stand for those
-    /// of all its nodes. (They differ little from node to node, and the boxes' reach is wide.)
+    /// Derivatives of the mean of the block's first node, which stand for those of all its nodes.
     by_change: [OfBoxes; 2],
     by_baseline: [OfBoxes; 4],
 }
 
-/// [`NODES`] nodes, field by field ([`Node`]). If the curve has fewer nodes left, copies of the last one with
-/// density 0 fill the block.
+/// [`NODES`] nodes, field by field ([`Node`]), the last filled up with copies of density 0.
 #[derive(Clone, Debug)]
 struct Block {
     severity: OfNodes<f64>,
@@ -81,29 +70,25 @@ struct Block {
     to_axes: [[OfNodes; 4]; 4],
     /// By axis.
     spread: [OfNodes; 4],
-    /// -2 ln of (the determinant of the node's `to_axes` over the curve's largest), at least 0,
-    /// which is added to the squared distance; infinity for copies that fill the block. Where fits
-    /// hardly tell a ring, the determinants of a curve differ by more than single precision holds,
-    /// so they are kept as logarithms.
+    /// -2 ln of the determinant of the node's `to_axes` over the curve's largest, which is added to
+    /// the squared distance; infinity for copies. Logarithms, since where fits hardly tell a ring
+    /// the determinants differ by more than single precision holds.
     lower: OfNodes,
 }
 
-/// A block of nodes that was compared with a signal. The density at node i is `height` e^{-`square` / 2} / (2
-/// pi)^2 times the curve's largest determinant; how much smaller the node's own determinant is stands in
-/// `square`.
+/// A block of nodes that was compared with a signal. The density at node i is `height` e^{-`square`
+/// / 2} / (2 pi)^2 times the curve's largest determinant.
 #[derive(Clone, Copy, Debug)]
-pub struct Compared {
+pub struct ComparedBlock {
     pub block: usize,
     /// Squared Mahalanobis distance plus `Block::lower`.
     pub square: OfNodes,
     /// 1 over the root of the product of the variances along the node's axes.
     pub height: OfNodes,
-    /// The smallest value of `square`.
     least: f32,
 }
 
-/// Densities of the features at a block's nodes, up to a factor that is common to the curve; 0 where they are
-/// negligible.
+/// Densities at a block's nodes, up to a factor of the curve; 0 where they are negligible.
 #[derive(Clone, Copy, Debug)]
 pub struct NodeDensities {
     pub block: usize,
@@ -111,8 +96,7 @@ pub struct NodeDensities {
 }
 
 impl NodeColumns {
-    /// Stores the nodes of a curve.
-    pub fn of(nodes: &[Node]) -> NodeColumns {
+    pub fn of(nodes: Vec<Node>) -> NodeColumns {
         let blocks: Vec<&[Node]> = nodes.chunks(NODES).collect();
         let ln_determinants = nodes.iter().map(|node| node.ln_determinant);
         let ln_determinant = ln_determinants.fold(f64::NEG_INFINITY, f64::max);
@@ -120,6 +104,7 @@ impl NodeColumns {
             boxes: blocks.chunks(BOXES).map(boxes).collect(),
             blocks: blocks.into_iter().map(|nodes| Block::of(nodes, ln_determinant)).collect(),
             ln_determinant,
+            nodes,
         }
     }
 
@@ -129,13 +114,11 @@ impl NodeColumns {
         of.chunks(NODES).map(|values| std::array::from_fn(|i| lane(values, i))).collect()
     }
 
-    /// The severities at the nodes of a block.
     pub fn severities(&self, block: usize) -> &OfNodes<f64> {
         &self.blocks[block].severity
     }
 }
 
-/// The bounding boxes of at most [`BOXES`] blocks.
 fn boxes(blocks: &[&[Node]]) -> Boxes {
     let variances: Vec<Vec<[Vector4<f64>; 2]>> =
         blocks.iter().map(|nodes| nodes.iter().map(Node::variances).collect()).collect();
@@ -160,29 +143,27 @@ fn boxes(blocks: &[&[Node]]) -> Boxes {
     })
 }
 
-/// Tells which boxes may hold a node that is not negligible, as one bit each. `OWN`: whether the
-/// curve moves with a channel's baseline.
+/// Which boxes may hold a node that is not negligible, as one bit each. `OWN`: whether the curve
+/// moves with a channel's baseline.
 #[inline(always)] // compiled once per instruction set
 fn near<const OWN: bool>(boxes: &Boxes, query: Query) -> u32 {
     let Query { changed, own, noise, .. } = query;
-    // every box starts with its own bit, and loses it in a coordinate where the signal is too far away
+    // a box loses its bit in a coordinate where the signal is too far away
     let mut inside: [u32; BOXES] = std::array::from_fn(|b| 1 << b);
     for (bounds, x) in boxes.iter().zip(query.x) {
         let (x, [first, second]) = (x as f32, &bounds.by_change);
         for b in 0..BOXES {
-            // the conditions move the nodes; instead of these, the signal is moved the other way
+            // instead of the nodes the signal is moved, the other way
             let mut at = x - first[b] * changed[0] - second[b] * changed[1];
             if OWN {
                 for (by_baseline, own) in bounds.by_baseline.iter().zip(own) {
                     at -= by_baseline[b] * own;
                 }
             }
-            // distance from the box in this coordinate; 0 inside
             let (below, above) = (bounds.low[b] - at, at - bounds.high[b]);
             let most = if below > above { below } else { above };
             let outside = if most > 0.0 { most } else { 0.0 };
-            // the box counts where that distance is within sqrt(FAR) standard deviations, a little
-            // more for rounding
+            // within sqrt(FAR) standard deviations, a little more for rounding
             let reach = 1.001 * FAR * (bounds.beyond[b] + noise * bounds.noise[b]);
             inside[b] = if outside * outside <= reach { inside[b] } else { 0 };
         }
@@ -201,7 +182,7 @@ fn each_of(mut bits: u32) -> impl Iterator<Item = usize> {
 }
 
 impl Block {
-    /// Stores at most [`NODES`] nodes. `ln_determinant`: the curve's largest.
+    /// `ln_determinant`: the curve's largest.
     fn of(nodes: &[Node], ln_determinant: f64) -> Block {
         let of_nodes = |of: &dyn Fn(&Node) -> f64| -> OfNodes<f64> {
             std::array::from_fn(|i| of(&nodes[i.min(nodes.len() - 1)]))
@@ -221,34 +202,30 @@ impl Block {
             to_axes: std::array::from_fn(|k| {
                 std::array::from_fn(|j| singles(&|node| node.to_axes[(k, j)]))
             }),
-            // a larger variance would say no more, and with this bound the product of two is still finite in
-            // f32
+            // a larger variance would say no more, and the product of two is still finite in f32
             spread: std::array::from_fn(|k| singles(&|node| node.spread[k].min(1e18))),
             lower,
         }
     }
 }
 
-/// A signal's features and conditions as the loops need them. Passed by value, so that it stays in
-/// registers.
+/// A signal's features and conditions, by value, so that they stay in registers.
 #[derive(Clone, Copy)]
 struct Query {
     x: [f64; 4],
-    /// `Conditions::changed`: ln stiffness and ln viscosity.
     changed: [f32; 2],
-    /// The features of the channel's own level; 0 where no level is known.
+    /// The channel's own level; 0 where none is known.
     own: [f32; 4],
     /// Variance of the noise over that at the reference drive.
     noise: f32,
 }
 
-/// Compares features with the nodes that are not negligible, and writes their blocks to `out`.
 #[inline(always)] // compiled once per instruction set
 pub(super) fn compare(
     of: &NodeColumns,
     x: &Vector4<f64>,
     conditions: Conditions,
-    out: &mut Vec<Compared>,
+    out: &mut Vec<ComparedBlock>,
 ) {
     let noise = (1.0 / (conditions.drive * conditions.drive)) as f32;
     let own = conditions.baseline.copied().unwrap_or_default();
@@ -260,34 +237,30 @@ pub(super) fn compare(
     }
 }
 
-/// `compare`, compiled once for curves that move with the channel's own baseline (`OWN`) and once
-/// for curves that do not.
+/// `compare`, compiled once for curves that move with the baseline and once for others.
 #[inline(always)] // compiled once per instruction set
-fn compare_at<const OWN: bool>(of: &NodeColumns, query: Query, out: &mut Vec<Compared>) {
+fn compare_at<const OWN: bool>(of: &NodeColumns, query: Query, out: &mut Vec<ComparedBlock>) {
     out.clear();
     let mut nearest = f32::INFINITY;
     for (boxes, (part, blocks)) in of.boxes.iter().zip(of.blocks.chunks(BOXES).enumerate()) {
         for b in each_of(near::<OWN>(boxes, query)) {
             let (square, height) = blocks[b].compare::<OWN>(query);
             let least = least(&square);
-            // Blocks that are negligible beside the nearest node so far are left out. A NaN is,
-            // too.
+            // negligible beside the nearest node so far; a NaN is, too
             if least <= nearest + 2.0 * NEGLIGIBLE {
                 nearest = if least < nearest { least } else { nearest };
-                out.push(Compared { block: part * BOXES + b, square, height, least });
+                out.push(ComparedBlock { block: part * BOXES + b, square, height, least });
             }
         }
     }
 }
 
 impl Block {
-    /// Squared distances and heights of all nodes of the block.
     #[inline(always)] // compiled once per instruction set
     fn compare<const OWN: bool>(&self, query: Query) -> (OfNodes, OfNodes) {
         let Query { x, changed, own, noise } = query;
         let (mut square, mut height) = ([0.0; NODES], [0.0; NODES]);
         for i in 0..NODES {
-            // difference of feature k from the node's mean under the conditions
             let away = |k: usize| {
                 let (by_change, by_baseline) = (&self.by_change[k], &self.by_baseline[k]);
                 let mut moved = by_change[0][i] * changed[0] + by_change[1][i] * changed[1];
@@ -298,14 +271,12 @@ impl Block {
                 (x[k] - self.mean[k][i]) as f32 - moved
             };
 
-            // the difference in all features, the phase brought to -pi .. pi
             let mut d = [away(0), away(1), away(2), away(3)];
             // phases of fits lie within -pi .. pi, so one turn suffices
             let turn = if d[3] > PI { TAU } else { 0.0 } - if d[3] < -PI { TAU } else { 0.0 };
             d[3] -= turn;
 
-            // square of the coordinate along the node's axis k, and its variance: the spread there
-            // plus the noise, which is 1 at the reference drive
+            // square of the coordinate along axis k, and its variance: spread plus noise
             let along = |k: usize| {
                 let to_axes = &self.to_axes[k];
                 let along = to_axes[0][i] * d[0]
@@ -318,8 +289,7 @@ impl Block {
             let spread = |k: usize| self.spread[k][i] + noise;
             let v = [spread(0), spread(1), spread(2), spread(3)];
 
-            // squared distance: the sum of u_k / v_k, with two divisions instead of four; height:
-            // one over the root of the product of the variances
+            // the sum of u_k / v_k, with two divisions instead of four
             let (one, other) = (1.0 / (v[0] * v[1]), 1.0 / (v[2] * v[3]));
             let distance = (u[0] * v[1] + u[1] * v[0]) * one + (u[2] * v[3] + u[3] * v[2]) * other;
             square[i] = distance + self.lower[i];
@@ -329,7 +299,6 @@ impl Block {
     }
 }
 
-/// The smallest value; NaN is ignored.
 #[inline(always)] // compiled once per instruction set
 fn least(of: &OfNodes) -> f32 {
     let less = |p: f32, q: f32| if q < p { q } else { p };
@@ -349,19 +318,18 @@ pub(super) fn sum<T: Copy + std::ops::Add<Output = T>>(of: &OfNodes<T>) -> T {
 /// A node whose ln density is lower than the largest by more than this is negligible.
 const NEGLIGIBLE: f32 = 30.0;
 
-/// Computes the densities at the nodes that are not negligible, relative to the nearest node, and
-/// writes them to `out`. Returns ln of the factor that they leave out, without 1 / (2 pi)²: that of
-/// the curve's largest determinant and of the distance of the nearest node.
+/// Writes the densities at the nodes that are not negligible, relative to the nearest node, to
+/// `out`. Returns ln of the factor that they leave out, without 1 / (2 pi)².
 #[inline(always)] // compiled once per instruction set
 pub(super) fn densities(
     columns: &NodeColumns,
-    compared: &[Compared],
+    compared: &[ComparedBlock],
     out: &mut Vec<NodeDensities>,
 ) -> f64 {
     out.clear();
     let nearest =
         compared.iter().fold(f32::INFINITY, |m, of| if of.least < m { of.least } else { m });
-    for Compared { block, square, height, least } in compared {
+    for ComparedBlock { block, square, height, least } in compared {
         // a NaN is never below, so it does not count
         let near = *least < nearest + 2.0 * NEGLIGIBLE;
         if !near {
@@ -389,7 +357,7 @@ mod tests {
     fn columns_say_what_nodes_say_one_by_one() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
         let nodes = Node::drawn(37, &mut rng);
-        let columns = NodeColumns::of(&nodes);
+        let columns = NodeColumns::of(nodes.clone());
         let own = Vector4::new(0.01, -0.02, 0.001, 0.03);
         let mut compared = Vec::new();
         let mut near = 0;
@@ -437,7 +405,7 @@ mod tests {
         (wide.to_axes, wide.ln_determinant) = (wide.to_axes * 1e-10, wide.ln_determinant - 92.1);
         nodes.push(wide);
         let lone = Vector4::new(-1e9, 0.0, 0.0, 0.0);
-        let columns = NodeColumns::of(&nodes);
+        let columns = NodeColumns::of(nodes.clone());
         let (mut compared, mut densities) = (Vec::new(), Vec::new());
         for at in nodes.iter().step_by(7).map(|node| node.mean).chain([lone]) {
             let x = at + Vector4::from_fn(|_, _| rng.random_range(-0.02..0.02));

@@ -2,27 +2,23 @@
 //! no class. thesis §2-2.
 //!
 //! In: once the fault curves ([`super::fault_physics`]) and the distribution of severities in each
-//! class; then, from `design/named_ring.rs` and training, the four features x of a signal and the
-//! [`Conditions`] under which it was acquired. Out: a [`Comparison`]: ln density of x in every
-//! class and every alternative, and the densities at the single nodes, by which [`super::severity`]
-//! estimates how severe the fault is.
-//!
-//! The density in a class is an integral over severities s, which is a sum over the nodes of its
-//! curve:
+//! class; then the four features x of a signal and the [`Conditions`] under which it was acquired.
+//! Out: a [`Comparison`]: ln density of x in every class and every alternative, and the densities
+//! at the single nodes, by which [`super::severity`] estimates how severe the fault is. The density
+//! in a class is an integral over severities, a sum over the nodes of its curve:
 //!
 //! ```text
 //! p(x | class) = sum over nodes i of share_i p(x | node i),    sum of share_i = 1
 //! ```
 //!
-//! p(x | node i) is a Gaussian: the scatter of channels, the noise, and what is uncertain of the
-//! physics, about the curve. share_i mixes three distributions of the severity, weighted in numbers
-//! of signals: uniform over the range that the class's name means (weight `name_counts`), as the
-//! labelled signals have it (weight n), and uniform over the whole curve (weight 1).
+//! p(x | node i) is a Gaussian about the curve. share_i mixes three distributions of the severity,
+//! weighted in numbers of signals: uniform over the range that the class's name means
+//! (`name_counts`), as the labelled signals have it (n), and uniform over the whole curve (1).
 
 use super::alternatives::Alternative;
-use super::calibration::{Calibration, SizeError};
+use super::calibration::{Calibration, SeverityLine};
 use super::fault_curve::{Conditions, HealthySpread, Node};
-use super::node_columns::{self, Compared, NODES, NodeColumns, NodeDensities, OfNodes};
+use super::node_columns::{self, ComparedBlock, NODES, NodeColumns, NodeDensities, OfNodes};
 use super::tuned;
 use crate::model::faults::Law;
 use crate::model::simd_math::ln;
@@ -30,40 +26,31 @@ use crate::processor::for_processor;
 use crate::verdict::Appearance;
 use nalgebra::{Matrix4, Vector2, Vector4};
 
-/// The fault curves of a design, and where on them each class lies.
 #[derive(Clone, Debug)]
 pub struct FaultCurves {
-    /// Per class its kinds of fault, and behind the classes the alternatives, each as if it were a
-    /// class. An empty entry: a class of the user's own that stands for no law, or kinds of fault
-    /// that do not ring.
-    classes: Vec<Vec<Sizes>>,
-    /// Per class how its estimated severities are corrected; `None`: they are not.
-    calibrations: Vec<Option<Calibration>>,
-    /// What each alternative is, in the order in which they stand behind the classes.
+    /// Per class its kinds of fault (empty: of no law, or none that rings), and behind the classes
+    /// the alternatives, each as if it were a class.
+    classes: Vec<Vec<SeverityPrior>>,
+    /// How the severities of each class are corrected, if they are.
+    pub(super) calibrations: Vec<Option<Calibration>>,
+    /// In the order in which they stand behind the classes.
     alternatives: Vec<Weighted>,
-    /// The nodes of each curve.
-    curves: Vec<Vec<Node>>,
-    /// The same nodes, arranged for the fast comparison with a signal.
-    columns: Vec<NodeColumns>,
-    /// How healthy channels differ.
+    pub(super) curves: Vec<NodeColumns>,
     healthy: HealthySpread,
 }
 
-/// An alternative, and its weight a priori.
 #[derive(Clone, Debug)]
 struct Weighted {
     what: Alternative,
     weight: f64,
 }
 
-/// A kind of fault that a class stands for: its curve, and the distribution of severities over the curve's
-/// nodes.
+/// A kind of fault that a class stands for: the number of its curve, and the distribution of
+/// severities over the curve's nodes.
 #[derive(Clone, Debug)]
-pub struct Sizes {
-    /// Number of the curve in [`FaultCurves`].
+pub struct SeverityPrior {
     pub curve: usize,
-    /// Probability of each node among the class's signals, in blocks. Over all kinds of the class
-    /// it sums to about 1.
+    /// Probability of each node; the sum over all kinds of the class is about 1.
     pub share: Vec<OfNodes>,
 }
 
@@ -74,32 +61,28 @@ pub struct Member<'a> {
     pub curve: usize,
 }
 
-/// Severities of the labelled signals of a class: their quantiles, and the number of independent signals.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct LabelledSeverities {
-    /// Number of signals: the sum of their weights, where all signals of one channel count together
-    /// as one.
+    /// Number of signals, where all of one channel count together as one.
     pub n: f64,
     /// Quantiles of the severities, ascending; at most 64.
     pub severities: Vec<f64>,
     /// How estimated severities lie off labelled ones; `None`: too few labels tell.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub error: Option<SizeError>,
+    pub error: Option<SeverityLine>,
 }
 
-/// Largest number of quantiles that are kept.
-const MOST_SEEN: usize = 64;
+const MOST_QUANTILES: usize = 64;
 
 impl LabelledSeverities {
-    /// The quantiles of severities. `severities`: pairs of severity and weight. Severities that are
-    /// not finite are left out.
+    /// The quantiles of pairs of severity and weight. Severities that are not finite are left out.
     pub fn new(mut severities: Vec<(f64, f64)>) -> LabelledSeverities {
         severities.retain(|(s, _)| s.is_finite());
         severities.sort_unstable_by(|p, q| p.0.total_cmp(&q.0));
         let n: f64 = severities.iter().map(|(_, w)| w).sum();
-        let kept = severities.len().min(MOST_SEEN);
+        let kept = severities.len().min(MOST_QUANTILES);
         let (mut quantiles, mut below) = (Vec::with_capacity(kept), 0.0);
-        // quantile number i is the severity below which the share (i + 1/2) / kept of the weight lies
+        // below quantile number i lies the share (i + 1/2) / kept of the weight
         for (severity, weight) in severities {
             below += weight;
             while quantiles.len() < kept
@@ -113,31 +96,28 @@ impl LabelledSeverities {
 }
 
 impl FaultCurves {
-    /// No curves yet, for this number of classes. `healthy`: how healthy channels differ.
     pub fn new(classes: usize, healthy: HealthySpread) -> FaultCurves {
         FaultCurves {
             classes: vec![Vec::new(); classes],
             calibrations: vec![None; classes],
             alternatives: Vec::new(),
             curves: Vec::new(),
-            columns: Vec::new(),
             healthy,
         }
     }
 
     /// The curves for one channel whose own healthy level, its baseline, is the mean of the
     /// features of `signals` healthy signals. The means of the nodes then depend on the baseline
-    /// ([`Conditions::baseline`]), and their covariance is what the baseline leaves undetermined.
-    /// The baseline itself need not be known here. `shot`: covariance of one channel's signals
-    /// beyond the noise.
+    /// ([`Conditions::baseline`]), which need not be known here. `shot`: covariance of one
+    /// channel's signals beyond the noise. `None`: a covariance is singular.
     ///
     /// This is a Kalman update: the prior of the channel's own changes is the covariance S over all
     /// channels, and the baseline = slope changes + error is the observation. With the gain K = S
     /// slope' (slope S slope' + error)^-1 the changes are K baseline, with the covariance S - K
-    /// slope S. `None`: a covariance is singular.
+    /// slope S.
     pub fn of_one_channel(&self, shot: &Matrix4<f64>, signals: f64) -> Option<FaultCurves> {
         let HealthySpread { slope, channels, noise, .. } = &self.healthy;
-        // covariance of the baseline's error, then of the baseline in all
+        // covariance of the baseline's error, and of the baseline in all
         let of_baseline = (noise + shot) / signals;
         let all = slope * channels * slope.transpose() + of_baseline;
         let gain = channels * slope.transpose() * all.try_inverse()?;
@@ -145,25 +125,21 @@ impl FaultCurves {
         // rounding leaves the covariance not quite symmetric
         let left = (left + left.transpose()) * 0.5;
         let mut own = self.clone();
-        for node in own.curves.iter_mut().flatten() {
-            *node = node.of_one_channel(&gain, &left, shot)?;
+        for curve in &mut own.curves {
+            let nodes = curve.nodes.iter().map(|node| node.of_one_channel(&gain, &left, shot));
+            *curve = NodeColumns::of(nodes.collect::<Option<_>>()?);
         }
-        own.columns = own.curves.iter().map(|curve| NodeColumns::of(curve)).collect();
         Some(own)
     }
 
-    /// Adds a curve and returns its number.
     pub fn add(&mut self, curve: Vec<Node>) -> usize {
-        self.columns.push(NodeColumns::of(&curve));
-        self.curves.push(curve);
+        self.curves.push(NodeColumns::of(curve));
         self.curves.len() - 1
     }
 
-    /// Gives class number `k` the curves of its members, the laws that it stands for. The
-    /// severities are distributed as the mixture at the head of this file: uniform in the ranges
-    /// that the laws' names mean, as in the class's labelled signals (`seen`), and uniform over the
-    /// whole curve. Members are equally likely. If they are of several kinds, their severities have
-    /// no common unit, so `seen` is ignored then.
+    /// Gives class number `k` the curves of its members, which are equally likely, with severities
+    /// distributed as at the head of this file. If members are of several kinds, their severities
+    /// have no common unit, so `seen` is ignored.
     pub fn set(&mut self, k: usize, members: &[Member], seen: Option<&LabelledSeverities>) {
         let mut curves: Vec<usize> = members.iter().map(|member| member.curve).collect();
         curves.sort_unstable();
@@ -171,14 +147,12 @@ impl FaultCurves {
         let seen = seen.filter(|_| curves.len() == 1);
         let n = seen.map_or(0.0, |seen| seen.n);
         let of_curve = |&curve: &usize| {
-            // the members on this curve, and their part of the class
-            let nodes = &self.curves[curve];
+            let nodes = &self.curves[curve].nodes;
             let own: Vec<&Law> =
                 members.iter().filter(|m| m.curve == curve).map(|m| m.law).collect();
             let part = own.len() as f64 / members.len() as f64;
-            // Each distribution of the mixture is scaled to the sum 1 and counts as so many
-            // signals, over the number of all. A distribution without mass on the curve adds
-            // nothing.
+            // Each distribution is scaled to the sum 1 and counts as so many signals, over the
+            // number of all; without mass on the curve it adds nothing.
             let mut share = vec![0.0; nodes.len()];
             let mut add = |counted: f64, shares: Vec<f64>| {
                 let sum: f64 = shares.iter().sum();
@@ -188,29 +162,25 @@ impl FaultCurves {
                 }
             };
             for law in &own {
-                add(tuned::name_counts() * part / own.len() as f64, of_name(nodes, law));
+                add(tuned::name_counts() * part / own.len() as f64, uniform_in_range(nodes, law));
             }
             if let Some(seen) = seen {
-                add(n, of_seen(nodes, own[0], seen));
+                add(n, as_labelled(nodes, own[0], seen));
             }
-            add(
-                tuned::ONE_EXAMPLE * part,
-                nodes.iter().map(|node| node.length * node.weight).collect(),
-            );
-            Sizes { curve, share: NodeColumns::in_blocks(&share) }
+            let of_curve = nodes.iter().map(|node| node.length * node.weight);
+            add(tuned::ONE_EXAMPLE * part, of_curve.collect());
+            SeverityPrior { curve, share: NodeColumns::in_blocks(&share) }
         };
         self.classes[k] = curves.iter().map(of_curve).collect();
 
-        // Labels tell how far estimated severities are off. Without labels, what a fault changes is
-        // as uncertain as guessed rates are.
+        // without labels, what a fault changes is as uncertain as guessed rates are
         let learned = seen.and_then(|seen| seen.error).map(Calibration::Learned);
         let guessed = |member: &Member| Calibration::Guessed { none: member.law.none() };
         self.calibrations[k] = learned.or_else(|| members.first().map(guessed));
     }
 
-    /// Adds an alternative, which is no class, behind the classes. `weight`: its share a priori of
-    /// what is flagged; `curve`: its nodes; `share`: how likely each node is within the
-    /// alternative, up to a factor.
+    /// Adds an alternative behind the classes. `weight`: its share a priori of what is flagged;
+    /// `share`: how likely each node of `curve` is within it, up to a factor.
     pub(super) fn add_alternative(
         &mut self,
         what: Alternative,
@@ -221,33 +191,27 @@ impl FaultCurves {
         let sum: f64 = share.iter().sum();
         let share: Vec<f64> = share.iter().map(|share| share / sum).collect();
         let curve = self.add(curve);
-        self.classes.push(vec![Sizes { curve, share: NodeColumns::in_blocks(&share) }]);
+        self.classes.push(vec![SeverityPrior { curve, share: NodeColumns::in_blocks(&share) }]);
         self.alternatives.push(Weighted { what, weight });
     }
 
-    /// [`Conditions::changed`] (ln stiffness, ln viscosity) where the healthy ring has changed by
-    /// `ring` (ln damping, ln frequency).
+    /// [`Conditions::changed`] where the healthy ring has changed by `ring` (ln damping, ln
+    /// frequency).
     pub fn changed(&self, ring: [f64; 2]) -> Vector2<f64> {
         self.healthy.change * Vector2::from(ring)
     }
 
-    /// The same curves without any correction of severities: estimates are as the physics has them.
     pub fn uncalibrated(mut self) -> FaultCurves {
         self.calibrations.fill(None);
         self
     }
 
-    /// How estimated severities of class number `k` are corrected; `None`: they are not.
-    pub(super) fn calibration(&self, k: usize) -> Option<Calibration> {
-        *self.calibrations.get(k)?
-    }
-
-    /// The kinds of fault that class number `k` stands for; empty: none that the physics knows.
-    pub fn class(&self, k: usize) -> &[Sizes] {
+    /// The kinds of fault that class number `k` stands for.
+    pub fn class(&self, k: usize) -> &[SeverityPrior] {
         self.classes.get(k).map_or(&[], Vec::as_slice)
     }
 
-    /// A priori share of what is flagged that is of no class: the alternatives, and rings of any kind.
+    /// A priori share, of what is flagged, of what is of no class.
     pub fn of_no_class(&self) -> f64 {
         tuned::no_class() + self.alternatives.iter().map(|of| of.weight).sum::<f64>()
     }
@@ -257,12 +221,10 @@ impl FaultCurves {
         &self.alternatives[number].what
     }
 
-    /// The number of that contrast of the catalogue which explains the features best, regardless of
-    /// its weight, if by the physics it is about as likely as a class: a twin, which one decay does
-    /// not tell from the class. `None`: no contrast comes near. `ln_alternatives`: of
-    /// [`Comparison`]; `ln_class`: ln density of the features in the class. It must be by the
-    /// physics, too, since labelled signals make a class's density narrower and say nothing of its
-    /// twin.
+    /// The number of that contrast which explains the features best, regardless of its weight, if
+    /// by the physics it is about as likely as a class: a twin, which one decay does not tell from
+    /// the class. `ln_class`: ln density in the class, by the physics, too, since labelled signals
+    /// make it narrower and say nothing of the twin.
     pub fn twin(&self, ln_alternatives: &[f64], ln_class: f64) -> Option<usize> {
         let contrasts = self.alternatives.iter().zip(ln_alternatives).enumerate();
         let contrasts =
@@ -272,15 +234,10 @@ impl FaultCurves {
         (ln_class.is_finite() && ln >= ln_class + Appearance::AS_WELL.ln()).then_some(number)
     }
 
-    /// Compares the four features of a signal with every curve, and writes the result to `out`.
+    /// Compares the four features of a signal with every curve.
     pub fn compare(&self, features: &[f64], conditions: Conditions, out: &mut Comparison) {
         let x = Vector4::from_column_slice(features);
         compare(self, &x, conditions, out);
-    }
-
-    /// The severities at the nodes of a block of a curve.
-    pub fn severities(&self, curve: usize, block: usize) -> &OfNodes<f64> {
-        self.columns[curve].severities(block)
     }
 }
 
@@ -288,7 +245,6 @@ impl FaultCurves {
 const CLASSES: usize = 16;
 
 for_processor! {
-    /// What `FaultCurves::compare` does.
     fn compare(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mut Comparison) { portable }
 }
 
@@ -297,18 +253,17 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mu
     let Comparison { ln_densities, ln_alternatives, of_curves, compared } = out;
     ln_densities.clear();
     ln_densities.resize(of.classes.len(), 0.0);
-    of_curves.resize(of.curves.len(), OfCurve::default());
+    of_curves.resize(of.curves.len(), CurveComparison::default());
 
-    // the densities at the nodes of every curve, up to a factor of the curve, of which the ln is
-    // `ln_scale`
-    for (columns, of) in of.columns.iter().zip(&mut *of_curves) {
+    // of every curve the densities at the nodes, up to the factor e^`ln_scale`
+    for (columns, of) in of.curves.iter().zip(&mut *of_curves) {
         node_columns::compare(columns, x, conditions, compared);
         of.ln_scale =
             node_columns::densities(columns, compared, &mut of.densities) - LN_TAU_SQUARED;
     }
 
-    // Per class the mean of the densities over its severities, as `expectations` times e^`scales`.
-    // Classes are taken sixteen at a time, so that their logarithms are computed together.
+    // Per class the mean of the densities over its severities, as `expectations` times e^`scales`,
+    // sixteen classes at a time, so that their logarithms are computed together.
     for (classes, lns) in of.classes.chunks(CLASSES).zip(ln_densities.chunks_mut(CLASSES)) {
         let (mut expectations, mut scales) = ([1.0; CLASSES], [f64::NEG_INFINITY; CLASSES]);
         for (l, kinds) in classes.iter().enumerate() {
@@ -319,10 +274,9 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mu
                 if expectation <= f32::MIN_POSITIVE.into() {
                     continue;
                 }
-                // of the first kind (or the only one) both factors are taken as they are
                 match scales[l] == f64::NEG_INFINITY {
                     true => (expectations[l], scales[l]) = (expectation, of.ln_scale),
-                    // several kinds: add the densities, with the larger factor taken out
+                    // the others: add the densities, with the larger factor taken out
                     false => {
                         let most = scales[l].max(of.ln_scale);
                         expectations[l] = expectations[l] * (scales[l] - most).exp()
@@ -338,7 +292,7 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mu
         lns.copy_from_slice(&scales[..classes.len()]);
     }
 
-    // The alternatives stand behind the classes: they are moved to their own list, weighted.
+    // the alternatives are moved to their own list, weighted
     let classes = of.classes.len() - of.alternatives.len();
     ln_alternatives.clear();
     ln_alternatives.extend(
@@ -346,30 +300,27 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mu
     );
 }
 
-/// A signal compared with all fault curves. Its buffers are reused for the next signal.
+/// A signal compared with all fault curves; buffers that are used again.
 #[derive(Clone, Debug, Default)]
 pub struct Comparison {
-    /// ln density of the features in every class; -infinity for a class without a curve, and where
-    /// the features are so far from all its nodes that these are negligible.
+    /// ln density of the features in every class; -infinity where all nodes are negligible.
     pub ln_densities: Vec<f64>,
     /// ln of the density in every alternative times the alternative's weight.
     pub ln_alternatives: Vec<f64>,
-    /// The comparison with each curve.
-    pub of_curves: Vec<OfCurve>,
-    compared: Vec<Compared>,
+    pub of_curves: Vec<CurveComparison>,
+    compared: Vec<ComparedBlock>,
 }
 
-/// A signal compared with one curve.
 #[derive(Clone, Debug, Default)]
-pub struct OfCurve {
-    /// The densities at the nodes of those blocks that are not negligible.
+pub struct CurveComparison {
+    /// Of those blocks that are not negligible.
     pub densities: Vec<NodeDensities>,
-    /// ln of the factor that `densities` leave out, which is the same for the whole curve.
+    /// ln of the factor that `densities` leave out.
     ln_scale: f64,
 }
 
-impl Sizes {
-    /// Mean of the nodes' densities over the class's severities: the sum of share times density.
+impl SeverityPrior {
+    /// The sum of share times density.
     #[inline(always)] // compiled once per instruction set
     fn expectation(&self, densities: &[NodeDensities]) -> f64 {
         let mut sums = [0.0; NODES];
@@ -383,10 +334,9 @@ impl Sizes {
     }
 }
 
-/// Per node the length of that part of its interval which lies in the range of severities that the
-/// law's name means, times the node's weight. Lengths are in the coordinate of [`Law::scale`]. Not
-/// normalised.
-pub(super) fn of_name(nodes: &[Node], law: &Law) -> Vec<f64> {
+/// Per node the length, in the coordinate of [`Law::scale`], of that part of its interval which
+/// lies in the range that the law's name means, times the node's weight. Not normalised.
+pub(super) fn uniform_in_range(nodes: &[Node], law: &Law) -> Vec<f64> {
     let [one, other] = law.range.map(|severity| law.scale(severity));
     let (low, high) = (one.min(other), one.max(other));
     let inside = |node: &Node| {
@@ -396,9 +346,9 @@ pub(super) fn of_name(nodes: &[Node], law: &Law) -> Vec<f64> {
     nodes.iter().map(inside).collect()
 }
 
-/// Per node a kernel density of the labelled severities, in the coordinate of `law`, times the length of the
-/// node's interval and the node's weight. Its sum is not normalised.
-fn of_seen(nodes: &[Node], law: &Law, seen: &LabelledSeverities) -> Vec<f64> {
+/// Per node a kernel density of the labelled severities times the length of its interval and its
+/// weight. Not normalised.
+fn as_labelled(nodes: &[Node], law: &Law, seen: &LabelledSeverities) -> Vec<f64> {
     let places: Vec<f64> = seen.severities.iter().map(|&s| law.scale(s)).collect();
     let width = bandwidth(&places, seen.n);
     let density = |node: &Node| {
@@ -408,10 +358,10 @@ fn of_seen(nodes: &[Node], law: &Law, seen: &LabelledSeverities) -> Vec<f64> {
     nodes.iter().map(density).collect()
 }
 
-/// Bandwidth of the kernel density, in the coordinate of [`Law::scale`]. `places`: the labelled
-/// severities there; `n`: number of signals, which may exceed the number of quantiles. sd n^-.35 is
-/// narrower than Silverman's rule, which assumes a Gaussian, because severities fill a range; the
-/// exponent, and the .1 for a single severity, are somewhat arbitrary.
+/// Bandwidth of the kernel density. `places`: the labelled severities in the coordinate of
+/// [`Law::scale`]; `n`: number of signals, which may exceed that of quantiles. sd n^-.35 is
+/// narrower than Silverman's rule for Gaussians, because severities fill a range; the exponent, and
+/// the .1 for a single severity, are somewhat arbitrary.
 fn bandwidth(places: &[f64], n: f64) -> f64 {
     let m = places.len() as f64;
     if places.len() < 2 {
@@ -422,7 +372,6 @@ fn bandwidth(places: &[f64], n: f64) -> f64 {
     (sd * n.powf(-0.35)).max(1e-3)
 }
 
-/// ln (2 pi)^2
 pub const LN_TAU_SQUARED: f64 = 3.675_754_132_818_691;
 
 #[cfg(test)]
@@ -456,7 +405,7 @@ mod tests {
         for class in crate::fault::CLASSES {
             let law = crate::model::faults::law(class).unwrap();
             let [low, high] = law.range.map(|s| law.scale(s).clamp(-6.0, 6.0));
-            let shares = of_name(&nodes, law);
+            let shares = uniform_in_range(&nodes, law);
             assert!((shares.iter().sum::<f64>() - (high - low)).abs() < 1e-12, "{class}");
             for (node, share) in nodes.iter().zip(&shares) {
                 let outside = node.place + 0.12 < low || node.place - 0.12 > high;

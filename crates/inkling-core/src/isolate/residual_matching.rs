@@ -1,29 +1,28 @@
 //! Residual matching: the mixture of known signatures that is nearest to a residual. thesis §3-3-2.
 //!
-//! In, from `design/isolator.rs`: the signatures R (N x n_f, [`SignatureMatrix`]) once, then c =
-//! R^T r per signal, n_f numbers, counts². Out: phi, n_f weights, which minimises |R phi - r|
-//! subject to sum phi = 1, phi >= 0. phi is a mixture weight, not a probability.
+//! In: the signatures R (N x n_f, [`SignatureMatrix`]) once, then c = R^T r per signal, n_f
+//! numbers, counts². Out: phi, n_f weights, which minimises |R phi - r| subject to sum phi = 1, phi
+//! >= 0. phi is a mixture weight, not a probability.
 //!
-//! Up to a constant, half the squared distance is q(phi) = 1/2 phi' G phi - c' phi with the Gram
-//! matrix G = R^T R. So the residual itself is not needed. q is minimised by an exact primal
-//! active-set method (Lawson and Hanson 1974 with an equality; on the Gram matrix it is Wolfe's
-//! nearest point, 1976). The *support* is the set of classes with a weight; their signatures are
-//! affinely independent. The steps:
+//! Up to a constant, half the squared distance is q(phi) = 1/2 phi' G phi - c' phi with G = R^T R.
+//! q is minimised by an exact primal active-set method (Lawson and Hanson 1974 with an equality; on
+//! the Gram matrix it is Wolfe's nearest point, 1976). The *support* is the set of classes with a
+//! weight; their signatures are affinely independent. The steps:
 //!
-//! 1. Start at the nearest single signature: the support is that class, its weight 1.
+//! 1. Start at the nearest single signature.
 //! 2. Gradient G phi - c. On the support all its entries are equal at a minimum. Of the other
-//!    classes the one with the lowest entry enters the support; if none is lower than on the
-//!    support, phi is the solution.
-//! 3. Minimise q over the affine hull of the support (`Search::settle`): solve for the minimum by a
-//!    Cholesky factor, and go towards it until a weight becomes 0. Drop that class, and repeat
-//!    until the minimum itself is reached. Then go on with step 2.
+//!    classes the one with the lowest entry enters; if none is lower than on the support, phi is
+//!    the solution.
+//! 3. Minimise q over the affine hull of the support (`Search::settle`): solve by a Cholesky
+//!    factor, and go towards the minimum until a weight becomes 0. Drop that class, and repeat
+//!    until the minimum itself is reached. Go on with step 2.
 //!
 //! Every step lowers q, so no support comes back and the search ends; it allocates nothing.
 
-use super::{IsolateError, MAX_CLASSES, SignatureMatrix};
+use super::{MAX_CLASSES, SignatureMatrix};
 
-/// A pivot of the support's Cholesky factor below this, relative to its diagonal, counts as zero: the
-/// signature is an affine combination of the others.
+/// A pivot below this, relative to its diagonal, counts as zero: the signature is an affine
+/// combination of the others.
 const DEPENDENT: f64 = 1e-11;
 /// A class enters only if its gradient lies below that of the support by more than this, relative
 /// to the problem's size; less is rounding.
@@ -32,23 +31,22 @@ const STATIONARY: f64 = 1e-14;
 /// One value per class.
 type Row = [f64; MAX_CLASSES];
 
-/// The part of the problem that all signals share. Since sum phi = 1, every signature and the
-/// residual can be moved by the same vector without changing phi. So the signatures are centred
-/// (their mean is subtracted), and what they have in common costs no digits.
+/// The part of the problem that all signals share. Since sum phi = 1, the same vector can be
+/// subtracted from all signatures and the residual. Without their mean, what signatures have in
+/// common costs no digits.
 #[derive(Clone, Debug)]
 pub struct Simplex {
-    /// n_f, the number of classes.
     n: usize,
-    /// Gram matrix of the centred signatures over `scale`, row by row, n x n.
+    /// Gram matrix of the centred signatures over `scale`, n x n.
     gram: Vec<f64>,
-    /// Per class (rho_i - mean) . mean, which centring requires to be subtracted from c, counts².
+    /// (rho_i - mean) . mean, which centring subtracts from c, counts².
     shift: Vec<f64>,
     /// Largest squared norm of a centred signature, counts²; 1 if all signatures are equal.
     scale: f64,
 }
 
 impl Simplex {
-    /// Prepares the problem for these signatures: they must be R itself, not F^T R.
+    /// Prepares the problem. `signatures`: R itself, not F^T R; at most [`MAX_CLASSES`].
     pub fn new(signatures: &SignatureMatrix) -> Simplex {
         let r = &signatures.r;
         let mean = r.column_mean();
@@ -63,26 +61,18 @@ impl Simplex {
         Simplex { n: r.ncols(), gram: gram.iter().map(|g| g / scale).collect(), shift, scale }
     }
 
-    /// Writes phi of thesis §3-3-2 for c = R^T r. `c`: n_f, counts²; `phi`: n_f, out. A c that is
-    /// not finite gives NaN. Where signatures coincide, the first of them takes the weight.
-    pub fn solve(&self, c: &[f64], phi: &mut [f64]) -> Result<(), IsolateError> {
-        for (what, found) in [("c", c.len()), ("phi", phi.len())] {
-            if found != self.n {
-                return Err(IsolateError::WrongLength { what, found, expected: self.n });
-            }
-        }
+    /// Writes phi, n_f, for c = R^T r. A c that is not finite gives NaN. Where signatures coincide,
+    /// the first of them takes the weight.
+    pub fn solve(&self, c: &[f64], phi: &mut [f64]) {
         if c.iter().any(|v| !v.is_finite()) {
-            phi.fill(f64::NAN);
-            return Ok(());
+            return phi.fill(f64::NAN);
         }
-        // A constant in c does not matter; without it the gradient keeps its digits.
+        // a constant in c does not matter, and without it the gradient keeps its digits
         let middle = c.iter().sum::<f64>() / self.n as f64;
         let mut b: Row = [0.0; MAX_CLASSES];
-        for (i, b) in b[..self.n].iter_mut().enumerate() {
-            *b = (c[i] - middle - self.shift[i]) / self.scale;
-        }
+        let centred = c.iter().zip(&self.shift).map(|(c, shift)| (c - middle - shift) / self.scale);
+        b.iter_mut().zip(centred).for_each(|(b, centred)| *b = centred);
         Search::new(self, b).run(phi);
-        Ok(())
     }
 
     /// Inner product of two centred signatures, over `scale`.
@@ -96,16 +86,15 @@ impl Simplex {
     }
 }
 
-/// The state of one search: the weights phi, and the support in the order in which classes entered.
 struct Search<'a> {
     problem: &'a Simplex,
-    /// The linear term of the centred problem, c for the centred signatures over `scale`.
+    /// c for the centred signatures over `scale`.
     b: Row,
-    /// The weights so far, by class: at least 0, and with the sum 1.
+    /// The weights so far, by class.
     phi: Row,
-    /// The support: class numbers, of which the first is the origin of its affine hull.
+    /// Class numbers in the order in which they entered; the first is the origin of the affine
+    /// hull.
     support: [usize; MAX_CLASSES],
-    /// Number of classes in the support.
     size: usize,
     /// Lower Cholesky factor of the Gram matrix of the support's differences from its origin,
     /// packed by rows: row p - 1 belongs to place p of the support.
@@ -113,15 +102,10 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    /// Starts at the nearest single signature.
     fn new(problem: &'a Simplex, b: Row) -> Search<'a> {
         let distance = |i: usize| 0.5 * problem.gram(i, i) - b[i];
-        let mut first = 0;
-        for i in 1..problem.n {
-            if distance(i) < distance(first) {
-                first = i;
-            }
-        }
+        let nearer = |best, i| if distance(i) < distance(best) { i } else { best };
+        let first = (0..problem.n).fold(0, nearer);
         let mut phi = [0.0; MAX_CLASSES];
         phi[first] = 1.0;
         let mut support = [0; MAX_CLASSES];
@@ -134,11 +118,10 @@ impl<'a> Search<'a> {
     fn run(mut self, out: &mut [f64]) {
         let n = self.problem.n;
         let size = 1.0 + self.b[..n].iter().fold(0.0, |m: f64, b| m.max(b.abs()));
-        // Classes that entered and left again without a step, which is rounding and no descent:
-        // they do not enter again until some step was made.
+        // Classes that entered and left again without a step, which is rounding and no descent, do
+        // not enter again until some step was made.
         let mut barred = [false; MAX_CLASSES];
-        // Every step descends, so no support returns, and few are visited; the bound on the number
-        // of rounds is for rounding alone.
+        // the bound on the number of rounds is for rounding alone
         for _ in 0..20 * n {
             // gradient of half the squared distance, and its mean over the support
             let mut gradient: Row = [0.0; MAX_CLASSES];
@@ -152,17 +135,13 @@ impl<'a> Search<'a> {
             let level: f64 =
                 self.support[..self.size].iter().map(|&i| self.phi[i] * gradient[i]).sum();
 
-            // the class whose weight reduces the distance fastest
-            let mut entering = None;
-            let mut lowest = level - STATIONARY * size;
-            for j in 0..n {
-                let free = !barred[j] && !self.support[..self.size].contains(&j);
-                if free && gradient[j] < lowest {
-                    lowest = gradient[j];
-                    entering = Some(j);
-                }
-            }
-            let Some(j) = entering else { break };
+            let lowest = level - STATIONARY * size;
+            let may_enter = |j: &usize| {
+                let is_free = !barred[*j] && !self.support[..self.size].contains(j);
+                is_free && gradient[*j] < lowest
+            };
+            let lower = |best, j| if gradient[j] < gradient[best] { j } else { best };
+            let Some(j) = (0..n).filter(may_enter).reduce(lower) else { break };
             self.support[self.size] = j;
             self.size += 1;
             if self.settle(&gradient) {
@@ -174,21 +153,16 @@ impl<'a> Search<'a> {
 
         // the sum of phi is 1 but for rounding, which is shared out
         let sum: f64 = self.phi[..n].iter().sum();
-        for (out, phi) in out.iter_mut().zip(&self.phi) {
-            *out = phi / sum;
-        }
+        out.iter_mut().zip(&self.phi).for_each(|(out, phi)| *out = phi / sum);
     }
 
     /// Minimises over the affine hull of the support, dropping classes whose weight would become
-    /// negative, until the minimum is inside. `gradient`: at the phi from which it starts. Returns
-    /// whether phi has moved.
+    /// negative. `gradient`: at the phi from which it starts. Returns whether phi has moved.
     fn settle(&mut self, gradient: &Row) -> bool {
         let mut moved = false;
-        // Every round but the last drops a class.
         while self.size > 1 {
-            // The direction: to the minimum over the hull; or, if the signatures turn out to be
-            // dependent, along a change of weights that leaves R phi as it is, until a class drops
-            // out.
+            // to the minimum over the hull; or, if signatures are dependent, along a change of
+            // weights that leaves R phi as it is
             let mut step: Row = [0.0; MAX_CLASSES];
             let flat = self.factorise();
             match flat {
@@ -196,9 +170,8 @@ impl<'a> Search<'a> {
                 Some(dependent) => self.along_dependence(dependent, gradient, &mut step),
             }
 
-            // The longest part of the step that keeps phi >= 0, and the place of the class that
-            // limits it. The step to the minimum is taken whole at most; along a dependence there
-            // is no such bound.
+            // The longest part of the step that keeps phi >= 0, and the class that limits it. The
+            // step to the minimum is taken whole at most; a dependence has no such bound.
             let mut reach = if flat.is_some() { f64::INFINITY } else { 1.0 };
             let mut blocking = None;
             for (p, &step) in step[..self.size].iter().enumerate() {
@@ -209,13 +182,12 @@ impl<'a> Search<'a> {
                 }
             }
             if !reach.is_finite() {
-                // No class falls along the dependence, which only rounding can cause: the class
-                // that entered last leaves again.
+                // no class falls along the dependence, which only rounding can cause: the last one
+                // to enter leaves
                 blocking = Some(self.size - 1);
                 reach = 0.0;
             }
 
-            // take the step, and drop the class that limited it
             for (&i, step) in self.support[..self.size].iter().zip(&step) {
                 let phi = &mut self.phi[i];
                 let before = *phi;
@@ -227,14 +199,12 @@ impl<'a> Search<'a> {
             self.support.copy_within(p + 1..self.size, p);
             self.size -= 1;
         }
-        // One class is left: it has all the weight.
         self.phi[self.support[0]] = 1.0;
         moved
     }
 
-    /// Computes the Cholesky factor of the matrix of (rho_p - rho_0) . (rho_q - rho_0) over the
-    /// support's places p, q = 1, 2, .. Returns the place of the first class whose signature
-    /// depends on those before it, if one does; the factor is then valid for the places before.
+    /// Computes the Cholesky factor. Returns the place of the first class whose signature depends
+    /// on those before it, if one does; the factor is then valid for the places before.
     fn factorise(&mut self) -> Option<usize> {
         let g = |i, j| self.problem.gram(i, j);
         let s = &self.support;
@@ -250,8 +220,8 @@ impl<'a> Search<'a> {
                 if q < p {
                     self.factor[row + q - 1] = rest / self.factor[other + q - 1];
                 } else {
-                    // The pivot is compared with the size of the difference, and with that of the
-                    // two signatures whose difference it is, too, since their rounding is no pivot.
+                    // compared with the difference, and also with the two signatures, since their
+                    // rounding is no pivot
                     let size = whole.max(1e-4 * (g(s[p], s[p]) + g(o, o)));
                     if rest.is_nan() || rest <= DEPENDENT * size {
                         return Some(p);
@@ -263,9 +233,8 @@ impl<'a> Search<'a> {
         None
     }
 
-    /// Solves L L^T x = `of` for the differences of the first `classes` places of the support from
-    /// its origin. `of`: the right-hand side for a class number. Returns x by place (so from index
-    /// 1 on, as the origin at 0 has no difference), and the sum of x.
+    /// Solves L L^T x = `of` for the first `classes` places of the support. `of`: the right-hand
+    /// side for a class number. Returns x by place (the origin at 0 has none), and the sum of x.
     fn solve(&self, classes: usize, of: impl Fn(usize) -> f64) -> (Row, f64) {
         let mut weights: Row = [0.0; MAX_CLASSES];
         let n = classes - 1;
@@ -284,26 +253,24 @@ impl<'a> Search<'a> {
         (weights, sum)
     }
 
-    /// Writes the step from phi, by place of the support, to the minimum over the support's affine
-    /// hull.
+    /// Writes the step from phi to the minimum over the affine hull, by place of the support.
     fn to_minimum(&self, step: &mut Row) {
         let (b, o) = (&self.b, self.support[0]);
         let g = |i, j| self.problem.gram(i, j);
         // the normal equations in the differences from the origin
         let (x, sum) = self.solve(self.size, |i| (b[i] - b[o]) - (g(i, o) - g(o, o)));
-        // the weights of the others; the origin takes what is left of 1
+        // the origin takes what is left of 1
         for p in 1..self.size {
             step[p] = x[p] - self.phi[self.support[p]];
         }
         step[0] = (1.0 - sum) - self.phi[o];
     }
 
-    /// Writes a direction, by place of the support, along which R phi stands still: the class at
-    /// place `dependent` comes in, and the combination of the classes before it that equals its
-    /// signature goes out, or the other way round if that descends by the gradient.
+    /// Writes a direction, by place of the support, along which R phi stands still and q does not
+    /// rise: the class at place `dependent` comes in, and the combination of the classes before it
+    /// that equals its signature goes out, or the other way round.
     fn along_dependence(&self, dependent: usize, gradient: &Row, step: &mut Row) {
         let s = &self.support;
-        // the combination of the differences before it that equals its own difference
         let own = |i| self.problem.product(s[0], i, s[dependent]);
         let (x, sum) = self.solve(dependent, own);
         step[1..dependent].iter_mut().zip(&x[1..]).for_each(|(step, x)| *step = -x);
@@ -311,9 +278,7 @@ impl<'a> Search<'a> {
         step[0] = sum - 1.0;
         let slope: f64 = (0..=dependent).map(|p| step[p] * gradient[s[p]]).sum();
         if slope > 0.0 {
-            for d in &mut step[..=dependent] {
-                *d = -*d;
-            }
+            step[..=dependent].iter_mut().for_each(|step| *step = -*step);
         }
     }
 }
@@ -347,9 +312,9 @@ mod tests {
 
     /// phi of a residual by this file's solver.
     fn ours(m: &SignatureMatrix, r: &[f64]) -> Vec<f64> {
-        let (mut c, mut phi) = (vec![0.0; m.classes()], vec![0.0; m.classes()]);
+        let (mut c, mut phi) = (vec![0.0; m.r.ncols()], vec![0.0; m.r.ncols()]);
         m.project(r, &mut c);
-        Simplex::new(m).solve(&c, &mut phi).unwrap();
+        Simplex::new(m).solve(&c, &mut phi);
         phi
     }
 
@@ -376,10 +341,10 @@ mod tests {
 
     /// The same problem solved by an interior-point solver.
     fn clarabel(m: &SignatureMatrix, r: &[f64]) -> Vec<f64> {
-        let n = m.classes();
+        let (n, gram) = (m.r.ncols(), m.r.tr_mul(&m.r));
         let p = CscMatrix::from(
             &(0..n)
-                .map(|i| (0..n).map(|j| if j >= i { m.gram[(i, j)] } else { 0.0 }).collect())
+                .map(|i| (0..n).map(|j| if j >= i { gram[(i, j)] } else { 0.0 }).collect())
                 .collect::<Vec<Vec<f64>>>(),
         );
         let mut c = vec![0.0; n];
@@ -404,7 +369,7 @@ mod tests {
         let phi = ours(&m, r);
         let left = kkt(&m, r, &phi);
         assert!(left <= 1e-9, "{what}: KKT residual {left:e}, phi {phi:?}");
-        let size = m.gram.diagonal().amax() + r.iter().map(|v| v * v).sum::<f64>();
+        let size = m.r.tr_mul(&m.r).diagonal().amax() + r.iter().map(|v| v * v).sum::<f64>();
         let (mine, theirs) =
             (distance_squared(&m, r, &phi), distance_squared(&m, r, &clarabel(&m, r)));
         assert!(mine <= theirs + 1e-7 * size, "{what}: {mine} against clarabel's {theirs}");
@@ -545,12 +510,10 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_gives_no_number_and_wrong_lengths_are_errors() {
+    fn what_is_no_number_gives_no_number() {
         let simplex = Simplex::new(&matrix(&[vec![1.0; N], vec![2.0; N]]));
         let mut phi = [0.0; 2];
-        simplex.solve(&[f64::NAN, 1.0], &mut phi).unwrap();
+        simplex.solve(&[f64::NAN, 1.0], &mut phi);
         assert!(phi.iter().all(|p| p.is_nan()));
-        assert!(simplex.solve(&[1.0], &mut phi).is_err());
-        assert!(simplex.solve(&[1.0, 2.0], &mut phi[..1]).is_err());
     }
 }

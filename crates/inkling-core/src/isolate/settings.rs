@@ -1,6 +1,5 @@
 //! Settings of fault isolation: `pipeline.toml` section `[isolate]`, with its defaults and the
-//! check of its values. `design/isolator.rs`, `design/cold_start.rs` and the judging of signals
-//! read them; `pipeline.toml` explains each key to users.
+//! check of its values. `pipeline.toml` explains each key to users.
 
 use super::IsolateError;
 use crate::fault::{CLASSES, is_reserved};
@@ -13,7 +12,6 @@ use std::collections::BTreeMap;
 use std::ops::Bound;
 
 named! {
-    /// How the class of a flagged signal is found.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
     #[serde(rename_all = "kebab-case")]
     IsolateMethod {
@@ -38,7 +36,7 @@ pub enum IsolateSignal {
     #[default]
     Residual,
     /// The deviation y - y_hat, which stands for the thesis's y: distances between signals, and
-    /// mixtures whose weights sum to 1, are the same for both, since y_hat cancels.
+    /// mixtures whose weights sum to 1, are the same for both.
     Deviation,
 }
 
@@ -46,45 +44,41 @@ pub enum IsolateSignal {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct IsolateSettings {
-    /// How the class of a flagged signal is found.
     pub method: IsolateMethod,
     /// What `residual-matching` and `neighbours` compare.
     pub signal: IsolateSignal,
-    /// Number k of neighbours, of `neighbours` only.
+    /// Number k of `neighbours`.
     pub neighbours: usize,
-    /// Share of a class's own training signals whose residual energy the class's bound lets
-    /// through, 0.5 to 1; of `model-matching` only.
+    /// Share of a class's own training signals whose residual energy the bound of `model-matching`
+    /// lets through.
     pub matching_share: f64,
-    /// Whether only signals that the detection flagged are isolated; false: every signal, as in the
-    /// thesis's Tables 4-3ff.
+    /// Whether only flagged signals are isolated; false: every signal, as in the thesis's Tables
+    /// 4-3ff.
     pub gate: bool,
-    /// Smallest weight with which a class (or category) is named, 0 to 1.
+    /// Smallest weight with which a class or category is named, 0 to 1.
     pub certainty: f64,
     /// How frequent a class is among faults, relative to 1 for the classes that are not listed; of
     /// `posterior` only.
     pub priors: BTreeMap<String, f64>,
-    /// Names of the user's own, each with one or several of the thesis's classes or of those of
-    /// `physics` that it stands for; for `train` only. A class under such a name has what the
-    /// physics knows of these classes.
+    /// Names of the user's own, each with the classes of the thesis or of `physics` that it stands
+    /// for; for `train` only.
     pub classes: BTreeMap<String, Vec<String>>,
-    /// Whether a design knows the thesis's fault classes of which no signal is labelled, by the
-    /// physics.
+    /// Whether a design knows by the physics the thesis's fault classes of which no signal is
+    /// labelled.
     pub unlabelled_classes: bool,
-    /// Laws of the user's own, by name, beside those of `faults.toml`: further classes, and further
-    /// effects that are no class.
+    /// Laws of the user's own, by name, beside those of `faults.toml`.
     #[serde(skip_serializing_if = "Catalogue::is_empty")]
     pub physics: Catalogue,
-    /// Width of the actuation pulse, s. It determines the state at t_a, and so severities, and classes
-    /// without labelled signals. Absent: as usual at the ring's frequency.
+    /// Width of the actuation pulse, s; absent: as usual at the ring's frequency.
     pub pulse_s: Option<f64>,
-    /// The steps of the actuation, if it is no single rectangular pulse: of each step the duration,
-    /// s, and the voltage relative to the drive's. Empty: one pulse of `pulse_s`.
+    /// The steps of the actuation, if it is no single rectangular pulse: of each the duration, s,
+    /// and the voltage relative to the drive's.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub waveform: Vec<[f64; 2]>,
-    /// Time from the end of the pulse to t_a, s; a first guess, which the healthy phase refines. Absent: as
-    /// usual at the ring's frequency.
+    /// Time from the end of the pulse to t_a, s; a first guess, which the healthy phase refines.
+    /// Absent: as usual at the ring's frequency.
     pub delay_s: Option<f64>,
-    /// How well the ratios a/b and g/d of `identify.grey_box` are known, as a relative standard deviation.
+    /// Relative standard deviation of the ratios a/b and g/d of `identify.grey_box`.
     pub guess_sd: f64,
 }
 
@@ -144,11 +138,11 @@ impl IsolateSettings {
         Ok(())
     }
 
-    /// Refuses names of the user's own that are taken or empty, and names that stand for nothing,
-    /// for unknown classes, or for classes that another name (or the same name twice) has already.
+    /// Refuses names of the user's own that are taken or empty, and classes that are unknown or
+    /// stand under two names.
     fn check_classes(&self) -> Result<(), String> {
-        // which class was given to which name so far
         let mut taken: BTreeMap<&str, &str> = BTreeMap::new();
+        let known: Vec<&str> = CLASSES.into_iter().chain(self.physics.own_classes()).collect();
         for (name, of) in &self.classes {
             if name.is_empty() || is_reserved(name) || self.physics.law(name).is_some() {
                 return Err(format!("classes.\"{name}\": give a name of your own"));
@@ -157,8 +151,6 @@ impl IsolateSettings {
                 return Err(format!("classes.\"{name}\" = []: name at least one class"));
             }
             for class in of {
-                let known: Vec<&str> =
-                    CLASSES.into_iter().chain(self.physics.own_classes()).collect();
                 if !known.contains(&class.as_str()) {
                     let known = known.join(", ");
                     return Err(format!(
@@ -176,14 +168,14 @@ impl IsolateSettings {
         Ok(())
     }
 
-    /// The class name of signals with this label: the user's own name, if one was declared for it.
+    /// The class name of signals with this label.
     pub fn name_of<'a>(&'a self, label: &'a str) -> &'a str {
         let declared = self.classes.iter().find(|(_, of)| of.iter().any(|class| class == label));
         declared.map_or(label, |(name, _)| name)
     }
 
-    /// Prior probability of each class, in the order of `classes`; they sum to 1. An error if
-    /// `priors` names what is no class of the design.
+    /// Prior probability of each class; they sum to 1. An error if `priors` names no class of the
+    /// design.
     pub fn prior_weights(&self, classes: &[String]) -> Result<Vec<f64>, IsolateError> {
         if let Some(name) = self.priors.keys().find(|name| !classes.contains(name)) {
             let classes = classes.join(", ");

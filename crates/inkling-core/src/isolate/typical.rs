@@ -1,17 +1,14 @@
-//! Whether the misfit that a signal leaves beside its ring is usual in a class: a check before the
-//! signal is given the class's name. A signal with a larger misfit is no ring of the class.
+//! Whether the misfit that a signal leaves beside its ring is usual in a class: a signal with a
+//! larger misfit is no ring of the class and does not get its name.
 //!
-//! In, from `design/typical.rs`: the misfits of labelled signals of every class beside their rings
-//! (the signal less the fitted ring, N, in standard deviations of the noise). Out: [`Typical`],
-//! which a design stores: a few principal directions of these misfits, how much each class scatters
-//! along each of them, and per class a bound. `design/named_ring.rs` compares a signal with the
-//! bound of its best class.
+//! In: the misfits of labelled signals of every class beside their rings (N, in standard deviations
+//! of the noise). Out: [`Typical`], which a design stores: a few principal directions of these
+//! misfits, how much each class scatters along each of them, and per class a bound.
 //!
-//! The idea: faults leave misfits of particular shapes, which grow with the ring. Along the
-//! principal directions the variance of a class's misfit is 1 + spread in units of the noise's,
-//! elsewhere 1. With that covariance the squared Mahalanobis distance per sample is about 1 for a
-//! signal of the class, whatever its size ([`Typical::misfit_of`]). The bound is a prediction bound
-//! for the next signal ([`misfit_bound`]).
+//! Faults leave misfits of particular shapes, which grow with the ring. Along the directions the
+//! variance of a class's misfit is 1 + spread in units of the noise's, elsewhere 1. With that
+//! covariance the squared Mahalanobis distance per sample is about 1 for a signal of the class
+//! ([`Typical::misfit_of`]).
 
 use crate::model::inner_product::dot;
 use crate::model::student::next_exceeds;
@@ -21,43 +18,32 @@ use serde::{Deserialize, Serialize};
 /// What signals of every class usually leave beside their rings, and the bounds.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Typical {
-    /// Principal directions of the misfits of all classes together, as far as these exceed noise;
-    /// rows of N, orthonormal.
+    /// Principal directions of the misfits of all classes together; rows of N, orthonormal.
     pub directions: Vec<Vec<f64>>,
     /// Per class the variance of the misfit along each direction beyond the noise's, in units of
     /// the noise's, for a ring of the healthy amplitude: classes x directions.
     pub spread: Vec<Vec<f64>>,
-    /// Per class the bound: the largest usual value of [`Typical::misfit_of`].
+    /// Per class the largest usual value of [`Typical::misfit_of`].
     pub misfit: Vec<f64>,
 }
 
-/// The misfit of one signal beside its ring.
-#[derive(Clone, Copy, Debug)]
-pub struct RingMisfit<'a> {
-    /// The misfit, N, in standard deviations of a sample's noise.
-    pub values: &'a [f64],
-    /// Amplitude of the ring over that of the healthy ring at the reference drive, each in units of
-    /// its own noise. The usual misfit of a class is proportional to it.
-    pub size: f64,
-}
-
 impl Typical {
-    /// Mean square of the misfit over the noise's, in which the part that is usual in class `k`
-    /// counts less: the squared Mahalanobis distance per sample, about 1 for a signal of the class.
-    pub fn misfit_of(&self, beside: RingMisfit, k: usize) -> f64 {
-        let RingMisfit { values, size } = beside;
-        let mut square = dot(values, values);
+    /// Mean square over the noise's of a misfit (N, in standard deviations of a sample's noise), in
+    /// which what is usual in class `k` counts less. `size`: amplitude of the ring over the healthy
+    /// one at the reference drive, each in units of its own noise, to which the usual misfit is
+    /// proportional.
+    pub fn misfit_of(&self, misfit: &[f64], size: f64, k: usize) -> f64 {
+        let mut square = dot(misfit, misfit);
         for (direction, spread) in self.directions.iter().zip(&self.spread[k]) {
-            // Along a direction the variance is 1 + spread instead of 1, so along² / (1 + spread)
-            // takes the place of along² (a rank-one update of the inverse covariance).
-            let (along, spread) = (dot(direction, values), spread * size * size);
+            // Along a direction the variance is 1 + spread, so along² / (1 + spread) takes the
+            // place of along² (a rank-one update of the inverse covariance).
+            let (along, spread) = (dot(direction, misfit), spread * size * size);
             square -= along * along * spread / (1.0 + spread);
         }
-        square / values.len() as f64
+        square / misfit.len() as f64
     }
 
-    /// Refuses stored bounds that could not have been learned, or that are not of so many classes
-    /// and samples.
+    /// Refuses stored bounds that could not have been learned.
     pub fn check(&self, classes: usize, samples: usize) -> Result<(), String> {
         let finite = |v: &[f64]| v.iter().all(|x| x.abs() <= 1e30);
         let whole = self.misfit.len() == classes
@@ -70,19 +56,18 @@ impl Typical {
     }
 }
 
-/// Upper prediction bound of [`Typical::misfit_of`] for a further signal of a class, which it
-/// exceeds with the probability `least_rate`. `misfits`: the values of some signals of the class. The
-/// values' logarithms are taken for Gaussian. Infinity for fewer than two values.
+/// Upper bound, exceeded with the probability `least_rate`, on [`Typical::misfit_of`] of a further
+/// signal of a class. `misfits`: values of some of its signals, whose logarithms are taken for
+/// Gaussian. Infinity for fewer than two.
 pub fn misfit_bound(misfits: &[f64]) -> f64 {
     let ln: Vec<f64> = misfits.iter().map(|v| v.max(f64::MIN_POSITIVE).ln()).collect();
     next_exceeds(&ln, least_rate()).exp()
 }
 
 /// Principal directions of `rows` that exceed unit noise, largest variance first, orthonormal; at
-/// most `most`. `rows`: misfits of N samples each, whose noise has the variance 1. The directions
-/// are eigenvectors of rows' rows, found by subspace iteration (30 rounds). Kept are those whose
-/// eigenvalue exceeds by a fifth the largest that noise alone would have, (sqrt n + sqrt N)² for n
-/// rows of N (Marchenko and Pastur 1967).
+/// most `most`: eigenvectors of rows' rows by subspace iteration. Kept are those whose eigenvalue
+/// exceeds by a fifth the largest that noise alone would have, (sqrt n + sqrt N)² for n rows of N
+/// (Marchenko and Pastur 1967).
 pub fn directions(rows: &[Vec<f64>], most: usize) -> Vec<Vec<f64>> {
     const ROUNDS: usize = 30;
     let Some(samples) = rows.first().map(Vec::len) else { return Vec::new() };
@@ -94,8 +79,7 @@ pub fn directions(rows: &[Vec<f64>], most: usize) -> Vec<Vec<f64>> {
     orthonormalise(&mut basis);
     let mut sizes = Vec::new();
     for _ in 0..ROUNDS {
-        // multiply by rows^T rows, and make orthonormal again; the lengths after the product
-        // converge to the eigenvalues
+        // times rows^T rows; the lengths after the product converge to the eigenvalues
         let mut next = vec![vec![0.0; samples]; basis.len()];
         for row in rows {
             for (next, direction) in next.iter_mut().zip(&basis) {
@@ -111,8 +95,7 @@ pub fn directions(rows: &[Vec<f64>], most: usize) -> Vec<Vec<f64>> {
     basis.into_iter().zip(sizes).filter(|(_, size)| *size > edge).map(|(d, _)| d).collect()
 }
 
-/// Makes vectors orthonormal by Gram-Schmidt, twice for accuracy; vectors that depend on those
-/// before are dropped.
+/// Makes vectors orthonormal by Gram-Schmidt, twice for accuracy; dependent ones are dropped.
 fn orthonormalise(basis: &mut Vec<Vec<f64>>) {
     let mut done: Vec<Vec<f64>> = Vec::with_capacity(basis.len());
     for mut v in basis.drain(..) {
@@ -161,7 +144,7 @@ mod tests {
             assert!(spoiled.check(2, 8).is_err(), "{k}");
         }
         let left = along(30.0);
-        let of = |k: usize, size: f64| typical.misfit_of(RingMisfit { values: &left, size }, k);
+        let of = |k: usize, size: f64| typical.misfit_of(&left, size, k);
         // 4 of 8 samples of 900 variances: 450 in the mean
         assert!((of(1, 1.0) - 450.0).abs() < 1e-9);
         assert!(of(0, 1.0) < 1e-3, "{}", of(0, 1.0));

@@ -1,11 +1,9 @@
-//! The acquisition state x_a from which a channel rings, computed from the voltage that ejected the
-//! drop.
+//! The acquisition state x_a of thesis (2-2) from which a channel rings.
 //!
 //! In: a channel's rates, the waveform of the actuation and the wait until the acquisition begins.
-//! Out: x_a of thesis (2-2), for the simulation of print runs and for the fault curves of
-//! isolation. A channel at rest is driven by thesis (2-2) with its input u. The voltage is constant
-//! within each step of the waveform, so each step is solved exactly by one matrix exponential. From
-//! t_a on u is 0, thesis §2-2.
+//! Out: x_a. A channel at rest is driven by thesis (2-2) with its input u, whose voltage is
+//! constant within each step of the waveform, so each step is solved exactly by one matrix
+//! exponential. From t_a on u is 0, thesis §2-2.
 
 use super::InkChannel;
 use nalgebra::Vector4;
@@ -18,10 +16,9 @@ pub const MOST_STEPS: usize = 32;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(into = "Vec<[f64; 2]>", try_from = "Vec<[f64; 2]>")]
 pub struct Waveform {
-    /// Each step's share of the whole duration, and its voltage relative to the drive's; steps
-    /// beyond `n` are 0.
+    /// Each step's share of the whole duration, and its voltage relative to the drive's; 0 beyond
+    /// `n`.
     steps: [[f64; 2]; MOST_STEPS],
-    /// Number of steps that the waveform has.
     n: usize,
 }
 
@@ -39,9 +36,8 @@ impl Waveform {
         Waveform { steps, n: 1 }
     };
 
-    /// Makes a waveform of steps, and returns it with the sum of their durations. `steps`: duration
-    /// in any unit and relative voltage of each step, in order. The error says in words what a step
-    /// may be.
+    /// Makes a waveform of steps [duration in any unit, relative voltage], and returns it with the
+    /// sum of their durations. The error says in words what a step may be.
     pub fn new(steps: &[[f64; 2]]) -> Result<(Waveform, f64), String> {
         let whole: f64 = steps.iter().map(|[duration, _]| duration).sum();
         let is_step = |[duration, level]: &[f64; 2]| {
@@ -61,12 +57,10 @@ impl Waveform {
         Ok((waveform, whole))
     }
 
-    /// Whether the waveform is one rectangular pulse at the drive voltage.
     pub fn is_pulse(&self) -> bool {
         *self == Waveform::PULSE
     }
 
-    /// The steps that the waveform has.
     fn steps(&self) -> &[[f64; 2]] {
         &self.steps[..self.n]
     }
@@ -89,39 +83,33 @@ impl TryFrom<Vec<[f64; 2]>> for Waveform {
 /// The actuation, and the wait until acquisition begins.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Actuation {
-    /// Duration of the actuation, from its first step to its end, s.
     pub pulse_s: f64,
     /// Time from the end of the actuation to t_a, s.
     pub delay_s: f64,
     #[serde(default, skip_serializing_if = "Waveform::is_pulse")]
-    /// The steps of which the actuation consists.
     pub waveform: Waveform,
 }
 
 impl Actuation {
-    /// A rectangular pulse.
     pub const fn pulse(pulse_s: f64, delay_s: f64) -> Actuation {
         Actuation { pulse_s, delay_s, waveform: Waveform::PULSE }
     }
 
-    /// The acquisition state x_a = (V_r, V_n, V_r', V_n') of a channel that was at rest before the
-    /// actuation, thesis (2-2) with B_u = b (0, 0, 1/(I_r B_t), 1/(I_n B_t))^T. `displaced_m3` is b
-    /// u, the actuator constant times the drive voltage. x_a is proportional to `displaced_m3` and
-    /// has its unit (and that unit per second), so a caller who passes counts·s gets a state whose
-    /// output is in counts.
+    /// x_a = (V_r, V_n, V_r', V_n') of a channel that was at rest before the actuation, thesis
+    /// (2-2) with B_u = b (0, 0, 1/(I_r B_t), 1/(I_n B_t))^T. `displaced_m3` is b u, the actuator
+    /// constant times the drive voltage; x_a is proportional to it, so a caller who passes counts·s
+    /// gets a state whose output is in counts.
     ///
     /// While a voltage u lasts, x_e = (b u, 0, 0, 0) is an equilibrium: A x_e + B_u u = 0. So x -
-    /// x_e decays freely, which is exact and needs no inverse of A (A is singular).
+    /// x_e decays freely, which is exact and needs no inverse of the singular A.
     pub fn acquisition_state(&self, channel: &InkChannel, displaced_m3: f64) -> Vector4<f64> {
         let mut x = Vector4::zeros();
 
-        // each step in turn: the state's distance from the equilibrium of the step's voltage decays
         for [share, level] in self.waveform.steps() {
             let x_e = Vector4::new(displaced_m3 * level, 0.0, 0.0, 0.0);
             x = x_e + channel.transition(self.pulse_s * share) * (x - x_e);
         }
 
-        // the wait from the end of the actuation to t_a, at voltage 0
         channel.transition(self.delay_s) * x
     }
 }

@@ -1,27 +1,21 @@
 //! What a signal contains beside its ring: the part of its misfit that is orthogonal to the ring's
-//! sensitivities. This part is judged by the second test of detection, `detect/misfit.rs`, which
-//! `design/detector.rs` calls through `design/rings.rs`; `design/leftover.rs` learns its healthy
-//! mean.
+//! sensitivities, which the second test of detection judges (`detect/misfit.rs`).
 //!
-//! In: a signal (N samples, counts) and the ring fitted to it. Out: N samples, counts: the signal
-//! minus the ring, projected on the orthogonal complement of the ring's tangent space. The tangent
-//! space has five columns J: the derivatives by ln amplitude, ln damping, ln frequency and phase,
-//! and the real pole's decay e^(-lambda t). The projection is d - J (J'J)^-1 J'd, where d is the
-//! deviation of the signal from the ring. The real pole's rate lambda is held: if it were free, the
-//! tangent space would take up any slow drift of the sensor, too.
+//! In: a signal (N samples, counts) and the ring fitted to it. Out: d - J (J'J)^-1 J'd, N counts,
+//! where d is the signal less the ring. J has five columns: the derivatives by ln amplitude, ln
+//! damping, ln frequency and phase, and the real pole's decay e^(-lambda t). The real pole's rate
+//! lambda is held: if it were free, the tangent space would take up any slow drift of the sensor,
+//! too.
 
 use super::inner_product::dot;
 use super::ring::Ring;
 use super::ring_fit::{Features, RingFitter};
 use nalgebra::{Cholesky, Const, DMatrix, SMatrix, SVector};
 
-/// Dimension of the tangent space: the four sensitivities of the ring (the columns of
-/// `RingFitter::tangent`, of which those by amplitude and phase contain the real pole's part, too),
-/// and one column of the real pole.
+/// Dimension of the tangent space: the four columns of `RingFitter::tangent`, and the real pole's.
 const COLUMNS: usize = 5;
 
-/// The projection, for signals of one sample period and length and rings with the same real pole. A
-/// `fitter` that it is used with must be of the same ring, sample period and N.
+/// The projection, for signals of one sample period and length and rings with the same real pole.
 #[derive(Clone, Debug)]
 pub struct BesideRing {
     /// e^(-lambda t), scaled to unit norm, N.
@@ -29,7 +23,6 @@ pub struct BesideRing {
 }
 
 impl BesideRing {
-    /// The projection for rings with the real pole of `ring`.
     pub fn new(ring: &Ring, dt_s: f64, samples: usize) -> BesideRing {
         let lambda_dt = ring.lambda_per_s * dt_s;
         let column: Vec<f64> = (0..samples).map(|k| (-lambda_dt * k as f64).exp()).collect();
@@ -38,45 +31,20 @@ impl BesideRing {
     }
 
     /// The signal's misfit beside its ring, N, counts. `y`: N, counts; `at`: the features of its
-    /// fitted ring, the phase free.
+    /// fitted ring, the phase free; `fitter`: of the same ring, sample period and N.
     pub fn misfit(&self, fitter: &RingFitter, y: &[f64], at: &Features) -> Vec<f64> {
-        let tangent = fitter.tangent(at);
-        // the first column is the ring itself
-        let ring = tangent.column(0);
-        let left = y.iter().zip(ring.iter()).map(|(y, ring)| y - ring).collect();
-        self.along(tangent).taken_off(left)
+        let tangent_space = self.tangent_space(fitter, at);
+        let ring = tangent_space.columns()[0];
+        let deviation = y.iter().zip(ring).map(|(y, ring)| y - ring).collect();
+        tangent_space.without(deviation)
     }
 
-    /// The signal's misfit beside its ring as by `misfit`, less `shape`, which healthy signals have
-    /// beside their rings in proportion to the ring's amplitude (the model's leftover). `shape`: N,
-    /// counts, for a ring of the healthy amplitude; it may be empty: then nothing is subtracted.
-    pub fn misfit_without(
-        &self,
-        fitter: &RingFitter,
-        y: &[f64],
-        at: &Features,
-        shape: &[f64],
-    ) -> Vec<f64> {
-        let mut left = self.misfit(fitter, y, at);
-        let amplitude = at.ln_amplitude.exp();
-        left.iter_mut().zip(shape).for_each(|(l, shape)| *l -= amplitude * shape);
-        left
-    }
-
-    /// The tangent space of the ring with the features `at`, prepared to take its part off many
-    /// deviations.
-    pub fn explained(&self, fitter: &RingFitter, at: &Features) -> Explained<'_> {
-        self.along(fitter.tangent(at))
-    }
-
-    /// The tangent space from the ring's sensitivities and the real pole's column. `tangent`: N x
-    /// 4, as `RingFitter::tangent` gives it.
-    fn along(&self, tangent: DMatrix<f64>) -> Explained<'_> {
-        let mut of =
-            Explained { pair: tangent, real: &self.real, scale: [0.0; COLUMNS], gram: None };
+    pub fn tangent_space(&self, fitter: &RingFitter, at: &Features) -> TangentSpace<'_> {
+        let (pair, real) = (fitter.tangent(at), &self.real[..]);
+        let mut of = TangentSpace { pair, real, scale: [0.0; COLUMNS], gram: None };
         let columns = of.columns();
 
-        // the columns' inner products: the lower triangle, which is all that the factorisation
+        // the lower triangle of the columns' inner products, which is all that the factorisation
         // reads
         let products = SMatrix::<f64, COLUMNS, COLUMNS>::from_fn(|i, j| {
             if j <= i { dot(columns[i], columns[j]) } else { 0.0 }
@@ -84,9 +52,8 @@ impl BesideRing {
         let scale: [f64; COLUMNS] =
             std::array::from_fn(|i| 1.0 / products[(i, i)].sqrt().max(f64::MIN_POSITIVE));
 
-        // The Gram matrix of columns of unit norm, plus a ridge of 1e-9 on its diagonal. Where two
-        // columns are nearly parallel, the ridge makes their difference explain nothing, instead of
-        // noise.
+        // The Gram matrix of columns of unit norm, plus a ridge: where two columns are nearly
+        // parallel, their difference explains nothing, instead of noise.
         let regularised = SMatrix::<f64, COLUMNS, COLUMNS>::from_fn(|i, j| {
             products[(i, j)] * (scale[i] * scale[j]) + if i == j { 1e-9 } else { 0.0 }
         });
@@ -95,12 +62,10 @@ impl BesideRing {
     }
 }
 
-/// The tangent space of a ring: the directions along which it may move.
 #[derive(Clone, Debug)]
-pub struct Explained<'a> {
-    /// The four sensitivities of the ring, N x 4: columns of `RingFitter::tangent`.
+pub struct TangentSpace<'a> {
+    /// Columns of `RingFitter::tangent`, N x 4.
     pair: DMatrix<f64>,
-    /// Column of the real pole, N.
     real: &'a [f64],
     /// One over the norm of each column.
     scale: [f64; COLUMNS],
@@ -108,23 +73,21 @@ pub struct Explained<'a> {
     gram: Option<Cholesky<f64, Const<COLUMNS>>>,
 }
 
-impl Explained<'_> {
-    /// All columns of the tangent space.
+impl TangentSpace<'_> {
     fn columns(&self) -> [&[f64]; COLUMNS] {
-        let [ring, damping, frequency, phase] = of_pair(self.pair.as_slice());
-        [ring, damping, frequency, phase, self.real]
+        let n = self.pair.nrows();
+        let column = |k: usize| &self.pair.as_slice()[k * n..(k + 1) * n];
+        [column(0), column(1), column(2), column(3), self.real]
     }
 
-    /// The part of a deviation that lies beside the tangent space, N, counts: the deviation minus
-    /// its least-squares fit by the columns. Without a factorised Gram matrix nothing is taken off.
-    pub fn taken_off(&self, mut deviation: Vec<f64>) -> Vec<f64> {
-        // the normal equations, for columns of unit norm
+    /// The part of a deviation that lies beside the tangent space, N, counts. Without a factorised
+    /// Gram matrix nothing is taken off.
+    pub fn without(&self, mut deviation: Vec<f64>) -> Vec<f64> {
         let columns = self.columns();
         let product =
             SVector::<f64, COLUMNS>::from_fn(|i, _| self.scale[i] * dot(columns[i], &deviation));
         if let Some(of) = self.gram.as_ref().map(|gram| gram.solve(&product)) {
-            // the coefficients of the columns as they are, and what these explain taken off, in one
-            // pass
+            // the coefficients of the columns, and what these explain taken off, in one pass
             let [a, b, c, d, e]: [f64; COLUMNS] = std::array::from_fn(|i| self.scale[i] * of[i]);
             let [p, q, r, s, t] = columns;
             let n = deviation.len();
@@ -135,12 +98,6 @@ impl Explained<'_> {
         }
         deviation
     }
-}
-
-/// The four columns of a matrix that is stored column by column.
-fn of_pair(matrix: &[f64]) -> [&[f64]; 4] {
-    let n = matrix.len() / 4;
-    std::array::from_fn(|k| &matrix[k * n..(k + 1) * n])
 }
 
 #[cfg(test)]

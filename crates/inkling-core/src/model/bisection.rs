@@ -1,13 +1,9 @@
-//! Bisection: finds the place where a condition ceases to hold. Thresholds, detection limits and
-//! quantiles are found by it.
+//! Bisection: finds the place where a condition ceases to hold.
 
-/// Halves the interval from `low` to `high` `halvings` times, and returns the two ends of the
-/// interval that is left; its length is (high - low) / 2^halvings.
-///
-/// `is_below` should hold at `low`, not hold at `high`, and change once between the two. Then
-/// `is_below` holds at the first end that is returned and not at the second. `is_below` is never
-/// asked at `low` and `high` themselves: if it holds everywhere between them, the second end is
-/// still the given `high`; if it holds nowhere, the first end is still the given `low`.
+/// Halves the interval from `low`, where `is_below` should hold, to `high`, where it should not,
+/// `halvings` times, and returns the two ends of what is left. `is_below` is never asked at the
+/// given ends: if it holds everywhere between them, the second end is still `high`; if nowhere, the
+/// first is still `low`.
 pub fn bisected(
     mut low: f64,
     mut high: f64,

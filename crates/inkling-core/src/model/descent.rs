@@ -1,25 +1,21 @@
 //! The descent of Levenberg and Marquardt, for any problem: steps that are damped the more, the
-//! less they succeed. The fits of model critique and the mixture of `detect` use it; (3-1) has a
-//! search of its own (`identify/rate_search.rs`), because of its bounds.
+//! less they succeed. (3-1) has a search of its own (`identify/rate_search.rs`), because of its
+//! bounds.
 //!
-//! In: a start, and four functions of the caller: what a point costs, the slope there (whatever the
-//! caller needs for a step, usually gradient and curvature), the step that a slope and a damping
-//! ask for, and when to stop. Out: the last point that was accepted, with its cost, which is never
-//! above the start's.
-//!
-//! A step whose cost is not higher is accepted, and the next one is damped less; any other step is
-//! discarded, and the same slope is tried again with more damping.
+//! In: a start, and functions of the caller: the cost, the slope (whatever the caller needs for a
+//! step), the step that a slope and a damping ask for, and when to stop. Out: the last accepted
+//! point with its cost, which is never above the start's. A step whose cost is not higher is
+//! accepted, and the next one is damped less; any other is discarded, and the same slope is tried
+//! again with more damping.
 
 /// How the damping of steps changes. What a damping of 1 means is up to the caller's `step`.
 pub struct Damping {
-    /// Damping of the first step.
     pub first: f64,
     /// Factor on the damping after an accepted step, below 1, and the least damping.
     pub down: f64,
     pub least: f64,
-    /// Factor on the damping after a discarded step, above 1, and the largest damping: the descent
-    /// ends where the damping would exceed `most`, for then no step is expected to go down any
-    /// more.
+    /// Factor on the damping after a discarded step, above 1, and the largest damping, beyond which
+    /// no step is expected to go down any more: the descent ends.
     pub up: f64,
     pub most: f64,
 }
@@ -27,31 +23,29 @@ pub struct Damping {
 /// Descends from `start`, and returns the last accepted point with its cost.
 ///
 /// * `trials`: the largest number of steps that are tried, discarded ones included.
-/// * `cost`: the cost of a point, and `Seen`, whatever the caller has computed on the way and needs
-///   for the slope, so that nothing is computed twice. A cost that is not finite discards the step.
-/// * `slope`: called once for each accepted point, with what `cost` has seen there. `None` ends the
-///   descent.
-/// * `step`: the point that is tried next, from a point, its slope and the damping. `None` counts
-///   as a discarded step: there is no step at this damping.
-/// * `rests`: called after each accepted step, with the decrease of the cost and the cost now;
+/// * `cost`: the cost of a point, and whatever was computed on the way and serves the slope. A cost
+///   that is not finite discards the step.
+/// * `slope`: called once for each accepted point. `None` ends the descent.
+/// * `step`: the point to try, from a point, its slope and the damping. `None`: there is none at
+///   this damping, which counts as a discarded step.
+/// * `has_converged`: called after each accepted step, with the decrease of the cost and the cost now;
 ///   `true` ends the descent.
-pub fn descend<Point, Seen, Slope>(
+pub fn descend<Point, Evaluation, Slope>(
     start: Point,
     Damping { first, down, least, up, most }: Damping,
     trials: usize,
-    mut cost: impl FnMut(&Point) -> (f64, Seen),
-    mut slope: impl FnMut(&Point, Seen) -> Option<Slope>,
+    mut cost: impl FnMut(&Point) -> (f64, Evaluation),
+    mut slope: impl FnMut(&Point, Evaluation) -> Option<Slope>,
     step: impl Fn(&Point, &Slope, f64) -> Option<Point>,
-    mut rests: impl FnMut(f64, f64) -> bool,
+    mut has_converged: impl FnMut(f64, f64) -> bool,
 ) -> (Point, f64) {
-    let (mut best, seen) = cost(&start);
+    let (mut best, evaluation) = cost(&start);
     let (mut here, mut damping) = (start, first);
-    let Some(mut now) = slope(&here, seen) else { return (here, best) };
+    let Some(mut now) = slope(&here, evaluation) else { return (here, best) };
     for _ in 0..trials {
-        // a trial that is not lower, or that does not exist, is discarded: more damping
         let tried = step(&here, &now, damping).map(|trial| (cost(&trial), trial));
         let lower = tried.filter(|((value, _), _)| value.is_finite() && *value <= best);
-        let Some(((value, seen), trial)) = lower else {
+        let Some(((value, evaluation), trial)) = lower else {
             damping *= up;
             if damping > most {
                 break;
@@ -59,14 +53,13 @@ pub fn descend<Point, Seen, Slope>(
             continue;
         };
 
-        // the trial is accepted: less damping, and the slope at the new point
         let gained = best - value;
         (best, here) = (value, trial);
         damping = (damping * down).max(least);
-        if rests(gained, best) {
+        if has_converged(gained, best) {
             break;
         }
-        let Some(next) = slope(&here, seen) else { break };
+        let Some(next) = slope(&here, evaluation) else { break };
         now = next;
     }
     (here, best)
@@ -91,12 +84,12 @@ mod tests {
             Some(x - gradient / (curvature * (1.0 + damping)))
         };
         let mut last = f64::INFINITY;
-        let rests = |gained: f64, now: f64| {
+        let has_converged = |gained: f64, now: f64| {
             assert!(gained >= 0.0 && now <= last);
             last = now;
             gained < 1e-15
         };
-        let (x, value) = descend(3.0, PLAIN, 200, cost, slope, step, rests);
+        let (x, value) = descend(3.0, PLAIN, 200, cost, slope, step, has_converged);
         assert!(x.abs() < 1e-6 && value < 1e-12, "{x} {value}");
     }
 

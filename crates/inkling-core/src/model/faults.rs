@@ -1,15 +1,12 @@
 //! What faults do to a channel's rates: the laws of `faults.toml`, and those that a user adds.
 //!
 //! In: the name of a class (or of what else happens to channels), a severity, the healthy rates.
-//! Out: the faulty rates, for the fault curves of isolation, the simulation, and the promise of a
-//! design.
-//!
-//! thesis (2-1): a fault adds B_f f = A_f - A to A. Here A_f itself is computed, by its four rates,
-//! thesis (2-2)..(2-5) and §2-2 1)-4). A law gives each of the channel's five elements (I_r, R_r,
-//! I_n, R_n, B_t) a power p. A fault of severity s multiplies the element by u^p, where u is 1 - s,
-//! 1 + s or s, depending on how the law counts severities (`Size`). The rates a = 1/(I_r B_t), b =
-//! 1/(I_n B_t), g = R_r/I_r, d = R_n/I_n are multiplied accordingly. Severities have the units of
-//! the contract's `severity` column. Where the laws depart from the thesis stands in `faults.toml`.
+//! Out: the faulty rates. thesis (2-1): a fault adds B_f f = A_f - A to A. Here A_f itself is
+//! computed, by its four rates, thesis (2-2)..(2-5) and §2-2 1)-4). A law gives each of the
+//! channel's five elements (I_r, R_r, I_n, R_n, B_t) a power p. A fault of severity s multiplies
+//! the element by u^p, where u is 1 - s, 1 + s or s, depending on how the law counts severities
+//! (`Size`). Severities have the units of the contract's `severity` column. Where the laws depart
+//! from the thesis stands in `faults.toml`.
 
 use super::InkChannel;
 use crate::fault::{Categories, is_reserved};
@@ -18,18 +15,15 @@ use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
 /// What a fault does to the elements of a channel, as a table of `faults.toml` or
-/// `[isolate.physics]` writes it. Here u is the factor of a severity (`Size::base`), and all
-/// powers are powers of u.
+/// `[isolate.physics]` writes it. u is the factor of a severity (`Law::base`).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Law {
-    /// The change in words, as scenario files state it; only laws of `faults.toml` have it.
+    /// The change in words, as scenario files state it; only in `faults.toml`.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub change: String,
-    /// How a severity is counted, which says what u is.
     size: Size,
-    /// The power of u by which the restrictor's inertance is multiplied; likewise the four elements
-    /// below. 0: the fault leaves the element as it is.
+    /// The powers of u by which the elements are multiplied; 0 leaves an element as it is.
     #[serde(default)]
     restrictor_inertance: f64,
     #[serde(default)]
@@ -48,12 +42,11 @@ pub struct Law {
     resistances: f64,
     /// The severities that the name means, the one nearer to no fault first.
     pub range: [f64; 2],
-    /// 0: the law is a class of faults, which signals may be named by. Above 0: the law is no class
-    /// but a contrast, something else that happens to channels; the weight is its probability a
-    /// priori, of all that is flagged.
+    /// 0: the law is a class of faults. Above 0: it is a contrast, something else that happens to
+    /// channels; the weight is its probability a priori, of all that is flagged.
     #[serde(default)]
     pub weight: f64,
-    /// The category to which the class belongs; absent: the class is a category of its own.
+    /// The category of the class; absent: the class is its own category.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub category: Option<String>,
     /// What the severity counts, in words that follow the number, such as `of the nozzle's mass`.
@@ -73,12 +66,10 @@ enum Size {
     Factor,
 }
 
-/// The default of a factor.
 fn one() -> f64 {
     1.0
 }
 
-/// All laws of `faults.toml`, by name.
 fn laws() -> &'static BTreeMap<String, Law> {
     static LAWS: OnceLock<BTreeMap<String, Law>> = OnceLock::new();
     LAWS.get_or_init(|| {
@@ -87,8 +78,7 @@ fn laws() -> &'static BTreeMap<String, Law> {
 }
 
 /// All that is known to happen to a channel: the laws of `faults.toml`, and a user's own
-/// (`[isolate.physics]`), by name. Only the user's own are stored; the default catalogue has none
-/// of these.
+/// (`[isolate.physics]`), by name. Only the user's own are stored.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Catalogue {
@@ -96,12 +86,10 @@ pub struct Catalogue {
 }
 
 impl Catalogue {
-    /// Whether the user has added no laws.
     pub fn is_empty(&self) -> bool {
         self.own.is_empty()
     }
 
-    /// A law by its name; `None`: there is no law of that name.
     pub fn law(&self, name: &str) -> Option<&Law> {
         self.own.get(name).or_else(|| laws().get(name))
     }
@@ -111,15 +99,15 @@ impl Catalogue {
         self.own.iter().filter(|(_, law)| law.weight == 0.0).map(|(name, _)| name.as_str())
     }
 
-    /// What happens to channels and is no class of faults (laws with a weight), with its name.
+    /// What happens to channels and is no class of faults, with its name.
     pub fn contrasts(&self) -> impl Iterator<Item = (&str, &Law)> {
         let all = laws().iter().chain(&self.own).filter(|(_, law)| law.weight > 0.0);
         all.map(|(name, law)| (name.as_str(), law))
     }
 
     /// The class in whose severity unit faults of all `classes` are measured: the first one, if all
-    /// of them are one physical fault in different degrees. `None`: they are different faults, or
-    /// one is unknown.
+    /// of them are one physical fault in different degrees. `None`: they are not, or one is
+    /// unknown.
     pub fn one_kind<'a>(&self, classes: &'a [String]) -> Option<&'a str> {
         let first = classes.first()?;
         let kind = self.law(first)?;
@@ -127,22 +115,20 @@ impl Catalogue {
         classes.iter().all(|class| alike(class)).then_some(first)
     }
 
-    /// The severity farthest from no fault among the ranges of all laws of the kind of `of`: up to
-    /// there a fault curve has to reach, since a fault may grow from one class into the next.
+    /// The severity farthest from no fault among the ranges of all laws of the kind of `of`: a
+    /// fault may grow from one class into the next.
     pub fn largest(&self, of: &Law) -> f64 {
         let alike = laws().values().chain(self.own.values()).filter(|law| law.is_kind_of(of));
-        let farther = |a: f64, b: f64| if of.size.far(a) > of.size.far(b) { a } else { b };
+        let farther = |a: f64, b: f64| if of.scale(a).abs() > of.scale(b).abs() { a } else { b };
         alike.map(|law| law.range[1]).fold(of.range[1], farther)
     }
 
-    /// The categories that a user's own classes declare, by the name of the class.
     pub fn categories(&self) -> Categories {
         let declared = |(name, law): (&String, &Law)| Some((name.clone(), law.category.clone()?));
         Categories(self.own.iter().filter_map(declared).collect())
     }
 
-    /// Refuses a law of the user's that is not possible, and laws without a class that together
-    /// weigh too much; the error says in words which law and why.
+    /// Refuses a law of the user's that is not possible, and weights that are too large together.
     pub fn check(&self) -> Result<(), String> {
         for (name, law) in &self.own {
             if name.is_empty() || is_reserved(name) || laws().contains_key(name) {
@@ -151,28 +137,26 @@ impl Catalogue {
             law.check().map_err(|why| format!("\"{name}\": {why}"))?;
         }
         let no_class: f64 = self.own.values().map(|law| law.weight).sum();
-        match no_class <= MOST_WEIGHT {
-            true => Ok(()),
-            false => Err(format!(
-                "the weights of what is no class add up to {no_class}; give {MOST_WEIGHT} at most, so \
-                 that faults of known classes remain likelier"
-            )),
+        if no_class <= MOST_WEIGHT {
+            return Ok(());
         }
+        Err(format!(
+            "the weights of what is no class add up to {no_class}; give {MOST_WEIGHT} at most, so \
+             that faults of known classes remain likelier"
+        ))
     }
 }
 
-/// Largest total weight of the laws that a user adds and that are no classes. Together with what is
-/// there already (.09 in `faults.toml`, .09 in `isolate/alternatives.rs`) that is less than two
-/// fifths of what is flagged.
+/// Largest total weight of a user's laws that are no classes. Together with what is there already
+/// (.09 in `faults.toml`, .09 in `isolate/alternatives.rs`) that is less than two fifths of what is
+/// flagged.
 const MOST_WEIGHT: f64 = 0.2;
-/// Largest power that is accepted. Those of thesis (2-3), (2-4) are at most 2 (R goes with 1 / A²),
-/// or 4 in a diameter, so that a larger one is probably a slip of the pen.
+/// Largest power that is accepted. Those of thesis (2-3), (2-4) are at most 2, or 4 in a diameter,
+/// so that a larger one is probably a slip of the pen.
 const MOST_POWER: f64 = 4.0;
 
 impl Law {
-    /// Refuses a law that changes nothing or is out of range, and says why.
     fn check(&self) -> Result<(), String> {
-        // the powers: numbers, not too large, and at least one of them not 0
         let powers = self.powers();
         if let Some(power) = powers.iter().find(|p| p.is_nan() || p.abs() > MOST_POWER) {
             return Err(format!("power {power}: give -{MOST_POWER} to {MOST_POWER}"));
@@ -188,13 +172,12 @@ impl Law {
             return Err(format!("resistances = {}: give 0.01 to 100", self.resistances));
         }
 
-        // The range: both ends on one side of no fault, the nearer one first, and u positive at
-        // both.
+        // both ends on one side of no fault, the nearer one first, and u positive at both
         let [near, far] = self.range;
-        let none = self.size.none();
+        let none = self.none();
         let is_one_side = (near - none) * (far - none) >= 0.0;
-        let grows = self.size.far(far) > self.size.far(near);
-        let is_possible = self.size.base(far) > 0.0 && self.size.base(near) > 0.0;
+        let grows = self.scale(far).abs() > self.scale(near).abs();
+        let is_possible = self.base(far) > 0.0 && self.base(near) > 0.0;
         if !(is_one_side && grows && is_possible && far.abs() <= 1e3) {
             return Err(format!(
                 "range = [{near}, {far}]: give the severities that the name means, the end nearer to no fault \
@@ -207,24 +190,21 @@ impl Law {
             ));
         }
 
-        // the weight and the words: what has a weight is no class and so belongs to no category
+        // what has a weight is no class and so belongs to no category
         if !(0.0..=MOST_WEIGHT).contains(&self.weight) {
             return Err(format!("weight = {}: give 0 to {MOST_WEIGHT}", self.weight));
         }
-        let said = |word: &Option<String>| word.as_ref().is_none_or(|word| !word.trim().is_empty());
-        if !said(&self.category) || !said(&self.unit) {
+        if [&self.category, &self.unit].into_iter().flatten().any(|word| word.trim().is_empty()) {
             return Err("category or unit is empty: give words, or leave it out".into());
         }
-        match self.weight > 0.0 && self.category.is_some() {
-            true => {
-                Err("what has a weight is no class, and has no category: leave one of them out"
-                    .into())
-            }
-            false => Ok(()),
+        if self.weight > 0.0 && self.category.is_some() {
+            return Err(
+                "what has a weight is no class, and has no category: leave one of them out".into(),
+            );
         }
+        Ok(())
     }
 
-    /// All powers, in the order of the fields.
     fn powers(&self) -> [f64; 6] {
         [
             self.restrictor_inertance,
@@ -236,21 +216,28 @@ impl Law {
         ]
     }
 
-    /// Whether both laws are one physical fault in different degrees: they count severities alike,
-    /// have the same powers, and their ranges lie on the same side of no fault.
+    /// Whether both laws are one physical fault in different degrees.
     pub fn is_kind_of(&self, other: &Law) -> bool {
-        let grows = |law: &Law| law.range[1] > law.size.none();
+        let grows = |law: &Law| law.range[1] > law.none();
         let same = self.size == other.size && self.resistances == other.resistances;
         same && self.powers() == other.powers() && grows(self) == grows(other)
     }
 
-    /// The severity at which there would be no fault.
     pub fn none(&self) -> f64 {
-        self.size.none()
+        if self.size == Size::Factor { 1.0 } else { 0.0 }
+    }
+
+    /// The factor u that grows or shrinks with the severity.
+    fn base(&self, severity: f64) -> f64 {
+        match self.size {
+            Size::Share => 1.0 - severity,
+            Size::Added => 1.0 + severity,
+            Size::Factor => severity,
+        }
     }
 
     /// The coordinate of a severity in which the prior of isolation is uniform: a share itself,
-    /// else ln u (of viscosity, of compliance).
+    /// else ln u.
     pub fn scale(&self, severity: f64) -> f64 {
         match self.size {
             Size::Share => severity,
@@ -259,7 +246,6 @@ impl Law {
         }
     }
 
-    /// The severity at a coordinate of [`Law::scale`]; its inverse.
     pub fn severity_at(&self, place: f64) -> f64 {
         match self.size {
             Size::Share => place,
@@ -268,7 +254,6 @@ impl Law {
         }
     }
 
-    /// The severity in the middle of the range, by [`Law::scale`].
     pub fn middle(&self) -> f64 {
         let [one, other] = self.range.map(|severity| self.scale(severity));
         self.severity_at(0.5 * (one + other))
@@ -276,7 +261,7 @@ impl Law {
 
     /// The factor u at a severity, to a power.
     fn to(&self, severity: f64, power: f64) -> f64 {
-        let base = self.size.base(severity);
+        let base = self.base(severity);
         // whole powers are the same to the last bit, whatever the machine's pow is
         match power.fract() == 0.0 {
             true => base.powi(power as i32),
@@ -289,15 +274,14 @@ impl Law {
         self.to(severity, self.amplitude)
     }
 
-    /// The rates of `channel` with a fault of this severity, thesis (2-1). `None`: the severity
-    /// leaves no positive inertance, compliance or resistance, or the rates would not be finite.
+    /// The rates of `channel` with a fault of this severity, thesis (2-1). `None`: an inertance,
+    /// compliance or resistance would not be positive and finite.
     pub fn apply(&self, severity: f64, channel: &InkChannel) -> Option<InkChannel> {
-        let base = self.size.base(severity);
+        let base = self.base(severity);
         if base.is_nan() || base <= 0.0 {
             return None;
         }
 
-        // The powers of u that the rates are multiplied by, from the elements that they consist of:
         // a = 1 / (I_r B), b = 1 / (I_n B), g = R_r / I_r, d = R_n / I_n
         let to = |power: f64| self.to(severity, power);
         let by = [
@@ -310,32 +294,6 @@ impl Law {
     }
 }
 
-impl Size {
-    /// The severity of no fault.
-    fn none(self) -> f64 {
-        if self == Size::Factor { 1.0 } else { 0.0 }
-    }
-
-    /// How far a severity is from no fault, as a number that grows with the distance to either
-    /// side.
-    fn far(self, severity: f64) -> f64 {
-        match self {
-            Size::Factor => severity.ln().abs(),
-            Size::Share | Size::Added => severity.abs(),
-        }
-    }
-
-    /// The factor u that grows or shrinks with the severity.
-    fn base(self, severity: f64) -> f64 {
-        match self {
-            Size::Share => 1.0 - severity,
-            Size::Added => 1.0 + severity,
-            Size::Factor => severity,
-        }
-    }
-}
-
-/// A law of `faults.toml` by its name.
 pub fn law(class: &str) -> Option<&'static Law> {
     laws().get(class)
 }

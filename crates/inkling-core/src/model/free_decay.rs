@@ -1,50 +1,41 @@
-//! A free decay of thesis (2-2) as it shows in the output, one damped pair and one real pole, and
-//! its derivatives by its parameters. Model critique fits this form to signals.
+//! A free decay of thesis (2-2) as it shows in the output, and its derivatives by its parameters.
+//! Model critique fits this form to signals.
 //!
-//! y(t) = e^{-sigma t} (a cos omega t + b sin omega t) + c e^{-lambda t}, in counts per unit drive.
-//! Time is in signal lengths: sample k of N lies at t = k / N, so that rates are numbers near
-//! 1..100 whatever the plant and whatever its sample period. The parameters theta are ln sigma, ln
-//! omega, a, b, c and ln lambda.
+//! y(t) = e^{-sigma t} (a cos omega t + b sin omega t) + c e^{-lambda t}, counts per unit drive.
+//! Time is in signal lengths (sample k of N lies at t = k / N), so that rates are near 1..100 for
+//! any plant. The b and c here are amplitudes, not the rate b and the output gain c of thesis
+//! (2-2).
 //!
-//! In: theta, and the number of samples. Out: the N samples of y, and the N x 6 Jacobian
-//! dy/d(theta). (The parameters b here and c here are amplitudes, not the rate b and the output
-//! gain c of thesis (2-2).)
+//! In: the parameters theta, and N. Out: the N samples of y, and the N x 6 Jacobian dy/d(theta).
 
 use nalgebra::SVector;
 
-/// Number of parameters that differ from channel to channel, the first of `Theta`: ln sigma, ln
-/// omega, a, b, c.
+/// Number of parameters that differ from channel to channel: all but ln lambda.
 pub const FREE: usize = 5;
-/// Number of all parameters: the `FREE` ones and ln lambda, which all channels share.
 pub const ALL: usize = 6;
 
-/// The parameters ln sigma, ln omega, a, b, c, ln lambda, in this order; rates per signal length,
-/// amplitudes in counts per unit drive.
+/// ln sigma, ln omega, a, b, c, ln lambda; rates per signal length, amplitudes in counts per unit
+/// drive.
 pub type Theta = SVector<f64, ALL>;
 
-/// The decay y, counts per unit drive, and its Jacobian, whose columns are dy/d(theta_j) in the
-/// order of `Theta`; N each. The buffers are used again from call to call.
+/// The decay y, counts per unit drive, and the columns dy/d(theta_j) of its Jacobian, N each;
+/// buffers that are used again from call to call.
 #[derive(Clone, Debug, Default)]
 pub struct Tangent {
     pub y: Vec<f64>,
     pub columns: [Vec<f64>; ALL],
 }
 
-/// The three motions that a decay is made of, e^{-sigma t} cos omega t, e^{-sigma t} sin omega t
-/// and e^{-lambda t}, sample by sample without end, from time `shift` (in signal lengths) on.
-/// `real`: whether the third one, the real pole's, is included; otherwise it is 0. `n`: number of
-/// samples per signal length.
-///
-/// Each sample follows from the one before: the pair is turned by omega / n and shrunk by
-/// e^{-sigma / n}, so that exponentials and sines are computed only once.
+/// The motions that a decay is made of, e^{-sigma t} cos omega t, e^{-sigma t} sin omega t and
+/// e^{-lambda t} (0 unless `real`), sample by sample from time `shift` on; `n` samples per signal
+/// length. Each sample follows from the one before, so that exponentials and sines are computed
+/// only once.
 fn motions(theta: &Theta, real: bool, shift: f64, n: f64) -> impl Iterator<Item = [f64; 3]> {
-    // the factors from sample to sample
     let (sigma, omega, lambda) = (theta[0].exp(), theta[1].exp(), theta[5].exp());
     let decay = (-sigma / n).exp();
     let (sin, cos) = (omega / n).sin_cos();
     let fall = (-lambda / n).exp();
 
-    // the first sample
     let start = (-sigma * shift).exp();
     let (s0, c0) = (omega * shift).sin_cos();
     let r = if real { (-lambda * shift).exp() } else { 0.0 };
@@ -53,8 +44,8 @@ fn motions(theta: &Theta, real: bool, shift: f64, n: f64) -> impl Iterator<Item 
     })
 }
 
-/// Adds `scale` times the decay of `theta` to `out`, from time `shift` (in signal lengths) on;
-/// `out` is taken to hold one signal length. `real`: whether the real pole's part is included.
+/// Adds `scale` times the decay of `theta` to `out`, from time `shift` on; `out` is taken to hold
+/// one signal length. `real`: whether the real pole's part is included.
 pub fn add(theta: &Theta, real: bool, shift: f64, scale: f64, out: &mut [f64]) {
     let motions = motions(theta, real, shift, out.len() as f64);
     for (y, [c, s, r]) in out.iter_mut().zip(motions) {
@@ -63,11 +54,10 @@ pub fn add(theta: &Theta, real: bool, shift: f64, scale: f64, out: &mut [f64]) {
 }
 
 impl Tangent {
-    /// Computes decay and Jacobian at `theta`. `weak`: the amplitude c, counts per unit drive, to
-    /// use in the column dy/d(ln lambda) = -lambda t c e^{-lambda t}. A single signal hardly
-    /// determines its own c, and with so noisy a regressor the column would bias what is fitted
-    /// (errors in variables), so the caller gives a c that rests on many signals. `real`: whether
-    /// the real pole's part is included.
+    /// Computes decay and Jacobian at `theta`. `weak`: the amplitude c for the column dy/d(ln
+    /// lambda) = -lambda t c e^{-lambda t}. A single signal hardly determines its own c, and with
+    /// so noisy a regressor the column would bias the fit (errors in variables), so the caller
+    /// gives a c that rests on many signals. `real`: whether the real pole's part is included.
     pub fn at(&mut self, theta: &Theta, weak: f64, real: bool, samples: usize) {
         let n = samples as f64;
         let (sigma, omega, lambda) = (theta[0].exp(), theta[1].exp(), theta[5].exp());
@@ -79,16 +69,9 @@ impl Tangent {
             let pair = a * c + b * s;
             self.y[k] = pair + c_real * r;
 
-            // the derivatives by ln sigma, ln omega and ln lambda hold these rates themselves as
-            // factors
-            let [sigma_column, omega_column, a_column, b_column, c_column, lambda_column] =
-                &mut self.columns;
-            sigma_column[k] = -sigma * t * pair;
-            omega_column[k] = omega * t * (b * c - a * s);
-            a_column[k] = c;
-            b_column[k] = s;
-            c_column[k] = r;
-            lambda_column[k] = -lambda * t * weak * r;
+            let by_omega = omega * t * (b * c - a * s);
+            let slopes = [-sigma * t * pair, by_omega, c, s, r, -lambda * t * weak * r];
+            self.columns.iter_mut().zip(slopes).for_each(|(column, slope)| column[k] = slope);
         }
     }
 }

@@ -1,10 +1,8 @@
 //! From dimensions and ink to the rates of a channel, thesis (2-3), (2-4), (2-5).
 //!
-//! In: lengths, areas and ink properties, as the table `[identify.geometry]` of the settings or a
-//! scenario of `simulate` has them. Out: the rates ([`InkChannel`]), from which a fit of (3-1) or a
-//! simulation starts. Each duct has an inertance I = rho L / A and a resistance R = 8 pi mu L / A²;
-//! with the compliance B_t the rates are a = 1/(I_r B_t), b = 1/(I_n B_t), g = R_r/I_r, d =
-//! R_n/I_n. Only these ratios reach the decay: I, R and B apart are not observable.
+//! In: lengths, areas and ink properties. Out: the rates a = 1/(I_r B_t), b = 1/(I_n B_t), g =
+//! R_r/I_r, d = R_n/I_n, from which a fit of (3-1) or a simulation starts. Only these ratios reach
+//! the decay: I, R and B apart are not observable.
 
 use super::InkChannel;
 use std::f64::consts::PI;
@@ -27,14 +25,11 @@ pub struct Geometry {
 }
 
 impl Geometry {
-    /// Inertance of a duct, thesis (2-3): I = rho L / A, kg/m^4.
-    fn inertance_kg_per_m4(&self, length_m: f64, area_m2: f64) -> f64 {
-        self.density_kg_per_m3 * length_m / area_m2
-    }
-
-    /// Resistance of a duct, thesis (2-4): R = 8 pi mu L / A^2, Pa s/m^3.
-    fn resistance_pa_s_per_m3(&self, length_m: f64, area_m2: f64) -> f64 {
-        8.0 * PI * self.viscosity_pa_s * length_m / (area_m2 * area_m2)
+    /// A duct's inertance I = rho L / A, kg/m^4, and resistance R = 8 pi mu L / A^2, Pa s/m^3,
+    /// thesis (2-3) and (2-4).
+    fn duct(&self, length_m: f64, area_m2: f64) -> [f64; 2] {
+        let inertance = self.density_kg_per_m3 * length_m / area_m2;
+        [inertance, 8.0 * PI * self.viscosity_pa_s * length_m / (area_m2 * area_m2)]
     }
 
     /// Total compliance, thesis (2-5): B_t = B_act + V_ch / (rho c^2), m^3/Pa.
@@ -44,12 +39,9 @@ impl Geometry {
             + self.channel_volume_m3 / (self.density_kg_per_m3 * c * c)
     }
 
-    /// The channel's rates, thesis (2-2).
     pub fn ink_channel(&self) -> InkChannel {
-        let i_r = self.inertance_kg_per_m4(self.restrictor_length_m, self.restrictor_area_m2);
-        let i_n = self.inertance_kg_per_m4(self.nozzle_length_m, self.nozzle_area_m2);
-        let r_r = self.resistance_pa_s_per_m3(self.restrictor_length_m, self.restrictor_area_m2);
-        let r_n = self.resistance_pa_s_per_m3(self.nozzle_length_m, self.nozzle_area_m2);
+        let [i_r, r_r] = self.duct(self.restrictor_length_m, self.restrictor_area_m2);
+        let [i_n, r_n] = self.duct(self.nozzle_length_m, self.nozzle_area_m2);
         let b_t = self.compliance_m3_per_pa();
         InkChannel {
             a_per_s2: 1.0 / (i_r * b_t),

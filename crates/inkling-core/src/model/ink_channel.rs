@@ -1,9 +1,7 @@
 //! The ink channel of thesis (2-2), described by the four rates that its matrix A depends on.
 //!
 //! In: the rates a = 1/(I_r B_t), b = 1/(I_n B_t), g = R_r/I_r, d = R_n/I_n. Out: the matrices A
-//! and C, the polynomial of the observable poles, and e^{A t}. Identification, filter design, fault
-//! laws and simulation all describe a channel by this type; the poles themselves are computed in
-//! `poles.rs`.
+//! and C, the polynomial of the observable poles, and e^{A t}.
 
 use nalgebra::{DMatrix, Matrix4, dmatrix};
 
@@ -23,12 +21,10 @@ pub struct InkChannel {
 }
 
 impl InkChannel {
-    /// The four rates: a, b, g, d.
     pub fn rates(&self) -> [f64; 4] {
         [self.a_per_s2, self.b_per_s2, self.g_per_s, self.d_per_s]
     }
 
-    /// The channel with the rates a, b, g, d.
     pub fn of(rates: [f64; 4]) -> InkChannel {
         let [a_per_s2, b_per_s2, g_per_s, d_per_s] = rates;
         InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s }
@@ -40,7 +36,6 @@ impl InkChannel {
         InkChannel::of(std::array::from_fn(|j| rates[j] * by[j]))
     }
 
-    /// The matrix A, 4 x 4, 1/s.
     pub fn a(&self) -> DMatrix<f64> {
         let [a, b, g, d] = self.rates();
         dmatrix![
@@ -50,31 +45,28 @@ impl InkChannel {
             -b, -b, 0.0, -d]
     }
 
-    /// The matrix C = [0 0 1 1], thesis §3-1. The factor from flow to counts is put into the unit
-    /// of the state: flows are in counts, volumes in counts·s.
+    /// The matrix C = [0 0 1 1], thesis §3-1: flows are in counts, volumes in counts·s.
     pub fn c(&self) -> DMatrix<f64> {
         dmatrix![0.0, 0.0, 1.0, 1.0]
     }
 
     /// (p2, p1, p0) of the observable polynomial s^3 + p2 s^2 + p1 s + p0, in 1/s, 1/s², 1/s³.
     /// Departs: thesis §3-2-1 II has N(s)L(s) = det(A - sI) = s times this cubic. The pole at 0 is
-    /// unobservable (its eigenvector is (1, -1, 0, 0), ink that moves from restrictor to nozzle,
-    /// and C maps that to 0), so the numerator is this cubic alone.
+    /// unobservable (ink that moves from restrictor to nozzle), so the numerator is this cubic
+    /// alone.
     pub fn cubic(&self) -> [f64; 3] {
         let [a, b, g, d] = self.rates();
         [g + d, g * d + a + b, a * d + b * g]
     }
 
-    /// The matrix A_d = e^{A t}, which takes the state x to the state after the time t: x(t) = A_d
-    /// x(0). 4 x 4, in the coordinates of A. The same as `ring_down::discretise` gives, without
-    /// allocation: simulating a print run needs three per signal.
+    /// A_d = e^{A t}, with x(t) = A_d x(0). 4 x 4, in the coordinates of A. The same as
+    /// `ring_down::discretise` gives, without allocation: simulating a print run needs three per
+    /// signal.
     ///
-    /// By scaling and squaring: the volumes are counted in units of flow / omega, where omega^2 =
-    /// a + b is about the resonance, so that the norm of A t is about omega t. A t / 2^j, whose
-    /// norm is at most 1/4, has its exponential by a Taylor series to order 12 (remainder below
-    /// 1e-16), which is squared j times.
+    /// By scaling and squaring: volumes are counted in flow / omega with omega^2 = a + b, so that
+    /// the norm of A t is about omega t. A t / 2^j, whose norm is at most 1/4, has its exponential
+    /// by a Taylor series to order 12 (remainder below 1e-16), which is squared j times.
     pub fn transition(&self, t_s: f64) -> Matrix4<f64> {
-        // A t in the scaled coordinates
         let [a, b, g, d] = self.rates();
         let omega = (a + b).sqrt();
         let tau = omega * t_s;
@@ -92,7 +84,6 @@ impl InkChannel {
         let halvings = (4.0 * norm).log2().ceil().clamp(0.0, 60.0) as i32;
         let at = at * 0.5_f64.powi(halvings);
 
-        // the Taylor series by Horner's rule, and the squarings that undo the halvings
         let mut e = Matrix4::identity();
         for k in (1..=12).rev() {
             e = Matrix4::identity() + at * e / f64::from(k);
@@ -110,9 +101,7 @@ impl InkChannel {
         }
         e
     }
-}
 
-impl InkChannel {
     /// The nominal channel of tests and simulations, and the default guess of (3-1). The thesis
     /// states no rates; these give a plausible ring of 64.7 kHz with a damping of 2.9e4 1/s.
     pub const NOMINAL: InkChannel =

@@ -1,10 +1,9 @@
 //! Inner products whose bits do not depend on the processor.
 //!
-//! In: two vectors. Out: their inner product. Eight partial sums are kept side by side, one per
-//! SIMD lane: sum l adds up the products at the places l, l + 8, l + 16, .. These are added up in a
-//! fixed order, then the products at the end that fill no whole group of eight, one by one. No
-//! product is fused with a sum. So the result has the same bits whatever vector instructions the
-//! processor has, and so have verdicts.
+//! Eight partial sums are kept side by side, one per SIMD lane: sum l adds up the products at the
+//! places l, l + 8, .. They are added up in a fixed order, then the products that fill no whole
+//! group of eight. No product is fused with a sum. So the result, and with it every verdict, has
+//! the same bits whatever vector instructions the processor has.
 
 use crate::processor::for_processor;
 

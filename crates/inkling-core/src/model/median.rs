@@ -1,7 +1,5 @@
-//! The median and the standard deviation that is derived from it, for the whole program.
-//!
-//! Both are robust: what fewer than half of the values are does not matter much. So they are used
-//! where a minority of the signals or channels may be faulty.
+//! The median and the standard deviation that is derived from it, for values of which a minority
+//! may be of faulty signals or channels.
 
 /// The median: for an even number of values the upper of the middle two, for none NaN. Reorders
 /// `values`. NaNs count as the largest values.
@@ -19,11 +17,9 @@ pub fn median_of(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// A robust standard deviation of `values` about `middle`: the median of the absolute deviations
-/// times 1.4826, which makes it the standard deviation if the values are Gaussian. For no values it
-/// is NaN.
+/// times 1.4826, which is right for Gaussian values. For no values it is NaN.
 pub fn robust_sd(values: &[f64], middle: f64) -> f64 {
-    let mut off: Vec<f64> = values.iter().map(|v| (v - middle).abs()).collect();
-    1.4826 * median(&mut off)
+    1.4826 * median_of(values.iter().map(|v| (v - middle).abs()))
 }
 
 #[cfg(test)]

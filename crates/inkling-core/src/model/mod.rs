@@ -4,18 +4,14 @@
 //!   `geometry` (rates from dimensions), `actuation` (the state x_a from which it rings),
 //!   `ring_down` (the decay y = C e^{At} x_a), `poles`, and `faults` (what each fault does to the
 //!   rates).
-//! * The decay as one damped pair and one real pole, a *ring*: `ring`, its fit to a measured signal
+//! * The decay as one damped pair and one real pole, a *ring*: `ring`, its fit to a signal
 //!   (`ring_fit` with `ring_grid`, `ring_gauss_newton`, `ring_gram`), and `beside_ring` (what the
 //!   fit leaves).
 //! * For model critique: `free_decay` (the decay with its Jacobian) and `terms` (effects that (2-2)
 //!   lacks).
-//! * `lie`: how ring-downs are laid out in a row of numbers of unknown layout.
-//! * Tools: `bisection`, `descent`, `inner_product`, `median`, `normal`, `student`, `programme`,
-//!   `simd_math`.
+//! * `row_layout`: how ring-downs are laid out in a row of numbers. The rest are tools.
 //!
-//! Only the fit of a ring, `beside_ring` and `lie` look at measured signals. Quantities are in SI
-//! units at every signature that says nothing else; inside, time is in microseconds or in signal
-//! lengths where conditioning asks for that.
+//! Quantities are in SI units at every signature that says nothing else.
 
 pub mod actuation;
 pub mod beside_ring;
@@ -26,7 +22,7 @@ pub mod free_decay;
 pub mod geometry;
 pub mod ink_channel;
 pub mod inner_product;
-pub mod lie;
+
 pub mod median;
 pub mod normal;
 mod poles;
@@ -37,6 +33,7 @@ pub mod ring_fit;
 mod ring_gauss_newton;
 mod ring_gram;
 mod ring_grid;
+pub mod row_layout;
 pub mod simd_math;
 pub mod student;
 pub mod terms;

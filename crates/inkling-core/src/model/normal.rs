@@ -1,6 +1,5 @@
-//! The normal distribution: its upper tail, the logarithm of that tail, and its quantile, for the
-//! whole program. In: a number of standard deviations, or a probability. Out: the other one. All
-//! three are published approximations; their errors stand at each function.
+//! The normal distribution: its upper tail, the logarithm of that tail, and its quantile. All three
+//! are published approximations, whose errors stand at each function.
 
 /// Coefficients c_j of ln(erfc(z) e^{z²} / t) = sum c_j t^j with t = 1 / (1 + z/2): the Chebyshev
 /// fit of Numerical Recipes (erfcc).
@@ -25,8 +24,7 @@ pub fn upper_tail(x: f64) -> f64 {
     if x >= 0.0 { erfc / 2.0 } else { 1.0 - erfc / 2.0 }
 }
 
-/// ln (1 - Phi(x)), also where 1 - Phi(x) is too small for a floating-point number: there the
-/// exponent is used without being raised to a power.
+/// ln (1 - Phi(x)), also where 1 - Phi(x) is too small for a floating-point number.
 pub fn ln_upper_tail(x: f64) -> f64 {
     let (t, exponent) = half_erfc(x.abs());
     if x >= 0.0 { (t / 2.0).ln() + exponent } else { (-upper_tail(-x)).ln_1p() }

@@ -1,17 +1,15 @@
 //! The observable poles of an ink channel from its rates: one damped pair and one real pole.
 //!
-//! In: the rates a, b, g, d. Out: damping sigma, frequency f and decay rate lambda of the real
-//! pole; the pair is s = -sigma +- 2 pi i f. The poles are the roots of p3(s) = s^3 + (g+d) s^2 +
-//! (gd+a+b) s + (ad+bg). The real one is found by bisection between g and d, the pair in closed
-//! form from the quadratic that is left. No eigenvalue routine is needed.
+//! In: the rates a, b, g, d. Out: damping, frequency and decay rate of the real pole. They are the
+//! roots of p3(s) = s^3 + (g+d) s^2 + (gd+a+b) s + (ad+bg), thesis (2-2).
 
 use super::InkChannel;
 use super::ring_down::Poles;
 use std::f64::consts::TAU;
 
 impl InkChannel {
-    /// Poles of the observable cubic p3 of thesis (2-2). `None`: the pair is overdamped (three
-    /// real poles), or the rates are not all positive and finite.
+    /// Poles of the observable cubic p3 of thesis (2-2). `None`: the pair is overdamped, or the
+    /// rates are not all positive and finite.
     ///
     /// p3(-g) = a (d - g) and p3(-d) = b (g - d) have opposite signs, so a real pole -lambda lies
     /// between -g and -d. Division by (s + lambda) leaves s^2 + 2 sigma s + q with 2 sigma = p2 -
@@ -23,8 +21,8 @@ impl InkChannel {
         let (g, d) = (self.g_per_s, self.d_per_s);
         let [p2, p1, p0] = self.cubic();
 
-        // p3(-x) is positive at the smaller of g, d and negative at the larger: bisect until no
-        // floating-point number lies between
+        // p3(-x) is positive at the smaller of g, d: bisect until no floating-point number lies
+        // between
         let p3_at_minus = |x: f64| ((p2 - x) * x - p1) * x + p0;
         let (mut low, mut high) = (g.min(d), g.max(d));
         while let mid = 0.5 * (low + high)
@@ -37,16 +35,12 @@ impl InkChannel {
                 high = mid;
             }
         }
-        let lambda = 0.5 * (low + high);
+        let lambda_per_s = 0.5 * (low + high);
 
-        // the pair, from p3 = (s + lambda)(s^2 + 2 damping s + q)
-        let damping = 0.5 * (p2 - lambda);
-        let omega2 = p0 / lambda - damping * damping;
-        (omega2 > 0.0).then(|| Poles {
-            damping_per_s: damping,
-            frequency_hz: omega2.sqrt() / TAU,
-            lambda_per_s: lambda,
-        })
+        let damping_per_s = 0.5 * (p2 - lambda_per_s);
+        let omega2 = p0 / lambda_per_s - damping_per_s * damping_per_s;
+        let frequency_hz = omega2.sqrt() / TAU;
+        (omega2 > 0.0).then_some(Poles { damping_per_s, frequency_hz, lambda_per_s })
     }
 }
 

@@ -6,9 +6,7 @@
 //! y(t) = A (e^{-sigma t} cos(omega t + phi) + rho e^{-lambda t}),
 //! ```
 //!
-//! with which the signals of the model's printhead are compared (`ring_fit`). The pair's complex
-//! amplitude and the real pole's amplitude follow from y, y', y'' by three linear equations;
-//! [`Ring::output_state`] is the way back.
+//! with which the signals of the model's printhead are compared (`ring_fit`).
 
 use super::ring_down::Poles;
 use nalgebra::{Complex, Matrix3, Vector3};
@@ -25,8 +23,8 @@ pub struct Ring {
     pub damping_per_s: f64,
     /// Frequency f = omega / 2 pi, Hz.
     pub frequency_hz: f64,
-    /// The real pole's amplitude at t_a over that of the pair, rho; negative where both pull in
-    /// opposite directions.
+    /// The real pole's amplitude at t_a over that of the pair, rho; negative where they are
+    /// opposed.
     pub real_share: f64,
     /// Decay rate lambda of the real pole, 1/s.
     pub lambda_per_s: f64,
@@ -36,20 +34,18 @@ impl Ring {
     /// The ring with these poles that has the output y, y', y'' at t_a (counts, counts/s,
     /// counts/s²). `None`: nothing oscillates.
     pub fn new(poles: Poles, output_state: [f64; 3]) -> Option<Ring> {
-        // the poles per µs, so that the system is well conditioned
         let omega = 2.0 * std::f64::consts::PI * poles.frequency_hz * 1e-6;
         let s = Complex::new(-poles.damping_per_s * 1e-6, omega);
         let lambda = poles.lambda_per_s * 1e-6;
 
-        // With the complex amplitude C of the pair and the amplitude R of the real pole:
-        // y = Re C + R; y' = Re (s C) - lambda R; y'' = Re (s² C) + lambda² R.
-        // The unknowns are Re C, Im C and R.
+        // Per µs, so that the system is well conditioned. With the complex amplitude C of the pair
+        // and the amplitude R of the real pole: y = Re C + R; y' = Re (s C) - lambda R; y'' = Re
+        // (s² C) + lambda² R.
         let s2 = s * s;
         let m = Matrix3::new(1.0, 0.0, 1.0, s.re, -s.im, -lambda, s2.re, -s2.im, lambda * lambda);
         let [y, dy, ddy] = output_state;
         let x = m.lu().solve(&Vector3::new(y, dy * 1e-6, ddy * 1e-12))?;
 
-        // amplitude and phase of the pair are those of C
         let c = Complex::new(x[0], x[1]);
         (c.norm() > 0.0 && c.norm().is_finite()).then(|| Ring {
             amplitude: c.norm(),
@@ -61,7 +57,7 @@ impl Ring {
         })
     }
 
-    /// y, y', y'' at t_a, in counts, counts/s, counts/s²: what [`Ring::new`] was given.
+    /// y, y', y'' at t_a, in counts, counts/s, counts/s²: the inverse of [`Ring::new`].
     pub fn output_state(&self) -> [f64; 3] {
         let omega = 2.0 * std::f64::consts::PI * self.frequency_hz;
         let s = Complex::new(-self.damping_per_s, omega);

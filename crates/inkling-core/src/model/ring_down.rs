@@ -1,10 +1,8 @@
 //! Free decays of a channel from its acquisition state, sample by sample: y_k = C A_d^k x_a.
 //!
-//! In: matrices or rates of a channel, x_a, the sample period. Out: samples of the output in the
-//! unit of x_a (counts). A_d = e^{A dt} is the exact discretisation: it is not an approximation for
-//! small dt. [`ring_down_into`] is for simulation, with millions of signals; [`discretise`] is for
-//! the design of filters, and serves any plant. The type [`Poles`] is how all rooms tell damping,
-//! frequency and real pole.
+//! In: matrices or rates of a channel, x_a, the sample period. Out: samples in the unit of x_a
+//! (counts). A_d = e^{A dt} is the exact discretisation. [`ring_down_into`] is for simulation, with
+//! millions of signals; [`discretise`] is for the design of filters, and serves any plant.
 
 use super::InkChannel;
 use nalgebra::{DMatrix, DVector, Vector4};
@@ -20,15 +18,14 @@ pub struct Poles {
     pub lambda_per_s: f64,
 }
 
-/// Scales of the states that bring A's entries to a similar size in microseconds. A volume state,
-/// which is told by a 0 on A's diagonal, is counted in (flow x 1 µs), so its scale is 1e6; a flow
-/// stays as it is. In SI units A's entries differ by 12 decades. `a`: n x n, 1/s.
+/// Scales that bring A's entries, which differ by 12 decades in SI units, to a similar size in
+/// microseconds: a volume, told by a 0 on A's diagonal, is counted in flow x 1 µs. `a`: n x n, 1/s.
 fn microsecond_scales(a: &DMatrix<f64>) -> DVector<f64> {
     DVector::from_fn(a.nrows(), |i, _| if a[(i, i)] == 0.0 { 1e6 } else { 1.0 })
 }
 
-/// The matrices (A, C) in microseconds with states of similar size: the same plant and output, with
-/// its poles per µs. `a`: n x n, 1/s; `c`: m x n.
+/// (A, C) of the same plant in microseconds, with states of similar size. `a`: n x n, 1/s; `c`: m x
+/// n.
 pub fn in_microseconds(a: &DMatrix<f64>, c: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
     let s = microsecond_scales(a);
     let a_us = DMatrix::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)] * s[i] / s[j] * 1e-6);
@@ -36,13 +33,12 @@ pub fn in_microseconds(a: &DMatrix<f64>, c: &DMatrix<f64>) -> (DMatrix<f64>, DMa
     (a_us, c_us)
 }
 
-/// A_d = e^{A dt}, in the coordinates of A. `a`: n x n, 1/s. `dt_s`: s.
+/// A_d = e^{A dt}, in the coordinates of A. `a`: n x n, 1/s.
 pub fn discretise(a: &DMatrix<f64>, dt_s: f64) -> DMatrix<f64> {
     let s = microsecond_scales(a);
-    let n = a.nrows();
-    let a_us = DMatrix::from_fn(n, n, |i, j| a[(i, j)] * s[i] / s[j] * 1e-6);
+    let (a_us, _) = in_microseconds(a, &DMatrix::zeros(0, a.ncols()));
     let a_d = (a_us * (dt_s * 1e6)).exp();
-    DMatrix::from_fn(n, n, |i, j| a_d[(i, j)] * s[j] / s[i])
+    DMatrix::from_fn(a.nrows(), a.ncols(), |i, j| a_d[(i, j)] * s[j] / s[i])
 }
 
 /// Eigenvalues of the plant's A, 1/s.
@@ -66,9 +62,8 @@ pub fn ring_down(plant: &InkChannel, x_a: &DVector<f64>, dt_s: f64, samples: usi
     y
 }
 
-/// Writes the free decay of an ink channel to `out`, without allocation, for millions of signals:
-/// y_k = V_r' + V_n' at the time k dt_s, for every place k of `out`. `x_a`: V_r, V_n, V_r', V_n',
-/// times whatever gain y shall have.
+/// Writes the free decay y_k = V_r' + V_n' at the time k dt_s to `out`, without allocation. `x_a`:
+/// V_r, V_n, V_r', V_n', times whatever gain y shall have.
 pub fn ring_down_into(channel: &InkChannel, x_a: &Vector4<f64>, dt_s: f64, out: &mut [f64]) {
     let a_d = channel.transition(dt_s);
     let mut x = *x_a;

@@ -4,10 +4,9 @@
 //! In: a signal (N samples, counts), and the healthy [`Ring`] with which it is compared. Out:
 //! [`Features`], log ratios to that ring, and the square misfit. The noise is taken to be white, so
 //! the fit is least squares of y on a p + b q: p is the in-phase column of the ring (the damped
-//! pair, plus the real pole's part), q its quadrature column (the pair with its phase a quarter
-//! turn ahead, without the real pole). a and b enter linearly and are eliminated (variable
-//! projection, Golub and Pereyra 1973); amplitude and phase are those of a + i b. So the search is
-//! over damping and frequency alone:
+//! pair, plus the real pole's part), q its quadrature column (the pair a quarter turn ahead). a and
+//! b enter linearly and are eliminated (variable projection, Golub and Pereyra 1973); amplitude and
+//! phase are those of a + i b. The search over damping and frequency:
 //!
 //! 1. A coarse search over a grid (`ring_grid`), unless the caller knows a start.
 //! 2. A few damped Gauss-Newton steps (`ring_gauss_newton`, whose sums are in `ring_gram`).
@@ -19,7 +18,7 @@ use super::inner_product::dot;
 use super::ring::Ring;
 use super::ring_gauss_newton::{Optimum, Progress, Search, Start, WIDTH};
 use super::ring_gram::Frame;
-use super::ring_grid::{Grid, Sums};
+use super::ring_grid::Grid;
 use crate::processor::for_processor;
 use nalgebra::{DMatrix, Matrix4, Vector4};
 use std::sync::OnceLock;
@@ -35,17 +34,20 @@ pub struct Features {
 }
 
 impl Features {
-    /// The features of the healthy ring itself.
     pub const HEALTHY: Features =
         Features { ln_amplitude: 0.0, ln_damping: 0.0, ln_frequency: 0.0, phase_rad: 0.0 };
 
-    /// The features in the order ln amplitude, ln damping, ln frequency, phase.
     pub fn coordinates(&self) -> Vector4<f64> {
         Vector4::new(self.ln_amplitude, self.ln_damping, self.ln_frequency, self.phase_rad)
     }
+
+    /// ln damping and ln frequency to start a fit from, clamped to the range for which Gauss-Newton
+    /// is good.
+    fn start(&self) -> [f64; 2] {
+        [self.ln_damping.clamp(-3.0, 2.0), self.ln_frequency.clamp(-0.9, 0.5)]
+    }
 }
 
-/// From the coordinates, in the same order.
 impl From<Vector4<f64>> for Features {
     fn from(x: Vector4<f64>) -> Features {
         let [ln_amplitude, ln_damping, ln_frequency, phase_rad] = x.into();
@@ -53,7 +55,6 @@ impl From<Vector4<f64>> for Features {
     }
 }
 
-/// A fitted ring and its misfit.
 #[derive(Clone, Copy, Debug)]
 pub struct Fit {
     pub features: Features,
@@ -63,34 +64,31 @@ pub struct Fit {
     pub square: f64,
 }
 
-/// Fits rings to signals of one sample period and length, as compared with one healthy ring. The
-/// grid of the coarse search is computed when it is first needed.
+/// Fits rings to signals of one sample period and length, as compared with one healthy ring.
 #[derive(Clone, Debug)]
 pub struct RingFitter {
     /// The healthy ring, to which features are relative.
     pub ring: Ring,
-    /// Sample period, s, and number of samples of a signal.
+    /// Sample period, s, and number of samples, N.
     pub dt_s: f64,
     pub samples: usize,
     /// The real pole's part of the in-phase column, per unit amplitude, N.
     real: Vec<f64>,
-    /// The healthy ring in the form that the sums of a fit need.
     frame: Frame,
     grid: OnceLock<Grid>,
 }
 
-/// Buffers of a fitter, one set per thread.
 #[derive(Clone, Debug, Default)]
-pub struct Products {
-    sums: Sums,
-    /// The signals that are being fitted, interleaved: N samples, each of all lanes.
+pub struct FitBuffers {
+    /// The signal of a coarse search, decimated.
+    decimated: Vec<f32>,
+    /// The signals that are being fitted: N samples, each of all lanes.
     interleaved: Vec<[f64; WIDTH]>,
-    /// The next signal, N.
     signal: Vec<f64>,
 }
 
 impl RingFitter {
-    /// A fitter for signals of `samples` samples, `dt_s` apart, that are compared with `ring`.
+    /// A fitter for signals of `samples` samples, `dt_s` apart.
     pub fn new(ring: Ring, dt_s: f64, samples: usize) -> RingFitter {
         let real: Vec<f64> = (0..samples)
             .map(|k| ring.real_share * (-ring.lambda_per_s * k as f64 * dt_s).exp())
@@ -109,14 +107,13 @@ impl RingFitter {
         RingFitter { ring, dt_s, samples, real, frame, grid: OnceLock::new() }
     }
 
-    /// The grid of the coarse search.
     fn grid(&self) -> &Grid {
         let columns = |damping, frequency| self.columns(damping, frequency);
         self.grid.get_or_init(|| Grid::new(self.frame.omega_dt, self.samples, columns))
     }
 
-    /// In-phase and quadrature columns p and q, N each, per unit amplitude, of a ring whose damping
-    /// and frequency are these multiples of the healthy ring's.
+    /// The columns p and q, N each, per unit amplitude, of a ring whose damping and frequency are
+    /// these multiples of the healthy ring's.
     fn columns(&self, damping: f64, frequency: f64) -> [Vec<f64>; 2] {
         let decay = (-self.frame.sigma_dt * damping).exp();
         let (sin, cos) = (self.frame.omega_dt * frequency).sin_cos();
@@ -125,30 +122,20 @@ impl RingFitter {
         columns
     }
 
-    /// Fits one signal. `y`: N, counts. `phase`: whether the phase is free; else it is held at the
-    /// healthy ring's. `None`: the signal is no ring. It is zero or not finite, or the search came
-    /// to a place without a Gauss-Newton step (a singular matrix).
-    pub fn fit(&self, y: &[f64], phase: bool, work: &mut Products) -> Option<Fit> {
-        let [damping, frequency] = self.grid().search(y, &mut work.sums)?;
-        self.refine(y, damping, frequency, phase)
+    /// Fits one signal, N counts. `phase`: whether the phase is free; else it is held at the
+    /// healthy ring's. `None`: the signal is zero or not finite, or the search came to a place
+    /// without a Gauss-Newton step.
+    pub fn fit(&self, y: &[f64], phase: bool, work: &mut FitBuffers) -> Option<Fit> {
+        self.refine(y, self.grid().search(y, &mut work.decimated)?, phase)
     }
 
-    /// Fits one signal as [`RingFitter::fit`] does, but from damping and frequency of the ring
-    /// `near`, without the coarse search. `y`: N, counts.
+    /// Fits one signal as [`RingFitter::fit`] does, but starts from the ring `near`.
     pub fn fit_from(&self, y: &[f64], near: &Features, phase: bool) -> Option<Fit> {
-        let [damping, frequency] = self.near(near);
-        self.refine(y, damping, frequency, phase)
+        self.refine(y, near.start(), phase)
     }
 
-    /// ln damping and ln frequency to start from, clamped to the range for which Gauss-Newton is
-    /// good.
-    fn near(&self, near: &Features) -> [f64; 2] {
-        [near.ln_damping.clamp(-3.0, 2.0), near.ln_frequency.clamp(-0.9, 0.5)]
-    }
-
-    /// The fit of one signal by Gauss-Newton, from this start.
-    fn refine(&self, y: &[f64], ln_damping: f64, ln_frequency: f64, phase: bool) -> Option<Fit> {
-        let start = self.start_of(y, [ln_damping, ln_frequency])?;
+    fn refine(&self, y: &[f64], start: [f64; 2], phase: bool) -> Option<Fit> {
+        let start = self.start_of(y, start)?;
         let mut search = Search::<1>::new(self.frame, phase);
         search.begin(0, start);
         loop {
@@ -159,17 +146,14 @@ impl RingFitter {
         }
     }
 
-    /// A start, with what all evaluations of the signal share. `None`: the signal is zero, or not
-    /// finite.
-    fn start_of(&self, y: &[f64], [ln_damping, ln_frequency]: [f64; 2]) -> Option<Start> {
-        let [square, along_real] = [dot(y, y), dot(y, &self.real)];
-        let there = square > 0.0 && square.is_finite();
-        there.then_some(Start { ln_damping, ln_frequency, square, along_real })
+    /// A start, with what all evaluations share. `None`: the signal is zero, or not finite.
+    fn start_of(&self, y: &[f64], trial: [f64; 2]) -> Option<Start> {
+        let (square, along_real) = (dot(y, y), dot(y, &self.real));
+        (square > 0.0 && square.is_finite()).then_some(Start { trial, square, along_real })
     }
 
-    /// The features of an optimum. `None`: they are not finite.
     fn fit_of(&self, optimum: Optimum, square: f64) -> Option<Fit> {
-        let Optimum { ln_damping, ln_frequency, a, b, misfit } = optimum;
+        let Optimum { trial: [ln_damping, ln_frequency], a, b, misfit } = optimum;
         let features = Features {
             ln_amplitude: 0.5 * ((a * a + b * b) / self.ring.amplitude.powi(2)).ln(),
             ln_damping,
@@ -181,24 +165,21 @@ impl RingFitter {
     }
 
     /// Fits many signals, sixteen side by side, each with the same bits as [`RingFitter::fit`] or
-    /// [`RingFitter::fit_from`] would give.
+    /// [`RingFitter::fit_from`] would give. Fits need unlike numbers of iterations, so a lane whose
+    /// fit has ended takes the next signal at once.
     ///
-    /// `signal` writes the next signal, N, counts, and returns a start if one is known, or
-    /// `Some(None)` for the coarse search; it returns `None` when there are no more. `found` is
-    /// called with the number of a signal (0, 1, .. in the order of `signal`'s calls) and its fit,
-    /// in the order in which fits end.
-    ///
-    /// Each of the sixteen lanes holds one signal that is being fitted. Fits need unlike numbers of
-    /// iterations, so a lane whose fit has ended takes the next signal at once, and no lane idles
-    /// before the last signals.
+    /// `signal` writes the next signal, N counts, and returns a start if one is known, or
+    /// `Some(None)` for the coarse search; `None` when there are no more. `found` is called with
+    /// the number of a signal (in the order of `signal`'s calls) and its fit, in the order in which
+    /// fits end.
     pub fn fit_all(
         &self,
         phase: bool,
-        work: &mut Products,
+        work: &mut FitBuffers,
         mut signal: impl FnMut(&mut [f64]) -> Option<Option<Features>>,
         mut found: impl FnMut(usize, Option<Fit>),
     ) {
-        // buffers, and which signal each lane is at, with its square norm
+        // which signal each lane is at, with its square norm
         let mut interleaved = std::mem::take(&mut work.interleaved);
         let mut y = std::mem::take(&mut work.signal);
         interleaved.resize(self.samples, [0.0; WIDTH]);
@@ -208,8 +189,7 @@ impl RingFitter {
         let mut of_lane: [Option<usize>; WIDTH] = [None; WIDTH];
         let (mut next, mut more) = (0, true);
         loop {
-            // Fill the free lanes with the next signals. A signal that cannot be fitted is told at
-            // once, and the lane takes the next one.
+            // Fill the free lanes. A signal that cannot be fitted is answered at once.
             for lane in 0..WIDTH {
                 while more && of_lane[lane].is_none() {
                     let Some(near) = signal(&mut y) else {
@@ -217,8 +197,8 @@ impl RingFitter {
                         break;
                     };
                     let start = match near {
-                        Some(near) => Some(self.near(&near)),
-                        None => self.grid().search(&y, &mut work.sums),
+                        Some(near) => Some(near.start()),
+                        None => self.grid().search(&y, &mut work.decimated),
                     };
                     match start.and_then(|start| self.start_of(&y, start)) {
                         None => found(next, None),
@@ -236,7 +216,6 @@ impl RingFitter {
                 break;
             }
 
-            // one iteration of all lanes; a lane whose fit has ended becomes free
             for (lane, progress) in search.iterate(&interleaved).into_iter().enumerate() {
                 if let (Progress::Break(optimum), Some(number)) = (progress, of_lane[lane]) {
                     found(number, optimum.and_then(|of| self.fit_of(of, squares[lane])));
@@ -252,7 +231,6 @@ impl RingFitter {
     pub fn tangent(&self, at: &Features) -> DMatrix<f64> {
         let (damping, frequency) = (at.ln_damping.exp(), at.ln_frequency.exp());
 
-        // the ring is a p + b q, with the columns p, q of its damping and frequency
         let [in_phase, quadrature] = self.columns(damping, frequency);
         let amplitude = self.ring.amplitude * at.ln_amplitude.exp();
         let (sin, cos) = at.phase_rad.sin_cos();
@@ -260,7 +238,6 @@ impl RingFitter {
         let sigma_dt = self.ring.damping_per_s * damping * self.dt_s;
         let omega_dt = self.frame.omega_dt * frequency;
 
-        // the four columns, which are stored one after the other
         let n = self.samples;
         let mut tangent = DMatrix::zeros(n, 4);
         let (ring, rest) = tangent.as_mut_slice().split_at_mut(n);
@@ -280,14 +257,14 @@ impl RingFitter {
     }
 
     /// Resonance, Hz, and damping, 1/s, of a ring with these features, as verdicts state them.
-    pub fn told(&self, of: &Features) -> [f64; 2] {
+    pub fn frequency_and_damping(&self, of: &Features) -> [f64; 2] {
         let Ring { frequency_hz, damping_per_s, .. } = self.ring;
         [frequency_hz * of.ln_frequency.exp(), damping_per_s * of.ln_damping.exp()]
     }
 
-    /// Features of a signal that deviates little from the healthy ring, to first order: the
-    /// deviation's least-squares coordinates on the sensitivities. `deviation`: the signal less the
-    /// healthy ring, N, counts. `None`: the sensitivities are linearly dependent.
+    /// Features of a signal that deviates little from the healthy ring, to first order.
+    /// `deviation`: the signal less the healthy ring, N, counts. `None`: the sensitivities are
+    /// linearly dependent.
     pub fn features_of(&self, deviation: &[f64]) -> Option<Vector4<f64>> {
         let tangent = self.tangent(&Features::HEALTHY);
         let gram = (tangent.transpose() * &tangent).try_inverse()?;
@@ -297,7 +274,7 @@ impl RingFitter {
 
     /// Covariance of a fit's features due to noise (Cramer-Rao), with the phase free: noise²
     /// (J'J)^-1 with the sensitivities J at the ring `at`. `noise`: standard deviation of one
-    /// sample, counts. `None`: the sensitivities are linearly dependent.
+    /// sample, counts.
     pub fn noise_covariance(&self, at: &Features, noise: f64) -> Option<Matrix4<f64>> {
         let tangent = self.tangent(at);
         let covariance = (tangent.transpose() * &tangent).try_inverse()? * (noise * noise);
@@ -309,9 +286,8 @@ impl RingFitter {
 const AT_ONCE: usize = 8;
 
 for_processor! {
-    /// Fills the columns p and q by recurrence: p_k + i (-q_k) is e^{i phi} z^k, plus the real
-    /// pole's part in p. `real`: the real pole's part, N; `first`: cosine and sine of the phase
-    /// phi; `step`: the ring's pole z = e^{(-sigma + i omega) dt}, real and imaginary part.
+    /// Fills the columns p and q by recurrence: p_k + i (-q_k) is e^{i phi} z^k, plus `real`, the
+    /// real pole's part, N. `first`: cosine and sine of phi; `step`: z = e^{(-sigma + i omega) dt}.
     fn fill_columns(
         real: &[f64],
         first: (f64, f64),
@@ -322,16 +298,13 @@ for_processor! {
 
 #[inline(always)] // compiled once per instruction set
 fn columns_at_once(real: &[f64], first: (f64, f64), step: (f64, f64), columns: &mut [Vec<f64>; 2]) {
-    // the product of two complex numbers
     let times = |(a, b): (f64, f64), (c, d): (f64, f64)| (a * c - b * d, a * d + b * c);
 
-    // The first eight samples one by one. Then the eight advance together, by eight samples at a
-    // time, so that they can be computed side by side.
+    // The first eight samples one by one; then the eight advance together, eight samples at a time.
     let (mut re, mut im) = ([first.0; AT_ONCE], [first.1; AT_ONCE]);
     for k in 1..AT_ONCE {
         (re[k], im[k]) = times((re[k - 1], im[k - 1]), step);
     }
-    // the pole to the power of AT_ONCE, by squaring
     let (c, s) = (0..AT_ONCE.ilog2()).fold(step, |step, _| times(step, step));
 
     let [in_phase, quadrature] = columns;
@@ -380,7 +353,7 @@ mod tests {
     #[test]
     fn clean_rings_come_back_from_anywhere_in_the_range() {
         let fitter = RingFitter::new(HEALTHY, DT_S, 128);
-        let mut work = Products::default();
+        let mut work = FitBuffers::default();
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
         for _ in 0..500 {
             let (a, d) = (rng.random_range(0.5..1.6), rng.random_range(0.1..3.0));
@@ -396,7 +369,7 @@ mod tests {
     #[test]
     fn fit_is_a_stationary_point_of_the_misfit() {
         let fitter = RingFitter::new(HEALTHY, DT_S, 128);
-        let mut work = Products::default();
+        let mut work = FitBuffers::default();
         let mut normal = crate::model::normal::draws(6);
         for _ in 0..50 {
             let ring = signal(0.9, 1.5, 0.93, 0.0);
@@ -445,7 +418,7 @@ mod tests {
             let healthy = Features::HEALTHY;
             for near in [None, Some(healthy)] {
                 for phase in [false, true] {
-                    let mut work = Products::default();
+                    let mut work = FitBuffers::default();
                     let (mut next, mut fits) = (0, vec![None; signals.len()]);
                     fitter.fit_all(
                         phase,
@@ -496,7 +469,7 @@ mod tests {
     #[test]
     fn nothing_is_no_ring() {
         let fitter = RingFitter::new(HEALTHY, DT_S, 128);
-        assert!(fitter.fit(&[0.0; 128], true, &mut Products::default()).is_none());
-        assert!(fitter.fit(&[f64::NAN; 128], true, &mut Products::default()).is_none());
+        assert!(fitter.fit(&[0.0; 128], true, &mut FitBuffers::default()).is_none());
+        assert!(fitter.fit(&[f64::NAN; 128], true, &mut FitBuffers::default()).is_none());
     }
 }

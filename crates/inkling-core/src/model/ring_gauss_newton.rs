@@ -2,39 +2,34 @@
 //!
 //! In: signals, interleaved sample by sample, each with a start. Out: damping, frequency and
 //! amplitudes of the least misfit, for `ring_fit`, which also gives a lane whose fit has ended the
-//! next signal.
-//!
-//! A *trial* is a pair (ln damping, ln frequency), relative to the healthy ring. One iteration, for
-//! all lanes together:
+//! next signal. A *trial* is a pair (ln damping, ln frequency), relative to the healthy ring. One
+//! iteration, for all lanes together:
 //!
 //! 1. Evaluate each lane's trial (`portable`): the sums over samples (`ring_gram`), then
 //!    (`evaluate_one`) the best amplitudes a, b of the columns p, q, their misfit, and the
-//!    Gauss-Newton step of the trial. The amplitudes enter linearly and are eliminated (variable
-//!    projection).
-//! 2. Accept or reject each trial (`Lane::take`): a trial whose misfit is not higher is accepted,
-//!    and its own step leads to the next trial. Otherwise the step that led to it is shortened to a
-//!    quarter.
+//!    Gauss-Newton step. The amplitudes enter linearly and are eliminated (variable projection).
+//! 2. A trial whose misfit is not higher is accepted (`Lane::advance`), and its own step leads to the
+//!    next trial. Otherwise the step that led to it is shortened to a quarter.
 //!
 //! A lane's arithmetic depends neither on the other lanes nor on the processor: no multiplication
 //! is fused with an addition.
 
-use super::ring_gram::{Complex, Frame, Powers, Sums, goertzel, powers, sums};
+use super::ring_gram::{Complex, Frame, NormalEquations, goertzel, normal_equations, powers};
 use super::simd_math::{exp, sin_cos};
 use crate::processor::for_processor;
 use std::ops::ControlFlow;
 
-/// Number of signals that are fitted at once.
 pub const WIDTH: usize = 16;
-/// Number of accepted steps after which a fit ends where it is, converged or not.
-const STEPS: u8 = 12;
-/// A misfit that rises by no more than this share of ||y||² counts as not risen, since that is
-/// rounding.
+/// Number of accepted trials, the start included, after which a fit ends where it is, converged or
+/// not.
+const MOST_TRIALS: u8 = 13;
+/// A misfit that rises by no more than this share of ||y||² is rounding, and counts as not risen.
 const ROUNDING: f64 = 1e-13;
 /// A fit has converged if the step would lower the misfit by less than this share of the noise
-/// variance per sample (misfit / N). Such a step is shorter than a hundredth of the fit's own
-/// standard deviation.
+/// variance per sample (misfit / N): it is then shorter than a hundredth of the fit's own standard
+/// deviation.
 const NO_GAIN: f64 = 1e-4;
-/// The last step is applied without another evaluation (to first order) if it changes both the
+/// The last step is applied to first order, without another evaluation, if it changes both the
 /// phase at the signal's end, rad, and ln damping by less than this.
 const SMALL: f64 = 0.05;
 /// Bounds on one step of ln damping and of ln frequency.
@@ -42,37 +37,30 @@ const MOST_DAMPING: f64 = 0.7;
 const MOST_FREQUENCY: f64 = 0.06;
 /// Bound on |ln damping| and |ln frequency|.
 const FARTHEST: f64 = 30.0;
-/// Number of steps rejected one after the other, each a quarter as long as the one before, after
-/// which a fit ends.
+/// Number of steps rejected one after the other after which a fit ends.
 const REJECTIONS: u8 = 4;
 
-/// Where a signal's fit starts, relative to the healthy ring, and the sums over the signal that all
-/// of its evaluations share.
+/// Where a signal's fit starts, and the sums over the signal that all of its evaluations share.
 #[derive(Clone, Copy, Debug)]
 pub struct Start {
-    pub ln_damping: f64,
-    pub ln_frequency: f64,
+    pub trial: [f64; 2],
     /// ||y||², counts².
     pub square: f64,
     /// Inner product of y with the real pole's part of a ring of unit amplitude, counts.
     pub along_real: f64,
 }
 
-/// Where a fit ended, as ratios to the healthy ring.
 #[derive(Clone, Copy, Debug)]
 pub struct Optimum {
-    pub ln_damping: f64,
-    pub ln_frequency: f64,
-    /// Amplitudes of the columns p (in phase) and q (quadrature), counts; b is 0 where the phase is
-    /// held.
+    pub trial: [f64; 2],
+    /// Amplitudes of the columns p and q, counts; b is 0 where the phase is held.
     pub a: f64,
     pub b: f64,
     /// ||y - fit||², counts².
     pub misfit: f64,
 }
 
-/// The evaluation of a trial (damping, frequency): the best amplitudes, counts, their misfit,
-/// counts², and the next step.
+/// The best amplitudes at a trial, counts, their misfit, counts², and the next step.
 #[derive(Clone, Copy, Debug, Default)]
 struct Evaluation {
     a: f64,
@@ -81,50 +69,38 @@ struct Evaluation {
     step: Step,
 }
 
-/// A Gauss-Newton step of ln damping and ln frequency.
 #[derive(Clone, Copy, Debug, Default)]
 struct Step {
     damping: f64,
     frequency: f64,
-    /// Change of the in-phase and quadrature amplitudes that goes with the step, counts.
+    /// Change of the amplitudes that goes with the step, counts.
     a: f64,
     b: f64,
-    /// By how much the whole step would lower the misfit if the ring were linear in the trial,
-    /// counts²; NaN: there is no step.
+    /// By how much the step would lower the misfit if the ring were linear in the trial, counts²;
+    /// NaN: there is no step.
     gain: f64,
-    /// Change of the ring's phase advance per sample, rad.
-    phase_per_sample: f64,
 }
 
-/// The state of one lane's fit.
 #[derive(Clone, Copy, Debug, Default)]
 struct Lane {
-    /// ||y||², counts².
-    square: f64,
     /// The trial that was accepted last, and its evaluation.
-    ln_damping: f64,
-    ln_frequency: f64,
+    trial: [f64; 2],
     accepted: Evaluation,
     /// Share of the accepted evaluation's step that is tried next: 1, or less after rejections.
     trust: f64,
-    /// Accepted steps so far, and rejections since the last accepted step.
-    steps: u8,
+    /// Accepted trials so far, the start included, and rejections since the last of them.
+    accepted_trials: u8,
     rejections: u8,
-    /// Whether the start was evaluated.
-    begun: bool,
 }
 
-/// What became of a lane's fit in one iteration: it goes on (also said of a lane without a signal),
-/// or it has ended, with an optimum or, if the signal is no ring, with `None`.
+/// What became of a lane's fit in one iteration: it goes on, or it has ended, with `None` if the
+/// signal is no ring.
 pub type Progress = ControlFlow<Option<Optimum>>;
 
-/// The fits of W lanes, and what all of them share.
 #[derive(Clone, Debug)]
 pub struct Search<const W: usize> {
     frame: Frame,
-    /// Whether the phase is free.
     phase: bool,
-    /// The fits; `None`: the lane has no signal.
     lanes: [Option<Lane>; W],
     /// Per lane the trial (ln damping, ln frequency), ||y||², and the inner product with the real
     /// pole's part.
@@ -142,14 +118,14 @@ impl<const W: usize> Search<W> {
     /// Begins a fit in a lane; from now on the caller gives the signal's samples in that lane to
     /// `iterate`.
     pub fn begin(&mut self, lane: usize, start: Start) {
-        let Start { ln_damping, ln_frequency, square, along_real } = start;
-        self.lanes[lane] = Some(Lane { square, trust: 1.0, ..Lane::default() });
-        (self.trial[0][lane], self.trial[1][lane]) = (ln_damping, ln_frequency);
+        let Start { trial, square, along_real } = start;
+        self.lanes[lane] = Some(Lane { trust: 1.0, ..Lane::default() });
+        [self.trial[0][lane], self.trial[1][lane]] = trial;
         (self.square[lane], self.along_real[lane]) = (square, along_real);
     }
 
-    /// One iteration of every lane: evaluates its trial, and accepts or rejects it. `y`: N samples,
-    /// each of all lanes, counts. A lane whose fit has ended is free afterwards.
+    /// One iteration of every lane. `y`: N samples, each of all lanes, counts. A lane whose fit has
+    /// ended is free afterwards.
     pub fn iterate(&mut self, y: &[[f64; W]]) -> [Progress; W] {
         // a single signal gains nothing from vector instructions
         let evaluations = if W == 1 { portable(self, y) } else { evaluate_lanes(self, y) };
@@ -157,8 +133,8 @@ impl<const W: usize> Search<W> {
         for (l, progress) in progress.iter_mut().enumerate() {
             let Some(lane) = &mut self.lanes[l] else { continue };
             let trial = [self.trial[0][l], self.trial[1][l]];
-            match lane.take(trial, &evaluations[l], &self.frame) {
-                Ok(next) => (self.trial[0][l], self.trial[1][l]) = (next[0], next[1]),
+            match lane.advance(trial, &evaluations[l], &self.frame, ROUNDING * self.square[l]) {
+                Ok(next) => [self.trial[0][l], self.trial[1][l]] = next,
                 Err(optimum) => {
                     *progress = Progress::Break(optimum);
                     self.lanes[l] = None;
@@ -175,25 +151,25 @@ for_processor! {
 }
 
 impl Lane {
-    /// Accepts or rejects a trial by its evaluation. `Ok`: (ln damping, ln frequency) to try next.
-    /// `Err`: the fit has ended, with an optimum or with `None` if the signal is no ring.
-    fn take(
+    /// Accepts or rejects a trial by its evaluation. `Ok`: the trial that is next. `Err`: the fit
+    /// has ended, with `None` if the signal is no ring. `rounding`: by how much a misfit may rise,
+    /// counts².
+    fn advance(
         &mut self,
         trial: [f64; 2],
         evaluation: &Evaluation,
         frame: &Frame,
+        rounding: f64,
     ) -> Result<[f64; 2], Option<Optimum>> {
-        let rounding = ROUNDING * self.square;
         let Evaluation { a, b, misfit, step } = *evaluation;
         let finite = misfit.is_finite() && a.is_finite() && b.is_finite();
 
-        // accepted: the start whatever its misfit is, then what does not raise the misfit
-        if finite && (!self.begun || misfit <= self.accepted.misfit + rounding) {
-            self.steps += u8::from(self.begun);
-            [self.ln_damping, self.ln_frequency] = trial;
-            (self.accepted, self.begun) = (*evaluation, true);
+        let is_start = self.accepted_trials == 0;
+        if finite && (is_start || misfit <= self.accepted.misfit + rounding) {
+            (self.trial, self.accepted) = (trial, *evaluation);
             (self.trust, self.rejections) = (1.0, 0);
-            if self.steps == STEPS {
+            self.accepted_trials += 1;
+            if self.accepted_trials == MOST_TRIALS {
                 return Err(self.optimum(&Step::default()));
             }
             // a place without a step: what is there is no ring
@@ -201,18 +177,16 @@ impl Lane {
                 return Err(None);
             }
             let samples = frame.samples as f64;
-            // converged: the step is applied to first order, if it is small enough for that
             if step.gain * samples <= NO_GAIN * misfit + rounding {
-                let phase = step.phase_per_sample * samples;
+                let phase = frame.omega_dt * exp(trial[1]) * step.frequency * samples;
                 let small = phase.abs() < SMALL && step.damping.abs() < SMALL;
                 return Err(self.optimum(&if small { step } else { Step::default() }));
             }
         } else {
-            // rejected: try a shorter step from the last accepted trial, unless there is none or
-            // too many were rejected
+            // rejected: a shorter step from the last accepted trial, if there is one
             self.trust /= 4.0;
             self.rejections += 1;
-            if !self.begun {
+            if is_start {
                 return Err(None);
             }
             if self.rejections == REJECTIONS {
@@ -220,21 +194,18 @@ impl Lane {
             }
         }
 
-        // the next trial: the accepted one moved by its step, or by a share of it, within bounds
         let (step, trust) = (&self.accepted.step, self.trust);
         let next = [
-            self.ln_damping + (trust * step.damping).clamp(-MOST_DAMPING, MOST_DAMPING),
-            self.ln_frequency + (trust * step.frequency).clamp(-MOST_FREQUENCY, MOST_FREQUENCY),
+            self.trial[0] + (trust * step.damping).clamp(-MOST_DAMPING, MOST_DAMPING),
+            self.trial[1] + (trust * step.frequency).clamp(-MOST_FREQUENCY, MOST_FREQUENCY),
         ];
         Ok(next.map(|x| x.clamp(-FARTHEST, FARTHEST)))
     }
 
-    /// The end of the fit: the trial that was accepted last, moved by `last` to first order. It is
-    /// never `None`; the option is that of [`Progress`].
+    /// The end of the fit: the trial that was accepted last, moved by `last` to first order.
     fn optimum(&self, last: &Step) -> Option<Optimum> {
         Some(Optimum {
-            ln_damping: self.ln_damping + last.damping,
-            ln_frequency: self.ln_frequency + last.frequency,
+            trial: [self.trial[0] + last.damping, self.trial[1] + last.frequency],
             a: self.accepted.a + last.a,
             b: self.accepted.b + last.b,
             misfit: (self.accepted.misfit - last.gain).max(0.0),
@@ -242,12 +213,10 @@ impl Lane {
     }
 }
 
-/// Evaluates the trials of all lanes. `y`: N samples, each of all lanes, counts.
 #[inline(always)] // compiled once per instruction set
 fn portable<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Evaluation; W] {
     let frame = &of.frame;
-    // the trials' pole z = e^{(-sigma + i omega) dt}, and the coefficients 2 Re z, |z|² of its
-    // recurrence
+    // the trials' pole z = e^{(-sigma + i omega) dt}, and the coefficients of its recurrence
     let (mut sigma, mut omega) = ([0.0; W], [0.0; W]);
     let (mut re, mut im) = ([0.0; W], [0.0; W]);
     let (mut twice, mut square) = ([0.0; W], [0.0; W]);
@@ -260,47 +229,43 @@ fn portable<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Evaluation; W] {
         (twice[l], square[l]) = (2.0 * re[l], decay * decay);
     }
 
-    // the sums over samples, of all lanes side by side
     let recurrence = goertzel(y, &twice, &square);
-    let (over_all, squares) = powers(frame.samples, [&re, &im], &square);
+    let of_pole = powers(frame.samples, [&re, &im], &square);
 
-    // Lane by lane the normal equations and the step. The nine numbers are stored number by number,
-    // so that the compiler turns this loop, too, into vector code; last they are put together
-    // again.
-    let mut out = [[0.0; W]; 9];
+    // Lane by lane the normal equations and the step. The numbers are stored number by number, so
+    // that the compiler turns this loop, too, into vector code.
+    let mut out = [[0.0; W]; 8];
     for l in 0..W {
         let z = Complex { re: re[l], im: im[l] };
         let of_signal = std::array::from_fn(|j| recurrence[j][l]);
-        let over_all = Complex { re: over_all[0][l], im: over_all[1][l] };
-        let powers = Powers { over_all, squares: std::array::from_fn(|j| squares[j][l]) };
-        let sums = sums(frame, z, powers, of_signal, of.along_real[l]);
-        let evaluation = evaluate_one(of.phase, sigma[l], omega[l], &sums, of.square[l]);
-        let Evaluation { a, b, misfit, step } = evaluation;
-        let Step { damping, frequency, a: of_a, b: of_b, gain, phase_per_sample } = step;
-        let all = [a, b, misfit, damping, frequency, of_a, of_b, gain, phase_per_sample];
-        for j in 0..9 {
+        let of_pole = std::array::from_fn(|j| of_pole[j][l]);
+        let sums = normal_equations(frame, z, of_pole, of_signal, of.along_real[l]);
+        let Evaluation { a, b, misfit, step } =
+            evaluate_one(of.phase, [sigma[l], omega[l]], &sums, of.square[l]);
+        let Step { damping, frequency, a: of_a, b: of_b, gain } = step;
+        let all = [a, b, misfit, damping, frequency, of_a, of_b, gain];
+        for j in 0..8 {
             out[j][l] = all[j];
         }
     }
     std::array::from_fn(|l| {
-        let [a, b, misfit, damping, frequency, of_a, of_b, gain, phase_per_sample] =
+        let [a, b, misfit, damping, frequency, of_a, of_b, gain] =
             std::array::from_fn(|j| out[j][l]);
-        let step = Step { damping, frequency, a: of_a, b: of_b, gain, phase_per_sample };
-        Evaluation { a, b, misfit, step }
+        Evaluation { a, b, misfit, step: Step { damping, frequency, a: of_a, b: of_b, gain } }
     })
 }
 
-/// The best amplitudes at a trial, and the Gauss-Newton step of (ln damping, ln frequency) with the
-/// amplitudes eliminated. `phase`: whether the phase is free; `sigma_dt`, `omega_dt`: those of the
-/// trial, per sample; `sums`: the inner products of the columns p, q, x, z and of the signal (see
-/// the header of `ring_gram`); `yy`: ||y||².
+/// The best amplitudes at a trial, and the Gauss-Newton step with the amplitudes eliminated.
+/// `phase`: whether the phase is free; `pole`: sigma dt and omega dt of the trial; `sums`: see the
+/// header of `ring_gram`; `yy`: ||y||².
 #[inline(always)] // compiled once per instruction set
-fn evaluate_one(phase: bool, sigma_dt: f64, omega_dt: f64, sums: &Sums, yy: f64) -> Evaluation {
+fn evaluate_one(phase: bool, pole: [f64; 2], sums: &NormalEquations, yy: f64) -> Evaluation {
+    let [sigma_dt, omega_dt] = pole;
     let [pp, qp, qq, xp, xq, xx, zp, zq, zx, zz] = sums.gram;
     let [up, uq, ux, uz] = sums.slope;
 
-    // Amplitudes by least squares: the inverse of the Gram matrix of p and q, with the elements ip,
-    // iq on the diagonal and ic beside it. With the phase held there is no column q.
+    // Amplitudes by least squares: the inverse of the Gram matrix of p and q has ip, iq on the
+    // diagonal and ic beside it. With the phase held there is no column q.
     let [of_p, of_q, cross] = if phase { [qq, pp, -qp] } else { [1.0, 0.0, 0.0] };
     let inverse = 1.0 / (of_p * pp + cross * qp);
     let [ip, iq, ic] = [of_p * inverse, of_q * inverse, cross * inverse];
@@ -314,13 +279,11 @@ fn evaluate_one(phase: bool, sigma_dt: f64, omega_dt: f64, sums: &Sums, yy: f64)
     // dy/d(ln omega) = omega t (a q - b p'), where p' is p without the real pole's part.
     let of = |x: f64, z: f64| [-sigma_dt * (a * x + b * z), omega_dt * (a * z - b * x)];
     let (along_p, along_q, slopes) = (of(xp, zp), of(xq, zq), of(rx, rz));
-    // their inner products with each other, in two steps: with x and z first
     let (by_x, by_z) = (of(xx, zx), of(zx, zz));
     let (damping_row, frequency_row) = (of(by_x[0], by_z[0]), of(by_x[1], by_z[1]));
 
-    // The part of the sensitivities that p (and q) span is taken out, since the amplitudes are
-    // refitted after the step: h is the Schur complement, [0,0], [0,1] and [1,1] of the 2 x 2
-    // matrix.
+    // The part that p (and q) span is taken out, since the amplitudes are refitted after the step:
+    // h is the Schur complement, [0,0], [0,1] and [1,1] of the 2 x 2 matrix.
     let shared = |i: usize, j: usize| {
         ip * along_p[i] * along_p[j]
             + iq * along_q[i] * along_q[j]
@@ -332,25 +295,18 @@ fn evaluate_one(phase: bool, sigma_dt: f64, omega_dt: f64, sums: &Sums, yy: f64)
         frequency_row[1] - shared(1, 1),
     ];
 
-    // the Gauss-Newton step of the two, by Cramer's rule
     let det = h[0] * h[2] - h[1] * h[1];
     let by = 1.0 / det;
     let damping = (h[2] * slopes[0] - h[1] * slopes[1]) * by;
     let frequency = (h[0] * slopes[1] - h[1] * slopes[0]) * by;
 
-    // how the step moves the eliminated amplitudes, and the gain; no step where the matrix is not
-    // positive definite
+    // how the step moves the amplitudes, and the gain; no step where the matrix is not positive
+    // definite
     let of_p = along_p[0] * damping + along_p[1] * frequency;
     let of_q = along_q[0] * damping + along_q[1] * frequency;
     let gain = damping * slopes[0] + frequency * slopes[1];
     let gain = if (h[0] > 0.0) & (det > 0.0) { gain } else { f64::NAN };
-    let step = Step {
-        damping,
-        frequency,
-        a: -(ip * of_p + ic * of_q),
-        b: -(iq * of_q + ic * of_p),
-        gain,
-        phase_per_sample: omega_dt * frequency,
-    };
+    let step =
+        Step { damping, frequency, a: -(ip * of_p + ic * of_q), b: -(iq * of_q + ic * of_p), gain };
     Evaluation { a, b, misfit, step }
 }

@@ -1,11 +1,10 @@
 //! The normal equations of a ring fit: sums over a signal's samples, for one signal or for one in
-//! each SIMD lane. `ring_gauss_newton` makes a step of the fit from them.
+//! each SIMD lane.
 //!
 //! In: what all signals of a fitter share ([`Frame`]), and per lane a trial of damping and
-//! frequency. Out: the Gram matrix of the trial's four columns, and the inner products of the
-//! columns with the signal ([`Sums`]).
-//!
-//! The trial has the pole Z = e^{(-sigma + i omega) dt}, and u_k = e^{i phi} Z^k. Its columns are
+//! frequency. Out: the Gram matrix of the trial's four columns, and their inner products with the
+//! signal ([`NormalEquations`]). The trial has the pole Z = e^{(-sigma + i omega) dt}, and u_k = e^{i phi}
+//! Z^k. Its columns are
 //!
 //! ```text
 //! p = Re u + real (the real pole's part),   x = t Re u,
@@ -13,21 +12,19 @@
 //! ```
 //!
 //! The sensitivities by ln sigma and ln omega are combinations of x and z. (In the code the pole is
-//! `z`, too; `zp`, `zq`, `zx`, `zz` belong to the column z.) The columns are never made. The
+//! `z`, too; `zp`, `zq`, `zx`, `zz` belong to the column z.) The columns are never made: the
 //! signal's products are the polynomial sum y_k Z^k and its derivative by Z, by Goertzel's
 //! recurrence. The Gram matrix consists of sums of k^m Z^{2k}, k^m |Z|^{2k} and k^m (Z l)^k, where
 //! l is the real pole's ratio from sample to sample: these have closed forms, or are doubled up
-//! (`powers`). So one pass over the signal suffices for each trial.
+//! (`powers`).
 
-/// What all signals of a fitter share: the healthy ring that trials are relative to.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame {
-    /// Number of samples of a signal.
     pub samples: usize,
-    /// sigma dt and omega dt (rad) of the healthy ring, to which ratios refer.
+    /// sigma dt and omega dt (rad).
     pub sigma_dt: f64,
     pub omega_dt: f64,
-    /// Cosine and sine of the healthy ring's phase phi at the first sample.
+    /// Cosine and sine of the phase phi at the first sample.
     pub first: (f64, f64),
     /// The real pole's part per unit amplitude of the ring: its value at the first sample, its
     /// ratio l from sample to sample, that ratio to the power of the number of samples, and the
@@ -38,11 +35,10 @@ pub struct Frame {
     pub real_square: f64,
 }
 
-/// The normal equations of a trial: the Gram matrix of p, q, x = t Re u, z = t q (lower triangle,
-/// row by row: pp, qp, qq, xp, xq, xx, zp, zq, zx, zz), and the inner products of p, q, x, z with
-/// the signal.
+/// The Gram matrix of p, q, x, z (lower triangle, row by row: pp, qp, qq, xp, xq, xx, zp, zq, zx,
+/// zz), and the inner products of p, q, x, z with the signal.
 #[derive(Clone, Copy, Debug)]
-pub struct Sums {
+pub struct NormalEquations {
     pub gram: [f64; 10],
     pub slope: [f64; 4],
 }
@@ -51,11 +47,10 @@ pub struct Sums {
 /// arithmetic.
 ///
 /// Goertzel's recurrence b_k = y_k + 2 Re Z b_{k+1} - |Z|² b_{k+2}, from the last sample to the
-/// first, divides the polynomial by the quadratic whose roots are Z and its conjugate: the b_k are
-/// the quotient's coefficients. The same recurrence on the b_k, c_k = b_k + 2 Re Z c_{k+1} - |Z|²
-/// c_{k+2}, divides the quotient. Returns b_1, y_0 - |Z|² b_2, c_3, b_2 - |Z|² c_4. With these, sum
-/// y_k Z^k = b_1 Z + (y_0 - |Z|² b_2), and its derivative by Z is b_1 + 2 i Im Z (c_3 Z +
-/// (b_2 - |Z|² c_4)).
+/// first, divides the polynomial by the quadratic whose roots are Z and its conjugate. The same
+/// recurrence on the b_k, with the result c_k, divides the quotient. Returns b_1, y_0 - |Z|² b_2,
+/// c_3, b_2 - |Z|² c_4. With these, sum y_k Z^k = b_1 Z + (y_0 - |Z|² b_2), and its derivative by Z
+/// is b_1 + 2 i Im Z (c_3 Z + (b_2 - |Z|² c_4)).
 ///
 /// `y`: N samples, each of all lanes; `twice`: 2 Re Z; `square`: |Z|².
 #[inline(always)] // compiled once per instruction set
@@ -68,7 +63,6 @@ pub fn goertzel<const W: usize>(
     let (mut b, mut b_above, mut c, mut c_above) = (zero, zero, zero, zero);
     let at = |k: usize| y.get(k).copied().unwrap_or(zero);
 
-    // both recurrences side by side, down to b_3 and c_3
     for y in y.iter().skip(3).rev() {
         for l in 0..W {
             let next = (y[l] - square[l] * b_above[l]) + twice[l] * b[l];
@@ -94,33 +88,24 @@ pub fn goertzel<const W: usize>(
 
 pub type Complex = nalgebra::Complex<f64>;
 
-/// Z^n, and the sums of |Z|^2k, k |Z|^2k and k² |Z|^2k over k < n, for one lane; n is the number of
-/// samples.
-#[derive(Clone, Copy)]
-pub struct Powers {
-    pub over_all: Complex,
-    pub squares: [f64; 3],
-}
-
-/// The numbers of [`Powers`] for all lanes, Z^n as real and imaginary part: Z^n by squaring along
-/// the bits of n, and the sums by doubling the number of their terms along with it. The closed
-/// forms of the sums would lose their digits where |Z| is near 1, that is, where hardly anything
-/// decays. `re`, `im`: of Z; `square`:
+/// Real and imaginary part of Z^n, and the sums of |Z|^2k, k |Z|^2k and k² |Z|^2k over k < n, for
+/// all lanes: Z^n by squaring along the bits of n, and the sums by doubling the number of their
+/// terms along with it. The closed forms of the sums would lose their digits where |Z| is near 1,
+/// that is, where hardly anything decays. `n`: the number of samples; `re`, `im`: of Z; `square`:
 /// |Z|².
 #[inline(always)] // compiled once per instruction set
 pub fn powers<const W: usize>(
     n: usize,
     [re, im]: [&[f64; W]; 2],
     square: &[f64; W],
-) -> ([[f64; W]; 2], [[f64; W]; 3]) {
+) -> [[f64; W]; 5] {
     let ([mut all_re, mut all_im], mut decay) = ([*re, *im], *square);
     let [mut s0, mut s1, mut s2] = [[1.0; W], [0.0; W], [0.0; W]];
-    // number of terms summed so far; Z and |Z|^2 to that power are `all_re`, `all_im` and `decay`
+    // the terms summed so far; Z and |Z|^2 to that power are `all_re`, `all_im` and `decay`
     let mut done = 1.0;
     let bits = usize::BITS - n.leading_zeros();
     for bit in (0..bits.saturating_sub(1)).rev() {
-        // double the number of terms: those of the second half are the first half's with k + done
-        // instead of k
+        // double them: the second half has k + done instead of k
         let odd = n >> bit & 1 == 1;
         for l in 0..W {
             let d = decay[l];
@@ -132,7 +117,6 @@ pub fn powers<const W: usize>(
             decay[l] = d * d;
         }
         done *= 2.0;
-        // one more term
         if odd {
             for l in 0..W {
                 let d = decay[l];
@@ -146,7 +130,7 @@ pub fn powers<const W: usize>(
             done += 1.0;
         }
     }
-    ([all_re, all_im], [s0, s1, s2])
+    [all_re, all_im, s0, s1, s2]
 }
 
 const ONE: Complex = Complex { re: 1.0, im: 0.0 };
@@ -154,7 +138,6 @@ const ONE: Complex = Complex { re: 1.0, im: 0.0 };
 /// The sums of w^k and of k w^k over k < n in closed form, and 1 / (1 - w). `over_all`: w^n.
 #[inline(always)] // compiled once per instruction set
 fn geometric(w: Complex, over_all: Complex, n: f64) -> (Complex, Complex, Complex) {
-    // 1 / (1 - w)
     let (re, im) = (1.0 - w.re, -w.im);
     let norm = 1.0 / (re * re + im * im);
     let inverse = Complex { re: re * norm, im: -im * norm };
@@ -164,27 +147,26 @@ fn geometric(w: Complex, over_all: Complex, n: f64) -> (Complex, Complex, Comple
     (zeroth, first, inverse)
 }
 
-/// The normal equations of one lane's trial. `z`: the trial's pole Z; `powers`: as [`powers`]
-/// computes them; `of_signal`: the result of [`goertzel`]; `along_real`: inner product of the
-/// signal with the real pole's part.
+/// The normal equations of one lane's trial. `z`: the pole Z; `powers`, `of_signal`: as [`powers`]
+/// and [`goertzel`] give them; `along_real`: inner product of the signal with the real pole's part.
 #[inline(always)] // compiled once per instruction set
-pub fn sums(
+pub fn normal_equations(
     frame: &Frame,
     z: Complex,
-    powers: Powers,
+    powers: [f64; 5],
     of_signal: [f64; 4],
     along_real: f64,
-) -> Sums {
+) -> NormalEquations {
     let n = frame.samples as f64;
     let first = Complex { re: frame.first.0, im: frame.first.1 };
-    let Powers { over_all, squares: [s0, s1, s2] } = powers;
+    let [all_re, all_im, s0, s1, s2] = powers;
+    let over_all = Complex { re: all_re, im: all_im };
 
     // the sums of k^m u_k² for m = 0, 1, 2, from those of k^m w^k with w = Z²
     let (w, w_all) = (z * z, over_all * over_all);
     let (a0, a1, inverse) = geometric(w, w_all, n);
     // (1 - w) sum k² w^k = sum_{0 < k < n} (2 k - 1) w^k - (n - 1)² w^n
     let a2 = a1 * 2.0 - (a0 - ONE) - w_all * ((n - 1.0) * (n - 1.0));
-    // the phase at the first sample turns all of them
     let turned = first * first;
     let (a0, a1, a2) = (a0 * turned, a1 * turned, a2 * inverse * turned);
 
@@ -193,8 +175,7 @@ pub fn sums(
     let share = first * frame.real_share;
     let (c0, c1) = (c0 * share, c1 * share);
 
-    // The Gram matrix, from (Re u)² = (|u|² + Re u²) / 2, (Im u)² = (|u|² - Re u²) / 2 and Re u Im
-    // u = Im u² / 2
+    // from (Re u)² = (|u|² + Re u²) / 2, (Im u)² = (|u|² - Re u²) / 2, Re u Im u = Im u² / 2
     let gram = [
         0.5 * (s0 + a0.re) + 2.0 * c0.re + frame.real_square,
         -0.5 * a0.im - c0.im,
@@ -208,13 +189,13 @@ pub fn sums(
         0.5 * (s2 - a2.re),
     ];
 
-    // the signal's products: the polynomial at Z, and Z times its derivative for the columns with t
+    // the polynomial at Z, and Z times its derivative for the columns with t
     let [b_1, constant, c_3, of_slope] = of_signal;
     let value = Complex { re: b_1 * z.re + constant, im: b_1 * z.im } * first;
     let quotient = Complex { re: c_3 * z.re + of_slope, im: c_3 * z.im };
     let slope = Complex { re: b_1 - 2.0 * z.im * quotient.im, im: 2.0 * z.im * quotient.re };
     let slope = slope * z * first;
-    Sums { gram, slope: [value.re + along_real, -value.im, slope.re, -slope.im] }
+    NormalEquations { gram, slope: [value.re + along_real, -value.im, slope.re, -slope.im] }
 }
 
 #[cfg(test)]
@@ -243,13 +224,9 @@ mod tests {
             let z = Complex { re: decay * frequency.cos(), im: decay * frequency.sin() };
             let square = decay * decay;
             let recurrence = goertzel(&y, &[2.0 * z.re], &[square]);
-            let (over_all, squares) = powers(n, [&[z.re], &[z.im]], &[square]);
-            let of_all = Powers {
-                over_all: Complex { re: over_all[0][0], im: over_all[1][0] },
-                squares: squares.map(|s| s[0]),
-            };
+            let powers = powers(n, [&[z.re], &[z.im]], &[square]).map(|of| of[0]);
             let along_real = real.iter().zip(&y).map(|(r, y)| r * y[0]).sum();
-            let found = sums(&frame, z, of_all, recurrence.map(|r| r[0]), along_real);
+            let found = normal_equations(&frame, z, powers, recurrence.map(|r| r[0]), along_real);
             let column = |k: usize| {
                 let (t, u) = (k as f64, decay.powi(k as i32));
                 let (sin, cos) = (frequency * t + phase).sin_cos();

@@ -1,41 +1,37 @@
-//! Exponential, logarithm, sine and cosine without branches, which compilers turn into SIMD code.
-//! The ring fit and the densities of isolation call them in their inner loops.
+//! Exponential, logarithm, sine and cosine without branches, which compilers turn into SIMD code,
+//! for inner loops.
 //!
-//! In and out: one number. Each function reduces its argument to a small interval, sums a series
-//! there, and undoes the reduction by writing bits: the exponent of a floating-point number, or its
-//! sign. It consists of sums, products, divisions and integer arithmetic only, so that a loop over
-//! it is vectorised. No multiplication is fused with an addition, so the bits depend neither on the
-//! processor nor on the C library. Errors are a few units in the last place (`tests`). Arguments
-//! beyond the stated ranges give wrong numbers without a warning.
+//! Each function reduces its argument to a small interval, sums a series there, and undoes the
+//! reduction by writing bits. It consists of sums, products, divisions and integer arithmetic only,
+//! and nothing is fused, so the bits depend neither on the processor nor on the C library. Errors
+//! are a few units in the last place (`tests`). Arguments beyond the stated ranges give wrong
+//! numbers without a warning.
 
-/// 1.5 x 2^52: the sum of this and a number below 2^51 is rounded to a whole number, which then
-/// stands in the low bits of the sum.
+/// 1.5 x 2^52: added to a number below 2^51 it leaves the rounded number in the low bits of the
+/// sum.
 const TO_INTEGER: f64 = 6_755_399_441_055_744.0;
-/// ln 2 in two parts, of which the first has few enough digits that its product with k is exact.
+/// ln 2 in two parts, the first with so few digits that its product with k is exact.
 const LN_2: [f64; 2] = [0.693_147_180_369_123_8, 1.908_214_929_270_587_7e-10];
 
 /// e^x for x in -700 .. 700: e^x = 2^k e^r with a whole k and |r| <= ln 2 / 2. e^r is its Taylor
 /// series to order 13, summed in pairs (Estrin) so that additions need not wait for one another.
 #[inline(always)] // compiled once per instruction set
 pub fn exp(x: f64) -> f64 {
-    // k, and r = x - k ln 2 with ln 2 in two parts, so that hardly a digit is lost
     let shifted = x * std::f64::consts::LOG2_E + TO_INTEGER;
     let k = shifted - TO_INTEGER;
     let r = (x - k * LN_2[0]) - k * LN_2[1];
 
-    // the series from the fourth order on
     let (r2, r4) = (r * r, (r * r) * (r * r));
     let pair = |n: usize| INVERSE_FACTORIALS[n] + INVERSE_FACTORIALS[n + 1] * r;
     let four = |n: usize| pair(n) + pair(n + 2) * r2;
     let above = four(4) + (four(8) + pair(12) * r4) * r4;
 
-    // the largest terms are added last; 2^k is made by writing k into the exponent's bits
+    // the largest terms last; 2^k is written into the bits of the exponent
     let rest = r2 * (INVERSE_FACTORIALS[2] + INVERSE_FACTORIALS[3] * r) + above * r4;
     (1.0 + (r + rest)) * f64::from_bits(shifted.to_bits().wrapping_add(1023) << 52)
 }
 
-/// e^x in single precision, for x in -80 .. 80, in the same way as `exp`; the series ends at
-/// order 6.
+/// e^x in single precision for x in -80 .. 80, as `exp`, to order 6.
 #[inline(always)] // compiled once per instruction set
 pub fn exp_single(x: f32) -> f32 {
     /// 1.5 2^23, as [`TO_INTEGER`].
@@ -50,7 +46,6 @@ pub fn exp_single(x: f32) -> f32 {
         * f32::from_bits(shifted.to_bits().wrapping_add(127) << 23)
 }
 
-/// 1 / n!; the factorials themselves are exact.
 const INVERSE_FACTORIALS: [f64; 17] = {
     let (mut of, mut factorial, mut n) = ([1.0; 17], 1.0, 1);
     while n < of.len() {
@@ -65,19 +60,17 @@ const INVERSE_FACTORIALS: [f64; 17] = {
 /// s = (m - 1) / (m + 1), |s| <= .1716; the series ends at s^21.
 #[inline(always)] // compiled once per instruction set
 pub fn ln(x: f64) -> f64 {
-    /// The bits of sqrt(1/2) as a floating-point number.
     const ROOT_HALF: u64 = 0x3fe6_a09e_667f_3bcd;
     const MANTISSA: u64 = (1 << 52) - 1;
-    // The bits of x, less those of sqrt(1/2): the exponent's bits are now k, and the bits below are
-    // those of m, less those of sqrt(1/2).
+    // less the bits of sqrt(1/2): the exponent is now k, and below are the bits of m less these
     let above = x.to_bits().wrapping_sub(ROOT_HALF);
-    // k as a floating-point number, without a conversion: k + 1024 is written into the mantissa of
-    // 2^52, and 2^52 + 1024 is subtracted
+    // k as a floating-point number: k + 1024 is written into the mantissa of 2^52, and 2^52 + 1024
+    // is subtracted
     let biased = (above.wrapping_add(1024 << 52)) >> 52;
     let k = f64::from_bits(biased | 0x4330_0000_0000_0000) - (4_503_599_627_370_496.0 + 1024.0);
     let m = f64::from_bits((above & MANTISSA).wrapping_add(ROOT_HALF));
 
-    // the series of artanh s by Horner's rule: 1/3 + s²/5 + s^4/7 + .. + s^18/21
+    // the series 1/3 + s²/5 + .. + s^18/21 by Horner's rule
     let s = (m - 1.0) / (m + 1.0);
     let square = s * s;
     let mut sum = 1.0 / 21.0;
@@ -90,11 +83,10 @@ pub fn ln(x: f64) -> f64 {
 }
 
 /// Sine and cosine of an angle in rad, for |x| < 10^5: x = k pi/2 + r with a whole k and |r| <=
-/// pi/4, and the Taylor series of sine and cosine at r.
+/// pi/4, and the Taylor series at r.
 #[inline(always)] // compiled once per instruction set
 pub fn sin_cos(x: f64) -> (f64, f64) {
-    /// pi/2 in two parts, of which the first has few enough digits that its product with k is
-    /// exact.
+    /// pi/2 in two parts, as [`LN_2`].
     const QUARTER: [f64; 2] = [1.570_796_326_734_125_6, 6.077_100_506_506_192e-11];
     let shifted = x * std::f64::consts::FRAC_2_PI + TO_INTEGER;
     let (k, quarters) = (shifted - TO_INTEGER, shifted.to_bits());
@@ -111,11 +103,9 @@ pub fn sin_cos(x: f64) -> (f64, f64) {
     }
     sin *= r;
 
-    // k more quarter turns
     let odd = quarters & 1 == 1;
     let (s, c) = (if odd { cos } else { sin }, if odd { sin } else { cos });
-    // In odd quarters sine and cosine have changed places. The signs follow from the quarter's
-    // bits: 0 ++, 1 +-, 2 --, 3 -+.
+    // In odd quarters sine and cosine change places; signs by quarter: 0 ++, 1 +-, 2 --, 3 -+.
     let sign = |bit: u64| (bit & 2) << 62;
     let signed = |v: f64, bit: u64| f64::from_bits(v.to_bits() ^ sign(bit));
     (signed(s, quarters), signed(c, quarters.wrapping_add(1)))

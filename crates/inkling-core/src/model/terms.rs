@@ -1,15 +1,15 @@
 //! Unmodelled dynamics: what the thesis's linear model leaves out, each effect as one more term in
 //! the equation of motion.
 //!
-//! In: a ring-down as it shows in the output (poles, amplitudes), a term and its strength. Out: the
-//! decay with that term, N samples in counts. Model critique (`inkling-lab/src/critique`) asks by
-//! it which term would explain what signals have beside their model. Time is in signal lengths.
-//! Strengths have no units: each is relative to the ring itself at unit drive ([`Term`] says to
-//! what), so that a strength has a meaning without knowing the channel's inner state.
+//! In: a ring-down as it shows in the output, a term and its strength. Out: the decay with that
+//! term, N samples in counts. Model critique asks by it which term would explain what signals have
+//! beside their model. Time is in signal lengths. Strengths have no units: each is relative to the
+//! ring itself at unit drive ([`Term`] says to what), so that a strength has a meaning without
+//! knowing the channel's inner state.
 //!
 //! 1. The inner state at t_a (V = V_r + V_n, q_r = V_r', q_n = V_n' of thesis (2-2)) and the rates
-//!    are found from poles and output ([`Interior::ink`]). These determine the rates but for the
-//!    ratio of R_r/I_r to R_n/I_n, which is given (thesis (2-3), (2-4)).
+//!    are found from poles and output ([`Interior::ink`]), which determine the rates but for the
+//!    ratio of R_r/I_r to R_n/I_n, which is given.
 //! 2. The strength becomes a coefficient of the equation of motion (`Interior::strengths`): by
 //!    harmonic balance, with the amplitude that displacement or flow have at t_a.
 //! 3. The equation of motion (`Interior::slope`) is integrated by Runge-Kutta:
@@ -24,42 +24,40 @@
 use super::InkChannel;
 use std::f64::consts::PI;
 
-/// Smallest number of Runge-Kutta steps per sample, and about the largest phase advance of the ring
-/// per step, rad.
+/// Smallest number of Runge-Kutta steps per sample, and largest phase advance per step, rad.
 const STEPS: usize = 2;
 const RADIANS: f64 = 0.12;
 
 /// A term of the equation of motion; for an oscillator V is the displacement and q_n the velocity.
-/// The amplitudes that strengths refer to are those at t_a and unit drive.
+/// Strengths refer to amplitudes at t_a and unit drive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Term {
-    /// -k3 V^3 added to the compliance's restoring -V (Duffing; a pendulum's sine to third order).
-    /// Strength: the relative change of the frequency.
+    /// -k3 V^3 added to the compliance's restoring -V (Duffing). Strength: the relative change of
+    /// the frequency.
     CubicStiffness,
-    /// -k |q_n| q_n: turbulent loss at the nozzle's orifice. Strength: the relative change of the
+    /// -k |q_n| q_n: turbulent loss at the nozzle's orifice. Strength: the relative change of
     /// damping.
     QuadraticDrag,
-    /// -mu sign(q_n): Coulomb friction. Strength: the relative change of the damping.
+    /// -mu sign(q_n): Coulomb friction. Strength: the relative change of damping.
     DryFriction,
-    /// -V_n/(I_n B_m): surface tension of the meniscus, compliance B_m. Strength: B_t/B_m.
+    /// -V_n/(I_n B_m): surface tension of the meniscus. Strength: B_t/B_m.
     Meniscus,
-    /// A half-order derivative of the flow in place of a share of the nozzle's viscous loss
-    /// (oscillating boundary layer). Strength: that share.
+    /// A half-order derivative of the flow (oscillating boundary layer) in place of a share of the
+    /// nozzle's viscous loss. Strength: that share.
     FractionalDamping,
-    /// k V^2 added to V in the spring's force: a spring that is not symmetric. Strength: the term
-    /// over the linear force at the amplitude.
+    /// k V^2 added to V in the spring's force. Strength: the term over the linear force at the
+    /// amplitude.
     EvenStiffness,
-    /// k (V - at) added to V beyond `at`, on that side of V = 0 on which `at` lies; `at` in
-    /// amplitudes. Strength: k, the stop's stiffness over the spring's.
+    /// k (V - at) added to V beyond `at`, in amplitudes, on that side of V = 0 on which `at` lies.
+    /// Strength: k, the stop's stiffness over the spring's.
     Stop { at: f64 },
     /// No force of the spring within a gap about V = 0. Strength: half of the gap's width over the
     /// amplitude; below 0 the force within is twice as large instead.
     Gap,
 }
 
-/// A free decay as it shows in the output ([`super::free_decay`]): y = e^{-sigma t} (a cos omega
-/// t + b sin omega t) + c e^{-lambda t}; rates per signal length, amplitudes a, b, c in counts at
-/// unit drive.
+/// A free decay as it shows in the output: the y of [`super::free_decay`]; rates per signal length,
+/// amplitudes a, b, c in counts at unit drive.
 #[derive(Clone, Copy, Debug)]
 pub struct ObservedDecay {
     pub sigma: f64,
@@ -70,25 +68,20 @@ pub struct ObservedDecay {
     pub c: f64,
 }
 
-/// Coefficients of the terms in the equation of motion of the module's header, in signal lengths
-/// and counts; 0 where there is no such term.
+/// Coefficients of the equation of motion, in signal lengths and counts; 0: no such term.
 #[derive(Default)]
 struct Strengths {
     /// Factors of V³ and V² in the spring's force.
     cubic: f64,
     even: f64,
-    /// Factor of what V is beyond `at` in the spring's force.
+    /// Factor of what V is beyond `at` in the spring's force, and that displacement.
     stop: f64,
-    /// The displacement at which the stop begins.
     at: f64,
-    /// Half of the gap's width, as a displacement.
     gap: f64,
-    /// Factor of |q_n| q_n.
     drag: f64,
-    /// The force of dry friction.
     dry: f64,
-    /// The flow above which dry friction has nearly its full force; below, the force is smoothed,
-    /// because a jump would spoil the integration.
+    /// The flow above which dry friction has nearly its full force: a jump would spoil the
+    /// integration.
     small: f64,
     /// B_t/B_m.
     meniscus: f64,
@@ -97,18 +90,16 @@ struct Strengths {
 }
 
 impl Strengths {
-    /// The spring's force at the displacement `v`, in the unit of the displacement: where there is
-    /// no term it is `v`.
+    /// The spring's force at the displacement `v`: without a term `v` itself.
     fn spring(&self, v: f64) -> f64 {
         let Strengths { cubic, even, stop, at, gap, .. } = *self;
-        // The part of v within the gap is taken off. Unlike `clamp`, this does not panic where the
-        // gap is not a number.
+        // the part within the gap; unlike `clamp`, this does not panic where the gap is not a
+        // number
         let within = v.max(-gap.abs()).min(gap.abs()) * gap.signum();
         v + cubic * v * v * v + even * v * v + stop * past(v, at) - within
     }
 
-    /// Force of the half-order loss at the time `t`, in signal lengths, interpolated between
-    /// samples; 0 without that loss.
+    /// Force of the half-order loss at the time `t`, interpolated between samples.
     fn force(&self, t: f64) -> f64 {
         let Some(f) = &self.memory else { return 0.0 };
         let at = t * f.len() as f64;
@@ -117,50 +108,44 @@ impl Strengths {
     }
 }
 
-/// A level that follows a course of amplitudes (one per signal, in the order of time) with a lag:
-/// after each amplitude the level's distance from it shrinks by e^(-1 / |lag|). `lag`: in signals.
-/// With a negative lag the level starts as if the first amplitude had lasted for ever before, else
-/// at 0, as if nothing had moved.
+/// A level that follows a course of amplitudes with a lag: after each amplitude the level's
+/// distance from it shrinks by e^(-1 / |lag|), the lag in signals. With a negative lag the level
+/// starts as if the first amplitude had lasted for ever before, else at 0.
 pub fn lagging(amplitudes: impl Iterator<Item = f64>, lag: f64) -> Vec<f64> {
     let kept = (-1.0 / lag.abs()).exp();
     let mut level = None;
     let follow = |now: f64| {
         let before = level.unwrap_or(if lag < 0.0 { now } else { 0.0 });
-        let after = now + (before - now) * kept;
-        level = Some(after);
-        after
+        *level.insert(now + (before - now) * kept)
     };
     amplitudes.map(follow).collect()
 }
 
-/// How far a displacement is beyond the place `at`, on that side of 0 on which it lies; 0 if it is
-/// not beyond.
+/// How far a displacement is beyond the place `at`, on that side of 0 on which it lies, else 0.
 pub fn past(v: f64, at: f64) -> f64 {
     if at >= 0.0 { (v - at).max(0.0) } else { (v - at).min(0.0) }
 }
 
-/// A plant's equation of motion with its initial state at t_a, ready to be integrated. An
-/// oscillator x'' + d x' + b x = 0 is a channel without a restrictor (a = g = 0): x is V, and x' is
-/// q_n.
+/// A plant's equation of motion with its initial state at t_a. An oscillator x'' + d x' + b x = 0
+/// is a channel without a restrictor (a = g = 0): x is V, and x' is q_n.
 #[derive(Clone, Copy, Debug)]
 pub struct Interior {
+    decay: ObservedDecay,
     pub channel: InkChannel,
-    /// (V, q_r, q_n) at t_a.
     pub state: [f64; 3],
-    /// Whether it is an ink channel, whose output is the flow; that of an oscillator is the
-    /// displacement.
+    /// Whether the output is an ink channel's flow; that of an oscillator is the displacement.
     pub is_ink: bool,
 }
 
 impl Interior {
-    /// The ink channel whose output is `decay`. `ratio`: g/d, that is, R_r/I_r over R_n/I_n; not 1.
-    /// `None`: no channel with positive a and b has that output.
+    /// The ink channel whose output is `decay`. `ratio`: g/d, not 1. `None`: no channel with
+    /// positive a and b has that output.
     pub fn ink(decay: &ObservedDecay, ratio: f64) -> Option<Interior> {
         let ObservedDecay { sigma, omega, lambda, a, b, c } = *decay;
 
-        // The rates. The observable cubic (s + lambda)(s² + 2 sigma s + sigma² + omega²) has the
-        // coefficients p2 = g + d, p1 = g d + a + b and p0 = a d + b g. So p2 gives d and g, then
-        // p1 gives the sum of a and b, and p0 gives each of the two.
+        // The observable cubic (s + lambda)(s² + 2 sigma s + sigma² + omega²) has p2 = g + d, p1 =
+        // g d + a + b and p0 = a d + b g. So p2 gives d and g, then p1 gives a + b, and p0 each of
+        // the two.
         let d = (2.0 * sigma + lambda) / (1.0 + ratio);
         let g = ratio * d;
         let square = sigma * sigma + omega * omega;
@@ -169,59 +154,47 @@ impl Interior {
         let b_rate = (sum - p0 / d) / (1.0 - ratio);
         let a_rate = sum - b_rate;
 
-        // output and derivatives at t_a
         let y = a + c;
         let dy = -sigma * a + omega * b - lambda * c;
         let ddy =
             (sigma * sigma - omega * omega) * a - 2.0 * sigma * omega * b + lambda * lambda * c;
 
-        // The state (V, q_r, q_n) from three linear equations: y = q_r + q_n, y' = -(a+b) V - g
-        // q_r - d q_n, and y'' + (a+b) y = -g q_r' - d q_n' = (g a + d b) V + g² q_r + d² q_n.
-        let m = nalgebra::Matrix3::new(
-            0.0,
-            1.0,
-            1.0, //
-            -sum,
-            -g,
-            -d, //
-            g * a_rate + d * b_rate,
-            g * g,
-            d * d,
-        );
+        // the state (V, q_r, q_n) from y = q_r + q_n, y' = -(a+b) V - g q_r - d q_n, and y'' +
+        // (a+b) y = (g a + d b) V + g² q_r + d² q_n
+        let m = nalgebra::matrix![
+            0.0, 1.0, 1.0;
+            -sum, -g, -d;
+            g * a_rate + d * b_rate, g * g, d * d
+        ];
         let x = m.lu().solve(&nalgebra::Vector3::new(y, dy, ddy + sum * y))?;
         let channel = InkChannel::of([a_rate, b_rate, g, d]);
-        (a_rate > 0.0 && b_rate > 0.0 && x.iter().all(|v| v.is_finite())).then(|| Interior {
-            channel,
-            state: x.into(),
-            is_ink: true,
-        })
+        let is_channel = a_rate > 0.0 && b_rate > 0.0 && x.iter().all(|v| v.is_finite());
+        is_channel.then(|| Interior { decay: *decay, channel, state: x.into(), is_ink: true })
     }
 
-    /// The oscillator whose displacement is `decay`, apart from the decay's real pole.
+    /// The oscillator whose displacement is `decay` but for its real pole.
     pub fn oscillator(decay: &ObservedDecay) -> Interior {
         let ObservedDecay { sigma, omega, a, b, .. } = *decay;
         Interior {
+            decay: *decay,
             channel: InkChannel::of([0.0, sigma * sigma + omega * omega, 0.0, 2.0 * sigma]),
             state: [a, 0.0, -sigma * a + omega * b],
             is_ink: false,
         }
     }
 
-    /// What turns a strength into a coefficient of the equation of motion, three numbers: the
-    /// amplitude of the displacement V at t_a, which stiffness acts on; the amplitude of the flow
-    /// q_n at t_a, which losses act on; and the derivative of the ring's damping sigma by the loss
-    /// d.
-    fn amplitudes(&self, decay: &ObservedDecay) -> [f64; 3] {
-        let ObservedDecay { sigma, omega, .. } = *decay;
+    /// What turns a strength into a coefficient: the amplitudes of the displacement V and of the
+    /// flow q_n at t_a, and the derivative of the ring's damping by the loss d.
+    fn amplitudes(&self) -> [f64; 3] {
+        let ObservedDecay { sigma, omega, .. } = self.decay;
         // amplitude of a damped oscillation from its value and its derivative
         let envelope = |x: f64, dx: f64| x.hypot((dx + sigma * x) / omega);
-        let Interior { channel, state: [v, q_r, q_n], is_ink } = *self;
+        let Interior { channel, state: [v, q_r, q_n], is_ink, .. } = *self;
         let stiff = envelope(v, q_r + q_n);
         let damped = envelope(q_n, -channel.b_per_s2 * v - channel.d_per_s * q_n);
 
-        // The derivative of the damping by the nozzle's loss d, numerically. Of an oscillator it is
-        // 1/2 exactly (it has no poles here, for two of its rates are 0); of a channel whose poles
-        // fail, .3 is a rough guess.
+        // Numerically; of an oscillator, which has no poles here (two of its rates are 0), it is
+        // 1/2; of a channel whose poles fail, .3 is a rough guess.
         let at = |d: f64| InkChannel { d_per_s: d, ..channel }.poles().map(|p| p.damping_per_s);
         let h = 1e-3 * channel.d_per_s;
         let slope = match (at(channel.d_per_s + h), at(channel.d_per_s - h)) {
@@ -233,23 +206,15 @@ impl Interior {
     }
 
     /// The decay at the relative drive `drive`, with a term of a strength ([`Term`]) or without
-    /// one: `samples` samples over one signal length, counts. `decay` has to be the one that this
-    /// interior was made of.
-    pub fn decay(
-        &self,
-        decay: &ObservedDecay,
-        term: Option<(Term, f64)>,
-        drive: f64,
-        samples: usize,
-    ) -> Vec<f64> {
-        let strengths = self.strengths(decay, term, drive, samples);
+    /// one: `samples` samples over one signal length, counts.
+    pub fn decay(&self, term: Option<(Term, f64)>, drive: f64, samples: usize) -> Vec<f64> {
+        let strengths = self.strengths(term, drive, samples);
 
-        // steps that are short enough for the ring's frequency
-        let steps = STEPS.max((decay.omega / samples as f64 / RADIANS).ceil() as usize);
+        let steps = STEPS.max((self.decay.omega / samples as f64 / RADIANS).ceil() as usize);
         let h = 1.0 / (samples * steps) as f64;
 
-        // The state is proportional to the drive. V_n, which only the meniscus acts on, is counted
-        // from t_a.
+        // the state is proportional to the drive; V_n, on which only the meniscus acts, counts from
+        // t_a
         let [v, q_r, q_n] = self.state.map(|x| x * drive);
         let mut x = [v, q_r, q_n, 0.0];
         let mut out = Vec::with_capacity(samples);
@@ -263,32 +228,25 @@ impl Interior {
         out
     }
 
-    /// Coefficients of a term in the equation of motion, from its strength e.
-    fn strengths(
-        &self,
-        decay: &ObservedDecay,
-        term: Option<(Term, f64)>,
-        drive: f64,
-        samples: usize,
-    ) -> Strengths {
-        let [stiff, damped, slope] = self.amplitudes(decay);
+    fn strengths(&self, term: Option<(Term, f64)>, drive: f64, samples: usize) -> Strengths {
+        let [stiff, damped, slope] = self.amplitudes();
+        let sigma = self.decay.sigma;
         let mut of = Strengths { small: 0.02 * damped, ..Strengths::default() };
         match term {
             // harmonic balance at amplitude A: x'' = -w²(x + k x³) oscillates at w (1 + 3/8 k A²)
             Some((Term::CubicStiffness, e)) => of.cubic = e * 8.0 / 3.0 / (stiff * stiff),
             // equivalent linear loss over a period: k |q| q acts as 8/(3 pi) k A q
             Some((Term::QuadraticDrag, e)) => {
-                of.drag = e * decay.sigma / (slope * 8.0 / (3.0 * PI) * damped);
+                of.drag = e * sigma / (slope * 8.0 / (3.0 * PI) * damped)
             }
             // mu sign(q) acts over a period as 4 mu/(pi A) q
-            Some((Term::DryFriction, e)) => of.dry = e * decay.sigma * PI * damped / (4.0 * slope),
-            // the rest are relative to the spring or to the amplitude
+            Some((Term::DryFriction, e)) => of.dry = e * sigma * PI * damped / (4.0 * slope),
             Some((Term::Meniscus, e)) => of.meniscus = e,
             Some((Term::EvenStiffness, e)) => of.even = e / stiff,
             Some((Term::Stop { at }, e)) => (of.stop, of.at) = (e, at * stiff),
             Some((Term::Gap, e)) => of.gap = e * stiff,
             Some((Term::FractionalDamping, e)) => {
-                of.memory = Some(self.memory_force(decay, e, drive, samples));
+                of.memory = Some(self.memory_force(e, drive, samples));
             }
             None => {}
         }
@@ -306,20 +264,17 @@ impl Interior {
     }
 
     /// Force of a half-order loss that replaces a share `e` of the viscous one: -e d (omega^-1/2
-    /// D^1/2 q - q), one value per sample. At the ring's frequency the factor omega^-1/2 makes
-    /// D^1/2 q as large as q.
-    ///
-    /// D^1/2 is Caputo's derivative from t_a on (the flow before t_a is not known). The L1 scheme
-    /// takes the flow to be linear between samples: D^1/2 q at sample k is 2 / sqrt(pi h) times the
-    /// sum over j of (sqrt(j + 1) - sqrt(j)) (q_{k-j} - q_{k-j-1}). q is the flow without the term,
-    /// so the force is right to first order in e, and no integral equation has to be solved.
-    fn memory_force(&self, decay: &ObservedDecay, e: f64, drive: f64, samples: usize) -> Vec<f64> {
-        // the flow without the term: of a channel that through the nozzle; of an oscillator its
-        // velocity, by differences of the displacement
+    /// D^1/2 q - q), one value per sample. D^1/2 is Caputo's derivative from t_a on, by the L1
+    /// scheme, which takes the flow to be linear between samples: D^1/2 q at sample k is 2 /
+    /// sqrt(pi h) times the sum over j of (sqrt(j + 1) - sqrt(j)) (q_{k-j} - q_{k-j-1}). q is the
+    /// flow without the term, so the force is right to first order in e, and no integral equation
+    /// has to be solved.
+    fn memory_force(&self, e: f64, drive: f64, samples: usize) -> Vec<f64> {
+        // of an oscillator the velocity, by differences of the displacement
         let flow: Vec<f64> = match self.is_ink {
             true => self.nozzle_flow(drive, samples),
             false => {
-                let y = self.decay(decay, None, drive, samples);
+                let y = self.decay(None, drive, samples);
                 let n = samples as f64;
                 let at = |k: usize| y[k.min(samples - 1)];
                 let slope = |k: usize| (at(k + 1) - at(k.saturating_sub(1))) * n / 2.0;
@@ -327,7 +282,6 @@ impl Interior {
             }
         };
 
-        // weights of the L1 scheme of order 1/2, and the sum
         let loss = self.channel.d_per_s;
         let h = 1.0 / samples as f64;
         let scale = 2.0 / PI.sqrt() / h.sqrt();
@@ -338,7 +292,7 @@ impl Interior {
                 let half: f64 =
                     (0..k).map(|j| weight[j] * (flow[k - j] - flow[k - j - 1])).sum::<f64>()
                         * scale;
-                -e * loss * (half / decay.omega.sqrt() - flow[k])
+                -e * loss * (half / self.decay.omega.sqrt() - flow[k])
             })
             .collect()
     }
@@ -348,14 +302,8 @@ impl Interior {
         let [v, q_r, q_n] = self.state;
         let step = self.channel.transition(1.0 / samples as f64);
         // how V is divided between V_r and V_n does not matter to the flows
-        let mut x = nalgebra::Vector4::new(v, 0.0, q_r, q_n) * drive;
-        (0..samples)
-            .map(|_| {
-                let q = x[3];
-                x = step * x;
-                q
-            })
-            .collect()
+        let x = nalgebra::Vector4::new(v, 0.0, q_r, q_n) * drive;
+        std::iter::successors(Some(x), |x| Some(step * x)).map(|x| x[3]).take(samples).collect()
     }
 }
 
@@ -386,12 +334,12 @@ mod tests {
     #[test]
     fn interior_without_a_term_is_what_was_seen() {
         let ink = Interior::ink(&DECAY, 0.2).unwrap();
-        for (k, y) in ink.decay(&DECAY, None, 1.5, 128).iter().enumerate() {
+        for (k, y) in ink.decay(None, 1.5, 128).iter().enumerate() {
             assert!((y - 1.5 * linear(k as f64 / 128.0)).abs() < 2e-3, "{k}");
         }
         let decay = ObservedDecay { c: 0.0, ..DECAY };
         let oscillator = Interior::oscillator(&decay);
-        for (k, y) in oscillator.decay(&decay, None, 1.0, 128).iter().enumerate() {
+        for (k, y) in oscillator.decay(None, 1.0, 128).iter().enumerate() {
             let t = k as f64 / 128.0;
             assert!((y - linear(t) + DECAY.c * (-DECAY.lambda * t).exp()).abs() < 2e-3, "{k}");
         }
@@ -402,7 +350,7 @@ mod tests {
         // hardly damped, so that the frequency can be found by counting periods
         let decay = ObservedDecay { sigma: 1e-3, omega: 60.0, c: 0.0, ..DECAY };
         let oscillator = Interior::oscillator(&decay);
-        let y = oscillator.decay(&decay, Some((Term::CubicStiffness, 0.02)), 1.0, 4000);
+        let y = oscillator.decay(Some((Term::CubicStiffness, 0.02)), 1.0, 4000);
         let crossings: Vec<f64> = (1..4000)
             .filter(|&k| y[k - 1] < 0.0 && y[k] >= 0.0)
             .map(|k| k as f64 - y[k] / (y[k] - y[k - 1]))
@@ -417,7 +365,7 @@ mod tests {
         let decay = ObservedDecay { sigma: 0.5, omega: 300.0, c: 0.0, ..DECAY };
         for term in [Term::QuadraticDrag, Term::DryFriction] {
             let oscillator = Interior::oscillator(&decay);
-            let y = oscillator.decay(&decay, Some((term, 0.2)), 1.0, 8000);
+            let y = oscillator.decay(Some((term, 0.2)), 1.0, 8000);
             // amplitude over the first periods, by projection on the ring's frequency
             let amplitude = |from: usize| {
                 let (mut re, mut im) = (0.0, 0.0);

@@ -8,7 +8,7 @@
 //! Steps: the field with the most numbers is taken for the samples; other keys go to the fields
 //! with likely names whose kind fits (`CHANNELS`, `PERIOD` and so on); layout and number of
 //! channels come from fields whose number divides that of the samples, checked or replaced by how
-//! the samples correlate ([`Lie`]).
+//! the samples correlate ([`RowLayout`]).
 
 pub use super::first_message::{MOST_MESSAGE_BYTES, ShownField};
 
@@ -18,7 +18,7 @@ use super::plan::{ChannelDescription, Reading, Schema, is_time};
 use super::wanted::Slot;
 use bytes::Bytes;
 use inkling_core::burst::Format;
-use inkling_core::model::lie::Lie;
+use inkling_core::model::row_layout::RowLayout;
 use std::fmt::Write as _;
 
 /// A message with fewer numbers than these is no burst.
@@ -238,7 +238,7 @@ impl Guess<'_> {
         let nested = |n: usize| outer.is_none_or(|outer| n == outer || n * outer == numbers);
         // 2. the likeliest layout among those that agree with the fields, or with the lists
         let agrees = |n: usize| named.map_or_else(|| nested(n), |named| n == named);
-        let lie = Lie::likeliest(&self.samples.numbers, agrees);
+        let lie = RowLayout::likeliest(&self.samples.numbers, agrees);
         self.say_layout(lie);
 
         // 3. the channels: a field, else what the samples per channel leave, else the samples, else
@@ -272,11 +272,11 @@ impl Guess<'_> {
     }
 
     /// Writes the layout, with the correlation of the layout that was not taken for comparison.
-    fn say_layout(&mut self, lie: Option<Lie>) {
+    fn say_layout(&mut self, lie: Option<RowLayout>) {
         let major = |sample_major| if sample_major { "sample-major" } else { "channel-major" };
         let (sample_major, comment) = match lie {
-            Some(Lie { channels, sample_major, neighbours, .. }) => {
-                let other = Lie::of(&self.samples.numbers, channels, !sample_major);
+            Some(RowLayout { channels, sample_major, neighbours, .. }) => {
+                let other = RowLayout::of(&self.samples.numbers, channels, !sample_major);
                 let (name, other) = (major(!sample_major), other.map_or(0.0, |of| of.neighbours));
                 let comment = format!(
                     "by the samples: neighbours of a channel correlate ({neighbours:.2}; laid out as {name} {other:.2})"
@@ -292,7 +292,7 @@ impl Guess<'_> {
     /// likelier layout of these two by how the samples correlate.
     fn counts_channels(&self, of: &Divisor) -> bool {
         let either = [of.n, self.samples.numbers.len() / of.n];
-        let lie = Lie::likeliest(&self.samples.numbers, |n| either.contains(&n));
+        let lie = RowLayout::likeliest(&self.samples.numbers, |n| either.contains(&n));
         lie.is_some_and(|lie| lie.channels == of.n)
     }
 

@@ -135,7 +135,7 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
                     Term::DryFriction => run.size / gain,
                     _ => run.size,
                 };
-                interior.decay(&seen, Some((term, strength)), 1.0, n)
+                interior.decay(Some((term, strength)), 1.0, n)
             }
             None => (0..n).map(|k| gain * at(k as f64 / n as f64 + shift)).collect(),
         };

@@ -127,7 +127,7 @@ impl ScoreTests<'_> {
         let term = if let Term::Stop { .. } = term { Term::Stop { at: place } } else { term };
         // the secant at the strength e: the decay with the term less the decay without it, over e
         let inside = self.interior?;
-        let decay = |with, s| inside.decay(&self.decay, with, s, self.samples);
+        let decay = |with, s| inside.decay(with, s, self.samples);
         let without: Vec<Vec<f64>> = self.nodes().iter().map(|s| decay(None, *s)).collect();
         let shape = |e: f64| {
             self.by_drive(power, |node, s| {

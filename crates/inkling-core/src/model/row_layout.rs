@@ -1,46 +1,38 @@
-//! How the ring-downs of several channels are laid out in a row of numbers (their *lie*), inferred
-//! from the numbers themselves. `dialect/guess.rs` reads foreign recordings by it, `train` refuses
-//! by it signals that are no ring-downs, and the pipeline's `ring_look.rs` warns by it of a layout
-//! that is probably wrong.
+//! How the ring-downs of several channels are laid out in a row of numbers, inferred from the
+//! numbers themselves.
 //!
-//! In: the numbers of one message, in counts or any other unit. Out: the number of channels,
-//! whether samples or channels are contiguous, and the evidence. In the right layout three things
-//! hold: neighbouring samples of a channel are alike (their correlation), channels ring alike (the
-//! share of the energy that their mean has), and the numbers jump from one row of the memory to the
-//! next (`edge`). All layouts whose two first numbers are plausible are tried, and the one with the
+//! In: the numbers of one message, in any unit. Out: the number of channels, whether samples or
+//! channels are contiguous, and the evidence. In the right layout neighbouring samples of a channel
+//! are alike (correlated), channels ring alike (their mean has much of the energy), and the numbers
+//! jump from one row of the memory to the next (`edge`). Of all plausible layouts the one with the
 //! clearest jumps wins. The bounds are heuristic.
 
 /// Smallest number of samples per channel; fewer show no ring.
 const FEWEST_SAMPLES: usize = 16;
-/// Smallest correlation of neighbouring samples of ring-downs; below it neighbours have little in
-/// common, and the layout is wrong.
+/// Smallest correlation of neighbouring samples of ring-downs.
 pub const LEAST_NEIGHBOURS: f64 = 0.3;
-/// Smallest [`Lie::alike`] of ring-downs; below it channels have little in common.
+/// Smallest [`RowLayout::alike`] of ring-downs.
 const LEAST_ALIKE: f64 = 0.5;
-/// Smallest `edge`: the mean square step from the last number of one row of the memory to the first
-/// of the next, over that within rows. Rows of a wrong length have no such edges.
+/// Smallest `edge`: the mean square step from one row of the memory to the next, over that within
+/// rows.
 const LEAST_EDGE: f64 = 1.5;
 
-/// A layout of channels x samples, and the evidence for it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Lie {
+pub struct RowLayout {
     pub channels: usize,
     /// Whether the samples of one moment lie side by side; else those of one channel do.
     pub sample_major: bool,
     /// Correlation of neighbouring samples of a channel.
     pub neighbours: f64,
-    /// Share of the channels' energy that their mean has, less the share 1 / channels that the mean
-    /// of unrelated channels has, and scaled such that equal channels have 1. Of a single channel
-    /// it is 1.
+    /// Share of the channels' energy that their mean has, less the share 1 / channels of unrelated
+    /// channels, scaled such that equal channels have 1. Of a single channel it is 1.
     pub alike: f64,
 }
 
-impl Lie {
-    /// The evidence for one layout of the numbers `x`. `None`: the numbers cannot be laid out so
-    /// (they are no multiple of `channels`, or a channel has fewer than `FEWEST_SAMPLES`), or all
-    /// of them are equal.
-    pub fn of(x: &[f64], channels: usize, sample_major: bool) -> Option<Lie> {
-        // the numbers as channel and sample, without their common mean
+impl RowLayout {
+    /// The evidence for one layout of the numbers `x`. `None`: they cannot be laid out so, a
+    /// channel has fewer than `FEWEST_SAMPLES`, or all numbers are equal.
+    pub fn of(x: &[f64], channels: usize, sample_major: bool) -> Option<RowLayout> {
         let samples = x.len().checked_div(channels)?;
         if samples < FEWEST_SAMPLES || samples * channels != x.len() {
             return None;
@@ -51,7 +43,6 @@ impl Lie {
             false => x[channel * samples + k] - mean,
         };
 
-        // energy, product of neighbouring samples, and the sum over channels at every moment
         let (mut square, mut beside) = (0.0, 0.0);
         let mut sums = vec![0.0; samples];
         for channel in 0..channels {
@@ -63,53 +54,45 @@ impl Lie {
             }
         }
 
-        // The energy of the channels' mean, counted once for each channel, over the whole energy.
-        // Unrelated channels would leave a share of 1 / rows in their mean, which is taken off.
+        // the energy of the channels' mean, counted once for each channel, over the whole energy
         let rows = channels as f64;
         let of_mean = sums.iter().map(|sum| sum * sum).sum::<f64>() / rows;
         let chance = 1.0 / rows;
         let alike = (of_mean / square - chance) / (1.0 - chance);
         let alike = if channels == 1 { 1.0 } else { alike };
-        (square > 0.0 && square.is_finite()).then(|| Lie {
-            channels,
-            sample_major,
-            neighbours: beside / square,
-            alike,
-        })
+        let neighbours = beside / square;
+        let layout = RowLayout { channels, sample_major, neighbours, alike };
+        (square > 0.0 && square.is_finite()).then_some(layout)
     }
 
-    /// Whether the numbers can be ring-downs in this layout.
     pub fn is_plausible(&self) -> bool {
         self.neighbours >= LEAST_NEIGHBOURS && self.alike >= LEAST_ALIKE
     }
 
     /// The likeliest layout of several channels: of the plausible layouts the one with the clearest
-    /// edges between rows. `may_be`: tells whether a number of channels is possible. `None`: no
-    /// layout is plausible, or none has edges of at least `LEAST_EDGE`.
-    pub fn likeliest(x: &[f64], may_be: impl Fn(usize) -> bool) -> Option<Lie> {
-        // every number of channels that divides the numbers, in both orders
+    /// edges between rows, if these reach `LEAST_EDGE`. `may_be`: tells whether a number of
+    /// channels is possible.
+    pub fn likeliest(x: &[f64], may_be: impl Fn(usize) -> bool) -> Option<RowLayout> {
         let most = x.len() / FEWEST_SAMPLES;
         let possible = (2..=most).filter(|n| x.len().is_multiple_of(*n) && may_be(*n));
         let both = possible.flat_map(|n| [(n, false), (n, true)]);
         let plausible =
-            both.filter_map(|(n, major)| Lie::of(x, n, major)).filter(Lie::is_plausible);
+            both.filter_map(|(n, major)| Self::of(x, n, major)).filter(Self::is_plausible);
 
-        // Correlation and likeness hold in some wrong layouts, too, as with half the number of
-        // channels; only the right rows end where the numbers jump.
-        let edges = plausible.map(|lie| (edge(x, lie.row_length(x.len())), lie));
+        // correlation and likeness also hold in some wrong layouts, as with half the number of
+        // channels
+        let edges = plausible.map(|layout| {
+            let channels = layout.channels;
+            let row = if layout.sample_major { channels } else { x.len() / channels };
+            (edge(x, row), layout)
+        });
         let best = edges.max_by(|a, b| a.0.total_cmp(&b.0));
-        best.filter(|(edge, _)| *edge >= LEAST_EDGE).map(|(_, lie)| lie)
-    }
-
-    /// How many numbers lie side by side: a channel's samples, or the channels of one moment.
-    /// `all`: how many there are.
-    fn row_length(&self, all: usize) -> usize {
-        if self.sample_major { self.channels } else { all / self.channels }
+        best.filter(|(edge, _)| *edge >= LEAST_EDGE).map(|(_, layout)| layout)
     }
 }
 
-/// How many times larger the mean square step from one row to the next is than the one within rows.
-/// `row`: how many numbers a row of the memory has.
+/// How many times larger the mean square step from one row to the next is than the one within rows
+/// of `row` numbers.
 fn edge(x: &[f64], row: usize) -> f64 {
     let (mut across, mut within) = ((0.0, 0), (0.0, 0));
     for (i, pair) in x.windows(2).enumerate() {
@@ -120,8 +103,8 @@ fn edge(x: &[f64], row: usize) -> f64 {
     mean(across) / mean(within).max(f64::MIN_POSITIVE)
 }
 
-/// How many periods of its strongest oscillation a signal has, its mean aside: the place of the
-/// largest peak of its spectrum. `None`: there is nothing but the mean, or a number is not finite.
+/// How many periods of its strongest oscillation a signal has: the place of the largest peak of its
+/// spectrum without the mean. `None`: nothing oscillates, or a number is not finite.
 pub fn periods(signal: &[f64]) -> Option<f64> {
     /// Only the first of so many samples are used; more would add nothing.
     const MOST: usize = 2048;
@@ -130,7 +113,6 @@ pub fn periods(signal: &[f64]) -> Option<f64> {
     let n = signal.len();
     let mean = signal.iter().sum::<f64>() / n.max(1) as f64;
 
-    // the power at each whole number of periods, and where it is largest
     let power = |bin: usize| {
         let turn = 2.0 * std::f64::consts::PI * bin as f64 / n as f64;
         let (mut re, mut im) = (0.0, 0.0);
@@ -147,9 +129,8 @@ pub fn periods(signal: &[f64]) -> Option<f64> {
     }
 
     let shown = match bin {
-        // The spectrum cannot tell less than one period from one. Neighbours of a sinusoid differ
-        // by its phase advance per sample (in root mean square, over the signal's), which gives the
-        // periods.
+        // The spectrum cannot tell less than one period from one. The root mean square of a
+        // sinusoid's steps over its own is its phase advance per sample.
         0..=1 => {
             let centred = || signal.iter().map(|y| y - mean);
             let square: f64 = centred().map(|y| y * y).sum();
@@ -159,7 +140,6 @@ pub fn periods(signal: &[f64]) -> Option<f64> {
         _ => bin as f64,
     };
 
-    // from the samples that were used to the whole signal
     Some(shown * all as f64 / n as f64)
 }
 
@@ -190,9 +170,15 @@ mod tests {
     fn the_layout_is_told_by_the_numbers() {
         for (channels, samples) in [(2, 128), (12, 100), (64, 128), (128, 64)] {
             for sample_major in [false, true] {
-                let lie = Lie::likeliest(&rings(channels, samples, sample_major), |_| true);
-                let lie = lie.unwrap_or_else(|| panic!("{channels} x {samples}, {sample_major}"));
-                assert_eq!((lie.channels, lie.sample_major), (channels, sample_major), "{lie:?}");
+                let layout =
+                    RowLayout::likeliest(&rings(channels, samples, sample_major), |_| true);
+                let layout =
+                    layout.unwrap_or_else(|| panic!("{channels} x {samples}, {sample_major}"));
+                assert_eq!(
+                    (layout.channels, layout.sample_major),
+                    (channels, sample_major),
+                    "{layout:?}"
+                );
             }
         }
     }
@@ -209,9 +195,9 @@ mod tests {
 
     #[test]
     fn one_channel_and_noise_are_no_several_channels() {
-        assert_eq!(Lie::likeliest(&rings(1, 512, false), |_| true), None);
+        assert_eq!(RowLayout::likeliest(&rings(1, 512, false), |_| true), None);
         let noise: Vec<f64> = rings(16, 64, false).iter().map(|x| (x * 1e7).sin()).collect();
-        assert_eq!(Lie::likeliest(&noise, |_| true), None);
-        assert!(!Lie::of(&rings(64, 128, true), 64, false).unwrap().is_plausible());
+        assert_eq!(RowLayout::likeliest(&noise, |_| true), None);
+        assert!(!RowLayout::of(&rings(64, 128, true), 64, false).unwrap().is_plausible());
     }
 }
