@@ -5,7 +5,7 @@
 //! surely meant otherwise, or a warning, in words. Of each printhead only the span of all its times
 //! and channels is kept, so that a row in a gap counts as covering some signals.
 
-use super::{Channels, EVERY_PRINTHEAD, Label, Labels, nearest};
+use super::{EVERY_PRINTHEAD, Label, Labels, nearest};
 use chrono::{DateTime, SecondsFormat};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
