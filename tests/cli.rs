@@ -18,6 +18,7 @@ fn a_setting_that_cannot_take_effect_is_refused_with_what_to_do() {
         (&judge, "isolate.signal=deviation", "residual-matching"),
         (&judge, "isolate.method=neighbours", "train with --set isolate.method=neighbours"),
         (&judge, "detect.false_alarm_rate=1e-3", "train again"),
+        (&judge, "detect={false_alarm_rate=1e-3}", "train again"),
         (&judge, "isolate.classes={Eigene=[\"EC\"]}", "trained without it"),
         (&replay, "isolate.classes={Eigene=[\"EC\"]}", "no design"),
         (&replay, "isolate.certainty=0.9", "--design"),

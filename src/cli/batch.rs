@@ -1,9 +1,8 @@
 //! Takes the recordings of a run in their order. Each one is skipped, refused or judged, noted in the journal,
 //! and reported. A recording that fails does not stop the others, unless nothing more can be written.
 //!
-//! In: the planned recordings (`plan`), with the decision on each, and a `Judge` that judges one of
-//! them; from `replay`. Out: results and their lines in `journal.jsonl`, `run.json`, what is
-//! printed, and the exit status.
+//! In: the planned recordings (`plan`) and a `Judge`, from `replay`. Out: results and their lines in
+//! `journal.jsonl`, `run.json`, what is printed, and the exit status.
 //!
 //! The order of writing makes a killed run safe to repeat: first a recording's results, then its
 //! line in the journal, which makes it finished, and then the baselines that learned from it
@@ -49,9 +48,7 @@ pub struct Batch<'a> {
     pub account: Account,
     /// Whether to print one JSON line per recording and one for the run, instead of text.
     pub json: bool,
-    /// Whether to tell where the time of each recording went (`--timings`).
     pub timings: bool,
-    /// Whether to write annotations beside the verdicts (`--annotate`).
     pub annotate: bool,
     /// Number of complaints about recordings so far.
     pub failures: usize,
@@ -76,7 +73,7 @@ impl Batch<'_> {
     /// Judges the planned recordings in this order, then writes and prints the account of the run.
     /// Returns the exit status; a failure if the run was stopped or nothing could be judged.
     pub fn run(mut self, planned: &[PlannedRecording]) -> Result<Exit, Failure> {
-        // 1. judge; each recording that is looked at gets a row, and so do those that are not reached
+        // 1. judge; each recording that is looked at gets a row, and then those that are not reached
         let lost = self.account.rows.len();
         let stopped = self.all(planned).err();
         let (end, exit) = match &stopped {
@@ -152,7 +149,7 @@ impl Batch<'_> {
             self.print_row(row, &Value::Null)?;
         }
 
-        // such a judge may write any of the results from now on: what is out of date is set aside before
+        // such a judge may write any of the results from now on
         if self.judge.all_at_once() {
             plan::to_judge(planned).for_each(|this| self.set_aside_outdated(this));
         }
@@ -188,9 +185,8 @@ impl Batch<'_> {
         self.annotate(this)
     }
 
-    /// Judges one recording, and keeps what came of it. `nth`: index among the recordings that are
-    /// to be judged. The error stops the run; a recording that fails by itself is only noted, and
-    /// gives none unless it is the only one.
+    /// Judges one recording, and keeps what came of it. `nth`: index among the recordings that are to be judged.
+    /// The error stops the run; a recording that fails by itself is only noted, unless it is the only one.
     fn judge(&mut self, this: &PlannedRecording, nth: usize) -> Result<(), Stop> {
         if !self.judge.all_at_once() {
             self.set_aside_outdated(this);
@@ -211,9 +207,8 @@ impl Batch<'_> {
         }
     }
 
-    /// Notes a judged recording in the journal, then replaces the baselines. The order matters: the next run
-    /// after one that was killed between the two finds the earlier baselines, and judges this recording once
-    /// more.
+    /// Notes a judged recording in the journal, then replaces the baselines: the next run after one that was
+    /// killed between the two finds the earlier baselines, and judges this recording once more.
     fn keep(&mut self, this: &PlannedRecording, mut judged: Judged) -> Result<(), Stop> {
         let verdicts = this.placed.verdicts_in(self.run.out);
         let (entry, baselines) = (&mut judged.entry, judged.baselines.take());
@@ -274,8 +269,8 @@ impl Batch<'_> {
         Ok(unless_reader_gone(output::tell(self.json, document, text))?)
     }
 
-    /// Adds a judged recording's row to the account; tells its warnings and notes, each kind once
-    /// in a run, what of it was not judged, and its report.
+    /// Adds a judged recording's row to the account; tells its warnings and notes, each kind once in a run,
+    /// what of it was not judged, and its report.
     fn tell_of(&mut self, this: &PlannedRecording, judged: &Judged) -> Result<(), Stop> {
         let entry = &judged.entry;
         let row = this.row_of(entry);

@@ -97,7 +97,9 @@ pub fn sweep(planned: &[PlannedRecording], out: &Path) {
     let dirs: BTreeSet<PathBuf> = dirs.chain([out.into()]).collect();
     let endings = [".verdicts.parquet", ".episodes.parquet", ".summary.json"];
     let ours = |name: &str| name == RUN_NAME || endings.iter().any(|end| name.ends_with(end));
-    dirs.iter().for_each(|dir| part_file::sweep(dir, ours));
+    for dir in &dirs {
+        part_file::sweep(dir, ours);
+    }
 }
 
 /// Decides what is to be done with recordings.

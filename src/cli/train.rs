@@ -278,7 +278,7 @@ fn refuse_never_named(reviews: &[ClassReview], labels: &Path) -> Result<(), Fail
 
 /// The warning about a class of which hardly any signals are detected.
 fn hardly_detected(class: &ClassReview) -> String {
-    let (name, Judged { signals, detected, .. }) = (printable(&class.name), class.trained_on);
+    let (name, Judged { signals, detected, .. }) = (printable(&class.name), &class.trained_on);
     format!(
         "class {name}: hardly detectable: {detected} of its {signals} labelled signals pass the chosen \
          detection, and what does not pass is named nothing"

@@ -148,8 +148,9 @@ pub fn load(
     let (design, design_digest) = read.unzip();
     if let Some(design) = &design {
         // models identified on windows must detect as the design does
+        let mut keys = keys(&args.set);
         let is_given =
-            args.preset.is_some() || keys(&args.set).any(|key| key.starts_with("detect."));
+            args.preset.is_some() || keys.any(|key| key.split('.').next() == Some("detect"));
         if is_given && settings.detect != design.detect {
             return Err(Failure::usage(format!(
                 "{}: its detection was fixed when it was trained; detect.* by --set or --preset has no \
