@@ -116,11 +116,11 @@ fn detection(report: &Report, curves: &Curves, body: &mut String) {
         place(&at),
         (clip(least_x, alarms), clip(least_y, misses)),
     );
+    let share = |of: f64, all: u64| percent((of * all as f64).round() as u64, all);
+    let (missed, flagged) = (share(at.misses, faulty), share(at.false_alarms, healthy));
     *body += &drawn(&Figure::new(
         format!(
-            "DET: at the threshold used {} of the faulty are missed, {} of the healthy flagged",
-            percent((at.misses * faulty as f64).round() as u64, faulty),
-            percent((at.false_alarms * healthy as f64).round() as u64, healthy)
+            "DET: at the threshold used {missed} of the faulty are missed, {flagged} of the healthy flagged"
         ),
         Axis::log("healthy signals flagged, share"),
         Axis::log("faulty signals missed, share"),

@@ -136,12 +136,9 @@ fn basis(report: &Report) -> String {
     let judged: u64 = lines.iter().map(|line| line.judged).sum();
     let rejected: u64 = lines.iter().map(RecordingLine::rejected).sum();
     let damaged = lines.iter().filter(|line| line.is_damaged).count() as u64;
-    let mut parts = vec![format!(
-        "{}, {} signals judged, {} rejected",
-        counted(lines.len() as u64, "recording"),
-        thousands(judged),
-        percent(rejected, judged + rejected)
-    )];
+    let recordings = counted(lines.len() as u64, "recording");
+    let (signals, share) = (thousands(judged), percent(rejected, judged + rejected));
+    let mut parts = vec![format!("{recordings}, {signals} signals judged, {share} rejected")];
     let span = whole(lines.iter().filter_map(|line| line.span));
     parts.extend(span.map(|(from, to)| format!("{} to {} UTC", clock(from), clock(to))));
     let lost = report.coverage.lost.len() as u64;
