@@ -93,7 +93,7 @@ impl<'a> Changes<'a> {
                 None => "as before",
             }
         };
-        let of_kind = |key| -> Vec<&'a Fault> {
+        let of_kind = |key: &str| -> Vec<&'a Fault> {
             faults.iter().filter(|fault| fault.is_latest && kind(&fault.story) == key).collect()
         };
         let kinds = [

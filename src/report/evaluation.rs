@@ -55,27 +55,24 @@ fn against_labels(report: &Report, curves: &Curves, body: &mut String) {
 /// The page's first sentence: hits and false alarms, right names, episodes found.
 fn sentence(report: &Report) -> String {
     let d = &report.detection;
+    let (faulty, healthy) = (d.tp + d.fn_, d.fp + d.tn);
+    let (hits, alarms) = (percent(d.tp, faulty), percent(d.fp, healthy));
+    let [faulty, healthy] = [faulty, healthy].map(thousands);
     let mut text = format!(
-        "{} of {} faulty signals are flagged, and {} of {} healthy ones",
-        percent(d.tp, d.tp + d.fn_),
-        thousands(d.tp + d.fn_),
-        percent(d.fp, d.fp + d.tn),
-        thousands(d.fp + d.tn)
+        "{hits} of {faulty} faulty signals are flagged, and {alarms} of {healthy} healthy ones"
     );
-    if report.isolation.confusion.iter().flatten().any(|n| *n > 0) {
+    let isolation = &report.isolation;
+    if isolation.confusion.iter().flatten().any(|n| *n > 0) {
+        let [class, category] =
+            [isolation.accuracy, isolation.category_accuracy].map(|v| 100.0 * v);
         text += &format!(
-            "; the best class is right in {:.1} % of those with one, its category in {:.1} %",
-            100.0 * report.isolation.accuracy,
-            100.0 * report.isolation.category_accuracy
+            "; the best class is right in {class:.1} % of those with one, its category in {category:.1} %"
         );
     }
     if let Some(e) = &report.episodes {
-        text += &format!(
-            "; of {} {:.1} % were found as episodes, {} false",
-            counted(e.faults, "fault"),
-            100.0 * e.recall,
-            e.false_episodes
-        );
+        let (faults, found) = (counted(e.faults, "fault"), 100.0 * e.recall);
+        let wrong = e.false_episodes;
+        text += &format!("; of {faults} {found:.1} % were found as episodes, {wrong} false");
     }
     text + "."
 }
@@ -119,11 +116,11 @@ fn detection(report: &Report, curves: &Curves, body: &mut String) {
         place(&at),
         (clip(least_x, alarms), clip(least_y, misses)),
     );
+    let share = |of: f64, all: u64| percent((of * all as f64).round() as u64, all);
+    let (missed, flagged) = (share(at.misses, faulty), share(at.false_alarms, healthy));
     *body += &drawn(&Figure::new(
         format!(
-            "DET: at the threshold used {} of the faulty are missed, {} of the healthy flagged",
-            percent((at.misses * faulty as f64).round() as u64, faulty),
-            percent((at.false_alarms * healthy as f64).round() as u64, healthy)
+            "DET: at the threshold used {missed} of the faulty are missed, {flagged} of the healthy flagged"
         ),
         Axis::log("healthy signals flagged, share"),
         Axis::log("faulty signals missed, share"),
@@ -299,12 +296,10 @@ fn risk(report: &Report, curves: &Curves, body: &mut String) {
         return;
     }
     let c = &report.certain;
+    let (bound, kept, wrong) = (c.bound, 100.0 * c.coverage, 100.0 * (1.0 - c.accuracy));
     let figure = Figure::new(
         format!(
-            "Certainty {} keeps {:.1} % of the named signals, {:.2} % of them wrong",
-            c.bound,
-            100.0 * c.coverage,
-            100.0 * (1.0 - c.accuracy)
+            "Certainty {bound} keeps {kept:.1} % of the named signals, {wrong:.2} % of them wrong"
         ),
         Axis::within(0.0, 1.0, "share kept, the most certain first"),
         Axis::new("share of these with the wrong class"),

@@ -148,11 +148,10 @@ fn quantity(
     changes.sort_by(f64::total_cmp);
 
     let finding = match (changes.first(), changes.last()) {
-        (Some(low), Some(high)) => format!(
-            "{what} changes by {} to {} % per K from printhead to printhead",
-            signed(100.0 * low, 2),
-            signed(100.0 * high, 2)
-        ),
+        (Some(low), Some(high)) => {
+            let [low, high] = [low, high].map(|change| signed(100.0 * change, 2));
+            format!("{what} changes by {low} to {high} % per K from printhead to printhead")
+        }
         _ => {
             let all = || points.iter().map(of);
             let (low, high) = (all().fold(f64::INFINITY, f64::min), all().fold(0.0, f64::max));

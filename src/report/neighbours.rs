@@ -127,14 +127,10 @@ fn sentence(members: &[usize], faults: &[Fault], settings: &ReportSettings) -> S
     let category = stories[0].category.as_deref().unwrap_or_default();
     let channels = |k: usize| stories[k].channel;
     let last = stories.len() - 1;
-    let mut text = format!(
-        "{}: {} neighbouring channels, {} to {}, have the same sort of fault ({})",
-        stories[0].printhead,
-        stories.len(),
-        channels(0),
-        channels(last),
-        category.replace('_', " ")
-    );
+    let (head, n, sort) = (&stories[0].printhead, stories.len(), category.replace('_', " "));
+    let range = format!("{} to {}", channels(0), channels(last));
+    let mut text =
+        format!("{head}: {n} neighbouring channels, {range}, have the same sort of fault ({sort})");
     if settings.pitch > 0.0 {
         let width = f64::from(channels(last) / settings.rows - channels(0) / settings.rows);
         text += &format!(", over {:.2} mm", width * settings.pitch / 1e3);

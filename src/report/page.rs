@@ -92,11 +92,8 @@ fn sentence(report: &Report, open: &[&Fault]) -> Option<String> {
     let coverage = &report.coverage;
     let judged = |head: &&Head| head.tallies.values().any(|tally| tally.judged > 0);
     let heads = report.survey.heads.iter().filter(judged).count();
-    let of = format!(
-        "{} on {}",
-        counted(coverage.channels, "channel"),
-        counted(heads as u64, "printhead")
-    );
+    let channels = counted(coverage.channels, "channel");
+    let of = format!("{channels} on {}", counted(heads as u64, "printhead"));
 
     // Nothing is to be cleaned: how much that says depends on how much is known.
     let Some(first) = open.first() else {
@@ -127,15 +124,10 @@ fn sentence(report: &Report, open: &[&Fault]) -> Option<String> {
         0 => String::new(),
         n => format!("; {} of them come and go, and are healthy now", thousands(n)),
     };
-    Some(format!(
-        "{} of {of} {verb} care ({}{now}); first {} channel {}, {}: {}.",
-        thousands(open.len() as u64),
-        kinds.join(", "),
-        first.story.printhead,
-        first.story.channel,
-        what(&first.story),
-        first.action
-    ))
+    let (n, kinds, Fault { action, story, .. }) =
+        (thousands(open.len() as u64), kinds.join(", "), first);
+    let first = format!("{} channel {}, {}", story.printhead, story.channel, what(story));
+    Some(format!("{n} of {of} {verb} care ({kinds}{now}); first {first}: {action}."))
 }
 
 /// What the report rests on, in one sentence: recordings, signals, time span, damage.
@@ -144,12 +136,9 @@ fn basis(report: &Report) -> String {
     let judged: u64 = lines.iter().map(|line| line.judged).sum();
     let rejected: u64 = lines.iter().map(RecordingLine::rejected).sum();
     let damaged = lines.iter().filter(|line| line.is_damaged).count() as u64;
-    let mut parts = vec![format!(
-        "{}, {} signals judged, {} rejected",
-        counted(lines.len() as u64, "recording"),
-        thousands(judged),
-        percent(rejected, judged + rejected)
-    )];
+    let recordings = counted(lines.len() as u64, "recording");
+    let (signals, share) = (thousands(judged), percent(rejected, judged + rejected));
+    let mut parts = vec![format!("{recordings}, {signals} signals judged, {share} rejected")];
     let span = whole(lines.iter().filter_map(|line| line.span));
     parts.extend(span.map(|(from, to)| format!("{} to {} UTC", clock(from), clock(to))));
     let lost = report.coverage.lost.len() as u64;

@@ -33,7 +33,7 @@ pub struct Head {
     pub name: Arc<str>,
     pub channels: Vec<ChannelCount>,
     /// Index into `channels`, by channel number.
-    places: HashMap<u32, usize>,
+    pub(super) places: HashMap<u32, usize>,
     pub watches: Vec<Watch>,
     /// The map of the printhead; `None` if it is beyond the number of printheads that are drawn.
     pub map: Option<HeadMap>,

@@ -233,16 +233,12 @@ pub fn recordings(report: &Report) -> String {
     }
     text += "</table></div>\n";
     if from > 0 {
-        text += &format!(
-            "<p>The newest {MOST_RECORDINGS}; {} before them.</p>\n",
-            thousands(from as u64)
-        );
+        let before = thousands(from as u64);
+        text += &format!("<p>The newest {MOST_RECORDINGS}; {before} before them.</p>\n");
     }
     if left_out > 0 {
-        text += &format!(
-            "<p>The printheads with most faults; {} more have no column.</p>\n",
-            counted(left_out as u64, "printhead")
-        );
+        let heads = counted(left_out as u64, "printhead");
+        text += &format!("<p>The printheads with most faults; {heads} more have no column.</p>\n");
     }
     text
 }

@@ -21,8 +21,7 @@ pub struct Axis {
     pub log: bool,
     /// Names of the positions 0, 1, 2 ...; empty for an axis of numbers.
     pub categories: Vec<String>,
-    /// Smallest and largest value; `None`: the range of the data. On an axis of categories it is
-    /// mostly `None`.
+    /// Smallest and largest value; `None`: the range of the data.
     pub range: Option<(f64, f64)>,
 }
 
@@ -116,8 +115,7 @@ impl Axis {
             return all.filter(|at| (low..=high).contains(at)).collect();
         }
 
-        // Linear: the smallest step of 1, 2, 2.5 or 5 times a power of ten that gives few enough
-        // ticks.
+        // Linear: the smallest step of 1, 2, 2.5 or 5 times a power of ten that is wide enough.
         let rough = span / MOST_TICKS;
         let power = 10f64.powf(rough.log10().floor());
         let step = power

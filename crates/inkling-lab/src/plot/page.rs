@@ -23,8 +23,7 @@ pub fn page(title: &str, body: &str) -> String {
     )
 }
 
-/// A table as HTML. `heads`: one for each column, with `>` before that of a column of numbers;
-/// `rows`: cells of markup, which must be safe.
+/// A table as HTML. `heads`: with `>` before that of a column of numbers; `rows`: safe markup.
 pub fn table<const N: usize>(
     heads: [&str; N],
     rows: impl IntoIterator<Item = [String; N]>,

@@ -21,8 +21,8 @@ pub struct Raster<'a> {
 }
 
 impl Raster<'_> {
-    /// The picture as the bytes of a PNG file, with four bits per cell. Fails if there are no
-    /// cells, if their number is not width x height, or if a cell is beyond the palette.
+    /// The picture as the bytes of a PNG file. Fails if cells are none, too many, too few or beyond the
+    /// palette.
     pub fn png(&self) -> Result<Vec<u8>, String> {
         let inside = |cell: &u8| usize::from(*cell) < self.palette.len();
         if self.palette.len() > 16 || !self.cells.iter().all(inside) {
@@ -54,8 +54,7 @@ impl Raster<'_> {
 
 type Encoder<'a> = png::Encoder<'a, &'a mut Vec<u8>>;
 
-/// The bytes of a PNG file. `set` tells the encoder how `pixels` are arranged (colour type, depth,
-/// palette).
+/// The bytes of a PNG file. `set`: tells the encoder how `pixels` are arranged.
 pub(super) fn encode(
     width: u32,
     height: u32,

@@ -255,13 +255,12 @@ impl Printhead {
 /// Draws one of the drive levels (V), each with the probability of its share.
 pub(super) fn draw_level(drive: &Drive, rng: &mut ChaCha8Rng) -> f64 {
     let mut left: f64 = rng.random();
-    for (level, share) in drive.levels_v.iter().zip(&drive.shares) {
-        left -= share;
-        if left < 0.0 {
-            return *level;
-        }
-    }
-    drive.levels_v[drive.levels_v.len() - 1] // shares add up to 1 but for rounding; checked: not empty
+    let drawn = drive.levels_v.iter().zip(&drive.shares).find(|(_, share)| {
+        left -= **share;
+        left < 0.0
+    });
+    // shares add up to 1 but for rounding; checked: there is a level
+    drawn.map_or(drive.levels_v[drive.levels_v.len() - 1], |(level, _)| *level)
 }
 
 /// The recording of the scenario's print run, not yet made; `None` if the scenario has no print run.

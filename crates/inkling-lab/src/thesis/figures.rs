@@ -129,11 +129,10 @@ fn average(learn: &TrainingSet) -> Figure {
     let shown = &healthy[..healthy.len().min(SHOWN)];
     let raw = shown.iter().flat_map(|y| Series::over_time("", Mark::Points, y, dt_s).points);
     let some = format!("{} of the signals", shown.len());
+    let (all, of_mean) = (healthy.len(), scatter / n.sqrt());
     Figure::over_time(
         format!(
-            "Healthy signals scatter by {scatter:.1} counts; the average of {} of them by {:.2}",
-            healthy.len(),
-            scatter / n.sqrt()
+            "Healthy signals scatter by {scatter:.1} counts; the average of {all} of them by {of_mean:.2}"
         ),
         "sensor signal, counts",
         vec![
@@ -301,10 +300,9 @@ fn energies(
         [(_, hardest, all), (second, ..), ..] => {
             let under = all.iter().filter(|e| **e <= 1.0).count();
             let hardest: String = hardest.chars().take(LONGEST_NAME).collect();
+            let (all, second) = (all.len(), 100.0 * second);
             format!(
-                "{under} of {} {hardest} lie below the threshold; of every other fault at most {:.1} %",
-                all.len(),
-                100.0 * second
+                "{under} of {all} {hardest} lie below the threshold; of every other fault at most {second:.1} %"
             )
         }
         _ => "Energies of the residual beside the threshold".into(),

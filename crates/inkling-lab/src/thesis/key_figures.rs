@@ -128,10 +128,9 @@ fn whole_title(classes: &[&Class], y: &Quantity) -> String {
     let Some((healthy, faults)) = classes.split_first() else { return String::new() };
     if faults.len() > 3 {
         let apart = faults.iter().filter(|class| class.is_apart(healthy, y)).count();
+        let (by, all) = (y.name, faults.len());
         return format!(
-            "By {} {apart} of {} faults lie apart from healthy signals (middle 90 % of each)",
-            y.name,
-            faults.len()
+            "By {by} {apart} of {all} faults lie apart from healthy signals (middle 90 % of each)"
         );
     }
     let ranges = classes.iter().map(|class| {

@@ -57,17 +57,13 @@ pub fn markdown(chapter: &Chapter) -> String {
 
 /// The conclusions, with one table for each data set.
 fn conclusions(all: &[Conclusion], out: &mut String) {
-    *out += &format!(
-        "\n## Chapter 5, conclusion by conclusion\n\nHeld, or not held: the 95 % interval of the difference, paired by round, lies above 0, or \
-         below .005. What lies between cannot be told from these data.\n"
-    );
+    *out += "\n## Chapter 5, conclusion by conclusion\n\nHeld, or not held: the 95 % interval of the difference, paired by round, lies above 0, or \
+         below .005. What lies between cannot be told from these data.\n";
     let mut set = None;
     for Conclusion { data, kind, claim, verdict, because } in all {
         if set.replace(*data) != Some(*data) {
-            *out += &format!(
-                "\n**{}**\n\n| the thesis | here | figures |\n|---|---|---|\n",
-                data.title()
-            );
+            let data = data.title();
+            *out += &format!("\n**{data}**\n\n| the thesis | here | figures |\n|---|---|---|\n");
         }
         let whose = match kind {
             Kind::Conclusion => "",
@@ -126,10 +122,9 @@ fn beside_table(of: &Measured, [of_form, of_drying]: [&str; 2]) -> String {
 fn detection(of: &Measured, out: &mut String) {
     let table = beside_table(of, ["4-1", "4-2"]);
     let (faulty, healthy) = (of.mean("tested/faulty"), of.mean("tested/healthy"));
+    let (misses_of, alarms_of) = (whole(faulty), whole(healthy));
     *out += &format!(
-        "\n### Detection{table}\n\n| | misses of {} | false alarms of {} | share right |\n|---|---|---|---|\n",
-        whole(faulty),
-        whole(healthy)
+        "\n### Detection{table}\n\n| | misses of {misses_of} | false alarms of {alarms_of} | share right |\n|---|---|---|---|\n"
     );
     let practice = ("practice", "the current practice: thresholds on frequency and damping");
     let rows = ROWS.detections.iter().map(|Detection { name, words, .. }| (&**name, &**words));

@@ -108,10 +108,8 @@ impl Effect {
     /// Largest size (in magnitude) that is physical; infinite where nothing bounds it.
     pub fn largest(&self) -> f64 {
         match self.id {
-            // shares of a loss, of what has not settled, of a neighbour's ring
-            "fractional_damping" | "lowpass" | "crosstalk" => 1.0,
-            // the meniscus is no stiffer than the channel
-            "meniscus" => 1.0,
+            // shares of a loss, of what has not settled, of a neighbour's ring, of the channel's stiffness
+            "fractional_damping" | "lowpass" | "crosstalk" | "meniscus" => 1.0,
             // the previous actuation was no more than twice as strong
             "previous_tail" => 2.0,
             // an amplifier that forgets within the acquisition is another sensor

@@ -123,7 +123,7 @@ impl Base {
         let mut channels: Vec<RunChannel> =
             (0..self.run.channels).map(|_| self.draw(&mut rng)).collect();
         let faulty = self.circumstances.contains(&Circumstance::FaultyChannels);
-        for made in channels.iter_mut().take(if faulty { usize::MAX } else { 0 }) {
+        for made in channels.iter_mut().filter(|_| faulty) {
             let (hit, class) = (rng.random::<f64>() < 0.06, rng.random_range(0..3usize));
             let (class, severity) = [("PBN", 0.25), ("IDN", 1.7), ("AB2", 0.3)][class];
             if hit && let Some(rates) = faults::apply(class, severity, &made.rates) {
