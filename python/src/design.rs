@@ -7,7 +7,7 @@ use crate::{failed, waiting};
 use inkling::cli::called::{self, Judged, Recordings};
 use inkling::cli::exit::Failure;
 use inkling::design;
-use inkling::io::labels_file::Written;
+use inkling::io::labels_file::LabelSource;
 use inkling::io::outputs::{self, ResultFile};
 use inkling::io::{design_file, digest};
 use inkling::state::Memory;
@@ -96,8 +96,8 @@ impl Design {
     ) -> PyResult<Design> {
         waiting::for_(py, move |_| {
             let labels = match &labels.file {
-                Some(file) => Written::File(file),
-                None => Written::Text(&labels.text),
+                Some(file) => LabelSource::File(file),
+                None => LabelSource::Text(&labels.text),
             };
             let learned = match &recordings {
                 Given::Named(names) => {

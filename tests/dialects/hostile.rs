@@ -8,7 +8,7 @@ use inkling::io::Limits;
 use inkling::io::dialect::Dialects;
 use inkling::io::dialect::decoder::{DialectDecoder, Times};
 use inkling::io::dialect::guess::guess;
-use inkling::io::dialect::plan::{Plan, Schema, Written as OfChannel};
+use inkling::io::dialect::plan::{ChannelDescription as OfChannel, Plan, Schema};
 use inkling::io::dialect::settings::Dialect;
 use inkling::verdict::Reason;
 use rand::SeedableRng;

@@ -9,7 +9,7 @@ use crate::nights::some;
 use crate::pipeline::{sample, verdicts};
 use inkling::burst::Burst;
 use inkling::io::dialect::guess::guess;
-use inkling::io::dialect::plan::Written as OfChannel;
+use inkling::io::dialect::plan::ChannelDescription as OfChannel;
 use std::collections::BTreeMap;
 use writers::{Messages, Samples, Written, json, protobuf, ros1, ros2};
 

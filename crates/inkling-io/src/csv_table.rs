@@ -21,6 +21,8 @@ use std::path::Path;
 
 /// Most bytes of CSV that are read; columns that nobody asks for count, too.
 const MOST_BYTES: u64 = 1 << 34;
+
+/// Reads a table of CSV.
 pub fn read(path: &Path, columns: &Columns) -> Result<Table, FileError> {
     let file = regular_file::open(path).map_err(unread(path))?;
     let mut file = BufReader::with_capacity(1 << 16, file);

@@ -13,7 +13,7 @@ use super::block::Block;
 use super::damage::{Damage, RecordingError};
 use super::dialect::Dialects;
 use super::file_error::FileError;
-use super::growth::Growth;
+use super::growth::{Growth, locked};
 use super::mcap_records::MAGIC;
 use super::recording::{Recording, check_magic, magic, open_source};
 use super::scan::Blocks;
@@ -67,7 +67,7 @@ impl Recording {
         check: impl Fn() -> Result<(), E>,
     ) -> Result<Option<Result<Block, Damage>>, E> {
         loop {
-            let over = self.growth.as_ref().is_none_or(|growth| *growth.over());
+            let over = self.growth.as_ref().is_none_or(|growth| *locked(&growth.over));
             match blocks.poll() {
                 Poll::Ready(found) => return Ok(found),
                 // `over` was read before the blocks were looked at, so nothing can have come in
@@ -90,7 +90,7 @@ impl Recording {
     fn grow(&self) -> Result<bool, RecordingError> {
         let Some(growth) = &self.growth else { return Ok(true) };
         // one reader looks at a time, and once the recording is over nobody looks any more
-        let mut over = growth.over();
+        let mut over = locked(&growth.over);
         *over |= growth.is_enough();
         if *over {
             return Ok(true);

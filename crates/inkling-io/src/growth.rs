@@ -14,14 +14,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 const MOST_ENDS: usize = 1 << 20;
 
 /// The bytes (offsets in the file, ascending) at which runs of messages ended early.
-#[derive(Debug, Default)]
-pub struct EarlyEnds(Mutex<VecDeque<u64>>);
+pub type EarlyEnds = Mutex<VecDeque<u64>>;
 
-impl EarlyEnds {
-    /// Locks the list. While it is locked, nobody else decides where a run ends.
-    pub(super) fn lock(&self) -> MutexGuard<'_, VecDeque<u64>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
+/// Locks, also after a thread panicked while it held the lock: what is locked here is always whole.
+pub(super) fn locked<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
+    of.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Whether a run ends at byte `at`: because somebody ended it there before, or because what follows
@@ -54,11 +51,6 @@ pub struct Growth {
 }
 
 impl Growth {
-    /// Locks the answer to whether the recording has ended.
-    pub(super) fn over(&self) -> MutexGuard<'_, bool> {
-        self.over.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Whether the caller wants the recording to end where it is.
     pub(super) fn is_enough(&self) -> bool {
         self.enough.load(Ordering::Relaxed)

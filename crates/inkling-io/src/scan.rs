@@ -19,7 +19,7 @@ use super::Limits;
 use super::block::{Block, BlockKind};
 use super::chunk_loader::ChunkLoader;
 use super::damage::Damage;
-use super::growth::{EarlyEnds, ends_early};
+use super::growth::{EarlyEnds, ends_early, locked};
 use super::mcap_records::{ChunkHeader, MAGIC, RECORD_HEADER, RecordHeader, op};
 use super::source::Source;
 use std::sync::Arc;
@@ -344,7 +344,7 @@ impl Blocks {
         while !self.done {
             // 1. what to do with the record at `at`; in a growing file nobody else decides
             //    meanwhile
-            let mut ends = growing.as_ref().map(|ends| ends.lock());
+            let mut ends = growing.as_ref().map(|ends| locked(ends));
             let (step, next) = match self.step() {
                 Ok(found) => found,
                 Err(e) => (Step::Broken(format!("cannot be read: {e}")), self.end()),
