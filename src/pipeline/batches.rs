@@ -61,13 +61,6 @@ pub struct AssignedJudge {
     pub own: Option<Arc<OwnChannels>>,
 }
 
-impl AssignedJudge {
-    /// An assignment without own levels.
-    pub fn by(judge: Result<Arc<Judge>, Reason>) -> AssignedJudge {
-        AssignedJudge { judge, own: None }
-    }
-}
-
 /// The slots of bursts whose sweep is over, each with what judges it.
 pub type AssignedJudges = Vec<(Slot, AssignedJudge)>;
 

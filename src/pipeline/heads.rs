@@ -97,7 +97,7 @@ impl<'a> Heads<'a> {
         // a head that cannot be followed is judged at once, by the judge as it is
         match head {
             Some(head) => head.take((slot, judge, burst), clock, judging, given),
-            None => given.push((slot, AssignedJudge::by(Ok(judge.clone())))),
+            None => given.push((slot, AssignedJudge { judge: Ok(judge.clone()), own: None })),
         }
     }
 
@@ -147,7 +147,7 @@ impl Followed {
     /// Begins to follow a printhead at its first burst. `None`: its channels cannot be followed.
     fn meet(judge: &Arc<Judge>, burst: &Burst, judging: &Judging) -> Option<Followed> {
         let head = Box::new(Head::meet(judge, burst, judging)?);
-        let last = AssignedJudge::by(Ok(judge.clone()));
+        let last = AssignedJudge { judge: Ok(judge.clone()), own: None };
         Some(Followed { open: None, last, closed: None, head })
     }
 
