@@ -24,7 +24,7 @@ use super::head_movement::HeadMovement;
 use super::job::Replay;
 use super::moved_judge::{LevelHistory, MovedJudge, is_beyond};
 use super::rings::Deviations;
-use super::sweep::{Sweep, channels};
+use super::sweep::{Sweep, SweepClock, channels};
 use inkling_core::burst::Burst;
 use inkling_core::design::{
     Design, HealthyModel, Judge, OwnBasis, OwnChannels, Workspace, ring_from,
@@ -52,6 +52,8 @@ pub(super) struct Judging<'a> {
     pub room: usize,
     /// Counts the moves of all judges of the run: heads may share a judge, whose moves need different keys.
     pub moves: u32,
+    /// Says when open sweeps have lasted as long as they may.
+    pub clock: SweepClock,
     pub deviations: Deviations,
     pub work: Workspace,
 }
