@@ -32,7 +32,6 @@ pub(super) fn usable(acquisition: &Acquisition) -> Option<&Burst> {
     }
 }
 
-/// A batch as the reader gives it.
 #[derive(Debug)]
 pub struct ReadBatch {
     pub batch: SignalBatch,
@@ -52,7 +51,6 @@ pub struct Slot {
     pub place: usize,
 }
 
-/// What judges a burst.
 #[derive(Clone, Debug)]
 pub struct AssignedJudge {
     /// The judge of the burst, or why nobody judges it.
@@ -91,7 +89,6 @@ pub type Detected = Result<Detection, Reason>;
 #[derive(Debug)]
 pub struct FilteredBatch {
     pub assigned: AssignedBatch,
-    /// By signal.
     pub statistic: Vec<Detected>,
 }
 
@@ -99,7 +96,6 @@ pub struct FilteredBatch {
 #[derive(Debug)]
 pub struct GatedBatch {
     pub filtered: FilteredBatch,
-    /// By signal.
     pub tests: Tests,
 }
 
@@ -135,7 +131,6 @@ pub struct FlaggedSignal {
     pub appearance: Option<Appearance>,
 }
 
-/// Buffers that no stage uses at the moment.
 #[derive(Debug, Default)]
 pub struct BufferPool<T>(Mutex<Vec<T>>);
 

@@ -96,7 +96,6 @@ pub(super) struct Head {
     pub movement: HeadMovement,
 }
 
-/// What a look at a subset of a sweep's channels found.
 struct Looks {
     /// The looks at channels that gave a ring, counted from the base.
     rings: Vec<Look>,
@@ -180,7 +179,7 @@ impl Head {
         let own = is_remembered.then(|| self.own(by));
         let frozen = self.frozen.channels();
 
-        // 2. the state takes the looks in; what is to be told at the end is noted
+        // the state takes the looks in; what is to be told at the end is noted
         let followed = self.state.channels();
         let outcome = self.state.sweep(t_ns, &looks, no_rings);
         by.room = (by.room + followed).saturating_sub(self.state.channels());
@@ -189,7 +188,7 @@ impl Head {
         let is_strange = matches!(outcome, SweepOutcome::Strange { .. });
         self.strange = if is_strange { self.strange.saturating_add(1) } else { 0 };
 
-        // 3. who judges: the judge moved to the level, the judge as it was, or nobody
+        // who judges: the judge moved to the level, the judge as it was, or nobody
         let judge = match outcome {
             _ if all_frozen => Err(Reason::Frozen),
             SweepOutcome::Strange { level } if is_remembered || self.strange >= IN_A_ROW => {

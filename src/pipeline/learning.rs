@@ -44,7 +44,6 @@ const WAITING_BYTES: usize = 16 << 20;
 /// The learning of all groups of a recording, as far as it has come.
 #[derive(Debug)]
 pub struct Learning<'a> {
-    /// What models are learned with: settings, design and labels.
     pub(super) replay: &'a Replay,
     /// The reorder time, ns: a burst may be earlier by that much than bursts that came before it.
     reorder_ns: i64,
