@@ -51,14 +51,12 @@ impl<'a> Heads<'a> {
     /// Begins with what is remembered of heads (`Replay::baselines`), and no burst.
     pub fn new(replay: &'a Replay) -> Heads<'a> {
         let remembered = replay.baselines.as_ref().map_or(0, Memory::channels);
-        let rails = replay.settings.input.rails;
-        let deviations = Deviations { rails, ..Deviations::default() };
         let judging = Judging {
             replay,
             room: MOST_CHANNELS - remembered,
             moves: 0,
             clock: SweepClock::default(),
-            deviations,
+            deviations: Deviations::new(replay.settings.input.rails),
             work: Workspace::default(),
         };
         Heads { numbers: ByGroup::default(), heads: Vec::new(), judging }
