@@ -32,7 +32,6 @@ pub(super) fn usable(acquisition: &Acquisition) -> Option<&Burst> {
     }
 }
 
-/// A batch as the reader gives it.
 #[derive(Debug)]
 pub struct ReadBatch {
     pub batch: SignalBatch,
@@ -52,20 +51,12 @@ pub struct Slot {
     pub place: usize,
 }
 
-/// What judges a burst.
 #[derive(Clone, Debug)]
 pub struct AssignedJudge {
     /// The judge of the burst, or why nobody judges it.
     pub judge: Result<Arc<Judge>, Reason>,
     /// Its channels' own levels, and its frozen channels. `None`: all are judged about the common level.
     pub own: Option<Arc<OwnChannels>>,
-}
-
-impl AssignedJudge {
-    /// An assignment without own levels.
-    pub fn by(judge: Result<Arc<Judge>, Reason>) -> AssignedJudge {
-        AssignedJudge { judge, own: None }
-    }
 }
 
 /// The slots of bursts whose sweep is over, each with what judges it.
@@ -98,7 +89,6 @@ pub type Detected = Result<Detection, Reason>;
 #[derive(Debug)]
 pub struct FilteredBatch {
     pub assigned: AssignedBatch,
-    /// By signal.
     pub statistic: Vec<Detected>,
 }
 
@@ -106,7 +96,6 @@ pub struct FilteredBatch {
 #[derive(Debug)]
 pub struct GatedBatch {
     pub filtered: FilteredBatch,
-    /// By signal.
     pub tests: Tests,
 }
 
@@ -142,7 +131,6 @@ pub struct FlaggedSignal {
     pub appearance: Option<Appearance>,
 }
 
-/// Buffers that no stage uses at the moment.
 #[derive(Debug, Default)]
 pub struct BufferPool<T>(Mutex<Vec<T>>);
 

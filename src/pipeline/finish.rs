@@ -8,11 +8,11 @@
 //! summary last. So where a summary lies, the tables beside it are whole and belong to it.
 
 use super::job::Run;
-use super::learner::Identified;
 use super::metadata::{self, Document};
 use super::recording_report::{RecordingReport, note_not_judged};
 use super::tally::{Counts, Tally};
 use super::timings::Phases;
+use super::window_rules::Identified;
 use super::wiring::{StageResults, Table};
 use super::{PipelineError, Result, locked};
 use inkling_io::damage::Damage;

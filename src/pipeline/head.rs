@@ -24,7 +24,7 @@ use super::head_movement::HeadMovement;
 use super::job::Replay;
 use super::moved_judge::{LevelHistory, MovedJudge, is_beyond};
 use super::rings::Deviations;
-use super::sweep::{Sweep, channels};
+use super::sweep::{Sweep, SweepClock, channels};
 use inkling_core::burst::Burst;
 use inkling_core::design::{
     Design, HealthyModel, Judge, OwnBasis, OwnChannels, Workspace, ring_from,
@@ -52,6 +52,8 @@ pub(super) struct Judging<'a> {
     pub room: usize,
     /// Counts the moves of all judges of the run: heads may share a judge, whose moves need different keys.
     pub moves: u32,
+    /// Says when open sweeps have lasted as long as they may.
+    pub clock: SweepClock,
     pub deviations: Deviations,
     pub work: Workspace,
 }
@@ -94,7 +96,6 @@ pub(super) struct Head {
     pub movement: HeadMovement,
 }
 
-/// What a look at a subset of a sweep's channels found.
 struct Looks {
     /// The looks at channels that gave a ring, counted from the base.
     rings: Vec<Look>,
@@ -178,7 +179,7 @@ impl Head {
         let own = is_remembered.then(|| self.own(by));
         let frozen = self.frozen.channels();
 
-        // 2. the state takes the looks in; what is to be told at the end is noted
+        // the state takes the looks in; what is to be told at the end is noted
         let followed = self.state.channels.len();
         let outcome = self.state.sweep(t_ns, &looks, no_rings);
         by.room = (by.room + followed).saturating_sub(self.state.channels.len());
@@ -187,7 +188,7 @@ impl Head {
         let is_strange = matches!(outcome, SweepOutcome::Strange { .. });
         self.strange = if is_strange { self.strange.saturating_add(1) } else { 0 };
 
-        // 3. who judges: the judge moved to the level, the judge as it was, or nobody
+        // who judges: the judge moved to the level, the judge as it was, or nobody
         let judge = match outcome {
             _ if all_frozen => Err(Reason::Frozen),
             SweepOutcome::Strange { level } if is_remembered || self.strange >= IN_A_ROW => {

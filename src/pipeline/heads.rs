@@ -32,7 +32,6 @@ pub struct Heads<'a> {
     numbers: ByGroup,
     /// By index. `None`: no judge so far knew enough for the printhead's channels to be followed.
     heads: Vec<Option<Followed>>,
-    clock: SweepClock,
     judging: Judging<'a>,
 }
 
@@ -52,17 +51,15 @@ impl<'a> Heads<'a> {
     /// Begins with what is remembered of heads (`Replay::baselines`), and no burst.
     pub fn new(replay: &'a Replay) -> Heads<'a> {
         let remembered = replay.baselines.as_ref().map_or(0, Memory::channels);
-        let rails = replay.settings.input.rails;
-        let deviations = Deviations { rails, ..Deviations::default() };
         let judging = Judging {
             replay,
             room: MOST_CHANNELS - remembered,
             moves: 0,
-            deviations,
+            clock: SweepClock::default(),
+            deviations: Deviations::new(replay.settings.input.rails),
             work: Workspace::default(),
         };
-        let (numbers, clock) = (ByGroup::default(), SweepClock::default());
-        Heads { numbers, heads: Vec::new(), clock, judging }
+        Heads { numbers: ByGroup::default(), heads: Vec::new(), judging }
     }
 
     /// Takes the next burst. Appends to `given` the bursts whose sweeps are now over, in any order, with what
@@ -75,11 +72,11 @@ impl<'a> Heads<'a> {
         given: &mut AssignedJudges,
     ) {
         // time goes on with any printhead's burst, and ends sweeps of all printheads
-        self.clock.hear(burst);
-        if self.clock.is_due(burst.t_acq_ns) {
+        self.judging.clock.hear(burst);
+        if self.judging.clock.is_due(burst.t_acq_ns) {
             self.close_overlong(burst.t_acq_ns, given);
         }
-        let Heads { numbers, heads, judging, clock } = self;
+        let Heads { numbers, heads, judging } = self;
 
         let number = numbers.of(burst, |_| {
             let number = (heads.len() < MOST_HEADS).then_some(heads.len());
@@ -96,8 +93,8 @@ impl<'a> Heads<'a> {
         });
         // a head that cannot be followed is judged at once, by the judge as it is
         match head {
-            Some(head) => head.take((slot, judge, burst), clock, judging, given),
-            None => given.push((slot, AssignedJudge::by(Ok(judge.clone())))),
+            Some(head) => head.take((slot, judge, burst), judging, given),
+            None => given.push((slot, AssignedJudge { judge: Ok(judge.clone()), own: None })),
         }
     }
 
@@ -110,12 +107,12 @@ impl<'a> Heads<'a> {
 
     /// Closes the sweeps that have lasted as long as one may, and tells the clock which are still open.
     fn close_overlong(&mut self, t_ns: i64, given: &mut AssignedJudges) {
-        self.clock.forget();
+        self.judging.clock.forget();
         for head in self.heads.iter_mut().flatten() {
-            if head.open.as_ref().is_some_and(|open| self.clock.is_over(open.from, t_ns)) {
+            if head.open.as_ref().is_some_and(|open| self.judging.clock.is_over(open.from, t_ns)) {
                 head.close(&mut self.judging, given);
             }
-            self.clock.opened(&head.open);
+            self.judging.clock.opened(&head.open);
         }
     }
 
@@ -147,7 +144,7 @@ impl Followed {
     /// Begins to follow a printhead at its first burst. `None`: its channels cannot be followed.
     fn meet(judge: &Arc<Judge>, burst: &Burst, judging: &Judging) -> Option<Followed> {
         let head = Box::new(Head::meet(judge, burst, judging)?);
-        let last = AssignedJudge::by(Ok(judge.clone()));
+        let last = AssignedJudge { judge: Ok(judge.clone()), own: None };
         Some(Followed { open: None, last, closed: None, head })
     }
 
@@ -156,7 +153,6 @@ impl Followed {
     fn take(
         &mut self,
         (slot, judge, burst): (Slot, &Arc<Judge>, &Burst),
-        clock: &mut SweepClock,
         judging: &mut Judging,
         given: &mut AssignedJudges,
     ) {
@@ -188,20 +184,20 @@ impl Followed {
 
         match &mut self.open {
             Some(open) => {
-                if let Some(over) = open.hear(slot, burst, clock) {
+                if let Some(over) = open.hear(slot, burst, &judging.clock) {
                     // the burst began the next sweep: close the one that is over, then go on with the next
                     let next = self.open.replace(over);
                     self.close(judging, given);
                     self.open = next;
                 }
             }
-            None => self.open = Some(Sweep::begin(slot, judge.clone(), burst, clock)),
+            None => self.open = Some(Sweep::begin(slot, judge.clone(), burst, &judging.clock)),
         }
 
         if self.is_over() {
             self.close(judging, given);
         }
-        clock.opened(&self.open);
+        judging.clock.opened(&self.open);
     }
 
     /// Whether the latest moment of the open sweep holds all channels that were known before it: then nothing

@@ -1,5 +1,5 @@
-//! What a replay is asked to do ([`Replay`] for all recordings, [`Run`] for one), and who is told
-//! of its results while it runs ([`Watch`]). Types only: `replay` and `wiring` act on them.
+//! What a replay is asked to do ([`Replay`] for all recordings, [`Run`] for one), and who is told of its results
+//! while it runs ([`Watch`]). Types only: `replay` and `wiring` act on them.
 
 use super::Control;
 use super::pacer::Pacer;
@@ -54,7 +54,6 @@ impl Replay {
     }
 }
 
-/// The job of judging one recording.
 #[derive(Clone, Copy)]
 pub struct Run<'a> {
     pub replay: &'a Replay,
@@ -80,7 +79,6 @@ pub struct Watch<'a> {
     pub rotation: Option<Rotation<'a>>,
 }
 
-/// What happened to an episode of a recording that is followed.
 #[derive(Clone, Copy, Debug)]
 pub enum EpisodeEvent<'a> {
     Raised(&'a Episode),
@@ -94,7 +92,6 @@ pub enum EpisodeEvent<'a> {
     Withdrawn(&'a Episode),
 }
 
-/// How often a part of the table is closed, and who is told.
 #[derive(Clone, Copy)]
 pub struct Rotation<'a> {
     pub every: Duration,

@@ -12,7 +12,7 @@
 //! reorder time: then its model is learned (`progress`), and entered under the next number.
 //!
 //! A burst that comes later still, and that would have changed a window that was placed or learned, is noticed
-//! (`settled_ns`): the whole recording is then learned in two passes ([`super::windows`]), with the same result.
+//! (`settled_ns`): the whole recording is then learned in two passes ([`super::two_passes`]), with the same result.
 //!
 //! Held in memory are the samples of open windows, at most [`HELD_BYTES`] (a recording that needs more is
 //! learned in two passes, too), and for each printhead the bursts that wait, at most [`WAITING_BYTES`]; beyond
@@ -20,10 +20,10 @@
 
 use super::groups::{ByGroup, GroupKey};
 use super::job::Replay;
-use super::learner::Window;
 use super::placing::Placing;
 use super::progress::{Entry, Progress};
 use super::schedule::{Refusal, Schedule, Timeline};
+use super::window_rules::Window;
 use super::{PipelineError, Result};
 use inkling_core::burst::Burst;
 use inkling_core::design::Judge;
@@ -44,7 +44,6 @@ const WAITING_BYTES: usize = 16 << 20;
 /// The learning of all groups of a recording, as far as it has come.
 #[derive(Debug)]
 pub struct Learning<'a> {
-    /// What models are learned with: settings, design and labels.
     pub(super) replay: &'a Replay,
     /// The reorder time, ns: a burst may be earlier by that much than bursts that came before it.
     reorder_ns: i64,

@@ -1,5 +1,5 @@
 //! Compares windows learned while the signals flow (`learning`) with windows learned in two passes
-//! before them (`windows`): the results must be the same bytes, whatever the order of bursts, the
+//! before them (`two_passes`): the results must be the same bytes, whatever the order of bursts, the
 //! chunks, and the windows. Each test makes a recording from the sample's print run, changed in one
 //! way, and judges it in both forms (`Case::both`). A test that is ignored by default measures what
 //! each form costs.
@@ -10,11 +10,11 @@
 
 use super::Control;
 use super::job::{Replay, Run};
-use super::learner::ModelSource;
 use super::recording_report::RecordingReport;
 use super::replay::replay;
 use super::staging_tests::cpu_s;
 use super::timings::Phases;
+use super::window_rules::ModelSource;
 use crate::settings::{IdentifyMode, Settings};
 use inkling_core::burst::{Acquisition, Burst, Format, Layout};
 use inkling_core::design::Design;

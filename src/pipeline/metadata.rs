@@ -37,6 +37,7 @@ impl Document<'_> {
     pub fn text_of_episodes(&self) -> serde_json::Result<String> {
         let mut of = self.of_run.clone();
         of.retain(|key, _| OF_EPISODES.contains(&key.as_str()));
+        serde_json::to_string(&of)
     }
 }
 

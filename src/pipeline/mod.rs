@@ -14,7 +14,7 @@
 //! so any number of threads gives the same bytes. Memory is bounded by what is in flight (`in_flight`) and by
 //! the sweeps that wait (`sweep`). Models of windows are learned in the identify stage while the signals flow
 //! (`learning`, `models`), or, where the file's order is not that of the times, in two passes before
-//! (`windows`), with the same result.
+//! (`two_passes`), with the same result.
 //!
 //! # The files
 //!
@@ -23,7 +23,7 @@
 //!                  finish recording_report metadata (what is left at the end)
 //! stages           stages (six loops)  batches (what crosses queues)  in_flight (bounds, order)
 //!   1 reader       pacer (--pace)
-//!   2 identify     which model: learner learning placing progress schedule groups models windows
+//!   2 identify     which model: learning window_rules placing progress schedule groups models two_passes
 //!                  where the head is: heads head sweep channel_subset frozen moved_judge
 //!   3 FD filter    statistics  rings (deviations)  own_levels
 //!   5 isolate      isolator  rings (fits)  rows
@@ -48,7 +48,6 @@ mod heads;
 mod in_flight;
 mod isolator;
 mod job;
-pub mod learner;
 mod learning;
 #[cfg(test)]
 mod learning_tests;
@@ -76,8 +75,9 @@ mod sweep;
 pub mod tally;
 mod temperature_check;
 pub mod timings;
+mod two_passes;
 pub mod visit;
-mod windows;
+pub mod window_rules;
 mod wiring;
 
 pub use job::{ClosedPart, EpisodeEvent, Replay, Rotation, Watch};

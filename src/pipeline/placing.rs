@@ -6,7 +6,7 @@
 //!
 //! A pause is told by bins: time is divided into spans of `every_ns` from time 0 on, and there was a pause if at
 //! least one whole bin holds no burst. So only the first and last burst of each bin matter, which is all that
-//! [`super::windows`] knows.
+//! [`super::two_passes`] knows.
 
 use super::{PipelineError, Result};
 

@@ -10,8 +10,8 @@
 //! `"design"` the design's pooled model, once a window has agreed with it.
 
 use super::job::Replay;
-use super::learner::Window;
 use super::schedule::{Refusal, Schedule};
+use super::window_rules::Window;
 use inkling_core::design::{HealthyModel, LearnSettings};
 use inkling_core::identify::reservoir::Reservoir;
 use std::sync::Arc;

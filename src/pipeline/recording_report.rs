@@ -13,13 +13,13 @@
 use super::episodes::EpisodeReport;
 use super::head_movement::HeadMovement;
 use super::job::Replay;
-use super::learner::Identified;
 use super::metadata::rfc3339;
 use super::pacer::PaceReport;
 use super::ring_look;
 use super::schedule::{Refusal, Schedule};
 use super::tally::{PrintheadTally, Tally};
 use super::timings::{PhaseTiming, StageTiming};
+use super::window_rules::Identified;
 use crate::settings::Settings;
 use inkling_core::episodes::Untimely;
 use inkling_core::state::Memory;

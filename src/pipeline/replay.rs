@@ -11,7 +11,6 @@
 
 use super::episodes::EpisodeReport;
 use super::job::{EpisodeEvent, Replay, Run, Watch};
-use super::learner::Identified;
 use super::learning::{Learning, MOST_REORDER_NS, USUAL_REORDER_NS};
 use super::models::Models;
 use super::pacer::Pacer;
@@ -19,6 +18,7 @@ use super::recording_report::RecordingReport;
 use super::schedule::Schedule;
 use super::timings::Phases;
 use super::visit::Pass;
+use super::window_rules::Identified;
 use super::wiring::StageResults;
 use super::{Control, PipelineError, Result, locked, rotation};
 use crate::settings::Pace;

@@ -16,7 +16,6 @@ use inkling_core::verdict::{Reason, unusable_signal};
 /// The buffers for one signal after the other.
 #[derive(Debug, Default)]
 pub(super) struct Deviations {
-    /// Limits of the converter, counts.
     pub rails: [f64; 2],
     /// The signal at hand, counts: as it was acquired, or its deviation.
     pub signal: Vec<f64>,
@@ -27,6 +26,11 @@ pub(super) struct Deviations {
 }
 
 impl Deviations {
+    /// `rails`: limits of the converter, counts.
+    pub fn new(rails: [f64; 2]) -> Deviations {
+        Deviations { rails, ..Deviations::default() }
+    }
+
     /// Copies a signal, counts.
     pub fn copy(&mut self, burst: &Burst, row: usize) -> &[f64] {
         self.signal.resize(burst.samples_per_channel as usize, 0.0);

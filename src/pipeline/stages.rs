@@ -199,7 +199,7 @@ impl JudgeAssignment<'_, '_> {
                     continue;
                 }
             }
-            given.push((slot, AssignedJudge::by(judge)));
+            given.push((slot, AssignedJudge { judge, own: None }));
         }
         Ok(())
     }

@@ -68,8 +68,7 @@ struct PlacedBurst<'a> {
 impl Statistics {
     /// Empty buffers. `rails`: limits of the converter, counts.
     pub fn new(rails: [f64; 2]) -> Statistics {
-        let deviations = Deviations { rails, ..Deviations::default() };
-        Statistics { deviations, ..Statistics::default() }
+        Statistics { deviations: Deviations::new(rails), ..Statistics::default() }
     }
 
     /// Computes the statistics of a batch into `statistic`: one entry per signal, in the batch's order.

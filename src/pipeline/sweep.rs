@@ -80,7 +80,6 @@ impl SweepClock {
     }
 }
 
-/// A sweep of one printhead that is open or has just ended.
 #[derive(Debug)]
 pub(super) struct Sweep {
     /// The judge that the windows gave its bursts, before it is moved to a level.

@@ -1,6 +1,6 @@
-//! What both ways of learning models (in the stream, in passes before) share: which groups need
-//! windows, which signals of a burst are offered to a window's sample, and how many are kept. And how a
-//! recording's models came to be ([`Identified`]), for its summary and `--timings`.
+//! What settings, design and labels say about windows, for both ways of learning models (in the stream, in passes
+//! before): which groups need windows, which signals of a burst are offered to a window's sample, and how many are
+//! kept. And how a recording's models came to be ([`Identified`]), for its summary and `--timings`.
 
 use super::groups::GroupKey;
 use super::job::Replay;

@@ -11,11 +11,11 @@
 //!    each window's signals are sampled. The sample does not depend on the file's order.
 //! 4. The models are learned in the order of the windows' begins, and numbered in that of their ends.
 
-use super::learner::{HELD_BYTES, Window};
 use super::learning::Learning;
 use super::tally::widen;
 use super::timings::Phases;
 use super::visit::Pass;
+use super::window_rules::{HELD_BYTES, Window};
 use super::{PipelineError, Result};
 use inkling_core::burst::Burst;
 use std::collections::{BTreeMap, HashMap, HashSet};
