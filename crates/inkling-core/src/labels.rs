@@ -1,18 +1,17 @@
 //! Labels: what is known to be true of the channels, over time (`schemas/labels.md`).
 //!
 //! In: the rows of a labels file, as `inkling-io` has read and checked them. Out: for a channel and
-//! a time, the row that says what is true of the channel then, or none. Training learns from the
-//! answers, scoring compares verdicts with them. [`Met`] tells which rows cover nothing of the
-//! recordings.
+//! a time, the row that says what is true of the channel then, or none. [`RecordedSpans`] tells which rows
+//! cover nothing of the recordings.
 //!
 //! Rows may overlap. The narrower row wins: first the rows that name the printhead, then those for
 //! all (`*`); among these a row of a single channel, then ranges, the one of fewer channels first,
 //! then all channels; of equally wide rows the later one in the file. The span of time does not
 //! matter for the order: a row applies or not.
 
-mod met;
+mod recorded_spans;
 
-pub use met::{Met, Span};
+pub use recorded_spans::{RecordedSpans, Span};
 
 use crate::fault::{CLASSES, HEALTHY, IGNORE};
 use std::collections::HashMap;
@@ -29,37 +28,25 @@ pub const EVERY_PRINTHEAD: &str = "*";
 pub enum Channels {
     /// All channels, written `*`.
     All,
-    /// A single channel, by its number.
     One(u32),
     /// From the first to the last, both of them included.
     Range(u32, u32),
 }
 
 impl Channels {
+    /// The first and the last channel that the row speaks of.
+    fn bounds(self) -> [u32; 2] {
+        match self {
+            Channels::All => [0, u32::MAX],
+            Channels::One(one) => [one, one],
+            Channels::Range(first, last) => [first, last],
+        }
+    }
+
     /// Whether the row speaks of a channel.
     fn covers(self, channel: u32) -> bool {
-        match self {
-            Channels::All => true,
-            Channels::One(one) => one == channel,
-            Channels::Range(first, last) => (first..=last).contains(&channel),
-        }
-    }
-
-    /// How many channels the row speaks of; all channels count as the largest number.
-    fn width(self) -> u64 {
-        match self {
-            Channels::All => u64::MAX,
-            Channels::One(_) => 1,
-            Channels::Range(first, last) => u64::from(last - first) + 1,
-        }
-    }
-
-    /// The channel, if the row speaks of a single one.
-    pub fn one(self) -> Option<u32> {
-        match self {
-            Channels::One(channel) => Some(channel),
-            Channels::All | Channels::Range(..) => None,
-        }
+        let [first, last] = self.bounds();
+        (first..=last).contains(&channel)
     }
 }
 
@@ -95,7 +82,6 @@ impl fmt::Display for Channels {
     }
 }
 
-/// One row of a labels file: the state of some channels over a span of time.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Label {
     /// A printhead's name, or [`EVERY_PRINTHEAD`].
@@ -112,7 +98,6 @@ pub struct Label {
 }
 
 impl Label {
-    /// Whether the row speaks of a channel at a time.
     fn covers(&self, channel: u32, t_ns: i64) -> bool {
         self.channel.covers(channel)
             && self.from_ns.is_none_or(|from| from <= t_ns)
@@ -125,26 +110,22 @@ impl Label {
     }
 }
 
-/// Indices of the rows of one printhead's name (or of `*`), arranged so that the first row that
-/// covers a channel and time is the right one.
+/// Indices of the rows of one printhead's name (or of `*`), the right row first.
 #[derive(Clone, Debug, Default)]
-struct OfPrinthead {
-    /// Rows of a single channel, by the channel, in the order of the file: they are searched from
-    /// the end, since the later row wins.
+struct RowsOfPrinthead {
+    /// Rows of a single channel, by the channel, in the order of the file: the later row wins.
     of_channel: HashMap<u32, Vec<usize>>,
     /// Rows of several channels, the narrower first; of equally wide rows the later one first.
     wider: Vec<usize>,
 }
 
-/// Labels ready to be asked. Which of overlapping rows wins, the head of this file says. In files
-/// the labels are the list of their rows.
+/// Labels ready to be asked; in files, the list of their rows.
 #[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
 #[serde(from = "Vec<Label>", into = "Vec<Label>")]
 pub struct Labels {
-    /// The rows in the order of the file.
     rows: Vec<Label>,
-    /// The rows by what stands in their printhead column, a name or `*`.
-    by_printhead: HashMap<String, OfPrinthead>,
+    /// By a name or `*`.
+    by_printhead: HashMap<String, RowsOfPrinthead>,
 }
 
 impl From<Vec<Label>> for Labels {
@@ -160,9 +141,8 @@ impl From<Labels> for Vec<Label> {
 }
 
 impl Labels {
-    /// Labels of these rows, in the order of the file.
     pub fn new(rows: Vec<Label>) -> Labels {
-        let mut by_printhead: HashMap<String, OfPrinthead> = HashMap::new();
+        let mut by_printhead: HashMap<String, RowsOfPrinthead> = HashMap::new();
         for (i, row) in rows.iter().enumerate() {
             let of = by_printhead.entry(row.printhead.clone()).or_default();
             match row.channel {
@@ -171,19 +151,21 @@ impl Labels {
             }
         }
         for of in by_printhead.values_mut() {
-            of.wider.sort_by_key(|&i| (rows[i].channel.width(), std::cmp::Reverse(i)));
+            let narrower = |&i: &usize| {
+                let [first, last] = rows[i].channel.bounds();
+                (rows[i].channel == Channels::All, last - first, std::cmp::Reverse(i))
+            };
+            of.wider.sort_by_key(narrower);
         }
         Labels { rows, by_printhead }
     }
 
-    /// All rows, in the order of the file.
     pub fn rows(&self) -> &[Label] {
         &self.rows
     }
 
     /// Rows that speak of a fault of a channel, at any time, those of the printhead's name first. A
-    /// row for all channels at once does not count: it is about the printhead. Rows that other rows
-    /// override are included.
+    /// row for all channels at once does not count: it is about the printhead.
     pub fn faults_of(&self, printhead: &str, channel: u32) -> Vec<&Label> {
         let of = [printhead, EVERY_PRINTHEAD].into_iter().filter_map(|p| self.by_printhead.get(p));
         let rows =
@@ -193,8 +175,7 @@ impl Labels {
         rows.filter(|row| row.is_fault()).filter(speaks).collect()
     }
 
-    /// The row that says what is true of a channel at a time, ns since the epoch; `None`: the state
-    /// is not known, or the signal is to be ignored.
+    /// The row that says what is true of a channel at a time; `None`: unknown, or to be ignored.
     pub fn at(&self, printhead: &str, channel: u32, t_ns: i64) -> Option<&Label> {
         self.row_at(printhead, channel, t_ns).filter(|row| row.state != IGNORE)
     }
@@ -216,12 +197,10 @@ pub fn known_states() -> impl Iterator<Item = &'static str> {
     [HEALTHY, IGNORE].into_iter().chain(CLASSES)
 }
 
-/// The names that a mistyped word was probably meant to be, the likeliest first; empty if the word
-/// is like no name. Case does not matter.
+/// The names that a mistyped word was probably meant to be, the likeliest first.
 pub fn nearest<'a>(word: &str, names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
     /// Least similarity (1 less the normalised Damerau-Levenshtein distance) of a misspelling.
     const LEAST_ALIKE: f64 = 0.5;
-    /// At most so many names are returned; more would be no help.
     const MOST_NAMED: usize = 3;
     let word = word.to_lowercase();
     let alike = |name: &str| strsim::normalized_damerau_levenshtein(&word, &name.to_lowercase());
