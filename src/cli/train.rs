@@ -169,7 +169,7 @@ pub fn learn(lesson: Lesson) -> Result<Learned, Failure> {
 
     // 3. review each labelled class; a class that would never be named is refused, as its faults
     // would not be told
-    let told = design.tell_classes(&set, grey_box, &settings.isolate).map_err(Failure::new)?;
+    let told = design.review_classes(&set, grey_box, &settings.isolate).map_err(Failure::new)?;
     refuse_never_named(&told, written.name())?;
     warnings.extend(told.iter().filter(|class| class.is_hardly_detected()).map(hardly_detected));
     Ok(Learned { design, told, warnings, outcomes, unused, incomplete })
