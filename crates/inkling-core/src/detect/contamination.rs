@@ -1,7 +1,7 @@
 //! The threshold from unlabelled signals, some of which are faulty (contaminated training data).
 //!
-//! In, from `design/learn.rs`: detection statistics of a window's signals, of which up to two in
-//! five may be of faulty channels, and the channel that each came from. Out: the [`Threshold`] that
+//! In, from `design/learn_distances.rs`: detection statistics of a window's signals, of which up to
+//! two in five may be of faulty channels, and the channel of each. Out: the [`Threshold`] that
 //! healthy signals exceed at a chosen rate, with a chosen confidence. Where all signals are known
 //! to be healthy, [`super::threshold`] is used instead.
 //!

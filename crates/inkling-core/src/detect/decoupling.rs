@@ -1,7 +1,7 @@
 //! Disturbances of known shape (an offset, a drift), which are kept out of the residual
 //! (`detect.decouple`). thesis (2-1), d.
 //!
-//! In, from `design/residual.rs`: the names of the disturbances, and the sensitivities T of the
+//! In, from `design/learn.rs`: the names of the disturbances, and the sensitivities T of the
 //! model's ring. Out: [`KnownShapes`], a linear map that is applied to every deviation before the
 //! FD filter.
 //!

@@ -4,8 +4,8 @@
 //! In, from `design/detector.rs`: a signal's *misfit*, the square norm, counts², that remains when
 //! a ring with free amplitude, damping, frequency and phase is fitted to the signal (or an upper
 //! bound to first order, where that decides). Out: how far the misfit exceeds that of healthy
-//! signals, as a squared distance, which is compared with a threshold. `design/learn.rs` learns the
-//! [`Misfit`] of a model.
+//! signals, as a squared distance, which is compared with a threshold.
+//! `design/learn_distances.rs` learns the [`Misfit`] of a model.
 //!
 //! The first test ([`super::sensitivity`]) looks along the ring's sensitivities, this one at their
 //! orthogonal complement: offsets, drifts, outlying samples, noise and other disturbances of the

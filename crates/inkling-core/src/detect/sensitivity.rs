@@ -4,8 +4,8 @@
 //! In: a signal's deviation d (N, counts) from what the healthy model expects, and its relative
 //! drive s. Out: the squared Mahalanobis distance of the signal's features (ln amplitude, ln
 //! damping, ln frequency, relative to the healthy ring) from those of healthy channels. No fault
-//! data are needed. `design/learn.rs` learns a [`Sensitivity`], `design/detector.rs` applies it to
-//! one signal, and [`super::lane_sensitivity`] to many at once.
+//! data are needed. `design/learn_distances.rs` learns a [`Sensitivity`], `design/detector.rs`
+//! applies it to one signal, and [`super::lane_sensitivity`] to many at once.
 //!
 //! # The idea
 //!

@@ -25,7 +25,7 @@ crate::numbers! {
     /// Prior standard deviation of the ln of that standard deviation.
     width_sd = 0.5;
     /// Share of the channels' covariance in the metric of windows, beside all of the noise's. (Training chooses
-    /// its share by the labelled signals, `design/learn.rs`.) The threshold lies in the tail of the healthy
+    /// its share by the labelled signals, `design/learn_distances.rs`.) The threshold lies in the tail of the healthy
     /// signals, one in a thousand, and there channels that differ within bounds end sooner than a Gaussian of
     /// their variance would. Misses of 2025 faults at one false alarm in 2475 (thesis-form data) with the full
     /// covariance and with a third of it, by how channels differ: uniform 20 and 16, Gaussian 30 and 29, gamma 62
