@@ -4,7 +4,7 @@
 //! code relies on what is checked here: row lengths, finite numbers whose squares are finite,
 //! positive thresholds, names of their own, at most [`MAX_CLASSES`] classes, stable filters.
 
-use super::error::{is_signal, same_period};
+use super::error::{is_signal, must, same_period};
 use super::{Design, FaultClass, HealthyModel, Result, Statistic, VERSION, other_version};
 use crate::detect::sensitivity::Sensitivity;
 use crate::fault;
@@ -15,10 +15,6 @@ use std::collections::BTreeSet;
 /// Largest value that a stable filter's impulse response may have within a signal: a marginal pair
 /// of poles (thesis §3-2-1) rings on but does not grow.
 const MOST_GAIN: f64 = 1e6;
-
-pub(super) fn must(holds: bool, words: impl Into<String>) -> Result<(), String> {
-    if holds { Ok(()) } else { Err(words.into()) }
-}
 
 /// Refuses rows that are no signals: not one number per sample, or numbers that cannot be counts.
 fn signals<'a>(

@@ -55,6 +55,11 @@ impl DesignError {
     }
 }
 
+/// An error in these words unless `holds`.
+pub(super) fn must(holds: bool, words: impl Into<String>) -> Result<(), String> {
+    if holds { Ok(()) } else { Err(words.into()) }
+}
+
 /// Whether a number may be counts: sums of squares are finite, too.
 pub(super) fn is_count(v: &f64) -> bool {
     v.abs() <= 1e30

@@ -9,8 +9,7 @@
 //! * `follows`, parameters that depend linearly on covariates: s (D(theta, t) - D(theta_0, t));
 //! * `previous_tail` p, the previous actuation's decay, which still rings: s p D(theta, t + t_p).
 
-use super::checks::must;
-use super::error::{is_count, is_signal};
+use super::error::{is_count, is_signal, must};
 use crate::burst::{Beside, Burst};
 use crate::identify::reservoir::relative_drive;
 use crate::model::free_decay::{self, ALL, Theta};
