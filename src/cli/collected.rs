@@ -17,7 +17,7 @@ use crate::pipeline::{Control, PipelineError};
 use crate::report::first_of;
 use crate::settings::Settings;
 use inkling_core::design::TrainingSet;
-use inkling_core::labels::{Labels, Met};
+use inkling_core::labels::{Labels, RecordedSpans};
 use inkling_io::Limits;
 use inkling_io::damage::{Damage, RecordingError};
 use inkling_io::dialect::Dialects;
@@ -85,7 +85,7 @@ impl Recordings {
 pub struct Collected {
     pub set: TrainingSet,
     /// The printheads, channels and times that were met, against which labels can be checked.
-    pub met: Met,
+    pub met: RecordedSpans,
     /// Whether something was damaged or could not be used: the verb then ends with exit status 3.
     pub incomplete: bool,
     /// For further messages of the verb.

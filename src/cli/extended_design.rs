@@ -6,7 +6,7 @@
 //! every signal that the design judges.
 
 use crate::settings::Settings;
-use inkling_core::design::{Covariate, Design, Extension, Follows, TrainingSet};
+use inkling_core::design::{Covariate, CovariateEffect, Design, Extension, TrainingSet};
 use inkling_core::identify::averaging::SignalSet;
 use inkling_lab::critique::catalogue::CauseId;
 use inkling_lab::critique::covariates::{self, Covariates};
@@ -80,7 +80,7 @@ fn extension(extended: &Extended, start_s: f64) -> Option<Extension> {
             let since = if which == covariates::TIME { start_s } else { 0.0 };
             let (mean, sd) = (beside.mean[which] + since, beside.sd[which]);
             let [least, most] = range(beside, which);
-            Follows {
+            CovariateEffect {
                 covariate,
                 about: mean,
                 range: [mean + sd * least, mean + sd * most],

@@ -18,7 +18,7 @@ use super::report_page::write_text;
 use super::{output, results, score_critiques, scored};
 use inkling_core::design::IsolateSettings;
 use inkling_core::fault::{HEALTHY, category};
-use inkling_core::labels::{Channels, Label, Labels, Met, Span};
+use inkling_core::labels::{Channels, Label, Labels, RecordedSpans, Span};
 use inkling_core::model::faults::Catalogue;
 use inkling_core::promise::Promise;
 use inkling_core::verdict::{Outcome, VerdictColumns};
@@ -155,7 +155,7 @@ struct Scoring<'a> {
     /// The curves of the page; `None`: no page is wanted.
     curves: Option<Curves>,
     /// The printheads, channels and times that were met, against which the labels are checked.
-    met: Met,
+    met: RecordedSpans,
 }
 
 /// A row of a verdict table, with the names to which its indices refer.
@@ -178,7 +178,7 @@ impl<'a> Scoring<'a> {
             of_categories: SeverityScore::default(),
             episodes: None,
             curves: with_curves.then(Curves::default),
-            met: Met::default(),
+            met: RecordedSpans::default(),
         }
     }
 

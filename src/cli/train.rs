@@ -168,7 +168,7 @@ pub fn learn(lesson: TrainingInput) -> Result<TrainedDesign, Failure> {
 
     // 3. review each labelled class; a class that would never be named is refused, as its faults
     // would not be told
-    let reviews = design.tell_classes(&set, grey_box, &settings.isolate).map_err(Failure::new)?;
+    let reviews = design.review_classes(&set, grey_box, &settings.isolate).map_err(Failure::new)?;
     refuse_never_named(&reviews, written.name())?;
     warnings.extend(reviews.iter().filter(|class| class.is_hardly_detected()).map(hardly_detected));
     Ok(TrainedDesign { design, reviews, warnings, outcomes, unused, incomplete })

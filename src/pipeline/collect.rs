@@ -17,7 +17,7 @@ use inkling_core::burst::Burst;
 use inkling_core::design::{TrainingSet, same_period};
 use inkling_core::fault::{HEALTHY, IGNORE};
 use inkling_core::identify::reservoir::Reservoir;
-use inkling_core::labels::{Labels, Met, Span};
+use inkling_core::labels::{Labels, RecordedSpans, Span};
 use inkling_core::verdict::unusable_signal;
 use inkling_io::damage::Damage;
 use inkling_lab::critique::observations::{Observations, Sampler};
@@ -49,7 +49,7 @@ pub struct Collector<'a> {
     /// Number of signals seen, by label; of those that were not collected, by the reason.
     signals: BTreeMap<String, u64>,
     /// The printheads, times and channels that were seen, which labels may cover.
-    pub met: Met,
+    pub met: RecordedSpans,
 }
 
 impl<'a> Collector<'a> {

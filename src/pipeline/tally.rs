@@ -7,7 +7,7 @@
 use super::at_once::AtOnce;
 use super::batches::JudgedBatch;
 use super::groups::of_printhead;
-use inkling_core::labels::{Met, Span};
+use inkling_core::labels::{RecordedSpans, Span};
 use inkling_core::verdict::{HealthyRun, Outcome, Part, Reason, VerdictColumns, Verdicts};
 use inkling_io::damage::{Damage, note};
 use std::collections::{BTreeMap, BTreeSet};
@@ -98,8 +98,8 @@ impl Tally {
     }
 
     /// The printheads, times and channels that labels may cover: any channels, if none was judged.
-    pub fn met(&self) -> Met {
-        let mut met = Met::default();
+    pub fn met(&self) -> RecordedSpans {
+        let mut met = RecordedSpans::default();
         for (name, head) in &self.printheads {
             let first_channel = head.channels.first().copied().unwrap_or(0);
             let last_channel = head.channels.last().copied().unwrap_or(u32::MAX);

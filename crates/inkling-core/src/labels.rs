@@ -1,27 +1,30 @@
 //! Labels: what is known to be true of the channels, over time (`schemas/labels.md`).
 //!
-//! In: the rows of a labels file. Out: for a channel and a time, the row that says what is true of
-//! the channel then, or none. [`Met`] tells which rows cover nothing of the recordings.
+//! In: the rows of a labels file, as `inkling-io` has read and checked them. Out: for a channel and
+//! a time, the row that says what is true of the channel then, or none. [`RecordedSpans`] tells which rows
+//! cover nothing of the recordings.
 //!
 //! Rows may overlap. The narrower row wins: first the rows that name the printhead, then those for
 //! all (`*`); among these a row of a single channel, then ranges, the one of fewer channels first,
-//! then all channels; of equally wide rows the later one in the file.
+//! then all channels; of equally wide rows the later one in the file. The span of time does not
+//! matter for the order: a row applies or not.
 
-mod met;
+mod recorded_spans;
 
-pub use met::{Met, Span};
+pub use recorded_spans::{RecordedSpans, Span};
 
 use crate::fault::{CLASSES, HEALTHY, IGNORE};
-use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::fmt;
 use std::str::FromStr;
 
-/// What stands for all printheads in a row.
+/// The name in a row's printhead column that stands for all printheads.
 pub const EVERY_PRINTHEAD: &str = "*";
 
 /// The channels that a row of labels speaks of.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize,
+)]
 pub enum Channels {
     /// All channels, written `*`.
     All,
@@ -31,35 +34,24 @@ pub enum Channels {
 }
 
 impl Channels {
-    fn bounds(self) -> (u32, u32) {
+    /// The first and the last channel that the row speaks of.
+    fn bounds(self) -> [u32; 2] {
         match self {
-            Channels::All => (0, u32::MAX),
-            Channels::One(one) => (one, one),
-            Channels::Range(first, last) => (first, last),
+            Channels::All => [0, u32::MAX],
+            Channels::One(one) => [one, one],
+            Channels::Range(first, last) => [first, last],
         }
     }
 
+    /// Whether the row speaks of a channel.
     fn covers(self, channel: u32) -> bool {
-        let (first, last) = self.bounds();
+        let [first, last] = self.bounds();
         (first..=last).contains(&channel)
-    }
-
-    /// How many channels the row speaks of; all of them are more than any range.
-    fn width(self) -> u64 {
-        let (first, last) = self.bounds();
-        if self == Channels::All { u64::MAX } else { u64::from(last - first) + 1 }
-    }
-
-    /// The channel, if the row speaks of a single one.
-    pub fn one(self) -> Option<u32> {
-        match self {
-            Channels::One(channel) => Some(channel),
-            Channels::All | Channels::Range(..) => None,
-        }
     }
 }
 
-/// From the text of a labels file: `*`, a number, or `first-last`.
+/// From the text of a labels file: `*`, a number, or `first-last`. A range of one channel is that
+/// channel; one that falls is an error.
 impl FromStr for Channels {
     type Err = ();
 
@@ -79,6 +71,7 @@ impl FromStr for Channels {
     }
 }
 
+/// The same text.
 impl fmt::Display for Channels {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
@@ -89,8 +82,7 @@ impl fmt::Display for Channels {
     }
 }
 
-/// One row of a labels file: the state of some channels over a span of time.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Label {
     /// A printhead's name, or [`EVERY_PRINTHEAD`].
     pub printhead: String,
@@ -99,6 +91,7 @@ pub struct Label {
     pub from_ns: Option<i64>,
     /// The first ns to which the row no longer applies; `None`: to the end.
     pub to_ns: Option<i64>,
+    /// `healthy`, `ignore` or a fault class.
     pub state: String,
     /// Size of the fault, in the unit of its class (`schemas/verdicts.md`); `None`: not known.
     pub severity: Option<f64>,
@@ -117,21 +110,22 @@ impl Label {
     }
 }
 
-/// Indices of the rows of one printhead's name (or of `*`).
+/// Indices of the rows of one printhead's name (or of `*`), the right row first.
 #[derive(Clone, Debug, Default)]
-struct OfPrinthead {
-    /// Rows of a single channel, by the channel, in the order of the file.
+struct RowsOfPrinthead {
+    /// Rows of a single channel, by the channel, in the order of the file: the later row wins.
     of_channel: HashMap<u32, Vec<usize>>,
     /// Rows of several channels, the narrower first; of equally wide rows the later one first.
     wider: Vec<usize>,
 }
 
-/// Labels ready to be asked. In files they are the list of their rows.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+/// Labels ready to be asked; in files, the list of their rows.
+#[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
 #[serde(from = "Vec<Label>", into = "Vec<Label>")]
 pub struct Labels {
     rows: Vec<Label>,
-    by_printhead: HashMap<String, OfPrinthead>,
+    /// By a name or `*`.
+    by_printhead: HashMap<String, RowsOfPrinthead>,
 }
 
 impl From<Vec<Label>> for Labels {
@@ -148,7 +142,7 @@ impl From<Labels> for Vec<Label> {
 
 impl Labels {
     pub fn new(rows: Vec<Label>) -> Labels {
-        let mut by_printhead: HashMap<String, OfPrinthead> = HashMap::new();
+        let mut by_printhead: HashMap<String, RowsOfPrinthead> = HashMap::new();
         for (i, row) in rows.iter().enumerate() {
             let of = by_printhead.entry(row.printhead.clone()).or_default();
             match row.channel {
@@ -157,7 +151,11 @@ impl Labels {
             }
         }
         for of in by_printhead.values_mut() {
-            of.wider.sort_by_key(|&i| (rows[i].channel.width(), std::cmp::Reverse(i)));
+            let narrower = |&i: &usize| {
+                let [first, last] = rows[i].channel.bounds();
+                (rows[i].channel == Channels::All, last - first, std::cmp::Reverse(i))
+            };
+            of.wider.sort_by_key(narrower);
         }
         Labels { rows, by_printhead }
     }
@@ -180,16 +178,16 @@ impl Labels {
         times
     }
 
-    /// The row that says what is true of a channel at a time, ns; `None`: not known, or to be ignored.
+    /// The row that says what is true of a channel at a time; `None`: unknown, or to be ignored.
     pub fn at(&self, printhead: &str, channel: u32, t_ns: i64) -> Option<&Label> {
         self.row_at(printhead, channel, t_ns).filter(|row| row.state != IGNORE)
     }
 
-    /// The row that applies to a channel at a time, `ignore` included.
+    /// The row that applies to a channel at a time, `ignore` included; `None`: no row does.
     pub fn row_at(&self, printhead: &str, channel: u32, t_ns: i64) -> Option<&Label> {
         [printhead, EVERY_PRINTHEAD].iter().find_map(|name| {
             let of = self.by_printhead.get(*name)?;
-            // the later ones first
+            // the channel's own rows, the later ones first, then the wider rows
             let own = of.of_channel.get(&channel).into_iter().flat_map(|rows| rows.iter().rev());
             let mut rows = own.chain(&of.wider).map(|&i| &self.rows[i]);
             rows.find(|row| row.covers(channel, t_ns))

@@ -12,7 +12,7 @@ use super::regular_file::{self, BoundedRecords};
 use super::{part_file, printable, result_file};
 use chrono::{DateTime, SecondsFormat};
 use inkling_core::fault::{HEALTHY, IGNORE};
-use inkling_core::labels::{Label, Labels, Met, known_states, nearest};
+use inkling_core::labels::{Label, Labels, RecordedSpans, known_states, nearest};
 use std::io::Read;
 use std::path::Path;
 
@@ -71,7 +71,7 @@ pub fn read_states(of: LabelSource, states: States) -> Result<Labels, FileError>
 }
 
 /// Refuses labels that cannot fit the recordings, because somebody mistyped a printhead, a channel or a time.
-pub fn check(path: &Path, labels: &Labels, met: &Met) -> Result<(), FileError> {
+pub fn check(path: &Path, labels: &Labels, met: &RecordedSpans) -> Result<(), FileError> {
     let mistaken = |what: String| Err(FileError::mistaken(path, printable::line(&what, 1000)));
     met.mistake(labels).map_or(Ok(()), mistaken)
 }

@@ -3,14 +3,13 @@
 //!
 //! In, from `train`: a printhead's labelled healthy signals. Out: [`ChannelLevels`], by which
 //! `training_set` moves faults that were labelled on a few channels to where they would be on the
-//! others. Without that, the density of a class that was labelled on two channels would be as
-//! narrow as these two.
+//! others. Without that, the density of a class would be as narrow as these few.
 //!
 //! Feature by feature, with m_c the mean of the n_c signals of channel c, m the mean of all m_c, w
 //! the variance of signals within channels and b that of channels: level_c = (m_c - m) b / (b + w /
 //! n_c), the best linear predictor in a one-way analysis of variance with random effects.
 
-use super::{DesignError, HealthyModel};
+use super::{HealthyModel, Result};
 use crate::identify::averaging::SignalSet;
 use nalgebra::Vector4;
 use std::collections::BTreeMap;
@@ -27,13 +26,9 @@ impl ChannelLevels {
     /// At most so many signals of a channel are used, the first ones.
     pub const MOST: usize = 64;
 
-    /// Learns the levels from healthy signals of one printhead, by its `model`. If channels do not
-    /// differ for good, all levels are zero. `None`: fewer than `FEWEST` channels have two healthy
-    /// signals that a ring fits. An error if the model does not ring.
-    pub fn learn(
-        model: &HealthyModel,
-        healthy: &SignalSet,
-    ) -> Result<Option<ChannelLevels>, DesignError> {
+    /// Learns the levels from healthy signals of one printhead, by its `model`. `None`: fewer than
+    /// `FEWEST` channels have two healthy signals that a ring fits.
+    pub fn learn(model: &HealthyModel, healthy: &SignalSet) -> Result<Option<ChannelLevels>> {
         // the first signals of each channel
         let mut seen: BTreeMap<u32, usize> = BTreeMap::new();
         let mut is_early = |i: &usize| {
@@ -56,10 +51,7 @@ impl ChannelLevels {
         Ok(Some(ChannelLevels::of(&channels)))
     }
 
-    /// The levels from the features of each channel's signals, at least two per channel, feature by
-    /// feature (the formula stands in the head of this file). The variance within channels and that
-    /// between their means give the variance of the levels themselves; each mean is then shrunk
-    /// towards the common middle in proportion.
+    /// The levels from the features of each channel's signals, at least two per channel.
     fn of(channels: &BTreeMap<u32, Vec<Vector4<f64>>>) -> ChannelLevels {
         let mean = |of: &[Vector4<f64>]| of.iter().sum::<Vector4<f64>>() / of.len() as f64;
         let scatter = |of: &[Vector4<f64>]| {
@@ -68,13 +60,12 @@ impl ChannelLevels {
         };
         let looks = channels.values().map(Vec::len).sum::<usize>();
 
-        // w, the variance of signals about the mean of their own channel
+        // w
         let of_signals = channels.values().map(|of| scatter(of)).sum::<Vector4<f64>>()
             / (looks - channels.len()) as f64;
 
-        // b, the variance of channels: the variance of their means, less the part that the scatter
-        // of single signals gives by chance, w times the mean over channels of 1 / signals; at
-        // least 0.
+        // b: the variance of the means, less the part that the scatter of single signals gives by
+        // chance, w times the mean over channels of 1 / signals; at least 0
         let means: Vec<Vector4<f64>> = channels.values().map(|of| mean(of)).collect();
         let middle = mean(&means);
         let by_chance =
@@ -82,11 +73,12 @@ impl ChannelLevels {
         let of_channels = (scatter(&means) / (means.len() - 1) as f64 - of_signals * by_chance)
             .map(|v| v.max(0.0));
 
-        // `lasts`: the reliability b / (b + w / n_c) of a channel's mean
+        // `reliability`: of a channel's mean, b / (b + w / n_c)
         let level = |(mean, looks): (&Vector4<f64>, &Vec<Vector4<f64>>)| {
             let noise = of_signals / looks.len() as f64;
-            let lasts = of_channels.zip_map(&(of_channels + noise), |v, all| v / all.max(1e-300));
-            (mean - middle).component_mul(&lasts)
+            let reliability =
+                of_channels.zip_map(&(of_channels + noise), |v, all| v / all.max(1e-300));
+            (mean - middle).component_mul(&reliability)
         };
         let levels = means.iter().zip(channels.values()).map(level);
         ChannelLevels(channels.keys().copied().zip(levels).collect())
@@ -99,8 +91,7 @@ impl ChannelLevels {
     }
 
     /// Features `x` of a channel's signal number `i`, moved from the channel's level to that of
-    /// another channel. Which one depends on `i`, so that a class's signals spread over all
-    /// channels. Signals of a channel without a level stay as they are.
+    /// another channel that depends on `i`. Signals of a channel without a level stay as they are.
     pub fn elsewhere(&self, channel: u32, i: usize, x: &Vector4<f64>) -> Vector4<f64> {
         // Consecutive signals go to channels far apart, and all channels are reached: the step is a prime, and the
         // next round begins one channel later if their number is a multiple of it.
@@ -163,8 +154,7 @@ mod tests {
         let middle = channels.values().map(|of| mean(of)).sum::<Vector4<f64>>() / 40.0;
         for (channel, signals) in &channels {
             let off = mean(signals) - middle - levels.at(*channel).unwrap();
-            // a level is shrunk towards the head's by what noise alone may make of the mean of 20
-            // signals
+            // a level is shrunk by what noise alone may make of the mean of 20 signals
             assert!(off.amax() < 0.002, "{channel}: {off}");
         }
         assert_eq!(levels.at(99), None);

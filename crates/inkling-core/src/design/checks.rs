@@ -3,27 +3,20 @@
 //! In: a [`Design`]. Out: nothing, or an error in words that names the key and its value. Later
 //! code relies on what is checked here: row lengths, finite numbers whose squares are finite,
 //! positive thresholds, names of their own, at most [`MAX_CLASSES`] classes, stable filters.
-//! Training checks its own result, too (`train`). The parts that other rooms define check
-//! themselves.
 
-use super::error::{DesignError, is_signal, same_period};
-use super::{Design, FaultClass, HealthyModel, Statistic, VERSION, other_version};
+use super::error::{is_signal, must, same_period};
+use super::{Design, FaultClass, HealthyModel, Result, Statistic, VERSION, other_version};
+use crate::detect::sensitivity::Sensitivity;
 use crate::fault;
 use crate::identify::grey_box::Identification;
 use crate::isolate::MAX_CLASSES;
 use std::collections::BTreeSet;
 
-/// Largest value that a filter's impulse response may have within a signal. With a larger one the
-/// filter counts as unstable: a marginal pair of poles (thesis §3-2-1) rings on but does not grow.
+/// Largest value that a stable filter's impulse response may have within a signal: a marginal pair
+/// of poles (thesis §3-2-1) rings on but does not grow.
 const MOST_GAIN: f64 = 1e6;
 
-/// An error in these words unless `holds`.
-fn must(holds: bool, words: impl Into<String>) -> Result<(), String> {
-    if holds { Ok(()) } else { Err(words.into()) }
-}
-
 /// Refuses rows that are no signals: not one number per sample, or numbers that cannot be counts.
-/// `what`: what the rows are, in words.
 fn signals<'a>(
     what: &str,
     rows: impl IntoIterator<Item = &'a Vec<f64>>,
@@ -33,13 +26,12 @@ fn signals<'a>(
     must(rows.into_iter().all(|row| is_signal(row, samples)), words)
 }
 
-/// Refuses a number that is not positive and finite. `what`: what the number is, in words.
 fn positive(what: &str, v: f64) -> Result<(), String> {
     must(v.is_finite() && v > 0.0, format!("{what} must be positive"))
 }
 
-/// Refuses numbers whose absolute value is above `most`, and NaN. `key`: where the numbers stand in
-/// the file; `bounds`: what they must be, in words.
+/// Refuses numbers whose absolute value is above `most`, and NaN. `key`: where they stand in the
+/// file; `bounds`: what they must be, in words.
 fn within(key: &str, all: &[f64], most: f64, bounds: &str) -> Result<(), String> {
     let wrong = all.iter().find(|v| v.is_nan() || v.abs() > most);
     wrong.map_or(Ok(()), |v| Err(format!("`{key}` = {v:e}: must be {bounds}")))
@@ -47,16 +39,15 @@ fn within(key: &str, all: &[f64], most: f64, bounds: &str) -> Result<(), String>
 
 impl Design {
     /// Refuses what training could not have made (hand-edited, damaged or newer files).
-    pub fn check(&self) -> Result<(), DesignError> {
-        self.check_all().map_err(DesignError::Invalid)
+    pub fn check(&self) -> Result<()> {
+        Ok(self.check_all()?)
     }
 
-    /// [`Design::check`] with the reason in words: the design's own numbers, then its parts.
     fn check_all(&self) -> Result<(), String> {
         must(self.version == VERSION, other_version(self.version, &self.made_by))?;
         let period = self.sample_period_s;
         positive(&format!("sample_period_s = {period:?}:"), period)?;
-        let classes = self.classes.len();
+        let (classes, samples) = (self.classes.len(), self.samples);
         let words = format!("{classes} fault classes: at most {MAX_CLASSES}");
         must(classes <= MAX_CLASSES, words)?;
         if let Some(v) = self.drive_voltage_v {
@@ -67,47 +58,33 @@ impl Design {
         for class in &self.classes {
             class.check(self).map_err(|what| format!("class {}: {what}", class.name))?;
         }
-        if let Some(extension) = &self.extension {
-            extension.check(self.samples).map_err(|what| format!("extension: {what}"))?;
-        }
-        if let Some(posterior) = &self.posterior {
-            posterior.check(classes)?;
-        }
-        if let Some(typical) = &self.typical {
-            typical.check(classes, self.samples)?;
-        }
-        if let Some(physics) = &self.physics {
-            physics.check()?;
-        }
+        let extension = self.extension.iter().try_for_each(|of| of.check(samples));
+        extension.map_err(|what| format!("extension: {what}"))?;
+        self.posterior.iter().try_for_each(|of| of.check(classes))?;
+        self.typical.iter().try_for_each(|of| of.check(classes, samples))?;
+        self.physics.iter().try_for_each(|of| of.check())?;
         self.models.iter().chain([&self.pooled]).try_for_each(|model| {
             let name = model.printhead.as_deref().unwrap_or("(pooled)");
-            model.check(period, self.samples).map_err(|what| format!("model {name}: {what}"))
+            model.check(period, samples).map_err(|what| format!("model {name}: {what}"))
         })
     }
 
-    /// Refuses models or classes without names of their own: a model of the list without a
-    /// printhead, two of one printhead; a class without a name, called `healthy`, or with another
-    /// class's name.
+    /// Refuses models or classes without names of their own.
     fn check_names(&self) -> Result<(), String> {
         let mut names = BTreeSet::new();
         for model in &self.models {
             let name = model.printhead.as_ref().ok_or("a model without printhead")?;
             must(names.insert(name), format!("two models of printhead {name}"))?;
         }
-        let mut names = BTreeSet::new();
-        self.classes.iter().map(|class| &class.name).try_for_each(|name| {
-            must(
-                !name.is_empty() && name != fault::HEALTHY && names.insert(name),
-                format!(
-                    "class \"{name}\": a fault class needs a name of its own, other than `healthy`"
-                ),
-            )
+        let mut names = BTreeSet::from(["", fault::HEALTHY]);
+        self.classes.iter().try_for_each(|FaultClass { name, .. }| {
+            let words = "a fault class needs a name of its own, other than `healthy`";
+            must(names.insert(name), format!("class \"{name}\": {words}"))
         })
     }
 }
 
 impl FaultClass {
-    /// Refuses what training could not have made of a class.
     fn check(&self, design: &Design) -> Result<(), String> {
         let samples = design.samples;
         signals("`deviation`", [&self.deviation], samples)?;
@@ -124,7 +101,6 @@ impl FaultClass {
 }
 
 impl HealthyModel {
-    /// Refuses a model that training could not have made, for a design of signals of that sampling.
     fn check(&self, sample_period_s: f64, samples: usize) -> Result<(), String> {
         signals("`expected`", [&self.expected], samples)?;
         signals("`temperature_response`", &self.temperature_response, samples)?;
@@ -133,29 +109,20 @@ impl HealthyModel {
         must(same, "its filter has another sample period than the design")?;
         positive("its threshold", self.threshold.value)?;
         positive("`median_statistic`", self.median_statistic)?;
-        if !self.leftover.is_empty() {
-            signals("`leftover`", [&self.leftover], samples)?;
-        }
-        if let Some(decoupled) = &self.decoupled {
-            decoupled.check(samples)?;
-        }
+        let leftover = Some(&self.leftover).filter(|leftover| !leftover.is_empty());
+        signals("`leftover`", leftover, samples)?;
+        self.decoupled.iter().try_for_each(|of| of.check(samples))?;
         if let Some(Statistic::Practice(range)) = &self.statistic {
             range.check()?;
         }
-        if let Some(misfit) = &self.misfit {
-            misfit.check()?;
-        }
-        if let Some(sensitivity) = &self.sensitivity {
-            sensitivity.check(samples)?;
-        }
-        // Windows carry the threshold over in units of the median, so the ratio must be a usable
-        // number.
+        self.misfit.iter().try_for_each(|of| of.check())?;
+        self.sensitivity.iter().try_for_each(|of| of.check(samples))?;
+        // windows carry the threshold over in units of the median
         let in_medians = self.threshold.value / self.median_statistic;
         let words = "its threshold is out of all proportion to `median_statistic`";
         must((1e-9..=1e9).contains(&in_medians), words)?;
 
-        // The filter is judged by its impulse response over the length of a signal: it must not
-        // grow, and must not be 0 throughout.
+        // the impulse response over the length of a signal must not grow, nor be 0 throughout
         let answer = self.generator.impulse_response(samples);
         let largest = answer.iter().map(|v| v.abs()).fold(0.0, f64::max);
         let is_stable = answer.iter().all(|v| v.is_finite()) && largest <= MOST_GAIN;
@@ -163,7 +130,6 @@ impl HealthyModel {
         must(largest != 0.0, "its filter lets nothing through")
     }
 
-    /// Refuses a number of the model that is out of its range.
     fn check_numbers(&self) -> Result<(), String> {
         let Identification { channel, poles, output_state, acquisition_state, cubic, .. } =
             &self.identification;
@@ -182,23 +148,21 @@ impl HealthyModel {
             let words = format!("`{key}` = {v:e}: must be 1e-30 to 1e30");
             must((1e-30..=1e30).contains(&v), words)?;
         }
-        let kelvin = "-1 to 1 per K";
-        within("damping_per_k", &[self.damping_per_k], 1.0, kelvin)?;
-        within("frequency_per_k", &[self.frequency_per_k], 1.0, kelvin)?;
+        within("damping_per_k", &[self.damping_per_k], 1.0, "-1 to 1 per K")?;
+        within("frequency_per_k", &[self.frequency_per_k], 1.0, "-1 to 1 per K")?;
         within("temperature_c", self.temperature_c.as_slice(), 1e4, "a temperature in °C")?;
         let state = "-1e60 to 1e60";
         within("identification.output_state", output_state, 1e60, state)?;
         within("identification.acquisition_state", acquisition_state, 1e60, state)?;
         within("identification.cubic", cubic, 1e60, state)?;
 
-        let Some(sensitivity) = &self.sensitivity else { return Ok(()) };
+        let Some(Sensitivity { mean, spread, noise, projection, .. }) = &self.sensitivity else {
+            return Ok(());
+        };
         let (relative, counts) = ("-1e6 to 1e6", "-1e30 to 1e30");
-        within("sensitivity.mean", &sensitivity.mean, 1e6, relative)?;
-        within("sensitivity.spread", sensitivity.spread.as_flattened(), 1e6, relative)?;
-        within("sensitivity.noise", sensitivity.noise.as_flattened(), 1e30, counts)?;
-        sensitivity
-            .projection
-            .iter()
-            .try_for_each(|row| within("sensitivity.projection", row, 1e30, counts))
+        within("sensitivity.mean", mean, 1e6, relative)?;
+        within("sensitivity.spread", spread.as_flattened(), 1e6, relative)?;
+        within("sensitivity.noise", noise.as_flattened(), 1e30, counts)?;
+        projection.iter().try_for_each(|row| within("sensitivity.projection", row, 1e30, counts))
     }
 }

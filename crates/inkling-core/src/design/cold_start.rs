@@ -3,15 +3,15 @@
 //!
 //! In, from `train`: the healthy models and signals, a guess of rates and actuation from the
 //! settings, labelled faults. Out: [`FaultPhysics`], from which severities and the densities of
-//! unlabelled classes follow, and the classes that nobody labelled. thesis (2-2), §2-2. The steps:
+//! unlabelled classes follow, and these classes. thesis (2-2), §2-2. The steps:
 //! 1. The guessed channel is scaled in time to the measured healthy ring.
-//! 2. Healthy features, less the noise of their fits, tell how channels differ (`spread`).
-//! 3. Labelled faults of known severity correct the rates.
+//! 2. ActuatedChannel features, less the noise of their fits, tell how channels differ (`spread`).
+//! 3. Labelled faults of known kinds correct the rates.
 //! 4. Labelled faults tell how severities are distributed in each class, and how far estimated
 //!    severities lie off labelled ones.
 
-use super::training_set::{From, examples};
-use super::{Design, DesignError, FaultClass, HealthyModel, IsolateSettings, TrainingSet};
+use super::training_set::examples;
+use super::{Design, FaultClass, HealthyModel, IsolateSettings, Result, TrainingSet};
 use crate::fault;
 use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
@@ -27,52 +27,34 @@ use nalgebra::Vector4;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Pulse and delay of the actuation, s, where nobody gave them, for a channel that rings at the
-/// frequency of the guess `identify.grey_box`. For any other channel both are scaled in proportion
-/// to its period.
+/// frequency of the guess `identify.grey_box`; for others scaled in proportion to the period.
 const PULSE_S: f64 = 9e-6;
 const DELAY_S: f64 = 6e-6;
-/// At most so many healthy signals of a printhead are fitted to learn how channels differ.
+/// At most so many healthy signals of a printhead tell how channels differ.
 const MOST_HEALTHY: usize = 4096;
 /// At most so many labelled signals of a class and printhead correct rates and severities.
 const MOST_LOOKS: usize = 512;
 
-/// Learns the physics of a design whose healthy models and labelled classes are there already.
-/// `grey_box`: the guess of the channel's rates; `isolate`: actuation, the user's own laws, and how
-/// far the guess is trusted. `None`: the guessed channel does not ring, or the healthy signals do
-/// not tell how channels differ, for example because they are too few. An error if an identified
-/// model does not ring, or if the settings' waveform is not possible.
+/// `None`: the guessed channel does not ring, or the healthy signals do not tell how channels
+/// differ. An error if an identified model does not ring, or if the waveform is not possible.
 pub(super) fn physics(
     design: &Design,
     set: &TrainingSet,
     grey_box: &GreyBoxSettings,
     isolate: &IsolateSettings,
-) -> Result<Option<FaultPhysics>, DesignError> {
+) -> Result<Option<FaultPhysics>> {
     let model = &design.pooled;
     let sampling = (design.sample_period_s, design.samples);
     let ring = model.ring()?;
 
-    // Step 1. Of the settings' channel only the ratios of rates are trusted: it is scaled in time
-    // such that it rings at the measured frequency. `slower`: the period here over that of the
-    // default channel, which the default durations go with.
-    let scaled = grey_box.at_frequency(ring.frequency_hz);
-    let default = GreyBoxSettings::default();
-    let slower = (default.a_per_s2 / default.at_frequency(ring.frequency_hz).a_per_s2).sqrt();
-    // Durations that were given in seconds stay; only the defaults are scaled.
-    let (waveform, pulse_s) = match isolate.waveform.is_empty() {
-        true => (Waveform::default(), isolate.pulse_s.unwrap_or(PULSE_S * slower)),
-        false => Waveform::new(&isolate.waveform).map_err(DesignError::Invalid)?,
-    };
-    let delay_s = isolate.delay_s.unwrap_or(DELAY_S * slower);
-    let channel = scaled.channel();
-    let guess = ActuatedChannel { channel, actuation: Actuation { pulse_s, delay_s, waveform } };
+    let guess = scaled_guess(grey_box, isolate, ring.frequency_hz)?;
     let Some(mut physics) = FaultPhysics::new(guess, isolate.guess_sd, ring, model.noise) else {
         return Ok(None);
     };
     physics.laws = isolate.physics.clone();
 
-    // Step 2. How channels differ: the covariance of healthy features less that of the fits' noise.
-    // Features are per unit drive, so weakly driven signals have more noise: `weaker` is the mean
-    // factor on the noise's variance. `channels`: all channels, told apart by printhead and number.
+    // Step 2. Features are per unit drive, so weakly driven signals have more noise: `weaker` is the
+    // mean factor on the noise's variance.
     let few: BTreeMap<String, SignalSet> =
         set.healthy.iter().map(|(name, all)| (name.clone(), all.first(MOST_HEALTHY))).collect();
     let channels: BTreeSet<(&str, u32)> = few
@@ -81,16 +63,16 @@ pub(super) fn physics(
         .collect();
     let drives = few.values().flat_map(|set| &set.drive);
     let weaker = drives.clone().map(|s| 1.0 / (s * s)).sum::<f64>() / drives.count().max(1) as f64;
-    let learned = examples(&design.with_models(&few), From::Head)?.and_then(|healthy| {
-        let noise = healthy.noise * weaker;
-        physics.learn_spread(&healthy.features, &noise, channels.len(), sampling)
-    });
+    let learned =
+        examples(&design.with_models(&few), |of| Some(of.features))?.and_then(|healthy| {
+            let noise = healthy.noise * weaker;
+            physics.learn_spread(&healthy.features, &noise, channels.len(), sampling)
+        });
     if learned.is_none() {
         return Ok(None);
     }
 
-    // Step 3. Labelled faults of known kinds correct the rates. Classes of the user's own that
-    // stand for no law, or for laws of several kinds, tell nothing of the rates.
+    // Step 3. Classes that stand for no law, or for laws of several kinds, tell nothing of the rates.
     let mut labelled = Vec::new();
     for (name, printheads) in &set.faulty {
         let Some(class) = design.classes.iter().find(|class| class.name == *name) else { continue };
@@ -102,22 +84,37 @@ pub(super) fn physics(
         }
     }
     if !labelled.is_empty() {
-        // If a channel of the corrected rates would not ring, the labels do not fit the physics at
-        // all, and the physics stays as guessed.
+        // if a channel of the corrected rates would not ring, the labels do not fit the physics
         let before = physics.clone();
         if physics.learn_rates(guess, isolate.guess_sd, &labelled, sampling).is_none() {
             physics = before;
         }
     }
 
-    // Step 4.
     learn_sizes(&mut physics, &labelled, sampling);
     Ok(Some(physics))
 }
 
-/// Learns the distribution of severities in each labelled class, and how far estimated severities
-/// lie off labelled ones. A signal whose label gives no severity counts in the distribution with
-/// the physics' own estimate. `dt_s`, `samples`: the sampling.
+/// Step 1. Of the settings' channel only the ratios of rates are trusted: it is scaled in time such
+/// that it rings at `frequency_hz`, and default durations with it. Durations that were given stay.
+fn scaled_guess(
+    grey_box: &GreyBoxSettings,
+    isolate: &IsolateSettings,
+    frequency_hz: f64,
+) -> Result<ActuatedChannel> {
+    let default = GreyBoxSettings::default();
+    let slower = (default.a_per_s2 / default.at_frequency(frequency_hz).a_per_s2).sqrt();
+    let (waveform, pulse_s) = match isolate.waveform.is_empty() {
+        true => (Waveform::default(), isolate.pulse_s.unwrap_or(PULSE_S * slower)),
+        false => Waveform::new(&isolate.waveform)?,
+    };
+    let delay_s = isolate.delay_s.unwrap_or(DELAY_S * slower);
+    let channel = grey_box.at_frequency(frequency_hz).channel();
+    Ok(ActuatedChannel { channel, actuation: Actuation { pulse_s, delay_s, waveform } })
+}
+
+/// Step 4. A signal whose label gives no severity counts in the distribution with the physics' own
+/// estimate.
 fn learn_sizes(
     physics: &mut FaultPhysics,
     labelled: &[LabelledFault],
@@ -126,14 +123,12 @@ fn learn_sizes(
     let mut by_class: BTreeMap<&str, Vec<&LabelledFault>> = BTreeMap::new();
     labelled.iter().for_each(|fault| by_class.entry(&fault.class).or_default().push(fault));
 
-    // For the curves each labelled class stands for the one kind of its signals.
+    // for the curves each labelled class stands for the one kind of its signals
     let class = |(name, labelled): (&&str, &Vec<&LabelledFault>)| fault::Class {
         of: labelled.iter().take(1).map(|fault| fault.kind.clone()).collect(),
         ..fault::Class::plain(name)
     };
     let classes: Vec<fault::Class> = by_class.iter().map(class).collect();
-    // The estimated severity of a fault of which it is known that it is of class k: of the weights
-    // only that of class k is 1.
     let estimate = |curves: &FaultCurves, k: usize, fault: &LabelledFault| {
         let changed = curves.changed(fault.ring);
         let conditions = Conditions { drive: fault.drive, changed, baseline: None };
@@ -143,8 +138,6 @@ fn learn_sizes(
         curves.severity(k, &only, &compared)
     };
 
-    // First the distributions of severities, from labels or else from estimates with a uniform
-    // prior.
     let curves = physics.curves(&classes, dt_s, samples);
     for (k, (name, labelled)) in by_class.iter().enumerate() {
         let size = |fault: &&LabelledFault| {
@@ -158,7 +151,7 @@ fn learn_sizes(
         physics.seen.insert((*name).into(), sizes);
     }
 
-    // Then how far estimates lie off the labels, with these distributions as prior.
+    // how far estimates lie off the labels, with these distributions as prior
     let curves = physics.curves(&classes, dt_s, samples).uncalibrated();
     for (k, (name, labelled)) in by_class.iter().enumerate() {
         let size = |fault: &&LabelledFault| {
@@ -172,15 +165,12 @@ fn learn_sizes(
     }
 }
 
-/// Adds the classes that the physics knows and nobody labelled: the thesis's, those of a user's own
-/// laws, and names that were declared to stand for some of these. The mean deviation of an added
-/// class is the predicted one in the middle of its severities, since residual matching needs one. A
-/// class that a declared name stands for is not added under its own name as well.
+/// Adds the classes that the physics knows and nobody labelled, or names declared to stand for
+/// them, with the mean deviation (for residual matching) in the middle of their severities.
 pub(super) fn add_classes(design: &mut Design, isolate: &IsolateSettings) {
     let Some(physics) = &design.physics else { return };
     let categories = isolate.physics.categories();
     let sampling = (design.sample_period_s, design.samples);
-    // plain: known classes that no declared name stands for; own: the declared names
     let stands = |class: &&str| !isolate.classes.values().flatten().any(|of| of == class);
     let known = fault::CLASSES.into_iter().chain(isolate.physics.own_classes());
     let plain = known.filter(stands).map(|name| (name, Vec::new()));
@@ -205,17 +195,14 @@ pub(super) fn add_classes(design: &mut Design, isolate: &IsolateSettings) {
     }
 }
 
-/// The labelled signals of a class on one printhead (`set`), with their fitted features corrected
-/// for temperature. Each signal weighs one over its channel's number of signals, so that every
-/// channel counts as one. Signals that no ring fits are left out. `class`: the label; `kind`: the
-/// law in whose unit severities are given; `model`: the printhead's; `ring`: the one that the
-/// physics is relative to.
+/// The labelled signals of a class on one printhead that a ring fits; every channel counts as one.
+/// `kind`: the law in whose unit severities are given; `ring`: what the physics is relative to.
 fn labelled_faults(
     (class, kind): (&str, &str),
     model: &HealthyModel,
     ring: &Ring,
     set: &SignalSet,
-) -> Result<Vec<LabelledFault>, DesignError> {
+) -> Result<Vec<LabelledFault>> {
     let mut of_channel: BTreeMap<u32, f64> = BTreeMap::new();
     set.channel.iter().for_each(|&c| *of_channel.entry(c).or_default() += 1.0);
     let labelled = |(i, features): (usize, Vector4<f64>)| LabelledFault {

@@ -9,7 +9,7 @@
 //! thesis (3-2), (3-3), §3-2-1.
 
 use super::fd_filter::{by_resonance, with_denominator};
-use super::{Design, DesignError, IsolateSettings, TrainingSet};
+use super::{Design, IsolateSettings, Result, TrainingSet};
 use crate::detect::{
     DetectMethod, DetectSettings, ThresholdMethod, blind::blind_ranges, null_space,
 };
@@ -23,39 +23,31 @@ use std::collections::BTreeMap;
 /// A filter is blind to a frequency at which its gain is less than this share of its largest gain.
 /// The largest gain is that at the undamped pair, some thousand times the gain elsewhere.
 const BLIND: f64 = 1e-6;
-/// Number of frequencies, evenly over 0 .. half the sample rate, at which the gain is looked at.
 const STEPS: usize = 8192;
 
-/// What can be seen of a channel's faults.
 #[derive(Clone, Debug, Serialize)]
 pub struct Detectability {
-    /// Degree of the filter of method I.
     pub degree: usize,
-    /// Number of linearly independent filters of that degree that no healthy signal excites:
-    /// (3-3a).
+    /// Number of linearly independent such filters that no healthy signal excites: (3-3a).
     pub nullity: usize,
-    /// Ranges (from, to), Hz, of frequencies at which the filter's gain is less than a millionth of
-    /// its largest.
+    /// Ranges (from, to), Hz, of frequencies that the filter is blind to.
     pub blind_hz: Vec<[f64; 2]>,
-    /// Power analysis of detection by sensitivities with a quantile as threshold, with the faults
-    /// that the physics knows. `None`: a design could not be trained, for example on too few
-    /// signals to tell how channels differ, or on signals that do not ring.
+    /// By sensitivities with a quantile as threshold and the faults that the physics knows. `None`:
+    /// a design could not be trained, as on too few signals or on signals that do not ring.
     pub promise: Option<Promise>,
 }
 
 impl Detectability {
-    /// `identification`: the model; `healthy`: signals of one printhead; `dt_s`: their sample
-    /// period, s; `grey_box`, `settings`: `[identify.grey_box]` and `[detect]`. An error if the
-    /// channel has no filter of method I.
+    /// `healthy`: signals of one printhead; `grey_box`, `settings`: `[identify.grey_box]` and
+    /// `[detect]`. An error if the channel has no filter of method I.
     pub fn of(
         identification: &Identification,
         healthy: &SignalSet,
         dt_s: f64,
         grey_box: &GreyBoxSettings,
         settings: &DetectSettings,
-    ) -> Result<Detectability, DesignError> {
-        // The FD filter by method I, whatever the settings' denominator is, and what it leaves
-        // unseen.
+    ) -> Result<Detectability> {
+        // by method I, whatever the settings' denominator is
         let channel = identification.channel;
         let denominator = by_resonance(identification, healthy.samples, settings, dt_s)?;
         let degree = denominator.len() - 1;
@@ -65,8 +57,7 @@ impl Detectability {
         let blind = blind_ranges(&filter, BLIND, STEPS).into_iter();
         let blind_hz = blind.map(|(from, to)| [from, to]).collect();
 
-        // The power analysis needs a whole design. It is trained on the healthy signals alone, so
-        // its faults are those of the physics.
+        // trained on the healthy signals alone, so its faults are those of the physics
         let set = TrainingSet {
             sample_period_s: dt_s,
             samples: healthy.samples,

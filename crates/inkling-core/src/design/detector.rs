@@ -7,34 +7,35 @@
 //! for channels that are judged by their own levels also four features and the distance from a
 //! baseline.
 //!
-//! With P the pseudoinverse of the three sensitivities T (phase held), x = P d / s are ln
-//! amplitude, ln damping and ln frequency to first order; the first statistic is the squared
-//! Mahalanobis distance of x from the healthy mean, the second one the misfit |d|² - |T P d|². This
-//! is the *first look*. Where it does not decide (a squared distance between `SECOND_LOOK` = 13 and
-//! `CLEARLY_FAR` = 1000, or a large misfit), the *second look* fits a ring and computes the
-//! statistic again from the fit: with the phase held for the distance, with the phase free for the
-//! misfit.
+//! With P the pseudoinverse of the three sensitivities T (phase held), x = P d / s are the features
+//! to first order; the first statistic is the squared Mahalanobis distance of x from the healthy
+//! mean, the second one the misfit |d|² - |T P d|². This is the *first look*. Where it does not
+//! decide (a squared distance between `SECOND_LOOK` and `CLEARLY_FAR`, or a large misfit), the
+//! *second look* fits a ring: with the phase held for the distance, free for the misfit.
 
+use super::feature_estimator::FeatureEstimator;
 use super::own_channel::{Behind, OwnBaseline, OwnChannels};
 use super::rings::Rings;
-use super::{DesignError, HealthyModel};
+use super::{HealthyModel, Result};
 use crate::detect::misfit::Misfit;
 use crate::detect::row_projection::Columns;
 use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK, Sensitivity};
 use crate::model::inner_product::dot;
 use crate::model::ring_fit::{Features, Fit, RingFitter};
-use nalgebra::{DMatrix, Matrix3, Matrix3x4, Matrix4, Vector3, Vector4};
+use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
+
+/// The error of a model whose three sensitivities are linearly dependent.
+pub(super) const DEPENDENT_SENSITIVITIES: &str =
+    "amplitude, damping and frequency cannot be told apart";
 
 /// The detection statistics of a signal.
 #[derive(Clone, Copy, Debug)]
 pub struct Detection {
-    /// The statistic of the first test: the squared distance along the sensitivities, without unit.
-    /// With another `detect.method` it is the statistic of that method, such as the residual
-    /// energy, counts²·s.
+    /// The statistic of the first test: the squared distance along the sensitivities, without unit;
+    /// or the statistic of another `detect.method`, such as the residual energy, counts²·s.
     pub ring: f64,
-    /// The statistic of the second test before it is standardised: the misfit beside the ring,
-    /// counts² at the signal's own drive. NaN: the method has no second test, or the signal lies so
-    /// far along the ring that the first-order misfit says nothing.
+    /// The misfit beside the ring, counts² at the signal's own drive. NaN: the method has no second
+    /// test, or the signal lies so far along the ring that the first-order misfit says nothing.
     pub unexplained: f64,
 }
 
@@ -42,140 +43,34 @@ pub struct Detection {
 #[derive(Clone, Debug)]
 pub struct SensitivityDetector {
     sensitivity: Sensitivity,
-    /// Gram matrix T'T of the three sensitivities, counts²: x' T'T x is the square norm of the
-    /// deviation that features x stand for.
+    /// Gram matrix T'T of the three sensitivities, counts².
     gram: Matrix3<f64>,
-    /// A first-order misfit up to this, counts², decides; a larger one is computed again from a
-    /// fit.
+    /// A first-order misfit up to this, counts², decides.
     pub(super) settled: f64,
-    /// A signal with a misfit up to this, counts², is a ring and nothing else: the largest misfit
-    /// that the second test calls healthy.
+    /// The largest misfit that the second test calls healthy, counts².
     ring_only: f64,
     pub(super) rings: Rings,
     /// The expected signal at the reference drive and temperature, N, counts.
     expected: Vec<f64>,
-    own: OwnFrame,
-}
-
-/// The estimator of four features of a deviation (ln amplitude, ln damping, ln frequency, phase),
-/// from which channels' own baselines are made, and its map to the three features of the statistic,
-/// for which the phase is held. The four sensitivities about the healthy ring are called T here.
-#[derive(Clone, Debug)]
-struct OwnFrame {
-    /// The pseudoinverse of T: four rows of N, 1/counts. The product with a deviation at the
-    /// reference drive gives the features, to first order.
-    projection: [Vec<f64>; 4],
-    /// The same projection, arranged for many signals at once.
-    columns: Columns<4>,
-    /// Covariance of the four features due to noise, at the reference drive.
-    noise: Matrix4<f64>,
-    /// Gram matrix of the four sensitivities, counts².
-    gram: Matrix4<f64>,
-    /// The map from four features to the three that the statistic would estimate of the same signal
-    /// with the phase held: P T, with P the three rows of the statistic's projection.
-    to_three: Matrix3x4<f64>,
-    /// Second derivatives of the ring by its features, projected on the features: of a ring at
-    /// features x, the linear estimate of feature k is too large by x' bend[k] x / 2, to second
-    /// order.
-    bend: [Matrix4<f64>; 4],
-    /// Variance of one sample's noise, counts².
-    noise_square: f64,
-}
-
-impl OwnFrame {
-    /// The frame about the healthy ring. `None`: amplitude, damping, frequency and phase cannot be
-    /// told apart.
-    fn new(fitter: &RingFitter, sensitivity: &Sensitivity) -> Option<OwnFrame> {
-        let noise = sensitivity.noise_of_one_sample();
-
-        // Least squares on the four sensitivities: the projection is (T'T)^-1 T', and white noise
-        // gives the features the covariance noise² (T'T)^-1.
-        let tangent = fitter.tangent(&Features::HEALTHY);
-        let gram = tangent.tr_mul(&tangent);
-        let inverse = gram.clone().try_inverse()?;
-        let projection = &inverse * tangent.transpose();
-        let to_three = Matrix3x4::from_fn(|i, j| {
-            sensitivity.projection[i].iter().zip(tangent.column(j).iter()).map(|(p, t)| p * t).sum()
-        });
-
-        // by_feature[j] is the derivative of all sensitivities by feature j, projected on the
-        // features, 4 x 4. Its row k belongs to feature k, so bend[k] collects the rows k of all
-        // four.
-        let by_feature = [0, 1, 2, 3].map(|j| &projection * slope(fitter, j));
-        let bend = [0, 1, 2, 3].map(|k| Matrix4::from_fn(|i, j| by_feature[j][(k, i)]));
-        let projection = [0, 1, 2, 3].map(|k| projection.row(k).iter().copied().collect());
-        Some(OwnFrame {
-            columns: Columns::new(&projection),
-            projection,
-            noise: Matrix4::from_fn(|i, j| inverse[(i, j)] * noise * noise),
-            gram: Matrix4::from_fn(|i, j| gram[(i, j)]),
-            to_three,
-            bend,
-            noise_square: noise * noise,
-        })
-    }
-
-    /// The second-order error of the first-order estimate: of a ring at the features `x`, the
-    /// linear projection returns x + bent(x).
-    fn bent(&self, x: &Vector4<f64>) -> Vector4<f64> {
-        Vector4::from(self.bend.each_ref().map(|bend| 0.5 * x.dot(&(bend * x))))
-    }
-
-    /// Features to second order from their first-order estimates `first`, by two fixed-point steps
-    /// of x = first - bent(x). Also returns whether the features need no fit: whether the third
-    /// order would change the deviation by less than the noise of one sample, at this drive.
-    /// Features that lie too far off for the second order stay as they are.
-    fn straightened(&self, first: Vector4<f64>, drive: f64) -> (Vector4<f64>, bool) {
-        let once = first - self.bent(&first);
-        let x = first - self.bent(&once);
-
-        // the square norm, in counts², of the deviation that a change of the features by x makes
-        let square = |x: Vector4<f64>| x.dot(&(self.gram * x)) * drive * drive;
-        let (whole, bent) = (square(x), square(self.bent(&x)));
-        // The square norms of the orders are taken for a geometric series: the third is to the
-        // second as the second is to the first.
-        let third = bent * bent / whole.max(f64::MIN_POSITIVE);
-        // The second order is believed while it is less than half as large as the first (a limit
-        // that is somewhat arbitrary).
-        match bent < 0.25 * whole {
-            true => (x, third <= self.noise_square),
-            false => (first, whole <= self.noise_square),
-        }
-    }
-}
-
-/// Derivative of the four sensitivities by feature number `feature` at the healthy ring, by central
-/// differences; N x 4, counts.
-fn slope(fitter: &RingFitter, feature: usize) -> DMatrix<f64> {
-    const STEP: f64 = 1e-4;
-    let at = |by: f64| {
-        let mut x = Vector4::zeros();
-        x[feature] = by;
-        fitter.tangent(&Features::from(x))
-    };
-    (at(STEP) - at(-STEP)) / (2.0 * STEP)
+    estimator: FeatureEstimator,
 }
 
 /// The first-order statistics of a signal, and whether they decide or a fit is needed.
 #[derive(Clone, Copy, Debug)]
 pub struct FirstLook {
-    /// ln amplitude, ln damping, ln frequency relative to the model's ring, to first order.
     features: Vector3<f64>,
     /// Squared distance along the ring, to first order.
     pub distance: f64,
-    /// Misfit beside the ring, counts². It is an upper bound of a fit's misfit, since phase and
-    /// real pole are held.
+    /// Misfit beside the ring, counts², at most a fit's, since phase and real pole are held.
     pub unexplained: f64,
-    /// The metric of the distance, if that must be computed again from a fit; `None`: the
-    /// first-order distance decides.
+    /// The metric of the distance, if that must be computed again from a fit.
     metric: Option<Matrix3<f64>>,
     /// Whether the misfit must be computed again from a fit.
     beside: bool,
 }
 
 impl FirstLook {
-    /// Features to start a fit with the phase held from; `None`: the first look decides both tests,
-    /// and no fit is needed.
+    /// Features to start a fit with the phase held from; `None`: no fit is needed.
     pub fn asks(&self) -> Option<Features> {
         (self.metric.is_some() || self.beside).then(|| features(&self.features))
     }
@@ -185,14 +80,13 @@ impl FirstLook {
         self.beside
     }
 
-    /// Features to start the second fit, with the phase free, from: those of `held`, the fit with
-    /// the phase held, or those of the first look if that fit failed.
+    /// Features to start the second fit from: those of `held`, the fit with the phase held, or those
+    /// of the first look if that fit failed.
     pub fn near(&self, held: Option<&Fit>) -> Features {
         held.map_or_else(|| features(&self.features), |fit| fit.features)
     }
 
-    /// The first-order statistics as a [`Detection`]. The first-order misfit of a signal that is
-    /// clearly far along the ring says nothing, so it becomes NaN.
+    /// The first-order statistics.
     pub fn detection(&self) -> Detection {
         let far = self.distance >= CLEARLY_FAR;
         let unexplained = if far { f64::NAN } else { self.unexplained };
@@ -201,20 +95,17 @@ impl FirstLook {
 }
 
 impl SensitivityDetector {
-    /// Makes a model's detector with the given sensitivities. `misfit`: the model's second test;
-    /// `None`: there is none (yet), and no misfit asks for a fit. An error if the model does not
-    /// ring, or if its sensitivities are linearly dependent.
+    /// `misfit`: the model's second test; `None`: there is none (yet), and no misfit asks for a fit.
+    /// An error if the model does not ring, or if its sensitivities are linearly dependent.
     pub(super) fn new(
         model: &HealthyModel,
         sensitivity: Sensitivity,
         misfit: Option<&Misfit>,
-    ) -> Result<SensitivityDetector, DesignError> {
+    ) -> Result<SensitivityDetector> {
         let rings = model.rings()?;
-        let own = OwnFrame::new(&rings.fitter, &sensitivity)
-            .ok_or_else(|| DesignError::Invalid("the model's phase cannot be told".into()))?;
-        let gram = sensitivity.gram().ok_or_else(|| {
-            DesignError::Invalid("amplitude, damping and frequency cannot be told apart".into())
-        })?;
+        let estimator = FeatureEstimator::new(&rings.fitter, &sensitivity)
+            .ok_or("the model's phase cannot be told")?;
+        let gram = sensitivity.gram().ok_or(DEPENDENT_SENSITIVITIES)?;
         Ok(SensitivityDetector {
             sensitivity,
             gram,
@@ -222,72 +113,66 @@ impl SensitivityDetector {
             ring_only: misfit.map_or(f64::INFINITY, Misfit::healthy_square),
             rings,
             expected: model.expected.clone(),
-            own,
+            estimator,
         })
     }
 
-    /// Features of a signal (ln amplitude, ln damping, ln frequency, phase), relative to the
-    /// model's ring, to second order and without a fit. `deviation`: N, counts; `drive`: relative.
+    /// Features of a signal (ln amplitude, ln damping, ln frequency, phase) relative to the model's
+    /// ring, to second order and without a fit. `deviation`: N, counts; `drive`: relative.
     pub fn own_features(&self, deviation: &[f64], drive: f64) -> Vector4<f64> {
         self.straightened(self.to_first_order(deviation, drive), drive)
     }
 
-    /// The same four features to first order: linear projections of the deviation per unit drive.
+    /// The same to first order: linear projections of the deviation per unit drive.
     fn to_first_order(&self, deviation: &[f64], drive: f64) -> Vector4<f64> {
-        Vector4::from_fn(|k, _| dot(&self.own.projection[k], deviation) / drive)
+        Vector4::from_fn(|k, _| dot(&self.estimator.projection[k], deviation) / drive)
     }
 
-    /// Features to second order, from those to first order.
+    /// From first to second order.
     pub fn straightened(&self, first: Vector4<f64>, drive: f64) -> Vector4<f64> {
-        self.own.straightened(first, drive).0
+        self.estimator.straightened(first, drive).0
     }
 
-    /// The projection that gives the first-order features of many signals at once, for the filter
-    /// stage.
+    /// The projection that gives the first-order features of many signals at once.
     pub fn own_columns(&self) -> &Columns<4> {
-        &self.own.columns
+        &self.estimator.columns
     }
 
-    /// Covariance of [`SensitivityDetector::own_features`] due to noise, at the reference drive.
+    /// Covariance of the four features due to noise, at the reference drive.
     pub fn own_noise(&self) -> &Matrix4<f64> {
-        &self.own.noise
+        &self.estimator.noise
     }
 
-    /// The metric (inverse covariance) of a signal's distance from its channel's own level, in the
-    /// three features of the statistic. `behind`: how well the level is known; `drive`: that of the
-    /// signal, whose noise is larger relative to a weaker ring. `None`: the covariance is singular.
+    /// The inverse covariance of a signal's distance from its channel's own level, in the three
+    /// features. `behind`: how well the level is known. `None`: the covariance is singular.
     pub fn own_metric(
         &self,
         own: &OwnChannels,
         behind: Behind,
         drive: f64,
     ) -> Option<Matrix3<f64>> {
-        let to_three = &self.own.to_three;
+        let to_three = &self.estimator.to_three;
         let scatter = to_three * own.scatter(behind) * to_three.transpose();
         let noise = Matrix3::from_fn(|i, j| self.sensitivity.noise[i][j]) / (drive * drive);
         (scatter + noise).try_inverse()
     }
 
-    /// The squared Mahalanobis distance of features from a channel's baseline, and whether that
-    /// distance decides. It decides up to the limit of the second look. Beyond the limit a fit
-    /// ([`SensitivityDetector::own_distance`]) must decide: the features are of second order, which
-    /// is inaccurate far from the model's ring, while the signal may lie near its own channel.
-    /// `metric`: from [`SensitivityDetector::own_metric`]; `features`: four, relative to the
-    /// model's ring.
+    /// The squared Mahalanobis distance of four features from a channel's baseline, and whether it
+    /// decides. Else [`SensitivityDetector::own_distance`] must: the second order may be
+    /// inaccurate.
     pub fn own_look(
         &self,
         metric: &Matrix3<f64>,
         features: &Vector4<f64>,
         own: &OwnBaseline,
     ) -> (f64, bool) {
-        let x = self.own.to_three * (features - own.baseline);
+        let x = self.estimator.to_three * (features - own.baseline);
         let distance = x.dot(&(metric * x));
         (distance, distance <= SECOND_LOOK)
     }
 
     /// The squared distance of a signal from a channel's baseline by a fitted ring. `near`:
-    /// features to second order, to start from; `deviation`: N, counts; `signal`: a buffer. `None`:
-    /// no upright ring fits.
+    /// features to start from; `signal`: a buffer. `None`: no upright ring fits.
     pub fn own_distance(
         &self,
         metric: &Matrix3<f64>,
@@ -295,43 +180,31 @@ impl SensitivityDetector {
         (deviation, drive): (&[f64], f64),
         signal: &mut Vec<f64>,
     ) -> Option<f64> {
-        // The fit holds the phase. So the four features of the start and of the baseline are mapped
-        // to the three that such a fit would find, which takes up their phases.
-        let near = self.own.to_three * near;
+        // what a fit with the phase held would find
+        let near = self.estimator.to_three * near;
         self.at_reference(deviation, drive, signal);
         let fit = self.rings.fitter.fit_from(signal, &features(&near), false)?;
-        let x = three(&fit)? - self.own.to_three * own.baseline;
+        let x = three(&fit)? - self.estimator.to_three * own.baseline;
         Some(x.dot(&(metric * x)))
     }
 
-    /// Both statistics of a signal, refined by fits where the first look asks for them. This is the
-    /// reference, signal by signal; the filter stage does the same for many signals side by side.
-    /// `deviation`: from the expected signal at the signal's drive and temperature, N, counts;
-    /// `signal`: a buffer.
+    /// Both statistics of a signal, refined by fits where the first look asks for them: the
+    /// reference of what the filter stage does for many signals side by side. `signal`: a buffer.
     pub fn detect(&self, deviation: &[f64], drive: f64, signal: &mut Vec<f64>) -> Detection {
         let look = self.first_look(deviation, drive);
-        match look.asks() {
-            None => look.detection(),
-            Some(near) => {
-                // First the fit with the phase held, for the distance. From there, if the misfit is
-                // asked for, the fit with the phase free.
-                self.at_reference(deviation, drive, signal);
-                let fitter = &self.rings.fitter;
-                let fit = fitter.fit_from(signal, &near, false);
-                let near = look.asks_beside().then(|| look.near(fit.as_ref()));
-                let free = near.and_then(|near| fitter.fit_from(signal, &near, true));
-                let free = free.as_ref().map(|fit| (signal.as_slice(), fit));
-                self.second_look(&look, fit.as_ref(), free, drive)
-            }
-        }
+        let Some(near) = look.asks() else { return look.detection() };
+        self.at_reference(deviation, drive, signal);
+        let fitter = &self.rings.fitter;
+        let held = fitter.fit_from(signal, &near, false);
+        let near = look.asks_beside().then(|| look.near(held.as_ref()));
+        let free = near.and_then(|near| fitter.fit_from(signal, &near, true));
+        let free = free.as_ref().map(|fit| (signal.as_slice(), fit));
+        self.second_look(&look, held.as_ref(), free, drive)
     }
 
-    /// Both statistics to first order, and whether they decide. `deviation`: N, counts. At a drive
-    /// at which the covariance is singular there is no metric: the signal counts as infinitely far,
-    /// which needs no fit.
+    /// Both statistics to first order, and whether they decide. At a drive at which the covariance
+    /// is singular the signal counts as infinitely far, which needs no fit.
     pub fn first_look(&self, deviation: &[f64], drive: f64) -> FirstLook {
-        // The misfit is the square norm of the deviation less that of its part along the
-        // sensitivities.
         let features = self.sensitivity.features(deviation, drive);
         let along = features * drive;
         let unexplained = dot(deviation, deviation) - along.dot(&(self.gram * along));
@@ -340,19 +213,16 @@ impl SensitivityDetector {
             return FirstLook { features, distance, unexplained, metric: None, beside };
         };
         let distance = self.sensitivity.distance(&metric, &features);
-        // Near enough, or clearly far: the first-order distance decides. The misfit is computed
-        // again if it is large, except for signals clearly far along the ring, which the first test
-        // flags anyway.
+        // Near enough, or clearly far: the first-order distance decides. Signals clearly far along
+        // the ring are flagged whatever their misfit is.
         let settled = distance <= SECOND_LOOK || distance >= CLEARLY_FAR;
         let beside = distance < CLEARLY_FAR && unexplained > self.settled;
         let metric = (!settled).then_some(metric);
         FirstLook { features, distance, unexplained, metric, beside }
     }
 
-    /// A signal's four features (the phase free), from which the state of printheads and channels
-    /// is followed. `deviation`: N, counts; `far`: whether a fit may be made; `signal`: a buffer.
-    /// `None`: the signal holds more than a ring; or `far` is false and the signal lies so far off
-    /// that only a fit would tell its features.
+    /// A signal's four features, from which printheads and channels are followed. `far`: whether a
+    /// fit may be made. `None`: it holds more than a ring; or only a fit would tell its features.
     pub(super) fn features_of_ring(
         &self,
         deviation: &[f64],
@@ -360,13 +230,12 @@ impl SensitivityDetector {
         far: bool,
         signal: &mut Vec<f64>,
     ) -> Option<Vector4<f64>> {
-        // The features to second order suffice if what the ring leaves of the signal is small
-        // (`settled`), and if the signal is near enough for the second order or no fit is wanted.
+        // no fit where the ring leaves little of the signal, and the signal is near enough
         let first = self.to_first_order(deviation, drive);
         let along = first * drive;
         let settled =
-            dot(deviation, deviation) - along.dot(&(self.own.gram * along)) <= self.settled;
-        let (near, is_near) = self.own.straightened(first, drive);
+            dot(deviation, deviation) - along.dot(&(self.estimator.gram * along)) <= self.settled;
+        let (near, is_near) = self.estimator.straightened(first, drive);
         if settled && (is_near || !far) {
             return Some(near);
         }
@@ -374,18 +243,12 @@ impl SensitivityDetector {
             return None;
         }
 
-        // Beyond, a fit gives the features, and tells whether the signal is a ring at all. The
-        // bound on the fit's misfit is that of the second test (`ring_only`): a lower one would
-        // keep out most channels of a printhead whose ink is some degrees warmer, since what
-        // healthy signals hold beside their ring changes with the ink, too. Then such a printhead
-        // could not be followed.
+        // A lower bound on the fit's misfit than the second test's would lose printheads of warmer
+        // ink, since what healthy signals hold beside their ring changes with the ink, too.
         self.at_reference(deviation, drive, signal);
-
         // A ring that is upside down (swapped wires) is half a turn away, which no search from the
-        // healthy ring reaches. So the features of the inverted signal are taken, and pi is added
-        // to the phase. `upright` is the deviation of the inverted signal: -y - drive * expected,
-        // with y = drive * `signal`. The leftover, part of the expected signal, is inverted with
-        // the ring.
+        // healthy ring reaches. `upright` is the deviation of the inverted signal: -y - drive *
+        // expected, with y = drive * `signal`; the leftover is inverted with the ring.
         if dot(signal, &self.expected) < 0.0 {
             let upright = signal.iter().zip(&self.expected).map(|(y, e)| -drive * (y + e));
             let upright: Vec<f64> = upright.collect();
@@ -393,25 +256,22 @@ impl SensitivityDetector {
             return Some(features + Vector4::new(0.0, 0.0, 0.0, std::f64::consts::PI));
         }
 
-        // An upright ring: the fit from the features to second order.
         let fit = self.rings.fitter.fit_from(signal, &Features::from(near), true)?;
         let is_ring = self.unexplained(signal, &fit, drive) <= self.ring_only;
         is_ring.then(|| fit.features.coordinates())
     }
 
-    /// Standard deviations of healthy signals' four features at the reference drive, noise
-    /// included.
+    /// Standard deviations of healthy signals' four features, noise included.
     pub(super) fn healthy_sd(&self) -> Vector4<f64> {
-        (self.healthy_spread().diagonal() + self.own.noise.diagonal()).map(f64::sqrt)
+        (self.healthy_spread().diagonal() + self.estimator.noise.diagonal()).map(f64::sqrt)
     }
 
-    /// Covariance of healthy channels' four features, without noise. Training learns only that of
-    /// three features with the phase held, so the variance of the phase is not known. An upper
-    /// bound is used: the phase that alone would explain all of the variance of ln frequency. The
-    /// phase's covariances with the other features are taken as 0.
+    /// Covariance of healthy channels' four features, without noise. Training holds the phase, so
+    /// its variance is not known: the upper bound is the phase that alone would explain all of the
+    /// variance of ln frequency. Its covariances are taken as 0.
     pub(super) fn healthy_spread(&self) -> Matrix4<f64> {
         let known = &self.sensitivity.spread;
-        let of_phase = known[2][2] / self.own.to_three[(2, 3)].powi(2).max(f64::MIN_POSITIVE);
+        let of_phase = known[2][2] / self.estimator.to_three[(2, 3)].powi(2).max(f64::MIN_POSITIVE);
         Matrix4::from_fn(|i, j| match (i, j) {
             (0..3, 0..3) => known[i][j],
             (3, 3) => of_phase,
@@ -419,19 +279,18 @@ impl SensitivityDetector {
         })
     }
 
-    /// The statistics of a first look, refined by the fits that `look` asked for. `fit`: the one
-    /// with the phase held. `free`: if [`FirstLook::asks_beside`], the signal corrected to
-    /// reference drive and temperature, N, counts, and its fit with the phase free that was started
-    /// from [`FirstLook::near`]. A statistic whose fit failed keeps its first-order value.
+    /// The statistics of a first look, refined by the fits that it asked for: `held`, with the
+    /// phase held, and `free`, of the signal at reference drive and temperature, N, counts. A
+    /// statistic whose fit failed keeps its first-order value.
     pub fn second_look(
         &self,
         look: &FirstLook,
-        fit: Option<&Fit>,
+        held: Option<&Fit>,
         free: Option<(&[f64], &Fit)>,
         drive: f64,
     ) -> Detection {
         let mut found = look.detection();
-        if let (Some(x), Some(metric)) = (fit.and_then(three), &look.metric) {
+        if let (Some(x), Some(metric)) = (held.and_then(three), &look.metric) {
             found.ring = self.sensitivity.distance(metric, &x);
         }
         if look.beside {
@@ -441,30 +300,27 @@ impl SensitivityDetector {
         found
     }
 
-    /// The misfit of a signal beside its ring, without the leftover that every healthy signal has,
-    /// counts² at the signal's own drive. `signal`: corrected to reference drive and temperature,
-    /// N, counts; `fit`: its fit with the phase free.
+    /// The misfit of a signal beside its ring, without the leftover, counts² at the signal's own
+    /// drive. `signal`: at reference drive and temperature, N, counts; `fit`: the phase free.
     pub fn unexplained(&self, signal: &[f64], fit: &Fit, drive: f64) -> f64 {
         let left = self.rings.misfit(signal, &fit.features);
         dot(&left, &left) * drive * drive
     }
 
-    /// The fitter of rings for second looks, for signals corrected to the reference drive and
-    /// temperature.
+    /// The fitter of second looks, for signals corrected to the reference drive and temperature.
     pub fn fitter(&self) -> &RingFitter {
         &self.rings.fitter
     }
 
-    /// Writes the signal corrected to the reference drive and temperature to `out`, N, counts: the
-    /// expected signal plus the deviation per unit drive.
+    /// Writes the signal corrected to the reference drive and temperature, N, counts.
     fn at_reference(&self, deviation: &[f64], drive: f64, out: &mut Vec<f64>) {
         out.clear();
         out.extend(self.expected.iter().zip(deviation).map(|(e, d)| e + d / drive));
     }
 }
 
-/// The three features of a fit whose phase was held. `None`: the fitted ring is upside down (a
-/// negative amplitude, a phase of half a turn), which these three features would not show.
+/// The features of a fit whose phase was held. `None`: the ring is upside down (a phase of half a
+/// turn), which these three would not show.
 fn three(fit: &Fit) -> Option<Vector3<f64>> {
     let x = fit.features;
     let is_upright = x.phase_rad.cos() > 0.0;

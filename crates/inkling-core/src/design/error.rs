@@ -1,8 +1,10 @@
-//! The error of the room `design`: why a design cannot be made or used. And the small rules, shared
-//! by its files, of what numbers of a design or signal must be.
+//! Why a design cannot be made or used; and what numbers of a design or signal must be.
 
 use crate::isolate::IsolateMethod;
 use thiserror::Error;
+
+/// A result whose error, unless another is named, is a [`DesignError`].
+pub type Result<T, E = DesignError> = std::result::Result<T, E>;
 
 /// Why a design cannot be made or used.
 #[derive(Debug, Error)]
@@ -21,9 +23,20 @@ pub enum DesignError {
     Invalid(String),
 }
 
+impl From<String> for DesignError {
+    fn from(words: String) -> DesignError {
+        DesignError::Invalid(words)
+    }
+}
+
+impl From<&str> for DesignError {
+    fn from(words: &str) -> DesignError {
+        DesignError::Invalid(words.into())
+    }
+}
+
 impl DesignError {
-    /// The error in words, with what helps against it. `labelled`: whether labels say which signals
-    /// are healthy, since other things help then.
+    /// The error with what helps against it. `labelled`: whether labels say what is healthy.
     pub fn advice(&self, labelled: bool) -> String {
         match self {
             DesignError::Identify(e) => e.advice(labelled),
@@ -34,14 +47,20 @@ impl DesignError {
     /// The error of a method of isolation that the design was not trained with.
     pub(super) fn untrained(method: IsolateMethod) -> DesignError {
         let method = method.as_str();
-        DesignError::Invalid(format!(
+        format!(
             "isolate.method = \"{method}\": the design was not trained with it; train with --set \
              isolate.method={method}"
-        ))
+        )
+        .into()
     }
 }
 
-/// Whether a number may be counts: finite, and so small that sums of its squares are finite, too.
+/// An error in these words unless `holds`.
+pub(super) fn must(holds: bool, words: impl Into<String>) -> Result<(), String> {
+    if holds { Ok(()) } else { Err(words.into()) }
+}
+
+/// Whether a number may be counts: sums of squares are finite, too.
 pub(super) fn is_count(v: &f64) -> bool {
     v.abs() <= 1e30
 }

@@ -8,18 +8,15 @@
 //! * `shapes`, which every signal has: the sum over k of s^k shape_k;
 //! * `follows`, parameters that depend linearly on covariates: s (D(theta, t) - D(theta_0, t));
 //! * `previous_tail` p, the previous actuation's decay, which still rings: s p D(theta, t + t_p).
-//!
-//! The effect of temperature is not here: every healthy model learns it ([`super::HealthyModel`]).
 
-use super::error::{is_count, is_signal};
+use super::error::{is_count, is_signal, must};
 use crate::burst::{Beside, Burst};
 use crate::identify::reservoir::relative_drive;
 use crate::model::free_decay::{self, ALL, Theta};
 use serde::{Deserialize, Serialize};
 
-/// Largest change of ln damping and of ln frequency that all covariates together may cause, to
-/// either side. It bounds what a damaged or extrapolated extension can do (the value is somewhat
-/// arbitrary).
+/// Largest change of ln damping and of ln frequency that all covariates together may cause, against
+/// damaged or extrapolated extensions (somewhat arbitrary).
 const MOST_SHIFT: f64 = 1.0;
 
 /// A covariate: a number that is recorded with a signal and has an effect on its free decay.
@@ -51,14 +48,13 @@ impl Covariate {
     }
 }
 
-/// Linear dependence of the free decay's parameters on one covariate z: their change is
-/// slope * (z clamped to `range` - about).
+/// The parameters of the free decay change with a covariate z by slope * (z within `range` - about).
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Follows {
+pub struct CovariateEffect {
     pub covariate: Covariate,
-    /// Value of the covariate at which the change is 0, in the unit of [`Covariate`].
+    /// In the unit of [`Covariate`].
     pub about: f64,
-    /// Range of the covariate in the critique's recordings; beyond it the covariate is clamped.
+    /// Range of the covariate in the critique's recordings.
     pub range: [f64; 2],
     /// Change of the parameters [`Extension::decay`] per unit of the covariate.
     pub slope: [f64; ALL],
@@ -70,31 +66,26 @@ pub struct Extension {
     /// Identifiers of the causes that the critique named, as in `critique.json`.
     pub causes: Vec<String>,
     /// The typical free decay, per unit drive: ln sigma, ln omega, a, b, c, ln lambda; time counts
-    /// in signal lengths, amplitudes in counts ([`crate::model::free_decay`]).
+    /// in signal lengths, amplitudes in counts.
     pub decay: [f64; ALL],
     /// One entry per covariate that has an effect.
-    pub follows: Vec<Follows>,
-    /// Amplitude of the previous actuation's decay, which still rings, over that of the present
-    /// one, at the same time after each actuation; 0: no such effect.
+    pub follows: Vec<CovariateEffect>,
+    /// Amplitude of the previous actuation's decay over that of the present one at equal ages.
     pub previous_tail: f64,
-    /// Shapes that every signal has; shape number k, from 0 on, is scaled by drive^k. Each N,
-    /// counts, or empty: there is none with that power.
+    /// Shape number k, from 0 on, is scaled by drive^k. Each N, counts, or empty.
     pub shapes: Vec<Vec<f64>>,
 }
 
 impl Extension {
-    /// Subtracts the extension from a signal, in place. `beside`: the signal's covariates; `drive`:
-    /// relative; `dt_s`: sample period, s; `signal`: N, counts. A covariate that was not recorded
-    /// (NaN) has no effect.
+    /// Subtracts the extension from a signal, in place. `beside`: the signal's covariates, without
+    /// effect where they were not recorded (NaN); `drive`: relative; `signal`: N, counts.
     pub fn subtract(&self, beside: &Beside, drive: f64, dt_s: f64, signal: &mut [f64]) {
-        // The shapes, with ascending powers of the drive.
         let mut scale = 1.0;
         for shape in &self.shapes {
             signal.iter_mut().zip(shape).for_each(|(y, v)| *y -= scale * v);
             scale *= drive;
         }
 
-        // The signal's own decay: the typical one, moved by every covariate that was recorded.
         let usual = Theta::from(self.decay);
         let mut own = usual;
         for follows in &self.follows {
@@ -104,27 +95,23 @@ impl Extension {
                 own += Theta::from(follows.slope) * z;
             }
         }
-        // The change of the first two parameters, ln damping and ln frequency, is bounded.
+        // the first two parameters are ln damping and ln frequency
         for (own, usual) in own.iter_mut().zip(&usual).take(2) {
             *own = own.clamp(usual - MOST_SHIFT, usual + MOST_SHIFT);
         }
-        // Replace the signal's own decay by the typical one.
         if !self.follows.is_empty() {
             free_decay::add(&own, true, 0.0, -drive, signal);
             free_decay::add(&usual, true, 0.0, drive, signal);
         }
 
-        // Subtract what the previous actuation's decay still is. `since`: the time from that
-        // actuation to the first sample, in signal lengths, the unit of the decay's time. Infinite:
-        // there was none.
+        // the time since the previous actuation in signal lengths; infinite: there was none
         let since = beside.idle_s / (dt_s * signal.len() as f64);
         if self.previous_tail != 0.0 && since.is_finite() && since > 0.0 {
             free_decay::add(&own, true, since, -drive * self.previous_tail, signal);
         }
     }
 
-    /// Subtracts the extension from the signal of row `row` of a burst. `reference_v`: drive
-    /// voltage that relative drives refer to, V.
+    /// The same of row `row` of a burst. `reference_v`: voltage that relative drives refer to.
     pub fn take_off(
         &self,
         burst: &Burst,
@@ -136,26 +123,19 @@ impl Extension {
         self.subtract(&burst.beside(row), drive, burst.sample_period_s, signal);
     }
 
-    /// Refuses an extension that no critique could have written, and says why.
+    /// Refuses an extension that no critique could have written.
     pub(super) fn check(&self, samples: usize) -> Result<(), String> {
         let numbers = self.decay.iter().chain([&self.previous_tail]);
         let of_follows =
             self.follows.iter().flat_map(|f| f.slope.iter().chain(&f.range).chain([&f.about]));
-        if !numbers.chain(of_follows).all(is_count) {
-            return Err("a number is not finite, or absurd".into());
-        }
-        if self.follows.iter().any(|f| f.range[0] > f.range[1]) {
-            return Err("`range` must rise".into());
-        }
+        must(numbers.chain(of_follows).all(is_count), "a number is not finite, or absurd")?;
+        must(!self.follows.iter().any(|f| f.range[0] > f.range[1]), "`range` must rise")?;
         // ln rates per signal length: damping, frequency, real pole
-        if [0, 1, 5].iter().any(|&k| self.decay[k].abs() > 20.0) {
-            return Err("`decay` has a rate that no signal shows".into());
-        }
+        let is_absurd = [0, 1, 5].iter().any(|&k| self.decay[k].abs() > 20.0);
+        must(!is_absurd, "`decay` has a rate that no signal shows")?;
         let fits = |shape: &Vec<f64>| shape.is_empty() || is_signal(shape, samples);
-        if self.shapes.len() > 4 || !self.shapes.iter().all(fits) {
-            return Err("`shapes` must be at most 4, finite, one number per sample each".into());
-        }
-        Ok(())
+        let words = "`shapes` must be at most 4, finite, one number per sample each";
+        must(self.shapes.len() <= 4 && self.shapes.iter().all(fits), words)
     }
 }
 
@@ -170,7 +150,7 @@ mod tests {
         Extension {
             causes: vec!["ageing".into(), "previous_tail".into(), "offset".into()],
             decay: [2.9_f64.ln(), 40.6_f64.ln(), 90.0, -40.0, 6.0, 3.7_f64.ln()],
-            follows: vec![Follows {
+            follows: vec![CovariateEffect {
                 covariate: Covariate::Time,
                 about: 1000.0,
                 range: [900.0, 1100.0],

@@ -3,12 +3,11 @@
 //! its training signals.
 //!
 //! In, from `train`: labelled signals y of the class with their relative drives s, and the healthy
-//! models y_hat of their printheads. Out: [`FaultClass`], from which `isolator` is made. The mean
-//! deviation per unit drive is the least-squares estimate, sum s (y - s y_hat) / sum s².
+//! models y_hat of their printheads. Out: [`FaultClass`], from which `isolator` is made.
 
 use super::fd_filter::{by_resonance, with_denominator};
 use super::healthy_model::deviations;
-use super::{DesignError, HealthyModel, LearnSettings};
+use super::{HealthyModel, LearnSettings, Result};
 use crate::detect::ResidualGenerator;
 use crate::fault::Class;
 use crate::identify::averaging::SignalSet;
@@ -17,57 +16,46 @@ use crate::identify::{Bounds, GreyBoxSettings};
 use serde::{Deserialize, Serialize};
 
 /// When a fault's model is identified, the rates are searched at least this factor to either side
-/// of the guess. Faults move the rates further than the ink of a healthy channel does: a blocked
-/// nozzle moves a/b and d by more than a factor of 20 (`model/faults.rs`).
+/// of the guess: a blocked nozzle moves a/b and d by more than a factor of 20 (`model/faults.rs`).
 const LEAST_BOUND_FACTOR: f64 = 300.0;
 
-/// A fault class of a design.
-///
 /// Departs: thesis §3-3-2 keeps mean residuals. r = F (y - y_hat) is affine in y, so a mean
 /// deviation is kept and filtered by whichever model judges: it survives re-identification.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct FaultClass {
     pub name: String,
-    /// The group of classes that need the same thing to be done, see [`crate::fault`].
+    /// The group of classes that need the same thing to be done.
     pub category: String,
-    /// Names of the laws (the thesis's classes, or the user's own laws) that the class was declared
-    /// to stand for (`isolate.classes`); empty: none were declared.
+    /// Names of the laws that the class was declared to stand for (`isolate.classes`).
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub of: Vec<String>,
-    /// Number of labelled signals that the class was learned from; 0: it is known by the physics
-    /// alone.
+    /// 0: the class is known by the physics alone.
     pub n_signals: u64,
-    /// Mean of y/s - y_hat, weighted by s²: the deviation per unit drive, N, counts. Of a class
-    /// that the physics alone knows it is the predicted one in the middle of the severities.
+    /// Per unit drive, N, counts; predicted in the middle of the severities where nothing is
+    /// labelled.
     pub deviation: Vec<f64>,
-    /// The class's own dynamics, for `isolate.method` = `model-matching`; absent where the class's
-    /// mean is no damped oscillation.
+    /// The class's own dynamics, if its mean is a damped oscillation (`model-matching`).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<FaultModel>,
-    /// Deviations of training signals per unit drive, N each, counts, for `isolate.method` =
-    /// `neighbours`.
+    /// Deviations of training signals per unit drive, N each, counts (`neighbours`).
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub examples: Vec<Vec<f64>>,
 }
 
-/// The dynamics of a fault class, thesis §3-3-1.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct FaultModel {
     pub identification: Identification,
-    /// What this model expects less what the healthy one expects, per unit drive, N, counts.
+    /// What this model expects less what the healthy one does, per unit drive, N, counts.
     pub expected: Vec<f64>,
-    /// The FD filter of the fault: its numerator, from the left null space of this class's
-    /// dynamics, turns what these dynamics explain into nothing.
+    /// The filter that turns what these dynamics explain into nothing.
     pub generator: ResidualGenerator,
-    /// Residual energy above which a signal is not of this class, counts²·s, of signals per unit
-    /// drive.
+    /// Residual energy above which a signal is not of this class, counts²·s, per unit drive.
     pub bound: f64,
 }
 
 impl FaultClass {
-    /// Learns a class's mean deviation. `sets`: the class's signals, each set with the healthy
-    /// model of its printhead. The sum of s (y - s y_hat) over that of s² weighs each y/s - y_hat
-    /// by s², which makes the mean the least-squares estimate of the deviation per unit drive.
+    /// Learns a class's mean deviation per unit drive, by least squares: sum s (y - s y_hat) / sum
+    /// s². `sets`: the class's signals, each set with the healthy model of its printhead.
     pub fn learn(name: &str, category: &str, sets: &[(&HealthyModel, &SignalSet)]) -> FaultClass {
         let samples = sets.first().map_or(0, |(_, set)| set.samples);
         let (mut sum, mut weight, mut n) = (vec![0.0; samples], 0.0, 0);
@@ -88,24 +76,21 @@ impl FaultClass {
         }
     }
 
-    /// The class's name and category, and the laws that it stands for: the law of its own name
-    /// where none were declared. The unit is not known here ([`super::Design::fault_classes`] adds
-    /// it).
+    /// The class's name and category, and the laws that it stands for: that of its own name where
+    /// none were declared. [`super::Design::fault_classes`] adds the unit.
     pub fn class(&self) -> Class {
         let (name, category) = (self.name.clone(), self.category.clone());
         let of = if self.of.is_empty() { vec![name.clone()] } else { self.of.clone() };
         Class { name, category, of, unit: None }
     }
 
-    /// Identifies the class's dynamics: thesis (3-1) on the class's mean signal, which is what
-    /// `healthy` expects plus the mean deviation. The bounds of the rates are wider than for a
-    /// healthy channel, since faults move the rates further.
+    /// Identifies the class's dynamics: thesis (3-1) on the class's mean signal, within wider bounds.
     pub(super) fn identify(
         &self,
         healthy: &HealthyModel,
         grey_box: &GreyBoxSettings,
         dt_s: f64,
-    ) -> Result<Identification, DesignError> {
+    ) -> Result<Identification> {
         let mean: Vec<f64> =
             healthy.expected.iter().zip(&self.deviation).map(|(y, d)| y + d).collect();
         let bound_factor = grey_box.bound_factor.max(LEAST_BOUND_FACTOR);
@@ -113,20 +98,17 @@ impl FaultClass {
         Ok(grey_box::identify(&mean, dt_s, 0.0, &wider, None)?)
     }
 
-    /// Learns the class's own model, filter (the class's own numerator, method I's denominator of
-    /// the healthy model) and bound, thesis §3-3-1. The bound is the residual energy up to which
-    /// `share` of the class's own training signals lie. `healthy`: the pooled model; `sets`: as in
-    /// [`FaultClass::learn`]. An error if the mean is no damped oscillation, or leaves no energy.
+    /// Learns the class's own model, filter and bound, thesis §3-3-1: the residual energy up to
+    /// which `share` of its training signals lie. An error if the mean is no damped oscillation.
     pub(super) fn learn_model(
         &mut self,
         healthy: &HealthyModel,
         sets: &[(&HealthyModel, &SignalSet)],
         share: f64,
         settings: LearnSettings,
-    ) -> Result<(), DesignError> {
+    ) -> Result<()> {
         let (dt_s, samples) = (settings.sample_period_s, self.deviation.len());
         let identification = self.identify(healthy, settings.grey_box, dt_s)?;
-        // One denominator for all classes, since the energies of the classes are compared.
         let denominator = by_resonance(&healthy.identification, samples, settings.detect, dt_s)?;
         let generator = with_denominator(&identification.channel, denominator, dt_s)?;
         let expected: Vec<f64> = identification
@@ -137,7 +119,6 @@ impl FaultClass {
             .collect();
         let mut model = FaultModel { identification, expected, generator, bound: 0.0 };
 
-        // the bound: a quantile of the energies that the class's own signals leave
         let mut scratch = Vec::new();
         let mut energies: Vec<f64> =
             deviations(sets).iter().map(|d| model.energy(d, 1.0, &mut scratch)).collect();
@@ -145,14 +126,13 @@ impl FaultClass {
         let last = energies.len().saturating_sub(1);
         model.bound = energies.get((share * last as f64).ceil() as usize).copied().unwrap_or(0.0);
         if !(model.bound.is_finite() && model.bound > 0.0) {
-            return Err(DesignError::Invalid("its signals leave no residual energy".into()));
+            return Err("its signals leave no residual energy".into());
         }
         self.model = Some(model);
         Ok(())
     }
 
-    /// Keeps the training signals themselves, as deviations per unit drive, rounded to a hundredth
-    /// of a count.
+    /// Keeps the training signals as deviations per unit drive, rounded to a hundredth of a count.
     pub(super) fn keep_examples(&mut self, sets: &[(&HealthyModel, &SignalSet)]) {
         self.examples = deviations(sets);
         for v in self.examples.iter_mut().flatten() {
@@ -162,9 +142,8 @@ impl FaultClass {
 }
 
 impl FaultModel {
-    /// Residual energy of a signal under this class's filter, counts²·s, of the signal per unit
-    /// drive. `deviation`: from what the healthy model expects, N, counts, at `drive`; `scratch`: a
-    /// buffer.
+    /// Residual energy of a signal under this class's filter, counts²·s, per unit drive.
+    /// `deviation`: from what the healthy model expects at `drive`, N, counts; `scratch`: a buffer.
     pub fn energy(&self, deviation: &[f64], drive: f64, scratch: &mut Vec<f64>) -> f64 {
         scratch.clear();
         scratch.extend(deviation.iter().zip(&self.expected).map(|(d, e)| d / drive - e));

@@ -1,52 +1,46 @@
 //! The FD filter of an identified model: numerator N L from the null space, thesis (3-2),
 //! denominator alpha by method I or as it was learned from faults, thesis §3-2-1.
 //!
-//! In, from `learn`: an identified model, the settings `[detect]`, and for every
-//! `detect.denominator` but method I what training has learned from faults ([`LearnedFilter`]).
-//! Out: the [`ResidualGenerator`] r = (M N L / alpha) d, discretised exactly: each pole s becomes z
-//! = e^(s dt).
+//! In, from `learn`: an identified model, the settings `[detect]`, and what training has learned
+//! from faults ([`LearnedFilter`]). Out: the [`ResidualGenerator`] r = (M N L / alpha) d,
+//! discretised exactly: each pole s becomes z = e^(s dt).
 
-use super::DesignError;
+use super::Result;
 use crate::detect::{Denominator, DetectSettings, ResidualGenerator, null_space, numerator, poles};
 use crate::identify::GreyBoxSettings;
 use crate::identify::grey_box::Identification;
 use crate::model::InkChannel;
 use serde::{Deserialize, Serialize};
 
-/// Settings for learning a healthy model, as `HealthyModel::learn` takes them.
+/// Settings for learning a healthy model.
 #[derive(Clone, Copy, Debug)]
 pub struct LearnSettings<'a> {
     pub grey_box: &'a GreyBoxSettings,
     pub detect: &'a DetectSettings,
-    /// Least share of a window's signals that must agree with each other. `None`: labels say that
-    /// all signals are healthy; by this labelled signals and windows are told apart.
+    /// Least share of a window's signals that must agree; `None`: labels say that all are healthy.
     pub least_agreeing: Option<f64>,
     /// Sample period, s.
     pub sample_period_s: f64,
-    /// The part of the filter that methods II, III and the search have learned from faults; `None`
-    /// with method I.
+    /// What was learned from faults; `None` with method I.
     pub filter: Option<&'a LearnedFilter>,
 }
 
-/// What the methods but method I learn from faults. Later models, of windows, take it over: only
-/// the numerator N L follows the model.
+/// What the methods but method I learn from faults; the numerator N L follows the model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LearnedFilter {
     /// alpha(z), descending powers.
     pub denominator: Vec<f64>,
-    /// M(z), the factor of the numerator (thesis §3-2-1 III), descending powers; the constant 1
-    /// with methods that learn the denominator alone.
+    /// M(z), the factor of the numerator (thesis §3-2-1 III), descending powers; 1: none.
     pub enhancement: Vec<f64>,
 }
 
-/// The filter of an identified model for signals of `samples` samples with the period `dt_s`, s. An
-/// error if the chosen denominator is one that is learned from faults and nothing was learned.
+/// An error if the denominator is learned from faults and nothing was learned.
 pub(super) fn residual_generator(
     identification: &Identification,
     samples: usize,
     settings: LearnSettings,
     dt_s: f64,
-) -> Result<ResidualGenerator, DesignError> {
+) -> Result<ResidualGenerator> {
     let LearnSettings { detect, filter, .. } = settings;
     match (detect.denominator, filter) {
         (Denominator::Resonance, _) => {
@@ -54,41 +48,39 @@ pub(super) fn residual_generator(
             with_denominator(&identification.channel, denominator, dt_s)
         }
         (_, Some(LearnedFilter { denominator, enhancement })) => {
-            // the degree that is left for N, so that M N has no higher degree than the denominator
+            // so that M N has no higher degree than the denominator
             let degree = denominator.len().saturating_sub(enhancement.len());
             let n = null_space::numerator_of(&identification.channel, dt_s, degree)?;
             let m_n = numerator::product(enhancement, &n);
             Ok(ResidualGenerator::new(m_n, denominator.clone(), dt_s)?)
         }
-        (_, None) => Err(DesignError::Invalid(
+        (_, None) => Err(
             "detect.denominator: all but \"resonance\" are learned from faults: give a design that was \
              trained with it, or use \"resonance\""
                 .into(),
-        )),
+        ),
     }
 }
 
-/// The filter N L / alpha of a channel, with the numerator's degree equal to that of `denominator`
-/// (alpha).
+/// The filter N L / alpha of a channel, with the numerator's degree equal to that of alpha.
 pub(super) fn with_denominator(
     channel: &InkChannel,
     denominator: Vec<f64>,
     dt_s: f64,
-) -> Result<ResidualGenerator, DesignError> {
+) -> Result<ResidualGenerator> {
     let numerator = null_space::numerator_of(channel, dt_s, denominator.len() - 1)?;
     Ok(ResidualGenerator::new(numerator, denominator, dt_s)?)
 }
 
-/// The denominator alpha(z) of method I for a model, descending powers: an undamped pair at omega_r
-/// = 2 pi n_o / T, and the settings' other poles. n_o, the number of oscillations within a signal
-/// of length T, is `detect.oscillations`; or `detect.oscillations_of_ring` times that of the
-/// healthy ring, f0 T (by default once, which is the healthy resonance itself).
+/// The denominator alpha(z) of method I, descending powers: an undamped pair at 2 pi n_o / T, and
+/// the settings' other poles. n_o, the number of oscillations within a signal of length T, is
+/// `detect.oscillations`, or `detect.oscillations_of_ring` (by default 1) times the healthy ring's.
 pub(super) fn by_resonance(
     identification: &Identification,
     samples: usize,
     detect: &DetectSettings,
     dt_s: f64,
-) -> Result<Vec<f64>, DesignError> {
+) -> Result<Vec<f64>> {
     let of_ring = poles::healthy_oscillations(identification.poles.frequency_hz, samples, dt_s);
     let oscillations =
         detect.oscillations.unwrap_or(of_ring * detect.oscillations_of_ring.unwrap_or(1.0));

@@ -6,30 +6,27 @@
 //! what the others would be called instead. `train` prints it, and refuses a design with a class
 //! that can never be named.
 //!
-//! The cross-validation has two folds, divided by channel. For each fold, classes, posterior and
-//! bounds are learned again from the other fold, and the fold is judged. Healthy models, filter and
-//! physics stay those of all signals.
+//! The cross-validation has two folds, divided by channel. For each, classes, posterior and bounds
+//! are learned again from the other. Healthy models, filter and physics stay those of all signals.
 
 use super::train::{learn_classes, learn_posterior};
 use super::{
-    Design, DesignError, IsolateSettings, Judge, LearnSettings, TrainingSet, Workspace, typical,
+    Design, IsolateSettings, Judge, LearnSettings, Result, TrainingSet, Workspace, typical,
 };
+use crate::fault::HEALTHY;
 use crate::identify::GreyBoxSettings;
-use crate::identify::averaging::SignalSet;
 use crate::isolate::Likeness;
 use crate::numbers::tuned::few;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, OnceLock};
 
-/// Number of folds of the cross-validation. Each signal is held out once.
 const FOLDS: usize = 2;
-/// At most so many signals of a class and printhead are judged (all of them are learned from).
+/// At most so many signals of a class and printhead are judged.
 const MOST_SIGNALS: usize = 1024;
 
 /// Counts of the labelled signals of one class, as a design judges them.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Judged {
-    /// Signals that were judged.
     pub signals: usize,
     /// Signals that the detection flags.
     pub detected: usize,
@@ -41,39 +38,32 @@ pub struct Judged {
     pub most_like: BTreeMap<String, usize>,
 }
 
-/// How a design does on the labelled signals of one of its classes.
 #[derive(Clone, Debug)]
 pub struct ClassReview {
     pub name: String,
     /// Number of signals that the labels gave the class, whether judged here or not.
     pub labelled: u64,
-    /// Whether the class is one of the physics, or was declared to stand for some of those: then
-    /// the design can name signals of the class without any label.
+    /// Whether the physics or a declaration knows the class, so that it can be named without labels.
     pub is_known: bool,
-    /// The class's signals as the design itself judges them.
+    /// By the design itself.
     pub trained_on: Judged,
-    /// Number of flagged signals of other classes that are most like this one, by their true class.
+    /// Flagged signals of other classes that are most like this one, by their true class.
     pub taken_in: BTreeMap<String, usize>,
-    /// The class's signals as designs judge them that were learned without them. Empty where the
-    /// class could not be learned without them: a class that only labels know, and that has a
-    /// single signal.
+    /// By designs that were learned without them; empty where the class could not be learned so.
     pub held_out: Judged,
 }
 
 impl Judged {
-    /// Number of signals that are named `class`.
     pub fn named(&self, class: &str) -> usize {
         self.named.get(class).copied().unwrap_or(0)
     }
 
-    /// The name, other than `class`, that the most signals get, and the number of these signals.
+    /// The name, other than `class`, that the most signals get, and their number.
     pub fn mistaken_for(&self, class: &str) -> Option<(&str, usize)> {
         most(&self.named, class)
     }
 
-    /// Judges one more signal and adds it to the counts. `deviation`: from the expected signal, N,
-    /// counts; `drive`: relative; `names`: those of the judge's classes; in `work`,
-    /// [`Workspace::warmer`] is set.
+    /// Judges one more signal by its deviation, N, counts. `names`: those of the judge's classes.
     fn count(
         &mut self,
         judge: &Judge,
@@ -87,10 +77,10 @@ impl Judged {
             return;
         }
         self.detected += 1;
-        let Some(said) = judge.isolate(deviation, drive, work) else { return };
-        self.no_ring += usize::from(said.likeness == Likeness::NoRing);
+        let Some(isolation) = judge.isolate(deviation, drive, work) else { return };
+        self.no_ring += usize::from(isolation.likeness == Likeness::NoRing);
         for (counts, class) in
-            [(&mut self.named, said.fault), (&mut self.most_like, said.candidate)]
+            [(&mut self.named, isolation.fault), (&mut self.most_like, isolation.candidate)]
         {
             if let Some(name) = class.and_then(|k| names.get(usize::from(k))) {
                 *counts.entry(name.clone()).or_default() += 1;
@@ -99,18 +89,15 @@ impl Judged {
     }
 }
 
-/// The name with the largest count, and that count, among all names but `but`.
+/// The name with the largest count, and that count, but for one name.
 fn most<'a>(counts: &'a BTreeMap<String, usize>, but: &str) -> Option<(&'a str, usize)> {
     let others = counts.iter().filter(|(name, _)| *name != but);
     others.max_by_key(|(_, n)| **n).map(|(name, n)| (name.as_str(), *n))
 }
 
 impl ClassReview {
-    /// The reason, in words, why no signal of the class can ever be named; `None`: some can, or too
-    /// few signals tell. The class is then known by its labels alone, has at least `few` judged
-    /// signals, and not even a signal that it was learned from gets its name. Three reasons are
-    /// looked for in turn: no signal is flagged; most flagged signals do not ring; another class
-    /// takes many of the signals.
+    /// Why no signal of the class can ever be named; `None`: some can, or few signals tell. Only
+    /// labels know the class, and not even a signal that it was learned from gets its name.
     pub fn why_never_named(&self) -> Option<String> {
         let Judged { signals, detected, no_ring, ref most_like, .. } = self.trained_on;
         let is_never = !self.is_known && signals >= few() && self.trained_on.named(&self.name) == 0;
@@ -125,13 +112,10 @@ impl ClassReview {
                  rings; such signals are told as `no_ring`, the sensor's or the acquisition's"
             )
         } else {
-            // Signals that are most like their own class will be named when more signals of the
-            // class are labelled, so that is no reason to refuse it. The reason must be another
-            // class.
+            // Signals that are most like their own class will be named when more are labelled.
             let (like, n) = most(most_like, &self.name)?;
-            // Two names for one fault take each other's signals, so the signals of both directions
-            // are counted. They must be some, and a quarter of the flagged ones (a share somewhat
-            // arbitrary).
+            // Two names for one fault take each other's signals, so both directions are counted: some,
+            // and a quarter of the flagged ones (somewhat arbitrary).
             let back = self.taken_in.get(like).copied().unwrap_or(0);
             if n + back < few() || 4 * (n + back) < detected {
                 return None;
@@ -142,30 +126,23 @@ impl ClassReview {
         })
     }
 
-    /// Whether the chosen detection flags fewer than half of the class's signals.
     pub fn is_hardly_detected(&self) -> bool {
         2 * self.trained_on.detected < self.trained_on.signals
     }
 }
 
 impl Design {
-    /// Reviews every labelled class: how its signals are judged by this design, and by designs that
-    /// were learned without them.
-    pub fn tell_classes(
+    pub fn review_classes(
         &self,
         set: &TrainingSet,
         grey_box: &GreyBoxSettings,
         isolate: &IsolateSettings,
-    ) -> Result<Vec<ClassReview>, DesignError> {
-        // All labelled signals, at most MOST_SIGNALS of a class and printhead, by the design
-        // itself.
+    ) -> Result<Vec<ClassReview>> {
         let few = first_of(set);
         let mut trained_on = BTreeMap::new();
         judge_all(self, &few, isolate, &mut trained_on)?;
 
-        // Cross-validation: learn from the other folds, judge this one. A class that could not be
-        // learned without the fold is no class of `without`, so the class's held-out signals are
-        // not counted.
+        // Held-out signals of a class that could not be learned without the fold are not counted.
         let mut held_out = BTreeMap::new();
         for fold in 0..FOLDS {
             let learned_from = part_of(set, |of| of != fold);
@@ -178,11 +155,9 @@ impl Design {
             judge_all(&without, &part, isolate, &mut held_out)?;
         }
 
-        // One review per class from both counts.
         let review = |(name, of): (&String, &Judged)| {
             let class = self.classes.iter().find(|class| class.name == *name);
             let stands_for = class.map(|class| class.class().of).unwrap_or_default();
-            // the flagged signals of other classes that are most like this class
             let others = trained_on.iter().filter(|(other, _)| *other != name);
             let taken =
                 |(other, of): (&String, &Judged)| Some((other.clone(), *of.most_like.get(name)?));
@@ -198,14 +173,13 @@ impl Design {
         Ok(trained_on.iter().map(review).collect())
     }
 
-    /// The same design with its classes learned again, from the faulty signals of `set`. `None`:
-    /// these are too few for the method of isolation.
+    /// The same design with its classes learned again from `set`; `None`: its signals are too few.
     fn learned_from(
         &self,
         set: &TrainingSet,
         grey_box: &GreyBoxSettings,
         isolate: &IsolateSettings,
-    ) -> Result<Option<Design>, DesignError> {
+    ) -> Result<Option<Design>> {
         let settings = LearnSettings {
             grey_box,
             detect: &self.detect,
@@ -217,9 +191,7 @@ impl Design {
         let learned = learn_classes(&design, set, isolate, settings, &mut Vec::new());
         let is_known = |name: &str| isolate.physics.law(name).is_some();
 
-        // A class without labelled signals in `set` stays if the physics or a declaration knows it
-        // (with its mean deviation as it was); else the class goes. All others are replaced by what
-        // was learned.
+        // A class that the physics or a declaration knows stays without labelled signals as it was.
         design.classes.retain(|class| {
             is_known(&class.name) || !class.of.is_empty() || set.faulty.contains_key(&class.name)
         });
@@ -229,7 +201,6 @@ impl Design {
             }
         }
 
-        // Densities and bounds rest on the labelled signals, too, and are learned again.
         if self.posterior.is_some() {
             design.posterior = learn_posterior(&design, set)?.map(Arc::new);
             design.typical = typical::learn(&design, set)?.map(Arc::new);
@@ -239,15 +210,14 @@ impl Design {
     }
 }
 
-/// Judges every labelled class's signals by a design, each by the model of its printhead, and adds
-/// to `counts`, by class. If the design lacks what the method of isolation needs, the signals are
-/// only detected.
+/// Judges every labelled class's signals and adds to `counts`. If the design lacks what the method
+/// of isolation needs, they are only detected.
 fn judge_all(
     design: &Design,
     set: &TrainingSet,
     isolate: &IsolateSettings,
     counts: &mut BTreeMap<String, Judged>,
-) -> Result<(), DesignError> {
+) -> Result<()> {
     let names = design.class_names();
     let by = design.check_method(isolate.method).is_ok().then_some(design);
     let mut work = Workspace::default();
@@ -264,34 +234,27 @@ fn judge_all(
     Ok(())
 }
 
-/// The first `MOST_SIGNALS` signals of each class and printhead, with all healthy signals of the
-/// set.
+/// The first `MOST_SIGNALS` faulty signals of each class and printhead, and all healthy ones.
 fn first_of(set: &TrainingSet) -> TrainingSet {
-    of_faulty(set, |_, signals| (0..signals.len().min(MOST_SIGNALS)).collect())
-}
-
-/// The same set with the labelled faults of some folds only. `in_part`: whether a fold, 0 or 1,
-/// belongs to the part. All signals of a channel are in one fold, so that held-out signals are of
-/// channels that were not learned from; a class with a single channel is divided signal by signal.
-fn part_of(set: &TrainingSet, in_part: impl Fn(usize) -> bool) -> TrainingSet {
-    of_faulty(set, |channels, signals| {
-        // the rank of a signal's channel (or the number of the signal) modulo FOLDS is its fold
-        let rank = |i: usize| match channels.len() {
-            1 => i,
-            _ => channels.binary_search(&signals.channel[i]).unwrap_or(i),
-        };
-        (0..signals.len()).filter(|&i| in_part(rank(i) % FOLDS)).collect()
+    set.with(|state, _, signals| {
+        let most = if state == HEALTHY { usize::MAX } else { MOST_SIGNALS };
+        (0..signals.len().min(most)).collect()
     })
 }
 
-/// The same set with some signals of each class and printhead, and all healthy signals. `keep` gets
-/// the ascending numbers of all channels on which a class was labelled, and the class's signals on
-/// one printhead, and returns the indices of the signals to keep.
-fn of_faulty(set: &TrainingSet, keep: impl Fn(&[u32], &SignalSet) -> Vec<usize>) -> TrainingSet {
+/// The same set with the labelled faults of some folds only. All signals of a channel are in one
+/// fold; a class with a single channel is divided signal by signal.
+fn part_of(set: &TrainingSet, in_part: impl Fn(usize) -> bool) -> TrainingSet {
     set.with(|state, _, signals| {
         let Some(printheads) = set.faulty.get(state) else { return (0..signals.len()).collect() };
         let channels: BTreeSet<u32> =
             printheads.values().flat_map(|signals| signals.channel.iter().copied()).collect();
-        keep(&channels.into_iter().collect::<Vec<u32>>(), signals)
+        let channels: Vec<u32> = channels.into_iter().collect();
+        // the rank of a signal's channel (or the number of the signal) modulo FOLDS is its fold
+        let rank = |i: usize| match channels.len() {
+            1 => i,
+            _ => channels.partition_point(|channel| *channel < signals.channel[i]),
+        };
+        (0..signals.len()).filter(|&i| in_part(rank(i) % FOLDS)).collect()
     })
 }

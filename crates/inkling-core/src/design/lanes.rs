@@ -3,8 +3,7 @@
 //! In: a healthy model. Out: [`Lanes`], which the filter stage (`pipeline/statistics.rs`) runs on
 //! bursts, and the limits within which the lanes' result counts. A signal is *settled* if a bound
 //! on the rounding proves that the f64 reference ([`super::Judge::detect`]) would decide alike
-//! without a fit. Most healthy signals of a stream are settled; the rest is judged by the
-//! reference. So every verdict is the reference's. The arithmetic and the bound are in
+//! without a fit; the rest is judged by the reference. The arithmetic and the bound are in
 //! `detect/kernel.rs` and `detect/lane_sensitivity.rs`.
 
 use super::HealthyModel;
@@ -12,9 +11,8 @@ use crate::detect::kernel::LaneFilter;
 use crate::detect::lane_sensitivity::{LaneSensitivity, Limits};
 use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK};
 
-/// The statistic of `detect.method` in f32, for many signals at once. The residual energy takes
-/// signals that were transposed to a tile; the squared distance along the sensitivities takes
-/// signals as they lie in their bursts.
+/// The statistic of `detect.method` in f32. The residual energy takes signals that were transposed
+/// to a tile, the squared distance takes them as they lie in their bursts.
 #[derive(Clone, Debug)]
 pub enum Lanes {
     ResidualEnergy(LaneFilter),
@@ -22,8 +20,7 @@ pub enum Lanes {
 }
 
 impl Lanes {
-    /// The lanes of a model. `None`: a number is out of the range of f32, the statistic is neither
-    /// of the two, or disturbances are decoupled.
+    /// `None`: out of the range of f32, another statistic, or disturbances are decoupled.
     pub fn of(model: &HealthyModel) -> Option<Lanes> {
         if model.statistic.is_some() || model.decoupled.is_some() {
             return None;
@@ -46,11 +43,8 @@ impl Lanes {
         }
     }
 
-    /// The limits of what the first-order statistics decide, with `detect.method` = `sensitivity`.
-    /// Between the near and the far limit of the squared distance, and above the limit of the
-    /// misfit (counts²), the signal goes to the reference, which may fit a ring. The near limit is
-    /// not above the threshold and the far one not below it, so that what is settled lies surely on
-    /// one side of the threshold.
+    /// What is settled by first order with `detect.method` = `sensitivity` lies surely on one side
+    /// of the threshold: the near limit is not above it and the far one not below it.
     pub fn limits(model: &HealthyModel) -> Limits {
         let threshold = model.threshold.value;
         Limits {

@@ -2,8 +2,7 @@
 //! §3-2-1.
 //!
 //! In, from `train`: a healthy model by method I, its signals, and signals of faults. Out:
-//! [`LearnedFilter`]: alpha(z) and M(z) of the filter M N L / alpha, from which `fd_filter` makes
-//! the filter of every model. Per method:
+//! [`LearnedFilter`]: alpha(z) and M(z) of the filter M N L / alpha. Per method:
 //! * `eigenvalues` (II): alpha has the eigenvalues of the identified faulty channel; M = 1;
 //! * `enhanced` (III): alpha by method I; M maximises faulty over healthy residual energy;
 //! * `lp`: alpha by method I; M N L is the row of the null space that is most sensitive to the
@@ -16,46 +15,42 @@
 
 use super::fd_filter::{LearnSettings, LearnedFilter, by_resonance};
 use super::healthy_model::deviations;
-use super::{DesignError, FaultClass, HealthyModel};
+use super::{FaultClass, HealthyModel, Result};
 use crate::detect::{
     Denominator, ResidualGenerator, appendix, denominator_search, linear_programme, null_space,
     numerator, poles,
 };
 use crate::identify::averaging::SignalSet;
 
-/// Degree of N where there is room for it: 3 states are observable, and the fourth root, z = 1,
-/// rejects a constant sensor offset.
+/// Degree of N, if there is room: 3 observable states, and a root z = 1 against a constant offset.
 const OFFSET_DEGREE: usize = 4;
 
 impl LearnedFilter {
-    /// Learns the filter from the fault class `class`, that of `detect.fault`. `healthy`: a model
-    /// by method I, and its signals; `sets`: the class's signals, each set with the healthy model
-    /// of its printhead. An error if the class's dynamics cannot be identified where they are
-    /// needed, or if the degree leaves no room.
+    /// Learns from the class `detect.fault`. `healthy`: a model by method I, and its signals. An
+    /// error if the class's dynamics cannot be identified, or if the degree leaves no room.
     pub(super) fn learn(
         healthy: (&HealthyModel, &SignalSet),
         class: &FaultClass,
         sets: &[(&HealthyModel, &SignalSet)],
         settings: LearnSettings,
-    ) -> Result<LearnedFilter, DesignError> {
+    ) -> Result<LearnedFilter> {
         let (model, signals) = healthy;
         let (detect, dt_s) = (settings.detect, settings.sample_period_s);
         let degree = 2 + detect.other_poles_per_s.len();
 
-        // Method II: the denominator has the eigenvalues of the faulty channel. Degrees that these
-        // do not fill get poles at `filler`, 1/s.
+        // method II; degrees that the eigenvalues do not fill get poles at `filler`, 1/s
         if detect.denominator == Denominator::Eigenvalues {
             let fault = class.identify(model, settings.grey_box, dt_s)?;
-            // there is at least one other pole: `DetectSettings::check` has refused none
+            // `DetectSettings::check` has refused none
             let filler = detect.other_poles_per_s.first().copied().unwrap_or(2e5);
             let denominator = poles::eigenvalues(&fault.channel, filler, degree, dt_s)?;
             return Ok(LearnedFilter { denominator, enhancement: vec![1.0] });
         }
 
-        // All other methods have method I's denominator and learn the factor M of the numerator.
+        // all other methods have method I's denominator and learn M
         let denominator = by_resonance(&model.identification, signals.samples, detect, dt_s)?;
         let channel = &model.identification.channel;
-        // N has at least one degree less than the denominator; the rest is the room for M.
+        // N has at least one degree less than the denominator: room for M
         let n = || null_space::numerator_of(channel, dt_s, OFFSET_DEGREE.min(degree - 1));
         let enhancement = match detect.denominator {
             Denominator::Lp => {
@@ -64,15 +59,15 @@ impl LearnedFilter {
             }
             Denominator::AppendixA => {
                 let n = n()?;
-                // The mean faulty residual r_f of Appendix A, by the filter N z^k / alpha, with k
-                // such that numerator and denominator have the same degree.
+                // the mean faulty residual r_f of Appendix A, by the filter N z^k / alpha with
+                // numerator and denominator of the same degree
                 let mut padded = n.clone();
                 padded.resize(degree + 1, 0.0);
                 let plain = ResidualGenerator::new(padded, denominator.clone(), dt_s)?;
                 let residual = plain.residual(&class.deviation);
                 appendix::as_written(&residual, degree + 1 - n.len())?
             }
-            // Method III, `enhanced`, by the deviations of healthy and faulty signals.
+            // method III
             _ => {
                 let (healthy, faulty) = (deviations(&[(model, signals)]), deviations(sets));
                 numerator::enhancement(&n()?, &denominator, &healthy, &faulty, dt_s)?
@@ -81,13 +76,12 @@ impl LearnedFilter {
         Ok(LearnedFilter { denominator, enhancement })
     }
 
-    /// Searches the denominator. `model`, `signals`: a model by method I, and its signals; `sets`:
-    /// signals of every labelled fault, each set with the healthy model of its printhead.
+    /// Searches the denominator; as [`LearnedFilter::learn`] with signals of every labelled fault.
     pub(super) fn search(
         (model, signals): (&HealthyModel, &SignalSet),
         sets: &[(&HealthyModel, &SignalSet)],
         settings: LearnSettings,
-    ) -> Result<LearnedFilter, DesignError> {
+    ) -> Result<LearnedFilter> {
         let (dt_s, identification) = (settings.sample_period_s, &model.identification);
         let degree = 2 + settings.detect.other_poles_per_s.len();
         let numerator = null_space::numerator_of(&identification.channel, dt_s, degree)?;
@@ -99,8 +93,7 @@ impl LearnedFilter {
     }
 }
 
-/// Deviations per unit drive for the search: at most `MOST` of them, evenly over all that there
-/// are, since the search looks at each about a hundred times.
+/// Deviations per unit drive, at most `MOST`: the search looks at each about a hundred times.
 fn spread_out(sets: &[(&HealthyModel, &SignalSet)]) -> Vec<Vec<f64>> {
     const MOST: usize = 4096;
     let all = deviations(sets);

@@ -1,15 +1,13 @@
 //! The *leftover*: the mean misfit of healthy signals beside their rings, which is part of the
 //! expected signal; and the misfits that remain when the leftover is subtracted.
 //!
-//! In: signals, and the ring of their model (`learn` gives healthy signals, `typical` those of
-//! classes). Out: the mean shape beside the ring (a second mode, an amplifier's transient, a
+//! In: signals, and the ring of their model (`learn_distances` gives healthy signals, `typical` those
+//! of classes). Out: the mean shape beside the ring (a second mode, an amplifier's transient, a
 //! nonlinear spring: a deficit of the model, not of a signal), the signals' misfits without that
 //! shape, and the autocovariance of the misfits, which shows coloured noise.
 //!
-//! A misfit is the signal less its fitted ring, projected beside the ring's tangent space. With a
-//! the amplitude of a signal's ring relative to the healthy one, the shape s is the minimum of the
-//! sum of |misfit - a s|². Rings are fitted signal by signal, since the average of different rings
-//! is no ring and its misfit would be in none of the signals.
+//! A misfit is the signal less its fitted ring, projected beside the ring's tangent space. Rings are
+//! fitted signal by signal, since the average of different rings is no ring.
 
 use super::HealthyModel;
 use super::rings::Rings;
@@ -24,8 +22,7 @@ const MOST_SIGNALS: usize = 4096;
 /// The misfits of some signals beside their rings, one entry per signal each.
 #[derive(Default)]
 pub(super) struct Leftovers {
-    /// The misfit of each signal, N, counts at the signal's own drive (after [`Leftovers::over`] in
-    /// standard deviations of the noise).
+    /// N each, counts at the signal's own drive, or by [`Leftovers::over`] in units of the noise.
     pub rows: Vec<Vec<f64>>,
     /// The amplitude of each signal's ring over that of the healthy ring at the reference drive.
     pub size: Vec<f64>,
@@ -44,10 +41,9 @@ impl Leftovers {
         self
     }
 
-    /// Fits a ring (the phase free) to at most `MOST_SIGNALS` signals of a set, at the reference
-    /// drive and temperature, and takes what each signal leaves beside its ring. The leftover is
-    /// still in the result. `rings`: those about the model's ring; `near`: features to start the
-    /// fits from (`None`: a search finds a start). Signals that no ring fits are left out.
+    /// Fits rings (the phase free) to at most `MOST_SIGNALS` signals of a set, at the reference
+    /// drive and temperature, from the features `near` if given; the leftover is still in the
+    /// result.
     pub fn of(
         model: &HealthyModel,
         rings: &Rings,
@@ -58,7 +54,7 @@ impl Leftovers {
         let chosen: Vec<usize> = (0..set.len()).step_by(every).collect();
         let mut of = Leftovers::default();
 
-        // Many fits at once: the first closure hands out the next signal, and keeps a copy of it.
+        // the first closure hands out the next signal, and keeps a copy of it
         let mut next = chosen.iter();
         let mut signals: Vec<Vec<f64>> = Vec::with_capacity(chosen.len());
         let mut fits = Vec::with_capacity(chosen.len());
@@ -73,8 +69,7 @@ impl Leftovers {
             |i, fit| fits.push((i, fit)),
         );
 
-        // Fits end in any order; the result is to be in the order of the set. Misfits go back to
-        // the signal's own drive, at which all signals have the same noise.
+        // fits end in any order; at the signals' own drives all have the same noise
         fits.sort_by_key(|(i, _)| *i);
         for (i, fit) in fits {
             let Some(fit) = fit else { continue };
@@ -86,11 +81,9 @@ impl Leftovers {
         of
     }
 
-    /// The mean shape of the misfits, N, counts, for a ring of the healthy amplitude. Signals with
-    /// more than twice the median square norm are left out, so that faulty ones do not matter
-    /// (twice is somewhat arbitrary). The shape is shrunk by the share of its square norm that
-    /// noise alone would give (James and Stein). `None`: there are no signals, or noise explains
-    /// all of the shape.
+    /// The mean shape s of the misfits, N, counts, for a ring of the healthy amplitude, less the
+    /// share of noise (James and Stein). Signals with more than twice the median square norm are
+    /// left out (somewhat arbitrary). `None`: no signals, or noise explains all of the shape.
     pub fn shape(&self) -> Option<Vec<f64>> {
         let n = self.rows.first()?.len();
         let mut squares: Vec<f64> = self.rows.iter().map(|row| dot(row, row)).collect();
@@ -98,16 +91,14 @@ impl Leftovers {
         // from here on `squares` holds 1 for a signal that is kept, 0 for one that is left out
         squares.iter_mut().for_each(|q| *q = f64::from(u8::from(*q <= most)));
 
-        // The shape s minimises the sum of |row - a s|² over the kept signals, a being the
-        // amplitude of each: s = sum a row / sum a².
+        // s minimises the sum of |row - a s|² over the kept signals: s = sum a row / sum a²
         let weight: f64 = squares.iter().zip(&self.size).map(|(kept, a)| kept * a * a).sum();
         let mut shape = vec![0.0; n];
         for ((row, kept), a) in self.rows.iter().zip(&squares).zip(&self.size) {
             shape.iter_mut().zip(row).for_each(|(s, v)| *s += kept * a * v / weight);
         }
 
-        // The mean of |row - a s|², over the sum of a², is the square norm that noise alone would
-        // give the shape. So the share of the shape's square norm that is not noise follows.
+        // the mean of |row - a s|² over the sum of a²: the square norm by noise alone
         let (mut beyond, mut count) = (0.0, 0.0);
         for ((row, kept), a) in self.rows.iter().zip(&squares).zip(&self.size) {
             let off: f64 = row.iter().zip(&shape).map(|(v, s)| (v - a * s).powi(2)).sum();
@@ -121,8 +112,7 @@ impl Leftovers {
         (share > 0.0 && shape.iter().all(|s| s.is_finite())).then_some(shape)
     }
 
-    /// The misfits less a mean shape (empty: nothing is subtracted), in proportion to each signal's
-    /// ring.
+    /// The misfits less a mean shape (empty: nothing), in proportion to each signal's ring.
     pub fn without(mut self, shape: &[f64]) -> Leftovers {
         for (row, size) in self.rows.iter_mut().zip(&self.size) {
             row.iter_mut().zip(shape).for_each(|(v, s)| *v -= size * s);
@@ -131,8 +121,7 @@ impl Leftovers {
     }
 
     /// Autocovariance of the misfits, counts², at lags of 0, 1, .., `lags` - 1 samples, with N as
-    /// the divisor at every lag. Only the half of the signals with the least square norm counts, so
-    /// that faulty ones among them do not matter.
+    /// the divisor, of the half with the least square norm, so that faulty ones do not matter.
     pub fn autocovariance(&self, lags: usize) -> Vec<f64> {
         let mut order: Vec<usize> = (0..self.rows.len()).collect();
         let squares: Vec<f64> = self.rows.iter().map(|row| dot(row, row)).collect();
@@ -149,16 +138,15 @@ impl Leftovers {
         (0..most).map(of_lag).collect()
     }
 
-    /// The autocovariance that [`Leftovers::autocovariance`] would find of white noise of unit
-    /// variance, after the same projection beside the healthy ring: of 64 simulated signals of the
-    /// same length.
+    /// The autocovariance that white noise of unit variance has after the same projection beside the
+    /// healthy ring: of 64 simulated signals.
     pub fn of_white_noise(&self, rings: &Rings, lags: usize) -> Vec<f64> {
         let n = self.rows.first().map_or(0, Vec::len);
         let tangent_space = rings.beside.tangent_space(&rings.fitter, &Features::HEALTHY);
         let rows = (0..64)
             .map(|i| {
-                // Any white sequence will do, since only the effect of the projection matters: here
-                // uniform numbers in -1/2 .. 1/2 by xorshift, with a fixed seed for each signal.
+                // Only the effect of the projection matters, so uniform numbers in -1/2 .. 1/2, of
+                // variance 1/12, will do: xorshift, with a fixed seed for each signal.
                 let mut state = 0x9e37_79b9_7f4a_7c15u64.wrapping_mul(i + 1);
                 let mut next = || {
                     state ^= state << 13;
@@ -166,7 +154,6 @@ impl Leftovers {
                     state ^= state << 17;
                     (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
                 };
-                // such a number has the variance 1/12
                 tangent_space.without((0..n).map(|_| 12f64.sqrt() * next()).collect())
             })
             .collect();

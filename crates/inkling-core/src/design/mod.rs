@@ -4,13 +4,13 @@
 //! identified healthy models with filter and threshold, fault classes as mean deviations from
 //! these, class densities and the physics of faults. `inkling train` writes it to a file
 //! (`schemas/design.md`), and `replay` judges by it. Rooms `identify`, `detect` and `isolate` meet
-//! here and nowhere else. A design is immutable once made.
+//! here and nowhere else.
 //!
-//! `train` makes a design, `learn` a healthy model, `cold_start` what the physics knows of faults;
-//! `checks` validates a design from a file. A [`Judge`] is a model of a design made ready for
-//! signals: `detector` is its first half (is the signal flagged?), `isolator` with `named_ring` its
-//! second (which fault?). `own_channel` and `moved_model` make a judge follow channels and
-//! printheads that change. `held_out` and `promise` say how good a design is.
+//! `train` makes a design, `learn` with `learn_distances` a healthy model, `cold_start` what the
+//! physics knows of faults; `checks` validates a design from a file. A [`Judge`] is a model of a
+//! design made ready for signals: `detector` is its first half (is the signal flagged?), `isolator`
+//! with `named_ring` its second (which fault?). `own_channel` and `moved_model` make a judge follow
+//! channels and printheads that change. `held_out` and `promise` say how good a design is.
 
 mod channel_levels;
 mod checks;
@@ -21,22 +21,23 @@ mod error;
 mod extension;
 mod fault_class;
 mod fd_filter;
+mod feature_estimator;
 mod healthy_model;
 mod held_out;
 mod isolator;
 mod judge;
 mod lanes;
 mod learn;
+mod learn_distances;
 mod learned_filter;
 mod leftover;
 mod moved_model;
 mod named_ring;
 mod own_channel;
 mod promise;
+mod reported_ring;
 mod residual;
 mod rings;
-mod statistic;
-mod told_ring;
 mod train;
 mod training_set;
 pub mod tuned;
@@ -44,21 +45,20 @@ mod typical;
 mod workspace;
 
 pub use crate::detect::DetectSettings;
-pub use crate::isolate::IsolateSettings;
 pub use crate::isolate::calibration::Severity;
+pub use crate::isolate::{Decision as Isolation, IsolateSettings};
 pub use detectable::Detectability;
 pub use detector::Detection;
-pub use error::{DesignError, same_period};
-pub use extension::{Covariate, Extension, Follows};
+pub use error::{DesignError, Result, same_period};
+pub use extension::{Covariate, CovariateEffect, Extension};
 pub use fault_class::{FaultClass, FaultModel};
 pub use fd_filter::{LearnSettings, LearnedFilter};
-pub use healthy_model::HealthyModel;
+pub use healthy_model::{HealthyModel, Statistic};
 pub use held_out::{ClassReview, Judged};
-pub use judge::{Isolation, Judge, JudgeKey, Tested, Thresholds};
+pub use judge::{Judge, JudgeKey, Tested, Thresholds};
 pub use lanes::Lanes;
 pub use moved_model::ring_from;
-pub use own_channel::{Behind, Own, OwnBaseline, OwnBasis, OwnChannels};
-pub use statistic::Statistic;
+pub use own_channel::{Behind, OwnBaseline, OwnBasis, OwnChannels, OwnReference};
 pub use training_set::TrainingSet;
 pub use workspace::Workspace;
 
@@ -84,41 +84,33 @@ pub struct Design {
     /// The name and version of the program that made the design, such as `inkling 1.2.3`.
     pub made_by: String,
     pub sample_period_s: f64,
-    /// Number N of samples per signal.
     pub samples: usize,
     /// Reference drive voltage, V, at which the models expect their signals; absent: not recorded.
     pub drive_voltage_v: Option<f64>,
     /// The section `[detect]` of the training; `replay` takes it over.
     pub detect: DetectSettings,
-    /// Further settings of the training that are not the default, as keys and values: how windows
-    /// are averaged and faults isolated. `replay` takes them over.
+    /// Further settings of the training that are not the default; `replay` takes them over.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub chosen: BTreeMap<String, serde_json::Value>,
-    /// The part of the FD filter that was learned from faults, for every `detect.denominator` but
-    /// method I; the filter of every later model takes it over.
+    /// The part of the FD filter that was learned from faults, for the filter of every later model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub filter: Option<LearnedFilter>,
-    /// Number of signals seen in training, by label. Those counted as `unlabelled` and `rejected`
-    /// were not trained on.
+    /// Number of signals seen in training, by label; `unlabelled` and `rejected` were left out.
     pub signals: BTreeMap<String, u64>,
-    /// One healthy model per printhead, by name.
     pub models: Vec<HealthyModel>,
-    /// The healthy model of all printheads together. It judges a printhead that the design does not
-    /// know, if the printhead's signals agree with it.
+    /// The model of all printheads together, for printheads that the design does not know.
     pub pooled: HealthyModel,
-    /// The fault classes: the thesis's in the order of its tables, then a user's own by name.
-    /// Weights per class have this order everywhere.
+    /// The thesis's classes in the order of its tables, then a user's own by name.
     pub classes: Vec<FaultClass>,
-    /// What a critique found that the models lack; it is subtracted from every signal.
+    /// What a critique found that the models lack.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub extension: Option<Extension>,
     /// Class densities of a fitted ring's features, for `isolate.method` = `posterior`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub posterior: Option<Arc<Posterior>>,
-    /// Bounds on what signals of each class leave beside their rings; only with a posterior.
+    /// Bounds on what signals of each class leave beside their rings.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub typical: Option<Arc<Typical>>,
-    /// The physics of faults, for severities and for classes without labelled signals.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub physics: Option<FaultPhysics>,
     /// The fault curves, made of `physics` when they are first asked for.
@@ -127,7 +119,6 @@ pub struct Design {
 }
 
 /// The error of a design of another version in words, with what to do (`docs/versions.md`).
-/// `version`, `made_by`: as in the file.
 pub fn other_version(version: u32, made_by: &str) -> String {
     let ours = env!("CARGO_PKG_VERSION");
     let then = match version < VERSION {
@@ -140,18 +131,15 @@ pub fn other_version(version: u32, made_by: &str) -> String {
 }
 
 impl Design {
-    /// The model of a printhead, by the printhead's name.
     pub fn model_of(&self, printhead: &str) -> Option<&HealthyModel> {
         self.models.iter().find(|m| m.printhead.as_deref() == Some(printhead))
     }
 
-    /// The model from which the drift of a printhead is measured: its own, or that of all
-    /// printheads.
+    /// The model of a printhead: its own, or that of all printheads.
     pub fn reference_of(&self, printhead: &str) -> &HealthyModel {
         self.model_of(printhead).unwrap_or(&self.pooled)
     }
 
-    /// Whether signals of that sample period and number of samples can be judged by this design.
     pub fn fits(&self, sample_period_s: f64, samples: usize) -> bool {
         same_period(self.sample_period_s, sample_period_s) && self.samples == samples
     }
@@ -163,8 +151,8 @@ impl Design {
         }
     }
 
-    /// The fault curves of the classes by the physics, made once and shared by all models. `None`:
-    /// the design has no physics, or no posterior to use the curves.
+    /// The fault curves of the classes, made once and shared by all models. `None`: the design has
+    /// no physics, or no posterior to use the curves.
     pub fn curves(&self) -> Option<Arc<FaultCurves>> {
         let physics = self.physics.as_ref().filter(|_| self.posterior.is_some())?;
         let (dt_s, classes) = (self.sample_period_s, self.fault_classes());
@@ -172,19 +160,16 @@ impl Design {
         Some(self.curves.get_or_init(make).clone())
     }
 
-    /// Prior probability that a flagged signal is of no class (another gain, clock, delay, any
-    /// ring).
+    /// Prior probability that a flagged signal is of no class.
     pub fn of_no_class(&self) -> f64 {
         self.curves().map_or(no_class(), |curves| curves.of_no_class())
     }
 
-    /// The names of the classes, in the design's order.
     pub fn class_names(&self) -> Vec<String> {
         self.classes.iter().map(|c| c.name.clone()).collect()
     }
 
-    /// The classes in the design's order, with their categories, the laws that they stand for, and
-    /// the unit of their severities where a user declared one.
+    /// The classes, with the unit of their severities where a user declared one.
     pub fn fault_classes(&self) -> Vec<fault::Class> {
         let laws = self.physics.as_ref().map(|physics| &physics.laws);
         let class = |of: &FaultClass| {

@@ -3,12 +3,11 @@
 //! In, from `pipeline/moved_judge.rs`: a judge with its model as it was learned, and the *change*:
 //! how far ln amplitude, ln damping, ln frequency and phase of all channels have moved since, as
 //! [`crate::state`] follows them. Out: a judge whose model has ring, expected signal and
-//! sensitivities shifted by the change. Thresholds, healthy covariances and fault classes stay,
-//! since how channels scatter about their common level is taken not to change.
+//! sensitivities shifted by the change. Thresholds, healthy covariances and fault classes stay.
 //!
-//! The file also has the way back: the features of a signal relative to the healthy mean, from
-//! which the state estimates the change ([`Judge::features`]), and what the state must know of a
-//! judge ([`Judge::kind`]).
+//! Also the way back: the features of a signal relative to the healthy mean, from which the state
+//! estimates the change ([`Judge::features`]), and what the state must know of a judge
+//! ([`Judge::kind`]).
 
 use super::detector::SensitivityDetector;
 use super::isolator::{Isolator, RingClassifier};
@@ -23,17 +22,13 @@ use std::f64::consts::TAU;
 use std::sync::{Arc, OnceLock};
 
 impl HealthyModel {
-    /// The same model after a common change of all channels. What is reported of the model stays as
-    /// it was learned: the identified channel (but for damping and frequency of its poles) and the
-    /// filter. `by`: change of ln amplitude, ln damping, ln frequency, phase (rad). `None`: the
-    /// model does not ring, or its sensitivities are linearly dependent there.
+    /// The same model after a common change of all channels; the identified channel and the filter
+    /// stay as they were learned. `None`: nothing rings there, or its sensitivities are dependent.
     fn moved(&self, by: Change) -> Option<HealthyModel> {
         let ring = self.ring().ok()?;
         let there = Features::from(by);
         let size = there.ln_amplitude.exp();
 
-        // The moved ring, and what `HealthyModel::ring` computes the ring from: poles and output
-        // state.
         let ring = Ring {
             amplitude: ring.amplitude * size,
             phase_rad: ring.phase_rad + there.phase_rad,
@@ -46,9 +41,8 @@ impl HealthyModel {
         moved.identification.poles.frequency_hz = ring.frequency_hz;
         moved.identification.output_state = ring.output_state();
 
-        // The expected signal is the moved ring plus the leftover, which grows with the ring's
-        // amplitude. The ring itself is the first sensitivity, since its derivative by ln A is the
-        // ring.
+        // The expected signal is the moved ring (the first sensitivity, by ln amplitude) plus the
+        // leftover, which grows with the ring's amplitude.
         let tangent = self.fitter().ok()?.tangent(&there);
         moved.expected = tangent.column(0).iter().copied().collect();
         moved.leftover.iter_mut().for_each(|left| *left *= size);
@@ -59,14 +53,28 @@ impl HealthyModel {
         };
         Some(moved)
     }
+
+    /// Amplitude in counts, damping in 1/s, frequency in Hz and phase in rad of the model's ring.
+    pub fn ring_numbers(&self) -> Option<[f64; 4]> {
+        let ring = self.ring().ok()?;
+        Some([ring.amplitude, ring.damping_per_s, ring.frequency_hz, ring.phase_rad])
+    }
+
+    /// The features of this model's ring relative to another's, corrected to the same temperature.
+    pub fn features_from(&self, other: &HealthyModel) -> Option<Change> {
+        let from = ring_from(self.ring_numbers()?, other.ring_numbers()?);
+        let warmer = match (self.temperature_c, other.temperature_c) {
+            (Some(here), Some(there)) => here - there,
+            _ => 0.0,
+        };
+        let per_k = other.features_per_k(&other.fitter().ok()?);
+        Some(from - warmer * per_k)
+    }
 }
 
 impl Judge {
-    /// The same judge after a common change of all channels. `self` must be a judge as its model
-    /// was learned, not a moved one. `by`: change of ln amplitude, ln damping, ln frequency, phase
-    /// (rad); `moves`: number of moves over all judges of the run, this one included, by which the
-    /// new judge is told from others. `None`: the judge cannot follow, since its method knows no
-    /// sensitivities or nothing rings there.
+    /// `self` is not a moved judge; `moves`: number of moves over all judges of the run, this one
+    /// included. `None`: the method knows no sensitivities or nothing rings there.
     pub fn moved(&self, by: Change, moves: u32) -> Option<Judge> {
         let model = Arc::new(self.model.moved(by)?);
         let (sensitivity, misfit) = (model.sensitivity.clone()?, model.misfit.as_ref());
@@ -80,7 +88,7 @@ impl Judge {
             model,
             detector: Some(detector),
             spectrum: None,
-            told: OnceLock::new(),
+            own_fitter: OnceLock::new(),
             isolating,
             moves,
             index: self.index,
@@ -89,36 +97,32 @@ impl Judge {
         })
     }
 
-    /// Standard deviations of healthy signals' features (ln amplitude, ln damping, ln frequency,
-    /// phase), noise included. `None`: a change of all channels cannot be followed, since the
-    /// method of detection knows no sensitivities, or since an extension already holds such
-    /// changes.
+    /// Standard deviations of healthy signals' features, noise included. `None`: a change cannot be
+    /// followed, without sensitivities or with an extension, which already holds such changes.
     pub fn healthy_sd(&self) -> Option<Change> {
         let detector = self.detector.as_ref().filter(|_| self.extension.is_none())?;
         Some(detector.healthy_sd())
     }
 
-    /// What [`crate::state`] must know of a judge: the noise of features, how the channels of the
-    /// printhead scatter, and how far all of them may move at once. `bounds`: largest relative
-    /// change of damping and of frequency (`[identify]`). `None`: as with [`Judge::healthy_sd`], or
-    /// the covariances are degenerate.
+    /// What [`crate::state`] must know of a judge. `bounds`: largest relative change of damping and
+    /// of frequency. `None`: as [`Judge::healthy_sd`], or the covariances are degenerate.
     pub fn kind(&self, bounds: [f64; 2]) -> Option<Kind> {
         let detector = self.detector.as_ref().filter(|_| self.extension.is_none())?;
-        let leap = Matrix4::from_diagonal(&leap_sds(bounds).map(|sd| sd * sd));
+        let [damping, frequency] = bounds.map(f64::ln_1p);
+        let units = Change::new(1.0, damping, frequency, 1.0);
+        let sds = units.component_mul(&Change::from(tuned::leap()));
+        let leap = Matrix4::from_diagonal(&sds.map(|sd| sd * sd));
         Kind::new(detector.own_noise(), &detector.healthy_spread(), &leap)
     }
 
-    /// The mean of healthy signals' features from the model's ring, which [`Judge::features`]
-    /// subtracts. `None`: the judge has no sensitivities.
+    /// The mean of healthy signals' features from the model's ring.
     pub fn healthy_mean(&self) -> Option<Change> {
         let [ln_amplitude, ln_damping, ln_frequency] = self.model.sensitivity.as_ref()?.mean;
         Some(Change::new(ln_amplitude, ln_damping, ln_frequency, 0.0))
     }
 
-    /// ln amplitude, ln damping, ln frequency and phase of a signal relative to the healthy mean.
-    /// `deviation`: from what is expected, N, counts; `drive`: relative; `far`: whether a fit may
-    /// be made where first and second order do not suffice. `None`: the judge has no sensitivities,
-    /// the signal holds more than a ring, or `far` is false and only a fit would tell.
+    /// Features of a signal relative to the healthy mean. `far`: whether a fit may be made. `None`:
+    /// no sensitivities, the signal holds more than a ring, or only a fit would tell.
     pub fn features(
         &self,
         deviation: &[f64],
@@ -132,39 +136,8 @@ impl Judge {
     }
 }
 
-/// Standard deviations of a sudden common change (ln amplitude, ln damping, ln frequency, phase):
-/// `tuned::leap`, of which the entries of damping and frequency count in units of ln (1 + bound).
-fn leap_sds(bounds: [f64; 2]) -> Change {
-    let [damping, frequency] = bounds.map(f64::ln_1p);
-    let bounds = Change::new(1.0, damping, frequency, 1.0);
-    bounds.component_mul(&Change::from(tuned::leap()))
-}
-
-impl HealthyModel {
-    /// Amplitude in counts, damping in 1/s, frequency in Hz and phase in rad of the model's ring.
-    /// `None`: the model does not ring.
-    pub fn ring_numbers(&self) -> Option<[f64; 4]> {
-        let ring = self.ring().ok()?;
-        Some([ring.amplitude, ring.damping_per_s, ring.frequency_hz, ring.phase_rad])
-    }
-
-    /// The features of this model's ring (ln amplitude, ln damping, ln frequency, phase) relative
-    /// to another model's ring, corrected by `other`'s effect of temperature as if both had been
-    /// learned at the same temperature. `None`: one of the two models does not ring.
-    pub fn features_from(&self, other: &HealthyModel) -> Option<Change> {
-        let from = ring_from(self.ring_numbers()?, other.ring_numbers()?);
-        let warmer = match (self.temperature_c, other.temperature_c) {
-            (Some(here), Some(there)) => here - there,
-            _ => 0.0,
-        };
-        let per_k = other.features_per_k(&other.fitter().ok()?);
-        Some(from - warmer * per_k)
-    }
-}
-
-/// The features of the ring `of` (amplitude, damping, frequency, phase, in the units of
-/// [`HealthyModel::ring_numbers`]) relative to the ring `from`: ln of three ratios, and the phase
-/// difference, wrapped into -pi .. pi.
+/// The features of the ring `of` relative to the ring `from`, both as
+/// [`HealthyModel::ring_numbers`]; the phase difference is wrapped into -pi .. pi.
 pub fn ring_from(of: [f64; 4], from: [f64; 4]) -> Change {
     let turned = of[3] - from[3];
     Change::new(
@@ -176,9 +149,7 @@ pub fn ring_from(of: [f64; 4], from: [f64; 4]) -> Change {
 }
 
 impl Isolator {
-    /// The isolator of the same classes for a model that was moved. The posterior counts features
-    /// from the model's ring, so it needs a fitter of rings about the moved ring; the densities of
-    /// the features stay. `None`: the model does not ring.
+    /// For a model that was moved: features are counted from the moved ring, their densities stay.
     fn moved(self: &Arc<Isolator>, model: &HealthyModel) -> Option<Arc<Isolator>> {
         // The other methods compare deviations from the expected signal and need no change.
         let Isolator::Posterior(of) = &**self else { return Some(self.clone()) };

@@ -4,18 +4,17 @@
 //! In, from the isolate stage (`pipeline/isolator.rs`) or [`Judge::isolate`]: a signal, and the
 //! ring fitted to it. Out: an [`Isolation`], and in the [`Workspace`] the weights of the classes,
 //! the severity and what else the signal may be. The steps of [`Judge::isolate_ring`]:
-//! 1. If no ring explains the signal, the signal is of no class.
+//! 1. Without a ring that explains it the signal is of no class.
 //! 2. The ring's features (ln amplitude, ln damping, ln frequency, phase) are compared with the
 //!    fault curves of the physics and with the learned densities.
 //! 3. The classes are weighed against each other by Bayes' rule, then all of them together against
 //!    what is no class (another gain, clock or delay, a contrast of the physics, any ring).
-//! 4. The misfit beside the ring is compared with what is usual in the best class. If the signal
-//!    leaves more, no ring of a class explains it.
+//! 4. A signal that leaves more beside its ring than is usual in the best class is no ring of it.
 //! 5. The severity of the named class is read off the class's fault curve.
 
 use super::isolator::{Isolator, RingClassifier};
-use super::judge::{Isolating, Isolation, Judge};
-use super::workspace::Workspace;
+use super::judge::{Isolating, Judge};
+use super::{Isolation, workspace::Workspace};
 use crate::isolate::alternatives::{AlternativePosterior, weigh};
 use crate::isolate::appearance::UnknownSignal;
 use crate::isolate::fault_curve::Conditions;
@@ -26,16 +25,15 @@ use crate::verdict::Appearance;
 use nalgebra::{Vector2, Vector4};
 
 /// A signal of which nothing is named is said to be of no class if the probability of all classes
-/// together is below this, as a test at the usual 5 % would. Above, the signal stays undecided: it
-/// may be of a class as well as, say, of a channel with a stiffer actuator.
+/// together is below this, as a test at the usual 5 % would. Above, it stays undecided.
 const OF_NONE: f64 = 0.05;
 
-/// Whether a fit explains more of a signal than it would explain of noise alone. `noise`: standard
-/// deviation of one sample of the signal that was fitted, counts.
+/// Whether a fit explains more of a signal than of noise alone. `noise`: standard deviation of one
+/// sample of the signal that was fitted, counts.
 ///
 /// Of noise alone a damped cosine explains a square norm (over noise²) as large as the largest of
-/// some hundred values of chi-squared with two degrees of freedom, one value per frequency. The
-/// number 2 ln(100 / p) is exceeded by that with probability p.
+/// some hundred values of chi-squared with two degrees of freedom, one value per frequency. That
+/// exceeds 2 ln(100 / p) with probability p.
 pub(super) fn is_ring(fit: &Fit, noise: f64) -> bool {
     /// 2 ln(100 / p) with p one in five million: so rarely noise alone counts as a ring.
     const NOISE_ALONE: f64 = 40.0;
@@ -43,8 +41,7 @@ pub(super) fn is_ring(fit: &Fit, noise: f64) -> bool {
 }
 
 impl Judge {
-    /// The fitter of rings for isolation, the phase free; `None`: the method of isolation fits no
-    /// rings.
+    /// The fitter of rings for isolation; `None`: the method of isolation fits no rings.
     pub fn rings(&self) -> Option<&RingFitter> {
         match &*self.isolating.as_ref()?.isolator {
             Isolator::Posterior(of) => Some(&of.rings.fitter),
@@ -60,11 +57,9 @@ impl Judge {
         self.model.warm(-warmer, y);
     }
 
-    /// [`Judge::isolate`] for a signal whose ring was fitted already. `fit`: to the signal per unit
-    /// drive, at its own temperature, the phase free (`None`: no ring fits); `drive`: relative;
-    /// `signal`: writes that signal, N, counts, and is only called if the misfit beside the ring is
-    /// needed. In `work`, [`Workspace::warmer`] and [`Workspace::own`] are to be set before.
-    /// `None`: the method fits no rings.
+    /// [`Judge::isolate`] for a fitted signal. `fit`: to the signal per unit drive, at its own
+    /// temperature, the phase free; `signal`: writes that signal, N, counts, if the misfit beside
+    /// the ring is needed. `None`: the method fits no rings.
     pub fn isolate_ring(
         &self,
         fit: Option<&Fit>,
@@ -74,7 +69,7 @@ impl Judge {
     ) -> Option<Isolation> {
         work.forget();
         work.fit = fit.copied();
-        let Isolating { isolator, rule, curves, physics_ring, quieter, .. } =
+        let Isolating { isolator, rule, curves, physics_ring, noise_ratio, .. } =
             self.isolating.as_ref()?;
         let Isolator::Posterior(classifier) = &**isolator else { return None };
         let RingClassifier { posterior, priors, .. } = &**classifier;
@@ -85,27 +80,23 @@ impl Judge {
             return Some(Isolation::of_no_ring());
         };
 
-        // The mean square of what the fit leaves over the noise's, and the features at the model's
-        // temperature.
+        // the mean square of what the fit leaves over the noise's
         let warmer = work.warmer;
         work.misfit = fit.misfit / (noise * noise * self.model.expected.len() as f64);
         let Workspace { weights, of_any, alternative, ring, physics, own, ln_densities, .. } = work;
         let features = &classifier.features(fit, warmer);
         *ring = Some([features[1], features[2]]);
 
-        // Step 2: where the level of the signal's own channel is known well enough for curves of
-        // its own, the features are compared with curves about that level; else with those of any
-        // channel.
+        // Step 2: curves about the own channel's level, where it is known well; or any channel's.
         let of_own = own.as_ref().and_then(|own| own.curves.as_ref().zip(Some(&own.baseline)));
         let curves = of_own.map(|(curves, _)| curves).or(curves.as_ref());
 
-        // The densities of the features along the curves, at the signal's noise. The curves were
-        // computed about the healthy ring of training; `changed` moves them by how stiffness and
-        // viscosity of the model's present ring differ from that.
+        // The curves were computed about the healthy ring of training; `changed` moves them by how
+        // stiffness and viscosity of the model's present ring differ from that.
         let physics_ring = physics_ring.map(|ring| self.model.ring_from(&ring, warmer));
         let conditions = Conditions {
             // a signal with twice the noise is known as well as one with half the drive
-            drive: drive * quieter,
+            drive: drive * noise_ratio,
             changed: curves.zip(physics_ring).map_or(Vector2::zeros(), |(c, r)| c.changed(r)),
             baseline: of_own.map(|(_, baseline)| baseline),
         };
@@ -115,9 +106,8 @@ impl Judge {
             curves.compare(features.as_slice(), conditions, physics);
         }
 
-        // Step 3: the posterior of the classes, given that the signal is of one of them, from the
-        // learned densities and the physics. If densities about a channel's own level were learned
-        // and the level is known, they are used, with the features counted from the level.
+        // Step 3: the posterior of the classes, given that the signal is of one of them. Densities
+        // about a channel's own level go with features counted from the level.
         weights.clear();
         weights.resize(rule.category_of.len(), 0.0);
         let from_own = of_own.map(|(_, baseline)| features - baseline);
@@ -125,9 +115,8 @@ impl Judge {
         let (posterior, place) = of_own.unwrap_or((posterior, features.as_slice()));
         posterior.weigh(place, &physics.ln_densities, priors, ln_densities, weights);
 
-        // All classes together against the alternatives that are no class, which have the weight
-        // `none` a priori. `known`: the probability that the signal is of any class; `likely`: the
-        // likeliest alternative and its probability.
+        // All classes together against the alternatives, of prior weight `none`. `known`: the
+        // probability that the signal is of any class.
         let none = curves.map_or(no_class(), |curves| curves.of_no_class());
         let AlternativePosterior { of_any: known, alternative: likely } =
             weigh(features.as_slice(), ln_densities, priors, (&physics.ln_alternatives, none));
@@ -135,8 +124,7 @@ impl Judge {
         *of_any = known;
 
         // An alternative is told beside the best class if its probability is at least the share
-        // `Appearance::AS_WELL` of the class's; or if it is a twin of the class: its density by the
-        // physics is at least that share of the class's, however rare the alternative is a priori.
+        // `AS_WELL` of the class's, or if it is a twin: its density by the physics is.
         let best = weights.iter().copied().fold(0.0, f64::max) * known;
         let as_likely = likely.filter(|(_, p)| *p >= Appearance::AS_WELL * best);
         let twin = |of: &FaultCurves| {
@@ -152,26 +140,25 @@ impl Judge {
             *alternative = Some(what.appearance(x.as_slice(), frequency_hz));
         }
 
-        // Step 4: a signal that leaves more beside its ring than is usual in its best class is no
-        // ring of that class. The misfit beside the ring hardly exceeds the misfit of the fit
-        // (`work.misfit` so far), since projection makes it smaller. So only if the latter exceeds
-        // the bound `most`, the former is computed: first whole, for the table, then with what is
-        // usual in the class discounted, for the decision.
+        // Step 4: the misfit beside the ring hardly exceeds that of the fit, so it is only computed
+        // if the latter is beyond the bound: whole for the table, discounted for the decision.
         let Some(best) = decision.candidate.map(usize::from) else { return Some(decision) };
-        let most = classifier.typical.as_ref().map_or(f64::INFINITY, |of| of.misfit[best]);
-        if work.misfit > most {
+        if let Some(typical) = &classifier.typical
+            && work.misfit > typical.misfit[best]
+        {
             signal(&mut work.residual);
             let Workspace { residual, beside, .. } = work;
             *beside = classifier.rings.misfit(residual, &fit.features);
             beside.iter_mut().for_each(|v| *v /= noise);
             work.misfit = beside.iter().map(|v| v * v).sum::<f64>() / beside.len() as f64;
-            if classifier.misfit_beyond(beside, fit, &self.model, noise, best) > most {
+            // amplitude of this ring over the healthy one's, each in units of its own noise
+            let size = fit.features.ln_amplitude.exp() * (self.model.noise_beside() / noise);
+            if typical.misfit_of(beside, size, best) > typical.misfit[best] {
                 work.drop_name();
                 return Some(Isolation::of_no_ring());
             }
         }
 
-        // A ring that is hardly of any class.
         if decision.is_uncertain() && known < OF_NONE {
             return Some(decision.of_unknown_fault());
         }
@@ -183,33 +170,27 @@ impl Judge {
         Some(decision)
     }
 
-    /// Whether a flagged signal is no ring, for designs without classes, where nothing is isolated.
-    /// A signal is a ring if a fit explains more of it than of noise alone, and leaves no more than
-    /// half of the energy that is not noise (a share somewhat arbitrary). `y`: the signal per unit
-    /// drive, N, counts. Without a detector that fits rings the answer is false. Keeps the fit in
-    /// `work`.
+    /// Whether a flagged signal is no ring, for designs without classes: a fit explains no more of
+    /// it than of noise, or leaves over half of what is not noise (somewhat arbitrary). `y`: per
+    /// unit drive, N, counts. Keeps the fit in `work`.
     pub fn is_no_ring(&self, y: &[f64], drive: f64, work: &mut Workspace) -> bool {
         let Some(detector) = &self.detector else { return false };
         let noise = self.model.noise_beside() / drive;
-        // the square norm that noise alone has
         let of_noise = y.len() as f64 * noise * noise;
         work.fit = detector.fitter().fit(y, true, &mut work.products);
         let explains = |fit: Fit| fit.misfit - of_noise <= 0.5 * (fit.square - of_noise);
         !work.fit.is_some_and(|fit| is_ring(&fit, noise) && explains(fit))
     }
 
-    /// A description of a signal that belongs to no class, for the sentence of an episode. To be
-    /// called after the signal's isolation, whose fit and misfit in `work` are used. `y`: the
-    /// signal per unit drive, N, counts. `None`: the method of detection fits no rings.
+    /// Describes a signal of no class for an episode's sentence, by the fit and misfit in `work` of
+    /// its isolation. `y`: per unit drive, N, counts. `None`: detection fits no rings.
     pub fn appearance(&self, y: &[f64], drive: f64, work: &mut Workspace) -> Option<Appearance> {
         let detector = self.detector.as_ref()?;
         let fitter = detector.fitter();
         let noise = self.model.noise_beside() / drive;
         let Workspace { products, fit, beside, .. } = work;
-        // The fit of the isolation serves, if there was one: it was made to the same signal.
         let fit = fit.or_else(|| fitter.fit(y, true, products));
-        // The misfit in standard deviations of the noise, unless isolation has computed it already.
-        // A signal that no ring fits is all misfit.
+        // in standard deviations of the noise; a signal that no ring fits is all misfit
         if beside.is_empty() {
             match &fit {
                 Some(fit) => *beside = detector.rings.misfit(y, &fit.features),

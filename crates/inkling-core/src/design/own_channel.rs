@@ -3,9 +3,7 @@
 //!
 //! In, from `pipeline/head.rs`, sweep by sweep: the levels of one printhead's channels, as followed
 //! by [`crate::state`], and the design's fault curves. Out: [`OwnChannels`], which the filter stage
-//! judges by and the isolate stage names by: per channel the expected healthy features, the
-//! covariance of healthy signals about these, a threshold on the squared distance, and the fault
-//! curves relative to the expected features.
+//! judges by and the isolate stage names by.
 //!
 //! How well a level is known depends on the number of looks behind it (a look is one observed
 //! signal of the channel), and so do covariance and curves. Both cost time, so they are computed
@@ -19,14 +17,12 @@ use crate::state::{Head, OwnLevel};
 use nalgebra::{Matrix4, Vector4};
 use std::sync::Arc;
 
-/// Numbers of looks behind a level for which covariance and fault curves are computed. A channel
-/// uses those of the largest number that it reaches. With fewer than 4 looks a channel is known by
-/// its printhead's level alone, so it gets no fault curves of its own. (The steps are somewhat
-/// arbitrary; finer ones would only be more exact.)
+/// Numbers of looks behind a level for which covariance and fault curves are computed (somewhat
+/// arbitrary). With fewer than 4 a channel is known by its printhead's level alone.
 const LEVELS: [f64; 4] = [0.0, 4.0, 16.0, 48.0];
 
 /// What all channels of one printhead have in common when they are judged by their own levels. It
-/// is made anew only when the printhead's state has changed much, so several sweeps share one.
+/// is made anew only when the printhead's state has changed much.
 #[derive(Debug, Default)]
 pub struct OwnBasis {
     /// Covariance of a healthy signal's four features about its channel's level, besides the
@@ -38,29 +34,26 @@ pub struct OwnBasis {
     /// lasts, 0 to 1; the rest is drawn anew for each drop.
     lasting: f64,
     /// Threshold on the squared distance of a signal that scatters about its level by Gaussian
-    /// noise alone: the quantile of chi-squared with three degrees of freedom at the false-alarm
-    /// rate.
+    /// noise alone: the quantile of chi-squared with three degrees of freedom.
     gate: f64,
-    /// Whether the channels lie so far from each other that the design's threshold, which was
-    /// learned when they lay closer together, does not hold for channels of which nothing else is
-    /// known.
+    /// Whether the channels lie so much farther apart than in training that the design's threshold
+    /// does not hold for channels of which nothing else is known.
     is_aged: bool,
 }
 
 impl OwnBasis {
-    /// The basis of a printhead in this state. `curves`: those of the design, for a channel of
-    /// which nothing is known (`None`: the design has none); `false_alarm_rate`: share of healthy
-    /// signals that may be flagged.
+    /// The basis of a printhead in this state. `curves`: those of the design, if it has physics;
+    /// `false_alarm_rate`: share of healthy signals that may be flagged.
     pub fn new(state: &Head, curves: Option<&FaultCurves>, false_alarm_rate: f64) -> OwnBasis {
-        // the covariance from drop to drop within a channel, which widens the curves of one channel
+        // the scatter from drop to drop within a channel widens the curves of one channel
         let shot = state.shot();
-        let of = |curves: &FaultCurves| {
-            let of = |&n: &f64| Some(Arc::new(curves.of_one_channel(&shot, n)?));
-            LEVELS[1..].iter().filter_map(of).collect()
+        let of_looks = |curves: &FaultCurves| {
+            let one = |&looks: &f64| Some(Arc::new(curves.of_one_channel(&shot, looks)?));
+            LEVELS[1..].iter().filter_map(one).collect()
         };
         OwnBasis {
             scatter: LEVELS.map(|looks| state.scatter(looks)),
-            curves: curves.map_or(Vec::new(), of),
+            curves: curves.map_or(Vec::new(), of_looks),
             lasting: state.lasting_share(),
             gate: chi_squared_3(false_alarm_rate),
             is_aged: state.wider() > tuned::aged(),
@@ -81,14 +74,11 @@ pub struct OwnChannels {
 /// A channel's own healthy features, which its signals are judged against.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct OwnBaseline {
-    /// Expected healthy features: ln amplitude, ln damping, ln frequency, phase, relative to the
-    /// judge's ring.
+    /// ln amplitude, ln damping, ln frequency, phase, relative to the judge's ring.
     pub baseline: Vector4<f64>,
-    /// How many looks the baseline rests on.
     pub behind: Behind,
-    /// While the channel is taken for faulty because its level has drifted from where it was long
-    /// ago, or lies apart from all other channels': the squared distance over the bound for it, at
-    /// least 1. Else 0: the level is such as healthy channels have.
+    /// The squared distance over its bound, at least 1, while the channel is taken for faulty
+    /// because its level drifted or lies apart from all others'; else 0.
     pub off: f64,
 }
 
@@ -103,14 +93,12 @@ impl Behind {
     }
 }
 
-/// What a channel's signals are isolated by: the channel's own healthy features, and the fault
-/// curves about them.
+/// What a channel's signals are isolated by.
 #[derive(Clone, Debug)]
-pub struct Own {
+pub struct OwnReference {
     /// As [`OwnBaseline::baseline`].
     pub baseline: Vector4<f64>,
-    /// The curves. `None`: the design has no physics, or fewer than 4 looks are behind the
-    /// baseline.
+    /// `None`: the design has no physics, or fewer than 4 looks are behind the baseline.
     pub curves: Option<Arc<FaultCurves>>,
 }
 
@@ -119,11 +107,9 @@ impl OwnChannels {
     /// printhead's, by ascending channel number; `from`: the printhead's level, in features
     /// relative to the judge's ring; `frozen`: numbers of the channels that repeat the same bits.
     ///
-    /// A channel gets no baseline of its own while nothing is known of the channel itself (fewer than 4
-    /// looks): judging it against all channels then says as much. In an aged printhead such channels get
-    /// one, too, since the design's threshold does not hold there. Where little of what channels differ by
-    /// lasts, their levels lie near the printhead's and the thresholds near the design's, so that
-    /// baselines change little.
+    /// A channel of which nothing is known itself (fewer than 4 looks) gets no baseline: judging it
+    /// against all channels then says as much. In an aged printhead it gets one, too, since the
+    /// design's threshold does not hold there.
     pub fn new(
         basis: Arc<OwnBasis>,
         channels: Vec<OwnLevel>,
@@ -145,19 +131,17 @@ impl OwnChannels {
         OwnChannels::new(Arc::default(), Vec::new(), Vector4::zeros(), frozen)
     }
 
-    /// Index of a channel's baseline; `Err`: where it would have to be inserted.
+    /// Index of a channel's baseline; `Err`: where it would be inserted.
     fn place(&self, channel: u32) -> Result<usize, usize> {
         self.channels.binary_search_by_key(&channel, |(k, _)| *k)
     }
 
-    /// Whether there is neither a baseline nor a frozen channel, so that nothing has to be judged
-    /// again.
+    /// Whether nothing has to be judged again.
     pub fn is_empty(&self) -> bool {
         self.channels.is_empty() && self.frozen.is_empty()
     }
 
-    /// Whether the channels lie too far from each other for the design's threshold on the distance
-    /// from what all channels are expected to be.
+    /// [`OwnBasis`] says what that is.
     pub fn is_aged(&self) -> bool {
         self.basis.is_aged
     }
@@ -167,10 +151,9 @@ impl OwnChannels {
         !self.frozen.is_empty() && self.frozen.binary_search(&channel).is_ok()
     }
 
-    /// The baselines of `n` consecutive channels from number `first` on; `None` for a channel
-    /// without its own.
+    /// The baselines of `n` consecutive channels from number `first` on.
     pub fn from(&self, first: u32, n: usize) -> impl Iterator<Item = Option<&OwnBaseline>> {
-        // One binary search for the first channel, then both lists are walked in parallel.
+        // one binary search, then both lists are walked in parallel
         let at = self.place(first).unwrap_or_else(|next| next);
         let mut baselines = self.channels[at..].iter().peekable();
         (u64::from(first)..).take(n).map(move |channel| {
@@ -178,47 +161,39 @@ impl OwnChannels {
         })
     }
 
-    /// The baseline and the fault curves that a channel's signals are isolated by. `None`: the
-    /// channel has no baseline of its own.
-    pub fn of(&self, channel: u32) -> Option<Own> {
+    /// What a channel's signals are isolated by. `None`: the channel has no baseline of its own.
+    pub fn of(&self, channel: u32) -> Option<OwnReference> {
         let (_, OwnBaseline { baseline, behind, .. }) = self.channels[self.place(channel).ok()?];
         // the curves begin with the second of `LEVELS`
         let curves = behind.0.checked_sub(1).and_then(|k| self.basis.curves.get(k));
-        Some(Own { baseline, curves: curves.cloned() })
+        Some(OwnReference { baseline, curves: curves.cloned() })
     }
 
-    /// Threshold on the squared distance of a signal from its channel's level, at the allowed
-    /// false-alarm rate. `of_all`: the model's threshold on the squared distance from what all
-    /// channels are expected to be. With g the chi-squared quantile (`OwnBasis::gate`) and l the
-    /// lasting share the result is `of_all` + l max(g - `of_all`, 0).
+    /// Threshold on the squared distance of a signal from its channel's level. `of_all`: the model's
+    /// threshold on the squared distance from what all channels are expected to be. With g the
+    /// chi-squared quantile and l the lasting share the result is `of_all` + l max(g - `of_all`, 0).
     ///
-    /// The reason: where channels differ for good (l = 1), a signal scatters about its own level by
-    /// noise, whose tail is Gaussian, and g holds. Where the difference is drawn anew for each drop
-    /// (l = 0), signals have the tail that `of_all` was learned from. Between the two the threshold
-    /// is interpolated (heuristic), and it is never below `of_all`.
+    /// Where channels differ for good (l = 1), a signal scatters about its own level by noise, whose
+    /// tail is Gaussian, and g holds. Where the difference is drawn anew for each drop (l = 0),
+    /// signals have the tail that `of_all` was learned from. Between the two: heuristic.
     pub fn gate(&self, of_all: f64) -> f64 {
         of_all + self.basis.lasting * (self.basis.gate - of_all).max(0.0)
     }
 
-    /// Whether the same covariances hold for both sweeps, so that a metric made for one serves the
-    /// other.
+    /// Whether a metric made for one of the two sweeps serves the other.
     pub fn scatters_as(&self, other: &OwnChannels) -> bool {
         Arc::ptr_eq(&self.basis, &other.basis)
     }
 
-    /// Covariance of a healthy signal's four features about its channel's level, besides the
-    /// signal's own noise: the scatter from drop to drop, plus the sampling error of a level with
-    /// so many looks behind it.
+    /// As `OwnBasis::scatter`.
     pub fn scatter(&self, behind: Behind) -> &Matrix4<f64> {
         &self.basis.scatter[behind.0]
     }
 }
 
-/// Upper quantile of chi-squared with three degrees of freedom: the value that is exceeded at
-/// `rate`.
+/// Upper quantile of chi-squared with three degrees of freedom: 2 Q(sqrt x) + sqrt(2 x / pi)
+/// e^(-x/2) with the upper tail Q of the normal distribution is `rate` there.
 fn chi_squared_3(rate: f64) -> f64 {
-    // the survival function in closed form, 2 Q(sqrt x) + sqrt(2 x / pi) e^(-x/2) with the upper
-    // tail Q of the normal distribution, inverted by bisection
     let beyond = |x: f64| {
         2.0 * upper_tail(x.sqrt()) + (2.0 * x / std::f64::consts::PI).sqrt() * (-x / 2.0).exp()
     };

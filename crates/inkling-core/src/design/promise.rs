@@ -1,16 +1,16 @@
 //! Power analysis of a design by Monte Carlo: what the design promises before any data are judged.
 //!
-//! In: a design's pooled healthy model and its physics. Out: [`Promise`], which `inkling score` and
-//! `inkling identify` show: for each class the smallest fault that is found, for each two classes
-//! how often they are mistaken for each other.
+//! In: a design's pooled healthy model and its physics. Out: [`Promise`]: for each class the
+//! smallest fault that is found, for each two classes how often they are mistaken for each other.
 //!
 //! A signal's deviation is drawn as d = fault + T u + noise: the fault's deviation by the physics,
 //! the sensitivities T times a channel's features u ~ N(mean, spread) of the healthy model, and
 //! white noise. Every drawn signal is judged as any signal is. The power is the share that is
 //! flagged; the smallest fault is where the power reaches [`FOUND`]; the confusion counts the class
-//! of largest weight among flagged signals. The result holds as far as this model does.
+//! of largest weight among flagged signals.
 
-use super::{Design, DesignError, IsolateSettings, Judge, Workspace};
+use super::{Design, IsolateSettings, Judge, Result, Workspace};
+use crate::detect::ThresholdMethod;
 use crate::isolate::fault_physics::FaultPhysics;
 use crate::model::bisection::bisected;
 use crate::model::faults::Catalogue;
@@ -21,29 +21,25 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-/// Number of signals that are drawn of each class and size. A power of .9 so has a standard error
-/// of .02.
+/// Number of signals that are drawn of each class and size: a power of .9 is known to .02.
 const DRAWS: usize = 200;
 /// Number of severities of a kind of fault that are tried, at equal steps of the law's scale from
 /// no fault (left out) to the largest severity.
 const SIZES: usize = 40;
 /// Number of bisections between the last severity that is not found and the first one that is.
 const HALVINGS: usize = 5;
-/// Number of severities of a class at which isolation is tried.
 const ISOLATED_SIZES: usize = 12;
 
 impl Design {
-    /// The design's power analysis. `settings`: how faults are isolated. Left out are classes that
-    /// stand for no law of the physics, or for laws of several kinds, since their severities have
-    /// no common scale. `None`: the design knows no physics, or does not detect by sensitivities.
-    pub fn promise(&self, settings: &IsolateSettings) -> Result<Option<Promise>, DesignError> {
+    /// Left out are classes that stand for no law of the physics, or for laws of several kinds.
+    /// `None`: the design knows no physics, or does not detect by sensitivities.
+    pub fn promise(&self, settings: &IsolateSettings) -> Result<Option<Promise>> {
         let Some(monte_carlo) = MonteCarlo::new(self, settings)? else { return Ok(None) };
-        let mut promise =
-            Promise { false_alarm_rate: monte_carlo.rate(), draws: DRAWS, ..Promise::default() };
+        let by_quantile = self.detect.threshold == ThresholdMethod::Quantile;
+        let false_alarm_rate = by_quantile.then_some(self.detect.false_alarm_rate);
+        let mut promise = Promise { false_alarm_rate, draws: DRAWS, ..Promise::default() };
 
-        // Class by class. `taken_for`: of each class, the share of its flagged signals for which
-        // each class is the best; `None`: the class was left out, or none of its signals is
-        // flagged.
+        // `taken_for`: the share of its flagged signals for which each class is the best
         let mut taken_for: Vec<Option<Vec<f64>>> = vec![None; self.classes.len()];
         let laws = &monte_carlo.physics.laws;
         for (k, class) in self.fault_classes().iter().enumerate() {
@@ -56,8 +52,7 @@ impl Design {
             taken_for[k] = monte_carlo.taken_for(kind, range, self.classes.len());
         }
 
-        // Pairs of classes: how often one is taken for the other (the mean of both directions), and
-        // the angle between what their faults do to a signal.
+        // how often one class is taken for the other, and the angle between what their faults do
         let names = self.class_names();
         let spans: Vec<Option<DMatrix<f64>>> =
             self.fault_classes().iter().map(|class| monte_carlo.span(&class.of)).collect();
@@ -79,9 +74,8 @@ impl Design {
     }
 }
 
-/// The smallest angle, in degrees, between a direction in the span of `a` and one in the span of
-/// `b`, both orthonormal bases: the first principal angle, whose cosine is the largest singular
-/// value of a' b.
+/// The first principal angle, in degrees, between the spans of two orthonormal bases: its cosine is
+/// the largest singular value of a' b.
 fn angle_degrees(a: &DMatrix<f64>, b: &DMatrix<f64>) -> f64 {
     let cosine = a.tr_mul(b).singular_values().max();
     cosine.min(1.0).acos().to_degrees()
@@ -93,34 +87,27 @@ fn range_of(classes: &[String], laws: &Catalogue) -> Option<[f64; 2]> {
     ranges.reduce(|[a, b], [c, d]| [a.min(c), b.max(d)])
 }
 
-/// Draws signals of faults and has them judged by the design's pooled model.
 struct MonteCarlo<'a> {
     design: &'a Design,
     physics: &'a FaultPhysics,
     judge: Judge,
     /// T, N x 3: sensitivities to ln amplitude, ln damping and ln frequency, counts.
     tangent: DMatrix<f64>,
-    /// A square root S of the covariance of healthy channels' features: S S' is the covariance.
+    /// S, with the covariance of healthy channels' features S S'.
     spread: Matrix3<f64>,
-    /// The mean of healthy channels' features.
     mean: Vector3<f64>,
-    /// Standard deviation of one sample's noise, counts.
     noise: f64,
 }
 
 impl<'a> MonteCarlo<'a> {
     /// `None`: the design knows no physics, or its pooled model has no sensitivities.
-    fn new(
-        design: &'a Design,
-        settings: &IsolateSettings,
-    ) -> Result<Option<MonteCarlo<'a>>, DesignError> {
+    fn new(design: &'a Design, settings: &IsolateSettings) -> Result<Option<MonteCarlo<'a>>> {
         let model = design.pooled.clone();
         let (Some(physics), Some(sensitivity)) = (&design.physics, &model.sensitivity) else {
             return Ok(None);
         };
         let fitter = RingFitter::new(physics.ring, design.sample_period_s, design.samples);
         let tangent = fitter.tangent(&Features::HEALTHY).columns(0, 3).into_owned();
-        // the square root of the covariance, from its eigenvalues and eigenvectors
         let spread = Matrix3::from_fn(|i, j| sensitivity.spread[i][j]).symmetric_eigen();
         let roots = spread.eigenvalues.map(|v| v.max(0.0).sqrt());
         let (mean, noise) = (Vector3::from(sensitivity.mean), model.noise);
@@ -131,17 +118,15 @@ impl<'a> MonteCarlo<'a> {
 
     /// An orthonormal basis, N x 2, of the deviations that the smallest and the largest fault of a
     /// class make, after the linear map that makes noise and the channels' spread white. `classes`:
-    /// the laws that the class stands for. `None`: these are not of one kind, or a fault cannot be
-    /// predicted.
+    /// its laws. `None`: these are not of one kind, or a fault cannot be predicted.
     fn span(&self, classes: &[String]) -> Option<DMatrix<f64>> {
         let laws = &self.physics.laws;
         let (kind, [least, most]) = (laws.one_kind(classes)?, range_of(classes, laws)?);
         let deviation = |severity| self.deviation(kind, severity).map(DVector::from_vec);
         let both = DMatrix::from_columns(&[deviation(least)?, deviation(most)?]);
 
-        // A healthy signal has the covariance noise² I + U U', with U = T S = Q R. In the
-        // coordinates of Q the covariance is noise² I + R R', and beside the span of Q it is noise²
-        // I. So the two parts of a deviation are whitened separately, and added again.
+        // A healthy signal has the covariance noise² I + U U', with U = T S = Q R: in the
+        // coordinates of Q noise² I + R R', beside the span of Q noise² I.
         let (q, r) = (&self.tangent * self.spread).qr().unpack();
         let own = r.clone() * r.transpose() + DMatrix::identity(3, 3) * self.noise.powi(2);
         let white = own.cholesky()?.l();
@@ -151,31 +136,19 @@ impl<'a> MonteCarlo<'a> {
         Some((q * along + beside).qr().q())
     }
 
-    /// The rate of false alarms that the design's threshold is meant for; `None`: the threshold is
-    /// no quantile.
-    fn rate(&self) -> Option<f64> {
-        let detect = &self.design.detect;
-        let by_quantile = detect.threshold == crate::detect::ThresholdMethod::Quantile;
-        by_quantile.then_some(detect.false_alarm_rate)
-    }
-
-    /// The deviation that a fault of the class and severity makes of a mean channel's signal,
-    /// without noise, N, counts. `None`: the physics cannot predict the fault.
+    /// Of a mean channel's signal, without noise, N, counts.
     fn deviation(&self, class: &str, severity: f64) -> Option<Vec<f64>> {
         let sampling = (self.design.sample_period_s, self.design.samples);
         self.physics.deviation(class, severity, sampling)
     }
 
-    /// Deviations of [`DRAWS`] signals with a fault of that severity, N each, counts. Every class
-    /// and severity gets the same channels and noise (common random numbers, the seed is fixed), so
-    /// that the power changes with the severity and not by chance. `None`: the physics cannot
-    /// predict the fault.
+    /// Deviations of [`DRAWS`] signals, N each, counts. Every class and severity gets the same
+    /// channels and noise (common random numbers), so that the power does not change by chance.
     fn signals(&self, class: &str, severity: f64) -> Option<Vec<Vec<f64>>> {
         let fault = self.deviation(class, severity)?;
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
         let signal = |_| {
-            // the channel's own features, and to first order what they do to its signal
             let own = self.mean + self.spread * Vector3::from_fn(|_, _| normal());
             let of_channel = &self.tangent * DVector::from_column_slice(own.as_slice());
             let each = fault.iter().zip(of_channel.iter());
@@ -184,27 +157,25 @@ impl<'a> MonteCarlo<'a> {
         Some((0..DRAWS).map(signal).collect())
     }
 
-    /// Share of signals with a fault of that severity that are flagged, at the reference drive.
-    fn power(&self, class: &str, severity: f64) -> Option<f64> {
-        let mut work = Workspace::default();
-        let flagged = |deviation: &Vec<f64>| {
-            let found = self.judge.detect(deviation, 1.0, &mut work);
-            self.judge.test(found).is_flagged()
-        };
-        let signals = self.signals(class, severity)?;
-        let flagged = signals.iter().map(flagged).filter(|f| *f).count();
-        Some(flagged as f64 / DRAWS as f64)
+    fn is_flagged(&self, deviation: &[f64], work: &mut Workspace) -> bool {
+        self.judge.test(self.judge.detect(deviation, 1.0, work)).is_flagged()
     }
 
-    /// The smallest fault of the class `name` that is found, and the share found of the class's own
-    /// range. `class`: the law in whose unit severities are counted; `range`: the severities that
-    /// the class's name stands for. `None`: the physics cannot predict a severity.
+    /// Share of signals with a fault of that severity that are flagged.
+    fn power(&self, class: &str, severity: f64) -> Option<f64> {
+        let mut work = Workspace::default();
+        let signals = self.signals(class, severity)?;
+        let flagged = signals.iter().filter(|deviation| self.is_flagged(deviation, &mut work));
+        Some(flagged.count() as f64 / DRAWS as f64)
+    }
+
+    /// The smallest fault of the class `name` that is found, and the share found of its `range`.
+    /// `class`: the law in whose unit severities are counted.
     fn detectable(&self, name: &str, class: &str, range: [f64; 2]) -> Option<Detectable> {
         let laws = &self.physics.laws;
         let law = laws.law(class)?;
         let none = law.scale(law.none());
-        // The power at SIZES severities, on one scale for all classes of the kind: from no fault to
-        // the largest fault.
+        // at SIZES severities from no fault to the largest, on one scale for all of the kind
         let most = law.scale(laws.largest(law));
         let at = |place: f64| {
             let severity = law.severity_at(place);
@@ -213,9 +184,7 @@ impl<'a> MonteCarlo<'a> {
         let place = |k: usize| none + (most - none) * k as f64 / SIZES as f64;
         let powers: Vec<(f64, f64)> = (1..=SIZES).map(|k| at(place(k))).collect::<Option<_>>()?;
 
-        // `first`: index of the first severity from which on every severity is found. The limit
-        // lies between that severity and the one before, `place(first)`, and is refined by
-        // bisection.
+        // From `first` on every severity is found: the limit lies between that and `place(first)`.
         let first = powers.iter().rposition(|(_, power)| *power < FOUND).map_or(0, |k| k + 1);
         let smallest = (first < powers.len()).then(|| {
             let is_found = |place: f64| at(place).is_some_and(|(_, power)| power >= FOUND);
@@ -224,7 +193,6 @@ impl<'a> MonteCarlo<'a> {
             law.severity_at(high)
         });
 
-        // the mean power over the severities within the class's own range
         let own: Vec<f64> =
             powers.iter().filter(|(s, _)| (range[0]..=range[1]).contains(s)).map(|p| p.1).collect();
         // a range between two of the severities is as its middle
@@ -235,11 +203,9 @@ impl<'a> MonteCarlo<'a> {
         Some(Detectable { class: name.into(), range, smallest, found })
     }
 
-    /// A row of the confusion matrix: of the flagged signals of a class, the share for which each
-    /// class has the largest weight. The severities are the middles of `ISOLATED_SIZES` equal
-    /// parts of `range` on the law's scale; `classes`: number of the design's classes. Flagged
-    /// signals that get no weights (no ring explains them) count in no class, so the shares may add
-    /// up to less than 1. `None`: no signal is flagged.
+    /// Of the flagged signals of a class, the share for which each class has the largest weight, at
+    /// the middles of `ISOLATED_SIZES` equal parts of `range`. Signals that no ring explains count
+    /// in none.
     fn taken_for(&self, class: &str, range: [f64; 2], classes: usize) -> Option<Vec<f64>> {
         let mut best = vec![0.0; classes];
         let mut work = Workspace::default();
@@ -251,8 +217,7 @@ impl<'a> MonteCarlo<'a> {
         let mut all = 0.0;
         for severity in sizes {
             for deviation in self.signals(class, severity).iter().flatten() {
-                let found = self.judge.detect(deviation, 1.0, &mut work);
-                if !self.judge.test(found).is_flagged() {
+                if !self.is_flagged(deviation, &mut work) {
                     continue;
                 }
                 all += 1.0;

@@ -1,12 +1,10 @@
-//! Rings about a model's own ring: the tools of `design` that fit rings to signals, and tell what
-//! signals hold beside their rings.
+//! Rings about a model's own ring: fits of rings to signals, and what signals hold beside them.
 //!
 //! In: a healthy model, and signals of its printhead. Out: a fitter of rings whose features (ln
 //! amplitude, ln damping, ln frequency, phase) are relative to the model's ring; the features of
-//! each signal that a ring fits; and a signal's misfit beside its ring. The fit itself is in
-//! `model/ring_fit.rs`, the projection beside the ring in `model/beside_ring.rs`.
+//! each signal that a ring fits; and a signal's misfit beside its ring.
 
-use super::{DesignError, HealthyModel};
+use super::{HealthyModel, Result};
 use crate::identify::averaging::SignalSet;
 use crate::identify::grey_box::Identification;
 use crate::model::beside_ring::BesideRing;
@@ -17,18 +15,16 @@ use nalgebra::Vector4;
 /// Fits rings about a model's ring, and tells what a signal holds beside its ring.
 #[derive(Clone, Debug)]
 pub(super) struct Rings {
-    /// The fits, about the model's ring.
     pub fitter: RingFitter,
-    /// The projection on the orthogonal complement of a ring's tangent space.
+    /// Projects on the orthogonal complement of a ring's tangent space.
     pub beside: BesideRing,
     /// The part of every healthy signal beside its ring, N, counts; empty: there is none.
     pub leftover: Vec<f64>,
 }
 
 impl Rings {
-    /// The misfit of a signal beside its ring, N, counts per unit drive, without the leftover that
-    /// every healthy signal has. `y`: the signal per unit drive, N, counts; `at`: the features of
-    /// its fitted ring, the phase free.
+    /// The misfit of a signal beside its ring, N, counts per unit drive, without the leftover. `y`:
+    /// the signal per unit drive, N, counts; `at`: the features of its fitted ring.
     pub fn misfit(&self, y: &[f64], at: &Features) -> Vec<f64> {
         let mut misfit = self.beside.misfit(&self.fitter, y, at);
         let amplitude = at.ln_amplitude.exp();
@@ -38,33 +34,27 @@ impl Rings {
 }
 
 impl HealthyModel {
-    /// The ring that the model's free decay is, at the reference drive. An error if the model does
-    /// not oscillate.
-    pub(super) fn ring(&self) -> Result<Ring, DesignError> {
+    /// The ring that the model's free decay is. An error if the model does not oscillate.
+    pub(super) fn ring(&self) -> Result<Ring> {
         let Identification { poles, output_state, .. } = self.identification;
-        Ring::new(poles, output_state)
-            .ok_or_else(|| DesignError::Invalid("the identified model does not ring".into()))
+        Ok(Ring::new(poles, output_state).ok_or("the identified model does not ring")?)
     }
 
-    /// The fitter of rings about the model's ring.
-    pub(super) fn fitter(&self) -> Result<RingFitter, DesignError> {
+    /// The fitter about that ring.
+    pub(super) fn fitter(&self) -> Result<RingFitter> {
         Ok(RingFitter::new(self.ring()?, self.generator.dt_s, self.expected.len()))
     }
 
-    /// The fitter of rings about the model's ring, with the projection beside rings and the
-    /// leftover.
-    pub(super) fn rings(&self) -> Result<Rings, DesignError> {
+    /// The same with the projection beside rings and the leftover.
+    pub(super) fn rings(&self) -> Result<Rings> {
         let beside = BesideRing::new(&self.ring()?, self.generator.dt_s, self.expected.len());
         Ok(Rings { fitter: self.fitter()?, beside, leftover: self.leftover.clone() })
     }
 
-    /// Index and features of every signal of a set that a ring fits (the phase free), with the
-    /// features corrected to the model's temperature. The ring is fitted to the signal per unit
-    /// drive at its own temperature, since temperature shifts features alike, and signals not.
-    pub(super) fn fitted(
-        &self,
-        set: &SignalSet,
-    ) -> Result<Vec<(usize, Vector4<f64>)>, DesignError> {
+    /// Index and features of every signal of a set that a ring fits (the phase free), corrected to
+    /// the model's temperature. The ring is fitted at the signal's own temperature, since
+    /// temperature shifts features alike, and signals not.
+    pub(super) fn fitted(&self, set: &SignalSet) -> Result<Vec<(usize, Vector4<f64>)>> {
         let fitter = self.fitter()?;
         let per_k = self.features_per_k(&fitter);
         let (mut signal, mut columns) = (Vec::new(), FitBuffers::default());

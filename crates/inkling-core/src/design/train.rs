@@ -1,22 +1,18 @@
 //! Training: from labelled signals to a design.
 //!
-//! In: a [`TrainingSet`], settings; from `inkling train`, and from whoever trains again (`inkling
-//! thesis`, a critique's extended design, `detectable`). Out: a [`Design`], and warnings in words.
-//! The order:
-//!
-//! 1. the learned part of the FD filter, where `detect.denominator` is a method that learns from
-//!    faults;
+//! In, from `inkling train` and whoever trains again: a [`TrainingSet`], settings. Out: a
+//! [`Design`], and warnings in words. The order:
+//! 1. the learned part of the FD filter, for every `detect.denominator` but method I;
 //! 2. the healthy models, one per printhead and one of all together (`learn`);
 //! 3. the fault classes: mean deviations of the labelled signals (`fault_class`);
-//! 4. with `isolate.method` = `posterior` the physics, and the classes that the physics adds
-//!    (`cold_start`);
+//! 4. with `isolate.method` = `posterior` the physics, and the classes that it adds (`cold_start`);
 //! 5. the posterior over all classes, and what is typical of each class (`typical`).
 
 use super::channel_levels::ChannelLevels;
-use super::training_set::{From, TrainingSet, examples};
+use super::training_set::{FittedSignal, TrainingSet, examples};
 use super::{
-    Design, DesignError, DetectSettings, FaultClass, HealthyModel, IsolateSettings, LearnSettings,
-    LearnedFilter, VERSION, cold_start, typical,
+    Design, DetectSettings, FaultClass, HealthyModel, IsolateSettings, LearnSettings,
+    LearnedFilter, Result, VERSION, cold_start, typical,
 };
 use crate::detect::Denominator;
 use crate::fault;
@@ -33,17 +29,14 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
 impl Design {
-    /// Learns a model of every printhead and of all together, and a class of every fault label.
-    /// Also returns warnings in words: what could not be learned, and which labels look wrong. An
-    /// error if there is no pooled model, or if the chosen filter has no labelled faults to learn
-    /// from.
+    /// Also returns warnings in words. An error if there is no pooled model, or if the chosen
+    /// filter has no labelled faults to learn from.
     pub fn train(
         set: &TrainingSet,
         grey_box: &GreyBoxSettings,
         detect: &DetectSettings,
         isolate: &IsolateSettings,
-    ) -> Result<(Design, Vec<String>), DesignError> {
-        // `least_agreeing` is `None`: labels say which signals are healthy.
+    ) -> Result<(Design, Vec<String>)> {
         let settings = LearnSettings {
             grey_box,
             detect,
@@ -52,17 +45,13 @@ impl Design {
             filter: None,
         };
 
-        // The healthy models. Every denominator but method I's is learned from faults first.
-        let (mut design, mut warnings) = if detect.denominator == Denominator::Resonance {
-            Design::of_healthy(set, settings)?
-        } else {
-            let filter = learned_filter(set, settings)?;
-            let settings = LearnSettings { filter: Some(&filter), ..settings };
-            let (design, warnings) = Design::of_healthy(set, settings)?;
-            (Design { filter: Some(filter), ..design }, warnings)
+        let filter = match detect.denominator {
+            Denominator::Resonance => None,
+            _ => Some(learned_filter(set, settings)?),
         };
+        let settings = LearnSettings { filter: filter.as_ref(), ..settings };
+        let (mut design, mut warnings) = Design::of_healthy(set, settings)?;
 
-        // Fault classes: those with labelled signals, then those that the physics adds to them.
         design.classes = learn_classes(&design, set, isolate, settings, &mut warnings);
         if isolate.method == IsolateMethod::Posterior {
             design.physics = cold_start::physics(&design, set, grey_box, isolate)?;
@@ -71,8 +60,7 @@ impl Design {
             }
         }
 
-        // What is learned of all classes together. Classes may drop out in `yield_to_own_classes`,
-        // hence the bounds of what is typical, one per class, come last.
+        // classes may drop out in `yield_to_own_classes`, so `typical` comes last
         in_table_order(&mut design.classes);
         if !design.classes.is_empty() {
             design.posterior = learn_posterior(&design, set)?.map(Arc::new);
@@ -90,14 +78,9 @@ impl Design {
         Ok((design, warnings))
     }
 
-    /// The healthy part of a design (models and thresholds), without fault classes, and warnings. A
-    /// printhead whose signals give no model is judged by the pooled one, and a warning says so.
-    fn of_healthy(
-        set: &TrainingSet,
-        settings: LearnSettings,
-    ) -> Result<(Design, Vec<String>), DesignError> {
-        // Without a pooled model there is no design; a printhead without a model of its own is no
-        // failure.
+    /// The healthy part of a design, and warnings: the pooled model judges printheads without a
+    /// model.
+    fn of_healthy(set: &TrainingSet, settings: LearnSettings) -> Result<(Design, Vec<String>)> {
         let pooled = HealthyModel::learn(&pool(&set.healthy, set.samples), None, None, settings)?;
         let (mut models, mut warnings) = (Vec::new(), Vec::new());
         for (name, healthy) in &set.healthy {
@@ -109,7 +92,6 @@ impl Design {
             }
         }
 
-        // What the pooled model says against the labels or the recordings.
         warnings.extend(temperature_unknown(&pooled));
         warnings.extend(pooled.apart.map(|share| {
             format!(
@@ -128,7 +110,7 @@ impl Design {
             drive_voltage_v: set.drive_voltage_v,
             chosen: BTreeMap::new(),
             detect: settings.detect.clone(),
-            filter: None,
+            filter: settings.filter.cloned(),
             signals: set.signals.clone(),
             models,
             pooled,
@@ -142,8 +124,7 @@ impl Design {
         Ok((design, warnings))
     }
 
-    /// Pairs each printhead's signals with the model that judges them: its own, or else the pooled
-    /// one.
+    /// Pairs each printhead's signals with the model that judges them.
     pub(super) fn with_models<'a>(
         &'a self,
         printheads: &'a BTreeMap<String, SignalSet>,
@@ -152,8 +133,7 @@ impl Design {
     }
 }
 
-/// Learns a class of every fault label. A class for which the method of isolation lacks something
-/// (a model that cannot be identified) stays in the result, with a warning.
+/// A class for which the method of isolation lacks something stays in the result, with a warning.
 pub(super) fn learn_classes(
     design: &Design,
     set: &TrainingSet,
@@ -166,7 +146,17 @@ pub(super) fn learn_classes(
         let sets = design.with_models(printheads);
         let mut class = FaultClass::learn(name, categories.of(name), &sets);
         class.of = isolate.classes.get(name).cloned().unwrap_or_default();
-        if let Err(e) = class.learn_for(isolate, &design.pooled, &sets, settings) {
+        let learned = match isolate.method {
+            IsolateMethod::Posterior | IsolateMethod::ResidualMatching => Ok(()),
+            IsolateMethod::ModelMatching => {
+                class.learn_model(&design.pooled, &sets, isolate.matching_share, settings)
+            }
+            IsolateMethod::Neighbours => {
+                class.keep_examples(&sets);
+                Ok(())
+            }
+        };
+        if let Err(e) = learned {
             warnings.push(format!(
                 "class {name}: no model of its own ({e}); model matching cannot name it"
             ));
@@ -176,7 +166,6 @@ pub(super) fn learn_classes(
     set.faulty.iter().map(learn).collect()
 }
 
-/// The warning where temperature was recorded and the model does not know its effect.
 fn temperature_unknown(pooled: &HealthyModel) -> Option<String> {
     let reference = pooled.temperature_c.filter(|_| pooled.temperature_response.is_none())?;
     Some(format!(
@@ -186,17 +175,13 @@ fn temperature_unknown(pooled: &HealthyModel) -> Option<String> {
     ))
 }
 
-/// The learned part of the FD filter, for every `detect.denominator` but method I, in two steps:
-/// first healthy models with method I's filter, since faults are deviations from what these models
-/// expect; then the filter, from the faults. An error if no signal has the label that is needed.
-fn learned_filter(
-    set: &TrainingSet,
-    settings: LearnSettings,
-) -> Result<LearnedFilter, DesignError> {
+/// The learned part of the FD filter. Faults are deviations from healthy models, so models with
+/// method I's filter are learned first. An error if no signal has the label that is needed.
+fn learned_filter(set: &TrainingSet, settings: LearnSettings) -> Result<LearnedFilter> {
     let by_resonance =
         DetectSettings { denominator: Denominator::Resonance, ..settings.detect.clone() };
     let first = LearnSettings { detect: &by_resonance, ..settings };
-    // The search looks at all labelled faults, all other methods at the class `detect.fault`.
+    // the search looks at all labelled faults, the other methods at the class `detect.fault`
     let name = &settings.detect.fault;
     let is_search = settings.detect.denominator == Denominator::Searched;
     let faulty: Vec<_> = match is_search {
@@ -205,13 +190,14 @@ fn learned_filter(
     };
     if faulty.is_empty() {
         let known: Vec<&str> = set.faulty.keys().map(String::as_str).collect();
-        return Err(DesignError::Invalid(match is_search {
-            true => "detect.denominator = \"searched\": no signal is labelled faulty".into(),
-            false => format!(
-                "detect.fault = \"{name}\": no signal is labelled so (labelled faults: {})",
-                known.join(", ")
-            ),
-        }));
+        if is_search {
+            return Err("detect.denominator = \"searched\": no signal is labelled faulty".into());
+        }
+        let known = known.join(", ");
+        return Err(format!(
+            "detect.fault = \"{name}\": no signal is labelled so (labelled faults: {known})"
+        )
+        .into());
     }
     let (design, _) = Design::of_healthy(set, first)?;
     let sets: Vec<_> = faulty.into_iter().flat_map(|faulty| design.with_models(faulty)).collect();
@@ -223,49 +209,39 @@ fn learned_filter(
     LearnedFilter::learn(healthy, &class, &sets, settings)
 }
 
-/// Learns the class densities of a ring's features, from rings fitted to all labelled signals and
-/// from the physics as far as that predicts the classes. The densities are learned twice: for
-/// channels of which nothing is known, with each labelled signal moved to another channel's level;
-/// and for channels whose own level is known, with features counted from that level. `None`: a
-/// class has neither enough signals nor a prediction.
-pub(super) fn learn_posterior(
-    design: &Design,
-    set: &TrainingSet,
-) -> Result<Option<Posterior>, DesignError> {
-    // The channels' healthy levels on every printhead; `None` of a printhead whose channels are too
-    // few.
+/// Learns the class densities of a ring's features, from labelled signals and from the physics,
+/// twice: for channels of which nothing is known, with each signal moved to another channel's
+/// level; and with features counted from a channel's known level. `None`: a class has neither.
+pub(super) fn learn_posterior(design: &Design, set: &TrainingSet) -> Result<Option<Posterior>> {
+    // the channels' healthy levels on every printhead; `None`: its channels are too few
     let mut levels = BTreeMap::new();
-    for ((model, signals), name) in
-        design.with_models(&set.healthy).into_iter().zip(set.healthy.keys())
-    {
-        levels.insert(name, ChannelLevels::learn(model, signals)?);
+    for (name, signals) in &set.healthy {
+        levels.insert(name, ChannelLevels::learn(design.reference_of(name), signals)?);
     }
 
-    // Features of each class's signals, both ways: `of_any` as of any channel, `of_own` from the
-    // signal's own channel's level. `None` for a class without labelled signals.
-    let (mut of_any, mut of_own) = (Vec::new(), Vec::new());
-    for class in &design.classes {
-        let Some(sets) = set.faulty.get(&class.name) else {
-            of_any.push(None);
-            of_own.push(None);
-            continue;
-        };
-        // the levels of the printheads on which the class was labelled, in the order of `sets`
+    // Features of each class's signals: as of any channel, and from the own channel's level.
+    let of_class = |class: &FaultClass| -> Result<(Option<Examples>, Option<Examples>)> {
+        let Some(sets) = set.faulty.get(&class.name) else { return Ok((None, None)) };
         let of_each: Vec<_> = sets.keys().map(|name| levels.get(name)?.as_ref()).collect();
         let sets = design.with_models(sets);
-        of_any.push(examples(&sets, From::AnyChannel(&of_each))?);
-        of_own.push(examples(&sets, From::OwnChannel(&of_each))?);
-    }
+        let any = |of: FittedSignal| {
+            let level =
+                |levels: &ChannelLevels| levels.elsewhere(of.channel, of.rank, &of.features);
+            Some(of_each[of.set].map_or(of.features, level))
+        };
+        let own = |of: FittedSignal| Some(of.features - of_each[of.set]?.at(of.channel)?);
+        Ok((examples(&sets, any)?, examples(&sets, own)?))
+    };
+    let (of_any, of_own) =
+        design.classes.iter().map(of_class).collect::<Result<(Vec<_>, Vec<_>)>>()?;
 
-    // The densities for channels of which nothing is known.
     let physics = design.physics.as_ref();
     let curves = physics
         .map(|of| of.curves(&design.fault_classes(), design.sample_period_s, design.samples));
     let Some(posterior) = posterior_of(&of_any, curves.as_ref()) else { return Ok(None) };
 
-    // The densities about a channel's own level. They need every labelled class to have signals of
-    // channels with a level. The physics' curves are then those of one channel whose baseline is
-    // known as from `ChannelLevels::MOST` healthy signals, the most that a level rests on, without
+    // Densities about a channel's own level need every labelled class to have signals of channels
+    // with a level. The curves are of one channel whose baseline rests on the most signals, without
     // scatter from drop to drop.
     let are_known = of_any.iter().zip(&of_own).all(|(any, own)| any.is_none() || own.is_some());
     let about_own = || match &curves {
@@ -278,30 +254,20 @@ pub(super) fn learn_posterior(
     Ok(Some(posterior.with_own(are_known.then(about_own).flatten())))
 }
 
-/// Learns the densities of classes from labelled signals and from the physics' curves.
-/// `of_classes`: the examples of each class, if it has any; `curves`: `None` without physics. The
-/// result is `None` if a class has neither examples nor a curve.
-fn posterior_of(
-    of_classes: &[Option<Examples>],
-    curves: Option<&FaultCurves>,
-) -> Option<Posterior> {
-    let learned = || {
-        let all: Option<Vec<Examples>> = of_classes.iter().cloned().collect();
-        all.and_then(|all| Posterior::learn(&all))
-    };
+/// The densities from labelled `examples` and from the physics' curves; `None`: a class has
+/// neither.
+fn posterior_of(examples: &[Option<Examples>], curves: Option<&FaultCurves>) -> Option<Posterior> {
+    let learned = || Posterior::learn(&examples.iter().cloned().collect::<Option<Vec<_>>>()?);
     let Some(curves) = curves else { return learned() };
 
-    // With physics, the learned densities and those of the curves are stacked (mixed with weights
-    // that predict held-out examples best). For that, each example is first compared with the
-    // curves. `known`: whether a class has a curve.
-    let known: Vec<bool> = (0..of_classes.len()).map(|k| !curves.class(k).is_empty()).collect();
-    let mut by_physics: Vec<Vec<Vec<f64>>> = vec![Vec::new(); of_classes.len()];
-    for (k, class) in of_classes.iter().enumerate() {
-        for x in class.iter().flat_map(|class| &class.features) {
-            by_physics[k].push(ln_densities(curves, x.as_slice()));
-        }
-    }
-    Posterior::stack(of_classes, &by_physics, &known).or_else(learned)
+    // learned densities and curves are mixed with weights that predict held-out examples best
+    let has_curve: Vec<bool> = (0..examples.len()).map(|k| !curves.class(k).is_empty()).collect();
+    let of_class = |class: &Option<Examples>| -> Vec<Vec<f64>> {
+        let features = class.iter().flat_map(|class| &class.features);
+        features.map(|x| ln_densities(curves, x.as_slice())).collect()
+    };
+    let by_physics: Vec<_> = examples.iter().map(of_class).collect();
+    Posterior::stack(examples, &by_physics, &has_curve).or_else(learned)
 }
 
 /// The ln density of four features in each class by the physics' curves, at the reference drive.
@@ -311,38 +277,33 @@ fn ln_densities(curves: &FaultCurves, x: &[f64]) -> Vec<f64> {
     compared.ln_densities
 }
 
-/// Removes classes that are probably the same fault as a user's own class under another name. The
-/// own class has labelled signals and stands for no law of the physics; the removed class has no
-/// labelled signals, is known by the physics alone, and takes more than the share `little` of
-/// the posterior of the own class's signals. Returns a message for each own class that replaced
-/// others.
+/// Removes classes that the physics alone knows and that take more than the share `little` of the
+/// posterior of a user's own class's signals: probably the same fault under another name.
 fn yield_to_own_classes(
     design: &mut Design,
     set: &TrainingSet,
     isolate: &IsolateSettings,
-) -> Result<Vec<String>, DesignError> {
-    let mut said = Vec::new();
-    // the names of the user's own classes, of which the physics knows nothing
-    let unknown =
+) -> Result<Vec<String>> {
+    let mut messages = Vec::new();
+    let is_own =
         |class: &FaultClass| class.of.is_empty() && isolate.physics.law(&class.name).is_none();
-    let own: Vec<String> =
-        design.classes.iter().filter(|c| unknown(c)).map(|c| c.name.clone()).collect();
+    let own = design.classes.iter().filter(|class| is_own(class));
+    let own: Vec<String> = own.map(|class| class.name.clone()).collect();
     for (name, printheads) in set.faulty.iter().filter(|(name, _)| own.contains(name)) {
         let (Some(posterior), Some(curves)) = (&design.posterior, design.curves()) else { break };
         let sets = design.with_models(printheads);
-        let Some(examples) = examples(&sets, From::Head)? else { continue };
+        let Some(examples) = examples(&sets, |of| Some(of.features))? else { continue };
 
-        // The posterior of each signal of the own class, under equal priors. `taken`: the sum over
-        // signals of what each class gets.
+        // `taken`: the posterior weight of each class under equal priors, summed over the signals
         let classes = design.classes.len();
-        let (mut weights, mut taken) = (vec![0.0; classes], vec![0.0; classes]);
+        let (priors, mut taken) = (vec![1.0; classes], vec![0.0; classes]);
+        let mut weights = vec![0.0; classes];
         for x in examples.features.iter().map(|x| x.as_slice()) {
-            let (by_physics, priors) = (ln_densities(&curves, x), vec![1.0; classes]);
+            let by_physics = ln_densities(&curves, x);
             posterior.weigh(x, &by_physics, &priors, &mut Vec::new(), &mut weights);
             taken.iter_mut().zip(&weights).for_each(|(t, w)| *t += w);
         }
 
-        // Only classes without labelled signals yield.
         let of_all = examples.features.len() as f64;
         let takes = |k: usize| design.classes[k].n_signals == 0 && taken[k] > little() * of_all;
         let gone: Vec<String> =
@@ -351,18 +312,16 @@ fn yield_to_own_classes(
             continue;
         }
 
-        // Curves and posterior depend on the classes, so both are made again before the next own
-        // class.
         design.classes.retain(|class| !gone.contains(&class.name));
         design.curves = OnceLock::new();
         design.posterior = learn_posterior(design, set)?.map(Arc::new);
-        said.push(format!(
+        messages.push(format!(
             "{}: known by physics only, and what {name} looks like: left out. Label signals of it to \
              tell the two apart",
             gone.join(", ")
         ));
     }
-    Ok(said)
+    Ok(messages)
 }
 
 /// Sorts the thesis's classes in the order of its tables, then a user's own by name.
@@ -372,8 +331,7 @@ fn in_table_order(classes: &mut [FaultClass]) {
 }
 
 /// All printheads' signals in one set. Channel numbers are offset by 2^20 times the printhead's
-/// index, so that channels of different printheads are told apart. Labelled severities are not
-/// carried over.
+/// index.
 fn pool(healthy: &BTreeMap<String, SignalSet>, samples: usize) -> SignalSet {
     let mut all = SignalSet::new(samples);
     for (p, set) in healthy.values().enumerate() {

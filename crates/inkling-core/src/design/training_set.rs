@@ -1,13 +1,11 @@
 //! Labelled signals, and the features of the rings that are fitted to them.
 //!
 //! In, from the collecting of recordings by their labels (`pipeline/collect.rs`): signals by label
-//! and printhead. Out: [`TrainingSet`], which training reads and cross-validation divides.
-//! `examples` turns a class's signals into the features (ln amplitude, ln damping, ln frequency,
-//! phase) that the densities of the posterior are learned from; `From` says which level the
-//! features are counted from.
+//! and printhead. Out: [`TrainingSet`], which training reads and cross-validation divides; and
+//! `examples`, the features (ln amplitude, ln damping, ln frequency, phase) of a class's signals,
+//! from which the densities of the posterior are learned.
 
-use super::channel_levels::ChannelLevels;
-use super::{DesignError, Extension, HealthyModel};
+use super::{Extension, HealthyModel, Result};
 use crate::fault::HEALTHY;
 use crate::identify::averaging::SignalSet;
 use crate::isolate::stacking::Examples;
@@ -15,23 +13,19 @@ use crate::model::ring_fit::Features;
 use nalgebra::{DMatrix, DVector, Vector4};
 use std::collections::BTreeMap;
 
-/// Labelled signals of one sample period and length; their drives are relative to
-/// `drive_voltage_v`.
+/// Labelled signals of one sample period and length.
 #[derive(Debug, Default)]
 pub struct TrainingSet {
     pub sample_period_s: f64,
-    /// Number N of samples per signal.
     pub samples: usize,
-    /// The reference drive voltage, V; `None`: no drive was recorded.
     pub drive_voltage_v: Option<f64>,
     /// Healthy signals by printhead.
     pub healthy: BTreeMap<String, SignalSet>,
     /// Faulty signals by class, then printhead.
     pub faulty: BTreeMap<String, BTreeMap<String, SignalSet>>,
-    /// Number of signals seen, by label, or by the reason for those that were not collected. They
-    /// may be more than are held here, which is a sample.
+    /// Number of signals seen, by label, or by the reason for those that were not collected.
     pub signals: BTreeMap<String, u64>,
-    /// What a critique found missing in the models. It was subtracted from the signals already.
+    /// It was subtracted from the signals already.
     pub extension: Option<Extension>,
 }
 
@@ -45,10 +39,9 @@ impl TrainingSet {
         })
     }
 
-    /// The same set with some of the signals, without the extension. `keep` gets a state, a
-    /// printhead and its signals of that state, and returns the indices of the signals to keep. A
-    /// class or printhead without any signal left is left out, and `signals` counts those that are
-    /// kept.
+    /// The same set without the extension and with the signals whose indices `keep` returns for a
+    /// state, a printhead and its signals of that state. A class or printhead without any is left
+    /// out.
     pub fn with(&self, mut keep: impl FnMut(&str, &str, &SignalSet) -> Vec<usize>) -> TrainingSet {
         let mut part = TrainingSet {
             sample_period_s: self.sample_period_s,
@@ -73,44 +66,26 @@ impl TrainingSet {
     }
 }
 
-/// The level that the features of labelled signals are counted from. The slices hold, for each
-/// printhead in the order of the signals' sets, its channels' levels, if they are known.
-#[derive(Clone, Copy, Debug)]
-pub(super) enum From<'a> {
-    /// The printhead's level: the features stay as they are.
-    Head,
-    /// The printhead's level, with each signal moved as if it were of another of the printhead's
-    /// channels. Where levels are not known the signal stays as it is.
-    AnyChannel(&'a [Option<&'a ChannelLevels>]),
-    /// The level of the signal's own channel. Signals of channels without one are left out.
-    OwnChannel(&'a [Option<&'a ChannelLevels>]),
+/// A signal that a ring fits.
+pub(super) struct FittedSignal {
+    /// Index of its printhead's set.
+    pub set: usize,
+    /// Its number among the signals of the set that a ring fits.
+    pub rank: usize,
+    pub channel: u32,
+    /// Relative to the printhead's ring.
+    pub features: Vector4<f64>,
 }
 
-impl From<'_> {
-    /// Features `x` of a signal, counted from the level that `self` says. `k`: index of the
-    /// signal's printhead; `i`: number of the signal among those of its set that a ring fits;
-    /// `channel`: the signal's. `None`: the signal is left out.
-    fn moved(self, k: usize, i: usize, channel: u32, x: &Vector4<f64>) -> Option<Vector4<f64>> {
-        match self {
-            From::Head => Some(*x),
-            From::AnyChannel(of) => {
-                Some(of[k].map_or(*x, |levels| levels.elsewhere(channel, i, x)))
-            }
-            From::OwnChannel(of) => Some(x - of[k]?.at(channel)?),
-        }
-    }
-}
-
-/// Features of a class's signals, and the covariance (4 x 4) of a fit's noise at the mean of the
-/// features. `sets`: the class's signals, each set with the healthy model of its printhead. With
-/// several printheads the noise is that of the last one that gives a covariance. `None`: no signal
-/// is left. An error if a model does not ring.
+/// Features of a class's signals, and the covariance (4 x 4) of a fit's noise at their mean, with
+/// several printheads of the last one. `sets`: signals with the model of their printhead;
+/// `counted`: the features from the level that they shall be counted from, `None`: left out.
 pub(super) fn examples(
     sets: &[(&HealthyModel, &SignalSet)],
-    from: From,
-) -> Result<Option<Examples>, DesignError> {
+    counted: impl Fn(FittedSignal) -> Option<Vector4<f64>>,
+) -> Result<Option<Examples>> {
     let (mut features, mut noise) = (Vec::new(), None);
-    for (k, (model, set)) in sets.iter().enumerate() {
+    for (k, &(model, set)) in sets.iter().enumerate() {
         let found = model.fitted(set)?;
         if found.is_empty() {
             continue; // no signal of this printhead rings
@@ -118,10 +93,11 @@ pub(super) fn examples(
         let sum = found.iter().fold(Vector4::zeros(), |sum, (_, x)| sum + x);
         let at: Features = (sum / found.len() as f64).into();
         noise = model.fitter()?.noise_covariance(&at, model.noise).or(noise);
-        let moved = |(rank, (i, x)): (usize, &(usize, Vector4<f64>))| {
-            Some(DVector::from_row_slice(from.moved(k, rank, set.channel[*i], x)?.as_slice()))
+        let counted = |(rank, &(i, features)): (usize, &(usize, Vector4<f64>))| {
+            let of = FittedSignal { set: k, rank, channel: set.channel[i], features };
+            Some(DVector::from_row_slice(counted(of)?.as_slice()))
         };
-        features.extend(found.iter().enumerate().filter_map(moved));
+        features.extend(found.iter().enumerate().filter_map(counted));
     }
     let enough = !features.is_empty();
     let noise = noise.filter(|_| enough).map(|of| DMatrix::from_column_slice(4, 4, of.as_slice()));

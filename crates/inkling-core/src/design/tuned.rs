@@ -1,22 +1,18 @@
-//! All numbers of the room `design` that nobody derived: of what a design learns, and of how
-//! signals are judged by it. `docs/numbers.md` tells what half and twice of each do. Each number is
-//! called as a function (see `crate::numbers`).
+//! All numbers of the room `design` that nobody derived. `docs/numbers.md` tells what half and twice
+//! of each do.
 
 crate::numbers! {
     /// Fewest signals of a window for which the spread of the channels and the thresholds are
     /// learned from the window; with fewer, those of the model before (the anchor) are used.
     fewest_own: usize = 200;
-    /// If the threshold learned from labelled signals exceeds the one by the mixture model, which
-    /// allows for faults among the signals, by more than this factor, some of them are probably
-    /// faulty.
+    /// If the threshold learned from labelled signals exceeds the one by the mixture model by more
+    /// than this factor, some of the signals are probably faulty.
     suspect = 3.0;
     /// Where the channels of a printhead lie more than this many times as far from each other as
-    /// the design says, a channel of which nothing else is known is not judged by the design's
-    /// threshold.
+    /// the design says, its threshold does not judge a channel of which nothing else is known.
     aged = 1.5;
     /// Standard deviations of a sudden change that all channels have in common: of ln amplitude; of
     /// ln damping and of ln frequency, in units of ln (1 + their bound in `[identify]`); and of the
-    /// phase, rad. Supply and ink move amplitude and damping; a change beyond five of these is no
-    /// ink.
+    /// phase, rad. A change beyond five of these is no ink.
     leap: [f64; 4] = [0.1, 1.0, 0.4, 0.05];
 }

@@ -3,15 +3,15 @@
 //!
 //! In, from `train`: a design with its posterior, labelled signals. Out: [`Typical`], by which
 //! `named_ring` decides whether a signal is a ring of its best class:
-//! 1. the misfits of healthy signals and of all classes beside their rings (see `leftover`), in
+//! 1. the misfits of healthy signals and of all classes beside their rings (`leftover`), in
 //!    standard deviations of the noise;
 //! 2. the principal directions of all classes' misfits together, which exceed the noise;
 //! 3. the variance of each class along each direction;
 //! 4. per class a bound on the mean square of a misfit, with what is usual along the directions
-//!    discounted. Signals that leave more than the bound are no ring of the class.
+//!    discounted.
 
 use super::leftover::Leftovers;
-use super::{Design, DesignError, HealthyModel, TrainingSet};
+use super::{Design, HealthyModel, Result, TrainingSet};
 use crate::identify::averaging::SignalSet;
 use crate::isolate::typical::{Typical, directions, misfit_bound};
 use crate::model::inner_product::dot;
@@ -25,17 +25,13 @@ const MOST_DIRECTIONS: usize = 8;
 /// Number of severities at which the physics predicts the decays of one law.
 const SEVERITIES: usize = 9;
 
-/// Learns the bounds of every class of a design. `set`: the labelled signals that the design was
-/// learned from. `None`: the design has no posterior, the only method that uses the bounds. An
-/// error if a model does not ring.
-pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical>, DesignError> {
+/// Learns the bounds of every class. `None`: the design has no posterior, which alone uses them.
+pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical>> {
     if design.posterior.is_none() {
         return Ok(None);
     }
 
-    // Step 1: what healthy signals and those of every class leave beside their rings. A class
-    // without labelled signals gets decays that the physics predicts for the laws that the class
-    // stands for.
+    // Step 1. A class without labelled signals gets decays that the physics predicts for its laws.
     let healthy = left_of(design, &set.healthy)?;
     let mut classes = Vec::new();
     for class in &design.classes {
@@ -47,12 +43,10 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
                 left.extend(by_physics(design, &kind)?);
             }
         }
-        classes.push(OfClass { left, labelled });
+        classes.push(ClassMisfits { left, labelled });
     }
 
-    // Steps 2 and 3: the principal directions of all classes' misfits together, and the variance of
-    // each class along each direction. Few labelled signals say little of a class's own variance,
-    // so such a class gets the largest variance of all classes.
+    // Steps 2 and 3. Few labelled signals say little of their class: it gets the largest variance.
     let rows: Vec<Vec<f64>> =
         classes.iter().flat_map(|of| of.left.rows.iter().take(MOST_SIGNALS).cloned()).collect();
     let mut typical =
@@ -68,20 +62,19 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
         .map(|(of, own)| if (1..few()).contains(&of.labelled) { widest.clone() } else { own })
         .collect();
 
-    // Step 4: bounds on what remains, never below the bound that healthy signals give.
+    // step 4: never below the bound that healthy signals give if judged as of the class
     let misfits = |left: &Leftovers, k: usize| -> Vec<f64> {
         let each = left.rows.iter().zip(&left.size);
         each.map(|(left, &size)| typical.misfit_of(left, size, k)).collect()
     };
     let bounds = classes.iter().enumerate().map(|(k, of)| {
-        // `of_noise`: the bound for healthy signals if they were judged as of class k
         let of_noise = misfit_bound(&misfits(&healthy, k));
         let own = misfits(&of.left, k);
         match of.labelled {
-            // Predicted decays are free of noise, so their misfit adds to that of the noise. The
-            // factor 2 is a margin (somewhat arbitrary), as is 1.5 below.
+            // Predicted decays are free of noise. The factors 2 and 1.5 are margins (somewhat
+            // arbitrary).
             0 => of_noise + 2.0 * own.iter().copied().fold(0.0, f64::max),
-            // too few labelled signals for a prediction bound: the largest misfit, with a margin
+            // too few labelled signals for a prediction bound
             n if n < few() => own.iter().copied().fold(of_noise, f64::max) * 1.5,
             _ => misfit_bound(&own).max(of_noise),
         }
@@ -90,19 +83,18 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
     Ok(Some(typical))
 }
 
-/// What signals of one class leave beside their rings.
-struct OfClass {
+struct ClassMisfits {
     /// In standard deviations of the noise.
     left: Leftovers,
     /// Number of labelled signals among them; 0: all are predictions of the physics.
     labelled: usize,
 }
 
-impl OfClass {
+impl ClassMisfits {
     /// Variance of the misfits along a direction (N, unit norm) beyond the noise's, in units of the
-    /// noise's variance, for a ring as large as the healthy one; at least 0.
+    /// noise's variance, for a ring of the healthy amplitude; at least 0.
     fn along(&self, direction: &[f64]) -> f64 {
-        // In these units the noise has the variance 1; predictions of the physics have no noise.
+        // predictions of the physics have no noise
         let noise = if self.labelled > 0 { 1.0 } else { 0.0 };
         let each = self.left.rows.iter().zip(&self.left.size);
         let sum: f64 =
@@ -113,14 +105,13 @@ impl OfClass {
 
 /// What the signals of one model leave beside their rings, without the model's leftover, in
 /// standard deviations of a sample's noise.
-fn left_by(model: &HealthyModel, set: &SignalSet) -> Result<Leftovers, DesignError> {
+fn left_by(model: &HealthyModel, set: &SignalSet) -> Result<Leftovers> {
     let left = Leftovers::of(model, &model.rings()?, set, None);
     Ok(left.without(&model.leftover).over(model.noise_beside()))
 }
 
-/// What the first `MOST_SIGNALS` signals of each printhead leave beside their rings, by the model
-/// of the printhead.
-fn left_of(design: &Design, sets: &BTreeMap<String, SignalSet>) -> Result<Leftovers, DesignError> {
+/// The same for the first `MOST_SIGNALS` signals of each printhead.
+fn left_of(design: &Design, sets: &BTreeMap<String, SignalSet>) -> Result<Leftovers> {
     let mut all = Leftovers::default();
     for (model, set) in design.with_models(sets) {
         all.extend(left_by(model, &set.first(MOST_SIGNALS))?);
@@ -128,17 +119,15 @@ fn left_of(design: &Design, sets: &BTreeMap<String, SignalSet>) -> Result<Leftov
     Ok(all)
 }
 
-/// What decays that the physics predicts for a law leave beside their rings, free of noise: the
-/// middles of `SEVERITIES` equal parts of the law's range. `class`: the law's name. Empty: there is
-/// no physics or no such law, or no such decay rings.
-fn by_physics(design: &Design, class: &str) -> Result<Leftovers, DesignError> {
+/// The same for decays that the physics predicts for the middles of `SEVERITIES` equal parts of a
+/// law's range. `class`: the law's name. Empty: there is no physics or no such law.
+fn by_physics(design: &Design, class: &str) -> Result<Leftovers> {
     let (Some(physics), model) = (&design.physics, &design.pooled) else {
         return Ok(Leftovers::default());
     };
     let sampling = (design.sample_period_s, design.samples);
     let Some(law) = physics.laws.law(class) else { return Ok(Leftovers::default()) };
     let [low, high] = law.range.map(|severity| law.scale(severity));
-    // signals at the reference drive and temperature, one for each severity
     let mut set = SignalSet::new(design.samples);
     for i in 0..SEVERITIES {
         let place = low + (high - low) * (i as f64 + 0.5) / SEVERITIES as f64;
@@ -148,21 +137,4 @@ fn by_physics(design: &Design, class: &str) -> Result<Leftovers, DesignError> {
         set.push(&y, i as u32, 1.0, f64::NAN);
     }
     left_by(model, &set)
-}
-
-impl HealthyModel {
-    /// Standard deviation, counts, of white noise that would scatter fitted rings as much as the
-    /// model's noise, which may be coloured.
-    pub(super) fn noise_of_fits(&self) -> f64 {
-        self.sensitivity.as_ref().map_or(self.noise, |of| of.noise_of_one_sample())
-    }
-
-    /// Standard deviation of one sample's noise, counts, from the mean misfit of healthy signals
-    /// beside their rings; where there is no second test, [`HealthyModel::noise`].
-    pub(super) fn noise_beside(&self) -> f64 {
-        match &self.misfit {
-            Some(misfit) => (misfit.square / self.expected.len() as f64).sqrt(),
-            None => self.noise,
-        }
-    }
 }

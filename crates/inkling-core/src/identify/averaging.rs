@@ -8,15 +8,12 @@
 //!   sum s_i y_i / sum s_i^2.
 //! * Signals agree whose squared distance from the sample-wise median signal is at most four times
 //!   the median of all squared distances; this is refined once, with the mean of those that agreed.
-//! * The noise is estimated from third differences of the difference of two signals of one channel:
-//!   the rings cancel in it.
 
 use super::IdentifyError;
 use crate::model::inner_product::dot;
 use crate::model::median::median;
 use std::borrow::Cow;
 
-/// Smallest number of signals for an average.
 pub const FEWEST_SIGNALS: usize = 16;
 
 /// Refuses `found` signals if they are too few for an average.
@@ -27,16 +24,14 @@ pub fn enough(found: usize) -> Result<(), IdentifyError> {
     }
 }
 
-/// Signals of one printhead, as the rows of a matrix, with their covariates.
+/// Signals of one printhead, as the rows of a matrix.
 #[derive(Clone, Debug, Default)]
 pub struct SignalSet {
-    /// Number of samples per signal.
     pub samples: usize,
     /// The rows, concatenated, counts. Samples of int16 and of float are both exact in f32.
     pub data: Vec<f32>,
-    /// The channel of each signal.
     pub channel: Vec<u32>,
-    /// Drive voltage over the reference voltage; 1 where it was not recorded.
+    /// Over the reference voltage; 1 where it was not recorded.
     pub drive: Vec<f64>,
     /// Temperature of each signal, °C; NaN where it was not recorded.
     pub temperature_c: Vec<f64>,
@@ -45,7 +40,6 @@ pub struct SignalSet {
 }
 
 impl SignalSet {
-    /// An empty set of signals of `samples` samples each.
     pub fn new(samples: usize) -> SignalSet {
         SignalSet { samples, ..SignalSet::default() }
     }
@@ -63,8 +57,7 @@ impl SignalSet {
         &self.data[i * self.samples..(i + 1) * self.samples]
     }
 
-    /// Adds a signal, N counts, without a severity. The covariates are those of the fields with
-    /// these names.
+    /// Adds a signal, N counts, without a severity.
     pub fn push(&mut self, signal: &[f32], channel: u32, drive: f64, temperature_c: f64) {
         debug_assert_eq!(signal.len(), self.samples);
         self.data.extend_from_slice(signal);
@@ -74,7 +67,7 @@ impl SignalSet {
         self.severity.push(f64::NAN);
     }
 
-    /// Sets the severity of the signal last pushed.
+    /// Of the signal last pushed.
     pub fn set_severity(&mut self, severity: f64) {
         if let Some(last) = self.severity.last_mut() {
             *last = severity;
@@ -91,7 +84,6 @@ impl SignalSet {
         chosen
     }
 
-    /// The first `most` signals, or all if there are fewer.
     pub fn first(&self, most: usize) -> SignalSet {
         self.select(&(0..self.len().min(most)).collect::<Vec<_>>())
     }
@@ -104,34 +96,28 @@ impl SignalSet {
     }
 }
 
-/// The average of a window. `y` is per unit drive; `scatter` and `noise` are of signals as they
-/// were recorded, whose drives are about 1.
 #[derive(Clone, Debug)]
 pub struct MeanSignal {
     /// The mean signal per unit drive, counts.
     pub y: Vec<f64>,
-    /// Standard deviation of one sample of one signal about the mean, counts: noise, and what
-    /// channels and drops differ by.
+    /// Standard deviation of one sample of one signal about the mean, counts, noise included.
     pub scatter: f64,
     /// Standard deviation of one sample's noise alone, counts (`white_noise`).
     pub noise: f64,
-    /// Number of signals in the mean, and of the channels that these are of.
     pub n_signals: usize,
     pub n_channels: usize,
 }
 
 impl MeanSignal {
-    /// Standard error of one sample of the mean, counts. Noise averages out over signals; the rest
-    /// of the scatter is taken for lasting differences of channels, which average out only over
-    /// channels.
+    /// Standard error of one sample of the mean, counts. The scatter beyond noise is taken for
+    /// lasting differences of channels, which average out only over channels.
     pub fn standard_error(&self) -> f64 {
         let shared = (self.scatter.powi(2) - self.noise.powi(2)).max(0.0);
         (self.noise.powi(2) / self.n_signals as f64 + shared / self.n_channels as f64).sqrt()
     }
 }
 
-/// The signal per unit drive by least squares, N counts: sum s_i y_i / sum s_i^2, summed in row
-/// order, so that the result is deterministic. `kept`: indices of the signals that are averaged.
+/// The signal per unit drive by least squares, N counts, summed in row order. `kept`: indices.
 fn response(set: &SignalSet, kept: impl Iterator<Item = usize>) -> Vec<f64> {
     let (mut y, mut weight) = (vec![0.0; set.samples], 0.0);
     for i in kept {
@@ -143,8 +129,7 @@ fn response(set: &SignalSet, kept: impl Iterator<Item = usize>) -> Vec<f64> {
     y
 }
 
-/// The average of all signals of a set, with its scatter and noise. An error: the signals are too
-/// few.
+/// The average of all signals of a set. An error: they are too few.
 pub fn average(set: &SignalSet) -> Result<MeanSignal, IdentifyError> {
     enough(set.len())?;
     let y = response(set, 0..set.len());
@@ -161,13 +146,10 @@ pub fn average(set: &SignalSet) -> Result<MeanSignal, IdentifyError> {
     })
 }
 
-/// Indices of the signals that agree with the majority: those whose squared distance from the
-/// sample-wise median signal is at most `REACH` times the median of the squared distances. This is
-/// done twice, the second time with the distance from the mean of the signals kept, which has less
-/// noise than the median signal. A window in which less than `least_share` of the signals agree is
-/// refused: then nobody knows what is healthy.
+/// Indices of the signals that agree with the majority, then again by the distance from the mean of
+/// these, which has less noise than the median signal. A window of which less than `least_share`
+/// agrees is refused: nobody knows what is healthy.
 pub fn agreeing(set: &SignalSet, least_share: f64) -> Result<Vec<usize>, IdentifyError> {
-    /// Twice the median distance, squared.
     const REACH: f64 = 4.0;
     enough(set.len())?;
     let mut centre = median_signal(set);
@@ -186,9 +168,7 @@ pub fn agreeing(set: &SignalSet, least_share: f64) -> Result<Vec<usize>, Identif
     Ok(keep)
 }
 
-/// The signals of a set that are taken for healthy. `least`: the least share that has to agree;
-/// then those that agree are returned. `None`: all are returned, as where labels have told already
-/// what is healthy, or where the settings ask for the plain mean.
+/// What is taken for healthy: the signals that agree if a `least` share has to, else all.
 pub fn healthy(set: &SignalSet, least: Option<f64>) -> Result<Cow<'_, SignalSet>, IdentifyError> {
     Ok(match least {
         Some(least) => Cow::Owned(set.select(&agreeing(set, least)?)),
@@ -208,8 +188,7 @@ fn distances(set: &SignalSet, centre: &[f64]) -> Vec<f64> {
     (0..set.len()).map(of).collect()
 }
 
-/// The sample-wise median of all signals per unit drive, N counts: a minority of faulty signals
-/// hardly moves it.
+/// The sample-wise median of all signals per unit drive, N counts.
 fn median_signal(set: &SignalSet) -> Vec<f64> {
     let column = |k: usize| -> Vec<f64> {
         (0..set.len()).map(|i| f64::from(set.data[i * set.samples + k]) / set.drive[i]).collect()
@@ -218,11 +197,8 @@ fn median_signal(set: &SignalSet) -> Vec<f64> {
 }
 
 /// Standard deviation of one sample's noise, counts, from third differences of the difference of
-/// two signals of one channel, in which their rings cancel and their noise does not. Third
-/// differences suppress what is left of the rings, because that is smooth. Where fewer than
-/// `FEWEST_SIGNALS` pairs are of one channel, pairs of different channels are taken, too. The
-/// median over the pairs is taken, so that a channel whose ring changed between its signals does
-/// not matter.
+/// two signals of one channel (or of different ones where too few pairs are of one): their rings
+/// cancel, and what is left of them is smooth. The median, since a ring may change in between.
 fn white_noise(set: &SignalSet) -> f64 {
     // neighbours in the order of channels are pairs of one channel as far as possible
     let mut by_channel: Vec<usize> = (0..set.len()).collect();
@@ -231,11 +207,9 @@ fn white_noise(set: &SignalSet) -> f64 {
     let few_of_one = by_channel.windows(2).filter(|pair| is_of_one(pair)).count() < FEWEST_SIGNALS;
     let pairs = by_channel.windows(2).filter(|pair| few_of_one || is_of_one(pair));
 
-    // The third difference of white noise has 1 + 9 + 9 + 1 = 20 times the noise's variance, and
-    // the difference of two signals at equal drive doubles that.
+    // 20 = 1 + 9 + 9 + 1 times the noise's variance, and two signals at equal drive double that
     let mut squares = Vec::with_capacity(set.len());
     for pair in pairs {
-        // the first signal is scaled to the drive of the second
         let ratio = (set.drive[pair[1]] / set.drive[pair[0]]) as f32;
         let (p, q) = (set.signal(pair[0]), set.signal(pair[1]));
         let mut sum = 0.0;

@@ -1,14 +1,11 @@
 //! The damped cosine that is nearest to an average signal: it tells the signal's own time scale.
-//!
 //! In: the average (N counts). Out: frequency and misfit of the best damped cosine plus constant.
-//! `grey_box` uses both: the frequency sets the scale at which the search of thesis (3-1) starts,
-//! whatever the rates of a plant are, and the misfit is the yardstick that the identified model
-//! must at least match. Of the guessed rates in the settings only the ratios then matter, as a
-//! prior for what one decay does not determine.
+//! For `grey_box` the frequency sets the scale at which the search of thesis (3-1) starts, and the
+//! misfit is the yardstick that the identified model must at least match. Of the guessed rates only
+//! the ratios then matter, as a prior for what one decay does not determine.
 //!
-//! It is a grid search: at each frequency and damping of the grid, cosine, sine and constant are
-//! fitted by least squares, and the place that leaves the least square misfit wins. Dampings are
-//! computed side by side, one in each SIMD lane.
+//! At each frequency and damping of a grid, cosine, sine and constant are fitted by least squares.
+//! Dampings are computed side by side, one in each SIMD lane.
 
 use super::GreyBoxSettings;
 use super::cubic::poles_of;
@@ -16,11 +13,10 @@ use crate::model::inner_product::dot;
 use crate::processor::for_processor;
 use nalgebra::{Matrix3, Vector3};
 
-/// The best damped cosine plus constant.
 #[derive(Clone, Copy, Debug)]
 pub struct DampedCosine {
     pub frequency_hz: f64,
-    /// Root mean square of its misfit, counts.
+    /// Counts.
     pub misfit_rms: f64,
 }
 
@@ -30,20 +26,17 @@ const MOST_PER_SAMPLE: f64 = 0.3;
 /// Dampings of the grid, per signal length, and the step of its frequencies, in cycles per signal.
 const DAMPINGS: [f64; 4] = [0.5, 1.5, 3.0, 6.0];
 const STEP: f64 = 0.2;
-/// Largest number of frequencies of the grid.
 const MOST_STEPS: usize = 2000;
 
-/// The best damped cosine of the grid. `y`: N, counts. `None`: the signal is too short, or not
-/// finite.
+/// `y`: N, counts. `None`: the signal is too short, or not finite.
 pub fn damped_cosine(y: &[f64], dt_s: f64) -> Option<DampedCosine> {
-    // the grid of frequencies, in cycles per signal; of long signals the steps are wider than STEP
+    // in cycles per signal; of long signals the steps are wider than STEP
     let n = y.len();
     let most = MOST_PER_SAMPLE * n as f64;
     let step = STEP.max((most - FEWEST_CYCLES) / MOST_STEPS as f64);
     let (square, sum) = (dot(y, y), y.iter().sum::<f64>());
     let decays = DAMPINGS.map(|damping| (-damping / n as f64).exp());
 
-    // the least square misfit, and the cycles where it is
     let mut best: Option<(f64, f64)> = None;
     let mut cycles = FEWEST_CYCLES;
     while cycles < most {
@@ -69,14 +62,11 @@ pub fn damped_cosine(y: &[f64], dt_s: f64) -> Option<DampedCosine> {
     })
 }
 
-/// One number for each damping.
 type Lanes = [f64; DAMPINGS.len()];
 
 for_processor! {
-    /// Sums for the normal equations of a damped cosine, for each damping: sums over a signal of re
-    /// re, re im, im im, re, im, re y, im y, where the phasor (re, im) starts at (1, 0) and is
-    /// multiplied by (cos, sin) from sample to sample; `sin` and `cos` hold the decay from sample
-    /// to sample as a factor.
+    /// For each damping the sums over a signal of re re, re im, im im, re, im, re y, im y. The
+    /// phasor (re, im) starts at (1, 0) and is multiplied by (cos, sin), which hold the decay.
     fn sums(y: &[f64], sin: Lanes, cos: Lanes) -> [Lanes; 7] { sums_of }
 }
 
@@ -99,9 +89,7 @@ fn sums_of(y: &[f64], sin: Lanes, cos: Lanes) -> [Lanes; 7] {
 
 impl GreyBoxSettings {
     /// These settings with the guessed rates scaled in time such that the guessed channel rings at
-    /// that frequency: a and b by the square of the ratio of frequencies, g and d by the ratio.
-    /// Bounds that are given for single rates stay as they are. Where the guessed channel does not
-    /// ring, nothing is scaled.
+    /// that frequency (if it rings at all); bounds of single rates stay.
     pub fn at_frequency(&self, frequency_hz: f64) -> GreyBoxSettings {
         let Some(poles) = poles_of(self.channel().cubic()) else { return self.clone() };
         let faster = frequency_hz / poles.frequency_hz;

@@ -2,15 +2,12 @@
 //! average.
 //!
 //! In: the average signal (N counts per unit drive), or a whole window. Out: [`Identification`].
-//! The least squares problem is minimise over a, b, d, x_a: sum over k of (y_k - C e^(A k dt)
-//! x_a)².
+//! The problem is minimise over a, b, d, x_a: sum over k of (y_k - C e^(A k dt) x_a)².
 //!
-//! 1. The best damped cosine tells the time scale, to which the guessed rates are moved
-//!    (`damped_cosine`).
-//! 2. The rates are searched from several starts within the bounds (`rate_search`); the best end
-//!    counts.
+//! 1. The best damped cosine tells the time scale, to which the guessed rates are moved.
+//! 2. The rates are searched from several starts within the bounds (`rate_search`).
 //! 3. A fit that is much worse than the damped cosine is refused: it did not find the ring.
-//! 4. Poles, acquisition state and uncertainty are computed from the rates ([`Identification`]).
+//! 4. Poles, acquisition state and uncertainty are computed from the rates.
 //! 5. Of a window ([`identify_scattered`]) the bias by channels that differ is taken out, and 2 to
 //!    4 are repeated.
 //!
@@ -19,7 +16,7 @@
 //! along (1, -1, 0, 0) at 0. The result says what was held.
 
 use super::averaging::{MeanSignal, SignalSet};
-use super::cubic::poles_of;
+use super::cubic::{RATES_PER_US, per_us, poles_of};
 use super::damped_cosine::damped_cosine;
 use super::identification::Scatter;
 use super::rate_search::{End, Problem, Projection};
@@ -32,15 +29,12 @@ pub use super::identification::Identification;
 
 /// Smallest number of samples: 6 numbers are fitted, and the misfit needs degrees of freedom.
 pub const FEWEST_SAMPLES: usize = 12;
-/// A search that ends at a misfit of more than this many times that of the best damped cosine of a
-/// coarse grid (and the noise) has not found the ring. Heuristic.
+/// Largest misfit over that of the best damped cosine (and the noise). Heuristic.
 const WORSE: f64 = 1.5;
 
-/// Solves thesis (3-1) for one signal. `y`: average signal, N counts. `noise`: standard deviation
-/// of one sample of `y`, counts (0: the noise is estimated from the misfit). `near`: a channel to
-/// which this one is expected to be close, such as that of the window before. Then there is one
-/// search, from there, which saves time; all starts are tried only if the fit found from there
-/// explains too little, or ends at a bound.
+/// Solves thesis (3-1) for one signal `y`, N counts. `noise`: standard deviation of one sample of
+/// it, counts (0: estimated from the misfit). `near`: a channel that this one is probably close to:
+/// one search from there suffices unless it explains too little, or ends at a bound.
 pub fn identify(
     y: &[f64],
     dt_s: f64,
@@ -53,11 +47,9 @@ pub fn identify(
     }
     let scale = damped_cosine(y, dt_s).ok_or(IdentifyError::NoRingDown)?;
 
-    // The yardstick: the cosine has four free numbers (two of them only on a coarse grid) and a
-    // constant, the model has six, so the model should do better.
+    // the cosine has four free numbers (two of them on a grid) and a constant, the model has six
     let most = WORSE * scale.misfit_rms + noise;
 
-    // the time scale, then the known channel as a start, then all starts
     let settings = settings.at_frequency(scale.frequency_hz);
     if let Some(near) = near
         && let Ok(found) = identify_from(y, dt_s, noise, &settings, Some(near))
@@ -77,8 +69,7 @@ pub fn identify(
     Ok(found)
 }
 
-/// Thesis (3-1), searched from one start if it is given, or from several, and all that follows from
-/// the best end. The fit is not compared with the damped cosine here.
+/// Thesis (3-1) searched from one start or from several, not compared with the damped cosine.
 fn identify_from(
     y: &[f64],
     dt_s: f64,
@@ -86,14 +77,12 @@ fn identify_from(
     settings: &GreyBoxSettings,
     start: Option<&InkChannel>,
 ) -> Result<Identification, IdentifyError> {
-    // ||y - mean y||: where it is 0 nothing rings
     let mean = y.iter().sum::<f64>() / y.len() as f64;
     let spread = y.iter().map(|v| (v - mean).powi(2)).sum::<f64>().sqrt();
     if !spread.is_finite() || spread <= f64::MIN_POSITIVE {
         return Err(IdentifyError::NoRingDown);
     }
 
-    // the searches, the best end first
     let problem = Problem::new(y, dt_s, noise, settings);
     let starts = start.map_or_else(|| problem.starts(), |near| vec![problem.theta(near)]);
     let mut ends: Vec<End> = starts.iter().filter_map(|&start| problem.search(start)).collect();
@@ -106,13 +95,11 @@ fn identify_from(
         ))
     })?;
 
-    // How many searches ended there: ends of equal cost are taken for the same optimum. Relative
-    // to ||y||^2 rounding makes costs differ by 1e-16 and less.
+    // ends of equal cost are the same optimum; relative to ||y||² rounding makes 1e-16 and less
     let same =
         |end: &&End| end.cost - best.cost <= 1e-3 * best.cost + 1e-14 * problem.y.norm_squared();
     let agreeing = ends.iter().filter(same).count();
 
-    // rates, cubic and output state of the best end, in SI units
     let channel = problem.channel(&best.theta);
     let cubic = channel.cubic();
     let Projection { state, misfit, .. } =
@@ -141,13 +128,12 @@ fn identify_from(
 
 /// Thesis (3-1) for a window. The average is fitted; then, up to `ROUNDS` times, the curvature that
 /// channels which differ leave in the average is computed at the fit ([`super::scatter`]) and taken
-/// off the average, and the rest is fitted again, until the damping changes by less than 1e-5 of
-/// itself.
+/// off the average, and the rest is fitted again, until the damping changes by less than 1e-5.
 ///
 /// `set`: the healthy signals of the window; `mean`: their average; `near`: as in [`identify`].
 ///
 /// Departs: the thesis fits the plain average, whose damping is then biased and whose real pole
-/// takes up the curvature. With `plain_mean` that is done here, too, as by `--preset thesis`.
+/// takes up the curvature. `plain_mean` does so here.
 pub fn identify_scattered(
     set: &SignalSet,
     mean: &MeanSignal,
@@ -161,8 +147,6 @@ pub fn identify_scattered(
         return Ok(fit);
     }
 
-    // each round computes the curvature at the last fit, and takes it off the average as it was at
-    // first
     let settings = &settings.at_frequency(fit.poles.frequency_hz);
     for _ in 0..ROUNDS {
         let Some((found, straight)) = scatter(set, &fit, mean, dt_s) else { break };
@@ -183,21 +167,19 @@ pub fn identify_scattered(
     Ok(fit)
 }
 
-/// The acquisition state (V_r, V_n, V_r', V_n') of thesis (2-2) that has this output and these
-/// derivatives: volumes in counts·s, flows in counts. Its component along the unobservable (1, -1,
-/// 0, 0) is zero: V_r = V_n = V/2. `y`, `dy`, `ddy`: counts, counts/s, counts/s².
-fn acquisition_state(channel: &InkChannel, [y, dy, ddy]: [f64; 3]) -> [f64; 4] {
-    let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = *channel;
-    // Three linear equations for (V, q_r, q_n): y = q_r + q_n;  y' = -(a+b) V - g q_r - d q_n;
-    // y'' = -(a+b) y + (g a + d b) V + g^2 q_r + d^2 q_n. In units of 1 µs, so that their numbers
-    // are of similar size.
-    let (a, b, g, d) = (a * 1e-12, b * 1e-12, g * 1e-6, d * 1e-6);
-    let (dy, ddy) = (dy * 1e-6, ddy * 1e-12);
+/// The acquisition state (V_r, V_n, V_r', V_n') of thesis (2-2), in counts·s and counts, from y,
+/// y', y'' in counts, counts/s, counts/s². Its component along the unobservable (1, -1, 0, 0) is
+/// zero: V_r = V_n = V/2.
+fn acquisition_state(channel: &InkChannel, output_state: [f64; 3]) -> [f64; 4] {
+    // For (V, q_r, q_n), per µs: y = q_r + q_n;  y' = -(a+b) V - g q_r - d q_n; y'' = -(a+b) y + (g
+    // a + d b) V + g^2 q_r + d^2 q_n.
+    let [a, b, g, d] = channel.times(RATES_PER_US).rates();
     let m = matrix![
         0.0, 1.0, 1.0;
         -(a + b), -g, -d;
         g * a + d * b, g * g - (a + b), d * d - (a + b)];
-    let x = m.lu().solve(&Vector3::new(y, dy, ddy)).unwrap_or_else(Vector3::zeros);
+    let output = Vector3::from(per_us(output_state));
+    let x = m.lu().solve(&output).unwrap_or_else(Vector3::zeros);
     [x[0] * 0.5e-6, x[0] * 0.5e-6, x[1], x[2]]
 }
 

@@ -5,18 +5,16 @@
 //! changing the decay.
 //!
 //! One decay carries six numbers: p2, p1, p0 of the cubic and y, y', y'' at t_a. With their
-//! Jacobian J (N x 6) their covariance is noise² (J'J)^-1. The part of p2, p1, p0 is propagated to
-//! damping, frequency and lambda by the derivatives of these by the coefficients. What was held or
-//! has a prior in the fit adds nothing here: the covariance is that of the decay alone.
+//! Jacobian J (N x 6) their covariance is noise² (J'J)^-1, propagated to the poles. What was held or
+//! has a prior in the fit adds nothing.
 
-use super::cubic::{cubic_per_us, poles_of, tangent};
+use super::cubic::{PER_S, cubic_per_us, poles_of, tangent};
 use super::identification::Uncertainty;
 use nalgebra::{DVector, Matrix3, SMatrix, Vector3};
 
-/// The uncertainty of a fit. `cubic`: p2, p1, p0 in 1/s, 1/s², 1/s³; `state`: y, y', y'' per µs;
-/// `noise`: standard deviation of one sample of the fitted signal, counts; 0: it is estimated from
-/// `misfit` (N, counts) with N - 6 degrees of freedom. Standard deviations are infinite where the
-/// decay does not determine the six numbers, or the cubic has no damped pair.
+/// The uncertainty of a fit. `state`: y, y', y'' per µs; `noise`: standard deviation of one sample
+/// of the fitted signal, counts; 0: estimated from `misfit` (N, counts). Infinite where the decay
+/// does not determine the six numbers, or the cubic has no damped pair.
 pub fn uncertainty(
     cubic: [f64; 3],
     state: &Vector3<f64>,
@@ -30,76 +28,63 @@ pub fn uncertainty(
     let from_misfit = misfit.norm() / ((samples.max(7) - 6) as f64).sqrt();
     let noise = if noise > 0.0 { noise } else { from_misfit };
 
-    // (J'J)^-1, with columns scaled to unit length, because the six numbers differ by decades
+    // (J'J)^-1, with columns scaled to unit length
     let scales: Vec<f64> =
         jacobian.column_iter().map(|col| col.norm().max(f64::MIN_POSITIVE)).collect();
     let normal = SMatrix::<f64, 6, 6>::from_fn(|i, j| {
         jacobian.column(i).dot(&jacobian.column(j)) / (scales[i] * scales[j])
     });
-    let Some(inverse) = normal.try_inverse() else {
-        return Uncertainty { noise, ..unknown() };
+    let (Some(inverse), Some(slopes)) = (normal.try_inverse(), pole_slopes(cubic)) else {
+        return Uncertainty {
+            damping_sd_per_s: f64::INFINITY,
+            frequency_sd_hz: f64::INFINITY,
+            lambda_sd_per_s: f64::INFINITY,
+            cubic_sd: [f64::INFINITY; 3],
+            noise,
+            ..Uncertainty::default()
+        };
     };
 
-    // the cubic's part of the covariance, per µs, and what follows for the poles
     let covariance =
         Matrix3::from_fn(|i, j| noise * noise * inverse[(i, j)] / (scales[i] * scales[j]));
-    let Some(slopes) = pole_slopes(cubic) else { return Uncertainty { noise, ..unknown() } };
     let of_poles = slopes * covariance * slopes.transpose();
-    let si = [1e6, 1e12, 1e18];
     Uncertainty {
         damping_sd_per_s: of_poles[(0, 0)].sqrt(),
         frequency_sd_hz: of_poles[(1, 1)].sqrt(),
         lambda_sd_per_s: of_poles[(2, 2)].sqrt(),
-        cubic_sd: std::array::from_fn(|k| covariance[(k, k)].sqrt() * si[k]),
+        cubic_sd: std::array::from_fn(|k| covariance[(k, k)].sqrt() * PER_S[k]),
         cubic_covariance_us: std::array::from_fn(|i| std::array::from_fn(|j| covariance[(i, j)])),
         noise,
     }
 }
 
-/// The uncertainty where nothing is determined.
-fn unknown() -> Uncertainty {
-    Uncertainty {
-        damping_sd_per_s: f64::INFINITY,
-        frequency_sd_hz: f64::INFINITY,
-        lambda_sd_per_s: f64::INFINITY,
-        cubic_sd: [f64::INFINITY; 3],
-        ..Uncertainty::default()
-    }
-}
-
-/// The Jacobian d(damping 1/s, frequency Hz, lambda 1/s)/d(p2, p1, p0 per µs), by central
-/// differences. `cubic`: in 1/s, 1/s², 1/s³. `None`: beside it, or at it, the cubic has no damped
-/// pair.
+/// The Jacobian d(damping 1/s, frequency Hz, lambda 1/s)/d(p2, p1, p0 per µs). `None`: beside it,
+/// or at it, the cubic has no damped pair.
 fn pole_slopes(cubic: [f64; 3]) -> Option<Matrix3<f64>> {
-    let si = [1e6, 1e12, 1e18];
     let mut slopes = Matrix3::zeros();
     for k in 0..3 {
         let h = 1e-6 * cubic[k].abs();
-        let (mut up, mut down) = (cubic, cubic);
-        up[k] += h;
-        down[k] -= h;
-        let (u, d) = (poles_of(up)?, poles_of(down)?);
-        let per_us = 2.0 * h / si[k];
-        slopes[(0, k)] = (u.damping_per_s - d.damping_per_s) / per_us;
-        slopes[(1, k)] = (u.frequency_hz - d.frequency_hz) / per_us;
-        slopes[(2, k)] = (u.lambda_per_s - d.lambda_per_s) / per_us;
+        let at = |by: f64| poles_of((Vector3::from(cubic) + Vector3::ith(k, by)).into());
+        let (up, down) = (at(h)?, at(-h)?);
+        let per_us = 2.0 * h / PER_S[k];
+        slopes[(0, k)] = (up.damping_per_s - down.damping_per_s) / per_us;
+        slopes[(1, k)] = (up.frequency_hz - down.frequency_hz) / per_us;
+        slopes[(2, k)] = (up.lambda_per_s - down.lambda_per_s) / per_us;
     }
     Some(slopes)
 }
 
 /// What one decay does not determine of thesis (2-2), in words.
 pub fn in_words() -> Vec<String> {
-    vec![
+    let words = [
         "rates: a, b, g, d move together along one curve that leaves p2, p1, p0 as they are \
-         (g + d, g d + a + b, a d + b g); restrictor and nozzle may also swap"
-            .into(),
+         (g + d, g d + a + b, a d + b g); restrictor and nozzle may also swap",
         "state: displaced volume that moves from restrictor to nozzle, V_r + V_n constant, \
-         is invisible (eigenvector (1, -1, 0, 0) of the pole at 0)"
-            .into(),
+         is invisible (eigenvector (1, -1, 0, 0) of the pole at 0)",
         "I_r, I_n, R_r, R_n, B_t one by one: only a = 1/(I_r B_t), b = 1/(I_n B_t), g = R_r/I_r, \
-         d = R_n/I_n appear"
-            .into(),
-    ]
+         d = R_n/I_n appear",
+    ];
+    words.map(str::to_owned).to_vec()
 }
 
 #[cfg(test)]

@@ -1,12 +1,11 @@
-//! The result of identification: the model that `identify` hands out, with its uncertainty and with
-//! what was held. The healthy models of a design hold it, and `inkling identify` prints it.
+//! The result of identification: the model, with its uncertainty and with what was held.
 
-use super::cubic::{basis, cubic_per_us, to_microseconds};
+use super::cubic::{basis, cubic_per_us, per_us};
 use crate::model::{InkChannel, ring_down::Poles};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-/// Why the search for the best rates ended.
+/// Why the search for the rates ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Convergence {
@@ -18,38 +17,29 @@ pub enum Convergence {
     Step,
 }
 
-/// The result of thesis (3-1), with its uncertainty.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Identification {
-    /// The rates of thesis (2-2). Each rate by itself depends on the ratio g/d that was held; poles
-    /// and cubic do not.
+    /// The rates of thesis (2-2), each of which depends on the ratio g/d that was held.
     pub channel: InkChannel,
-    /// Damping, frequency and real pole of the decay.
     pub poles: Poles,
     /// p2, p1, p0 of the observable polynomial s^3 + p2 s^2 + p1 s + p0, in 1/s, 1/s², 1/s³.
     pub cubic: [f64; 3],
     /// x_a = (V_r, V_n, V_r', V_n') of thesis (2-2) at t_a and the reference drive: volumes in
-    /// counts·s, flows in counts. It is computed from `output_state` and the rates, with V_r = V_n,
-    /// since the output does not tell the two apart.
+    /// counts·s, flows in counts. V_r = V_n, since the output does not tell the two apart.
     pub acquisition_state: [f64; 4],
     /// The output and its derivatives y, y', y'' at t_a: counts, counts/s, counts/s².
     pub output_state: [f64; 3],
-    /// Fit in percent, 100 (1 - ||y - y_hat|| / ||y - mean y||), of the signal that was fitted
-    /// last: the average, less the curvature that channels leave in it.
+    /// 100 (1 - ||y - y_hat|| / ||y - mean y||) of the signal that was fitted last.
     pub fit_percent: f64,
     /// Root mean square of y - y_hat of that signal, counts.
     pub misfit_rms: f64,
-    /// Why the best search ended, and after how many iterations.
     pub convergence: Convergence,
     pub iterations: usize,
-    /// Number of starts whose search ended at the same optimum, and number of starts tried: of the
-    /// first fit, before the correction for scatter; 1 if a near channel was given and the fit from
-    /// there sufficed.
+    /// Number of starts whose search ended at the same optimum, and number of starts tried.
     pub starts_agreeing: usize,
     pub starts: usize,
     pub uncertainty: Uncertainty,
-    /// How the averaged channels differ; zero where it was not estimated (a single signal,
-    /// `plain_mean`, or a degenerate tangent space).
+    /// How the averaged channels differ; zero where it was not estimated.
     pub scatter: Scatter,
     /// What was held at a guess or has a prior, in words.
     pub held_fixed: Vec<String>,
@@ -60,11 +50,10 @@ pub struct Identification {
 }
 
 impl Identification {
-    /// The expected signal y_hat = C e^{At} x_a, N counts, at the reference drive; sample 0 lies at
-    /// t_a. It is computed from `cubic` and `output_state`, not from the rates.
+    /// The expected signal y_hat = C e^{At} x_a, N counts; sample 0 lies at t_a.
     pub fn expected(&self, dt_s: f64, samples: usize) -> Vec<f64> {
         let dt_us = dt_s * 1e6;
-        let c = Vector3::from(to_microseconds(self.output_state));
+        let c = Vector3::from(per_us(self.output_state));
         (basis(cubic_per_us(self.cubic), dt_us, samples) * c).as_slice().to_vec()
     }
 }
@@ -80,19 +69,16 @@ pub struct Scatter {
     pub frequency_se: f64,
 }
 
-/// Standard deviations of what one decay identifies; infinite: the decay does not determine the
-/// number. Those of damping and frequency are at least the standard errors over channels
-/// ([`Scatter`]). Those of the cubic, and its covariance, are not widened so.
+/// Standard deviations of what one decay identifies; damping's and frequency's at least the
+/// standard errors over channels ([`Scatter`]).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Uncertainty {
     pub damping_sd_per_s: f64,
     pub frequency_sd_hz: f64,
     pub lambda_sd_per_s: f64,
-    /// Standard deviations of p2, p1, p0, in 1/s, 1/s², 1/s³.
     pub cubic_sd: [f64; 3],
-    /// Covariance of (p2, p1, p0) in 1/µs units, rows.
+    /// Of (p2, p1, p0) in 1/µs units, rows.
     pub cubic_covariance_us: [[f64; 3]; 3],
-    /// The standard deviation of one sample of the fitted signal on which all of this rests,
-    /// counts.
+    /// Standard deviation of one sample of the fitted signal on which all of this rests, counts.
     pub noise: f64,
 }

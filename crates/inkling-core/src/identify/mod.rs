@@ -37,9 +37,8 @@ use serde::{Deserialize, Serialize};
 use std::ops::Bound;
 use thiserror::Error;
 
-/// Settings of identification: the table `[identify.grey_box]` of `pipeline.toml`. The four guesses
-/// are a channel whose ratios of rates matter; its time scale is fitted to the signal
-/// (`damped_cosine`).
+/// The table `[identify.grey_box]` of `pipeline.toml`. Of the guessed channel the ratios of rates
+/// matter; its time scale is fitted to the signal (`damped_cosine`).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct GreyBoxSettings {
@@ -47,20 +46,18 @@ pub struct GreyBoxSettings {
     pub a_per_s2: f64,
     /// Initial guess of 1/(I_n B_t), 1/s².
     pub b_per_s2: f64,
-    /// Initial guess of R_r/I_r, 1/s. The ratio g/d of this guess to `d_per_s` is held in the fit:
-    /// one decay cannot tell it.
+    /// Initial guess of R_r/I_r, 1/s. The ratio g/d is held: one decay cannot tell it.
     pub g_per_s: f64,
     /// Initial guess of R_n/I_n, 1/s.
     pub d_per_s: f64,
-    /// The search for a = 1/(I_r B_t), b = 1/(I_n B_t) and d = R_n/I_n is bounded to guess / factor
-    /// .. guess * factor, where the guess is scaled to the signal's time scale.
+    /// The search is bounded to guess / factor .. guess * factor, where the guess is scaled to the
+    /// signal's time scale.
     pub bound_factor: f64,
-    /// Bounds of some of the rates a, b, d instead, lowest and highest, in the units of the rates.
-    /// These are not scaled with the guess.
+    /// Bounds of some of the rates a, b, d instead, which are not scaled with the guess.
     #[serde(skip_serializing_if = "Bounds::is_empty")]
     pub bounds: Bounds,
-    /// Follows thesis (3-1) to the letter: the plain mean of all signals is fitted, without
-    /// excluding signals that disagree and without correcting for channels that differ.
+    /// Follows thesis (3-1) to the letter: fits the plain mean of all signals, and does not correct
+    /// for channels that differ.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub plain_mean: bool,
 }
@@ -78,7 +75,6 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// Whether no rate has a bound of its own.
     fn is_empty(&self) -> bool {
         *self == Bounds::default()
     }
@@ -99,7 +95,6 @@ impl Default for GreyBoxSettings {
 }
 
 impl GreyBoxSettings {
-    /// The channel of the guessed rates.
     pub fn channel(&self) -> InkChannel {
         let GreyBoxSettings { a_per_s2, b_per_s2, g_per_s, d_per_s, .. } = *self;
         InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s }
@@ -107,13 +102,8 @@ impl GreyBoxSettings {
 
     /// Refuses values out of range; the error names the key that is wrong.
     pub fn check(&self) -> Result<(), String> {
-        let rates = [
-            ("a_per_s2", self.a_per_s2),
-            ("b_per_s2", self.b_per_s2),
-            ("g_per_s", self.g_per_s),
-            ("d_per_s", self.d_per_s),
-        ];
-        for (key, value) in rates {
+        let keys = ["a_per_s2", "b_per_s2", "g_per_s", "d_per_s"];
+        for (key, value) in keys.into_iter().zip(self.channel().rates()) {
             let rates = (Bound::Excluded(0.0), Bound::Excluded(f64::INFINITY));
             check(key, value, rates, "a positive rate")?;
         }
@@ -167,8 +157,7 @@ pub enum IdentifyError {
 }
 
 impl IdentifyError {
-    /// The error in words, with what helps against it. `labelled`: labels tell which signals are
-    /// healthy.
+    /// The error with what helps against it. `labelled`: labels tell what is healthy.
     pub fn advice(&self, labelled: bool) -> String {
         match (self, labelled) {
             (IdentifyError::TooFewSignals { found, needed }, true) => format!(

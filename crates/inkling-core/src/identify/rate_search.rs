@@ -4,25 +4,23 @@
 //! `grey_box`, which starts several searches and takes the best end.
 //!
 //! The cost of the rates is 1/2 ||y - E c||² plus a weak prior, where E is the basis of their
-//! decays (N x 3) and c the state y, y', y'' at t_a. c enters linearly and is eliminated: for each
-//! trial of the rates it is solved by least squares (variable projection, Golub & Pereyra 1973). So
-//! the search is over three coordinates theta of the rates only ([`Problem`]). It is Levenberg and
-//! Marquardt's, in a box: each iteration takes the step of the damped Gauss-Newton equations, or,
-//! where that leaves the bounds, the best step within them, by an interior-point method
-//! ([`Problem::search`]).
+//! decays (N x 3) and c the state y, y', y'' at t_a, which enters linearly and is solved by least
+//! squares for each trial of the rates (variable projection, Golub & Pereyra 1973). So the search
+//! is over three coordinates theta of the rates only ([`Problem`]). It is Levenberg and Marquardt's,
+//! in a box: each iteration takes the step of the damped Gauss-Newton equations, or, where that
+//! leaves the bounds, the best step within them, by an interior-point method.
 
 use super::GreyBoxSettings;
-use super::cubic::basis;
+use super::cubic::{RATES_PER_US, basis};
 use super::identification::Convergence;
 use crate::model::InkChannel;
 use crate::model::inner_product::dot;
 use crate::model::programme::minimise;
 use nalgebra::{DVector, Matrix3, MatrixXx3, Vector3};
 
-/// Standard deviation of the prior on ln (a / b) about the guess: a factor e. An average often does
-/// not determine the real pole; without a prior the search would then wander along a flat valley of
-/// the cost. Where the data determine the real pole, the prior is negligible. The width is somewhat
-/// arbitrary.
+/// Standard deviation of the prior on ln (a / b) about the guess: a factor e (somewhat arbitrary).
+/// An average often does not determine the real pole; without a prior the search would then wander
+/// along a flat valley of the cost. Where the data determine it, the prior is negligible.
 const PRIOR_SD: f64 = 1.0;
 
 /// Where a search ended.
@@ -37,10 +35,9 @@ pub(super) struct End {
 }
 
 /// The least-squares problem (3-1) in the coordinates theta = (ln (a + b), ln (a / b), ln d)
-/// relative to the guess, with g = kappa d. In these the decay is close to linear: the first moves
+/// relative to the guess, with g = kappa d, in which the decay is close to linear: the first moves
 /// the frequency, the last the damping, the middle one the real pole. The bounds apply to (ln a, ln
-/// b, ln d), relative to the guess, each by itself, so in the coordinates theta their box is
-/// curved. Inside, time is in microseconds.
+/// b, ln d) each by itself, so theirs is a curved box. Inside, time is in microseconds.
 pub(super) struct Problem {
     /// The signal, N counts.
     pub y: DVector<f64>,
@@ -52,14 +49,12 @@ pub(super) struct Problem {
     /// Bounds of (ln a, ln b, ln d), relative to the guess.
     lowest: Vector3<f64>,
     highest: Vector3<f64>,
-    /// Weight of the prior on ln (a / b): the noise's variance over that of the prior, counts²; 0:
-    /// no prior.
+    /// Weight of the prior on ln (a / b): the noise's variance over that of the prior, counts².
     prior: f64,
 }
 
 impl Problem {
-    /// The problem for a signal `y`, counts, whose samples have noise of the standard deviation
-    /// `noise`, counts.
+    /// `y`, counts, with noise of the standard deviation `noise`, counts, per sample.
     pub fn new(y: &[f64], dt_s: f64, noise: f64, settings: &GreyBoxSettings) -> Problem {
         let (factor, bounds) = (settings.bound_factor, settings.bounds);
         let guess = [settings.a_per_s2, settings.b_per_s2, settings.d_per_s];
@@ -115,8 +110,8 @@ impl Problem {
         Matrix3::new(1.0, 1.0 - of_a, 0.0, 1.0, -of_a, 0.0, 0.0, 0.0, 1.0)
     }
 
-    /// Moves rates that lie beyond their bounds, or nearer to them than `near` (a difference of
-    /// logarithms), onto the bounds. Rates that lie within stay the same to the last bit.
+    /// Moves rates that lie beyond their bounds, or nearer than `near` (a difference of logarithms),
+    /// onto the bounds. Rates that lie within stay the same to the last bit.
     fn within(&self, theta: Vector3<f64>, near: f64) -> Vector3<f64> {
         let rates = self.ln_rates(&theta);
         let bounded =
@@ -129,26 +124,23 @@ impl Problem {
     }
 
     /// Starts of the search: the guess with stiffness (a + b) and viscosity (d) scaled, in fifteen
-    /// combinations moved into the bounds. Of these the five with the least cost are returned.
+    /// combinations moved into the bounds; the five of least cost.
     pub fn starts(&self) -> Vec<Vector3<f64>> {
-        let mut starts = Vec::new();
-        for stiffness in [1.0f64, 0.6, 1.5, 0.35, 2.2] {
-            for viscosity in [1.0f64, 0.4, 2.2] {
-                let (s, v) = (stiffness.ln(), viscosity.ln());
-                starts.push(self.within(Vector3::new(s, 0.0, v), 0.0));
-            }
-        }
+        let factors = [1.0f64, 0.6, 1.5, 0.35, 2.2].map(|stiffness| {
+            [1.0f64, 0.4, 2.2].map(|viscosity| [stiffness.ln(), 0.0, viscosity.ln()])
+        });
+        let starts = factors.into_iter().flatten().map(|t| self.within(Vector3::from(t), 0.0));
 
         let cost = |t: &Vector3<f64>| self.project(t).map_or(f64::INFINITY, |p| self.cost(t, &p));
-        let mut starts: Vec<_> = starts.into_iter().map(|t| (cost(&t), t)).collect();
+        let mut starts: Vec<_> = starts.map(|t| (cost(&t), t)).collect();
         starts.sort_by(|p, q| p.0.total_cmp(&q.0));
         starts.into_iter().take(5).map(|(_, t)| t).collect()
     }
 
     /// theta of a channel, moved into the bounds.
     pub fn theta(&self, channel: &InkChannel) -> Vector3<f64> {
-        let rates = [channel.a_per_s2 * 1e-12, channel.b_per_s2 * 1e-12, channel.d_per_s * 1e-6];
-        let relative = [rates[0] + rates[1], rates[0] / rates[1], rates[2]];
+        let [a, b, _, d] = channel.times(RATES_PER_US).rates();
+        let relative = [a + b, a / b, d];
         self.within(Vector3::from_fn(|k, _| (relative[k] / self.guess[k]).ln()), 0.0)
     }
 
@@ -161,18 +153,15 @@ impl Problem {
 
     /// The channel of theta.
     pub fn channel(&self, theta: &Vector3<f64>) -> InkChannel {
-        let [a, b, g, d] = self.rates_per_us(theta);
-        InkChannel { a_per_s2: a * 1e12, b_per_s2: b * 1e12, g_per_s: g * 1e6, d_per_s: d * 1e6 }
+        InkChannel::of(self.rates_per_us(theta)).times([1e12, 1e12, 1e6, 1e6])
     }
 
     /// E, N x 3: the outputs from unit y, y', y'' at t_a (per µs), by the rates of theta.
     fn basis(&self, theta: &Vector3<f64>) -> MatrixXx3<f64> {
-        let [a, b, g, d] = self.rates_per_us(theta);
-        basis([g + d, g * d + a + b, a * d + b * g], self.dt_us, self.y.len())
+        basis(InkChannel::of(self.rates_per_us(theta)).cubic(), self.dt_us, self.y.len())
     }
 
-    /// The best state for these rates, which is a linear least-squares problem, and its misfit.
-    /// `None`: the decays of these rates are linearly dependent, or not finite.
+    /// The best state for these rates and its misfit. `None`: linearly dependent, or not finite.
     pub fn project(&self, theta: &Vector3<f64>) -> Option<Projection> {
         let (q, r) = thin_qr(self.basis(theta));
         let along = q.tr_mul(&self.y);
@@ -186,13 +175,11 @@ impl Problem {
         (at.misfit.norm_squared() + self.prior * theta[1].powi(2)) / 2.0
     }
 
-    /// Gradient and Gauss-Newton matrix of [`Problem::cost`] by theta, after the state was
-    /// eliminated.
+    /// Gradient and Gauss-Newton matrix of [`Problem::cost`] by theta, the state eliminated.
     ///
     /// The misfit is (1 - q q') y with E = q r. When theta changes, E changes by dE (central
-    /// differences), and the misfit by -(1 - q q') dE c - q r^-T dE' misfit. The first term says
-    /// that the columns turn out of their span, the second that the best state changes. The second
-    /// is often left out; here it matters, along the weakly known real pole.
+    /// differences), and the misfit by -(1 - q q') dE c - q r^-T dE' misfit. The second term, the
+    /// change of the best state, is often left out; it matters along the weakly known real pole.
     fn normal_equations(
         &self,
         theta: &Vector3<f64>,
@@ -201,11 +188,9 @@ impl Problem {
         let Projection { state, misfit, q, r } = at;
         let columns: [DVector<f64>; 3] = std::array::from_fn(|k| {
             let h = 1e-5;
-            let (mut up, mut down) = (*theta, *theta);
-            up[k] += h;
-            down[k] -= h;
+            let step = Vector3::ith(k, h);
             // Golub and Pereyra's derivative, as q (q' dE c - r^-T dE' misfit) - dE c
-            let slope = (self.basis(&up) - self.basis(&down)) / (2.0 * h);
+            let slope = (self.basis(&(theta + step)) - self.basis(&(theta - step))) / (2.0 * h);
             let de = &slope * state;
             let mut along = q.tr_mul(&de);
             if let Some(of_state) = r.tr_solve_upper_triangular(&slope.tr_mul(misfit)) {
@@ -224,10 +209,6 @@ impl Problem {
 
     /// Levenberg and Marquardt's search from one start. `None`: the search did not end within 200
     /// iterations, or the model could not be evaluated.
-    ///
-    /// Each iteration asks whether the search has converged (by the gradient, or by the gain that
-    /// is left), and then tries steps, damped the more the less they succeed, until one reduces the
-    /// cost by at least a thousandth of what was predicted.
     pub fn search(&self, start: Vector3<f64>) -> Option<End> {
         let mut theta = start;
         let mut at = self.project(&theta)?;
@@ -240,15 +221,14 @@ impl Problem {
 
             // Converged by the gradient: the cosine of the angle between the misfit and every
             // direction that no bound holds. At 1e-6 the optimum is nearer than a
-            // hundred-thousandth of a standard deviation. Of a signal without noise, where the
-            // misfit vanishes, rounding is the limit.
+            // hundred-thousandth of a standard deviation. Without noise rounding is the limit.
             let scale = hessian.diagonal().map(|h| h.sqrt().max(f64::MIN_POSITIVE));
             let slope = self.projected(&theta, &gradient).component_div(&scale).amax();
             if slope <= 1e-6 * at.misfit.norm() + 1e-13 * self.y.norm() {
                 return Some(end(Convergence::Gradient));
             }
 
-            // Converged by the gain: the decrease of the cost that the undamped step predicts. 1e-9
+            // Converged by the gain, the decrease of the cost that the undamped step predicts: 1e-9
             // of the cost is a step of about 1e-4 standard deviations.
             let gain =
                 |step: &Vector3<f64>| -gradient.dot(step) - step.dot(&(hessian * step)) / 2.0;
@@ -258,11 +238,12 @@ impl Problem {
                 return Some(end(Convergence::Gain));
             }
 
-            // Raise the damping until a step reduces the cost by enough of what was predicted. A
-            // step that does nearly what was predicted lowers the damping, one that does little of
-            // it raises the damping though it is taken.
-            let mut moved = false;
-            while damping < 1e12 {
+            // Raise the damping until a step reduces the cost by a thousandth of what was predicted.
+            // One that does nearly all of it lowers the damping, one that does little raises it.
+            loop {
+                if damping >= 1e12 {
+                    return Some(end(Convergence::Step));
+                }
                 let mut damped = hessian;
                 for k in 0..3 {
                     damped[(k, k)] += damping * hessian[(k, k)].max(1e-12 * hessian.amax());
@@ -273,35 +254,28 @@ impl Problem {
                     return Some(end(Convergence::Step));
                 }
                 let trial = theta + step;
-                let predicted = gain(&step);
                 let there = self.project(&trial).map(|there| {
                     let gained = cost - self.cost(&trial, &there);
-                    (gained / predicted.max(f64::MIN_POSITIVE), there)
+                    (gained / gain(&step).max(f64::MIN_POSITIVE), there)
                 });
-                match there {
-                    Some((ratio, there)) if ratio > 1e-3 => {
-                        (theta, at) = (trial, there);
-                        if ratio > 0.75 {
-                            damping = (damping / 10.0).max(1e-14);
-                        } else if ratio < 0.25 {
-                            damping *= 4.0;
-                        }
-                        moved = true;
-                        break;
-                    }
-                    _ => damping *= 10.0,
+                let Some((ratio, there)) = there.filter(|(ratio, _)| *ratio > 1e-3) else {
+                    damping *= 10.0;
+                    continue;
+                };
+                (theta, at) = (trial, there);
+                if ratio > 0.75 {
+                    damping = (damping / 10.0).max(1e-14);
+                } else if ratio < 0.25 {
+                    damping *= 4.0;
                 }
-            }
-            if !moved {
-                return Some(end(Convergence::Step));
+                break;
             }
         }
         None
     }
 
-    /// The gradient by theta without its components that push rates against their bounds: it is
-    /// turned into the gradient by (ln a, ln b, ln d), where each bound belongs to one component,
-    /// and back.
+    /// The gradient by theta without its components that push rates against their bounds, by way of
+    /// the gradient by (ln a, ln b, ln d), where each bound belongs to one component.
     fn projected(&self, theta: &Vector3<f64>, gradient: &Vector3<f64>) -> Vector3<f64> {
         // a rate within 1e-9 of a bound lies at it
         let (rates, slope) = (self.ln_rates(theta), self.slope_of_rates(theta));
@@ -321,22 +295,20 @@ impl Problem {
     }
 
     /// The step x that minimises 1/2 x'Hx + g'x such that the rates at theta + x are within their
-    /// bounds, to first order; if the free minimum is within the bounds, that one. `None`: there is
-    /// none, or it is not finite.
+    /// bounds, to first order. `None`: there is none, or it is not finite.
     fn bounded_step(
         &self,
         h: &Matrix3<f64>,
         g: &Vector3<f64>,
         theta: &Vector3<f64>,
     ) -> Option<Vector3<f64>> {
-        // the free minimum, if the bounds allow it
         let inside = |x: &Vector3<f64>| self.within(theta + x, 0.0) == theta + x;
         if let Some(step) = h.cholesky().map(|l| l.solve(&-g)).filter(inside) {
             return Some(step);
         }
 
         // Else a quadratic programme, scaled to unit curvature and to a gradient of size 1, so that
-        // the programme's tolerances mean the same in each direction and for each signal.
+        // its tolerances mean the same in each direction and for each signal.
         let unit = h.diagonal().map(|v| 1.0 / v.sqrt().max(1e-300));
         let hessian: Vec<Vec<f64>> = (0..3)
             .map(|j| {
@@ -346,8 +318,7 @@ impl Problem {
         let size = g.component_mul(&unit).amax().max(1e-300);
         let linear: Vec<f64> = (0..3).map(|k| g[k] * unit[k] / size).collect();
 
-        // six inequalities: each rate below its highest and above its lowest value, linear in the
-        // step
+        // each rate below its highest and above its lowest value, linear in the step
         let (rates, slope) = (self.ln_rates(theta), self.slope_of_rates(theta));
         let mut rows = vec![vec![0.0; 3]; 6];
         let mut limits = vec![0.0; 6];
@@ -361,8 +332,7 @@ impl Problem {
         }
         let (x, _) = minimise(&hessian, &linear, &rows, &limits)?;
 
-        // An interior-point method ends just inside an active bound: the end is moved onto the
-        // bound.
+        // an interior-point method ends just inside an active bound
         let end = Vector3::from_fn(|k, _| theta[k] + x[k] * unit[k] * size);
         let step = self.within(end, 1e-6) - theta;
         step.amax().is_finite().then_some(step)
@@ -389,10 +359,9 @@ pub(super) struct Projection {
     r: Matrix3<f64>,
 }
 
-/// The factors of N x 3 columns E = q r: q with orthonormal columns (N x 3), r upper triangular.
-/// Each column is made orthogonal to those before it twice (Gram and Schmidt), which is as
-/// orthogonal as Householder's method (Giraud, Langou and Rozloznik 2005). Linearly dependent
-/// columns give numbers that are not finite.
+/// The factors of N x 3 columns E = q r: q with orthonormal columns, r upper triangular. Gram and
+/// Schmidt's method twice is as orthogonal as Householder's (Giraud, Langou and Rozloznik 2005).
+/// Linearly dependent columns give numbers that are not finite.
 fn thin_qr(mut q: MatrixXx3<f64>) -> (MatrixXx3<f64>, Matrix3<f64>) {
     let (n, mut r) = (q.nrows(), Matrix3::zeros());
     for k in 0..3 {

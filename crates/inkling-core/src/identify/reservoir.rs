@@ -1,14 +1,12 @@
 //! Reservoir sampling by hashes: a bounded sample of a window's signals that does not depend on
 //! their order.
 //!
-//! In: the healthy candidates among a window's signals with their covariates, in any order, from
-//! the pipeline (`learning.rs`, `collect.rs`). Out: a [`SignalSet`] of at most `capacity` signals,
-//! from which a model is learned.
+//! In: the healthy candidates among a window's signals with their covariates, from the pipeline
+//! (`learning.rs`, `collect.rs`). Out: a [`SignalSet`] of at most `capacity` signals.
 //!
-//! Every signal has a rank, which is a hash of its time and channel, and the signals of lowest rank
-//! are kept (bottom-k sampling). A hash is as good as random, so the sample is a fair one. And
-//! since ranks do not depend on the order of arrival, the sample, and all that is learned from it,
-//! is the same for any order of the file, any chunking and any number of threads.
+//! Every signal has a rank, a hash of its time and channel, and the signals of lowest rank are kept
+//! (bottom-k sampling). A hash is as good as random, so the sample is a fair one, and it is the same
+//! for any order of the file, any chunking and any number of threads.
 
 use super::averaging::SignalSet;
 use crate::burst::Beside;
@@ -16,28 +14,22 @@ use std::collections::BTreeMap;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// The rank of a signal: hash of time and channel, time, channel, hash of the samples and
-/// covariates. Ranks are compared number by number. The last number distinguishes signals of the
-/// same time and channel; a signal that is the same in all of this is held only once.
+/// covariates. A signal that is the same in all of this is held only once.
 type Rank = (u64, i64, u32, u64);
 
-/// A signal of the sample.
 #[derive(Debug)]
-struct Held {
-    /// Counts.
+struct HeldSignal {
     samples: Vec<f32>,
     beside: Beside,
     /// Severity of the signal's label; NaN: it gives none.
     severity: f64,
 }
 
-/// The sample while signals are still offered.
 #[derive(Debug)]
 pub struct Reservoir {
     capacity: usize,
-    /// Number of samples per signal.
     samples: usize,
-    /// The signals that are held, no more than the capacity.
-    held: BTreeMap<Rank, Held>,
+    held: BTreeMap<Rank, HeldSignal>,
 }
 
 impl Reservoir {
@@ -45,15 +37,14 @@ impl Reservoir {
         Reservoir { capacity, samples, held: BTreeMap::new() }
     }
 
-    /// Offers a signal, N counts; it is kept if its rank is among the lowest so far. `severity`:
-    /// that of its label; NaN: the label gives none.
+    /// Offers a signal, N counts; it is kept if its rank is among the lowest so far. `severity`: of
+    /// its label; NaN: none.
     pub fn offer(&mut self, beside: Beside, signal: &[f64], severity: f64) {
         let Beside { t_acq_ns, channel, .. } = beside;
         if !self.may_keep(t_acq_ns, channel) {
             return;
         }
 
-        // the rank, which needs all that distinguishes the signal
         let samples: Vec<f32> = signal.iter().map(|&y| y as f32).collect();
         let beside_it = [beside.drive_v, beside.temperature_c, severity];
         let content: Vec<u8> = samples
@@ -63,20 +54,18 @@ impl Reservoir {
             .collect();
         let rank = (hash_of(t_acq_ns, channel), t_acq_ns, channel, xxh3_64(&content));
 
-        // the signal is held, and if there is no room the one of highest rank goes
-        self.held.entry(rank).or_insert(Held { samples, beside, severity });
+        self.held.entry(rank).or_insert(HeldSignal { samples, beside, severity });
         if self.held.len() > self.capacity {
             self.held.pop_last();
         }
     }
 
-    /// Whether a signal of that time and channel may be kept. If not, the signal would not be kept
-    /// whatever its samples are, so that the caller need not decode it.
+    /// Whether a signal may be kept, whatever its samples are: else the caller need not decode it.
     pub fn may_keep(&self, t_acq_ns: i64, channel: u32) -> bool {
         let rank = (hash_of(t_acq_ns, channel), t_acq_ns, channel);
         let is_below = |worst: &Rank| rank <= (worst.0, worst.1, worst.2);
-        self.held.len() < self.capacity
-            || self.held.last_key_value().is_some_and(|(worst, _)| is_below(worst))
+        let full = self.held.len() >= self.capacity;
+        !full || self.held.last_key_value().is_some_and(|(worst, _)| is_below(worst))
     }
 
     /// Memory that the samples of the held signals take, bytes.
@@ -84,19 +73,17 @@ impl Reservoir {
         self.held.len() * self.samples * size_of::<f32>()
     }
 
-    /// Sum, V, and count of the drive voltages that were recorded; added up in rank order, so that
-    /// the sum has the same bits whatever the order of arrival was.
+    /// Sum, V, and count of the recorded drive voltages; in rank order, for the same bits always.
     pub fn voltage_sum(&self) -> (f64, usize) {
         let all = self.held.values().map(|held| held.beside.drive_v);
         let known: Vec<f64> = all.filter(|v| *v > 0.0 && v.is_finite()).collect();
         (known.iter().sum(), known.len())
     }
 
-    /// The sample in rank order, with drives relative to `reference_v` (1 where the drive or the
-    /// reference is not known).
+    /// The sample in rank order, with drives relative to `reference_v`.
     pub fn to_set(&self, reference_v: Option<f64>) -> SignalSet {
         let mut set = SignalSet::new(self.samples);
-        for Held { samples, beside, severity } in self.held.values() {
+        for HeldSignal { samples, beside, severity } in self.held.values() {
             let drive = relative_drive(beside.drive_v, reference_v);
             set.push(samples, beside.channel, drive, beside.temperature_c);
             set.set_severity(*severity);
@@ -105,7 +92,6 @@ impl Reservoir {
     }
 }
 
-/// The hash that ranks signals by time and channel.
 fn hash_of(t_acq_ns: i64, channel: u32) -> u64 {
     let mut key = [0; 12];
     key[..8].copy_from_slice(&t_acq_ns.to_le_bytes());
@@ -113,9 +99,7 @@ fn hash_of(t_acq_ns: i64, channel: u32) -> u64 {
     xxh3_64(&key)
 }
 
-/// The drive relative to the reference; 1 where either is not known. The state from which a signal
-/// rings is proportional to the drive voltage, thesis (2-2), so this is the scale of the expected
-/// signal.
+/// The drive, to which a signal is proportional, relative to the reference; 1: not known.
 pub fn relative_drive(voltage_v: f64, reference_v: Option<f64>) -> f64 {
     match reference_v {
         Some(reference) if voltage_v > 0.0 && voltage_v.is_finite() => voltage_v / reference,

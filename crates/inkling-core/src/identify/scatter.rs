@@ -1,41 +1,38 @@
 //! The bias of an average over channels that differ, and how far they differ.
 //!
 //! In: a window's signals, and the fit to their average. Out: the scatter of damping and frequency,
-//! the sampling error of their means, and the curvature that the scatter leaves in the average.
-//!
-//! The mean of decays with different poles is no decay: at 0.8 % scatter of the frequency the fit
-//! to a perfect average has its damping off by 0.6 %. `grey_box` corrects for that by this file:
+//! the sampling error of their means, and the average less the curvature that the scatter leaves in
+//! it. The mean of decays with different poles is no decay: at 0.8 % scatter of the frequency the
+//! fit to a perfect average has its damping off by 0.6 %.
 //!
 //! 1. theta = (damping, angular frequency, y, y', y'') of each signal, as a deviation from the
 //!    fit's, is estimated by least squares on the tangent space of the fit (N x 5).
 //! 2. The covariance of theta over the signals, less what white noise contributes, is how channels
 //!    differ.
 //! 3. The mean of y over theta is y(theta) + 1/2 sum of second derivatives times covariance: the
-//!    second term is the curvature, computed by sigma points, which is taken off the average.
+//!    second term is the curvature, computed by sigma points.
 
 use super::averaging::{MeanSignal, SignalSet};
-use super::cubic::{basis, to_microseconds};
+use super::cubic::{basis, per_us};
 use super::identification::{Identification, Scatter};
 use crate::model::inner_product::dot;
 use crate::numbers::tuned::few;
 use nalgebra::{DMatrix, DVector, Matrix5, SymmetricEigen, Vector3, Vector5};
 use std::collections::BTreeMap;
 
-/// The decay as a function of theta = (damping, angular frequency, y, y', y''), per µs, near a fit,
-/// and its tangent space there. The real pole is held, since one signal does not determine it.
+/// The decay as a function of theta, per µs, near a fit. The real pole is held.
 struct Tangent {
-    /// Damping, 1/µs, and angular frequency, rad/µs, of the fit.
+    /// Damping, 1/µs, and angular frequency, rad/µs.
     pair: [f64; 2],
-    /// Decay rate of the fit's real pole, 1/µs.
+    /// 1/µs.
     lambda: f64,
-    /// y, y', y'' at t_a of the fit, counts, counts/µs, counts/µs².
+    /// y, y', y'' at t_a, counts, counts/µs, counts/µs².
     state: [f64; 3],
     dt_us: f64,
     samples: usize,
 }
 
 impl Tangent {
-    /// The decay at the fit, for signals of `samples` samples.
     fn of(fit: &Identification, dt_s: f64, samples: usize) -> Tangent {
         let poles = fit.poles;
         Tangent {
@@ -44,14 +41,13 @@ impl Tangent {
                 2.0 * std::f64::consts::PI * poles.frequency_hz * 1e-6,
             ],
             lambda: poles.lambda_per_s * 1e-6,
-            state: to_microseconds(fit.output_state),
+            state: per_us(fit.output_state),
             dt_us: dt_s * 1e6,
             samples,
         }
     }
 
-    /// The decay where theta is changed by `step`, N counts: the poles give the cubic, and the
-    /// cubic's basis the decay.
+    /// The decay where theta is changed by `step`, N counts.
     fn signal(&self, step: &Vector5<f64>) -> DVector<f64> {
         let (sigma, omega) = (self.pair[0] + step[0], self.pair[1] + step[1]);
         let square = sigma * sigma + omega * omega;
@@ -71,8 +67,7 @@ impl Tangent {
                 _ => self.state.iter().fold(0.0, |m: f64, v| m.max(v.abs())),
             };
             let h = 1e-5 * size.abs().max(1e-9);
-            let mut step = Vector5::zeros();
-            step[k] = h;
+            let step = Vector5::ith(k, h);
             let slope = (self.signal(&step) - self.signal(&-step)) / (2.0 * h);
             columns.set_column(k, &slope);
         }
@@ -82,10 +77,9 @@ impl Tangent {
     /// What a scatter of theta adds to the mean signal, N counts. `covariance`: of theta times
     /// `scale`, component by component.
     ///
-    /// By sigma points: along each principal direction of the covariance the decay is computed one
-    /// standard deviation to either side, y(+) and y(-), and 1/2 (y(+) + y(-)) - y is added up. To
-    /// second order that is half of the second derivatives times the covariance. Directions in
-    /// which the noise was more than the scatter (a negative variance) add nothing.
+    /// By sigma points: along each principal direction of the covariance 1/2 (y(+) + y(-)) - y is
+    /// added up, of the decays one standard deviation to either side. To second order that is half
+    /// of the second derivatives times the covariance. A negative variance adds nothing.
     fn curvature(&self, covariance: Matrix5<f64>, scale: &Vector5<f64>) -> DVector<f64> {
         let expected = self.signal(&Vector5::zeros());
         let mut curvature = DVector::zeros(self.samples);
@@ -100,16 +94,15 @@ impl Tangent {
     }
 }
 
-/// The scatter of a set's signals about the fit to their average, and the average less the
-/// curvature that the scatter leaves in it, N counts. `average`: that of the set. `None`: the
-/// tangent space is degenerate.
+/// The scatter of a set's signals about the fit to their `average`, and the average less the
+/// curvature that the scatter leaves in it, N counts. `None`: the tangent space is degenerate.
 pub fn scatter(
     set: &SignalSet,
     fit: &Identification,
     average: &MeanSignal,
     dt_s: f64,
 ) -> Option<(Scatter, Vec<f64>)> {
-    // the tangent space, with columns scaled to unit length: from here on theta is in these units
+    // columns scaled to unit length: from here on theta is in these units
     let tangent = Tangent::of(fit, dt_s, set.samples);
     let expected = tangent.signal(&Vector5::zeros());
     let columns = tangent.columns();
@@ -118,8 +111,7 @@ pub fn scatter(
         Matrix5::from_fn(|i, j| columns.column(i).dot(&columns.column(j)) / (scale[i] * scale[j]));
     let inverse = gram.try_inverse()?;
 
-    // theta of every signal by least squares on the scaled columns: its moments, and sums per
-    // channel
+    // theta of every signal by least squares: its moments, and sums per channel
     let (mut sum, mut square) = (Vector5::zeros(), Matrix5::zeros());
     let (mut of_noise, mut by_channel) = (0.0, BTreeMap::<u32, (Vector5<f64>, f64)>::new());
     let mut deviation = vec![0.0; set.samples];
@@ -133,24 +125,20 @@ pub fn scatter(
         sum += theta;
         square += theta * theta.transpose();
         of_noise += (average.noise / s).powi(2);
-        // of each channel the sum of theta, and the number of signals
         let (of_channel, n) = by_channel.entry(set.channel[i]).or_default();
         *of_channel += theta;
         *n += 1.0;
     }
 
-    // covariance of theta minus what white noise contributes at these drives
     let n = set.len() as f64;
     let mean = sum / n;
     let beyond_noise = square / n - mean * mean.transpose() - inverse * (of_noise / n);
     let curvature = tangent.curvature(beyond_noise, &scale);
 
-    // damping and frequency of it, relative to the fit's
     let relative_sd =
         |k: usize| beyond_noise[(k, k)].max(0.0).sqrt() / (scale[k] * tangent.pair[k].abs());
 
-    // The standard error of the means comes from the channels, each of which counts as one
-    // independent draw, weighted by its number of signals.
+    // each channel counts as one independent draw, weighted by its number of signals
     let channels = by_channel.len();
     let relative_se = |k: usize| {
         if channels < few() {

@@ -3,46 +3,40 @@
 //! In: an identified model and the signals of its window. Out: the tangent space of the model's
 //! decays (N x 6: 3 pole directions, 3 state directions); what one Kelvin does to the expected
 //! signal, as a direction in that space (counts per K); and by how much a direction changes damping
-//! and frequency. `design/learn.rs` calls all three and stores the results in the healthy model.
+//! and frequency.
 //!
 //! The temperature response is a weighted linear regression: of all signals at one recorded
 //! temperature the mean deviation from the expected signal is projected on the tangent space, and
 //! the six coordinates are regressed on the temperature.
 
 use super::averaging::SignalSet;
-use super::cubic::{self, cubic_per_us, to_microseconds};
+use super::cubic::{self, PER_S, cubic_per_us, per_us};
 use super::identification::Identification;
 use crate::numbers::tuned::few;
 use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
 
-/// The derivatives dy/d(p2, p1, p0, y, y', y''), N x 6, in units per µs: every small change of a
-/// decay that leaves it a decay of the model.
+/// The derivatives dy/d(p2, p1, p0, y, y', y''), N x 6, per µs.
 pub fn tangent(fit: &Identification, dt_s: f64, samples: usize) -> DMatrix<f64> {
-    let state = Vector3::from(to_microseconds(fit.output_state));
+    let state = Vector3::from(per_us(fit.output_state));
     cubic::tangent(cubic_per_us(fit.cubic), state, dt_s * 1e6, samples)
 }
 
-/// d y_hat / d temperature, N counts per K at the reference drive, projected on the tangent space,
-/// so that 6 numbers are estimated and not N.
-///
-/// `expected`: the model's signal at `reference_c`, N counts; `tangent`: N x 6, by [`tangent`].
-/// `None`: the temperature of some signal was not recorded; there are fewer than `few` different
-/// temperatures; or temperature has no significant effect (Hotelling's test over the temperatures,
-/// size 1e-6: few temperatures have to show a large effect).
+/// d y_hat / d temperature, N counts per K, projected on the tangent space, so that 6 numbers are
+/// estimated. `expected`: the model's signal at `reference_c`; `tangent`: by [`tangent`]. `None`:
+/// some temperature was not recorded; fewer than `few` differ; or the effect is not significant
+/// (Hotelling's test, size 1e-6: few temperatures have to show a large effect).
 pub fn temperature_response(
     set: &SignalSet,
     expected: &[f64],
     tangent: &DMatrix<f64>,
     reference_c: f64,
 ) -> Option<Vec<f64>> {
-    // every temperature is known, and they differ
     let deviation = |i: usize| set.temperature_c[i] - reference_c;
     if set.temperature_c.iter().any(|t| !t.is_finite()) {
         return None;
     }
 
-    // One point of the regression per recorded temperature: the signals of a burst share theirs, so
-    // only bursts are independent.
+    // a point of the regression per temperature: only bursts, which share theirs, are independent
     let mut order: Vec<usize> = (0..set.len()).collect();
     order.sort_by(|&i, &j| set.temperature_c[i].total_cmp(&set.temperature_c[j]));
     let looks: Vec<&[usize]> =
@@ -51,16 +45,14 @@ pub fn temperature_response(
         return None;
     }
 
-    // coordinates of a deviation on the tangent space, by least squares on columns scaled to unit
-    // length
+    // by least squares on columns scaled to unit length
     let scaled = DMatrix::from_fn(tangent.nrows(), 6, |i, j| {
         tangent[(i, j)] / tangent.column(j).norm().max(f64::MIN_POSITIVE)
     });
     let gram: Matrix6<f64> = Matrix6::from_fn(|i, j| scaled.column(i).dot(&scaled.column(j)));
     let inverse = gram.try_inverse()?;
 
-    // for each temperature: its deviation from the reference in K, its weight (the sum of square
-    // drives), and the coordinates of the mean deviation per unit drive
+    // K from the reference, the sum of square drives, and coordinates of the mean deviation
     let mut coordinates: Vec<(f64, f64, Vector6<f64>)> = Vec::with_capacity(looks.len());
     for look in looks {
         let (mut mean, mut weight) = (DVector::zeros(set.samples), 0.0);
@@ -76,20 +68,19 @@ pub fn temperature_response(
     }
 
     let (slope, by_chance) = regress(&coordinates)?;
-    (by_chance < 1e-6)
-        .then(|| (scaled * DVector::from_row_slice(slope.as_slice())).as_slice().to_vec())
+    let response = || scaled * DVector::from_row_slice(slope.as_slice());
+    (by_chance < 1e-6).then(|| response().as_slice().to_vec())
 }
 
-/// Probability that a variable that is F-distributed with 6 and `freedom` degrees of freedom exceeds `f`: a
-/// polynomial, since 6 is even (Abramowitz and Stegun 26.6.4).
+/// Tail of the F distribution with 6 and `freedom` degrees of freedom (Abramowitz and Stegun
+/// 26.6.4).
 fn beyond_f6(f: f64, freedom: f64) -> f64 {
     let (half, x) = (freedom / 2.0, freedom / (freedom + 6.0 * f));
     x.powf(half) * (1.0 + half * (1.0 - x) * (1.0 + (half + 1.0) / 2.0 * (1.0 - x)))
 }
 
-/// Weighted linear regression of v on x, for points (x, weight, v): the slope, and the probability that
-/// chance alone makes its Hotelling statistic as large. `None`: there are fewer than 8 points, or their
-/// scatter about the line has no inverse.
+/// Weighted regression of v on x for points (x, weight, v): the slope, and the probability that
+/// chance makes its Hotelling statistic as large. `None`: fewer than 8 points, or singular.
 fn regress(points: &[(f64, f64, Vector6<f64>)]) -> Option<(Vector6<f64>, f64)> {
     let w: f64 = points.iter().map(|p| p.1).sum();
     let x_mean = points.iter().map(|p| p.1 * p.0).sum::<f64>() / w;
@@ -100,15 +91,14 @@ fn regress(points: &[(f64, f64, Vector6<f64>)]) -> Option<(Vector6<f64>, f64)> {
         .fold(Vector6::zeros(), |sum, p| sum + (p.2 - v_mean) * (p.1 * (p.0 - x_mean)))
         / sxx;
 
-    // covariance of a point of weight 1 about the line, and the slope's square distance from 0 by
-    // it
+    // covariance of a point of weight 1 about the line
     let mut scatter = Matrix6::zeros();
     for (x, w, v) in points {
         let rest = v - v_mean - slope * (x - x_mean);
         scatter += rest * rest.transpose() * *w;
     }
-    // The scatter of n points about a line has n - 2 degrees of freedom, and in 6 dimensions T^2 is that many
-    // times 6 / (n - 7) times a variable that is F-distributed with 6 and n - 7 (Hotelling 1931).
+    // n points about a line have n - 2 degrees of freedom: in 6 dimensions T^2 is that many times 6
+    // / (n - 7) times a variable of F with 6 and n - 7
     let freedom = points.len().checked_sub(7).filter(|left| *left > 0)? as f64;
     scatter /= freedom + 5.0;
     let square = slope.dot(&(scatter.try_inverse()? * slope)) * sxx;
@@ -116,10 +106,9 @@ fn regress(points: &[(f64, f64, Vector6<f64>)]) -> Option<(Vector6<f64>, f64)> {
 }
 
 /// Relative change of (damping, frequency) where the expected signal changes by `direction` (N
-/// counts; per K if the direction is a temperature response). The direction's coordinates on the
-/// tangent space, by least squares, say how the cubic changes; the poles of the cubic a thousandth
-/// of that to either side give the derivative. `None`: the decomposition failed, or the changed
-/// model does not ring.
+/// counts; per K of a temperature response): how the cubic changes by the direction's coordinates on
+/// the tangent space, and the poles a thousandth of that to either side. `None`: the decomposition
+/// failed, or the changed model does not ring.
 pub fn pole_changes(
     fit: &Identification,
     tangent: &DMatrix<f64>,
@@ -128,10 +117,9 @@ pub fn pole_changes(
     let svd = tangent.clone().try_svd(true, true, f64::EPSILON, 10_000)?;
     let scale = svd.singular_values.amax();
     let x = svd.solve(&DVector::from_row_slice(direction), 1e-12 * scale).ok()?;
-    let si = [1e6, 1e12, 1e18];
     let h = 1e-3;
     let moved = |sign: f64| {
-        super::cubic::poles_of(std::array::from_fn(|k| fit.cubic[k] + sign * h * x[k] * si[k]))
+        cubic::poles_of(std::array::from_fn(|k| fit.cubic[k] + sign * h * x[k] * PER_S[k]))
     };
     let (up, down) = (moved(1.0)?, moved(-1.0)?);
     Some((

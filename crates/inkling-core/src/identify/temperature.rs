@@ -1,43 +1,39 @@
 //! What a recording at several temperatures tells and one decay does not: the rates one by one.
 //!
 //! In: the healthy signals of a printhead, with their temperatures. Out: the ratios g/d and a/b, of
-//! which (3-1) holds one and has a prior for the other. `inkling identify` prints them; nothing
-//! else depends on them.
+//! which (3-1) holds one and has a prior for the other. `inkling identify` prints them.
 //!
 //! A free decay has p2 = g + d, p1 = g d + a + b, p0 = a d + b g: three numbers from four rates. In
 //! ink that is so many times as viscous, g and d are so many times as large, and a and b are the
 //! same. At two temperatures that makes six numbers for five unknowns (a, b, g, d and the factor
 //! between the temperatures), and each further temperature brings three numbers for one unknown.
-//! The method holds if temperature changes nothing but the viscosity, which the surplus numbers
-//! test. Another drive voltage brings nothing: the decay only becomes larger. Where the real pole
-//! is hardly excited, the numbers of each temperature are determined by the prior of (3-1) alone;
-//! the standard deviations leave the prior out, and are then large.
+//! The surplus numbers test that temperature changes nothing but the viscosity. Where the real pole
+//! is hardly excited, the prior of (3-1) determines the numbers of each temperature; the standard
+//! deviations leave it out, and are then large.
 //!
-//! Steps: the signals are sorted by temperature into up to four parts with the same channels
-//! (`of_the_same_channels`); a model is identified of each part (`by_temperature`); and the
-//! unknowns of all parts are fitted to the parts' cubics, each weighted by its covariance
-//! (`joint`).
+//! Steps: the signals are sorted by temperature into up to four parts with the same channels; a
+//! model is identified of each part; and the unknowns of all parts are fitted to the parts' cubics,
+//! each weighted by its covariance (`joint`).
 
 use super::averaging::{self, SignalSet};
-use super::cubic::cubic_per_us;
+use super::cubic::{RATES_PER_US, cubic_per_us};
 use super::grey_box::{self, Identification};
 use super::scatter::scatter;
 use super::tuned;
 use super::{GreyBoxSettings, IdentifyError, whiteness};
+use crate::model::InkChannel;
 use crate::numbers::tuned::{few, guessed_rate};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::f64::consts::SQRT_2;
 
-/// Largest number of temperatures that are told apart.
 const MOST_BINS: usize = 4;
 
 /// The ratios of rates that become known, with the standard deviations of their logarithms.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ByTemperature {
-    /// Mean temperature of each part of the signals, °C, and the viscosity there over that in the
-    /// first part.
+    /// Mean temperature of each part of the signals, °C, and the viscosity over the first part's.
     pub temperatures_c: Vec<f64>,
     pub viscosity: Vec<f64>,
     /// g/d, that is, R_r/I_r over R_n/I_n.
@@ -46,24 +42,21 @@ pub struct ByTemperature {
     /// a/b, that is, I_n over I_r.
     pub a_over_b: f64,
     pub a_over_b_sd: f64,
-    /// p value of the joint fit's misfit, by chi-squared with as many degrees of freedom as there
-    /// are surplus numbers: small where temperature changes more than the viscosity.
+    /// Of the joint fit's misfit: small where temperature changes more than the viscosity.
     pub p_value: f64,
 }
 
 impl ByTemperature {
-    /// Whether both ratios are better known than those of two guessed rates, and viscosity alone explains what
-    /// temperature does.
+    /// Whether both ratios are known better than guessed, and viscosity explains what happens.
     pub fn is_known(&self) -> bool {
         let of_guess = guessed_rate() * SQRT_2;
         self.g_over_d_sd < of_guess && self.a_over_b_sd < of_guess && self.p_value > 0.01
     }
 }
 
-/// Splits the signals by temperature, identifies a model of each part, and estimates all rates from
-/// these. `set`: the healthy signals; `fit`: the model of all of them together, where the searches
-/// start. `None`: the temperature hardly varies, a part has too few signals, or the covariance of a
-/// part's cubic has no inverse. An error: a part has no model.
+/// Identifies a model at each temperature, and estimates all rates from these. `fit`: the model of
+/// all signals together. `None`: the temperature hardly varies, a part has too few signals, or the
+/// covariance of a part's cubic has no inverse. An error: a part has no model.
 pub fn by_temperature(
     set: &SignalSet,
     fit: &Identification,
@@ -77,8 +70,7 @@ pub fn by_temperature(
         }
         let signals = set.select(&part);
         let mean = averaging::average(&signals)?;
-        // The parts have the same channels, so how these differ is no error of the differences
-        // between parts: only noise counts.
+        // the parts have the same channels, so only noise counts in their differences
         let noise = mean.noise / (mean.n_signals as f64).sqrt();
         let near = Some(&fit.channel);
         let mut found = grey_box::identify(&mean.y, dt_s, noise, settings, near)?;
@@ -91,10 +83,9 @@ pub fn by_temperature(
     Ok(if span_k < tuned::least_span_k() { None } else { joint(&parts, fit) })
 }
 
-/// Indices of the signals, from cold to warm, in up to [`MOST_BINS`] parts of about equally many
-/// signals. Then signals are left out until all parts have equally many of each channel, so that
-/// the differences of channels are the same in all parts and are not taken for an effect of
-/// temperature. Where other channels were heard at each temperature, the parts are empty.
+/// Indices of the signals, from cold to warm, in up to [`MOST_BINS`] parts with equally many
+/// signals of each channel, so that the differences of channels are not taken for an effect of
+/// temperature. With other channels at each temperature the parts are empty.
 fn of_the_same_channels(set: &SignalSet) -> Vec<Vec<usize>> {
     let mut order: Vec<usize> =
         (0..set.len()).filter(|&i| set.temperature_c[i].is_finite()).collect();
@@ -105,22 +96,18 @@ fn of_the_same_channels(set: &SignalSet) -> Vec<Vec<usize>> {
     }
     let parts: Vec<&[usize]> = order.chunks(order.len().div_ceil(bins)).collect();
 
-    // of each channel as many signals are kept in every part as the part with the fewest of them
-    // has
     let counted = |part: &&[usize]| {
         let mut counts: BTreeMap<u32, usize> = BTreeMap::new();
         part.iter().for_each(|&i| *counts.entry(set.channel[i]).or_default() += 1);
         counts
     };
     let counts: Vec<BTreeMap<u32, usize>> = parts.iter().map(counted).collect();
-    let fewest = |channel: &u32| {
-        counts.iter().map(|of| of.get(channel).copied().unwrap_or(0)).min().unwrap_or(0)
-    };
+    let fewest = |channel: &u32| counts.iter().map(|of| of.get(channel).copied()).min().flatten();
     let kept = |part: &&[usize]| {
         let mut left: BTreeMap<u32, usize> = BTreeMap::new();
         let keep = |i: &&usize| {
             let channel = set.channel[**i];
-            let left = left.entry(channel).or_insert_with(|| fewest(&channel));
+            let left = left.entry(channel).or_insert_with(|| fewest(&channel).unwrap_or(0));
             let is_one = *left > 0;
             *left -= usize::from(is_one);
             is_one
@@ -131,20 +118,14 @@ fn of_the_same_channels(set: &SignalSet) -> Vec<Vec<usize>> {
 }
 
 /// Estimates the unknowns of all parts by damped Gauss-Newton steps (Levenberg and Marquardt): ln
-/// a, ln b, ln g, ln d in the first part, and for every other part the logarithm of its viscosity
-/// over the first's. Rates are per µs. `parts`: mean temperature, °C, and model of each part.
-/// `None`: a part's covariance has no inverse.
+/// a, ln b, ln g, ln d in the first part, and ln viscosity over the first's of every other part.
+/// `parts`: mean temperature, °C, and model. `None`: a part's covariance has no inverse.
 fn joint(parts: &[(f64, Identification)], fit: &Identification) -> Option<ByTemperature> {
-    // the start: the rates of all signals together, and equal viscosities (logarithms of 0)
     let unknowns = 3 + parts.len();
-    let c = fit.channel;
-    let start = [c.a_per_s2 * 1e-12, c.b_per_s2 * 1e-12, c.g_per_s * 1e-6, c.d_per_s * 1e-6];
-    let mut theta = DVector::zeros(unknowns);
-    start.iter().enumerate().for_each(|(k, v)| theta[k] = v.ln());
+    let start = fit.channel.times(RATES_PER_US).rates();
+    let mut theta = DVector::from_fn(unknowns, |k, _| start.get(k).map_or(0.0, |rate| rate.ln()));
 
-    // The misfit: for each part the three coefficients of its cubic, less those that the unknowns
-    // give, whitened by the covariance of the part's cubic. So its square norm is chi-squared if
-    // the model holds.
+    // by part the cubic less what the unknowns give, whitened: chi-squared if the model holds
     let measured = |(_, found): &(f64, Identification)| Vector3::from(cubic_per_us(found.cubic));
     let whitening: Vec<Matrix3<f64>> = parts
         .iter()
@@ -163,7 +144,6 @@ fn joint(parts: &[(f64, Identification)], fit: &Identification) -> Option<ByTemp
         left
     };
 
-    // Levenberg and Marquardt's descent, with derivatives by central differences
     let (mut here, mut normal) = (misfit(&theta), DMatrix::identity(unknowns, unknowns));
     let mut damping = 1e-3;
     for _ in 0..200 {
@@ -192,9 +172,7 @@ fn joint(parts: &[(f64, Identification)], fit: &Identification) -> Option<ByTemp
         }
     }
 
-    // The covariance of the unknowns, and from it the standard deviation of a difference of two
-    // logarithms, that is, of the logarithm of a ratio. Where the unknowns ran away from each other
-    // the matrix is singular, and nothing is known of them.
+    // of the logarithm of a ratio; infinite where the unknowns ran away from each other
     let covariance = normal.try_inverse();
     let sd = |i: usize, j: usize| {
         let of_difference =
@@ -213,12 +191,10 @@ fn joint(parts: &[(f64, Identification)], fit: &Identification) -> Option<ByTemp
     })
 }
 
-/// p2, p1, p0 (per µs) from the ln of the rates (per µs), where the ink is `viscosity` times as
-/// viscous: that multiplies g and d.
+/// p2, p1, p0 (per µs) from the ln of the rates (per µs), where viscosity multiplies g and d.
 fn cubic(theta: &DVector<f64>, viscosity: f64) -> Vector3<f64> {
     let [a, b, g, d]: [f64; 4] = std::array::from_fn(|k| theta[k].exp());
-    let (g, d) = (viscosity * g, viscosity * d);
-    Vector3::new(g + d, g * d + a + b, a * d + b * g)
+    Vector3::from(InkChannel::of([a, b, viscosity * g, viscosity * d]).cubic())
 }
 
 #[cfg(test)]

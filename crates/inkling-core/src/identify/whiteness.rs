@@ -1,30 +1,23 @@
 //! Whether the misfit of the average is white: the portmanteau test of Ljung and Box (1978).
-//!
 //! In: what the identified model leaves of the average (N samples, counts). Out: Q = n (n + 2) sum
-//! over lags k of r_k² / (n - k), where r_k is the misfit's autocorrelation at lag k, and the
-//! probability of so large a Q if the misfit were white. `inkling identify` states it. In thesis
-//! §3-1 the fit is judged by eye, Fig. 3-3.
+//! over lags k of r_k² / (n - k), where r_k is the misfit's autocorrelation at lag k, and its p
+//! value. In thesis §3-1 the fit is judged by eye, Fig. 3-3.
 
 use crate::model::normal::upper_tail;
 use serde::{Deserialize, Serialize};
 
-/// Largest number of autocorrelations that are tested.
 const MOST_LAGS: usize = 20;
 
-/// The result of the test.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Whiteness {
-    /// Q, over `lags` lags.
     pub ljung_box: f64,
     pub lags: usize,
-    /// Probability of so large a Q if the misfit were white. If it is small, the model lacks
-    /// something.
+    /// Probability of so large a Q if the misfit were white.
     pub p_value: f64,
 }
 
-/// Tests a misfit. `misfit`: y - y_hat, N counts. `fitted`: how many numbers were fitted to the
-/// signal, each of which takes a degree of freedom. `None`: the misfit is too short, zero,
-/// constant, or not finite.
+/// Tests a misfit y - y_hat, N counts. `fitted`: how many numbers were fitted to the signal. `None`:
+/// the misfit is too short, zero, constant, or not finite.
 pub fn whiteness(misfit: &[f64], fitted: usize) -> Option<Whiteness> {
     let n = misfit.len();
     let lags = MOST_LAGS.min(n / 4);
@@ -46,8 +39,7 @@ pub fn whiteness(misfit: &[f64], fitted: usize) -> Option<Whiteness> {
     Some(Whiteness { ljung_box, lags, p_value: chi_square_tail(ljung_box, lags - fitted) })
 }
 
-/// P(chi² > q) for `freedom` degrees of freedom, by Wilson and Hilferty's approximation (1931): the
-/// cube root of chi² over `freedom` is about normal.
+/// P(chi² > q) by Wilson and Hilferty's approximation (1931): the cube root is about normal.
 pub(super) fn chi_square_tail(q: f64, freedom: usize) -> f64 {
     let v = 2.0 / (9.0 * freedom as f64);
     upper_tail(((q / freedom as f64).cbrt() - (1.0 - v)) / v.sqrt())

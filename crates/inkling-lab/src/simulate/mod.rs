@@ -239,7 +239,7 @@ mod tests {
         let set = |from: u32, to: u32, class: &str| {
             let of_set = |l: &&Label| {
                 l.printhead == dataset::PRINTHEAD
-                    && l.channel.one().is_some_and(|c| (from..to).contains(&c))
+                    && matches!(l.channel, Channels::One(c) if (from..to).contains(&c))
                     && l.state == class
             };
             labels.iter().filter(of_set).count()
@@ -253,7 +253,8 @@ mod tests {
         assert!(labels.iter().all(|l| l.severity.is_some() == (l.state != HEALTHY)));
         let stems: Vec<String> = scenario.recordings(1).into_iter().map(|r| r.stem).collect();
         assert_eq!(stems, ["train", "test", "calibration", "print_run"]);
-        let of_run = |l: &&Label| l.printhead != dataset::PRINTHEAD && l.channel.one().is_some();
+        let of_run =
+            |l: &&Label| l.printhead != dataset::PRINTHEAD && matches!(l.channel, Channels::One(_));
         let mut channels: Vec<_> =
             labels.iter().filter(of_run).map(|l| (&l.printhead, l.channel)).collect();
         channels.dedup();

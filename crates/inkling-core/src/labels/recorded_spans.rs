@@ -1,9 +1,12 @@
 //! Finds labels that cover nothing of the recordings that were read, and tells which of these are
 //! mistakes: a printhead's name that is misspelt, a time in seconds where nanoseconds are due.
 //!
-//! In: printhead, time and channels of every burst; then the labels. Out: an error where a row was
-//! surely meant otherwise, or a warning, in words. Of each printhead only the span of all its times
-//! and channels is kept, so that a row in a gap counts as covering some signals.
+//! In, from whoever reads recordings with labels: printhead, time and channels of every burst; then
+//! the labels. Out: sentences: an error ([`RecordedSpans::mistake`], where a row was surely meant
+//! otherwise), or a warning ([`RecordedSpans::unused`]).
+//!
+//! Of each printhead only the span of all its times and channels is kept. So a row that lies in a
+//! gap between two recordings counts as covering some signals.
 
 use super::{EVERY_PRINTHEAD, Label, Labels, nearest};
 use chrono::{DateTime, SecondsFormat};
@@ -16,13 +19,12 @@ const MOST_NAMED: usize = 6;
 /// Times at which recordings are made: 1990 to 2100, as ns since 1970.
 const OF_THIS_AGE: std::ops::Range<i64> = 631_152_000_000_000_000..4_102_444_800_000_000_000;
 
-/// The printheads that were met in recordings, with the span of their signals.
 #[derive(Clone, Debug, Default)]
-pub struct Met {
+pub struct RecordedSpans {
     heads: BTreeMap<Arc<str>, Span>,
 }
 
-/// The first and the last time t_a, ns since the epoch, and channel of one printhead or burst.
+/// Where and when the signals of a printhead or burst were; t_a, ns since the epoch. All included.
 #[derive(Clone, Copy, Debug)]
 pub struct Span {
     pub from_ns: i64,
@@ -31,7 +33,18 @@ pub struct Span {
     pub last_channel: u32,
 }
 
-impl Met {
+/// A time of a label that is implausible in ns, but would be of `OF_THIS_AGE` in another unit.
+struct OtherUnit {
+    /// The number as it was read, taken for ns.
+    number: i64,
+    unit: &'static str,
+    /// Number of zeros to append to get ns.
+    zeros: usize,
+    meant_ns: i64,
+}
+
+impl RecordedSpans {
+    /// Takes in a burst of a printhead.
     pub fn see(&mut self, printhead: &str, span: Span) {
         if let Some(known) = self.heads.get_mut(printhead) {
             known.from_ns = known.from_ns.min(span.from_ns);
@@ -43,32 +56,26 @@ impl Met {
         }
     }
 
-    /// What somebody mistyped in the labels, in words. A misspelt printhead is told first.
+    /// What somebody mistyped: a misspelt printhead, else a time in another unit.
     pub fn mistake(&self, labels: &Labels) -> Option<String> {
         self.misspelt(labels).or_else(|| self.of_other_unit(labels))
     }
 
-    /// How many rows cover none of the signals, and which of their printheads were not met, in words.
+    /// How many rows cover none of the signals, and which of their printheads were not met.
     pub fn unused(&self, labels: &Labels) -> Option<String> {
         let rows = labels.rows();
         let unused: Vec<&Label> = rows.iter().filter(|row| !self.covers_any(row)).collect();
         let strange: BTreeSet<&str> =
             unused.iter().map(|row| &*row.printhead).filter(|name| !self.knows(name)).collect();
-        let others = match strange.len() {
-            0 => String::new(),
-            n => {
-                let named: Vec<&str> = strange.into_iter().take(MOST_NAMED).collect();
-                let more = if n > MOST_NAMED { " and others" } else { "" };
-                format!("; of {}{more} there is nothing in them", named.join(", "))
-            }
-        };
-        (!unused.is_empty()).then(|| {
-            format!(
-                "{} of {} rows cover no signal of these recordings{others}",
-                unused.len(),
-                rows.len()
-            )
-        })
+        let mut others = String::new();
+        if !strange.is_empty() {
+            let more = if strange.len() > MOST_NAMED { " and others" } else { "" };
+            let named: Vec<&str> = strange.into_iter().take(MOST_NAMED).collect();
+            others = format!("; of {}{more} there is nothing in them", named.join(", "));
+        }
+        let (none, all) = (unused.len(), rows.len());
+        (none > 0)
+            .then(|| format!("{none} of {all} rows cover no signal of these recordings{others}"))
     }
 
     /// Whether a row's printhead is one that was met, or stands for all.
@@ -76,17 +83,20 @@ impl Met {
         printhead == EVERY_PRINTHEAD || self.heads.contains_key(printhead)
     }
 
+    /// Whether a row meets the span of any printhead that it is for.
     fn covers_any(&self, row: &Label) -> bool {
         let mut of = self.heads.iter();
         of.any(|(name, span)| [name, EVERY_PRINTHEAD].contains(&&*row.printhead) && span.meets(row))
     }
 
-    /// A sentence about the first name that no printhead has, but that is like one without a row.
+    /// A sentence about the first name in the labels that no printhead has, and that is like the
+    /// name of a printhead that no row names: so labels for several sets of recordings are no
+    /// mistake.
     fn misspelt(&self, labels: &Labels) -> Option<String> {
         let named: BTreeSet<&str> = labels.rows().iter().map(|row| &*row.printhead).collect();
         let unnamed = || self.heads.keys().map(|name| &**name).filter(|name| !named.contains(name));
         let strange = named.iter().filter(|name| !self.knows(name));
-        // names that differ in digits alone, such as black-1 and black-2, are two printheads
+        // Names that differ in digits alone, such as black-1 and black-2, are two printheads.
         let letters = |name: &str| name.replace(|c: char| c.is_ascii_digit(), "");
         let meant = |name: &&str| {
             let near = nearest(name, unnamed()).into_iter();
@@ -101,39 +111,42 @@ impl Met {
         ))
     }
 
-    /// A sentence about the first time in the labels that was probably written in another unit.
+    /// A sentence about the first time that was probably written in another unit than ns.
     fn of_other_unit(&self, labels: &Labels) -> Option<String> {
         let is_of_this_age = |span: &Span| OF_THIS_AGE.contains(&span.from_ns);
         if self.heads.is_empty() || !self.heads.values().all(is_of_this_age) {
             return None; // a clock that counts from its own start
         }
-        let units = [("seconds", 9), ("milliseconds", 6), ("microseconds", 3)];
+        let bounds = labels.rows().iter().flat_map(|row| [row.from_ns, row.to_ns]).flatten();
+        let OtherUnit { number, unit, zeros, meant_ns } = bounds.filter_map(other_unit).next()?;
         let clock =
             |ns| DateTime::from_timestamp_nanos(ns).to_rfc3339_opts(SecondsFormat::AutoSi, true);
-        // a number that is no time of `OF_THIS_AGE` in ns, but would be one in another unit
-        let mistaken = |number: i64, (unit, zeros): (&str, u32)| {
-            let meant_ns = number.checked_mul(10_i64.pow(zeros))?;
-            OF_THIS_AGE.contains(&meant_ns).then(|| {
-                format!(
-                    "time {number} is {}, as whole numbers are nanoseconds; were {unit} meant? Write {} ({number} and {zeros} zeros)",
-                    clock(number),
-                    clock(meant_ns)
-                )
-            })
-        };
-        let mut bounds = labels.rows().iter().flat_map(|row| [row.from_ns, row.to_ns]).flatten();
-        bounds.find_map(|number| units.into_iter().find_map(|unit| mistaken(number, unit)))
+        Some(format!(
+            "time {number} is {}, as whole numbers are nanoseconds; were {unit} meant? Write {} ({number} and {zeros} zeros)",
+            clock(number),
+            clock(meant_ns)
+        ))
     }
 }
 
 impl Span {
+    /// Whether a row covers some time and channel of the span. Its printhead is not looked at.
     fn meets(&self, row: &Label) -> bool {
-        let (first, last) = row.channel.bounds();
+        let [first, last] = row.channel.bounds();
         row.from_ns.is_none_or(|from| from <= self.to_ns)
             && row.to_ns.is_none_or(|to| to > self.from_ns)
             && first <= self.last_channel
             && last >= self.first_channel
     }
+}
+
+/// The unit in which a number would be a time of `OF_THIS_AGE`, unless it is one in ns.
+fn other_unit(number: i64) -> Option<OtherUnit> {
+    let units = [("seconds", 9), ("milliseconds", 6), ("microseconds", 3)];
+    units.into_iter().find_map(|(unit, zeros)| {
+        let meant_ns = number.checked_mul(10_i64.pow(zeros as u32))?;
+        OF_THIS_AGE.contains(&meant_ns).then_some(OtherUnit { number, unit, zeros, meant_ns })
+    })
 }
 
 #[cfg(test)]
@@ -142,8 +155,8 @@ mod tests {
 
     const NOW_NS: i64 = 1_760_000_000_000_000_000;
 
-    fn met(heads: &[&str], from_ns: i64) -> Met {
-        let mut met = Met::default();
+    fn met(heads: &[&str], from_ns: i64) -> RecordedSpans {
+        let mut met = RecordedSpans::default();
         let span =
             Span { from_ns, to_ns: from_ns + 1_000_000_000, first_channel: 0, last_channel: 7 };
         heads.iter().for_each(|name| met.see(name, span));

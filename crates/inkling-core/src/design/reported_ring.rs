@@ -1,0 +1,60 @@
+//! The ring of a signal as verdicts state it: resonance and damping (columns `resonance_hz` and
+//! `damping_per_s`), whether there is a design or not.
+//!
+//! In, from the isolate stage (`pipeline/isolator.rs`): a signal that was judged. Out: resonance, Hz,
+//! and damping, 1/s, of a ring fitted to it (flagged signals, and where the closed form fails), or
+//! in closed form from its deviation (other signals, where `output.ring` asks for them).
+
+use super::judge::Judge;
+use super::named_ring::is_ring;
+use super::workspace::Workspace;
+use crate::model::ring_fit::RingFitter;
+
+impl Judge {
+    /// Resonance, Hz, and damping, 1/s, of the ring fitted to a signal, in its isolation or now.
+    /// `signal`: writes the signal per unit drive, N, counts. `None`: the signal does not ring.
+    pub fn ring_of(
+        &self,
+        signal: impl FnOnce(&mut Vec<f64>),
+        drive: f64,
+        work: &mut Workspace,
+    ) -> Option<[f64; 2]> {
+        let fitter = self.fitter()?;
+        // of pure noise a fit explains something, too
+        let fit = work.fit.or_else(|| {
+            let mut y = std::mem::take(&mut work.residual);
+            signal(&mut y);
+            let fit = fitter.fit(&y, true, &mut work.products);
+            work.residual = y;
+            fit
+        });
+        let noise = self.model.noise_beside() / drive;
+        fit.filter(|fit| is_ring(fit, noise)).map(|fit| fitter.frequency_and_damping(&fit.features))
+    }
+
+    /// The same in closed form, to second order. `deviation`: at the signal's drive and
+    /// temperature, N, counts. `None`: detection knows no sensitivities, or the result is not
+    /// finite.
+    pub fn ring_in_closed_form(
+        &self,
+        deviation: &[f64],
+        drive: f64,
+        warmer: f64,
+    ) -> Option<[f64; 2]> {
+        let features = self.detector.as_ref()?.own_features(deviation, drive);
+        // relative to the model's ring at the signal's temperature: its poles moved by `warmer`
+        let (poles, model) = (self.model.identification.poles, &self.model);
+        let ring = [
+            poles.frequency_hz * (features[2] + warmer * model.frequency_per_k).exp(),
+            poles.damping_per_s * (features[1] + warmer * model.damping_per_k).exp(),
+        ];
+        ring.iter().all(|v| v.is_finite()).then_some(ring)
+    }
+
+    /// A fitter of rings about the model's ring: isolation's, or detection's, or one that is made
+    /// now and kept. `None`: the model does not ring.
+    fn fitter(&self) -> Option<&RingFitter> {
+        let of_methods = self.rings().or_else(|| self.detector.as_ref().map(|of| of.fitter()));
+        of_methods.or_else(|| self.own_fitter.get_or_init(|| self.model.fitter().ok()).as_ref())
+    }
+}
