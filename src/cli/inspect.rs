@@ -67,7 +67,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     }
 
     // each recording; one that cannot be read fails alone, unless it is the only one
-    let mut proposals: Vec<Proposal> = Vec::new();
+    // recordings of one logger lead to the same proposal, which is kept once
+    let (mut proposals, mut proposed_before) = (Vec::new(), HashSet::new());
     let control = interruptible();
     let progress = Progress::through(&inputs);
     let mut exit = Exit::Done;
@@ -80,7 +81,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
                 if ended != Exit::Done {
                     exit = Exit::Incomplete;
                 }
-                proposals.extend(proposed);
+                let is_new = |proposal: &Proposal| proposed_before.insert(proposal.toml.clone());
+                proposals.extend(proposed.into_iter().filter(is_new));
             }
             Err(failure) if inputs.len() == 1 || control.interrupted() => return Err(failure),
             Err(failure) => {
@@ -90,9 +92,6 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         }
     }
     if let Some(file) = &args.write {
-        // recordings of one logger lead to the same proposal, which is written once
-        let mut written = HashSet::new();
-        proposals.retain(|proposal| written.insert(proposal.toml.clone()));
         write(file, &proposals, &progress)?;
     }
     Ok(exit)

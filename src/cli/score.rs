@@ -182,9 +182,8 @@ impl<'a> Scoring<'a> {
         }
     }
 
-    /// Adds the episodes beside a verdict table, if there are any, and what the table's metadata
-    /// say of its names.
-    fn add_episodes(&mut self, path: &Path) -> Result<(), Failure> {
+    /// Takes from a verdict table's metadata by which settings its verdicts are scored.
+    fn use_settings_of(&mut self, path: &Path) {
         let document = verdict_reader::document_of(path);
         let isolate = &document["settings"]["isolate"];
         // from which certainty on the verdicts were called certain
@@ -192,8 +191,12 @@ impl<'a> Scoring<'a> {
         // the user's own classes belong to categories that only these settings know
         let laws: Catalogue =
             serde_json::from_value(isolate["physics"].clone()).unwrap_or_default();
-        self.score.categories.0.extend(laws.categories().0);
+        self.score.categories = laws.categories();
+    }
 
+    /// Adds the episodes beside a verdict table, if there are any.
+    fn add_episodes(&mut self, path: &Path) -> Result<(), Failure> {
+        self.use_settings_of(path);
         let beside = episode_table::path_beside(path);
         if stored::is_file(&beside) {
             let score = self.episodes.get_or_insert_with(|| EpisodeScore::new(self.labels));
@@ -214,6 +217,7 @@ impl<'a> Scoring<'a> {
 
     /// Scores the rows of a verdict table, batch by batch, after all episodes were added.
     fn add_rows(&mut self, path: &Path) -> Result<(), Failure> {
+        self.use_settings_of(path);
         let mut verdicts = VerdictReader::open(path).map_err(Failure::new)?;
         let has_episodes = stored::is_file(&episode_table::path_beside(path));
         while let Some(columns) = verdicts.next() {

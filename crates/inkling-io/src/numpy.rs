@@ -107,7 +107,10 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Table, FileError> {
 fn array(path: &Path, name: Option<&str>) -> Result<(Header, Box<dyn Read>), FileError> {
     let mut input: Box<dyn Read> = match name {
         Some(name) => member(path, name)?,
-        None => Box::new(BufReader::new(regular_file::open(path).map_err(unread(path))?)),
+        None => Box::new(BufReader::with_capacity(
+            1 << 16,
+            regular_file::open(path).map_err(unread(path))?,
+        )),
     };
     let header = Header::read(&mut input).map_err(|what| FileError::failed(path, what))?;
     Ok((header, input))
@@ -236,7 +239,7 @@ fn is_zip(path: &Path) -> Result<bool, FileError> {
 
 fn archive(path: &Path) -> Result<ZipArchive<BufReader<File>>, FileError> {
     let file = regular_file::open(path).map_err(unread(path))?;
-    ZipArchive::new(BufReader::new(file))
+    ZipArchive::new(BufReader::with_capacity(1 << 16, file))
         .map_err(|e| FileError::failed(path, format!("no .npz: {e}")))
 }
 

@@ -58,7 +58,7 @@ impl Recording {
         }
 
         // the messages at the beginning, asked every 16 blocks whether they suffice
-        let (known, topics) = self.peek(|block, reader| {
+        let reader = self.peek(|block, reader| {
             if block.index == 0 || !block.index.is_multiple_of(PEEKED_AT_ONCE) {
                 return false;
             }
@@ -67,9 +67,10 @@ impl Recording {
             let all = used.all || met.iter().collect::<BTreeSet<_>>().len() >= dialects;
             all && reader.foreign_seen() >= met.len() || block.offset > MOST_PEEKED_BYTES
         });
+        used.numbers.extend(reader.dialects_met());
 
         // then each channel's first message is checked
-        for TopicSummary { topic, kind, first_message, .. } in &topics {
+        for TopicSummary { topic, kind, first_message, .. } in &topics_of(reader) {
             let checked = match (kind, first_message) {
                 (MessageKind::Unread(why), _) => Err(why.to_string()),
                 (MessageKind::Foreign(plan), Some(message)) => plan
@@ -79,16 +80,12 @@ impl Recording {
             };
             checked.map_err(wrong)?;
         }
-        used.numbers.extend(known);
         Ok(used)
     }
 
-    /// Reads blocks until `is_enough` says so of the next block. Gives the numbers of the dialects
-    /// that read channels of these blocks, and the channels with their first messages.
-    fn peek(
-        &self,
-        is_enough: impl Fn(&Block, &BlockReader) -> bool,
-    ) -> (Vec<usize>, Vec<TopicSummary>) {
+    /// Reads blocks until `is_enough` says so of the next block. Gives the reader, which has counted
+    /// the dialects and the channels of these blocks.
+    fn peek(&self, is_enough: impl Fn(&Block, &BlockReader) -> bool) -> BlockReader {
         let mut reader = self.reader().counting();
         for block in self.blocks().filter_map(Result::ok) {
             if is_enough(&block, &reader) {
@@ -97,7 +94,7 @@ impl Recording {
             reader.load(&block);
             reader.next_piece(MOST_PEEKED_ROWS);
         }
-        (reader.dialects_met(), reader.census().map(Census::topics).unwrap_or_default())
+        reader
     }
 
     /// Channels whose messages look like bursts and that nothing reads, as far as the first 16
@@ -106,7 +103,7 @@ impl Recording {
         if self.channels_known_upfront && self.others.is_empty() {
             return Vec::new();
         }
-        let (_, topics) = self.peek(|block, _| block.index >= PEEKED_AT_ONCE);
+        let topics = topics_of(self.peek(|block, _| block.index >= PEEKED_AT_ONCE));
         // the schemas that a dialect reads on other topics: there a topic's pattern may be mistyped
         let read = |summary: &&TopicSummary| matches!(summary.kind, MessageKind::Foreign(_));
         let read: BTreeSet<&str> =
@@ -128,4 +125,9 @@ impl Recording {
         let nothing = topics.iter().filter(|summary| matches!(summary.kind, MessageKind::Nothing));
         nothing.filter_map(unread).collect()
     }
+}
+
+/// The channels that a reader has counted, with their first messages.
+fn topics_of(reader: BlockReader) -> Vec<TopicSummary> {
+    reader.census().map(Census::topics).unwrap_or_default()
 }

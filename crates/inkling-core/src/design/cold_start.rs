@@ -5,7 +5,7 @@
 //! settings, labelled faults. Out: [`FaultPhysics`], from which severities and the densities of
 //! unlabelled classes follow, and these classes. thesis (2-2), §2-2. The steps:
 //! 1. The guessed channel is scaled in time to the measured healthy ring.
-//! 2. ActuatedChannel features, less the noise of their fits, tell how channels differ (`spread`).
+//! 2. Healthy features, less the noise of their fits, tell how channels differ (`spread`).
 //! 3. Labelled faults of known kinds correct the rates.
 //! 4. Labelled faults tell how severities are distributed in each class, and how far estimated
 //!    severities lie off labelled ones.

@@ -130,8 +130,11 @@ fn balanced(
     c: &DMatrix<f64>,
     dt_s: f64,
 ) -> Result<(DMatrix<f64>, DMatrix<f64>), DetectError> {
-    let (a_us, c_us) = in_microseconds(a, c);
-    let mut balanced = a_us;
+    // balancing numbers that are not finite might never end
+    if let Some(index) = a.iter().position(|v| !v.is_finite()) {
+        return Err(DetectError::NotFinite { what: "A", index });
+    }
+    let (mut balanced, c_us) = in_microseconds(a, c);
     let d: DVector<f64> = nalgebra::linalg::balancing::balance_parlett_reinsch(&mut balanced);
     let mut c_b = DMatrix::from_fn(c.nrows(), c.ncols(), |i, j| c_us[(i, j)] * d[j]);
     let a_d = discretise(&(balanced * 1e6), dt_s);

@@ -169,7 +169,9 @@ impl<'a> EpisodeScore<'a> {
     pub fn add_signal(&mut self, printhead: &str, channel: u32, t_ns: i64, label: Option<&Label>) {
         self.healthy_signals += u64::from(label.is_some_and(|label| label.state == fault::HEALTHY));
         for fault in self.faults_of(printhead, channel) {
-            if !(fault.from_ns..fault.to_ns).contains(&t_ns) {
+            // what is ignored within a fault has no label
+            let is_true = label.is_some_and(|label| label.state == fault.state);
+            if !is_true || !(fault.from_ns..fault.to_ns).contains(&t_ns) {
                 continue;
             }
             fault.looks += 1;
@@ -221,32 +223,36 @@ impl StateEpisodes {
 }
 
 /// The faults of a channel: of each span between two changes of its labels the row that applies is
-/// asked for, and a span that has the class of the fault just before it makes that fault longer. A
-/// row for all channels at once is about the printhead, not a fault of this channel.
+/// asked for, and a span that has the class of the fault just before it makes that fault longer,
+/// spans in between that labels ignore included. A row for all channels at once is about the
+/// printhead, not a fault of this channel.
 fn faults_of(labels: &Labels, printhead: &str, channel: u32) -> Vec<LabelledFault> {
     let mut faults: Vec<LabelledFault> = Vec::new();
-    let mut row_before: Option<&Label> = None;
+    // whether the last fault lasts until the span that is looked at
+    let mut lasts = false;
     for &[from_ns, to_ns] in labels.changes(printhead, channel).array_windows() {
         let row = labels.row_at(printhead, channel, from_ns);
-        let row = row.filter(|row| row.is_fault() && row.channel != Channels::All);
-        if let Some(row) = row {
-            match faults.last_mut().filter(|f| f.state == row.state && f.to_ns == from_ns) {
-                Some(fault) => {
-                    fault.to_ns = to_ns;
-                    if row_before.is_none_or(|before| !std::ptr::eq(before, row)) {
-                        fault.full_ns = from_ns;
-                    }
+        let faulty = row.filter(|row| row.is_fault() && row.channel != Channels::All);
+        let Some(row) = faulty else {
+            lasts &= row.is_some_and(|row| row.state == fault::IGNORE);
+            continue;
+        };
+        match faults.last_mut().filter(|fault| lasts && fault.state == row.state) {
+            Some(fault) => {
+                fault.to_ns = to_ns;
+                if row.from_ns == Some(from_ns) {
+                    fault.full_ns = from_ns;
                 }
-                None => faults.push(LabelledFault {
-                    state: row.state.clone(),
-                    from_ns,
-                    to_ns,
-                    full_ns: from_ns,
-                    ..LabelledFault::default()
-                }),
             }
+            None => faults.push(LabelledFault {
+                state: row.state.clone(),
+                from_ns,
+                to_ns,
+                full_ns: from_ns,
+                ..LabelledFault::default()
+            }),
         }
-        row_before = row;
+        lasts = true;
     }
     faults
 }
@@ -349,6 +355,22 @@ mod tests {
         let report = score.report();
         assert_eq!((report.faults, report.recall, report.false_episodes), (2, 0.5, 1));
         assert_eq!((report.delay_bursts, report.healthy_signals), (Some(10.0), 40));
+    }
+
+    #[test]
+    fn a_fault_goes_on_beyond_what_is_ignored_and_is_full_from_its_last_labels_begin() {
+        let of = |from, to, state| label(Some(1), Some(from), Some(to), state);
+        let wide = Label { channel: Channels::Range(0, 9), ..of(0, 100, "BN") };
+        let labels = Labels::new(vec![wide, of(20, 30, "BN"), of(60, 70, "ignore")]);
+        let mut score = EpisodeScore::new(&labels);
+        score.add_episode(detected(1, 50, Some("BN")), &Categories::default());
+        for t in 0..100 {
+            score.add_signal("p", 1, t, labels.at("p", 1, t));
+        }
+        let report = score.report();
+        assert_eq!((report.faults, report.recall), (1, 1.0));
+        // the narrow label begins at 20; where it ends, no label begins
+        assert_eq!((report.delay_bursts, report.delay_from_onset_bursts), (Some(30.0), Some(50.0)));
     }
 
     #[test]

@@ -309,18 +309,20 @@ fn normal(plant: &Plant, p: &[f64], noise: &Noise, r: &[f64]) -> (DMatrix<f64>, 
     let numbers = p.len();
     let (mut gram, mut product) = (DMatrix::zeros(numbers, numbers), DVector::zeros(numbers));
     let series = plant.jacobian(p).series.into_iter();
-    for (i, (mut columns, r)) in series.zip(r.chunks(plant.upto)).enumerate() {
-        columns.values_mut().for_each(|column| noise.apply_to(i, column));
-        let there: Vec<usize> = columns.keys().copied().collect();
-        let flat: Vec<f64> = columns.into_values().flatten().collect();
-        let j = DMatrix::from_vec(plant.upto, there.len(), flat);
-        let (of_gram, of_product) = (j.tr_mul(&j), j.tr_mul(&DVector::from_column_slice(r)));
-        for (a, row) in there.iter().enumerate() {
-            product[*row] += of_product[a];
-            for (b, column) in there.iter().enumerate() {
-                gram[(*row, *column)] += of_gram[(a, b)];
+    for (i, (columns, r)) in series.zip(r.chunks(plant.upto)).enumerate() {
+        let whitened = |(number, mut column): (usize, Vec<f64>)| {
+            noise.apply_to(i, &mut column);
+            (number, DVector::from_vec(column))
+        };
+        let columns: Vec<(usize, DVector<f64>)> = columns.into_iter().map(whitened).collect();
+        let r = DVector::from_column_slice(r);
+        for (a, (row, of_row)) in columns.iter().enumerate() {
+            product[*row] += of_row.dot(&r);
+            for (column, of_column) in &columns[..=a] {
+                gram[(*row, *column)] += of_row.dot(of_column);
             }
         }
     }
+    gram.fill_upper_triangle_with_lower_triangle();
     (gram, product)
 }

@@ -81,8 +81,10 @@ impl Motion {
     /// Acceleration by all that is nonlinear. `sign`: direction of the velocity.
     fn kick(&self, y: Vector2<f64>, sign: f64) -> f64 {
         let (x, v) = (y[0], y[1]);
-        let curved = if self.stiffness == 0.0 { 0.0 } else { self.beyond(x) };
-        let spring = curved + self.unnamed.spring(x);
+        let mut spring = if self.stiffness == 0.0 { 0.0 } else { self.beyond(x) };
+        if self.unnamed.has(&SPRINGS) {
+            spring += self.unnamed.spring(x);
+        }
         -self.omega * self.omega * (spring + self.stick * sign) - self.drag * v.abs() * v
     }
 
