@@ -23,24 +23,23 @@ pub struct Table<'a> {
 /// signals stays, and of equal ones the first.
 pub fn left_out(tables: &[Table]) -> Vec<Option<String>> {
     let mut met = MetRecordings::default();
-    let mut notes = vec![None; tables.len()];
-    // the index of the table that stays, by the index of the first table of the recording
+    // of each table the first one of its recording, and by that one the table that stays
+    let first: Vec<usize> =
+        (0..tables.len()).map(|at| met.first_of_its_recording(tables, at)).collect();
     let mut stays: BTreeMap<usize, usize> = BTreeMap::new();
-    for (at, table) in tables.iter().enumerate() {
-        let first = met.first_of_its_recording(tables, at);
-        let Some(&before) = stays.get(&first) else {
-            stays.insert(first, at);
-            continue;
-        };
-        // two tables of one recording: the better one stays, and may yet be beaten by a later one
-        let is_better = judged(table) > judged(&tables[before]);
-        let (kept, left) = if is_better { (at, before) } else { (before, at) };
-        stays.insert(first, kept);
-        let (file, kept) = (tables[left].path.display(), tables[kept].path.display());
-        let what = format!("verdicts of a recording that is there already ({kept}): left out");
-        notes[left] = Some(format!("{file}: {what}"));
+    for (at, first) in first.iter().enumerate() {
+        let kept = stays.entry(*first).or_insert(at);
+        if judged(&tables[at]) > judged(&tables[*kept]) {
+            *kept = at;
+        }
     }
-    notes
+    let note = |(at, first): (usize, &usize)| {
+        let kept = stays[first];
+        let (file, kept_file) = (tables[at].path.display(), tables[kept].path.display());
+        let what = "verdicts of a recording that is there already";
+        (at != kept).then(|| format!("{file}: {what} ({kept_file}): left out"))
+    };
+    first.iter().enumerate().map(note).collect()
 }
 
 fn judged(table: &Table) -> u64 {

@@ -53,7 +53,8 @@ pub fn sentence(
         }
         (None, Some(category), nearest) => {
             text += &category.replace('_', " ");
-            if let Some((class, _)) = nearest {
+            // the likeliest class may be of another category, whose classes together weigh less
+            if let Some((class, _)) = nearest.filter(|(class, _)| class.category == *category) {
                 text += &format!(" (at best {})", class.name);
             }
             text += &(or + &certainty);
@@ -264,6 +265,8 @@ mod tests {
         let category = Episode { fault: None, ..episode() };
         let text = sentence(&category, None, Some((&Class::plain("BN"), 0.6)), Instead::Nothing);
         assert!(text.ends_with("blocked nozzle (at best BN), certainty .97"), "{text}");
+        let text = sentence(&category, None, Some((&Class::plain("EC"), 0.4)), Instead::Nothing);
+        assert!(text.ends_with("blocked nozzle, certainty .97"), "{text}");
 
         let unnamed = Episode { fault: None, category: None, certainty: None, ..episode() };
         let text = sentence(&unnamed, None, Some((&Class::plain("BN"), 0.6)), Instead::Nothing);
