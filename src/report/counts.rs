@@ -5,7 +5,6 @@
 //! In: the rows of the verdicts, which `survey` counts. Out: numbers, to most files of the report.
 
 use super::night::Span;
-use super::survey::Head;
 use inkling_core::verdict::Reason;
 use std::collections::BTreeMap;
 
@@ -99,11 +98,11 @@ impl ChannelCount {
     }
 
     /// Whether the channel was measured in the last night, which began at `from_ns`, and did not
-    /// fall silent in the first half of its latest recording. `head`: its printhead, of whose span
-    /// in that recording the half is meant.
-    pub fn is_measured(&self, from_ns: i64, head: &Head) -> bool {
+    /// fall silent in the first half of its latest recording. `of_head`: counts of its printhead by
+    /// recording, of whose span in that recording the half is meant.
+    pub fn is_measured(&self, from_ns: i64, of_head: &BTreeMap<usize, Tally>) -> bool {
         let InRecording { recording, to_ns, judged, rejected, .. } = self.last;
-        let span = head.tallies.get(&recording).and_then(|of| of.span);
+        let span = of_head.get(&recording).and_then(|of| of.span);
         let fell_silent = span.is_some_and(|(from, to)| to_ns - from < (to - from) / 2);
         to_ns >= from_ns && !(fell_silent && judged + rejected >= SEVERAL)
     }

@@ -10,7 +10,7 @@
 //! that were not measured in the last night, or channels silent since the first half of their
 //! latest recording; `doubtful`, channels of which nothing certain is known now.
 
-use super::counts::Tally;
+use super::counts::{ChannelCount, Tally};
 use super::night::{Span, last_night, whole};
 use super::source::{LostRecording, Source};
 use super::survey::{Head, Survey};
@@ -237,7 +237,8 @@ fn not_measured(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
         // A printhead whose latest recording ended before the night is told as a whole.
         let (recording, tally) = head.latest()?;
         let name = &head.name;
-        let what = match head.channels.iter().filter(|of| !of.is_measured(from_ns, head)).count() {
+        let silent = |of: &&ChannelCount| !of.is_measured(from_ns, &head.tallies);
+        let what = match head.channels.iter().filter(silent).count() {
             0 => return None,
             _ if tally.span?.1 < from_ns => {
                 format!("the last recording of {name}: it was not heard in the last night")

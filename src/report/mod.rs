@@ -191,7 +191,7 @@ fn lines(sources: &[Source], survey: &Survey) -> Vec<RecordingLine> {
             source: recording,
             span: whole(heads.values().filter_map(|h| h.tally.span)),
             judged: heads.values().map(|h| h.tally.judged).sum(),
-            flaws: tables::flaws(source),
+            flaws: source.flaws(),
             is_damaged: source.damaged_places() > 0,
             has_episodes: source.has_episodes(),
             heads,

@@ -1,7 +1,11 @@
 //! The recordings that a report covers: those with verdicts, and those that have none.
 //! `cli/results.rs` makes both from what lies in the directories that the user named.
 
+use super::words::thousands;
 use serde_json::Value;
+
+/// Most characters of the text about a recording's damage or loss.
+pub const MOST_OF_DAMAGE: usize = 200;
 
 /// A recording with verdicts, as described by its summary, or by the metadata of its verdicts if it has none.
 #[derive(Clone, Debug, Default)]
@@ -22,6 +26,30 @@ impl Source {
 
     pub fn has_episodes(&self) -> bool {
         !self.missing.contains(&"episodes")
+    }
+
+    /// What is wrong with the data of the recording, in words; empty if nothing is.
+    pub fn flaws(&self) -> String {
+        let counts = &self.document["counts"];
+        let rejected = counts["rejected"].as_object().into_iter().flatten();
+        let rejected =
+            rejected.filter_map(|(why, n)| Some(format!("{} {why}", thousands(n.as_u64()?))));
+        let mut parts: Vec<String> = rejected.collect();
+        if let Some((expected, found)) =
+            self.document["expected"].as_u64().zip(counts["bursts"].as_u64())
+            && expected > found
+        {
+            parts.push(format!("{} of {} bursts found", thousands(found), thousands(expected)));
+        }
+        let first = self.document["damage"]["first"].as_str().unwrap_or_default();
+        let first: String = first.chars().take(MOST_OF_DAMAGE).collect();
+        match self.damaged_places() {
+            0 => {}
+            1 => parts.push(format!("damaged: {first}")),
+            n => parts.push(format!("damaged in {} places: {first}", thousands(n))),
+        }
+        parts.extend(self.missing.iter().map(|what| format!("no {what} file")));
+        parts.join("; ")
     }
 }
 

@@ -7,7 +7,7 @@
 
 use super::fault::{Fault, forecast_in_words, size, trend_in_words, what};
 use super::light::Light;
-use super::source::Source;
+use super::source::MOST_OF_DAMAGE;
 use super::words::{clock, counted, counted_as, percent, thousands};
 use super::{HeadCount, RecordingLine, Report};
 use inkling_core::episodes::share;
@@ -23,8 +23,6 @@ const MOST_RECORDINGS: usize = 400;
 const MOST_COLUMNS: usize = 12;
 /// Most earlier faults of a channel that are listed.
 const MOST_EARLIER: usize = 4;
-/// Most characters of the text about a recording's damage or loss.
-const MOST_OF_DAMAGE: usize = 200;
 
 /// The parts of the page that a list can link to.
 #[derive(Debug, Default)]
@@ -254,28 +252,4 @@ fn columns(report: &Report) -> (Vec<Arc<str>>, usize) {
     names.truncate(MOST_COLUMNS);
     names.sort();
     (names, left_out)
-}
-
-/// What is wrong with the data of a recording, in words; empty if nothing is.
-pub fn flaws(source: &Source) -> String {
-    let counts = &source.document["counts"];
-    let rejected = counts["rejected"].as_object().into_iter().flatten();
-    let rejected =
-        rejected.filter_map(|(why, n)| Some(format!("{} {why}", thousands(n.as_u64()?))));
-    let mut parts: Vec<String> = rejected.collect();
-    if let Some((expected, found)) =
-        source.document["expected"].as_u64().zip(counts["bursts"].as_u64())
-        && expected > found
-    {
-        parts.push(format!("{} of {} bursts found", thousands(found), thousands(expected)));
-    }
-    let first = source.document["damage"]["first"].as_str().unwrap_or_default();
-    let first: String = first.chars().take(MOST_OF_DAMAGE).collect();
-    match source.damaged_places() {
-        0 => {}
-        1 => parts.push(format!("damaged: {first}")),
-        n => parts.push(format!("damaged in {} places: {first}", thousands(n))),
-    }
-    parts.extend(source.missing.iter().map(|what| format!("no {what} file")));
-    parts.join("; ")
 }
