@@ -30,6 +30,7 @@ use inkling_io::digest::Digest;
 use inkling_io::episode_table::{self, EpisodeWriter};
 use inkling_io::verdict_arrays::VerdictArrays;
 use inkling_io::verdict_table::{TableError, TableOptions, VerdictWriter};
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::Ordering;
 use std::thread::{self, Scope, ScopedJoinHandle};
 
@@ -136,7 +137,7 @@ impl Run<'_> {
             let (queue, in_flight, pacer) = (&queue, &in_flight, self.pacer);
             let (timings, pools, deciding) = (&timings, &pools, &mut deciding);
 
-            let mut running = RunningStages { scope, timings, stages: Vec::new() };
+            let mut running = RunningStages { scope, timings, in_flight, stages: Vec::new() };
             for _ in 0..readers {
                 let out = to_identify.clone();
                 running.start("reader", move |clock| stages::read(queue, pacer, clock, out));
@@ -246,18 +247,27 @@ impl Tables<'_> {
 struct RunningStages<'scope, 'env> {
     scope: &'scope Scope<'scope, 'env>,
     timings: &'scope Timings,
+    in_flight: &'scope InFlight,
     stages: Vec<(&'static str, ScopedJoinHandle<'scope, Result<()>>)>,
 }
 
 impl<'scope> RunningStages<'scope, '_> {
-    /// Starts a thread of a stage, with a clock for its timings.
+    /// Starts a thread of a stage, with a clock for its timings. If the thread fails, no block that it
+    /// had is ever written, so nobody may wait for room any more.
     fn start(
         &mut self,
         stage: &'static str,
         work: impl FnOnce(Clock<'scope>) -> Result<()> + Send + 'scope,
     ) {
-        let timings = self.timings;
-        self.stages.push((stage, self.scope.spawn(move || work(timings.clock(stage)))));
+        let (timings, in_flight) = (self.timings, self.in_flight);
+        let thread = move || {
+            let done = catch_unwind(AssertUnwindSafe(|| work(timings.clock(stage))));
+            if !matches!(done, Ok(Ok(()))) {
+                in_flight.close();
+            }
+            done.unwrap_or_else(|panic| resume_unwind(panic))
+        };
+        self.stages.push((stage, self.scope.spawn(thread)));
     }
 
     /// Starts the workers of a stage that turns each batch into one of the next stage by itself; `turn` makes
@@ -289,5 +299,36 @@ impl<'scope> RunningStages<'scope, '_> {
             outcome = outcome.and(thread.join().unwrap_or(Err(PipelineError::Panicked(stage))));
         }
         outcome
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_worker_that_fails_ends_all_waiting_for_room() {
+        let failing: [fn() -> Result<()>; 2] =
+            [|| panic!("on purpose"), || Err(PipelineError::Interrupted)];
+        for fail in failing {
+            let (in_flight, timings) = (InFlight::new(1, 100), Timings::default());
+            assert!(in_flight.enter(10));
+            let in_flight = &in_flight;
+            let outcome = thread::scope(|scope| {
+                let stages = Vec::new();
+                let mut running = RunningStages { scope, timings: &timings, in_flight, stages };
+                // there is no room, and nobody takes the first block out
+                running.start("reader", move |_| {
+                    assert!(!in_flight.enter(10));
+                    Ok(())
+                });
+                running.start("filter", move |_| fail());
+                running.joined(Ok(()))
+            });
+            assert!(matches!(
+                outcome,
+                Err(PipelineError::Panicked("filter") | PipelineError::Interrupted)
+            ));
+        }
     }
 }

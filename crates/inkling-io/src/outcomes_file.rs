@@ -39,14 +39,26 @@ pub struct Outcomes {
     pub uncertain: usize,
 }
 
-/// Refuses to overwrite a list that somebody has written into, or a file that is no such list.
+/// Refuses to overwrite a list into which somebody has written anything, or a file that is no such
+/// list.
 pub fn check(path: &Path) -> Result<(), FileError> {
-    if stored::exists(path) && read(path, 0.0, States::Any).map_or(true, |of| !of.labels.is_empty())
-    {
+    if stored::exists(path) && !is_untouched(path).unwrap_or(false) {
         let what = "it is no list of doubts, or somebody has filled it in: give another name";
         return Err(FileError::mistaken(path, what));
     }
     Ok(())
+}
+
+/// Whether no row has anything in the columns that are to be filled in.
+fn is_untouched(path: &Path) -> Result<bool, FileError> {
+    let file = regular_file::open(path).map_err(FileError::unread(path))?;
+    let mut untouched = true;
+    labels_file::each_row(path, file, ["source", "certainty"], |fields, beside| {
+        let [.., state, severity] = fields;
+        untouched &= [state, severity].into_iter().chain(beside).all(str::is_empty);
+        Ok(())
+    })?;
+    Ok(untouched)
 }
 
 /// Writes doubts with empty states, to be filled in.
@@ -113,6 +125,9 @@ mod tests {
         // as long as nobody has, it may be written again
         write(&path, &[doubt(3), doubt(4), doubt(5)]).unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
+        // somebody who has written but a name has begun to look
+        std::fs::write(&path, text.replacen(",,,,,", ",,,drop watcher,,", 1)).unwrap();
+        assert!(write(&path, &[doubt(3)]).unwrap_err().to_string().contains("filled it in"));
         let filled = text.replacen(",,,,,", ",SDN,1.3,drop watcher,0.95,", 1);
         let filled = filled.replacen(",,,,,", ",BN,,drop watcher,.3,", 1);
         std::fs::write(&path, &filled).unwrap();

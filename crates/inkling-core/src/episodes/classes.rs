@@ -60,8 +60,11 @@ impl ClassFilter {
     }
 }
 
+/// What weights lack to 1; 0 where they lack no more than their own rounding to f32, which would
+/// otherwise be evidence for no class.
 fn lacking(weights: impl Iterator<Item = f64>) -> f64 {
-    (1.0 - weights.sum::<f64>()).max(0.0)
+    let (n, sum) = weights.fold((0.0, 0.0), |(n, sum), w| (n + 1.0, sum + w));
+    if 1.0 - sum > n * f64::from(f32::EPSILON) { 1.0 - sum } else { 0.0 }
 }
 
 #[cfg(test)]
@@ -85,6 +88,16 @@ mod tests {
             filter.look(&[0.0, 0.01, 0.02], &priors);
         }
         assert!(filter.none > 0.9, "what is of no class is none in the end: {filter:?}");
+    }
+
+    #[test]
+    fn rounding_is_no_evidence_for_no_class() {
+        let priors = [1.0 / 6.0; 6];
+        let mut filter = ClassFilter::new(&priors);
+        for _ in 0..20 {
+            filter.look(&[0.9, 0.1, 0.0, 0.0, 0.0, 0.0], &priors);
+        }
+        assert!(filter.none == 0.0 && filter.weights[0] > 0.9, "{filter:?}");
     }
 
     #[test]

@@ -280,7 +280,8 @@ impl Dialect {
     /// coming later, could never take effect. Only plain cases are noticed: equal patterns, and
     /// patterns that fit every topic.
     pub fn hides(&self, other: &Dialect) -> bool {
-        let all = ["**", "/**"].contains(&self.topic.as_str());
+        let below_root = self.topic == "/**" && other.topic.starts_with('/');
+        let all = self.topic == "**" || below_root;
         (all || self.topic == other.topic) && (self.schema.is_none() || self.schema == other.schema)
     }
 }
@@ -342,5 +343,12 @@ mod tests {
             let e = read(&format!("{kept}{key} = {value}\n")).unwrap_err();
             assert!(e.contains(says), "{key} = {value}: {e}");
         }
+    }
+
+    #[test]
+    fn a_pattern_hides_only_topics_that_all_fit_it() {
+        let of = |topic: &str| Dialect { topic: topic.into(), ..read(WRITTEN).unwrap() };
+        assert!(of("**").hides(&of("heads/*")) && of("/**").hides(&of("/heads/*")));
+        assert!(!of("/**").hides(&of("heads/*")) && !of("/heads/**").hides(&of("/heads/*")));
     }
 }

@@ -10,13 +10,16 @@ use std::collections::BTreeMap;
 
 /// Fewest signals that a model can be fitted to, or judged on.
 const FEWEST: usize = 8;
-/// Number of blocks of time, of equally many signals each.
+/// Number of blocks of time, of equally many moments each.
 const BLOCKS: usize = 5;
 
 fn held_out_by_time(data: &Observations) -> Vec<bool> {
     let mut times: Vec<i64> = data.rows.iter().map(|r| r.beside.t_acq_ns).collect();
     times.sort_unstable();
-    let bounds: Vec<i64> = (1..BLOCKS).map(|block| times[times.len() * block / BLOCKS]).collect();
+    times.dedup();
+    // of few moments each is a block
+    let blocks = BLOCKS.min(times.len());
+    let bounds: Vec<i64> = (1..blocks).map(|block| times[times.len() * block / blocks]).collect();
     let block = |t: i64| bounds.partition_point(|bound| *bound <= t);
     data.rows.iter().map(|row| block(row.beside.t_acq_ns) % 2 == 1).collect()
 }
@@ -88,4 +91,20 @@ pub fn with(plain: &Model, causes: &[Applied], part: Setting) -> Model {
     }
     causes.iter().for_each(|cause| apply(&mut model, cause, 1.0, part));
     refit(model, causes.to_vec(), part, 3, true).model
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::generator::{Run, draw};
+    use super::*;
+
+    #[test]
+    fn some_moments_are_held_out_however_few_there_are() {
+        for (bursts, held_out) in [(2, 1), (3, 1), (4, 2), (5, 2), (10, 4)] {
+            let data = draw(&Run { channels: 12, bursts, ..Run::default() }, 4);
+            let split = TrainTestSplit::of(&data, false, true).unwrap();
+            let [train, test] = [split.train.len(), split.test.len()];
+            assert_eq!((train + test, test), (data.len(), 12 * held_out), "{bursts}");
+        }
+    }
 }

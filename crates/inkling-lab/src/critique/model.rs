@@ -114,11 +114,13 @@ impl Rail {
 }
 
 /// The model linearised about one signal's parameters. Every vector has N samples; a sample that may be
-/// clipped has 0 in all of them (but for `tangent.y`).
+/// clipped has 0 in all of them (but for `tangent.y` and `model`).
 #[derive(Debug, Default)]
 pub struct Linear {
     /// Jacobian of the signal by its parameters, times the drive; `tangent.y` is the decay per unit drive.
     pub tangent: Tangent,
+    /// What the model expects, counts.
+    pub model: Vec<f64>,
     /// Measured minus expected, counts.
     pub residual: Vec<f64>,
     /// What the previous ring adds to this signal per unit of `tail_gain`, counts.
@@ -267,6 +269,7 @@ impl Model {
 
         // Sample by sample, measured minus the sum of decay, tail, shapes and rounding. Where a sample may be
         // clipped, all of its numbers become 0.
+        out.model.clear();
         out.residual.clear();
         out.counts.clear();
         out.counts.resize(n, 1.0);
@@ -277,6 +280,7 @@ impl Model {
             let shape = self.added.shape(&powers, k);
             let plain = s * out.tangent.y[k] + self.added.tail_gain * out.tail[k] + shape;
             let expected = plain + self.rounding(plain);
+            out.model.push(expected);
             out.residual.push(f64::from(y) - expected);
             let clips = |rail: &Rail| rail.clips(expected) || rail.clips(f64::from(y));
             if self.rails.iter().any(clips) || data.is_lost(i, k) {

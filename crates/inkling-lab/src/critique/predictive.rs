@@ -121,7 +121,7 @@ pub fn signals(model: &Model, data: &Observations, of_unit: Vec<Population>) -> 
         Signal {
             burst: data.rows[i].burst,
             unit: data.rows[i].unit,
-            expected: rest.linear.expected(data.signal(i)),
+            expected: rest.linear.model,
             y: data.signal(i).iter().map(|y| f64::from(*y)).collect(),
             off: residual + &tangent * DVector::from_column_slice(rest.about.as_slice()),
             counts: rest.linear.counts,

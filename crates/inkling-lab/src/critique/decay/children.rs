@@ -33,15 +33,19 @@ fn first_swings(omega: f64) -> usize {
     (3.0 * TAU / omega.max(1e-6)).ceil().min(1e7) as usize
 }
 
-/// Sum of the periodograms of the misfits of all bursts and outputs, each without its mean, and
-/// relative to its output's root mean square.
+/// Sum of the periodograms of the misfits of all bursts and outputs, each without its mean, over the
+/// root mean square of what its output then has.
 pub fn misfit_power(misfit: &[f64], decays: &Decays) -> Vec<f64> {
-    let sizes = sizes(misfit, decays);
-    let scaled = |(i, series): (usize, &[f64])| -> Vec<f64> {
+    let mut centred = misfit.to_vec();
+    for series in centred.chunks_mut(decays.samples) {
         let mean = series.iter().sum::<f64>() / series.len() as f64;
-        series.iter().map(|r| (r - mean) / sizes[i % decays.outputs]).collect()
+        series.iter_mut().for_each(|r| *r -= mean);
+    }
+    let sizes = sizes(&centred, decays);
+    let scaled = |(i, series): (usize, &[f64])| -> Vec<f64> {
+        series.iter().map(|r| r / sizes[i % decays.outputs]).collect()
     };
-    spectrum::total(misfit.chunks(decays.samples).enumerate().map(scaled), 1.0)
+    spectrum::total(centred.chunks(decays.samples).enumerate().map(scaled), 1.0)
 }
 
 /// Fits the damped oscillation that explains most, in white noise. It is searched beside an offset,
