@@ -62,8 +62,17 @@ impl<'a> Heads<'a> {
         Heads { numbers: ByGroup::default(), heads: Vec::new(), judging }
     }
 
-    /// Takes the next burst. Appends to `given` the bursts whose sweeps are now over, in any order, with what
-    /// judges them. `slot`: the burst's place among those that wait; `judge`: the windows' one.
+    /// Lets time go on to a usable burst of any printhead, also of one that nothing judges. Appends to
+    /// `given` the bursts whose sweeps are now over, in any order, with what judges them.
+    pub fn hear(&mut self, burst: &Burst, given: &mut AssignedJudges) {
+        self.judging.clock.hear(burst);
+        if self.judging.clock.is_due(burst.t_acq_ns) {
+            self.close_overlong(burst.t_acq_ns, given);
+        }
+    }
+
+    /// Takes a burst that was heard, and appends to `given` as [`Heads::hear`] does. `slot`: the burst's
+    /// place among those that wait; `judge`: the windows' one.
     pub fn take(
         &mut self,
         slot: Slot,
@@ -71,11 +80,6 @@ impl<'a> Heads<'a> {
         burst: &Burst,
         given: &mut AssignedJudges,
     ) {
-        // time goes on with any printhead's burst, and ends sweeps of all printheads
-        self.judging.clock.hear(burst);
-        if self.judging.clock.is_due(burst.t_acq_ns) {
-            self.close_overlong(burst.t_acq_ns, given);
-        }
         let Heads { numbers, heads, judging } = self;
 
         let number = numbers.of(burst, |_| {

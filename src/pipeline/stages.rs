@@ -191,6 +191,9 @@ impl JudgeAssignment<'_, '_> {
                 Acquisition::Unusable(unusable) => Err(unusable.why),
                 Acquisition::Usable(burst) => self.models.judge_of(burst)?,
             };
+            if let (Some(heads), Acquisition::Usable(burst)) = (&mut self.following, acquisition) {
+                heads.hear(burst, given);
+            }
             if let (Ok(judge), Acquisition::Usable(burst)) = (&judge, acquisition) {
                 self.temperatures.take(judge, burst);
                 if let Some(heads) = &mut self.following {
