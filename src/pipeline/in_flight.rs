@@ -1,5 +1,5 @@
 //! Batches on their way through the stages. [`InFlight`] bounds what is between reader and writer, in blocks
-//! and bytes, and so memory. [`InOrder`] puts batches back into the recording's order. `ParkedBatches` keeps
+//! and in their bytes in the file; a compressed chunk takes more memory. [`InOrder`] puts batches back into the recording's order. `ParkedBatches` keeps
 //! batches in the identify stage until it is known what judges their bursts.
 
 use super::batches::{AssignedBatch, AssignedJudge, AssignedJudges, ReadBatch};
@@ -16,9 +16,10 @@ struct State {
     closed: bool,
 }
 
-/// Bounds the blocks between reader and writer. The reader enters blocks in file order, and waits while there
-/// is no room; the writer takes them out in the same order. The oldest block is always in flight, so its turn
-/// always comes. Blocks whose batches are parked do not count: what they wait for may stand in later blocks.
+/// Bounds the blocks between reader and writer. The workers of the reader stage, one at a time, enter
+/// blocks in file order, and wait while there is no room; the writer takes them out in the same order. The
+/// oldest block that is not parked has entered already, so its turn comes. Blocks whose batches are parked do
+/// not count: what they wait for may stand in later blocks.
 #[derive(Debug)]
 pub struct InFlight {
     most_blocks: usize,

@@ -4,8 +4,8 @@
 //! In: a run ([`Run`]) and the models, learned before or to be learned on the way ([`Models`]), from `replay`.
 //! Out: [`StageResults`], from which `finish` makes the report and completes the files.
 //!
-//! The reader ends at the end of the recording, each other stage when the stage before it is gone. If a stage
-//! fails, its ends of the queues are dropped, so that the stages before and behind it end, too.
+//! The reader ends at the end of the recording, each other stage when the stage before it is gone. If a worker
+//! fails, nobody waits for room any more (`RunningStages::start`), so that all stages end.
 
 use super::batches::{BufferPools, JudgedBatch};
 use super::episodes::{EpisodeReport, EpisodeTap};

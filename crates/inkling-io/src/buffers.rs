@@ -27,8 +27,8 @@ impl Buffers {
         let free = self.given.iter().enumerate().rev().filter(|(_, b)| b.is_unique());
         // The smallest buffer that is large enough: a buffer that must grow is filled with zeros
         // first, one of the same size costs nothing. Too small buffers come last; such a buffer is
-        // taken out of the list, and replaced below by a new one unless its memory suffices after
-        // all.
+        // taken out of the list, and replaced below by a new one unless its capacity, which may
+        // exceed its length, suffices.
         let free = free.min_by_key(|(_, b)| if b.len() < bytes { usize::MAX } else { b.len() });
         let free = free.map(|(i, _)| i).and_then(|i| self.given.remove(i));
         match free.and_then(|b| b.try_into_mut().ok()) {

@@ -26,7 +26,8 @@ pub struct InputsError {
     /// The name that the error is about, for the account of a run.
     pub subject: String,
     message: String,
-    /// Whether the name itself is wrong. A directory or a pattern that matches nothing is not.
+    /// Whether the name itself is wrong. A directory or a pattern that matches nothing is not,
+    /// unless the directory that the pattern begins with is missing.
     pub is_usage: bool,
 }
 
@@ -85,7 +86,7 @@ pub struct Input {
     pub below: PathBuf,
 }
 
-/// The files that names stand for, and the names that stand for none.
+/// The files that names stand for, and why names, or directories below them, gave none.
 #[derive(Debug, Default)]
 pub struct FoundInputs {
     pub inputs: Vec<Input>,
@@ -93,7 +94,8 @@ pub struct FoundInputs {
 }
 
 /// Finds recordings: files are taken as named, directories are searched for `*.mcap`, and patterns are
-/// matched. It is an error if one of the names stands for nothing.
+/// matched. It is an error if one of the names stands for nothing, or if a directory below one cannot
+/// be searched.
 pub fn find_recordings(named: &[String]) -> Result<Vec<Input>, InputsError> {
     all_there(find_each_recording(named)?)
 }
@@ -115,7 +117,7 @@ fn all_there(found: FoundInputs) -> Result<Vec<Input>, InputsError> {
 }
 
 /// Finds the files of all names, in the order of the names. A file that is named twice, or by two
-/// links, is taken once. `ending`: how the names of files that a search finds must end; `what`:
+/// symbolic links, is taken once. `ending`: how the names of files that a search finds must end; `what`:
 /// these files in words, for errors.
 fn find(named: &[String], ending: &str, what: &'static str) -> Result<FoundInputs, InputsError> {
     let nothing = |searched: &str| format!("nothing found: searched {searched} for {what}");

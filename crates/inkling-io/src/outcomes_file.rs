@@ -16,8 +16,8 @@ use std::path::Path;
 /// The columns beside those of labels.
 const MORE: [&str; 3] = ["source", "certainty", "sentence"];
 
-/// A fault of a channel that could not be named, and the time over which it was seen, ns since
-/// 1970. `to_ns`: `None` if the fault still lasts.
+/// A fault of a channel that could not be named, and the time of its last episode, ns since 1970.
+/// `to_ns` is exclusive: of a fault that lasts, the end of the last recording; `None`: not known.
 #[derive(Clone, Debug)]
 pub struct Doubt {
     pub printhead: String,

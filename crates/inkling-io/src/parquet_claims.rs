@@ -2,10 +2,11 @@
 //! before the parquet crate reads it.
 //!
 //! In, from `parquet_file.rs`: the bytes of a footer or of a page's header (Thrift's compact
-//! protocol, walked by `thrift.rs`). Out: whether they claim no more than there may be. Two rules:
-//! all lists of the footer together have at most as many elements as the footer has bytes; a page
-//! has at most 32,768 times its stored bytes uncompressed, and a dictionary no more values than
-//! bytes.
+//! protocol, walked by `thrift.rs`). Out: whether they claim no more than there may be: all lists of
+//! the footer together have at most as many elements as the footer has bytes, and those of a page's
+//! header at most 64; a page has at most 32,768 times its stored bytes uncompressed, and a dictionary
+//! no more values than bytes. There are no index pages. The walk refuses a wanted number that comes
+//! twice, so three kinds of pages can share one place for their number of values.
 //!
 //! Why: the reader (parquet 59) makes room for all that is claimed, or counts elements that take no
 //! bytes, before it reads on (found by fuzzing). It also takes the types of known fields as given,
@@ -32,7 +33,7 @@ const INDEX_PAGE: u32 = 1;
 const DICTIONARY_PAGE: u32 = 2;
 
 /// The fields of `PageHeader`, in the order of their numbers. The reader skips statistics (fields
-/// 5.5 and 8.8), so they are not walked.
+/// 5.5 and 8.8), so their types are not checked.
 const PAGE: &[Shape] = &[
     Wanted(KIND),
     Wanted(PLAIN_BYTES),
@@ -44,7 +45,8 @@ const PAGE: &[Shape] = &[
     Record(&[Wanted(VALUES), Number, Number, Number, Number, Number, Flag]),
 ];
 
-/// The parts of the footer, each with the types of its fields in the order of their numbers.
+// The parts of the footer, each with the types of its fields in the order of their numbers.
+
 const EMPTY: Shape = Record(&[]);
 /// `TimeType` and `TimestampType`.
 const TIME: Shape = Record(&[Flag, Record(&[EMPTY, EMPTY, EMPTY])]);

@@ -59,9 +59,11 @@ pub struct LaneFilter {
 
 #[derive(Clone, Copy, Debug)]
 pub struct LaneStatistics {
-    /// The residual energy, counts²·s, or a squared distance. NaN in lanes without a signal.
+    /// The residual energy, counts²·s, or a squared distance. NaN in lanes without a signal,
+    /// and where a distance has no metric at the condition.
     pub statistic: [f64; LANES],
-    /// Square norm of the deviation's part orthogonal to the sensitivities, counts²; else NaN.
+    /// Square norm of the deviation's part orthogonal to the sensitivities, counts². NaN with the
+    /// residual energy, and where a lane's statistic is not near its threshold.
     pub unexplained: [f64; LANES],
     /// Whether the reference is proved to decide as these do, and no sample is saturated.
     pub settled: [bool; LANES],
@@ -76,7 +78,8 @@ impl LaneStatistics {
 
 impl LaneFilter {
     /// The filter in f32. `expected`: at the reference, N, counts; `response`: its change with
-    /// temperature, N, counts/K. `None`: the degree is 0 or beyond [`MOST_ORDER`], or f32's range.
+    /// temperature, N, counts/K. `None`: the degree is 0 or beyond [`MOST_ORDER`], a number is
+    /// beyond f32's range, there are no samples, or the lengths differ.
     pub fn new(
         generator: &ResidualGenerator,
         expected: &[f64],

@@ -4,8 +4,8 @@
 //! weights lack to 1 is the weight of no class. Out: the filtered weights.
 //!
 //! It is the forward filter of a hidden Markov model (Rabiner 1989). A fault may pass through other
-//! classes as it grows, so from one look to the next it becomes any class with a small probability
-//! (`changes`). With the weight w before a look, the prior q, and the look's posterior p the weight
+//! classes as it grows, so from one flagged look to the next it becomes any class with a small
+//! probability (`changes`); quiet looks in between do not count. With the weight w before a look, the prior q, and the look's posterior p the weight
 //! after it is
 //!
 //! ```text

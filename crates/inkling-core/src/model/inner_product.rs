@@ -1,4 +1,4 @@
-//! Inner products whose bits do not depend on the processor.
+//! Inner products whose bits do not depend on the processor's vector instructions.
 //!
 //! Eight partial sums are kept side by side, one per SIMD lane: sum l adds up the products at the
 //! places l, l + 8, .. They are added up in a fixed order, then the products that fill no whole

@@ -6,7 +6,7 @@
 //! v)'. The best point's frequency is refined by a parabola through its neighbours. This is a start
 //! only, so groups of neighbouring samples are summed before (decimation), and the rest is computed
 //! in f32. All sums are made in a fixed order and nothing is fused, so the start is the same
-//! whatever the processor.
+//! whatever vector instructions are used.
 
 use crate::processor::for_processor;
 
@@ -49,7 +49,7 @@ impl Grid {
     /// P and Q, `samples` each, of a ring with these multiples of the healthy damping and
     /// frequency.
     pub fn new(omega_dt: f64, samples: usize, columns: impl Fn(f64, f64) -> [Vec<f64>; 2]) -> Grid {
-        // at least 16 groups per signal, and a power of two
+        // at least 16 groups per signal that has as many samples, and a power of two
         let (low, high) = FREQUENCY_RANGE;
         let group = ((COARSE_RAD / (omega_dt * high)) as usize).clamp(1, (samples / 16).max(1));
         let group = 1 << group.ilog2();
@@ -87,7 +87,8 @@ impl Grid {
     }
 
     /// ln damping and ln frequency of the point that explains most. `y`: N, counts; `decimated`: a
-    /// buffer. `None`: the signal contains a NaN.
+    /// buffer. `None`: no point's share is a number, as of a signal that contains a NaN. Samples
+    /// after the last whole group are not looked at.
     pub fn search(&self, y: &[f64], decimated: &mut Vec<f32>) -> Option<[f64; 2]> {
         let explained = explain(self, y, decimated);
         let most = explained.into_iter().fold(f32::NEG_INFINITY, f32::max);

@@ -24,7 +24,8 @@
 //!
 //! All encodings share the middle: a schema of any encoding becomes a shape, in which paths are
 //! resolved, and all encodings find the same [`value::Value`]s in a message. So an encoding adds
-//! only two functions, one for its schemas and one that walks a message.
+//! only two functions, one for its schemas and one that walks a message (JSON, which has no schema,
+//! one that walks and one that lists a message's fields).
 //!
 //! No size is taken from a message without a bound. A path that leads nowhere is an error when the
 //! recording is opened (in JSON, when its first message is read), so that nothing is judged by it.
@@ -184,7 +185,8 @@ impl IgnoredTopics {
     }
 }
 
-/// Compiles a pattern. `*` stays within a part of the topic, and `**` goes over parts.
+/// Compiles a pattern. `*` stays within a part of a topic or path; `**` goes over parts where it is a
+/// whole part.
 pub(super) fn matcher(pattern: &str) -> Result<GlobMatcher, String> {
     let glob = GlobBuilder::new(pattern).literal_separator(true).build();
     glob.map(|glob| glob.compile_matcher()).map_err(|e| format!("no valid pattern: {e}"))

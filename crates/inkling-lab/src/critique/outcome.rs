@@ -4,7 +4,8 @@ use super::extended::{Extended, NotExtended};
 use super::finding::Critique;
 use thiserror::Error;
 
-/// Fewest signals of an ink channel, and fewest samples of each signal of any plant, that a critique needs.
+/// Fewest signals, of all ink channels together, and fewest samples of each signal of any plant, that a
+/// critique needs.
 pub const FEWEST_SIGNALS: usize = 8;
 pub const FEWEST_SAMPLES: usize = 16;
 

@@ -3,7 +3,8 @@
 //! In: the baseline, and all that was found. Out: [`LogLikelihood`]. Models are fitted to three of five
 //! blocks of time and judged on the two blocks between, where each channel is known from the fitted blocks;
 //! where every channel was heard once, they are fitted to every other channel and judged on the others. The
-//! densities of signals come from `predictive.rs`. How the gain of a cause is measured depends on its kind:
+//! densities of signals come from `predictive.rs`. Which causes there are, rails, step and whitening were chosen
+//! with all signals before. How the gain of a cause is measured depends on its kind:
 //!
 //! * a cause that moves what is expected of signals: the model with all such causes, against a refit without
 //!   this one;
@@ -165,7 +166,7 @@ impl Measuring<'_> {
         }
         if let (Some(_), Some(lattice)) = (coarse, lattice) {
             let stepped = self.ln_codes(*lattice);
-            // the gain of the fit is common to both causes, and told once
+            // the gain of the fit is common to both causes, and told once, with clipping
             let gains = if clipping.is_some() { stepped } else { sum(&stepped) };
             steps.push(Step { id: CauseId::CoarseLsb, gains });
         }

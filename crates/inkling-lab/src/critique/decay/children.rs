@@ -49,18 +49,20 @@ pub fn misfit_power(misfit: &[f64], decays: &Decays) -> Vec<f64> {
 }
 
 /// Fits the damped oscillation that explains most, in white noise. It is searched beside an offset,
-/// so that it does not slow down to stand in for one; the offset is then taken out.
+/// so that it does not slow down to stand in for one. Then the offset is taken out, and the
+/// oscillation fitted once more.
 pub fn baseline(decays: &Decays) -> Fit<'_> {
     let plain = Fit::zero(decays);
     let white = Noise::white(&vec![1.0; decays.outputs]);
     let resolution = TAU / decays.samples as f64;
     let power = misfit_power(&decays.y, decays);
-    // starts: the two highest peaks of the spectrum, each with little and much damping
+    // starts: the two highest peaks of the spectrum, each with little and much damping: over the
+    // record the amplitude falls by e^0.5 or by e^4
     let peaks = spectrum::peaks(&power, lowest_line(decays), 2.0 * resolution, 2);
-    let starts = peaks.iter().flat_map(|omega| [0.5, 4.0].map(|turns| (*omega, turns)));
-    let fits = starts.flat_map(|(omega, turns)| {
+    let starts = peaks.iter().flat_map(|omega| [0.5, 4.0].map(|falls| (*omega, falls)));
+    let fits = starts.flat_map(|(omega, falls)| {
         let mut start = plain.with(Term::Offset);
-        (start.p[OMEGA], start.p[SIGMA]) = (omega, turns / decays.samples as f64);
+        (start.p[OMEGA], start.p[SIGMA]) = (omega, falls / decays.samples as f64);
         [start.follow(&white, first_swings(omega)), start.descend(&white)]
     });
     let start = match fits.min_by(|p, q| p.cost.total_cmp(&q.cost)) {
