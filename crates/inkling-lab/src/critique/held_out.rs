@@ -101,7 +101,13 @@ mod tests {
     #[test]
     fn some_moments_are_held_out_however_few_there_are() {
         for (bursts, held_out) in [(2, 1), (3, 1), (4, 2), (5, 2), (10, 4)] {
-            let data = draw(&Run { channels: 12, bursts, ..Run::default() }, 4);
+            let mut data = draw(&Run { channels: 12, bursts, ..Run::default() }, 4);
+            // all channels at the same moments
+            let mut heard = [0; 12];
+            for row in &mut data.rows {
+                row.beside.t_acq_ns = heard[row.unit];
+                heard[row.unit] += 1;
+            }
             let split = TrainTestSplit::of(&data, false, true).unwrap();
             let [train, test] = [split.train.len(), split.test.len()];
             assert_eq!((train + test, test), (data.len(), 12 * held_out), "{bursts}");
