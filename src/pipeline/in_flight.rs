@@ -1,6 +1,7 @@
 //! Batches on their way through the stages. [`InFlight`] bounds what is between reader and writer, in blocks
-//! and in their bytes in the file; a compressed chunk takes more memory. [`InOrder`] puts batches back into the recording's order. `ParkedBatches` keeps
-//! batches in the identify stage until it is known what judges their bursts.
+//! and in their bytes in the file; a compressed chunk takes more memory. [`InOrder`] puts batches back into the
+//! recording's order. `ParkedBatches` keeps batches in the identify stage until it is known what judges their
+//! bursts.
 
 use super::batches::{AssignedBatch, AssignedJudge, AssignedJudges, ReadBatch};
 use super::locked;

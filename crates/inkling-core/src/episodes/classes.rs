@@ -5,8 +5,8 @@
 //!
 //! It is the forward filter of a hidden Markov model (Rabiner 1989). A fault may pass through other
 //! classes as it grows, so from one flagged look to the next it becomes any class with a small
-//! probability (`changes`); quiet looks in between do not count. With the weight w before a look, the prior q, and the look's posterior p the weight
-//! after it is
+//! probability (`changes`); quiet looks in between do not count. With the weight w before a look, the
+//! prior q, and the look's posterior p the weight after it is
 //!
 //! ```text
 //! w' = ((1 - changes) w + changes q) (e + (1 - e) p / q)^(1 / looks_per_one),
