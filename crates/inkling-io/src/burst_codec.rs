@@ -258,6 +258,13 @@ mod tests {
         }
     }
 
+    fn unusable(acquisition: Acquisition) -> UnusableBurst {
+        match acquisition {
+            Acquisition::Unusable(unusable) => unusable,
+            other => panic!("usable: {other:?}"),
+        }
+    }
+
     fn decode(message: &wire::Burst) -> Acquisition {
         decode_bytes(message.encode_to_vec().into())
     }
@@ -270,15 +277,6 @@ mod tests {
         match acquisition {
             Acquisition::Usable(burst) => burst,
             other => panic!("unusable: {other:?}"),
-        }
-    }
-
-    fn why(change: impl FnOnce(&mut wire::Burst)) -> UnusableBurst {
-        let mut message = message();
-        change(&mut message);
-        match decode(&message) {
-            Acquisition::Unusable(unusable) => unusable,
-            other => panic!("usable: {other:?}"),
         }
     }
 
@@ -321,7 +319,7 @@ mod tests {
     fn each_reason_is_told_with_the_time_printhead_and_first_channel_of_the_burst() {
         use Reason::*;
         type Change = fn(&mut wire::Burst);
-        let changes: [(Reason, Change); 16] = [
+        let changes: [(Reason, Change); 17] = [
             (WrongLength, |m| m.samples = vec![0; 23].into()),
             (WrongLength, |m| m.samples = Bytes::new()),
             (WrongLength, |m| m.samples_per_channel = 0),
@@ -338,29 +336,26 @@ mod tests {
             (TooLarge, |m| m.samples_per_channel = 65_537),
             (TooLarge, |m| (m.channels, m.samples_per_channel) = (65_536, 65_536)),
             (TooLarge, |m| m.channels = u32::MAX),
+            (TooLarge, |m| m.first_channel = u32::MAX - 1),
         ];
-        let named = |bytes: usize| {
-            let mut of_name = message();
-            of_name.printhead = "x".repeat(bytes);
-            decode(&of_name)
-        };
-        assert_eq!(usable(named(1024)).printhead.len(), 1024);
-        let too_long = named(1025);
-        assert!(matches!(&too_long, Acquisition::Unusable(u) if u.why == TooLarge));
         for (reason, change) in changes {
-            let unusable = why(change);
+            let mut message = message();
+            change(&mut message);
+            let unusable = unusable(decode(&message));
             assert_eq!(unusable.why, reason);
             assert_eq!((unusable.t_acq_ns, &*unusable.printhead), (10_000_000_005, "K1"));
-            assert_eq!(unusable.first_channel, 7);
+            assert_eq!(unusable.first_channel, message.first_channel);
         }
-        assert_eq!(why(|m| m.first_channel = u32::MAX - 1).why, TooLarge);
+        let named = |bytes| wire::Burst { printhead: "x".repeat(bytes), ..message() };
+        assert_eq!(usable(decode(&named(1024))).printhead.len(), 1024);
+        assert_eq!(unusable(decode(&named(1025))).why, TooLarge);
     }
 
     #[test]
     fn what_cannot_be_decoded_has_the_log_time_and_the_topics_printhead() {
         let timestamp = |seconds, nanos| Some(prost_types::Timestamp { seconds, nanos });
         for t in [None, timestamp(i64::MAX, 0), timestamp(1, -1), timestamp(1, 1_000_000_000)] {
-            let unusable = why(|m| m.timestamp = t);
+            let unusable = unusable(decode(&wire::Burst { timestamp: t, ..message() }));
             assert_eq!(unusable.why, Reason::Undecodable);
             assert_eq!((unusable.t_acq_ns, &*unusable.printhead), (99, "topic"));
         }
@@ -369,10 +364,8 @@ mod tests {
             // A cut at a field's end is a valid shorter message; it must still give one row or a burst.
             assert!(decode_bytes(Bytes::copy_from_slice(&whole[..cut])).rows() >= 1);
         }
-        let garbage = decode_bytes(Bytes::from_static(&[0xff; 40]));
-        assert!(
-            matches!(garbage, Acquisition::Unusable(u) if u.why == Reason::Undecodable && u.t_acq_ns == 99)
-        );
+        let garbage = unusable(decode_bytes(Bytes::from_static(&[0xff; 40])));
+        assert_eq!((garbage.why, garbage.t_acq_ns), (Reason::Undecodable, 99));
     }
 
     #[test]
@@ -380,9 +373,8 @@ mod tests {
         let burst = usable(decode(&message()));
         assert_eq!((burst.temperature_c, burst.drive_voltage_v), (Some(30.5), None));
         assert_eq!((burst.idle_time_s.len(), burst.neighbours_fired.len()), (3, 3));
-        let mut odd = message();
-        odd.idle_time_s = vec![1.0; 2];
-        odd.neighbours_fired = vec![1; 4].into();
+        let (idle_time_s, neighbours_fired) = (vec![1.0; 2], vec![1; 4].into());
+        let odd = wire::Burst { idle_time_s, neighbours_fired, ..message() };
         let burst = usable(decode(&odd));
         assert!(burst.idle_time_s.is_empty() && burst.neighbours_fired.is_empty());
     }
@@ -429,32 +421,17 @@ mod tests {
         let set = prost_types::FileDescriptorSet::decode(FILE_DESCRIPTOR_SET).unwrap();
         let file = set.file.iter().find(|f| f.package() == "inkling").unwrap();
         let burst = file.message_type.iter().find(|m| m.name() == "Burst").unwrap();
-        let fields: Vec<(i32, &str)> = burst.field.iter().map(|f| (f.number(), f.name())).collect();
-        let contract = [
-            (1, "timestamp"),
-            (2, "printhead"),
-            (3, "first_channel"),
-            (4, "channels"),
-            (5, "samples_per_channel"),
-            (6, "sample_period_s"),
-            (7, "format"),
-            (8, "layout"),
-            (9, "samples"),
-            (10, "temperature_c"),
-            (11, "drive_voltage_v"),
-            (12, "idle_time_s"),
-            (13, "neighbours_fired"),
-        ];
-        assert_eq!(fields, contract);
-        let values = |name: &str| -> Vec<(String, i32)> {
+        let fields: Vec<&str> = burst.field.iter().map(|f| f.name()).collect();
+        let contract = "timestamp printhead first_channel channels samples_per_channel sample_period_s \
+            format layout samples temperature_c drive_voltage_v idle_time_s neighbours_fired";
+        assert_eq!(fields.join(" "), contract);
+        assert!((1..).zip(&burst.field).all(|(number, field)| field.number() == number));
+        let values = |name: &str| -> Vec<(&str, i32)> {
             let e = burst.enum_type.iter().find(|e| e.name() == name).unwrap();
-            e.value.iter().map(|v| (v.name().to_string(), v.number())).collect()
+            e.value.iter().map(|v| (v.name(), v.number())).collect()
         };
-        assert_eq!(values("Format"), [("S16LE".to_string(), 0), ("F32LE".to_string(), 1)]);
-        assert_eq!(
-            values("Layout"),
-            [("CHANNEL_MAJOR".to_string(), 0), ("SAMPLE_MAJOR".to_string(), 1)]
-        );
+        assert_eq!(values("Format"), [("S16LE", 0), ("F32LE", 1)]);
+        assert_eq!(values("Layout"), [("CHANNEL_MAJOR", 0), ("SAMPLE_MAJOR", 1)]);
         // Self-contained: a reader of the recording finds Timestamp in it too.
         assert!(set.file.iter().any(|f| f.package() == "google.protobuf"));
     }

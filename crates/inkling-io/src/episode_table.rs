@@ -120,6 +120,7 @@ pub fn read(path: &Path) -> Result<Vec<Episode>, TableError> {
 mod tests {
     use super::*;
     use crate::documented::is_documented;
+    use crate::fixtures::place;
     use inkling_core::verdict::Reason;
 
     fn episodes() -> Vec<Episode> {
@@ -151,8 +152,7 @@ mod tests {
 
     #[test]
     fn rows_written_are_rows_read_back() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("a/r.episodes.parquet");
+        let (_dir, path) = place("a/r.episodes.parquet");
         let mut writer = EpisodeWriter::create(&path, TimestampUnit::Ns, "night/1.mcap").unwrap();
         writer.write(episodes()).unwrap();
         assert!(!path.exists(), "no name before it is complete");
@@ -166,8 +166,7 @@ mod tests {
 
     #[test]
     fn what_is_no_episode_table_is_an_error() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("r.episodes.parquet");
+        let (_dir, path) = place("r.episodes.parquet");
         assert!(matches!(read(&path), Err(TableError::Io { .. })));
         std::fs::write(&path, "PAR1 but no more PAR1").unwrap();
         assert!(read(&path).is_err());

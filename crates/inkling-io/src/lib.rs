@@ -99,6 +99,8 @@ pub mod verdict_table;
 #[cfg(test)]
 mod documented;
 #[cfg(test)]
+mod fixtures;
+#[cfg(test)]
 mod recording_tests;
 
 /// The largest pieces that a reader of recordings takes into memory, whatever a file claims: one

@@ -135,46 +135,29 @@ impl Numbers for Float32Builder {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::verdict_table::VerdictWriter;
-    use crate::verdict_table::tests::{options, rows};
-    use inkling_core::verdict::{HealthyRun, Part, Test, Tests};
+    use crate::fixtures::place;
+    use crate::verdict_table::tests::{options, rows_and_runs, write};
     use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
+    use rand::SeedableRng;
 
     #[test]
     fn arrays_are_what_the_file_of_the_same_verdicts_holds() {
-        let dir = tempfile::tempdir().unwrap();
-        let rows = rows(0, 500, &["K1", "K2"]);
-        let run = HealthyRun {
-            t_ns: 1_700_000_000_000_001_000,
-            printhead: 1,
-            first_channel: 7,
-            model: 3,
-            along: Test::Ring,
-            threshold: 2.5,
-            beside: 1.5,
-            signals: 0..3,
-        };
-        let tests = Tests {
-            statistic: vec![0.5, 0.25, 2.0],
-            misfit: vec![1.0, f32::NAN, 0.0],
-            beside: vec![false, true, false],
-            healthy: vec![true; 3],
-        };
-        let parts = vec![Part::Rows(0..200), Part::Healthy(run), Part::Rows(200..500)];
-        let of = Verdicts { rows, tests, parts };
-        for unit in [TimestampUnit::Ns, TimestampUnit::Us] {
-            let path = dir.path().join("r.verdicts.parquet");
-            let mut file = VerdictWriter::create(&path, options(true, unit)).unwrap();
-            file.write(&of).unwrap();
-            file.finish("{}".into()).unwrap();
-            let file = std::fs::File::open(&path).unwrap();
-            let builder = ParquetRecordBatchReaderBuilder::try_new(file).unwrap();
-            let written = builder.with_batch_size(1000).build().unwrap().next().unwrap().unwrap();
-            let mut arrays = VerdictArrays::new(options(true, unit));
-            arrays.write(&of).unwrap();
-            let made = &arrays.batches[0];
-            assert_eq!(made.schema().fields(), written.schema().fields());
-            assert_eq!(made.columns(), written.columns());
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(16);
+        for batch in 0..10 {
+            let of = rows_and_runs(&mut rng, batch);
+            for unit in [TimestampUnit::Ns, TimestampUnit::Us] {
+                let (_dir, path) = place("r.verdicts.parquet");
+                let rows = write(&path, options(true, unit), std::slice::from_ref(&of));
+                let file = std::fs::File::open(&path).unwrap();
+                let builder = ParquetRecordBatchReaderBuilder::try_new(file).unwrap();
+                let written = builder.with_batch_size(rows).build().unwrap().next();
+                let written = written.unwrap().unwrap();
+                let mut arrays = VerdictArrays::new(options(true, unit));
+                arrays.write(&of).unwrap();
+                let made = &arrays.batches[0];
+                assert_eq!(made.schema().fields(), written.schema().fields());
+                assert_eq!(made.columns(), written.columns());
+            }
         }
     }
 }

@@ -214,8 +214,9 @@ impl Names {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::verdict_table::tests::{options, rows};
-    use crate::verdict_table::{TableOptions, TimestampUnit, VerdictWriter};
+    use crate::fixtures::{assert_refused, place};
+    use crate::verdict_table::tests::{options, rows, write as write_verdicts};
+    use crate::verdict_table::{TableOptions, TimestampUnit};
     use arrow_array::{
         ArrayRef, Int64Array, StringArray, StringViewArray, TimestampMicrosecondArray,
     };
@@ -251,8 +252,10 @@ pub(super) mod tests {
                 Cells::Test(at) => format!("{:?}", at.of(c)[i]),
                 Cells::Reason(at) => format!("{:?}", at.of(c)[i]),
                 Cells::Model(at) => format!("{:?}", at.of(c)[i]),
-                Cells::Statistic(at) | Cells::Threshold(at) => format!("{:?}", at.of(c)[i]),
-                Cells::Misfit(at) | Cells::Number(at) => format!("{:?}", at.of(c)[i]),
+                Cells::Statistic(at)
+                | Cells::Threshold(at)
+                | Cells::Misfit(at)
+                | Cells::Number(at) => format!("{:?}", at.of(c)[i]),
                 Cells::Weights => {
                     let start = c.weights_start.get(i).copied().flatten().map(|s| s as usize);
                     format!("weights {:?}", start.map(|s| &c.weights[s..s + 3]))
@@ -263,18 +266,24 @@ pub(super) mod tests {
         (0..c.len()).map(row).collect()
     }
 
-    fn write(path: &Path, columns: Vec<(&str, ArrayRef)>) {
-        let fields: Vec<Field> =
-            columns.iter().map(|(n, c)| Field::new(*n, c.data_type().clone(), true)).collect();
-        let schema = Arc::new(Schema::new(fields));
-        let columns = columns.into_iter().map(|c| c.1).collect();
-        let batch = RecordBatch::try_new(schema.clone(), columns).unwrap();
-        let mut writer = ArrowWriter::try_new(File::create(path).unwrap(), schema, None).unwrap();
+    type Columns = Vec<(&'static str, ArrayRef)>;
+
+    fn schema(columns: &Columns) -> Schema {
+        let field = |(n, c): &(&str, ArrayRef)| Field::new(*n, c.data_type().clone(), true);
+        Schema::new(columns.iter().map(field).collect::<Vec<_>>())
+    }
+
+    fn write(path: &Path, columns: Columns, options: ArrowWriterOptions) {
+        let schema = Arc::new(schema(&columns));
+        let arrays = columns.into_iter().map(|c| c.1).collect();
+        let batch = RecordBatch::try_new(schema.clone(), arrays).unwrap();
+        let file = File::create(path).unwrap();
+        let mut writer = ArrowWriter::try_new_with_options(file, schema, options).unwrap();
         writer.write(&batch).unwrap();
         writer.close().unwrap();
     }
 
-    fn rewritten() -> Vec<(&'static str, ArrayRef)> {
+    fn rewritten() -> Columns {
         let us = TimestampMicrosecondArray::from(vec![1, -2]).with_timezone("UTC");
         vec![
             ("acquired_at", Arc::new(us)),
@@ -288,9 +297,8 @@ pub(super) mod tests {
 
     #[test]
     fn a_table_rewritten_by_another_tool_reads_the_same() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("t.parquet");
-        write(&path, rewritten());
+        let (_dir, path) = place("t.parquet");
+        write(&path, rewritten(), ArrowWriterOptions::new());
         let (batches, lists) = read_all(VerdictReader::open(&path).unwrap());
         let c = &batches[0];
         assert_eq!(c.acquired_at_ns, [1000, -2000]);
@@ -307,43 +315,32 @@ pub(super) mod tests {
     /// What pandas puts beside a column without a value: the reader of it panics.
     #[test]
     fn arrow_schema_that_claims_a_dictionary_of_nulls_is_not_believed() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("t.parquet");
+        let (_dir, path) = place("t.parquet");
         let mut columns = rewritten();
         columns.push(("reason", Arc::new(arrow_array::NullArray::new(2))));
-        let field = |(n, c): &(&str, ArrayRef)| Field::new(*n, c.data_type().clone(), true);
-        let honest: Vec<Field> = columns.iter().map(field).collect();
-        let mut claimed = honest.clone();
         let nulls = DataType::Dictionary(Box::new(DataType::Int8), Box::new(DataType::Null));
-        *claimed.last_mut().unwrap() = Field::new("reason", nulls, true);
+        let mut claimed = schema(&columns).fields().to_vec();
+        *claimed.last_mut().unwrap() = Arc::new(Field::new("reason", nulls, true));
         let mut properties = WriterProperties::builder().build();
         add_encoded_arrow_schema_to_metadata(&Schema::new(claimed), &mut properties);
-        let options =
-            ArrowWriterOptions::new().with_skip_arrow_metadata(true).with_properties(properties);
-        let schema = Arc::new(Schema::new(honest));
-        let arrays = columns.into_iter().map(|c| c.1).collect();
-        let batch = RecordBatch::try_new(schema.clone(), arrays).unwrap();
-        let file = File::create(&path).unwrap();
-        let mut writer = ArrowWriter::try_new_with_options(file, schema, options).unwrap();
-        writer.write(&batch).unwrap();
-        writer.close().unwrap();
+        let options = ArrowWriterOptions::new().with_skip_arrow_metadata(true);
+        write(&path, columns, options.with_properties(properties));
         let (batches, _) = read_all(VerdictReader::open(&path).unwrap());
         assert_eq!(batches[0].reason, [None, None]);
     }
 
     #[test]
     fn what_is_no_verdict_table_is_refused_with_the_column() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("t.parquet");
+        let (_dir, path) = place("t.parquet");
         let refused = |column: &str, array: Option<ArrayRef>| {
             let mut columns = rewritten();
             match array {
                 None => columns.retain(|c| c.0 != column),
                 Some(array) => columns.iter_mut().find(|c| c.0 == column).unwrap().1 = array,
             }
-            write(&path, columns);
-            let error = VerdictReader::open(&path).unwrap().next().unwrap().unwrap_err();
-            assert!(error.to_string().contains(&format!("`{column}`")), "{error}");
+            write(&path, columns, ArrowWriterOptions::new());
+            let first = VerdictReader::open(&path).unwrap().next().unwrap();
+            assert_refused(first, &[&format!("`{column}`")]);
         };
         refused("outcome", None);
         refused("outcome", Some(Arc::new(StringArray::from(vec!["fine", "faulty"]))));
@@ -357,11 +354,8 @@ pub(super) mod tests {
 
     #[test]
     fn a_table_of_no_rows_reads_as_no_rows() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("t.parquet");
-        let mut writer = VerdictWriter::create(&path, options(true, TimestampUnit::Ns)).unwrap();
-        writer.write(&rows(0, 0, &[]).into()).unwrap();
-        writer.finish("{}".into()).unwrap();
+        let (_dir, path) = place("t.parquet");
+        write_verdicts(&path, options(true, TimestampUnit::Ns), &[rows(0, 0, &[]).into()]);
         let (batches, _) = read_all(VerdictReader::open(&path).unwrap());
         assert_eq!(batches.iter().map(VerdictColumns::len).sum::<usize>(), 0);
     }

@@ -262,6 +262,7 @@ fn check_lengths(batch: &Verdicts) -> Result<(), ArrowError> {
 pub(super) mod tests {
     use super::*;
     use crate::documented::is_documented;
+    use crate::fixtures::{names, place};
     use crate::verdict_reader::VerdictReader;
     use crate::verdict_reader::tests::{read_all, row_texts};
     use inkling_core::verdict::{
@@ -283,40 +284,34 @@ pub(super) mod tests {
 
     /// Rows with every outcome, reason and pattern of nulls, numbered from `from`.
     pub(crate) fn rows(from: u32, rows: u32, printheads: &[&str]) -> VerdictColumns {
+        let (known, reasons) = (printheads.len() as u32, Reason::ALL.len());
         let printheads: Vec<Arc<str>> = printheads.iter().map(|&p| p.into()).collect();
         let mut c = VerdictColumns { printheads, ..Default::default() };
         for i in from..from + rows {
             let k = i as usize;
+            let t_ns = 1_700_000_000_123_456_000 + i64::from(i) * 1000;
             for (place, column) in COLUMNS.iter().enumerate() {
                 // every n-th row has a value: which of them
                 let n = place % 6 + 1;
                 let nth = k.is_multiple_of(n).then_some(k / n);
+                let number = nth.map(|m| m as f32 / 7.0);
                 match &column.cells {
-                    Cells::Time(at) => {
-                        at.of_mut(&mut c).push(1_700_000_000_123_456_000 + i64::from(i) * 1000);
-                    }
-                    Cells::Printhead(at) => {
-                        let known = c.printheads.len() as u32;
-                        at.of_mut(&mut c).push(i % known);
-                    }
-                    Cells::Channel(at) => {
-                        at.of_mut(&mut c).push(if i == from { u32::MAX } else { i });
-                    }
+                    Cells::Time(at) => at.of_mut(&mut c).push(t_ns),
+                    Cells::Printhead(at) => at.of_mut(&mut c).push(i % known),
+                    Cells::Channel(at) if i == from => at.of_mut(&mut c).push(u32::MAX),
+                    Cells::Channel(at) => at.of_mut(&mut c).push(i),
                     Cells::Outcome(at) => at.of_mut(&mut c).push(Outcome::ALL[k % 4]),
                     Cells::Category(at) => at.of_mut(&mut c).push(nth.map(|m| m as u16 % 2)),
                     Cells::Class(at) => at.of_mut(&mut c).push(nth.map(|m| m as u16 % 3)),
                     Cells::Test(at) => at.of_mut(&mut c).push(nth.map(|m| Test::ALL[m % 3])),
                     Cells::Reason(at) => {
-                        let reason = nth.map(|m| Reason::ALL[m % Reason::ALL.len()]);
-                        at.of_mut(&mut c).push(reason);
+                        at.of_mut(&mut c).push(nth.map(|m| Reason::ALL[m % reasons]));
                     }
                     Cells::Model(at) => at.of_mut(&mut c).push(nth.map(|m| m as u16)),
-                    Cells::Statistic(at) | Cells::Threshold(at) => {
-                        at.of_mut(&mut c).push(nth.map(|m| m as f32 / 7.0));
-                    }
-                    Cells::Misfit(at) | Cells::Number(at) => {
-                        at.of_mut(&mut c).push(nth.map(|m| m as f32 / 7.0));
-                    }
+                    Cells::Statistic(at)
+                    | Cells::Threshold(at)
+                    | Cells::Misfit(at)
+                    | Cells::Number(at) => at.of_mut(&mut c).push(number),
                     Cells::Recording => {}
                     Cells::Weights => {
                         let start = (i % 3 > 0).then_some(c.weights.len() as u32);
@@ -329,6 +324,50 @@ pub(super) mod tests {
         c
     }
 
+    /// Rows and runs of healthy signals, in any order.
+    pub(crate) fn rows_and_runs(rng: &mut ChaCha8Rng, batch: u32) -> Verdicts {
+        let (mut tests, mut parts, mut next) = (Tests::default(), Vec::new(), 0);
+        for part in 0..rng.random_range(1..20u32) {
+            if rng.random_bool(0.3) {
+                let from = next;
+                next += rng.random_range(1..=25);
+                parts.push(Part::Rows(from..next));
+                continue;
+            }
+            let from = tests.statistic.len();
+            for _ in 0..rng.random_range(1..200) {
+                let known = rng.random_bool(0.9);
+                tests.statistic.push(rng.random_range(0.0..9.0));
+                tests.misfit.push(if known { rng.random_range(0.5..2.0) } else { f32::NAN });
+                tests.beside.push(part % 2 == 1 && rng.random_bool(0.4));
+                tests.healthy.push(true);
+            }
+            parts.push(Part::Healthy(HealthyRun {
+                t_ns: 1_700_000_000_000_000_000 + i64::from(batch) * 1_000_000,
+                printhead: rng.random_range(0..2),
+                first_channel: rng.random_range(0..u32::MAX - 200),
+                signals: from..tests.statistic.len(),
+                model: rng.random_range(0..3),
+                along: Test::Ring,
+                threshold: 18.5,
+                beside: 11.0 + f32::from(rng.random_range(0..2u8)),
+            }));
+        }
+        Verdicts { rows: rows(batch * 500, 500, &["K1", "K2"]), tests, parts }
+    }
+
+    /// Writes a table and says of how many rows.
+    pub(crate) fn write(path: &Path, options: TableOptions, batches: &[Verdicts]) -> usize {
+        let mut writer = VerdictWriter::create(path, options).unwrap();
+        for batch in batches {
+            writer.write(batch).unwrap();
+        }
+        let rows = writer.rows();
+        assert!(!path.exists(), "no name before it is complete");
+        writer.finish(r#"{"classes":["EC","AB1","my,own"]}"#.into()).unwrap();
+        rows as usize
+    }
+
     #[test]
     fn keys_of_outcomes_and_reasons_are_their_places() {
         assert!(Outcome::ALL.iter().enumerate().all(|(i, &o)| o as usize == i));
@@ -338,19 +377,12 @@ pub(super) mod tests {
 
     #[test]
     fn rows_written_are_rows_read_back_over_batches_with_other_printheads() {
-        let dir = tempfile::tempdir().unwrap();
+        let batches = [rows(0, 1000, &["K1", "K2"]), rows(1000, 777, &["K3"]), rows(5, 0, &["x"])];
+        let verdicts = batches.clone().map(Verdicts::from);
         for (with_weights, unit) in [(false, TimestampUnit::Ns), (true, TimestampUnit::Us)] {
-            let path = dir.path().join(format!("{with_weights}/r.verdicts.parquet"));
-            let mut writer = VerdictWriter::create(&path, options(with_weights, unit)).unwrap();
-            let batches =
-                [rows(0, 1000, &["K1", "K2"]), rows(1000, 777, &["K3"]), rows(5, 0, &["x"])];
-            for batch in &batches {
-                writer.write(&batch.clone().into()).unwrap();
-            }
-            assert_eq!(writer.rows(), 1777);
-            assert!(!path.exists());
-            writer.finish(r#"{"classes":["EC","AB1","my,own"]}"#.into()).unwrap();
-            assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+            let (dir, path) = place("r.verdicts.parquet");
+            assert_eq!(write(&path, options(with_weights, unit), &verdicts), 1777);
+            assert_eq!(names(dir.path()), ["r.verdicts.parquet"]);
 
             let reader = VerdictReader::open(&path).unwrap();
             assert_eq!(reader.metadata_json(), Some(r#"{"classes":["EC","AB1","my,own"]}"#));
@@ -365,9 +397,9 @@ pub(super) mod tests {
             };
             assert_eq!(texts(&found, &lists), texts(&batches, &options(false, unit)));
         }
-        let path = dir.path().join("dropped/r.verdicts.parquet");
+        let (dir, path) = place("r.verdicts.parquet");
         drop(VerdictWriter::create(&path, options(false, TimestampUnit::Ns)).unwrap());
-        assert_eq!(std::fs::read_dir(dir.path().join("dropped")).unwrap().count(), 0);
+        assert!(names(dir.path()).is_empty());
     }
 
     /// A run as the rows that it stands for.
@@ -393,79 +425,35 @@ pub(super) mod tests {
     #[test]
     fn property_runs_of_healthy_signals_are_the_rows_that_they_stand_for() {
         let mut rng = ChaCha8Rng::seed_from_u64(15);
-        let dir = tempfile::tempdir().unwrap();
-        let files = ["runs", "rows"].map(|of| dir.path().join(of));
+        let (_dir, path) = place("r.verdicts.parquet");
         for with_weights in [false, true] {
-            let create =
-                |p: &PathBuf| VerdictWriter::create(p, options(with_weights, TimestampUnit::Us));
-            let [mut runs, mut one_by_one] = files.each_ref().map(|path| create(path).unwrap());
-            for batch in 0..30u32 {
-                let rows = rows(batch * 20, 20, &["K1", "K2"]);
-                let printheads = rows.printheads.clone();
-                let (mut of, mut next) = (Verdicts { rows, ..Default::default() }, 0);
-                for part in 0..rng.random_range(0..20u32) {
-                    if rng.random_bool(0.3) {
-                        of.parts.push(Part::Rows(next..next + 1));
-                        next += 1;
-                        continue;
-                    }
-                    let from = of.tests.statistic.len();
-                    for _ in 0..rng.random_range(1..200) {
-                        let known = rng.random_bool(0.9);
-                        of.tests.statistic.push(rng.random_range(0.0..9.0));
-                        of.tests.misfit.push(if known {
-                            rng.random_range(0.5..2.0)
-                        } else {
-                            f32::NAN
-                        });
-                        of.tests.beside.push(rng.random_bool(if part % 2 == 0 {
-                            0.0
-                        } else {
-                            0.4
-                        }));
-                        of.tests.healthy.push(true);
-                    }
-                    of.parts.push(Part::Healthy(HealthyRun {
-                        t_ns: 1_700_000_000_000_000_000 + i64::from(batch) * 1_000_000,
-                        printhead: rng.random_range(0..2),
-                        first_channel: rng.random_range(0..u32::MAX - 200),
-                        signals: from..of.tests.statistic.len(),
-                        model: rng.random_range(0..3),
-                        along: Test::Ring,
-                        threshold: 18.5,
-                        beside: 11.0 + f32::from(rng.random_range(0..2u8)),
-                    }));
-                }
-                runs.write(&of).unwrap();
-                for part in &of.parts {
-                    let rows = match part {
-                        Part::Healthy(run) => spelled_out(run, &of.tests, &printheads).into(),
-                        Part::Rows(range) => Verdicts {
-                            parts: vec![Part::Rows(range.clone())],
-                            rows: of.rows.clone(),
-                            ..Default::default()
-                        },
-                    };
-                    one_by_one.write(&rows).unwrap();
-                }
-            }
-            assert_eq!(runs.rows(), one_by_one.rows());
-            assert!(runs.rows() > 1000);
-            for writer in [runs, one_by_one] {
-                writer.finish("{}".into()).unwrap();
-            }
-            let [runs, one_by_one] = files.each_ref().map(|path| {
-                let (found, lists) = read_all(VerdictReader::open(path).unwrap());
-                found.iter().flat_map(|c| row_texts(c, &lists)).collect::<Vec<_>>()
+            let batches: Vec<Verdicts> = (0..30).map(|k| rows_and_runs(&mut rng, k)).collect();
+            let one_by_one = batches.iter().flat_map(|of| {
+                of.parts.iter().map(|part| match part {
+                    Part::Healthy(run) => spelled_out(run, &of.tests, &of.rows.printheads).into(),
+                    Part::Rows(_) => Verdicts {
+                        parts: vec![part.clone()],
+                        rows: of.rows.clone(),
+                        ..Default::default()
+                    },
+                })
             });
+            let [runs, one_by_one] = [batches.clone(), one_by_one.collect()].map(|of| {
+                let rows = write(&path, options(with_weights, TimestampUnit::Us), &of);
+                let (found, lists) = read_all(VerdictReader::open(&path).unwrap());
+                std::fs::remove_file(&path).unwrap();
+                let texts: Vec<_> = found.iter().flat_map(|c| row_texts(c, &lists)).collect();
+                assert_eq!(texts.len(), rows);
+                texts
+            });
+            assert!(runs.len() > 1000);
             assert_eq!(runs, one_by_one);
         }
     }
 
     #[test]
     fn columns_that_do_not_fit_are_an_error() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("r.parquet");
+        let (_dir, path) = place("r.parquet");
         type Change = fn(&mut VerdictColumns);
         let changes: [Change; 5] = [
             |c| c.severity.truncate(3),
