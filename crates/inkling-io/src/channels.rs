@@ -332,9 +332,11 @@ mod tests {
     use super::super::dialect::settings::Dialect;
     use super::*;
 
-    fn any() -> Dialects {
+    /// A dialect for these topics and this schema, or for any.
+    fn dialects(topic: &str, schema: Option<&str>) -> Dialects {
         let dialect: Dialect = serde_json::from_value(serde_json::json!({
-            "topic": "**", "samples": "data", "channels": 2, "period_s": 1e-6, "printhead": "p"
+            "topic": topic, "schema": schema,
+            "samples": "data", "channels": 2, "period_s": 1e-6, "printhead": "p"
         }))
         .unwrap();
         Dialects::new(&[dialect]).unwrap()
@@ -353,15 +355,16 @@ mod tests {
             assert_eq!(channels.schemas.len(), 5, "known all the same");
             channels.schemas.values().filter(|schema| schema.whole.is_some()).count()
         };
-        assert_eq!(kept(&any()), 3);
+        assert_eq!(kept(&dialects("**", None)), 3);
         assert_eq!(kept(&Dialects::default()), 0, "nobody needs them");
     }
 
     #[test]
     fn what_was_not_kept_for_want_of_room_may_be_defined_again() {
         let record = |topic| ChannelRecord { id: 7, schema_id: 0, topic, message_encoding: "json" };
+        let any = dialects("**", None);
         for kept in [0, MOST_KEPT_BYTES - 1] {
-            let mut channels = Channels { kept, ..Channels::new(&any()) };
+            let mut channels = Channels { kept, ..Channels::new(&any) };
             channels.define_channel(record("/a")).unwrap();
             assert_eq!(channels.channels[&7].foreign.is_some(), kept == 0);
             channels.define_channel(record("/a")).unwrap();
@@ -377,12 +380,7 @@ mod tests {
     fn a_channel_that_finds_no_room_is_told_of_where_a_dialect_fits_it() {
         let data = vec![0; MOST_KEPT_BYTES];
         let becomes = |name: &str, kept: usize| {
-            let dialect: Dialect = serde_json::from_value(serde_json::json!({
-                "topic": "/a", "schema": "acme.Wave", "samples": "data", "channels": 2, "period_s": 1e-6,
-                "printhead": "p"
-            }))
-            .unwrap();
-            let dialects = Dialects::new(&[dialect]).unwrap();
+            let dialects = dialects("/a", Some("acme.Wave"));
             let mut channels = Channels { kept, ..Channels::new(&dialects) };
             let schema = SchemaRecord { id: 1, name, encoding: "", data: &data };
             channels.define_schema(schema).unwrap();

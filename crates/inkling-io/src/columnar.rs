@@ -286,14 +286,14 @@ fn text(array: &ArrayRef, row: usize) -> Result<String, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixtures::place;
     use arrow_array::builder::{Int16Builder, ListBuilder};
     use arrow_array::{RecordBatch, TimestampSecondArray};
     use arrow_ipc::writer::StreamWriter;
     use std::sync::Arc;
 
     fn table(columns: [(&str, ArrayRef); 2]) -> Table {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("t.arrows");
+        let (_dir, path) = place("t.arrows");
         let batch = RecordBatch::try_from_iter(columns).unwrap();
         let file = std::fs::File::create(&path).unwrap();
         let mut writer = StreamWriter::try_new(file, &batch.schema()).unwrap();

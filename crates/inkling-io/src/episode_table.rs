@@ -132,21 +132,23 @@ mod tests {
             fault: Some("PBN".into()),
             raised_at_ns: 1_700_000_000_123_456_789,
             began_at_ns: 1_700_000_000_000_000_000,
-            ended_at_ns: None,
             bursts: 12,
             certainty: Some(0.5),
             severity_first: Some(0.25),
-            severity_max: None,
             severity_last: Some(0.5),
-            severity_sd: None,
             resonance_hz: Some(61_000.0),
-            damping_per_s: None,
-            reason: None,
             explanation: "channel 713: partly blocked".into(),
+            ..Episode::default()
         };
-        let ended = Some(1_700_000_001_000_000_000);
-        let (fault, reason) = (None, Some(Reason::NoRing));
-        let second = Episode { category: None, fault, reason, ended_at_ns: ended, ..first.clone() };
+        let second = Episode {
+            channel: 714,
+            ended_at_ns: Some(1_700_000_001_000_000_000),
+            severity_max: Some(0.75),
+            severity_sd: Some(0.125),
+            damping_per_s: Some(9_000.0),
+            reason: Some(Reason::NoRing),
+            ..Episode { recording: first.recording.clone(), ..Episode::default() }
+        };
         vec![first, second]
     }
 

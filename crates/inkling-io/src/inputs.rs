@@ -319,51 +319,50 @@ fn glob(text: &str) -> Result<GlobMatcher, InputsError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixtures::assert_refused;
 
     fn tree() -> tempfile::TempDir {
         let dir = tempfile::tempdir().unwrap();
+        std::fs::create_dir_all(dir.path().join("a/b")).unwrap();
         for name in ["a/x.mcap", "a/b/x.mcap", "a/y.txt", "a/z.mcap.part", "c.mcap"] {
-            let path = dir.path().join(name);
-            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-            std::fs::write(path, "").unwrap();
+            std::fs::write(dir.path().join(name), "").unwrap();
         }
         dir
     }
 
-    fn named(dir: &Path, names: &[&str]) -> Result<Vec<Input>, InputsError> {
-        let names: Vec<String> =
-            names.iter().map(|n| dir.join(n).to_string_lossy().into_owned()).collect();
-        find_recordings(&names)
+    fn paths(dir: &Path, names: &[&str]) -> Vec<String> {
+        names.iter().map(|n| dir.join(n).to_string_lossy().into_owned()).collect()
     }
 
     #[test]
     fn directories_are_searched_and_the_path_below_is_kept() {
         let dir = tree();
-        let found = named(dir.path(), &["a"]).unwrap();
+        let found = find_recordings(&paths(dir.path(), &["a"])).unwrap();
         let mut below: Vec<_> = found.iter().map(|i| i.below.to_str().unwrap()).collect();
         below.sort_unstable();
         assert_eq!(below, ["", "b"]);
     }
 
     #[test]
-    fn named_files_are_taken_whatever_their_ending_and_only_once() {
+    fn files_directories_and_patterns_are_found_once() {
         let dir = tree();
-        assert_eq!(named(dir.path(), &["a/y.txt", "a/y.txt"]).unwrap().len(), 1);
-        assert_eq!(named(dir.path(), &["a", "a/x.mcap"]).unwrap().len(), 2);
-    }
-
-    #[test]
-    fn patterns_match_below_their_literal_beginning() {
-        let dir = tree();
-        assert_eq!(named(dir.path(), &["a/*.mcap"]).unwrap().len(), 1);
-        assert_eq!(named(dir.path(), &["**/*.mcap"]).unwrap().len(), 3);
-        for same in ["a//*.mcap", "a/./*.mcap", "a/[x].mcap", "{a,b}/x.mcap", "*/x.mcap"] {
-            assert_eq!(named(dir.path(), &[same]).unwrap().len(), 1, "{same}");
+        for (names, files) in [
+            (&["a/y.txt", "a/y.txt"][..], 1), // whatever its ending
+            (&["a", "a/x.mcap"], 2),
+            (&["a/b/.."], 2), // a directory by a detour
+            (&["a/*.mcap"], 1),
+            (&["**/*.mcap"], 3),
+            (&["a//*.mcap"], 1),
+            (&["a/./*.mcap"], 1),
+            (&["a/[x].mcap"], 1),
+            (&["{a,b}/x.mcap"], 1),
+            (&["*/x.mcap"], 1),
+        ] {
+            let found = find_recordings(&paths(dir.path(), names)).unwrap();
+            assert_eq!(found.len(), files, "{names:?}");
         }
-        let none = named(dir.path(), &["a/*.log"]).unwrap_err();
+        let none = find_recordings(&paths(dir.path(), &["a/*.log"])).unwrap_err();
         assert!(!none.is_usage && none.to_string().contains("no file fits"), "{none}");
-        let none = named(dir.path(), &["a/b/.."]).map(|found| found.len());
-        assert_eq!(none.unwrap(), 2, "a directory by a detour");
     }
 
     #[test]
@@ -376,23 +375,15 @@ mod tests {
         assert_eq!(of("/tmp/*/night?.mcap"), ("/tmp".into(), 2));
         assert_eq!(of("/tmp/**/x.mcap").1, usize::MAX);
         assert_eq!(of("/tmp/{a,b/c}.mcap").1, usize::MAX);
-        let refused = find_recordings(&["s3://buck*/x.mcap".into()]).unwrap_err().to_string();
-        assert!(refused.contains("bucket"), "{refused}");
+        assert_refused(find_recordings(&["s3://buck*/x.mcap".into()]), &["bucket"]);
     }
 
     #[test]
-    fn missing_input_is_named() {
+    fn what_is_missing_is_named_and_costs_itself_where_that_is_allowed() {
         let dir = tree();
-        assert!(named(dir.path(), &["nope.mcap"]).unwrap_err().to_string().contains("nope.mcap"));
-    }
-
-    #[test]
-    fn what_is_missing_costs_itself_where_that_is_allowed() {
-        let dir = tree();
-        let names = ["c.mcap", "gone.mcap", "a/*.log", "a"];
-        let names = names.map(|n| dir.path().join(n).to_string_lossy().into_owned());
+        let names = paths(dir.path(), &["c.mcap", "gone.mcap", "a/*.log", "a"]);
         let found = find_each_recording(&names).unwrap();
         assert_eq!((found.inputs.len(), found.lost.len()), (3, 2));
-        assert!(find_recordings(&names).is_err());
+        assert_refused(find_recordings(&names), &["gone.mcap"]);
     }
 }

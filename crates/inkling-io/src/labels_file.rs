@@ -280,16 +280,17 @@ pub(super) fn write_rows<const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixtures::{assert_refused, place};
     use inkling_core::labels::Channels;
 
-    /// Of rows below the contract's header.
+    const HEADER: &str = "printhead,channel,from,to,state,severity";
+
     fn of_rows(rows: &str) -> Result<Labels, FileError> {
-        reading(&format!("printhead,channel,from,to,state,severity\n{rows}"))
+        reading(&format!("{HEADER}\n{rows}"))
     }
 
     fn reading(text: &str) -> Result<Labels, FileError> {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("labels.csv");
+        let (_dir, path) = place("labels.csv");
         std::fs::write(&path, text).unwrap();
         read(&path)
     }
@@ -314,60 +315,53 @@ mod tests {
                 severity: Some(0.25),
             },
         ];
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("labels.csv");
+        let (_dir, path) = place("labels.csv");
         write(&path, &rows).unwrap();
         assert_eq!(read(&path).unwrap().rows(), rows);
     }
 
     #[test]
-    fn channel_number_beats_star_and_later_beats_earlier() {
-        let rows = "p,3,10,20,EC,\np,3,15,20,BN,0.9\np,*,,,healthy,\n";
+    fn later_beats_earlier_and_narrower_beats_wider() {
+        let rows = "p,3,10,20,EC,\np,3,15,20,BN,0.9\np,*,,,healthy,\n\
+            q,3-9,,,EC,\nq,5,,,BN,\nq,2-20,,,IDN,\nq,*,,,healthy,\n\
+            *,5,,,AB1,\n*,*,,,ignore,\n*,30-31,,,DDN,\n";
         let labels = of_rows(rows).unwrap();
-        let state = |c, t| labels.at("p", c, t).map(|l| l.state.as_str());
-        assert_eq!(state(3, 10), Some("EC"));
-        assert_eq!(state(3, 15), Some("BN"));
-        assert_eq!(state(3, 20), Some("healthy"));
-        assert_eq!(state(4, 15), Some("healthy"));
-        assert_eq!(labels.at("q", 3, 15), None);
-    }
-
-    #[test]
-    fn the_narrower_row_beats_the_wider() {
-        let labels = of_rows(
-            "p,3-9,,,EC,\np,5,,,BN,\np,2-20,,,IDN,\np,*,,,healthy,\n*,5,,,AB1,\n*,*,,,ignore,\n\
-             *,30-31,,,DDN,\n",
-        )
-        .unwrap();
-        let state = |p, c| labels.row_at(p, c, 0).map(|l| l.state.as_str());
-        assert_eq!(
-            [2, 3, 5, 10, 21].map(|c| state("p", c).unwrap()),
-            ["IDN", "EC", "BN", "IDN", "healthy"]
-        );
-        assert_eq!([5, 6, 30].map(|c| state("q", c).unwrap()), ["AB1", "ignore", "DDN"]);
-        assert_eq!(labels.at("q", 6, 0), None);
+        for (printhead, channel, t_ns, state) in [
+            ("p", 3, 10, "EC"),
+            ("p", 3, 15, "BN"),
+            ("p", 3, 20, "healthy"),
+            ("p", 4, 15, "healthy"),
+            ("q", 2, 0, "IDN"),
+            ("q", 3, 0, "EC"),
+            ("q", 5, 0, "BN"),
+            ("q", 10, 0, "IDN"),
+            ("q", 21, 0, "healthy"),
+            ("r", 5, 0, "AB1"),
+            ("r", 6, 0, "ignore"),
+            ("r", 30, 0, "DDN"),
+        ] {
+            let row = labels.row_at(printhead, channel, t_ns).unwrap();
+            assert_eq!(row.state, state, "{printhead} {channel} at {t_ns}");
+            let told = labels.at(printhead, channel, t_ns);
+            assert_eq!(told, (state != "ignore").then_some(row));
+        }
+        assert_eq!(of_rows("p,*,,,healthy,\n").unwrap().at("q", 3, 15), None);
     }
 
     #[test]
     fn states_that_nobody_declared_are_refused_with_the_nearest_names() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("labels.csv");
+        let (_dir, path) = place("labels.csv");
         let declared = |state: &str| {
-            let header = "printhead,channel,from,to,state,severity";
-            std::fs::write(&path, format!("{header}\np,1,,,ignore,\np,1,,,{state},\n")).unwrap();
+            std::fs::write(&path, format!("{HEADER}\np,1,,,ignore,\np,1,,,{state},\n")).unwrap();
             read_states(LabelSource::File(&path), States::Declared(&["Verstopfung"]))
-                .map(drop)
-                .map_err(|e| e.to_string())
         };
-        assert_eq!(declared("Verstopfung"), Ok(()));
+        declared("Verstopfung").unwrap();
         for (state, says) in [
             ("Verstopfug", "did you mean Verstopfung?"),
             ("unknown", "there are healthy, ignore, EC"),
             ("SDM", "did you mean SDN"),
         ] {
-            let refused = declared(state).unwrap_err();
-            assert!(refused.contains(says) && refused.contains("line 3"), "{refused}");
-            assert!(refused.contains("--new-class"), "{refused}");
+            assert_refused(declared(state), &[says, "line 3", "--new-class"]);
         }
     }
 
@@ -391,17 +385,16 @@ mod tests {
             ("p,1,,,AB2,-1", "compliance"),
             ("p,1,,,own,inf", "severity"),
         ] {
-            let message = of_rows(row).unwrap_err().to_string();
-            assert!(message.contains(word) && message.contains("line 2"), "{message}");
+            assert_refused(of_rows(row), &[word, "line 2"]);
         }
-        assert!(reading("a,b\n1,2\n").unwrap_err().to_string().contains("printhead"));
+        assert_refused(reading("a,b\n1,2\n"), &["printhead"]);
     }
 
     #[test]
     fn severities_of_the_contract_are_taken() {
-        let rows =
-            "p,1,,,EC,1\np,1,,,BN,0\np,1,,,IDN,1\np,1,,,DDN,8\np,1,,,AB3,6\np,1,,,own,-5e9\n";
-        assert_eq!(of_rows(rows).unwrap().rows().len(), 6);
+        for row in ["EC,1", "BN,0", "IDN,1", "DDN,8", "AB3,6", "own,-5e9"] {
+            assert_eq!(of_rows(&format!("p,1,,,{row}\n")).unwrap().rows().len(), 1, "{row}");
+        }
     }
 
     #[test]
@@ -413,7 +406,6 @@ mod tests {
             assert!(message.len() < 600 && !message.contains('\u{1b}'), "{}", message.len());
         }
         let endless = format!("p,1,,,\"{}", "EC,\n".repeat(2 << 20));
-        let message = of_rows(&endless).unwrap_err().to_string();
-        assert!(message.contains("never closed"), "{message}");
+        assert_refused(of_rows(&endless), &["never closed"]);
     }
 }

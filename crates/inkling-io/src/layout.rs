@@ -143,6 +143,7 @@ fn first_burst_ns(recording: &Recording) -> Option<i64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixtures::assert_refused;
 
     fn placed(layout: Layout, path: &str, below: &str) -> PlacedRecording {
         let input = Input { path: path.into(), below: below.into() };
@@ -160,7 +161,6 @@ mod tests {
         let two =
             |layout| [placed(layout, "rec/1/x.mcap", "1"), placed(layout, "rec/2/x.mcap", "2")];
         assert!(refuse_shared(&two(Layout::Tree)).is_ok());
-        let refused = refuse_shared(&two(Layout::Flat)).unwrap_err().to_string();
-        assert!(refused.contains("rec/1/x.mcap") && refused.contains("--layout date"), "{refused}");
+        assert_refused(refuse_shared(&two(Layout::Flat)), &["rec/1/x.mcap", "--layout date"]);
     }
 }

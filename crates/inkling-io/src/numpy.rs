@@ -346,13 +346,13 @@ fn element(descr: &str) -> Option<(Element, Option<&'static str>)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixtures::{assert_refused, place};
     use std::io::Write;
 
     /// The header claims 2^61 bursts, and the file holds one number.
     #[test]
     fn one_number_for_all_bursts_is_not_held_once_for_each() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("x.npz");
+        let (_dir, path) = place("x.npz");
         let mut zip = zip::ZipWriter::new(File::create(&path).unwrap());
         for (name, shape, number) in [("y", "(2305843009213693952, 1, 1)", 7), ("temp", "()", 20)] {
             let text = format!("{{'descr': '<i2', 'fortran_order': False, 'shape': {shape}}}");
@@ -367,7 +367,7 @@ mod tests {
         let table = read(&path, &Columns { outputs, beside, ..Columns::default() }).unwrap();
         let Content::Bursts(mut bursts) = table.content else { panic!("an array holds bursts") };
         assert_eq!(bursts.next().unwrap().unwrap().beside, [20.0]);
-        assert!(bursts.next().unwrap().unwrap_err().to_string().contains("ends within its array"));
+        assert_refused(bursts.next().unwrap(), &["ends within its array"]);
     }
 
     /// As numpy.save writes them.

@@ -107,11 +107,11 @@ pub fn read(path: &Path, least: f64, states: States) -> Result<Outcomes, FileErr
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixtures::{assert_refused, place};
 
     #[test]
     fn doubts_come_back_as_labels_once_somebody_has_looked() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("doubts.csv");
+        let (_dir, path) = place("doubts.csv");
         let doubt = |channel| Doubt {
             printhead: "cyan, 1".into(),
             channel,
@@ -127,7 +127,7 @@ mod tests {
         let text = std::fs::read_to_string(&path).unwrap();
         // somebody who has written but a name has begun to look
         std::fs::write(&path, text.replacen(",,,,,", ",,,drop watcher,,", 1)).unwrap();
-        assert!(write(&path, &[doubt(3)]).unwrap_err().to_string().contains("filled it in"));
+        assert_refused(write(&path, &[doubt(3)]), &["filled it in"]);
         let filled = text.replacen(",,,,,", ",SDN,1.3,drop watcher,0.95,", 1);
         let filled = filled.replacen(",,,,,", ",BN,,drop watcher,.3,", 1);
         std::fs::write(&path, &filled).unwrap();
@@ -140,7 +140,7 @@ mod tests {
             (Some(1.3), "cyan, 1")
         );
         assert_eq!(outcomes.labels[0].from_ns, Some(1_700_000_000_000_000_000));
-        assert!(write(&path, &[doubt(3)]).unwrap_err().to_string().contains("filled it in"));
+        assert_refused(write(&path, &[doubt(3)]), &["filled it in"]);
         std::fs::write(&path, filled.replace(",.3,", ",much,")).unwrap();
         assert!(
             read(&path, 0.8, States::Any).unwrap_err().to_string().contains("certainty \"much\"")

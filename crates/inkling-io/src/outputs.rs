@@ -128,11 +128,11 @@ pub fn remove_earlier(dir: &Path, names: &[&str]) -> Result<(), FileError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixtures::{assert_refused, place};
 
     #[test]
     fn an_earlier_result_is_replaced_and_nothing_else_is() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("there");
+        let (_dir, path) = place("there");
         let refused = |kind| check_file(&path, kind).map_err(|e| e.to_string()).err();
         std::fs::write(&path, "{\"models\": []}").unwrap();
         assert_eq!(refused(ResultFile::Models), None);
@@ -153,11 +153,7 @@ mod tests {
             || check_files(dir.path(), [("m", ResultFile::Models), ("n", ResultFile::Companion)]);
         files().unwrap();
         std::fs::write(dir.path().join("n"), "somebody's").unwrap();
-        let refused = files().unwrap_err().to_string();
-        assert!(
-            refused.contains("n: is there already, and is no file of an earlier run"),
-            "{refused}"
-        );
+        assert_refused(files(), &["n: is there already, and is no file of an earlier run"]);
         std::fs::write(dir.path().join("m"), "").unwrap();
         files().unwrap_err(); // an empty file tells nothing
         std::fs::write(dir.path().join("m"), "{\"models\": []}").unwrap();

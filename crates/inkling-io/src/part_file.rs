@@ -237,18 +237,12 @@ fn final_name(part: &str) -> Option<&str> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn names(dir: &Path) -> Vec<String> {
-        let entries = fs::read_dir(dir).unwrap().map(|e| e.unwrap().file_name());
-        let mut names: Vec<String> = entries.map(|n| n.to_string_lossy().into_owned()).collect();
-        names.sort();
-        names
-    }
+    use crate::fixtures::{names, place};
 
     #[test]
     fn what_failed_to_be_written_early_is_told_at_the_end() {
-        let dir = tempfile::tempdir().unwrap();
-        let (mut part, file) = PartFile::create(&dir.path().join("x")).unwrap();
+        let (dir, path) = place("x");
+        let (mut part, file) = PartFile::create(&path).unwrap();
         part.sync_early().unwrap();
         part.synced_early().unwrap();
         part.syncing = Some(std::thread::spawn(|| Err(io::ErrorKind::StorageFull.into())));
@@ -276,8 +270,7 @@ mod tests {
 
     #[test]
     fn two_writers_of_one_name_do_not_meet() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("below/x");
+        let (dir, path) = place("below/x");
         let (first, mut of_first) = PartFile::create(&path).unwrap();
         let (second, mut of_second) = PartFile::create(&path).unwrap();
         of_first.write_all(b"first").unwrap();
@@ -292,17 +285,17 @@ mod tests {
 
     #[test]
     fn what_is_complete_but_has_no_name_is_removed() {
-        let dir = tempfile::tempdir().unwrap();
-        let (part, file) = PartFile::create(&dir.path().join("x")).unwrap();
+        let (dir, path) = place("x");
+        let (part, file) = PartFile::create(&path).unwrap();
         drop(part.complete(&file).unwrap());
         assert!(names(dir.path()).is_empty());
     }
 
     #[test]
     fn a_directory_of_that_name_is_refused_before_the_work() {
-        let dir = tempfile::tempdir().unwrap();
-        fs::create_dir(dir.path().join("x")).unwrap();
-        let refused = PartFile::create(&dir.path().join("x")).unwrap_err();
+        let (dir, path) = place("x");
+        fs::create_dir(&path).unwrap();
+        let refused = PartFile::create(&path).unwrap_err();
         assert_eq!(refused.kind(), io::ErrorKind::IsADirectory);
         assert_eq!(names(dir.path()), ["x"]);
     }
@@ -310,15 +303,8 @@ mod tests {
     #[test]
     fn leftovers_of_the_dead_are_swept_and_what_is_being_written_stays() {
         let dir = tempfile::tempdir().unwrap();
-        let left = [
-            ".x.12-0.part",
-            "x.12-0.part",
-            "y.12-0.part",
-            "x.part",
-            "x.12-a.part",
-            "x.1-2.part.gz",
-        ];
-        for name in left {
+        let left = ".x.12-0.part x.12-0.part y.12-0.part x.part x.12-a.part x.1-2.part.gz";
+        for name in left.split(' ') {
             fs::write(dir.path().join(name), "").unwrap();
         }
         let (_part, file) = PartFile::create(&dir.path().join("x")).unwrap();

@@ -208,11 +208,11 @@ fn footer(file: &mut File) -> std::io::Result<Vec<u8>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixtures::place;
 
     #[test]
     fn a_file_says_what_it_is_and_those_of_others_say_nothing() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("there");
+        let (_dir, path) = place("there");
         use ResultFile::*;
         let page = inkling_lab::plot::page::page("a", "b");
         let parquet = |footer: &[u8]| {

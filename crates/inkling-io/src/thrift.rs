@@ -245,6 +245,7 @@ fn zigzag(written: u64) -> i64 {
 
 #[cfg(test)]
 mod tests {
+    use super::ThriftError::{ClaimsTooMuch, Malformed};
     use super::*;
 
     fn walk(bytes: &[u8], elements: u64, shapes: &'static [Shape]) -> Result<u64, ThriftError> {
@@ -257,24 +258,23 @@ mod tests {
         // field 1: a list of three numbers; field 2: text; field 3: a record of nothing; the end
         let honest = [0x19, 0x35, 2, 4, 6, 0x18, 2, b'a', b'b', 0x1c, 0, 0];
         assert_eq!(walk(&honest, 3, &[]), Ok(honest.len() as u64));
-        assert_eq!(walk(&honest, 2, &[]), Err(ThriftError::ClaimsTooMuch), "all lists together");
+        assert_eq!(walk(&honest, 2, &[]), Err(ClaimsTooMuch), "all lists together");
         for end in 0..honest.len() {
-            assert_eq!(walk(&honest[..end], 3, &[]), Err(ThriftError::Malformed), "cut short");
+            assert_eq!(walk(&honest[..end], 3, &[]), Err(Malformed), "cut short");
         }
-        // a list of 2^31 - 1: of numbers, of records; a set; a map
-        for kind in [0x19, 0x1a] {
-            for of in [0xf5, 0xfc] {
-                let claims = [kind, of, 0xff, 0xff, 0xff, 0xff, 7, 0];
-                assert_eq!(walk(&claims, 1 << 20, &[]), Err(ThriftError::ClaimsTooMuch));
-            }
+        // of 2^31 - 1: a list and a set of numbers, the same of records, a map
+        let claims = [[0x19, 0xf5], [0x1a, 0xf5], [0x19, 0xfc], [0x1a, 0xfc]];
+        for [kind, of] in claims {
+            let bytes = [kind, of, 0xff, 0xff, 0xff, 0xff, 7, 0];
+            assert_eq!(walk(&bytes, 1 << 20, &[]), Err(ClaimsTooMuch), "{kind:x} of {of:x}");
         }
         let map = [0x1b, 0xff, 0xff, 0xff, 0xff, 7, 0x55, 0];
-        assert_eq!(walk(&map, 1 << 20, &[]), Err(ThriftError::ClaimsTooMuch));
+        assert_eq!(walk(&map, 1 << 20, &[]), Err(ClaimsTooMuch));
         // two booleans take no byte
-        assert_eq!(walk(&[0x19, 0x21, 0, 0, 0], 1 << 20, &[]), Err(ThriftError::ClaimsTooMuch));
+        assert_eq!(walk(&[0x19, 0x21, 0, 0, 0], 1 << 20, &[]), Err(ClaimsTooMuch));
         // lists in lists, records in records
-        assert_eq!(walk(&[0x19].repeat(1000), 1 << 20, &[]), Err(ThriftError::ClaimsTooMuch));
-        assert_eq!(walk(&[0x1c].repeat(1000), 1 << 20, &[]), Err(ThriftError::Malformed));
+        assert_eq!(walk(&[0x19].repeat(1000), 1 << 20, &[]), Err(ClaimsTooMuch));
+        assert_eq!(walk(&[0x1c].repeat(1000), 1 << 20, &[]), Err(Malformed));
     }
 
     #[test]
@@ -290,27 +290,21 @@ mod tests {
         // the same, each field by its whole number, and another one of any type
         let long = [5, 2, 1, 1, 4, 9, 6, 0x18, 1, b'a', 12, 8, 3, 2, 9, 0, 0x17];
         assert_eq!(walk(&[&long[..], &[0; 9]].concat(), 9, SHAPES), Ok(26));
-        for (at, other) in
-            [(0, 0x13), (0, 0x11), (2, 0x13), (3, 0x1a), (4, 0x15), (7, 0x18), (8, 0x15)]
-        {
+        let others = [(0, 0x13), (0, 0x11), (2, 0x13), (3, 0x1a), (4, 0x15), (7, 0x18), (8, 0x15)];
+        for (at, other) in others {
             let mut bytes = honest;
             bytes[at] = other;
-            assert_eq!(walk(&bytes, 9, SHAPES), Err(ThriftError::Malformed), "{other:x} at {at}");
+            assert_eq!(walk(&bytes, 9, SHAPES), Err(Malformed), "{other:x} at {at}");
         }
-        assert_eq!(
-            walk(&[0x25, 2, 5, 4, 0, 0], 9, &[]),
-            Err(ThriftError::Malformed),
-            "field 2 twice"
-        );
-        assert_eq!(walk(&[0x25, 2, 5, 2, 0, 0], 9, &[]), Err(ThriftError::Malformed), "1 after 2");
-        assert_eq!(walk(&[5, 0, 0, 0], 9, &[]), Err(ThriftError::Malformed), "0");
-        let beyond = [5, 0xfe, 0xff, 3, 0, 0x15, 0, 0];
-        assert_eq!(walk(&beyond, 9, &[]), Err(ThriftError::Malformed), "2^15");
-        assert_eq!(
-            walk(&[0x10, 0, 0], 9, &[]),
-            Err(ThriftError::Malformed),
-            "an end with a number"
-        );
+        for (bytes, why) in [
+            (&[0x25, 2, 5, 4, 0, 0][..], "field 2 twice"),
+            (&[0x25, 2, 5, 2, 0, 0], "1 after 2"),
+            (&[5, 0, 0, 0], "0"),
+            (&[5, 0xfe, 0xff, 3, 0, 0x15, 0, 0], "2^15"),
+            (&[0x10, 0, 0], "an end with a number"),
+        ] {
+            assert_eq!(walk(bytes, 9, &[]), Err(Malformed), "{why}");
+        }
     }
 
     #[test]
@@ -318,13 +312,10 @@ mod tests {
         const SHAPES: &[Shape] = &[Shape::Wanted(0), Shape::Wanted(1), Shape::Wanted(0)];
         let mut wanted = Walk::new(&[0x15, 0x80, 2, 0x15, 0, 0][..], 0);
         assert_eq!(wanted.fields(SHAPES, 0), Ok(()));
-        assert_eq!(
-            (wanted.wanted(0), wanted.wanted(1), wanted.wanted(2)),
-            (Some(128), Some(0), None)
-        );
-        assert_eq!(walk(&[0x15, 1, 0], 0, SHAPES), Err(ThriftError::ClaimsTooMuch), "-1");
+        assert_eq!([0, 1, 2].map(|place| wanted.wanted(place)), [Some(128), Some(0), None]);
+        assert_eq!(walk(&[0x15, 1, 0], 0, SHAPES), Err(ClaimsTooMuch), "-1");
         let greater = [0x16, 0x80, 0x80, 0x80, 0x80, 0x10, 0];
-        assert_eq!(walk(&greater, 0, SHAPES), Err(ThriftError::ClaimsTooMuch), "2^31");
-        assert_eq!(walk(&[0x15, 2, 0x25, 2, 0], 0, SHAPES), Err(ThriftError::Malformed), "twice");
+        assert_eq!(walk(&greater, 0, SHAPES), Err(ClaimsTooMuch), "2^31");
+        assert_eq!(walk(&[0x15, 2, 0x25, 2, 0], 0, SHAPES), Err(Malformed), "twice");
     }
 }

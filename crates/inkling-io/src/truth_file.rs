@@ -69,6 +69,7 @@ pub fn read(path: &Path) -> Result<(serde_json::Value, Seal), FileError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixtures::assert_refused;
 
     #[test]
     fn digest_is_the_published_sha_256() {
@@ -86,6 +87,6 @@ mod tests {
         std::fs::write(&seal, digest(b"{}")).unwrap();
         assert_eq!(read(&path).unwrap().1, Seal::Holds);
         std::fs::write(&path, "{ }").unwrap();
-        assert!(read(&path).unwrap_err().to_string().contains("was changed after it was sealed"));
+        assert_refused(read(&path), &["was changed after it was sealed"]);
     }
 }

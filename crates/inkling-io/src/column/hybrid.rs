@@ -116,16 +116,10 @@ mod tests {
     fn decode(width: u8, mut of: &[u8], values: usize) -> Vec<u32> {
         let mut out = Vec::new();
         while out.len() < values {
-            let (mut header, mut shift) = (0u32, 0);
-            loop {
-                let byte = of[0];
-                of = &of[1..];
-                header |= u32::from(byte & 0x7f) << shift;
-                shift += 7;
-                if byte & 0x80 == 0 {
-                    break;
-                }
-            }
+            let bytes = 1 + of.iter().take_while(|&&byte| byte & 0x80 != 0).count();
+            let sevens = of[..bytes].iter().rev().map(|byte| u32::from(byte & 0x7f));
+            let header = sevens.fold(0, |all, seven| all << 7 | seven);
+            of = &of[bytes..];
             if header & 1 == 0 {
                 let bytes = usize::from(width.div_ceil(8));
                 let mut value = [0; 4];

@@ -83,29 +83,41 @@ mod tests {
         (batches.map(|batch| first(batch.unwrap())).collect(), statistics)
     }
 
+    /// Starts, steps and lengths of runs.
+    type Runs = Vec<(i64, i64, usize)>;
+
+    /// All numbers of these runs.
+    fn numbers(runs: &Runs) -> Vec<i64> {
+        let of = |&(start, step, n): &(i64, i64, usize)| {
+            (0..n as i64).map(move |i| start.wrapping_add(i * step))
+        };
+        runs.iter().flat_map(of).collect()
+    }
+
+    fn runs_read_back(schema: &str, runs: &Runs) -> (Vec<ArrayRef>, Statistics) {
+        read_back(schema, |of, group| {
+            let mut column = StepColumn::new(of);
+            runs.iter().for_each(|&(start, step, n)| column.push(start, step, n));
+            column.close()?.append_to(group)
+        })
+    }
+
     #[test]
     fn property_steps_of_any_size_are_read_back() {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         for round in 0..60 {
-            let mut rows: Vec<(i64, i64, usize)> = Vec::new();
-            for _ in 0..rng.random_range(1..40) {
+            let mut run = || {
                 let start = match round % 3 {
                     0 => rng.random_range(0..1_000),
                     1 => 1_750_000_000_000_000_000 + rng.random_range(0..1_000_000_000),
                     _ => rng.random::<i64>(),
                 };
                 let longest = [1, 5, 200, 3000][round % 4];
-                rows.push((start, rng.random_range(0..2), rng.random_range(1..=longest)));
-            }
-            let numbers = |&(start, step, n): &(i64, i64, usize)| {
-                (0..n as i64).map(move |i| start.wrapping_add(i * step))
+                (start, rng.random_range(0..2), rng.random_range(1..=longest))
             };
-            let expected: Vec<i64> = rows.iter().flat_map(numbers).collect();
-            let (found, statistics) = read_back("message m { required int64 t; }", |of, group| {
-                let mut column = StepColumn::new(of);
-                rows.iter().for_each(|&(start, step, n)| column.push(start, step, n));
-                column.close()?.append_to(group)
-            });
+            let runs = (0..1 + round % 39).map(|_| run()).collect();
+            let expected = numbers(&runs);
+            let (found, statistics) = runs_read_back("message m { required int64 t; }", &runs);
             let found = found.iter().flat_map(|a| a.as_primitive::<Int64Type>().values().to_vec());
             assert_eq!(found.collect::<Vec<_>>(), expected, "round {round}");
             let Statistics::Int64(of) = statistics else { panic!("of another type") };
@@ -117,19 +129,15 @@ mod tests {
     #[test]
     fn property_channels_of_all_32_bits_are_read_back() {
         let mut rng = ChaCha8Rng::seed_from_u64(6);
+        let schema = "message m { required int32 c (INTEGER(32,false)); }";
         for round in 0..40 {
-            let mut expected: Vec<u32> = Vec::new();
-            let schema = "message m { required int32 c (INTEGER(32,false)); }";
-            let (found, statistics) = read_back(schema, |of, group| {
-                let mut column = StepColumn::new(of);
-                for _ in 0..rng.random_range(1..50) {
-                    let n = rng.random_range(1..300u32);
-                    let start = rng.random_range(0..=u32::MAX - n);
-                    column.push(start.into(), 1, n as usize);
-                    expected.extend(start..start + n);
-                }
-                column.close()?.append_to(group)
-            });
+            let mut run = || {
+                let n = rng.random_range(1..300u32);
+                (rng.random_range(0..=u32::MAX - n).into(), 1, n as usize)
+            };
+            let runs = (0..=round).map(|_| run()).collect();
+            let expected: Vec<u32> = numbers(&runs).into_iter().map(|v| v as u32).collect();
+            let (found, statistics) = runs_read_back(schema, &runs);
             let found = found.iter().flat_map(|a| a.as_primitive::<UInt32Type>().values().to_vec());
             assert_eq!(found.collect::<Vec<_>>(), expected, "round {round}");
             let Statistics::Int32(of) = statistics else { panic!("of another type") };
