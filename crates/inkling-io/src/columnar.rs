@@ -292,16 +292,6 @@ mod tests {
     use arrow_ipc::writer::StreamWriter;
     use std::sync::Arc;
 
-    fn table(columns: [(&str, ArrayRef); 2]) -> Table {
-        let (_dir, path) = place("t.arrows");
-        let batch = RecordBatch::try_from_iter(columns).unwrap();
-        let file = std::fs::File::create(&path).unwrap();
-        let mut writer = StreamWriter::try_new(file, &batch.schema()).unwrap();
-        writer.write(&batch).unwrap();
-        writer.finish().unwrap();
-        read(&path, FileKind::ArrowStream, &Columns::default()).unwrap()
-    }
-
     /// A time column named so, whose type says seconds, and a list of two channels.
     fn two_channels(time: &str) -> Table {
         let mut lists = ListBuilder::new(ListBuilder::new(Int16Builder::new()));
@@ -310,17 +300,20 @@ mod tests {
             lists.values().append(true);
         }
         lists.append(true);
-        let times = TimestampSecondArray::from(vec![1_767_000_000]);
-        table([(time, Arc::new(times)), ("samples", Arc::new(lists.finish()))])
+        let times: ArrayRef = Arc::new(TimestampSecondArray::from(vec![1_767_000_000]));
+        let columns = [(time, times), ("samples", Arc::new(lists.finish()))];
+        let batch = RecordBatch::try_from_iter(columns).unwrap();
+        let (_dir, path) = place("t.arrows");
+        let file = std::fs::File::create(&path).unwrap();
+        let mut writer = StreamWriter::try_new(file, &batch.schema()).unwrap();
+        writer.write(&batch).unwrap();
+        writer.finish().unwrap();
+        read(&path, FileKind::ArrowStream, &Columns::default()).unwrap()
     }
 
     #[test]
-    fn a_column_of_several_channels_is_no_channels_name() {
+    fn a_column_of_several_channels_is_no_channels_name_and_the_type_of_a_time_beats_its_name() {
         assert!(two_channels("t").outputs.is_empty());
-    }
-
-    #[test]
-    fn the_type_of_a_time_beats_the_ending_of_its_name() {
         assert_eq!(two_channels("t_ms").time.as_deref(), Some("t_ms_s"));
     }
 }

@@ -192,54 +192,50 @@ mod tests {
         let mut at = MAGIC.len();
         while let Some(record) = record_at(&bytes[..bytes.len() - MAGIC.len()], at) {
             let body = &bytes[record.from..record.to];
-            match mcap::parse_record(record.opcode, body).unwrap() {
-                Record::Schema { header, data } => {
-                    let ours = SchemaRecord::parse(body).unwrap();
-                    assert_eq!((ours.id, ours.name), (header.id, &*header.name));
-                    assert_eq!((ours.encoding, ours.data), (&*header.encoding, &*data));
-                    assert!((0..body.len()).all(|n| SchemaRecord::parse(&body[..n]).is_none()));
-                }
-                Record::Channel(c) => {
-                    let ours = ChannelRecord::parse(body).unwrap();
-                    assert_eq!(
-                        (ours.id, ours.schema_id, ours.topic),
-                        (c.id, c.schema_id, &*c.topic)
-                    );
-                    assert_eq!(ours.message_encoding, c.message_encoding);
-                    assert!((0..body.len()).all(|n| ChannelRecord::parse(&body[..n]).is_none()));
-                }
-                Record::Chunk { header, data } => {
-                    let ours = ChunkHeader::parse(body).unwrap();
-                    assert_eq!(ours.uncompressed_size, header.uncompressed_size);
-                    assert_eq!(ours.uncompressed_crc, header.uncompressed_crc);
-                    assert_eq!(ours.compression, header.compression);
-                    assert_eq!(ours.compressed_size, data.len() as u64);
-                    assert_eq!(ours.header_bytes + ours.compressed_size, body.len() as u64);
-                    assert_eq!((ours.start_time, ours.end_time), (5, 5));
-                }
-                Record::Statistics(s) => {
-                    assert_eq!((s.message_count, s.channel_count), (1, 1));
-                    assert_eq!(s.channel_message_counts, [(channel, 1)].into());
-                    assert!((0..body.len()).all(|n| statistics(&body[..n]).is_none()));
-                }
-                Record::ChunkIndex(c) => {
-                    let ours = ChunkSpan::parse(body).unwrap();
-                    assert_eq!(ours.offset, c.chunk_start_offset);
-                    assert_eq!(
-                        (ours.from_ns, ours.to_ns),
-                        (c.message_start_time, c.message_end_time)
-                    );
-                    assert!((0..24).all(|n| ChunkSpan::parse(&body[..n]).is_none()));
-                }
-                Record::Footer(_) => {
-                    assert!((0..body.len()).all(|n| footer(&body[..n]).is_none()));
-                }
-                Record::Message { .. } => {
-                    assert!((0..MESSAGE_HEADER).all(|n| message_header(&body[..n]).is_none()));
-                    assert!(message_header(&body[..MESSAGE_HEADER]).is_some());
-                }
-                _ => {}
-            }
+            // what reads the record, and the bytes that it needs
+            type Reads = fn(&[u8]) -> bool;
+            let (reads, needed): (Reads, usize) =
+                match mcap::parse_record(record.opcode, body).unwrap() {
+                    Record::Schema { header, data } => {
+                        let ours = SchemaRecord::parse(body).unwrap();
+                        assert_eq!((ours.id, ours.name), (header.id, &*header.name));
+                        assert_eq!((ours.encoding, ours.data), (&*header.encoding, &*data));
+                        (|cut| SchemaRecord::parse(cut).is_some(), body.len())
+                    }
+                    Record::Channel(c) => {
+                        let ours = ChannelRecord::parse(body).unwrap();
+                        assert_eq!((ours.id, ours.schema_id), (c.id, c.schema_id));
+                        assert_eq!(ours.topic, c.topic);
+                        assert_eq!(ours.message_encoding, c.message_encoding);
+                        (|cut| ChannelRecord::parse(cut).is_some(), body.len())
+                    }
+                    Record::Chunk { header, data } => {
+                        let ours = ChunkHeader::parse(body).unwrap();
+                        assert_eq!(ours.uncompressed_size, header.uncompressed_size);
+                        assert_eq!(ours.uncompressed_crc, header.uncompressed_crc);
+                        assert_eq!(ours.compression, header.compression);
+                        assert_eq!(ours.compressed_size, data.len() as u64);
+                        assert_eq!(ours.header_bytes + ours.compressed_size, body.len() as u64);
+                        assert_eq!((ours.start_time, ours.end_time), (5, 5));
+                        (|cut| ChunkHeader::parse(cut).is_some(), ours.header_bytes as usize)
+                    }
+                    Record::Statistics(s) => {
+                        assert_eq!((s.message_count, s.channel_count), (1, 1));
+                        assert_eq!(s.channel_message_counts, [(channel, 1)].into());
+                        (|cut| statistics(cut).is_some(), body.len())
+                    }
+                    Record::ChunkIndex(c) => {
+                        let ours = ChunkSpan::parse(body).unwrap();
+                        assert_eq!(ours.offset, c.chunk_start_offset);
+                        let times = (c.message_start_time, c.message_end_time);
+                        assert_eq!((ours.from_ns, ours.to_ns), times);
+                        (|cut| ChunkSpan::parse(cut).is_some(), 24)
+                    }
+                    Record::Footer(_) => (|cut| footer(cut).is_some(), body.len()),
+                    Record::Message { .. } => (|cut| message_header(cut).is_some(), MESSAGE_HEADER),
+                    _ => (|_| true, 0),
+                };
+            assert!(reads(&body[..needed]) && !(0..needed).any(|cut| reads(&body[..cut])));
             seen.push(record.opcode);
             at = record.to;
         }

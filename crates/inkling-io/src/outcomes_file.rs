@@ -112,22 +112,22 @@ mod tests {
     #[test]
     fn doubts_come_back_as_labels_once_somebody_has_looked() {
         let (_dir, path) = place("doubts.csv");
-        let doubt = |channel| Doubt {
+        let doubts = [3, 4, 5].map(|channel| Doubt {
             printhead: "cyan, 1".into(),
             channel,
             from_ns: 1_700_000_000_000_000_000,
             to_ns: Some(1_700_000_600_000_000_000),
             sentence: "rings \"unlike\" any".into(),
-        };
-        write(&path, &[doubt(3), doubt(4), doubt(5)]).unwrap();
+        });
+        write(&path, &doubts).unwrap();
         let outcomes = read(&path, 0.8, States::Any).unwrap();
         assert_eq!((outcomes.labels.len(), outcomes.not_looked_at), (0, 3));
         // as long as nobody has, it may be written again
-        write(&path, &[doubt(3), doubt(4), doubt(5)]).unwrap();
+        write(&path, &doubts).unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
         // somebody who has written but a name has begun to look
         std::fs::write(&path, text.replacen(",,,,,", ",,,drop watcher,,", 1)).unwrap();
-        assert_refused(write(&path, &[doubt(3)]), &["filled it in"]);
+        assert_refused(write(&path, &doubts), &["filled it in"]);
         let filled = text.replacen(",,,,,", ",SDN,1.3,drop watcher,0.95,", 1);
         let filled = filled.replacen(",,,,,", ",BN,,drop watcher,.3,", 1);
         std::fs::write(&path, &filled).unwrap();
@@ -135,16 +135,12 @@ mod tests {
         let states: Vec<&str> = outcomes.labels.iter().map(|label| label.state.as_str()).collect();
         assert_eq!((states, outcomes.uncertain, outcomes.not_looked_at), (vec!["SDN"], 1, 1));
         assert_eq!(outcomes.by_source["drop watcher"], 1);
-        assert_eq!(
-            (outcomes.labels[0].severity, &*outcomes.labels[0].printhead),
-            (Some(1.3), "cyan, 1")
-        );
-        assert_eq!(outcomes.labels[0].from_ns, Some(1_700_000_000_000_000_000));
-        assert_refused(write(&path, &[doubt(3)]), &["filled it in"]);
+        let label = &outcomes.labels[0];
+        assert_eq!((label.severity, &*label.printhead), (Some(1.3), "cyan, 1"));
+        assert_eq!(label.from_ns, Some(1_700_000_000_000_000_000));
+        assert_refused(write(&path, &doubts), &["filled it in"]);
         std::fs::write(&path, filled.replace(",.3,", ",much,")).unwrap();
-        assert!(
-            read(&path, 0.8, States::Any).unwrap_err().to_string().contains("certainty \"much\"")
-        );
+        assert_refused(read(&path, 0.8, States::Any), &["certainty \"much\""]);
         std::fs::write(&path, "a letter").unwrap();
         assert!(write(&path, &[]).is_err());
     }

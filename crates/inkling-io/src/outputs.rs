@@ -128,22 +128,22 @@ pub fn remove_earlier(dir: &Path, names: &[&str]) -> Result<(), FileError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fixtures::{assert_refused, place};
+    use crate::fixtures::{assert_refused, names, place};
 
     #[test]
     fn an_earlier_result_is_replaced_and_nothing_else_is() {
         let (_dir, path) = place("there");
-        let refused = |kind| check_file(&path, kind).map_err(|e| e.to_string()).err();
-        std::fs::write(&path, "{\"models\": []}").unwrap();
-        assert_eq!(refused(ResultFile::Models), None);
-        let told = refused(ResultFile::Page).unwrap();
-        assert!(told.contains("is there already, and is no page that inkling made"), "{told}");
-        std::fs::write(&path, "somebody's").unwrap();
-        assert!(refused(ResultFile::Models).is_some());
-        std::fs::write(&path, "").unwrap();
-        assert_eq!(refused(ResultFile::Page), None, "nothing is lost");
-        let told = check_file(Path::new("/dev/null"), ResultFile::Page).unwrap_err().to_string();
-        assert!(told.contains("/dev/null: cannot be looked into"), "no file: {told}");
+        let check = |content: &str, kind| {
+            std::fs::write(&path, content).unwrap();
+            check_file(&path, kind)
+        };
+        check("{\"models\": []}", ResultFile::Models).unwrap();
+        let told = "is there already, and is no page that inkling made";
+        assert_refused(check("{\"models\": []}", ResultFile::Page), &[told]);
+        assert!(check("somebody's", ResultFile::Models).is_err());
+        check("", ResultFile::Page).unwrap(); // nothing is lost
+        let device = check_file(Path::new("/dev/null"), ResultFile::Page);
+        assert_refused(device, &["/dev/null: cannot be looked into"]);
     }
 
     #[test]
@@ -185,8 +185,7 @@ mod tests {
             std::fs::write(dir.path().join(name), "").unwrap();
         }
         remove_earlier(dir.path(), &["b", "missing", "a"]).unwrap();
-        let left: Vec<_> = std::fs::read_dir(dir.path()).unwrap().collect();
-        assert_eq!(left.len(), 1);
+        assert_eq!(names(dir.path()), ["c"]);
         remove_earlier(&dir.path().join("nowhere"), &["a"]).unwrap();
     }
 }

@@ -207,13 +207,13 @@ fn footer(file: &mut File) -> std::io::Result<Vec<u8>> {
 
 #[cfg(test)]
 mod tests {
+    use super::ResultFile::*;
     use super::*;
     use crate::fixtures::place;
 
     #[test]
     fn a_file_says_what_it_is_and_those_of_others_say_nothing() {
         let (_dir, path) = place("there");
-        use ResultFile::*;
         let page = inkling_lab::plot::page::page("a", "b");
         let parquet = |footer: &[u8]| {
             [b"PAR1", footer, &(footer.len() as u32).to_le_bytes(), b"PAR1"].concat()
@@ -221,41 +221,41 @@ mod tests {
         let table = parquet(b"..\x18\x07inkling\x18..\x08\x07urgency");
         let faults = parquet(b"\x15\x0a\x25\x00\x18\x07urgency..\x18\x07inkling\x18..");
         let others = parquet(b"\x19\x18\x07inkling\x15");
+        let design = br#"{"version": 1, "sample_period_s": 1e-6, "models": {}, "pooled": {}}"#;
+        let summary = br#"{"version": 3, "recording": {}, "counts": {}, "settings": {}}"#;
+        let journal = b"{\"version\":2,\"recording\":1,\"outcome\":1,\"by\":1}\n{\"vers";
+        let mcap = b"\x89MCAP0\r\n\x01\x0f\0\0\0\0\0\0\0\0\0\0\0\x07\0\0\0inkling";
+        let of_others =
+            b"\x89MCAP0\r\n\x01\x10\0\0\0\0\0\0\0\0\0\0\0\x08\0\0\0mcap-cpp inkling.Burst";
         let files: [(&[u8], Option<ResultFile>); 21] = [
-            (
-                b"{\"version\": 1, \"sample_period_s\": 1e-6, \"models\": {}, \"pooled\": {}}",
-                Some(Design),
-            ),
-            (b"{\"models\": []}", Some(Models)),
-            (b"{\"version\": 2, \"design\": null, \"printheads\": {}}", Some(Baselines)),
-            (b"{\"version\": 1, \"verdict\": \"none\", \"causes\": []}", Some(Critique)),
-            (b"{\"seeds\": [1], \"values\": {}, \"confusions\": {}}", Some(Chapter)),
-            (b"{\"version\": 2, \"totals\": {}, \"by\": 1, \"recordings\": []}", Some(Account)),
-            (b"{\"version\":2,\"recording\":1,\"outcome\":1,\"by\":1}\n{\"vers", Some(Journal)),
-            (b"{\"version\":2,\"recor", Some(Journal)),
-            (b"{\"version\":3,\"design\":null,\"printheads\":{\"bl", None),
-            (
-                b"{\"version\": 3, \"recording\": {}, \"counts\": {}, \"settings\": {}}",
-                Some(Summary),
-            ),
+            (design, Some(Design)),
+            (br#"{"models": []}"#, Some(Models)),
+            (br#"{"version": 2, "design": null, "printheads": {}}"#, Some(Baselines)),
+            (br#"{"version": 1, "verdict": "none", "causes": []}"#, Some(Critique)),
+            (br#"{"seeds": [1], "values": {}, "confusions": {}}"#, Some(Chapter)),
+            (br#"{"version": 2, "totals": {}, "by": 1, "recordings": []}"#, Some(Account)),
+            (journal, Some(Journal)),
+            (br#"{"version":2,"recor"#, Some(Journal)),
+            (br#"{"version":3,"design":null,"printheads":{"bl"#, None),
+            (summary, Some(Summary)),
             (page.as_bytes(), Some(Page)),
             (b".ie \\n(.g\n.TH inkling-replay 1", Some(Manual)),
-            (b"\x89MCAP0\r\n\x01\x0f\0\0\0\0\0\0\0\0\0\0\0\x07\0\0\0inkling", Some(Recording)),
+            (mcap, Some(Recording)),
             (&table, Some(Table)),
             (&faults, Some(Faults)),
             (&others, None),
             (b"<!doctype html>\n<html><title>ours</title>", None),
-            (b"\x89MCAP0\r\n\x01\x10\0\0\0\0\0\0\0\0\0\0\0\x08\0\0\0mcap-cpp inkling.Burst", None),
+            (of_others, None),
             (b"PAR1....\x04\0\0\0PAR1", None),
             (b"printhead,channel,from,to,state,severity\n", None),
-            (b"{\"name\": \"somebody's\"}", None),
+            (br#"{"name": "somebody's"}"#, None),
         ];
         for (content, of) in files {
             std::fs::write(&path, content).unwrap();
             assert_eq!(ResultFile::of(&path).unwrap(), of, "{}", content.escape_ascii());
         }
         assert_eq!(instead(&path), "");
-        std::fs::write(&path, b"{\"version\": 2, \"printheads\": {}}").unwrap();
+        std::fs::write(&path, r#"{"version": 2, "printheads": {}}"#).unwrap();
         assert_eq!(instead(&path), ", but a file of baselines: --baseline takes it");
     }
 }

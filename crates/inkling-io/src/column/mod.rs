@@ -49,7 +49,7 @@ pub use steps::StepColumn;
 mod tests {
     use super::*;
     use arrow_array::cast::AsArray;
-    use arrow_array::types::{Float32Type, Int64Type, UInt32Type};
+    use arrow_array::types::{ArrowPrimitiveType, Float32Type, Int64Type, UInt32Type};
     use arrow_array::{Array, ArrayRef, RecordBatch};
     use bytes::Bytes;
     use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
@@ -83,23 +83,27 @@ mod tests {
         (batches.map(|batch| first(batch.unwrap())).collect(), statistics)
     }
 
-    /// Starts, steps and lengths of runs.
-    type Runs = Vec<(i64, i64, usize)>;
-
-    /// All numbers of these runs.
-    fn numbers(runs: &Runs) -> Vec<i64> {
-        let of = |&(start, step, n): &(i64, i64, usize)| {
+    /// Panics unless runs (their starts, steps and lengths) are read back as the numbers that they
+    /// stand for, with the least and the greatest of them.
+    fn assert_read_back<T: ArrowPrimitiveType<Native: Ord + TryFrom<i64>>>(
+        schema: &str,
+        runs: &[(i64, i64, usize)],
+        ends: fn(&Statistics) -> Option<[T::Native; 2]>,
+    ) {
+        let numbers = |&(start, step, n): &(i64, i64, usize)| {
             (0..n as i64).map(move |i| start.wrapping_add(i * step))
         };
-        runs.iter().flat_map(of).collect()
-    }
-
-    fn runs_read_back(schema: &str, runs: &Runs) -> (Vec<ArrayRef>, Statistics) {
-        read_back(schema, |of, group| {
+        let expected = runs.iter().flat_map(numbers).map(|n| T::Native::try_from(n).ok().unwrap());
+        let expected: Vec<T::Native> = expected.collect();
+        let (found, statistics) = read_back(schema, |of, group| {
             let mut column = StepColumn::new(of);
             runs.iter().for_each(|&(start, step, n)| column.push(start, step, n));
             column.close()?.append_to(group)
-        })
+        });
+        let found = found.iter().flat_map(|a| a.as_primitive::<T>().values().to_vec());
+        assert!(found.eq(expected.iter().copied()), "{runs:?}");
+        let least_and_greatest = [*expected.iter().min().unwrap(), *expected.iter().max().unwrap()];
+        assert_eq!(ends(&statistics), Some(least_and_greatest));
     }
 
     #[test]
@@ -115,14 +119,15 @@ mod tests {
                 let longest = [1, 5, 200, 3000][round % 4];
                 (start, rng.random_range(0..2), rng.random_range(1..=longest))
             };
-            let runs = (0..1 + round % 39).map(|_| run()).collect();
-            let expected = numbers(&runs);
-            let (found, statistics) = runs_read_back("message m { required int64 t; }", &runs);
-            let found = found.iter().flat_map(|a| a.as_primitive::<Int64Type>().values().to_vec());
-            assert_eq!(found.collect::<Vec<_>>(), expected, "round {round}");
-            let Statistics::Int64(of) = statistics else { panic!("of another type") };
-            assert_eq!(of.min_opt(), expected.iter().min());
-            assert_eq!(of.max_opt(), expected.iter().max());
+            let runs: Vec<_> = (0..1 + round % 39).map(|_| run()).collect();
+            assert_read_back::<Int64Type>(
+                "message m { required int64 t; }",
+                &runs,
+                |of| match of {
+                    Statistics::Int64(of) => Some([*of.min_opt()?, *of.max_opt()?]),
+                    _ => None,
+                },
+            );
         }
     }
 
@@ -135,14 +140,11 @@ mod tests {
                 let n = rng.random_range(1..300u32);
                 (rng.random_range(0..=u32::MAX - n).into(), 1, n as usize)
             };
-            let runs = (0..=round).map(|_| run()).collect();
-            let expected: Vec<u32> = numbers(&runs).into_iter().map(|v| v as u32).collect();
-            let (found, statistics) = runs_read_back(schema, &runs);
-            let found = found.iter().flat_map(|a| a.as_primitive::<UInt32Type>().values().to_vec());
-            assert_eq!(found.collect::<Vec<_>>(), expected, "round {round}");
-            let Statistics::Int32(of) = statistics else { panic!("of another type") };
-            assert_eq!(of.min_opt().map(|v| *v as u32), expected.iter().min().copied());
-            assert_eq!(of.max_opt().map(|v| *v as u32), expected.iter().max().copied());
+            let runs: Vec<_> = (0..=round).map(|_| run()).collect();
+            assert_read_back::<UInt32Type>(schema, &runs, |of| match of {
+                Statistics::Int32(of) => Some([*of.min_opt()? as u32, *of.max_opt()? as u32]),
+                _ => None,
+            });
         }
     }
 

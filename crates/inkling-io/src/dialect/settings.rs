@@ -289,6 +289,7 @@ impl Dialect {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixtures::assert_refused;
 
     const WRITTEN: &str = r#"
         topic = "/heads/*/burst"
@@ -335,13 +336,10 @@ mod tests {
             ("layout", "\"rows\"", "channel-major"),
             ("colour", "1", "colour"),
         ] {
-            let kept: String = WRITTEN
-                .lines()
-                .filter(|line| !line.trim_start().starts_with(&format!("{key} ")))
-                .map(|line| format!("{line}\n"))
-                .collect();
-            let e = read(&format!("{kept}{key} = {value}\n")).unwrap_err();
-            assert!(e.contains(says), "{key} = {value}: {e}");
+            let line_of = format!("{key} ");
+            let kept = WRITTEN.lines().filter(|line| !line.trim_start().starts_with(&line_of));
+            let text = format!("{}\n{key} = {value}\n", kept.collect::<Vec<_>>().join("\n"));
+            assert_refused(read(&text), &[says]);
         }
     }
 
