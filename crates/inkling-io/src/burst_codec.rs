@@ -282,24 +282,18 @@ mod tests {
 
     #[test]
     fn a_burst_survives_encode_and_decode() {
+        let signals = [vec![1.5, -2.0, 3.0], vec![0.0, 9.0, -7.0]];
         for (format, layout) in
             [(Format::S16Le, Layout::SampleMajor), (Format::F32Le, Layout::ChannelMajor)]
         {
             for t_acq_ns in [i64::MIN, -1, 0, 1_700_000_000_123_456_789, i64::MAX] {
                 let burst = Burst {
                     t_acq_ns,
-                    printhead: "K".into(),
                     first_channel: u32::MAX - 1,
-                    channels: 2,
-                    samples_per_channel: 3,
-                    sample_period_s: 2e-6,
-                    format,
-                    layout,
-                    samples: vec![7; 6 * format.bytes()].into(),
-                    temperature_c: None,
                     drive_voltage_v: Some(20.0),
                     idle_time_s: vec![0.5],
                     neighbours_fired: Bytes::from_static(&[1, 2]),
+                    ..Burst::of(&signals, 2e-6, format, layout)
                 };
                 let back = usable(decode_bytes(encode(&burst).into()));
                 assert_eq!(format!("{back:?}"), format!("{burst:?}"));

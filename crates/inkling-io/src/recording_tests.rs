@@ -31,20 +31,15 @@ fn layouts(chunks: &[Option<u64>]) -> impl Iterator<Item = WriterOptions> {
 
 /// The i-th burst of the tests' recordings: two printheads take turns, and no two bursts are alike.
 fn burst(i: u32) -> Burst {
+    let signals = [0, 1].map(|row| (0..5).map(|k| (k * k * 999 + i * 31 + row) as f32).collect());
     Burst {
         t_acq_ns: 1_000 + i64::from(i),
         printhead: ["A", "B"][i as usize % 2].into(),
         first_channel: 10 * i,
-        channels: 2,
-        samples_per_channel: 5,
-        sample_period_s: 1e-6,
-        format: Format::S16Le,
-        layout: Layout::ChannelMajor,
-        samples: (0..20).map(|k| (k * k + i * 31) as u8).collect::<Vec<u8>>().into(),
         temperature_c: Some(f64::from(i)),
-        drive_voltage_v: None,
         idle_time_s: vec![0.25],
         neighbours_fired: vec![0, 1].into(),
+        ..Burst::of(&signals, 1e-6, Format::S16Le, Layout::ChannelMajor)
     }
 }
 
@@ -75,15 +70,13 @@ fn with_a_long_one() -> Vec<(u64, Vec<u8>)> {
 
 /// Everything that a recording gives: the acquisitions of all blocks, and the damage of opening,
 /// blocks, statistics and digest.
-fn read(path: &Path) -> Result<(Vec<Acquisition>, Vec<Damage>), RecordingError> {
+type Found = Result<(Vec<Acquisition>, Vec<Damage>), RecordingError>;
+
+fn read(path: &Path) -> Found {
     read_with(path, Limits::default())
 }
 
-/// The same with other limits than the usual ones.
-fn read_with(
-    path: &Path,
-    limits: Limits,
-) -> Result<(Vec<Acquisition>, Vec<Damage>), RecordingError> {
+fn read_with(path: &Path, limits: Limits) -> Found {
     let recording = Recording::open(path, limits)?;
     let mut damage = recording.damage.clone();
     let mut reader = recording.reader();

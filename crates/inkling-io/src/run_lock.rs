@@ -125,15 +125,14 @@ fn holder(file: &mut File) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixtures::{assert_refused, place};
 
     #[test]
     fn the_second_is_refused_with_the_first_named_until_the_first_ends() {
-        let dir = tempfile::tempdir().unwrap();
-        let out = dir.path().join("new");
+        let (_dir, out) = place("new");
         let first = RunLock::take(&out).unwrap();
-        let refused = RunLock::take(&out).unwrap_err().to_string();
         let me = format!("process {} since 2", std::process::id());
-        assert!(refused.contains(&me) && refused.contains("--out"), "{refused}");
+        assert_refused(RunLock::take(&out), &[&me, "--out"]);
         drop(first);
         assert!(!RunLock::take(&out).unwrap().blind);
     }

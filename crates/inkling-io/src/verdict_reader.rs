@@ -238,8 +238,8 @@ pub(super) mod tests {
     }
 
     /// Rows as text, with names in place of indices.
-    pub(crate) fn row_texts(c: &VerdictColumns, lists: &TableOptions) -> Vec<String> {
-        let row = |i: usize| {
+    pub(crate) fn row_texts(batches: &[VerdictColumns], lists: &TableOptions) -> Vec<String> {
+        let row = |c: &VerdictColumns, i: usize| {
             let name = |list: &[String], of: Option<u16>| of.map(|k| list[k as usize].clone());
             let text = |column: &Column| match &column.cells {
                 Cells::Recording => String::new(),
@@ -263,7 +263,7 @@ pub(super) mod tests {
             };
             COLUMNS.iter().map(text).collect::<Vec<_>>().join(" ")
         };
-        (0..c.len()).map(row).collect()
+        batches.iter().flat_map(|c| (0..c.len()).map(|i| row(c, i))).collect()
     }
 
     type Columns = Vec<(&'static str, ArrayRef)>;

@@ -49,7 +49,7 @@ pub use steps::StepColumn;
 mod tests {
     use super::*;
     use arrow_array::cast::AsArray;
-    use arrow_array::types::{ArrowPrimitiveType, Float32Type, Int64Type, UInt32Type};
+    use arrow_array::types::{Float32Type, Int64Type, UInt32Type};
     use arrow_array::{Array, ArrayRef, RecordBatch};
     use bytes::Bytes;
     use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
@@ -83,68 +83,58 @@ mod tests {
         (batches.map(|batch| first(batch.unwrap())).collect(), statistics)
     }
 
-    /// Panics unless runs (their starts, steps and lengths) are read back as the numbers that they
-    /// stand for, with the least and the greatest of them.
-    fn assert_read_back<T: ArrowPrimitiveType<Native: Ord + TryFrom<i64>>>(
-        schema: &str,
-        runs: &[(i64, i64, usize)],
-        ends: fn(&Statistics) -> Option<[T::Native; 2]>,
-    ) {
-        let numbers = |&(start, step, n): &(i64, i64, usize)| {
-            (0..n as i64).map(move |i| start.wrapping_add(i * step))
-        };
-        let expected = runs.iter().flat_map(numbers).map(|n| T::Native::try_from(n).ok().unwrap());
-        let expected: Vec<T::Native> = expected.collect();
-        let (found, statistics) = read_back(schema, |of, group| {
-            let mut column = StepColumn::new(of);
-            runs.iter().for_each(|&(start, step, n)| column.push(start, step, n));
-            column.close()?.append_to(group)
-        });
-        let found = found.iter().flat_map(|a| a.as_primitive::<T>().values().to_vec());
-        assert!(found.eq(expected.iter().copied()), "{runs:?}");
-        let least_and_greatest = [*expected.iter().min().unwrap(), *expected.iter().max().unwrap()];
-        assert_eq!(ends(&statistics), Some(least_and_greatest));
-    }
-
     #[test]
     fn property_steps_of_any_size_are_read_back() {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         for round in 0..60 {
-            let mut run = || {
+            let mut rows: Vec<(i64, i64, usize)> = Vec::new();
+            for _ in 0..rng.random_range(1..40) {
                 let start = match round % 3 {
                     0 => rng.random_range(0..1_000),
                     1 => 1_750_000_000_000_000_000 + rng.random_range(0..1_000_000_000),
                     _ => rng.random::<i64>(),
                 };
                 let longest = [1, 5, 200, 3000][round % 4];
-                (start, rng.random_range(0..2), rng.random_range(1..=longest))
+                rows.push((start, rng.random_range(0..2), rng.random_range(1..=longest)));
+            }
+            let numbers = |&(start, step, n): &(i64, i64, usize)| {
+                (0..n as i64).map(move |i| start.wrapping_add(i * step))
             };
-            let runs: Vec<_> = (0..1 + round % 39).map(|_| run()).collect();
-            assert_read_back::<Int64Type>(
-                "message m { required int64 t; }",
-                &runs,
-                |of| match of {
-                    Statistics::Int64(of) => Some([*of.min_opt()?, *of.max_opt()?]),
-                    _ => None,
-                },
-            );
+            let expected: Vec<i64> = rows.iter().flat_map(numbers).collect();
+            let (found, statistics) = read_back("message m { required int64 t; }", |of, group| {
+                let mut column = StepColumn::new(of);
+                rows.iter().for_each(|&(start, step, n)| column.push(start, step, n));
+                column.close()?.append_to(group)
+            });
+            let found = found.iter().flat_map(|a| a.as_primitive::<Int64Type>().values().to_vec());
+            assert_eq!(found.collect::<Vec<_>>(), expected, "round {round}");
+            let Statistics::Int64(of) = statistics else { panic!("of another type") };
+            assert_eq!(of.min_opt(), expected.iter().min());
+            assert_eq!(of.max_opt(), expected.iter().max());
         }
     }
 
     #[test]
     fn property_channels_of_all_32_bits_are_read_back() {
         let mut rng = ChaCha8Rng::seed_from_u64(6);
-        let schema = "message m { required int32 c (INTEGER(32,false)); }";
         for round in 0..40 {
-            let mut run = || {
-                let n = rng.random_range(1..300u32);
-                (rng.random_range(0..=u32::MAX - n).into(), 1, n as usize)
-            };
-            let runs: Vec<_> = (0..=round).map(|_| run()).collect();
-            assert_read_back::<UInt32Type>(schema, &runs, |of| match of {
-                Statistics::Int32(of) => Some([*of.min_opt()? as u32, *of.max_opt()? as u32]),
-                _ => None,
+            let mut expected: Vec<u32> = Vec::new();
+            let schema = "message m { required int32 c (INTEGER(32,false)); }";
+            let (found, statistics) = read_back(schema, |of, group| {
+                let mut column = StepColumn::new(of);
+                for _ in 0..rng.random_range(1..50) {
+                    let n = rng.random_range(1..300u32);
+                    let start = rng.random_range(0..=u32::MAX - n);
+                    column.push(start.into(), 1, n as usize);
+                    expected.extend(start..start + n);
+                }
+                column.close()?.append_to(group)
             });
+            let found = found.iter().flat_map(|a| a.as_primitive::<UInt32Type>().values().to_vec());
+            assert_eq!(found.collect::<Vec<_>>(), expected, "round {round}");
+            let Statistics::Int32(of) = statistics else { panic!("of another type") };
+            assert_eq!(of.min_opt().map(|v| *v as u32), expected.iter().min().copied());
+            assert_eq!(of.max_opt().map(|v| *v as u32), expected.iter().max().copied());
         }
     }
 
