@@ -122,7 +122,6 @@ impl From<FieldPath> for String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fixtures::assert_refused;
 
     #[test]
     fn paths_are_names_and_indices_and_nothing_else() {
@@ -132,7 +131,8 @@ mod tests {
         let long = ["a"; 40].join(".");
         for text in ["", ".", "a.", "a..b", "a[", "a[]", "a[-1]", "a[x]", "[0]", "a]", "{a}", &long]
         {
-            assert_refused(FieldPath::try_from(text.to_owned()), &["no field path"]);
+            let e = FieldPath::try_from(text.to_owned()).unwrap_err();
+            assert!(e.contains("no field path"), "{text}: {e}");
         }
     }
 }
