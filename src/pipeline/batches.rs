@@ -38,7 +38,7 @@ pub struct ReadBatch {
     pub block: Block,
     /// What the blocks up to here define, where the file's summary does not say it.
     pub definitions: Option<Definitions>,
-    /// For the last batch of a block: the block's bytes, which leave flight when the batch is written.
+    /// For the last batch of a block: its `held_bytes`, which leave flight when the batch is written.
     pub leaves: Option<u64>,
     pub damage: Vec<Damage>,
 }

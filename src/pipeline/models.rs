@@ -235,9 +235,9 @@ impl<'a> ReadAhead<'a> {
                     continue;
                 }
             };
-            bytes += block.bytes;
+            bytes += block.held_bytes();
             let loading = thread::spawn(move || LoadedBlock::load(block, reader));
-            self.pending.push_back((block.bytes, loading));
+            self.pending.push_back((block.held_bytes(), loading));
         }
 
         let next = self.pending.pop_front().map(|(_, loading)| loading.join()).transpose();

@@ -73,7 +73,7 @@ impl<'a> BlockQueue<'a> {
                 Some(Err(damage)) => note(&mut queue.damage, damage),
                 Some(Ok(block)) => {
                     // The lock is held while waiting for room, so that blocks enter in file order.
-                    if !clock.blocked(|| self.in_flight.enter(block.bytes)) {
+                    if !clock.blocked(|| self.in_flight.enter(block.held_bytes())) {
                         return Ok(None);
                     }
                     let read = queue.digester.read(&block, || self.control.check())?;
@@ -114,7 +114,7 @@ pub fn read(
                 pacer.wait_for(&batch, control)?;
             }
             place.piece += 1;
-            let leaves = piece.last.then_some(block.bytes);
+            let leaves = piece.last.then(|| block.held_bytes());
             clock.count();
             let definitions = reader.definitions();
             let read = ReadBatch { batch, block, definitions, leaves, damage: piece.damage };

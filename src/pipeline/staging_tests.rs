@@ -88,7 +88,7 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
             let place = Place::default();
             let batch = SignalBatch { place, acquisitions: piece.acquisitions };
             let (definitions, damage) = (reader.definitions(), piece.damage);
-            let read = ReadBatch { batch, block, definitions, leaves: Some(block.bytes), damage };
+            let read = ReadBatch { batch, block, definitions, leaves: Some(0), damage };
             let clock = |stage| timings.clock(stage);
             let assigned = through(read, |input, out| {
                 let clock = clock("identify");
@@ -103,7 +103,7 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
             pools.tests.give(judged.verdicts.tests);
             pools.rows.give(judged.verdicts.rows);
         }
-        in_flight.leave(block.bytes);
+        in_flight.leave(block.held_bytes());
     }
 
     queue.finish().unwrap();

@@ -39,7 +39,7 @@ const QUEUE: usize = 4;
 /// Maximum number of blocks between reader and writer, per worker of a parallel stage: one at work, one
 /// waiting. More would only be further from the processor's caches.
 const BLOCKS_PER_WORKER: usize = 2;
-/// Maximum bytes of blocks between reader and writer.
+/// Maximum bytes of memory of the blocks between reader and writer. A larger block goes alone.
 const MOST_BYTES: u64 = 64 << 20;
 
 /// What the stages leave behind. The files are not complete yet, and do not have their names.

@@ -22,7 +22,17 @@ pub struct Block {
     pub offset: u64,
     /// Length of the block in the file, headers of its records included.
     pub bytes: u64,
+    /// How many bytes more it takes in memory, where it is compressed: as many as its chunk claims
+    /// to hold. Nothing is decompressed beyond that claim.
+    pub decompressed_bytes: u64,
     pub kind: BlockKind,
+}
+
+impl Block {
+    /// Bytes of memory that the block takes at most while its bursts are judged.
+    pub fn held_bytes(&self) -> u64 {
+        self.bytes + self.decompressed_bytes
+    }
 }
 
 /// The bytes of a block as they stand in the file (of one that is too large only its head:

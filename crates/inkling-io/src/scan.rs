@@ -78,6 +78,7 @@ enum Step {
     /// The record is a chunk; no other chunk can begin before `known_until`.
     Chunk {
         known_until: u64,
+        decompressed_bytes: u64,
     },
     /// The record's bytes are lost, but its length is believed: the scan goes on behind it.
     Lost(String),
@@ -266,9 +267,14 @@ impl Blocks {
         let body = self.peek(body_at, body_bytes.min(1 << 10))?;
         let body = &body[..body.len().min(body_bytes as usize)];
         Ok(match ChunkHeader::parse(body) {
-            Some(h) if h.compressed_size <= body_bytes - h.header_bytes => {
-                Step::Chunk { known_until: body_at + h.header_bytes + h.compressed_size }
-            }
+            Some(h) if h.compressed_size <= body_bytes - h.header_bytes => Step::Chunk {
+                known_until: body_at + h.header_bytes + h.compressed_size,
+                // one that claims more than the limit is not decompressed
+                decompressed_bytes: match h.compression.is_empty() {
+                    true => 0,
+                    false => h.uncompressed_size.min(self.limits.chunk_bytes),
+                },
+            },
             _ => Step::Lost("chunk header that does not fit its record".into()),
         })
     }
@@ -297,7 +303,8 @@ impl Blocks {
 
             if let Some(bytes) = found {
                 // the checksum decides
-                let block = Block { index: 0, offset: at, bytes, kind: BlockKind::Chunk };
+                let kind = BlockKind::Chunk;
+                let block = Block { index: 0, offset: at, bytes, decompressed_bytes: 0, kind };
                 if loader.load(&block, None).is_ok() {
                     return Ok(Some(at));
                 }
@@ -333,7 +340,7 @@ impl Blocks {
     fn block(&mut self, kind: BlockKind, offset: u64, to: u64) -> Block {
         let index = self.index;
         self.index += 1;
-        Block { index, offset, bytes: to - offset, kind }
+        Block { index, offset, bytes: to - offset, decompressed_bytes: 0, kind }
     }
 
     /// The next block, or damage in its place; `None` at the end. It is pending only if the
@@ -375,9 +382,10 @@ impl Blocks {
                     self.run_from.get_or_insert(at);
                     self.advance(next, next);
                 }
-                Step::Chunk { known_until } => {
+                Step::Chunk { known_until, decompressed_bytes } => {
                     self.advance(next, known_until);
-                    return Poll::Ready(Some(Ok(self.block(BlockKind::Chunk, at, next))));
+                    let block = self.block(BlockKind::Chunk, at, next);
+                    return Poll::Ready(Some(Ok(Block { decompressed_bytes, ..block })));
                 }
                 Step::Lost(what) => {
                     if at >= next {
