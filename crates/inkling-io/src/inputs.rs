@@ -299,8 +299,12 @@ fn pattern(text: &str) -> Result<Pattern, InputsError> {
     let matcher = glob(&whole.to_string_lossy())?;
     let literal = |c: &Component| !c.as_os_str().to_string_lossy().contains(WILDCARDS);
     let root: PathBuf = parts().take_while(literal).collect();
-    // `**` fits any number of directories, and `{a,b/c}` several
-    let depth = match text.contains("**") || text.contains('{') {
+    // `**` fits any number of directories, and so may braces around a slash: `{a,b/c}`
+    let of_any_depth = |c: Component| {
+        let part = c.as_os_str().to_string_lossy();
+        part.contains("**") || part.matches('{').count() != part.matches('}').count()
+    };
+    let depth = match parts().any(of_any_depth) {
         true => usize::MAX,
         false => parts().skip_while(literal).count(),
     };
@@ -374,6 +378,7 @@ mod tests {
         assert_eq!(of("./*.mcap"), (".".into(), 1));
         assert_eq!(of("/tmp/*/night?.mcap"), ("/tmp".into(), 2));
         assert_eq!(of("/tmp/**/x.mcap").1, usize::MAX);
+        assert_eq!(of("/tmp/{a,b}/night.mcap").1, 2);
         assert_eq!(of("/tmp/{a,b/c}.mcap").1, usize::MAX);
         assert_refused(find_recordings(&["s3://buck*/x.mcap".into()]), &["bucket"]);
     }
