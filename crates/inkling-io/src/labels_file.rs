@@ -85,10 +85,7 @@ fn parse_rows(path: &Path, from: impl Read, states: States) -> Result<Labels, Fi
             states.check(&label.state)?;
         }
         rows.push(label);
-        match rows.len() > MOST_ROWS {
-            true => Err(format!("more than {MOST_ROWS} rows: cut the labels into several")),
-            false => Ok(()),
-        }
+        Ok(())
     })?;
     Ok(Labels::new(rows))
 }
@@ -126,12 +123,18 @@ pub(super) fn each_row<const M: usize>(
     }
     let more = more.map(place);
     let mut record = csv::StringRecord::new();
+    let mut rows = 0;
     while csv.read_record(&mut record).map_err(failed)? {
         csv.get_mut().record_ends();
         let line = record.position().map_or(0, csv::Position::line);
+        let mistaken = |what| FileError::Mistaken { place: line_of(path, line), what };
+        rows += 1;
+        if rows > MOST_ROWS {
+            let what = format!("more than {MOST_ROWS} rows: cut the file into several");
+            return Err(mistaken(what));
+        }
         let field = |place: usize| record.get(place).unwrap_or("");
-        take(places.map(field), more.map(|place| place.map_or("", field)))
-            .map_err(|what| FileError::Mistaken { place: line_of(path, line), what })?;
+        take(places.map(field), more.map(|place| place.map_or("", field))).map_err(mistaken)?;
     }
     Ok(())
 }
