@@ -60,7 +60,7 @@ const OF_DETECTABILITY: [&str; 5] =
 /// of `set` applied, as the method that one key chooses decides whether another key is read.
 pub fn check(set: &[String], settings: &Settings, command: Command) -> Result<(), Failure> {
     for key in keys(set) {
-        if let Some(why) = why_unread(key, settings, command) {
+        if let Some(why) = why_unread(&key, settings, command) {
             return Err(Failure::usage(format!("--set {key}: has no effect here: {why}")));
         }
     }

@@ -108,9 +108,26 @@ fn mistaken(place: impl Into<String>, what: impl Into<String>) -> FileError {
     FileError::Mistaken { place: place.into(), what: what.into() }
 }
 
-/// The keys of overrides, which are `KEY=VALUE`.
-pub fn keys(overrides: &[String]) -> impl Iterator<Item = &str> {
-    overrides.iter().map(|pair| pair.split_once('=').map_or(&**pair, |(key, _)| key).trim())
+/// The dotted keys that overrides set, which are `KEY=VALUE`; of a whole section, such as
+/// `output={dir="x"}`, those of the values in it.
+pub fn keys(overrides: &[String]) -> impl Iterator<Item = String> {
+    let of_pair = |pair: &String| {
+        let (key, text) = pair.split_once('=').unwrap_or((pair, ""));
+        let mut keys = Vec::new();
+        push_keys(key.trim().into(), &value_of(key.trim(), text.trim()), &mut keys);
+        keys
+    };
+    overrides.iter().flat_map(of_pair)
+}
+
+/// Adds the keys of the values below `key` to `keys`; `key` itself if there is nothing below it.
+fn push_keys(key: String, value: &Value, keys: &mut Vec<String>) {
+    match value {
+        Value::Table(section) if !section.is_empty() => {
+            section.iter().for_each(|(name, v)| push_keys(format!("{key}.{name}"), v, keys));
+        }
+        _ => keys.push(key),
+    }
 }
 
 /// Settings that are paths or lists of paths, by section and key.
@@ -262,6 +279,14 @@ mod tests {
         assert_eq!((&*s.output.dir, &*s.input.design), ("2026-11-01", "7"));
         assert_eq!(s.identify.labels, "8");
         assert_eq!(with(&["replay.pace=1000"]).unwrap().replay.pace, Pace::Signals(1000.0));
+    }
+
+    #[test]
+    fn whole_sections_set_the_keys_in_them() {
+        let set = ["output={dir=\"x\", layout=\"by-date\"}", "isolate.priors={SDN=2}", "input={}"];
+        let mut keys: Vec<String> = keys(&set.map(String::from)).collect();
+        keys.sort_unstable();
+        assert_eq!(keys, ["input", "isolate.priors.SDN", "output.dir", "output.layout"]);
     }
 
     #[test]
