@@ -232,6 +232,7 @@ impl FaultPhysics {
     }
 
     pub fn check(&self) -> Result<(), String> {
+        self.laws.check().map_err(|why| format!("`physics.laws`: {why}"))?;
         let Ring { amplitude, damping_per_s, frequency_hz, lambda_per_s, .. } = self.ring;
         let positive = [amplitude, damping_per_s, frequency_hz, lambda_per_s, self.noise]
             .iter()
