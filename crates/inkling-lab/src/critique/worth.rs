@@ -165,7 +165,7 @@ impl Measuring<'_> {
             steps.push(Step { id: CauseId::Clipping, gains: sum(&clipped) });
         }
         if let (Some(_), Some(lattice)) = (coarse, lattice) {
-            let stepped = self.ln_codes(*lattice);
+            let stepped = self.ln_codes(plain, *lattice);
             // the gain of the fit is common to both causes, and told once, with clipping
             let gains = if clipping.is_some() { stepped } else { sum(&stepped) };
             steps.push(Step { id: CauseId::CoarseLsb, gains });
@@ -175,8 +175,10 @@ impl Measuring<'_> {
 
     /// What knowing the coarse step adds to ln p of each held-out signal. If a share e of codes lies off the
     /// lattice `first` + multiples of `step`, a code on it is step (1 - e) times as probable as without that
-    /// knowledge, and one off it step e / (step - 1) times. e is estimated from the training signals.
-    fn ln_codes(&self, [step, first]: [f64; 2]) -> Vec<f64> {
+    /// knowledge, and one off it step e / (step - 1) times. e is estimated from the training signals. Samples
+    /// that may be clipped (`plain`: `counts` 0) are left out: their probability is that of all values beyond
+    /// the rail (`ln_clipped`).
+    fn ln_codes(&self, plain: &[Signal], [step, first]: [f64; 2]) -> Vec<f64> {
         let on = |y: &f32| (f64::from(*y) - first).rem_euclid(step) == 0.0;
         let TrainTestSplit { train, test, .. } = &self.split;
         let all = (0..train.len()).flat_map(|i| train.signal(i));
@@ -186,7 +188,11 @@ impl Measuring<'_> {
         let elsewhere = off / count;
         let ln = [(step * (1.0 - elsewhere)).ln(), (step / (step - 1.0) * elsewhere).ln()];
         let of = |y: &f32| if on(y) { ln[0] } else { ln[1] };
-        (0..test.len()).map(|i| test.signal(i).iter().map(of).sum()).collect()
+        let of_signal = |i: usize| {
+            let counted = test.signal(i).iter().zip(&plain[i].counts);
+            counted.filter(|(_, counts)| **counts != 0.0).map(|(y, _)| of(y)).sum()
+        };
+        (0..test.len()).map(of_signal).collect()
     }
 
     /// Gain of knowing the correlation of the noise: ln p of the whitened held-out signals (`ln_plain`), less
