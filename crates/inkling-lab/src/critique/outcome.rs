@@ -23,6 +23,12 @@ pub enum CritiqueError {
         "nothing rings in these signals: one damped oscillation explains less than a tenth of them, or no more than chance would"
     )]
     NoRing,
+    #[error(
+        "no burst holds all {outputs} outputs of the oscillator: each of its decays must be one burst of all of them"
+    )]
+    NoCompleteBurst { outputs: usize },
+    #[error("output {channel} of the oscillator never moves: record the others alone")]
+    StillOutput { channel: u32 },
 }
 
 pub struct Outcome {

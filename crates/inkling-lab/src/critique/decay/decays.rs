@@ -5,6 +5,7 @@
 //! subtracted), the output with the largest variance first: it counts as the displacement.
 
 use crate::critique::observations::Observations;
+use crate::critique::outcome::CritiqueError;
 
 #[derive(Clone, Debug)]
 pub struct Decays {
@@ -24,11 +25,8 @@ pub struct Decays {
 }
 
 impl Decays {
-    /// `None`: there are no complete bursts, the signals are not of one system, or an output never moves.
-    pub fn of(data: &Observations) -> Option<Decays> {
-        if data.printheads.len() != 1 {
-            return None;
-        }
+    /// `data`: of one system. Error: there are no complete bursts, or an output never moves.
+    pub fn of(data: &Observations) -> Result<Decays, CritiqueError> {
         let mut channels: Vec<u32> = data.rows.iter().map(|r| r.beside.channel).collect();
         channels.sort_unstable();
         channels.dedup();
@@ -37,14 +35,14 @@ impl Decays {
         let n = data.samples;
         let mut bursts: Vec<Vec<Option<usize>>> = vec![vec![None; channels.len()]; data.bursts];
         for (i, row) in data.rows.iter().enumerate() {
-            let output = channels.binary_search(&row.beside.channel).ok()?;
+            let output = channels.partition_point(|channel| *channel < row.beside.channel);
             bursts[row.burst][output] = Some(i);
         }
         let mut whole: Vec<Vec<usize>> =
             bursts.iter().filter_map(|b| b.iter().copied().collect()).collect();
         whole.sort_by_key(|b| data.rows[b[0]].beside.t_acq_ns);
-        if whole.is_empty() || channels.is_empty() {
-            return None;
+        if whole.is_empty() {
+            return Err(CritiqueError::NoCompleteBurst { outputs: channels.len() });
         }
 
         // of each output the largest deviation from its mean, and the sum of squares about it
@@ -57,8 +55,8 @@ impl Decays {
         let mut order: Vec<usize> = (0..channels.len()).collect();
         order.sort_by(|p, q| spread(*q).1.total_cmp(&spread(*p).1));
         let scale: Vec<f64> = order.iter().map(|&o| spread(o).0).collect();
-        if scale.iter().any(|s| s.is_nan() || *s <= 0.0) {
-            return None;
+        if let Some(still) = scale.iter().position(|s| s.is_nan() || *s <= 0.0) {
+            return Err(CritiqueError::StillOutput { channel: channels[order[still]] });
         }
 
         let mut y = Vec::with_capacity(whole.len() * order.len() * n);
@@ -67,7 +65,7 @@ impl Decays {
                 y.extend(data.signal(burst[o]).iter().map(|v| f64::from(*v) / s));
             }
         }
-        Some(Decays {
+        Ok(Decays {
             dt_s: data.dt_s,
             bursts: whole.len(),
             outputs: order.len(),
@@ -96,5 +94,32 @@ impl Decays {
         output: usize,
     ) -> impl Iterator<Item = &'a [f64]> + use<'a> {
         values.chunks(self.samples).skip(output).step_by(self.outputs)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::critique::observations::Sampler;
+    use inkling_core::burst::Beside;
+
+    /// Two outputs of which the second has the samples `second`, in bursts of these times.
+    fn outputs(second: &[f64], t_acq_ns: [i64; 2]) -> Result<Decays, CritiqueError> {
+        let first: Vec<f64> = (0..second.len()).map(|k| (0.7 * k as f64).cos()).collect();
+        let mut sampler = Sampler::new(1e-3, usize::MAX);
+        for (channel, y) in [&first[..], second].into_iter().enumerate() {
+            sampler.offer("one", Beside::alone(channel as u32, t_acq_ns[channel]), y);
+        }
+        Decays::of(&sampler.finish())
+    }
+
+    #[test]
+    fn what_is_no_decay_of_all_outputs_is_told() {
+        let rings: Vec<f64> = (0..64).map(|k| (0.7 * k as f64).sin()).collect();
+        assert!(outputs(&rings, [0, 0]).is_ok());
+        let apart = outputs(&rings, [0, 1_000_000_000]);
+        assert!(matches!(apart, Err(CritiqueError::NoCompleteBurst { outputs: 2 })), "{apart:?}");
+        let still = outputs(&[3.0; 64], [0, 0]);
+        assert!(matches!(still, Err(CritiqueError::StillOutput { channel: 1 })), "{still:?}");
     }
 }

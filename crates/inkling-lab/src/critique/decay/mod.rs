@@ -125,12 +125,12 @@ fn unexplained(selected: &Selected, left: &Unexplained) -> Vec<String> {
 }
 
 /// Criticises the model of decays. `data` must pass [`can`]. `stages` is called with the name of each step as
-/// it begins. Error: nothing rings, or there are no complete bursts.
+/// it begins. Error: nothing rings, or the bursts are no decays of one system.
 pub fn critique(
     data: &Observations,
     stages: &mut dyn FnMut(&str),
 ) -> Result<Outcome, CritiqueError> {
-    let decays = Decays::of(data).ok_or(CritiqueError::NoRing)?;
+    let decays = Decays::of(data)?;
     let selected = selection::select(&decays, stages);
     let sum = |y: &[f64]| y.iter().map(|v| v * v).sum::<f64>();
     // an offset may be the larger part of the signals: the ring is judged by the movement that it explains
