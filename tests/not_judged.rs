@@ -5,6 +5,7 @@ use crate::dialects::writers::{Messages, Written, json, write as write_foreign};
 use crate::house::House;
 use crate::nights::{days_later, sampled_otherwise, some};
 use crate::pipeline::{rows, with_samples};
+use crate::report::deadened;
 use inkling::burst::Burst;
 use inkling::io::burst_codec;
 use serde_json::Value;
@@ -231,11 +232,7 @@ fn a_head_that_is_elsewhere_as_a_whole_is_told() {
 fn what_is_flagged_in_each_of_few_bursts_is_told() {
     let house = House::new();
     for night in 0..4 {
-        let dead = |row: usize, k: usize, y: f64| match row {
-            9 => ((k * k * 7 + 13 * night + k) % 11) as f64 - 5.0,
-            _ => y,
-        };
-        let burst = with_samples(&some(night, 1)[0], dead);
+        let burst = deadened(&some(night, 1)[0], 9);
         house.record(&format!("rec/{night}.mcap"), &days_later(vec![burst], night as i64));
     }
     house.replay("rec").exits(0);

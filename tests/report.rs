@@ -13,6 +13,7 @@ use inkling::episodes::Episode;
 use inkling::io::episode_table::EpisodeWriter;
 use inkling::io::verdict_table::{TableOptions, TimestampUnit, VerdictWriter};
 use inkling::verdict::{Outcome, VerdictColumns};
+use std::sync::Arc;
 
 const HOUR_S: i64 = 3600;
 const DAY_S: i64 = 24 * HOUR_S;
@@ -118,7 +119,7 @@ fn record(house: &House) {
 }
 
 /// A sensor line that says nothing but a little noise.
-fn deadened(burst: &Burst, dead: usize) -> Burst {
+pub fn deadened(burst: &Burst, dead: usize) -> Burst {
     let turn = usize::try_from(burst.t_acq_ns / 1_000_000).unwrap(); // no two bursts have the same noise
     with_samples(burst, |row, k, y| match row == dead {
         true => ((k * k * 31 + k * (17 + turn % 5) + turn) % 7) as f64 - 3.0,
@@ -139,7 +140,7 @@ fn first_seen(from_s: i64) -> i64 {
 fn sixty_recordings_with_six_faulty_channels_are_six_lines_with_their_onsets() {
     let house = House::new();
     record(&house);
-    let ended = house.run("replay rec --design sample_logs/design.json --out out").exits(0);
+    let ended = house.replay("rec").exits(0);
     let closing = ended.stdout();
     let (_, list) = closing.split_once("to clean after").expect("the list comes last");
     assert!(list.lines().count() < 15, "{list}");
@@ -221,15 +222,38 @@ struct Tables<'a> {
 
 const CHANNELS: u32 = 6;
 
+/// An episode of a table made by hand.
+#[derive(Clone, Copy)]
+struct Spell {
+    channel: u32,
+    began_s: i64,
+    ended_s: Option<i64>,
+}
+
+fn spell(channel: u32, began_s: i64, ended_s: Option<i64>) -> Spell {
+    Spell { channel, began_s, ended_s }
+}
+
+impl Spell {
+    fn covers(&self, channel: u32, t_s: i64) -> bool {
+        self.channel == channel && t_s >= self.began_s && self.ended_s.is_none_or(|end| t_s < end)
+    }
+}
+
 impl Tables<'_> {
-    /// A recording of 40 bursts, one a second; `faulty` says which signals are.
-    fn write(
+    /// A recording of 40 bursts, one a second, whose signals are faulty during the episodes.
+    fn write(&self, name: &str, from_s: i64, episodes: &[Spell]) {
+        self.write_channels(name, from_s, episodes, 0..CHANNELS, None);
+    }
+
+    /// Likewise of some channels; `single`: one more faulty signal, which is no episode.
+    fn write_channels(
         &self,
         name: &str,
         from_s: i64,
-        episodes: &[(u32, i64, Option<i64>)],
-        faulty: impl Fn(u32, i64) -> bool,
-        measured: impl Fn(u32) -> bool,
+        episodes: &[Spell],
+        channels: impl Iterator<Item = u32> + Clone,
+        single: Option<(u32, i64)>,
     ) {
         let path = self.house.path(&format!("out/{name}.verdicts.parquet"));
         let options = TableOptions {
@@ -241,25 +265,26 @@ impl Tables<'_> {
         };
         let mut verdicts = VerdictWriter::create(&path, options).unwrap();
         let ns = |s: i64| (START_S + s) * 1_000_000_000;
-        for burst in 0..40 {
-            let t_s = from_s + burst;
-            let channels: Vec<u32> = (0..CHANNELS).filter(|c| measured(*c)).collect();
+        for t_s in from_s..from_s + 40 {
+            let channels: Vec<u32> = channels.clone().collect();
             let n = channels.len();
-            let of = |c: &u32| faulty(*c, t_s);
-            let some = |c: &u32| of(c).then_some(0);
-            let outcome = |c: &u32| if of(c) { Outcome::Faulty } else { Outcome::Healthy };
+            let is_faulty =
+                |c: &u32| single == Some((*c, t_s)) || episodes.iter().any(|of| of.covers(*c, t_s));
+            let faulty: Vec<bool> = channels.iter().map(is_faulty).collect();
+            let named: Vec<_> = faulty.iter().map(|of| of.then_some(0)).collect();
+            let outcome = |of: &bool| if *of { Outcome::Faulty } else { Outcome::Healthy };
             let mut rows = VerdictColumns {
                 acquired_at_ns: vec![ns(t_s); n],
                 printhead: vec![0; n],
                 printheads: vec![self.printhead.into()],
-                outcome: channels.iter().map(outcome).collect(),
-                category: channels.iter().map(some).collect(),
-                fault: channels.iter().map(some).collect(),
-                candidate: channels.iter().map(some).collect(),
+                outcome: faulty.iter().map(outcome).collect(),
+                category: named.clone(),
+                fault: named.clone(),
+                candidate: named,
                 certainty: vec![Some(0.9); n],
-                statistic: channels.iter().map(|c| Some(if of(c) { 9.0 } else { 0.2 })).collect(),
+                statistic: faulty.iter().map(|of| Some(if *of { 9.0 } else { 0.2 })).collect(),
                 threshold: vec![Some(1.0); n],
-                severity: channels.iter().map(|c| of(c).then_some(0.3)).collect(),
+                severity: faulty.iter().map(|of| of.then_some(0.3)).collect(),
                 channel: channels,
                 ..VerdictColumns::default()
             };
@@ -268,21 +293,21 @@ impl Tables<'_> {
         }
         let document = format!("{{\"recording\":{{\"digest\":\"{name}\"}}}}");
         verdicts.finish(document.clone()).unwrap();
-        let episode = |&(channel, began, ended): &(u32, i64, Option<i64>)| Episode {
+        let episode = |of: &Spell| Episode {
             printhead: self.printhead.into(),
-            channel,
+            channel: of.channel,
             category: Some("blocked_nozzle".into()),
             fault: Some("PBN".into()),
-            raised_at_ns: ns(began + 1),
-            began_at_ns: ns(began),
-            ended_at_ns: ended.map(ns),
+            raised_at_ns: ns(of.began_s + 1),
+            began_at_ns: ns(of.began_s),
+            ended_at_ns: of.ended_s.map(ns),
             bursts: 10,
             certainty: Some(0.9),
             severity_first: Some(0.3),
             severity_max: Some(0.3),
             severity_last: Some(0.3),
             severity_sd: Some(0.01),
-            explanation: format!("channel {channel} of {}", self.printhead),
+            explanation: format!("channel {} of {}", of.channel, self.printhead),
             ..Episode::default()
         };
         let path = self.house.path(&format!("out/{name}.episodes.parquet"));
@@ -291,26 +316,16 @@ impl Tables<'_> {
         writer.complete(document.clone()).unwrap().name().unwrap();
         self.house.write(&format!("out/{name}.summary.json"), document);
     }
-}
 
-impl Tables<'_> {
     /// Channel 1 is faulty from the first night on, 3 since the last, 5 was healthy again in the last.
     fn write_three_nights(&self) {
-        for night in 0..3i64 {
-            let from = night * DAY_S;
-            let mut episodes = vec![(1, from + 5 * i64::from(night == 0), None)];
-            if night == 2 {
-                episodes.push((3, from + 5, None));
-            }
-            episodes.push((5, from, (night == 2).then_some(from + 3)));
-            let faulty = move |c: u32, t: i64| match c {
-                1 => night > 0 || t >= from + 5,
-                3 => night == 2 && t >= from + 5,
-                5 => night < 2 || t < from + 3,
-                _ => false,
-            };
-            self.write(&format!("{night}"), from, &episodes, faulty, |_| true);
-        }
+        let day = DAY_S;
+        self.write("0", 0, &[spell(1, 5, None), spell(5, 0, None)]);
+        self.write("1", day, &[spell(1, day, None), spell(5, day, None)]);
+        let last = 2 * day;
+        let of_last =
+            [spell(1, last, None), spell(3, last + 5, None), spell(5, last, Some(last + 3))];
+        self.write("2", last, &of_last);
     }
 }
 
@@ -321,27 +336,16 @@ fn gaps_are_bridged_by_what_was_seen_in_them() {
     // every ten minutes; channel 1 is measured only in the first and the last
     for k in 0..30i64 {
         let from = 600 * k;
-        let mut episodes = Vec::new();
         let edge = k == 0 || k == 29;
-        if edge {
-            episodes.push((1, from + 10, None)); // nobody looked in between: one fault
-        }
-        if k == 3 {
-            episodes.push((2, from + 20, None)); // cured while nobody recorded
-        }
-        if k == 7 {
-            episodes.push((4, from + 5, Some(from + 15))); // came and went
-        }
-        let faulty = move |c: u32, t: i64| {
-            let at = t - 600 * k;
-            match c {
-                1 => edge && at >= 10,
-                2 => k == 3 && at >= 20,
-                4 => k == 7 && (5..15).contains(&at),
-                _ => at == 33 && c == 0 && k % 9 == 0, // single flags
-            }
+        let episodes = match k {
+            0 | 29 => vec![spell(1, from + 10, None)], // nobody looked in between: one fault
+            3 => vec![spell(2, from + 20, None)],      // cured while nobody recorded
+            7 => vec![spell(4, from + 5, Some(from + 15))], // came and went
+            _ => Vec::new(),
         };
-        tables.write(&format!("{k:02}"), from, &episodes, faulty, |c| c != 1 || edge);
+        let measured = (0..CHANNELS).filter(|c| *c != 1 || edge);
+        let single = (k % 9 == 0).then_some((0, from + 33));
+        tables.write_channels(&format!("{k:02}"), from, &episodes, measured, single);
     }
     house.run("report out -o report.html").exits(0).says("1 channel");
     let found = faults(&house, "report.faults.parquet");
@@ -363,15 +367,9 @@ fn a_channel_is_one_line_with_its_earlier_faults_and_minutes_are_no_trend() {
     // channel 2 is faulty in the second recording, and three thousand quiet bursts later again
     for k in 0..80i64 {
         let from = 600 * k;
-        let on = k == 1 || k == 79;
-        let episodes = if on { vec![(2, from + 10, None)] } else { Vec::new() };
-        tables.write(
-            &format!("{k:02}"),
-            from,
-            &episodes,
-            |c, t| c == 2 && on && t >= from + 10,
-            |_| true,
-        );
+        let on = spell(2, from + 10, None);
+        let episodes = if k == 1 || k == 79 { &[on][..] } else { &[] };
+        tables.write(&format!("{k:02}"), from, episodes);
     }
     let told = house.ok("report out -o report.html");
     let found = faults(&house, "report.faults.parquet");
@@ -388,9 +386,9 @@ fn a_channel_is_one_line_with_its_earlier_faults_and_minutes_are_no_trend() {
 fn printheads_that_fail_as_a_whole_and_recordings_that_overlap_are_said_first() {
     let house = House::new();
     let tables = Tables { house: &house, printhead: "p" };
-    let all: Vec<(u32, i64, Option<i64>)> = (0..CHANNELS).map(|c| (c, 5, None)).collect();
-    tables.write("a", 0, &all, |_, t| t >= 5, |_| true);
-    tables.write("b", 20, &all, |_, _| true, |_| true); // goes on at 20 s, while `a` ends at 40 s
+    let all: Vec<Spell> = (0..CHANNELS).map(|c| spell(c, 5, None)).collect();
+    tables.write("a", 0, &all);
+    tables.write("b", 20, &all); // goes on at 20 s, while `a` ends at 40 s
     let told = house.ok("report out -o r.html");
     assert!(told.contains("6 of its 6 channels have faults that are still on"), "{told}");
     assert!(told.contains("a and b") && told.contains("overlap in time"), "{told}");
@@ -398,7 +396,7 @@ fn printheads_that_fail_as_a_whole_and_recordings_that_overlap_are_said_first() 
     let at = |text: &str| page.find(text).unwrap_or_else(|| panic!("{text}"));
     assert!(at("have faults that are still on") < at("To clean"));
     // the same signals in another file are the same recording, whatever its digest
-    tables.write("again", 0, &all, |_, t| t >= 5, |_| true);
+    tables.write("again", 0, &all);
     std::fs::remove_file(house.path("out/b.verdicts.parquet")).unwrap();
     for name in ["a", "again"] {
         let counts =
@@ -420,7 +418,7 @@ fn a_dead_sensor_line_is_told_as_what_it_is() {
         }
     }
     house.record("dead.mcap", &all);
-    house.ok("replay dead.mcap --design sample_logs/design.json --out out");
+    house.replay("dead.mcap").exits(0);
     let told = house.ok("report out -o r.html");
     let line = told.lines().find(|l| l.contains("check the cable")).expect(&told);
     assert!(line.contains(" 30 ") && line.contains("nothing rings"), "{line}");
@@ -471,7 +469,7 @@ fn a_mail_says_what_changed_since_an_earlier_run() {
     let house = House::new();
     let tables = Tables { house: &house, printhead: "p" };
     let gone = Tables { house: &house, printhead: "gone" };
-    gone.write("0-other", 0, &[], |_, _| false, |_| true);
+    gone.write("0-other", 0, &[]);
     tables.write_three_nights();
     let knew = |names: &[&str]| {
         let row = |name: &&str| serde_json::json!({"recording": format!("{name}.mcap"), "verdicts": format!("{name}.verdicts.parquet")});
@@ -561,7 +559,7 @@ fn every_recording_is_accounted_for() {
     house.record("rec/night.mcap", &all[..60]);
     house.record("rec/empty.mcap", &[]);
     house.write("rec/other.mcap", b"no recording");
-    house.run("replay rec --design sample_logs/design.json --out out").exits(3);
+    house.replay("rec").exits(3);
     let told = house.ok("report out -o r.html");
     let page = house.text("r.html");
     for text in [&told, &page] {
@@ -579,7 +577,7 @@ fn every_recording_is_accounted_for() {
     // one that is read in the end is no longer missing
     house.record("rec/other.mcap", &all[60..120]);
     std::fs::remove_file(house.path("rec/empty.mcap")).unwrap();
-    house.run("replay rec --design sample_logs/design.json --out out").exits(0);
+    house.replay("rec").exits(0);
     let told = house.ok("report out -o r.html");
     assert!(!told.contains("Not judged"), "{told}");
 }
@@ -589,7 +587,7 @@ fn hostile_names_are_inert_and_stay_names_in_the_table() {
     let house = House::new();
     let name = "</title></svg><script src=x>alert('1')</script>\" onload=\"x\u{202e}\u{1b}[2J";
     let tables = Tables { house: &house, printhead: name };
-    tables.write("a", 0, &[(1, 5, None)], |c, t| c == 1 && t >= 5, |_| true);
+    tables.write("a", 0, &[spell(1, 5, None)]);
     let pairs = "--set report.actions.blocked_nozzle=<b>wipe</b>";
     let told = house.run(&format!("report out -o r.html {pairs}")).exits(0).stdout();
     assert!(!told.contains(['\u{1b}', '\u{202e}']), "{told:?}");
@@ -609,7 +607,7 @@ fn what_cannot_be_read_costs_itself_and_is_said() {
     house.run("report out -o r.html").exits(1).says("nothing found");
     let tables = Tables { house: &house, printhead: "p" };
     for name in ["a", "b", "c"] {
-        tables.write(name, 0, &[(1, 5, None)], |c, t| c == 1 && t >= 5, |_| true);
+        tables.write(name, 0, &[spell(1, 5, None)]);
     }
     std::fs::remove_file(house.path("out/a.episodes.parquet")).unwrap();
     std::fs::remove_file(house.path("out/a.summary.json")).unwrap();
@@ -672,10 +670,8 @@ fn annotations_lie_on_the_recordings_time_line_and_do_not_outlive_their_verdicts
     let bytes = house.read("out/print_run.annotations.mcap");
     let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
     let named = |schema: &str| {
-        let of = summary
-            .channels
-            .values()
-            .filter(|c| c.schema.as_ref().is_some_and(|s| s.name == schema));
+        let is_of = |c: &Arc<mcap::Channel>| c.schema.as_ref().is_some_and(|s| s.name == schema);
+        let of = summary.channels.values().filter(|c| is_of(c));
         of.map(|c| c.topic.clone()).collect::<Vec<String>>()
     };
     assert_eq!(named("foxglove.Log"), ["/inkling/log"]);
@@ -702,23 +698,20 @@ fn annotations_lie_on_the_recordings_time_line_and_do_not_outlive_their_verdicts
 #[test]
 fn what_cannot_be_annotated_does_not_stop_the_run() {
     let house = House::new();
-    for name in ["rec/a.mcap", "rec/b.mcap"] {
-        house.write(name, std::fs::read(sample("print_run.mcap")).unwrap());
-    }
-    let args = "replay rec --design sample_logs/design.json --out out";
-    house.ok(args);
+    house.copy("print_run.mcap", "rec/a.mcap");
+    house.copy("print_run.mcap", "rec/b.mcap");
+    house.replay("rec").exits(0);
     let mut table = house.read("out/a.episodes.parquet");
     table.iter_mut().for_each(|byte| *byte ^= 0x55);
     house.write("out/a.episodes.parquet", &table);
-    let ended = house.run(&format!("{args} --annotate"));
-    ended.exits(3).says("a.episodes.parquet").says("no annotations");
+    house.replay("rec --annotate").exits(3).says("a.episodes.parquet").says("no annotations");
     assert!(house.path("out/b.annotations.mcap").exists());
     assert!(!house.path("out/a.annotations.mcap").exists());
     let run = house.read_json("out/run.json");
     assert_eq!((&run["end"], &run["exit"]), (&"finished".into(), &3.into()), "{run}");
     // what is set aside takes its annotations with it
     house.write("rec/b.mcap", "no recording any more");
-    house.run(args).exits(3);
+    house.replay("rec").exits(3);
     assert!(!house.path("out/b.annotations.mcap").exists());
     assert!(house.path("out/b.annotations.mcap.stale").exists());
 }
@@ -726,7 +719,7 @@ fn what_cannot_be_annotated_does_not_stop_the_run() {
 #[test]
 fn an_evaluation_says_on_its_page_what_it_says_on_the_terminal() {
     let house = House::new();
-    house.ok("replay sample_logs/print_run.mcap --design sample_logs/design.json --out out");
+    house.replay("sample_logs/print_run.mcap").exits(0);
     let score = "score out --labels sample_logs/labels.csv --report e.html";
     let said = house.json(&format!("{score} --json"));
     let page = house.text("e.html");
