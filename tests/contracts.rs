@@ -1,8 +1,10 @@
 //! What others rely on: settings, schemas, the shipped sample.
 
 use crate::house::{House, root, shipped};
+use crate::pipeline::{bursts, rows, sample};
 use inkling::settings::Settings;
 use std::collections::BTreeSet;
+use std::path::Path;
 
 #[test]
 fn pipeline_toml_says_every_default() {
@@ -105,8 +107,7 @@ fn is_documented(schema: &str, table: usize, written: &serde_json::Value, below:
 #[test]
 fn what_a_replay_leaves_has_the_documented_keys() {
     let house = House::new();
-    house.ok("replay sample_logs/print_run.mcap --design sample_logs/design.json --out out \
-         --baseline b.json");
+    house.replay("sample_logs/print_run.mcap --baseline b.json").exits(0);
     is_documented("summary.md", 0, &house.read_json("out/print_run.summary.json"), &[]);
     let journal = house.text("out/journal.jsonl");
     let line = serde_json::from_str(journal.lines().next().unwrap()).unwrap();
@@ -133,9 +134,9 @@ fn what_a_critique_leaves_has_the_documented_keys_and_its_page_quotes_it() {
         let file = std::fs::File::open(house.path(&format!("c/{file}.parquet"))).unwrap();
         let reader = parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder::try_new(file);
         let schema = reader.unwrap().schema().clone();
-        let written: Vec<&str> = schema.fields().iter().map(|f| f.name().as_str()).collect();
+        let written: Vec<&String> = schema.fields().iter().map(|f| f.name()).collect();
         let named = documented("critique.md", table);
-        assert_eq!(written, named.iter().map(|column| column.name.as_str()).collect::<Vec<_>>());
+        assert_eq!(written, named.iter().map(|column| &column.name).collect::<Vec<_>>());
     }
     let page = shipped("docs/critique.md");
     let said = critique["sentence"].as_str().unwrap();
@@ -149,17 +150,12 @@ fn what_a_critique_leaves_has_the_documented_keys_and_its_page_quotes_it() {
 fn sample_logs_regenerate_and_retrain() {
     let house = House::new();
     house.ok("simulate sample_logs/scenarios/sample.toml -o .");
-    for stem in ["train", "print_run"] {
-        let shipped = signals(&root().join(format!("sample_logs/{stem}.mcap")));
-        let made = signals(&house.path(&format!("{stem}.mcap")));
-        assert_eq!(shipped.len(), made.len(), "{stem}: signals");
-        let off = shipped
-            .iter()
-            .flatten()
-            .zip(made.iter().flatten())
-            .map(|(a, b)| (a - b).abs())
-            .fold(0.0, f64::max);
-        assert!(off <= 1.0, "{stem}: off by {off} counts");
+    for name in ["train.mcap", "print_run.mcap"] {
+        let (shipped, made) = (signals(&sample(name)), signals(&house.path(name)));
+        assert_eq!(shipped.len(), made.len(), "{name}: signals");
+        let pairs = shipped.iter().flatten().zip(made.iter().flatten());
+        let off = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(off <= 1.0, "{name}: off by {off} counts");
     }
     assert_eq!(shipped("sample_logs/labels.csv").as_bytes(), house.read("labels.csv"));
 
@@ -175,24 +171,9 @@ fn sample_logs_regenerate_and_retrain() {
     }
 }
 
-/// Every usable signal of a recording, counts.
-fn signals(path: &std::path::Path) -> Vec<Vec<f64>> {
-    use inkling::burst::Acquisition;
-    use inkling::io::{Limits, recording::Recording};
-    let recording = Recording::open(path, Limits::default()).unwrap();
-    let mut reader = recording.reader();
-    let mut all = Vec::new();
-    for block in recording.blocks().map(Result::unwrap) {
-        for acquisition in reader.read(&block).acquisitions {
-            let Acquisition::Usable(burst) = acquisition else { panic!("unusable in {path:?}") };
-            for row in 0..burst.channels as usize {
-                let mut y = vec![0.0; burst.samples_per_channel as usize];
-                burst.copy_signal(row, &mut y);
-                all.push(y);
-            }
-        }
-    }
-    all
+/// Every signal of a recording, counts.
+fn signals(path: &Path) -> Vec<Vec<f64>> {
+    bursts(path).iter().flat_map(rows).collect()
 }
 
 #[test]

@@ -313,9 +313,9 @@ fn by_counts(printhead: Option<&str>, tally: &Tally) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::survey::Names;
+    use super::super::fixtures::{NAMELESS, verdicts};
     use super::*;
-    use inkling_core::verdict::{Outcome, Reason, VerdictColumns};
+    use inkling_core::verdict::{Outcome, Reason};
 
     /// A row of printhead `p`: recording, time, channel, and why it was not judged.
     type Looked = (usize, i64, u32, Option<Reason>);
@@ -325,17 +325,9 @@ mod tests {
         let mut survey = Survey::new(vec![Vec::new(); names.len()], false);
         for &(recording, t_ns, channel, reason) in rows {
             let outcome = if reason.is_some() { Outcome::Rejected } else { Outcome::Healthy };
-            let mut columns = VerdictColumns {
-                acquired_at_ns: vec![t_ns],
-                printhead: vec![0],
-                printheads: vec!["p".into()],
-                channel: vec![channel],
-                outcome: vec![outcome],
-                reason: vec![reason],
-                ..VerdictColumns::default()
-            };
-            columns.fill_up();
-            survey.add(recording, &columns, Names { classes: &[], categories: &[] });
+            let mut columns = verdicts(t_ns, [(channel, outcome)]);
+            columns.reason = vec![reason];
+            survey.add(recording, &columns, NAMELESS);
         }
         let source = |name: &&str| Source { name: (*name).to_owned(), ..Source::default() };
         Coverage::of(&survey, &names.iter().map(source).collect::<Vec<_>>(), Vec::new())

@@ -106,8 +106,8 @@ fn promised(sources: &[Source]) -> Option<(f64, f64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::Names;
-    use inkling_core::verdict::{Outcome, VerdictColumns};
+    use crate::report::fixtures::{NAMELESS, verdicts};
+    use inkling_core::verdict::Outcome;
 
     #[test]
     fn channels_that_are_flagged_again_and_again_widen_the_interval() {
@@ -118,16 +118,7 @@ mod tests {
                     true => Outcome::Undecided,
                     false => Outcome::Healthy,
                 };
-                let mut columns = VerdictColumns {
-                    acquired_at_ns: vec![t; 40],
-                    printhead: vec![0; 40],
-                    printheads: vec!["p".into()],
-                    channel: (0..40).collect(),
-                    outcome: (0..40).map(outcome).collect(),
-                    ..VerdictColumns::default()
-                };
-                columns.fill_up();
-                survey.add(0, &columns, Names { classes: &[], categories: &[] });
+                survey.add(0, &verdicts(t, (0..40).map(|c| (c, outcome(c)))), NAMELESS);
             }
             FalseAlarms::of(&survey, &[])
         };

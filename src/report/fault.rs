@@ -290,7 +290,7 @@ pub fn sort(faults: &mut [Fault]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::story::tests::spell;
+    use crate::report::fixtures::spell;
     use crate::report::story::{Rates, stories};
     use crate::report::watch::Watch;
 

@@ -26,6 +26,8 @@ mod evaluation;
 mod false_alarms;
 mod fault;
 mod figures;
+#[cfg(test)]
+mod fixtures;
 mod heads;
 mod light;
 mod list;

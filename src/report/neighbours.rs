@@ -164,24 +164,16 @@ fn sentence(members: &[usize], faults: &[Fault], settings: &ReportSettings) -> S
 mod tests {
     use super::*;
     use crate::report::counts::{ChannelCount, Tally};
+    use crate::report::fixtures::spell;
     use crate::report::story::{Rates, stories};
-    use crate::report::watch::{Spell, Watch};
-    use inkling_core::episodes::Episode;
+    use crate::report::watch::Watch;
 
     const BEFORE: i64 = -1_000_000;
 
     fn fault(channel: u32, began: i64, category: &str) -> Fault {
-        let episode = Episode {
-            printhead: "p".into(),
-            channel,
-            category: Some(category.into()),
-            raised_at_ns: began,
-            began_at_ns: began,
-            bursts: 9,
-            ..Episode::default()
-        };
-        let spell = Spell { recording: 0, episode, counts: Default::default() };
-        let mut watch = Watch::new(vec![spell]);
+        let mut on = spell(0, began, None, category);
+        on.episode.channel = channel;
+        let mut watch = Watch::new(vec![on]);
         watch.add_burst(0, BEFORE, false, None, None);
         let stories = stories(&watch, &Rates::default());
         Fault::of_channel(stories, &ReportSettings::default()).remove(0)

@@ -300,7 +300,8 @@ fn commonest_reason(spells: &[Spell]) -> Reason {
 }
 
 #[cfg(test)]
-pub mod tests {
+mod tests {
+    use super::super::fixtures::spell;
     use super::*;
 
     const RATES: fn() -> Rates = || Rates {
@@ -309,25 +310,6 @@ pub mod tests {
         false_alarms: 5e-4,
         categories: BTreeMap::from([("dried_nozzle".into(), 20), ("air_bubble".into(), 20)]),
     };
-
-    pub fn spell(recording: usize, began: i64, ended: Option<i64>, category: &str) -> Spell {
-        let episode = Episode {
-            printhead: "p".into(),
-            channel: 7,
-            category: Some(category.into()),
-            raised_at_ns: began + 1,
-            began_at_ns: began,
-            ended_at_ns: ended,
-            bursts: 10,
-            certainty: Some(0.9),
-            severity_first: Some(1.2),
-            severity_max: Some(1.5),
-            severity_last: Some(1.4),
-            severity_sd: Some(0.1),
-            ..Episode::default()
-        };
-        Spell { recording, episode, counts: BurstCounts::default() }
-    }
 
     /// A watch of recordings r of 20 bursts each, at the times 100 r, 100 r + 1, ...; flagged where `on` is
     /// true.

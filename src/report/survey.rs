@@ -304,22 +304,15 @@ fn shown(c: &VerdictColumns, row: usize, codes: &[u8]) -> (u8, u8) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::fixtures::{NAMELESS, verdicts};
     use super::*;
 
     #[test]
     fn rows_of_channels_beyond_the_limit_are_counted_as_left_out_alone() {
         let n = MOST_CHANNELS + 3;
-        let mut columns = VerdictColumns {
-            acquired_at_ns: vec![0; n],
-            printhead: vec![0; n],
-            printheads: vec!["p".into()],
-            channel: (0..n as u32).collect(),
-            outcome: vec![Outcome::Healthy; n],
-            ..VerdictColumns::default()
-        };
-        columns.fill_up();
+        let columns = verdicts(0, (0..n as u32).map(|channel| (channel, Outcome::Healthy)));
         let mut survey = Survey::new(vec![Vec::new(); 2], false);
-        survey.add(1, &columns, Names { classes: &[], categories: &[] });
+        survey.add(1, &columns, NAMELESS);
         let tally = &survey.heads[0].tallies[&1];
         assert_eq!((tally.judged, tally.rejected), (MOST_CHANNELS as u64, 0));
         assert_eq!(survey.left_out, BTreeMap::from([(1, 3)]));
