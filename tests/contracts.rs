@@ -1,6 +1,6 @@
 //! What others rely on: settings, schemas, the shipped sample.
 
-use crate::house::{House, root, shipped};
+use crate::house::{House, between, root, shipped};
 use crate::pipeline::{bursts, rows, sample};
 use inkling::settings::Settings;
 use std::collections::BTreeSet;
@@ -202,9 +202,7 @@ fn the_page_of_versions_has_each_schema_and_its_version() {
 
 /// The first column of the table below a heading.
 fn in_table_below(page: &str, heading: &str) -> Vec<String> {
-    let below =
-        page.split(&format!("## {heading}\n")).nth(1).unwrap_or_else(|| panic!("{heading}"));
-    let rows = below.split("\n## ").next().unwrap_or_default().lines();
+    let rows = between(page, &format!("## {heading}\n"), "\n## ").lines();
     rows.filter_map(|row| Some(row.strip_prefix("| `")?.split('`').next()?.to_owned())).collect()
 }
 

@@ -468,13 +468,14 @@ def certificates():
     def openssl(*arguments):
         subprocess.run(["openssl", *arguments], cwd=keys, check=True, capture_output=True)
 
+    def new_key(name):
+        return ["-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-keyout", f"{name}.key"]
+
     def authority(name):
-        key = ["-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-keyout", f"{name}.key"]
-        openssl("req", "-x509", *key, "-out", f"{name}.pem", "-subj", "/CN=fleet", "-days", "2")
+        openssl("req", "-x509", *new_key(name), "-out", f"{name}.pem", "-subj", "/CN=fleet", "-days", "2")
 
     def signed(name, by):
-        key = ["-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-keyout", f"{name}.key"]
-        openssl("req", *key, "-out", f"{name}.csr", "-subj", f"/CN={name}", "-addext", "subjectAltName=DNS:localhost")
+        openssl("req", *new_key(name), "-out", f"{name}.csr", "-subj", f"/CN={name}", "-addext", "subjectAltName=DNS:localhost")
         ca = ["-CA", f"{by}.pem", "-CAkey", f"{by}.key", "-copy_extensions", "copy", "-days", "2"]
         openssl("x509", "-req", "-in", f"{name}.csr", *ca, "-out", f"{name}.pem")
         return ["--tls-ca", keys / f"{by}.pem", "--tls-cert", keys / f"{name}.pem", "--tls-key", keys / f"{name}.key"]

@@ -16,6 +16,13 @@ pub fn shipped(path: &str) -> String {
     std::fs::read_to_string(root().join(path)).unwrap_or_else(|e| panic!("{path}: {e}"))
 }
 
+/// What a text has between two others; up to its end where the second does not follow.
+#[track_caller]
+pub fn between<'a>(text: &'a str, from: &str, to: &str) -> &'a str {
+    let (_, rest) = text.split_once(from).unwrap_or_else(|| panic!("no {from:?} in:\n{text}"));
+    rest.split(to).next().unwrap_or(rest)
+}
+
 /// The physical scenario.
 pub fn physics() -> toml::Table {
     shipped("sample_logs/scenarios/physics.toml").parse().unwrap()

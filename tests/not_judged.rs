@@ -2,7 +2,7 @@
 //! the terminal and in its JSON.
 
 use crate::dialects::writers::{Messages, Written, json, write as write_foreign};
-use crate::house::House;
+use crate::house::{House, between};
 use crate::nights::{days_later, sampled_otherwise, some};
 use crate::pipeline::{rows, with_samples};
 use crate::report::deadened;
@@ -27,8 +27,7 @@ pub fn report(house: &House, of: &str, exit: i32) -> Told {
 impl Told {
     /// Of the page.
     pub fn first_sentence(&self) -> &str {
-        let first = self.page.split("class=\"sentence\">").nth(1).unwrap();
-        first.split("</p>").next().unwrap()
+        between(&self.page, "class=\"sentence\">", "</p>")
     }
 
     /// The first sentence says what was not judged, and nothing says that all is well.
@@ -46,11 +45,10 @@ impl Told {
     /// The light beside a printhead's name.
     #[track_caller]
     fn light_of(&self, printhead: &str) -> String {
-        let lights = self.page.split("<p class=\"heads\">").nth(1).unwrap();
-        let lights = lights.split("</p>").next().unwrap();
-        let mut lights = lights.split("<span>").filter(|light| light.contains(printhead));
-        let light = lights.next().unwrap_or_else(|| panic!("no light of {printhead}"));
-        light.split("aria-label=\"").nth(1).unwrap().split('"').next().unwrap().to_owned()
+        let lights = between(&self.page, "<p class=\"heads\">", "</p>");
+        let light = lights.split("<span>").find(|light| light.contains(printhead));
+        let light = light.unwrap_or_else(|| panic!("no light of {printhead}"));
+        between(light, "aria-label=\"", "\"").to_owned()
     }
 }
 
@@ -93,11 +91,8 @@ fn empty_recordings_and_those_of_rejected_rows_stand_first() {
     judged(&House::new(), &recordings, 3).leads_with("Not judged. empty.mcap: ");
 
     let house = House::new();
-    let all = some(0, 6).into_iter().map(|b| {
-        let channels = b.channels as usize;
-        saturated(b, channels)
-    });
-    let told = judged(&house, &[("b", &all.collect::<Vec<_>>())], 4);
+    let all: Vec<Burst> = some(0, 6).into_iter().map(|b| saturated(b, usize::MAX)).collect();
+    let told = judged(&house, &[("b", &all)], 4);
     told.leads_with("Nothing was judged. b: none of the");
     assert_eq!(told.light_of("cyan-1"), "not judged");
     house.record("rec/c.mcap", &the_next_night(some(0, 6)));
@@ -133,8 +128,7 @@ fn a_night_that_no_design_fits_is_the_last_night_all_the_same() {
     let told = judged(&house, &[("a", &some(0, 6)), ("b", &next)], 4);
     told.leads_with("Not judged. b: none of the");
     assert_eq!(told.light_of("cyan-1"), "not judged");
-    let changed = told.page.split("<h2>What changed since the night before</h2>").nth(1).unwrap();
-    let changed = changed.split("</ul>").next().unwrap();
+    let changed = between(&told.page, "<h2>What changed since the night before</h2>", "</ul>");
     assert!(changed.contains("<b>Not judged last night:</b> cyan-1"), "{changed}");
 }
 

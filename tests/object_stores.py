@@ -246,7 +246,6 @@ def first(times, fault):
     return lambda request: fault if part(request) and next(left, None) is not None else None
 
 
-expected = table(work / "out/deeper/long.verdicts.parquet")
 alone = work / "alone"
 run("replay", night / "deeper/long.mcap", "--design", design, "--out", alone, "--quiet")
 expected = table(alone / "long.verdicts.parquet")

@@ -190,7 +190,6 @@ same = lambda b: (b.printhead, b.first_channel, b.channels) == (first.printhead,
 chosen = [burst for _, burst in bursts() if same(burst)]
 matrix = numpy.stack([samples(b).reshape(b.channels, -1) for b in chosen])
 times = numpy.array([b.timestamp.seconds * 10**9 + b.timestamp.nanos for b in chosen])
-numpy.save(work / "array.npy", matrix)
 numpy.savez_compressed(work / "arrays.npz", samples=matrix, t_ns=times - times[0])
 table = pyarrow.table({
     "t": pyarrow.array((times - times[0]) * 1e-9),

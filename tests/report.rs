@@ -1,7 +1,7 @@
 //! `inkling report` at the process boundary: fifteen days with six faulty channels are six lines with
 //! their onsets; hostile names are inert; what is missing is said.
 
-use crate::house::{House, shipped};
+use crate::house::{House, between, shipped};
 use crate::nights::days_later;
 use crate::open_world::verdicts::{batches, cells, texts};
 use crate::pipeline::{bursts, sample, with_samples};
@@ -567,8 +567,7 @@ fn every_recording_is_accounted_for() {
         assert!(text.contains("other.mcap: not an MCAP file"), "{text}");
     }
     assert!(page.contains("2 recordings without verdicts"), "{page}");
-    let table = page.split("<h2>Recordings and printheads</h2>").nth(1).unwrap();
-    let table = table.split("</table>").next().unwrap();
+    let table = between(&page, "<h2>Recordings and printheads</h2>", "</table>");
     for name in ["night", "empty.mcap", "other.mcap"] {
         assert!(table.contains(name), "{name}");
     }
@@ -642,10 +641,9 @@ fn man_pages_completions_and_versions_are_there_for_every_verb() {
     let page = house.text("man/inkling-report.1");
     assert!(page.contains(".TH") && page.contains("report"), "{page}");
     // an example stays a line, however narrow the page is; what explains it is filled
-    let examples = page.split(".SH EXAMPLES\n.nf\n").nth(1).expect("examples");
-    let (first, rest) = examples.split_once(".fi\n").expect("they end");
+    let first = between(&page, ".SH EXAMPLES\n.nf\n", ".fi\n");
     assert!(first.starts_with("  inkling report verdicts/ \\-o report.html\n"), "{first}");
-    assert!(rest.contains("Reads what"), "{rest}");
+    assert!(between(&page, first, ".SH").contains("Reads what"), "{page}");
     for shell in ["bash", "zsh", "fish"] {
         let script = house.ok(&format!("generate completions {shell}"));
         assert!(script.contains("replay") && script.contains("critique"), "{shell}");

@@ -135,7 +135,7 @@ class Ctx:
             state = None
             if b:
                 out.mkdir(parents=True)
-                state = out.with_suffix(".state.json") if False else out / "state.json"
+                state = out / "state.json"
                 if not fresh:
                     kept = self.state(m)
                     if kept:
@@ -514,7 +514,7 @@ def s13(c):
     for kind, kw in kinds.items():
         def fn(rng):
             return base(), kw if isinstance(kw, dict) else dict(split=kw, order=rng)
-        p = c.gen(fn, f"s13", src + kind)   # one stem: another directory each
+        p = c.gen(fn, "s13", src + kind)   # one stem: another directory each
 
         def note(st, out):
             v = verdicts(out, p.stem)
@@ -585,12 +585,11 @@ def s16(c):
     "40, 60, 100 % of the channels faulty alike from a burst on"
     src = inspect.getsource(s16)
     for kind, size, share in [("SDN", 1.15, .4), ("SDN", 1.15, .6), ("SDN", 1.15, 1.0), ("SDN", 1.5, .4), ("SDN", 1.5, 1.0), ("BN", .4, .6), ("BN", .4, 1.0)]:
-        if True:
-            def fn(rng):
-                b = np.arange(600)
-                who = rng.permutation(60)[:int(60 * share)]
-                return record(rng, c.P, 600, .1, night=1, faults=[(int(ch), b >= 200, kind, size) for ch in who])
-            c.judge(f"{kind}{size:g} {share:.0%}", c.gen(fn, f"s16{kind}{size}{share}", src), ["design", "windows", "none", "design+b", "windows+b"])
+        def fn(rng):
+            b = np.arange(600)
+            who = rng.permutation(60)[:int(60 * share)]
+            return record(rng, c.P, 600, .1, night=1, faults=[(int(ch), b >= 200, kind, size) for ch in who])
+        c.judge(f"{kind}{size:g} {share:.0%}", c.gen(fn, f"s16{kind}{size}{share}", src), ["design", "windows", "none", "design+b", "windows+b"])
 
 
 def s17(c):
@@ -752,7 +751,7 @@ def main():
         against({(m["scen"], m["kind"], m["mode"]): m for m in json.loads(pathlib.Path(a.against).read_text())}, rows)
     print(f"\n{time.time() - t0:.0f} s in all: " + ", ".join(f"{k} {v:.0f} s" for k, v in spent.items()))
     (CACHE / f"said-{digest}.txt").write_text("\n".join(said))
-    print(f"what was said: {HERE}/said-{digest}.txt")
+    print(f"what was said: {CACHE}/said-{digest}.txt")
     if a.json:
         pathlib.Path(a.json).write_text(json.dumps(rows, indent=1))
 
