@@ -1,6 +1,6 @@
 //! What others rely on: settings, schemas, the shipped sample.
 
-use crate::house::{House, between, root, shipped};
+use crate::house::{House, between, root, shipped, shipped_json};
 use crate::pipeline::{bursts, rows, sample};
 use inkling::settings::Settings;
 use std::collections::BTreeSet;
@@ -31,13 +31,12 @@ fn pipeline_toml_says_every_default() {
 
 #[test]
 fn design_file_has_the_documented_keys() {
-    let design: serde_json::Value =
-        serde_json::from_str(&shipped("sample_logs/design.json")).unwrap();
+    let design = shipped_json("sample_logs/design.json");
     assert_eq!(keys(&design["pooled"], &[]), keys(&design["models"][0], &[]));
-    let documented = documented("design.md", 0).into_iter();
-    let documented = documented.map(|key| key.name.trim_end_matches("[]").to_owned());
+    let named = names("design.md", 0).into_iter();
+    let named = named.map(|name| name.trim_end_matches("[]").to_owned());
     let written = keys(&design, &["models[]", "classes[]"]);
-    assert_eq!(written.into_iter().collect::<BTreeSet<_>>(), documented.collect());
+    assert_eq!(written.into_iter().collect::<BTreeSet<_>>(), named.collect());
 }
 
 /// A key or column of a table in `schemas/`.
@@ -66,6 +65,10 @@ fn documented(schema: &str, table: usize) -> Vec<Documented> {
         }
     }
     tables.into_iter().filter(|rows| !rows.is_empty()).nth(table).expect("a table")
+}
+
+fn names(schema: &str, table: usize) -> Vec<String> {
+    documented(schema, table).into_iter().map(|of| of.name).collect()
 }
 
 /// The keys of an object, and those below some of them: in a list's first entry (`causes[]`), or in an object.
@@ -116,8 +119,7 @@ fn what_a_replay_leaves_has_the_documented_keys() {
     is_documented("baseline.md", 0, &house.read_json("b.json"), &[]);
     let labels = shipped("sample_logs/labels.csv");
     let header: Vec<&str> = labels.lines().next().unwrap().split(',').collect();
-    let named = documented("labels.md", 0);
-    assert_eq!(header, named.iter().map(|column| column.name.as_str()).collect::<Vec<_>>());
+    assert_eq!(header, names("labels.md", 0));
 }
 
 #[test]
@@ -134,9 +136,8 @@ fn what_a_critique_leaves_has_the_documented_keys_and_its_page_quotes_it() {
         let file = std::fs::File::open(house.path(&format!("c/{file}.parquet"))).unwrap();
         let reader = parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder::try_new(file);
         let schema = reader.unwrap().schema().clone();
-        let written: Vec<&String> = schema.fields().iter().map(|f| f.name()).collect();
-        let named = documented("critique.md", table);
-        assert_eq!(written, named.iter().map(|column| &column.name).collect::<Vec<_>>());
+        let written: Vec<_> = schema.fields().iter().map(|f| f.name().as_str()).collect();
+        assert_eq!(written, names("critique.md", table));
     }
     let page = shipped("docs/critique.md");
     let said = critique["sentence"].as_str().unwrap();
@@ -161,8 +162,7 @@ fn sample_logs_regenerate_and_retrain() {
 
     house.ok("train train.mcap --labels labels.csv -o design.json");
     let made = house.read_json("design.json");
-    let shipped: serde_json::Value =
-        serde_json::from_str(&shipped("sample_logs/design.json")).unwrap();
+    let shipped = shipped_json("sample_logs/design.json");
     assert_eq!(made["signals"], shipped["signals"]);
     for key in ["frequency_hz", "damping_per_s"] {
         let of =

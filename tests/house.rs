@@ -16,6 +16,11 @@ pub fn shipped(path: &str) -> String {
     std::fs::read_to_string(root().join(path)).unwrap_or_else(|e| panic!("{path}: {e}"))
 }
 
+/// A JSON file of the repository.
+pub fn shipped_json(path: &str) -> serde_json::Value {
+    serde_json::from_str(&shipped(path)).unwrap_or_else(|e| panic!("{path}: {e}"))
+}
+
 /// What a text has between two others; up to its end where the second does not follow.
 #[track_caller]
 pub fn between<'a>(text: &'a str, from: &str, to: &str) -> &'a str {

@@ -1,7 +1,7 @@
 //! Labels at the process boundary: states that nobody declared, what is ignored, rows that overlap, and what training
 //! tells of each class.
 
-use crate::house::{House, shipped};
+use crate::house::{House, shipped, shipped_json};
 use crate::pipeline::{bursts, with_samples, write};
 use inkling::burst::Burst;
 use inkling::io::recording_writer::WriterOptions;
@@ -30,6 +30,11 @@ pub fn only_healthy(labels: &str) -> String {
     labels.lines().map(line).collect()
 }
 
+/// A file of labels with these rows.
+fn write_labels(house: &House, name: &str, rows: &str) {
+    house.write(name, format!("printhead,channel,from,to,state,severity\n{rows}"));
+}
+
 const TRAIN: &str = "train train.mcap --labels labels.csv -o d.json";
 
 #[test]
@@ -55,7 +60,7 @@ fn a_state_that_nobody_declared_is_refused_with_the_nearest_names() {
     }
     // who does not learn of them needs no declaration, but `healthy` is not lost by a letter
     house.ok("identify train.mcap --labels labels.csv -o m.json");
-    house.write("labels.csv", "printhead,channel,from,to,state,severity\n*,*,,,Healthy,\n");
+    write_labels(&house, "labels.csv", "*,*,,,Healthy,\n");
     house.run("identify train.mcap --labels labels.csv -o m.json").exits(2).says("write `healthy`");
 }
 
@@ -63,7 +68,7 @@ fn a_state_that_nobody_declared_is_refused_with_the_nearest_names() {
 fn labels_that_are_too_few_are_called_so() {
     let house = House::new();
     library(&house, str::to_owned);
-    house.write("few.csv", "printhead,channel,from,to,state,severity\ndataset,0-2,,,healthy,\n");
+    write_labels(&house, "few.csv", "dataset,0-2,,,healthy,\n");
     let few = "3 usable signals are labelled `healthy`, 16 are needed: label more channels or longer times";
     for (command, exit) in [
         ("train train.mcap --labels few.csv -o d.json", 2),
@@ -108,17 +113,16 @@ fn rows_may_speak_of_ranges_and_of_every_printhead() {
             None => rows.push((channel, channel, state)),
         }
     }
-    let mut text = "printhead,channel,from,to,state,severity\n".to_owned();
+    let mut text = String::new();
     rows.iter().for_each(|(from, to, state)| text += &format!("*,{from}-{to},,,{state},\n"));
     text += "*,0-100000,,,healthy,\n*,*,,,EC,\n";
     assert!(rows.iter().any(|row| row.0 < row.1), "no two faults side by side");
-    house.write("labels.csv", text);
+    write_labels(&house, "labels.csv", &text);
     house.ok(TRAIN);
     // the sample's design was trained by rows of one channel of a printhead by its name
-    let by_name: serde_json::Value =
-        serde_json::from_str(&shipped("sample_logs/design.json")).unwrap();
+    let by_name = shipped_json("sample_logs/design.json");
     assert_eq!(house.read_json("d.json")["signals"], by_name["signals"]);
-    house.write("labels.csv", "printhead,channel,from,to,state,severity\np,20-0,,,EC,\n");
+    write_labels(&house, "labels.csv", "p,20-0,,,EC,\n");
     house.run(TRAIN).exits(2).says("a range such as 0-20").says("line 2");
 }
 
@@ -217,13 +221,12 @@ fn rows_of_no_signal_are_counted_and_misspelt_printheads_and_times_in_seconds_re
     library(&house, str::to_owned);
     house.replay("train.mcap --quiet").exits(0);
     house.run("score out --labels labels.csv").exits(0).says("615 of 1156 rows cover no signal");
-    let header = "printhead,channel,from,to,state,severity\n";
-    house.write("seconds.csv", format!("{header}dataset,*,1735718400,,healthy,\n"));
+    write_labels(&house, "seconds.csv", "dataset,*,1735718400,,healthy,\n");
+    write_labels(&house, "misspelt.csv", "Dataset,*,,,healthy,\n");
     let judge = "replay train.mcap --set identify.labels=LABELS --out labelled";
     for verb in ["train train.mcap --labels LABELS -o e.json", "score out --labels LABELS", judge] {
         let mistaken = |labels: &str| house.run(&verb.replace("LABELS", labels)).exits(2);
         mistaken("seconds.csv").says("were seconds meant? Write 2025-01-01T08:00:00Z");
-        house.write("misspelt.csv", format!("{header}Dataset,*,,,healthy,\n"));
         mistaken("misspelt.csv").says("did you mean dataset?");
     }
     assert!(
