@@ -5,11 +5,12 @@
 
 use crate::house::{House, shipped};
 use crate::nights::some;
-use crate::pipeline::sample;
+use crate::pipeline::{sample, write};
 use inkling::burst::Burst;
 use inkling::io::dialect::Dialects;
 use inkling::io::journal::Journal;
 use inkling::io::recording::Recording;
+use inkling::io::recording_writer::WriterOptions;
 use inkling::io::{Limits, design_file};
 use inkling::pipeline::{self, Control, Replay, Rotation, Watch};
 use inkling::settings::Settings;
@@ -168,6 +169,33 @@ fn parts_of_a_longer_recording_hold_no_more() {
             println!("{} parts", closed.load(Relaxed));
             assert!(closed.load(Relaxed) >= 3);
         });
+    });
+}
+
+/// Bursts that repeat compress to little, and a few kilobytes of the file become a chunk of 32 MiB in memory.
+#[test]
+fn chunks_count_as_large_as_they_are_in_memory() {
+    alone(|| {
+        const CHUNK: usize = 32 << 20;
+        let house = House::new();
+        let [burst] = <[Burst; 1]>::try_from(some(0, 1)).unwrap();
+        let messages = 16 * CHUNK / burst.samples.len();
+        let at =
+            |i: usize| Burst { t_acq_ns: burst.t_acq_ns + i as i64 * 1_000_000, ..burst.clone() };
+        let bursts: Vec<Burst> = (0..messages).map(at).collect();
+        let chunks = WriterOptions { chunk_bytes: Some(CHUNK as u64), ..WriterOptions::default() };
+        write(&house.path("packed.mcap"), &bursts, chunks);
+        assert!(house.read("packed.mcap").len() < CHUNK);
+        let mut settings = Settings::default();
+        settings.replay.threads = 4;
+        let run = by_design(&sample("design.json"), settings).unwrap();
+        let recording = Recording::open(&house.path("packed.mcap"), Limits::default()).unwrap();
+        let verdicts = house.path("packed.verdicts.parquet");
+        let judge = || pipeline::replay(&run, &recording, &verdicts, &Control::default()).unwrap();
+        let (_, most) = most_of(judge);
+        println!("{} MiB held", most >> 20);
+        // a chunk or two in flight, and the verdicts of their signals; all chunks together would be sixteen
+        assert!(most < 5 * CHUNK, "{most} bytes held");
     });
 }
 
