@@ -144,56 +144,34 @@ mod tests {
         x
     }
 
-    /// Asserts that `x` is the expected state of a channel whose displaced volume was 30e-12 m³.
-    fn is_state(x: &Vector4<f64>, expected: &DVector<f64>) {
-        for i in 0..4 {
-            // volumes against the displaced volume, flows against it times 1e6/s
-            let scale = if i < 2 { 30e-12 } else { 30e-6 };
-            assert!((x[i] - expected[i]).abs() < 1e-10 * scale, "{i}: {x} {expected}");
-        }
-    }
-
-    #[test]
-    fn acquisition_state_is_what_integrating_the_pulse_gives() {
-        let blocked = crate::model::faults::apply("BN", 0.99, &NOMINAL).unwrap();
-        for channel in [NOMINAL, blocked] {
-            let end = rk4(&channel, DVector::zeros(4), 30e-12, ACTUATION.pulse_s);
-            let expected = rk4(&channel, end, 0.0, ACTUATION.delay_s);
-            let x_a = ACTUATION.acquisition_state(&channel, 30e-12);
-            is_state(&x_a, &expected);
-        }
-    }
-
-    #[test]
-    fn acquisition_state_is_linear_in_the_voltage() {
-        let (one, three) = (
-            ACTUATION.acquisition_state(&NOMINAL, 1.0),
-            ACTUATION.acquisition_state(&NOMINAL, 3.0),
-        );
-        assert!((three - one * 3.0).norm() < 1e-12 * three.norm());
-    }
-
-    #[test]
-    fn without_a_pulse_the_channel_stays_at_rest() {
-        let none = Actuation::pulse(0.0, 6e-6);
-        assert_eq!(none.acquisition_state(&NOMINAL, 1.0), Vector4::zeros());
-    }
-
-    /// Tests a waveform of several pulses of several heights, such as drop-on-demand heads are
-    /// driven with.
+    /// Tests one pulse, and a waveform of several pulses of several heights, such as
+    /// drop-on-demand heads are driven with.
     #[test]
     fn any_waveform_is_what_integrating_it_step_by_step_gives() {
-        let steps = [[5e-6, 1.0], [2e-6, 0.0], [4e-6, -0.4], [1e-6, 0.3]];
-        let (waveform, pulse_s) = Waveform::new(&steps).unwrap();
+        let blocked = crate::model::faults::apply("BN", 0.99, &NOMINAL).unwrap();
+        let several = [[5e-6, 1.0], [2e-6, 0.0], [4e-6, -0.4], [1e-6, 0.3]];
+        let (waveform, pulse_s) = Waveform::new(&several).unwrap();
         assert!((pulse_s - 12e-6).abs() < 1e-18);
-        let actuation = Actuation { pulse_s, delay_s: 6e-6, waveform };
-        let mut x = DVector::zeros(4);
-        for [duration, level] in steps {
-            x = rk4(&NOMINAL, x, 30e-12 * level, duration);
+        let by_several = Actuation { pulse_s, waveform, ..ACTUATION };
+        for (channel, actuation, steps) in [
+            (NOMINAL, ACTUATION, &[[ACTUATION.pulse_s, 1.0]][..]),
+            (blocked, ACTUATION, &[[ACTUATION.pulse_s, 1.0]]),
+            (NOMINAL, by_several, &several),
+        ] {
+            let mut x = DVector::zeros(4);
+            for [duration, level] in steps {
+                x = rk4(&channel, x, 30e-12 * level, *duration);
+            }
+            let expected = rk4(&channel, x, 0.0, actuation.delay_s);
+            let x_a = actuation.acquisition_state(&channel, 30e-12);
+            for i in 0..4 {
+                // volumes against the displaced volume, flows against it times 1e6/s
+                let scale = if i < 2 { 30e-12 } else { 30e-6 };
+                assert!((x_a[i] - expected[i]).abs() < 1e-10 * scale, "{i}: {x_a} {expected}");
+            }
         }
-        let expected = rk4(&NOMINAL, x, 0.0, actuation.delay_s);
-        let x_a = actuation.acquisition_state(&NOMINAL, 30e-12);
-        is_state(&x_a, &expected);
+        let none = Actuation::pulse(0.0, 6e-6);
+        assert_eq!(none.acquisition_state(&NOMINAL, 1.0), Vector4::zeros());
         // two halves of a pulse are the pulse
         let (halves, _) = Waveform::new(&[[1.0, 1.0], [1.0, 1.0]]).unwrap();
         let halved = Actuation { waveform: halves, ..ACTUATION }.acquisition_state(&NOMINAL, 1.0);
