@@ -242,6 +242,12 @@ mod tests {
         set
     }
 
+    /// Draws a ring of 64 samples, with noise of standard deviation 2.5.
+    fn noisy_ring(amplitude: f64, omega: f64, normal: &mut impl FnMut() -> f64) -> Vec<f32> {
+        let ring = |k: f64| amplitude * (-0.03 * k).exp() * (omega * k).cos();
+        (0..64).map(|k| (ring(f64::from(k)) + 2.5 * normal()) as f32).collect()
+    }
+
     #[test]
     fn white_noise_is_found_beside_rings_of_any_drive() {
         // The channels ring differently, and their signals come in any order. A ring of 5 samples'
@@ -255,11 +261,7 @@ mod tests {
                 for i in 0..400 {
                     let (drive, channel) = (drives[i / 100 % 2], i * 37 % 100);
                     let [faster, amplitude] = rings[channel];
-                    let sample = |k: usize| {
-                        let ring = (-0.03 * k as f64).exp() * (faster * omega * k as f64).cos();
-                        (drive * amplitude * ring + 2.5 * normal()) as f32
-                    };
-                    let signal: Vec<f32> = (0..64).map(sample).collect();
+                    let signal = noisy_ring(drive * amplitude, faster * omega, &mut normal);
                     set.push(&signal, channel as u32, drive, f64::NAN);
                 }
                 let found = white_noise(&set);
@@ -275,12 +277,7 @@ mod tests {
         let mut set = SignalSet::new(64);
         for i in 0..200_u32 {
             let omega = if i == 199 { 1.3 } else { 0.4 };
-            let sample = |k: usize| {
-                let ring = (-0.03 * k as f64).exp() * (omega * k as f64).cos();
-                (300.0 * ring + 2.5 * normal()) as f32
-            };
-            let signal: Vec<f32> = (0..64).map(sample).collect();
-            set.push(&signal, i.min(198), 1.0, f64::NAN);
+            set.push(&noisy_ring(300.0, omega, &mut normal), i.min(198), 1.0, f64::NAN);
         }
         let found = white_noise(&set);
         assert!((found / 2.5 - 1.0).abs() < 0.05, "{found}");

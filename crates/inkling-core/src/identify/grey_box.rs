@@ -188,33 +188,34 @@ mod tests {
     use super::super::rate_search::tests::{DT_S, PLANTED, decay};
     use super::*;
     use crate::model::normal::draws;
-    use crate::model::ring_down::ring_down;
+    use crate::model::ring_down::{Poles, ring_down};
     use nalgebra::DVector;
 
-    fn close(a: f64, b: f64, relative: f64) -> bool {
-        (a - b).abs() <= relative * b.abs()
+    /// A fit of a decay with noise of this standard deviation.
+    fn fitted(y: &[f64], noise: f64, near: Option<&InkChannel>) -> Identification {
+        identify(y, DT_S, noise, &GreyBoxSettings::default(), near).unwrap()
+    }
+
+    /// How far damping and frequency lie off, in the fit's own standard deviations.
+    fn off(fit: &Identification, truth: &Poles) -> [f64; 2] {
+        [
+            (fit.poles.damping_per_s - truth.damping_per_s) / fit.uncertainty.damping_sd_per_s,
+            (fit.poles.frequency_hz - truth.frequency_hz) / fit.uncertainty.frequency_sd_hz,
+        ]
     }
 
     #[test]
-    fn planted_poles_come_back_from_a_clean_decay() {
-        let fit = identify(&decay(), DT_S, 0.0, &GreyBoxSettings::default(), None).unwrap();
+    fn planted_poles_and_the_signal_come_back_from_a_clean_decay() {
+        let fit = fitted(&decay(), 0.0, None);
         let truth = poles_of(PLANTED.cubic()).unwrap();
+        let close = |a: f64, b: f64, relative: f64| (a / b - 1.0).abs() <= relative;
         assert!(close(fit.poles.damping_per_s, truth.damping_per_s, 1e-6), "{fit:?}");
         assert!(close(fit.poles.frequency_hz, truth.frequency_hz, 1e-8));
         assert!(close(fit.poles.lambda_per_s, truth.lambda_per_s, 1e-4));
         assert!(fit.at_bounds.is_empty());
-    }
-
-    #[test]
-    fn acquisition_state_rings_like_the_signal() {
-        let fit = identify(&decay(), DT_S, 0.0, &GreyBoxSettings::default(), None).unwrap();
-        let again =
-            ring_down(&fit.channel, &DVector::from_row_slice(&fit.acquisition_state), DT_S, 128);
-        for (y, z) in decay().iter().zip(&again) {
-            assert!((y - z).abs() < 1e-5, "{y} {z}");
-        }
-        for (y, z) in decay().iter().zip(&fit.expected(DT_S, 128)) {
-            assert!((y - z).abs() < 1e-5);
+        let state = DVector::from_row_slice(&fit.acquisition_state);
+        for again in [ring_down(&fit.channel, &state, DT_S, 128), fit.expected(DT_S, 128)] {
+            assert!(decay().iter().zip(&again).all(|(y, z)| (y - z).abs() < 1e-5), "{again:?}");
         }
     }
 
@@ -223,28 +224,21 @@ mod tests {
         let truth = poles_of(PLANTED.cubic()).unwrap();
         let (clean, noise) = (decay(), 4.0);
         let mut normal = draws(7);
-        let (mut covered, runs) = ([0; 3], 200);
+        let (mut covered, runs) = ([0; 2], 200);
         for _ in 0..runs {
             let y: Vec<f64> = clean.iter().map(|v| v + noise * normal()).collect();
-            let fit = identify(&y, DT_S, noise, &GreyBoxSettings::default(), None).unwrap();
-            let u = &fit.uncertainty;
-            let pairs = [
-                (fit.poles.damping_per_s - truth.damping_per_s, u.damping_sd_per_s),
-                (fit.poles.frequency_hz - truth.frequency_hz, u.frequency_sd_hz),
-            ];
-            for (k, (off, sd)) in pairs.iter().enumerate() {
-                covered[k] += usize::from(off.abs() <= 1.96 * sd);
+            for (covered, off) in covered.iter_mut().zip(off(&fitted(&y, noise, None), &truth)) {
+                *covered += usize::from(off.abs() <= 1.96);
             }
         }
-        for hits in &covered[..2] {
-            let share = *hits as f64 / f64::from(runs);
+        for hits in covered {
+            let share = hits as f64 / f64::from(runs);
             assert!((0.90..=0.99).contains(&share), "95 % intervals cover {share}");
         }
     }
 
     #[test]
     fn wherever_it_starts_a_search_ends_where_all_starts_do() {
-        let settings = GreyBoxSettings::default();
         let by = |stiffness: f64, loss: f64| InkChannel {
             a_per_s2: PLANTED.a_per_s2 * stiffness,
             b_per_s2: PLANTED.b_per_s2 * stiffness,
@@ -254,16 +248,10 @@ mod tests {
         for seed in 0..20 {
             let mut normal = draws(seed);
             let y: Vec<f64> = decay().iter().map(|v| v + 2.0 * normal()).collect();
-            let cold = identify(&y, DT_S, 2.0, &settings, None).unwrap();
+            let cold = fitted(&y, 2.0, None);
             // starts from the window before, from another ink, and from what no ink is
             for near in [by(1.01, 0.96), by(0.8, 1.5), by(4.0, 0.1)] {
-                let warm = identify(&y, DT_S, 2.0, &settings, Some(&near)).unwrap();
-                let off = [
-                    (warm.poles.damping_per_s - cold.poles.damping_per_s)
-                        / cold.uncertainty.damping_sd_per_s,
-                    (warm.poles.frequency_hz - cold.poles.frequency_hz)
-                        / cold.uncertainty.frequency_sd_hz,
-                ];
+                let off = off(&cold, &fitted(&y, 2.0, Some(&near)).poles);
                 assert!(off.iter().all(|off| off.abs() < 0.01), "{near:?}: {off:?}");
             }
         }
@@ -272,7 +260,7 @@ mod tests {
     /// Thesis (3-1) bounds the parameters of A by predetermined values, each its own.
     #[test]
     fn a_bound_of_ones_own_holds_and_is_told() {
-        let free = identify(&decay(), DT_S, 1.0, &GreyBoxSettings::default(), None).unwrap();
+        let free = fitted(&decay(), 1.0, None);
         let mut settings = GreyBoxSettings { plain_mean: true, ..GreyBoxSettings::default() };
         let low = 1.2 * free.channel.d_per_s;
         settings.d_per_s = 1.3 * free.channel.d_per_s;

@@ -169,14 +169,17 @@ mod tests {
 
     const DT_S: f64 = 0.78125e-6;
 
-    /// Noise-free signals of channels whose stiffness and damping scatter uniformly by these
-    /// relative half-widths.
-    fn channels(stiffness: f64, damping: f64, n: usize) -> SignalSet {
+    /// Half-widths of the uniform distributions by which stiffness and damping scatter, relative.
+    const STIFFNESS: f64 = 0.016;
+    const DAMPING: f64 = 0.10;
+
+    /// Noise-free signals of `n` channels whose stiffness and damping scatter.
+    fn channels(n: usize) -> SignalSet {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
         let mut set = SignalSet::new(128);
         for i in 0..n {
             let mut draw = |width: f64| 1.0 + width * rng.random_range(-1.0..1.0);
-            let (q, r) = (draw(stiffness), draw(damping));
+            let (q, r) = (draw(STIFFNESS), draw(DAMPING));
             let channel = InkChannel {
                 a_per_s2: 5.6e10 * q,
                 b_per_s2: 1.11e11 * q,
@@ -197,8 +200,8 @@ mod tests {
     }
 
     #[test]
-    fn curvature_explains_what_averaging_leaves() {
-        let set = channels(0.016, 0.10, 2000);
+    fn curvature_explains_what_averaging_leaves_and_planted_scatter_comes_back() {
+        let set = channels(2000);
         let mean = averaging::average(&set).unwrap();
         let settings = GreyBoxSettings::default();
         let plain = grey_box::identify(&mean.y, DT_S, 1.0, &settings, None).unwrap();
@@ -210,11 +213,19 @@ mod tests {
         assert!(off(&corrected) < 0.004, "{}", off(&corrected));
         let lambda = corrected.poles.lambda_per_s / truth.lambda_per_s - 1.0;
         assert!(lambda.abs() < 0.2, "real pole off by {lambda}");
+        // the standard deviation of a uniform distribution is its half-width over sqrt 3, and
+        // frequency moves by half of the stiffness
+        let scatter = corrected.scatter;
+        for (found, width) in
+            [(scatter.damping_sd, DAMPING), (scatter.frequency_sd, 0.5 * STIFFNESS)]
+        {
+            assert!((found * 3f64.sqrt() / width - 1.0).abs() < 0.1, "{scatter:?}");
+        }
     }
 
     #[test]
     fn the_plain_mean_is_fitted_as_it_is() {
-        let set = channels(0.016, 0.10, 200);
+        let set = channels(200);
         let mean = averaging::average(&set).unwrap();
         let settings = GreyBoxSettings { plain_mean: true, ..GreyBoxSettings::default() };
         let fit = fitted(&set, &settings);
@@ -223,16 +234,5 @@ mod tests {
         assert_eq!(fit.poles.damping_per_s, plain.poles.damping_per_s);
         let corrected = fitted(&set, &GreyBoxSettings::default());
         assert!(corrected.poles.damping_per_s < fit.poles.damping_per_s, "averaging damps");
-    }
-
-    #[test]
-    fn planted_scatter_comes_back() {
-        let fit = fitted(&channels(0.016, 0.10, 2000), &GreyBoxSettings::default());
-        // uniform half-width w: sd w / sqrt 3; frequency moves by half the stiffness
-        let expected = [0.10 / 3f64.sqrt(), 0.008 / 3f64.sqrt()];
-        let found = [fit.scatter.damping_sd, fit.scatter.frequency_sd];
-        for (e, f) in expected.iter().zip(found) {
-            assert!((f / e - 1.0).abs() < 0.1, "{found:?}");
-        }
     }
 }

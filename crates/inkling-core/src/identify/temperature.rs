@@ -207,59 +207,54 @@ mod tests {
 
     const DT_S: f64 = 0.78125e-6;
 
-    /// Signals of a channel whose ink gets warmer by 8 K; `stiffer`: relative change of a and b per
-    /// K.
+    /// Adds a signal of a channel of these rates at 21 °C, whose ink is so much warmer; `stiffer`:
+    /// relative change of a and b per K.
+    fn push(
+        set: &mut SignalSet,
+        (number, rates): (u32, &InkChannel),
+        (warmer, stiffer): (f64, f64),
+        mut noise: impl FnMut() -> f64,
+    ) {
+        let (thinner, stiffness) = (1.0 - 0.02 * warmer, 1.0 + stiffer * warmer);
+        let now = InkChannel {
+            a_per_s2: rates.a_per_s2 * stiffness,
+            b_per_s2: rates.b_per_s2 * stiffness,
+            g_per_s: rates.g_per_s * thinner,
+            d_per_s: rates.d_per_s * thinner,
+        };
+        let x_a = nalgebra::dvector![1e-4, 0.0, 900.0, 400.0];
+        let y = ring_down::ring_down(&now, &x_a, DT_S, 128);
+        let y: Vec<f32> = y.iter().map(|y| (y + 4.0 * noise()) as f32).collect();
+        set.push(&y, number, 1.0, 21.0 + warmer);
+    }
+
+    /// Signals of channels that are alike, whose ink gets warmer by 8 K.
     fn warming(channel: &InkChannel, stiffer: f64, seed: u64) -> SignalSet {
         let mut normal = draws(seed);
-        let x_a = nalgebra::dvector![1e-4, 0.0, 900.0, 400.0];
         let mut set = SignalSet::new(128);
         for k in 0..1600 {
             let warmer = 8.0 * f64::from(k) / 1600.0;
-            let (thinner, stiffness) = (1.0 - 0.02 * warmer, 1.0 + stiffer * warmer);
-            let now = InkChannel {
-                a_per_s2: channel.a_per_s2 * stiffness,
-                b_per_s2: channel.b_per_s2 * stiffness,
-                g_per_s: channel.g_per_s * thinner,
-                d_per_s: channel.d_per_s * thinner,
-            };
-            let y = ring_down::ring_down(&now, &x_a, DT_S, 128);
-            let y: Vec<f32> = y.iter().map(|y| (y + 4.0 * normal()) as f32).collect();
-            set.push(&y, k % 40, 1.0, 21.0 + warmer);
+            push(&mut set, (k % 40, channel), (warmer, stiffer), &mut normal);
         }
         set
     }
 
-    /// Signals of channels whose rates differ as those of the physical benchmark do; each channel
-    /// has `looks` signals, at the temperature that `temperature` gives to (channel, look).
-    fn differing(
-        kappa: f64,
-        temperature: impl Fn(u32, u32) -> f64,
-        looks: u32,
-        seed: u64,
-    ) -> SignalSet {
+    /// Forty signals of each of sixty channels whose rates differ as those of the physical
+    /// benchmark do; `warmer` gives by how much a channel's ink is warmer at a look.
+    fn differing(kappa: f64, warmer: impl Fn(u32, u32) -> f64, seed: u64) -> SignalSet {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
-        let x_a = nalgebra::dvector![1e-4, 0.0, 900.0, 400.0];
-        let mut set = SignalSet::new(128);
-        for channel in 0..60 {
+        let (nominal, mut set) = (InkChannel::NOMINAL, SignalSet::new(128));
+        for number in 0..60 {
             let mut by = |half: f64| 1.0 + half * rng.random_range(-1.0..1.0);
-            let [a, b, g, d] = [by(0.004), by(0.004), by(0.05), by(0.08)];
-            let nominal = InkChannel::NOMINAL;
-            for look in 0..looks {
-                let celsius = temperature(channel, look);
-                let thinner = 1.0 - 0.02 * (celsius - 21.0);
-                let now = InkChannel {
-                    a_per_s2: a * nominal.a_per_s2,
-                    b_per_s2: b * nominal.b_per_s2,
-                    g_per_s: thinner * g * kappa * nominal.d_per_s,
-                    d_per_s: thinner * d * nominal.d_per_s,
-                };
-                let mut noisy = |y: f64| {
-                    let noise: f64 = StandardNormal.sample(&mut rng);
-                    (y + 4.0 * noise) as f32
-                };
-                let y = ring_down::ring_down(&now, &x_a, DT_S, 128);
-                let y: Vec<f32> = y.into_iter().map(&mut noisy).collect();
-                set.push(&y, channel, 1.0, celsius);
+            let channel = InkChannel {
+                a_per_s2: by(0.004) * nominal.a_per_s2,
+                b_per_s2: by(0.004) * nominal.b_per_s2,
+                g_per_s: by(0.05) * kappa * nominal.d_per_s,
+                d_per_s: by(0.08) * nominal.d_per_s,
+            };
+            for look in 0..40 {
+                let noise = || StandardNormal.sample(&mut rng);
+                push(&mut set, (number, &channel), (warmer(number, look), 0.0), noise);
             }
         }
         set
@@ -282,16 +277,16 @@ mod tests {
             // half of the channels are looked at more often while it is cold
             let skewed = |channel: u32, look: u32| {
                 let at = f64::from(look) / 40.0;
-                21.0 + 8.0 * if channel.is_multiple_of(2) { at } else { at * at }
+                8.0 * if channel.is_multiple_of(2) { at } else { at * at }
             };
-            let found = told(&differing(kappa, skewed, 40, seed)).unwrap();
+            let found = told(&differing(kappa, skewed, seed)).unwrap();
             let off = (found.g_over_d / kappa).ln() / found.g_over_d_sd;
             println!("{found:?}: {off:.2}");
             within += usize::from(!found.is_known() || off.abs() < 1.96);
         }
         assert!(within >= 9, "95 % intervals hold {within} of 12");
-        let in_turn = |channel: u32, _| 21.0 + 8.0 * f64::from(channel) / 60.0;
-        assert_eq!(told(&differing(0.3, in_turn, 40, 1)), None);
+        let in_turn = |channel: u32, _| 8.0 * f64::from(channel) / 60.0;
+        assert_eq!(told(&differing(0.3, in_turn, 1)), None);
     }
 
     /// Tests with channels that have neither the ratio g/d = .2 which the settings hold, nor the
