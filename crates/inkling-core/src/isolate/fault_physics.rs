@@ -572,43 +572,42 @@ mod tests {
         assert!(covered >= 0.90 && right >= 0.95, "{covered} {right}");
     }
 
-    /// The features of a drawn signal of that fault, its comparison with all curves, and its ln density in
-    /// the likeliest class.
-    fn drawn(
-        curves: &FaultCurves,
-        of: &str,
-        rng: &mut ChaCha8Rng,
-    ) -> (Vector4<f64>, Comparison, f64) {
-        let (_, x) = faulty_features(of, rng);
-        let compared = compared(curves, &x);
-        let most = compared.ln_densities.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        (x, compared, most)
-    }
-
     /// Names by physics alone, on a head that follows it: `tests/outside/foreign.py` asks the same of one
-    /// that does not.
+    /// that does not. Twins are told beside a class however rare they are.
     #[test]
-    fn what_happens_to_channels_and_is_no_class_takes_no_name_but_its_twins_do() {
+    fn what_happens_to_channels_and_is_no_class_takes_no_name_but_its_twins_do_and_are_told() {
         let physics = physics(TRUE, 0.05);
         let curves = physics.curves(&classes(), DT_S, SAMPLES);
         let mut rng = ChaCha8Rng::seed_from_u64(8);
-        let mut named = |of: &str| {
-            let is_named = |_| {
-                let (x, compared, most) = drawn(&curves, of, &mut rng);
+        // of 50 drawn signals, how many are given a name, and for how many a twin is told
+        let mut judged = |of: &str| {
+            let mut n = [0; 2];
+            for _ in 0..50 {
+                let (_, x) = faulty_features(of, &mut rng);
+                let compared = compared(&curves, &x);
+                let most = compared.ln_densities.iter().copied().fold(f64::NEG_INFINITY, f64::max);
                 let others = (&compared.ln_alternatives[..], curves.of_no_class());
                 let known = weigh(x.as_slice(), &compared.ln_densities, &[1.0; 9], others).of_any;
                 let all: f64 = compared.ln_densities.iter().map(|ln| (ln - most).exp()).sum();
-                u32::from(known / all >= 0.8)
-            };
-            (0..50).map(is_named).sum::<u32>()
+                n[0] += u32::from(known / all >= 0.8);
+                n[1] += u32::from(curves.twin(&compared.ln_alternatives, most).is_some());
+            }
+            n
         };
         // no decay tells these from a dried and from a partly blocked nozzle
         let twins = ["a blocked restrictor", "thick ink", "thick ink in the restrictor"];
         for (name, _) in physics.laws.contrasts() {
-            let (n, most) = (named(name), if twins.contains(&name) { 25 } else { 2 });
-            assert!(n <= most, "{name}: {n} of 50");
+            let is_twin = twins.contains(&name);
+            let ([named, told], most) = (judged(name), if is_twin { 25 } else { 2 });
+            assert!(named <= most && (told >= 45 || !is_twin), "{name}: {named}, {told} of 50");
         }
-        let known: u32 = CLASSES.iter().map(|class| named(class)).sum();
+        let mut known = 0;
+        for class in CLASSES {
+            let [named, told] = judged(class);
+            known += named;
+            let can_be_told_apart = ["BN", "AB3", "DDN"].contains(&class);
+            assert!(told <= 10 || !can_be_told_apart, "{class}: {told} of 50");
+        }
         assert!(known >= 340, "{known} of 450");
     }
 
@@ -671,28 +670,6 @@ mod tests {
         assert!(known.iter().all(|n| n[1] >= 90), "{known:?} of 100 each");
         let of = |way: usize| known.iter().map(|n| n[way]).sum::<u32>();
         assert!(of(1) >= of(0), "{known:?}");
-    }
-
-    #[test]
-    fn twins_are_told_beside_a_class_however_rare_and_what_can_be_told_apart_is_not() {
-        let physics = physics(TRUE, 0.05);
-        let curves = physics.curves(&classes(), DT_S, SAMPLES);
-        let mut rng = ChaCha8Rng::seed_from_u64(88);
-        let mut told = |of: &str| {
-            let is_told = |_| {
-                let (_, compared, most) = drawn(&curves, of, &mut rng);
-                u32::from(curves.twin(&compared.ln_alternatives, most).is_some())
-            };
-            (0..50).map(is_told).sum::<u32>()
-        };
-        for twin in ["a blocked restrictor", "thick ink", "thick ink in the restrictor"] {
-            let n = told(twin);
-            assert!(n >= 45, "{twin}: {n} of 50");
-        }
-        for class in ["BN", "AB3", "DDN"] {
-            let n = told(class);
-            assert!(n <= 10, "{class}: {n} of 50");
-        }
     }
 
     /// Shows what limits a start without labels: neither what a ring tells nor the rates, but which

@@ -362,9 +362,8 @@ mod tests {
         solver.solution.x.clone()
     }
 
-    /// Compares the result with the optimality conditions and with clarabel; returns the violation of the
-    /// conditions.
-    fn check(columns: &[Vec<f64>], r: &[f64], what: &str) -> f64 {
+    /// Compares the result with the optimality conditions and with clarabel.
+    fn check(columns: &[Vec<f64>], r: &[f64], what: &str) {
         let m = matrix(columns);
         let phi = ours(&m, r);
         let left = kkt(&m, r, &phi);
@@ -375,28 +374,24 @@ mod tests {
         assert!(mine <= theirs + 1e-7 * size, "{what}: {mine} against clarabel's {theirs}");
         // clarabel leaves the simplex by its tolerance, so it may lie a little below.
         assert!(mine >= theirs - 1e-6 * size, "{what}: {mine} against clarabel's {theirs}");
-        left
     }
 
     #[test]
     fn agrees_with_clarabel_on_random_problems_of_1_to_20_classes() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
-        let mut worst: f64 = 0.0;
         for n in 1..=20 {
             for _ in 0..30 {
                 let columns: Vec<_> = (0..n).map(|_| random_column(&mut rng)).collect();
                 let far = rng.random_range(0.1..10.0);
                 let r: Vec<f64> = random_column(&mut rng).iter().map(|v| v * far).collect();
-                worst = worst.max(check(&columns, &r, "random"));
+                check(&columns, &r, "random");
             }
         }
-        println!("worst KKT residual {worst:e}");
     }
 
     #[test]
     fn agrees_with_clarabel_on_badly_conditioned_problems() {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
-        let mut worst: f64 = 0.0;
         for decades in 1..=9 {
             for n in [2, 5, 9, 20] {
                 for _ in 0..10 {
@@ -412,11 +407,10 @@ mod tests {
                     let r = mix(&columns, &vec![1.0 / n as f64; n]);
                     let noise = random_column(&mut rng);
                     let r: Vec<f64> = r.iter().zip(noise).map(|(r, e)| r + 0.01 * e).collect();
-                    worst = worst.max(check(&columns, &r, &format!("1e-{decades}, {n}")));
+                    check(&columns, &r, &format!("1e-{decades}, {n}"));
                 }
             }
         }
-        println!("worst KKT residual {worst:e}");
     }
 
     #[test]

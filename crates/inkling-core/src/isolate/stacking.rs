@@ -216,25 +216,18 @@ mod tests {
     use super::*;
     use crate::model::normal::draws;
 
-    /// Drawn examples of three classes, which differ in the third coordinate and, if `phase` is given, in the
-    /// fourth.
-    fn examples(n: usize, phase: Option<f64>, seed: u64) -> Vec<Examples> {
+    /// Drawn examples of three classes, which differ in the third coordinate.
+    fn examples(n: usize, seed: u64) -> Vec<Examples> {
         let mut normal = draws(seed);
-        let size = if phase.is_some() { 4 } else { 3 };
-        (0..3)
-            .map(|class| {
-                let row = |_| {
-                    let mut x = DVector::from_fn(size, |_, _| 0.1 * normal());
-                    x[2] += 0.15 * class as f64;
-                    if let Some(step) = phase {
-                        x[3] += step * class as f64;
-                    }
-                    x
-                };
-                let noise = DMatrix::identity(size, size) * 0.0025;
-                Examples::new((0..n).map(row).collect(), noise)
-            })
-            .collect()
+        let mut row = |class: usize| {
+            let at = |k: usize| if k == 2 { 0.15 * class as f64 } else { 0.0 };
+            DVector::from_fn(3, |k, _| at(k) + 0.1 * normal())
+        };
+        let mut class = |class: usize| {
+            let features = (0..n).map(|_| row(class)).collect();
+            Examples::new(features, DMatrix::identity(3, 3) * 0.0025)
+        };
+        (0..3).map(&mut class).collect()
     }
 
     #[test]
@@ -255,11 +248,11 @@ mod tests {
 
     #[test]
     fn posterior_is_calibrated_on_fresh_signals() {
-        let held = examples(400, None, 2);
+        let held = examples(400, 2);
         let posterior = Posterior::learn(&held).unwrap();
         let (mut claimed, mut right, mut n) = (0.0, 0.0, 0.0);
         let mut weights = [0.0; 3];
-        for (truth, class) in examples(3000, None, 3).iter().enumerate() {
+        for (truth, class) in examples(3000, 3).iter().enumerate() {
             for x in &class.features {
                 posterior.weigh(x.as_slice(), &[], &[1.0 / 3.0; 3], &mut Vec::new(), &mut weights);
                 assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
@@ -287,7 +280,7 @@ mod tests {
     #[test]
     fn the_physics_stands_alone_at_first_and_yields_where_it_is_wrong() {
         let stacked = |n: usize, off: f64| {
-            let examples = examples(n, None, 6);
+            let examples = examples(n, 6);
             let physics = by_physics(&examples, off);
             let labelled: Vec<_> = examples.into_iter().map(Some).collect();
             Posterior::stack(&labelled, &physics, &[true; 3]).unwrap().physics_share
