@@ -146,9 +146,9 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{ChiSquared, Distribution, StandardNormal};
 
-    #[derive(Clone, Copy, Debug, PartialEq)]
     /// How healthy signals scatter: their three features are Gaussian, uniform with little noise,
     /// or Student's t with 5 degrees of freedom.
+    #[derive(Clone, Copy, Debug, PartialEq)]
     enum Healthy {
         Gaussian,
         Bounded,
@@ -230,37 +230,27 @@ mod tests {
             all.false_alarms += one.false_alarms / WINDOWS as f64;
             all.recall += one.recall / WINDOWS as f64;
         }
-        println!("{kind:?}, {share} {faults:?}: {all:?}");
         all
     }
 
     #[test]
-    fn stated_rate_holds_without_faults_and_with_faults_of_any_size() {
-        for kind in [Healthy::Gaussian, Healthy::Bounded, Healthy::Student] {
-            for share in [0.0, 0.1, 0.4] {
-                let of = over_windows(kind, share, Faults::OverDecades);
-                assert!(of.false_alarms <= 2.0 * STATED, "{kind:?} {share}: {of:?}");
-                // a heavy Student tail lies over some of the faults
-                let least = if kind == Healthy::Student { 0.2 } else { 0.99 };
-                assert!(of.recall >= least, "{kind:?} {share}: {of:?}");
-            }
-        }
-    }
-
-    #[test]
-    fn faults_of_one_size_or_two_are_no_healthy_tail() {
-        let (near, far) = (Faults::OneSize(9.0), Faults::OneSize(40.0));
-        for faults in [near, Faults::OneSize(15.0), far, Faults::TwoSizes(15.0, 100.0)] {
-            for share in [0.1, 0.38] {
+    fn stated_rate_holds_and_faults_of_any_or_of_one_size_or_two_are_no_healthy_tail() {
+        use Faults::{OneSize, OverDecades, TwoSizes};
+        // The least recall by signals without a heavy tail, and by those with one: a Student tail
+        // lies over some of the faults of any size, and reaches beyond the nearest of one size.
+        let few = &[0.1, 0.38][..];
+        for (faults, shares, least, least_of_student) in [
+            (OverDecades, &[0.0, 0.1, 0.4][..], 0.99, 0.2),
+            (OneSize(9.0), few, 0.97, 0.0),
+            (OneSize(15.0), few, 0.97, 0.8),
+            (OneSize(40.0), few, 0.97, 0.8),
+            (TwoSizes(15.0, 100.0), few, 0.97, 0.8),
+        ] {
+            for &share in shares {
                 for kind in [Healthy::Gaussian, Healthy::Bounded, Healthy::Student] {
                     let of = over_windows(kind, share, faults);
                     assert!(of.false_alarms <= 2.0 * STATED, "{kind:?} {share} {faults:?}: {of:?}");
-                    // a heavy Student tail reaches beyond the nearest of the faults
-                    let least = match (kind, faults) {
-                        (Healthy::Student, Faults::OneSize(9.0)) => 0.0,
-                        (Healthy::Student, _) => 0.8,
-                        _ => 0.97,
-                    };
+                    let least = if kind == Healthy::Student { least_of_student } else { least };
                     assert!(of.recall >= least, "{kind:?} {share} {faults:?}: {of:?}");
                 }
             }
@@ -288,10 +278,8 @@ mod tests {
                 contaminated(&squares, &of, (Degrees::Three, Spread::Own), STATED, 0.95).unwrap();
             squares.iter().filter(|s| **s > threshold.value).count() as f64 / squares.len() as f64
         };
-        (0..HEADS).map(of_head).sum::<f64>() / HEADS as f64
+        (0..60).map(of_head).sum::<f64>() / 60.0
     }
-
-    const HEADS: u64 = 60;
 
     #[test]
     fn few_channels_that_differ_for_good_are_not_taken_for_many() {
@@ -300,7 +288,6 @@ mod tests {
             [(8, 0.1, 3.0), (12, 0.1, 2.0), (12, 0.5, 2.0), (60, 0.1, 2.0)]
         {
             let rate = beyond(channels, within);
-            println!("{channels} channels, {within}: {rate:.5}");
             assert!(rate <= most * STATED, "{channels} channels, {within}: {rate}");
         }
     }

@@ -271,13 +271,25 @@ mod tests {
     use super::*;
     use crate::model::normal::draws;
 
+    fn tangent(n: usize) -> DMatrix<f64> {
+        DMatrix::from_fn(n, 3, |i, j| ((i * (j + 1)) as f64 * 0.1).sin() * 100.0)
+    }
+
+    /// Draws a deviation of 64 samples: each parameter moves with its standard deviation, and the
+    /// noise is that of the tests' sensitivities.
+    fn deviation(sds: [f64; 3], drive: f64, normal: &mut impl FnMut() -> f64) -> Vec<f64> {
+        let theta = Vector3::from(sds.map(|sd| sd * normal()));
+        let moved = tangent(64) * theta * drive;
+        moved.iter().map(|moved| moved + 10.0 * normal()).collect()
+    }
+
     /// Tests what the head of this file derives: W is computed by triangular solves from F itself.
     #[test]
     fn the_distance_is_a_weighted_energy_of_the_fd_filters_residual_whatever_its_denominator() {
         use crate::detect::ResidualGenerator;
         use nalgebra::DVector;
         const N: usize = 96;
-        let tangent = DMatrix::from_fn(N, 3, |i, j| ((i * (j + 1)) as f64 * 0.1).sin() * 100.0);
+        let tangent = tangent(N);
         let spread = Matrix3::from_diagonal(&Vector3::new(4e-4, 25e-4, 4e-6));
         let learned = Sensitivity {
             mean: [0.01, -0.02, 0.001],
@@ -320,14 +332,11 @@ mod tests {
     #[test]
     fn the_spread_that_is_learned_is_the_channels_alone_at_any_drive() {
         let mut normal = draws(5);
-        let tangent = DMatrix::from_fn(64, 3, |i, j| ((i * (j + 1)) as f64 * 0.1).sin() * 100.0);
-        let sensitivity = Sensitivity::new(&tangent, 10.0).unwrap();
+        let sensitivity = Sensitivity::new(&tangent(64), 10.0).unwrap();
         let sds = [0.02, 0.05, 0.03];
         for drive in [0.5, 1.0, 2.0] {
             let mut signal = || {
-                let theta = sds.map(|sd| sd * normal());
-                let moved = |k: usize| -> f64 { (0..3).map(|j| tangent[(k, j)] * theta[j]).sum() };
-                let d: Vec<f64> = (0..64).map(|k| drive * moved(k) + 10.0 * normal()).collect();
+                let d = deviation(sds, drive, &mut normal);
                 (sensitivity.features(&d, drive), drive)
             };
             let features: Vec<(Vector3<f64>, f64)> = (0..6000).map(|_| signal()).collect();
@@ -342,23 +351,16 @@ mod tests {
     #[test]
     fn mean_distance_of_healthy_signals_is_what_their_covariance_says() {
         let mut normal = draws(2);
-        let tangent = DMatrix::from_fn(64, 3, |i, j| ((i * (j + 1)) as f64 * 0.1).sin() * 100.0);
         let mut healthy = |n: usize| -> Vec<(Vec<f64>, f64)> {
             (0..n)
                 .map(|i| {
                     let drive = if i % 3 == 0 { 0.8 } else { 1.0 };
-                    let theta = [0.02 * normal(), 0.05 * normal(), 0.002 * normal()];
-                    let d = (0..64)
-                        .map(|k| {
-                            let moved: f64 = (0..3).map(|j| tangent[(k, j)] * theta[j]).sum();
-                            drive * moved + 10.0 * normal()
-                        })
-                        .collect();
+                    let d = deviation([0.02, 0.05, 0.002], drive, &mut normal);
                     (d, drive)
                 })
                 .collect()
         };
-        let new = Sensitivity::new(&tangent, 10.0).unwrap();
+        let new = Sensitivity::new(&tangent(64), 10.0).unwrap();
         let features: Vec<(Vector3<f64>, f64)> =
             healthy(4000).iter().map(|(d, drive)| (new.features(d, *drive), *drive)).collect();
         let learned = new.with_spread(&features);
@@ -384,8 +386,7 @@ mod tests {
 
     #[test]
     fn without_a_share_or_with_more_than_all_no_sensitivity_is_taken() {
-        let tangent = DMatrix::from_fn(64, 3, |i, j| ((i * (j + 1)) as f64 * 0.1).sin() * 100.0);
-        let new = Sensitivity::new(&tangent, 10.0).unwrap();
+        let new = Sensitivity::new(&tangent(64), 10.0).unwrap();
         new.check(64).unwrap();
         for share in [0.0, -0.5, 1.01, f64::NAN] {
             assert!(Sensitivity { share, ..new.clone() }.check(64).is_err(), "{share}");

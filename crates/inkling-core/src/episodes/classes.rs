@@ -71,32 +71,29 @@ fn lacking(weights: impl Iterator<Item = f64>) -> f64 {
 mod tests {
     use super::*;
 
+    /// A filter that has seen so many looks of the same weights, the one after the other.
+    fn seen(priors: &[f64], looks: &[(usize, &[f32])]) -> ClassFilter {
+        let mut filter = ClassFilter::new(priors);
+        for (n, weights) in looks {
+            (0..*n).for_each(|_| filter.look(weights, priors));
+        }
+        filter
+    }
+
     #[test]
     fn looks_that_agree_make_certain_and_a_grown_fault_changes_the_class() {
-        let priors = [0.28; 3];
-        let mut filter = ClassFilter::new(&priors);
-        for _ in 0..8 {
-            filter.look(&[0.6, 0.3, 0.1], &priors);
-        }
-        assert!(filter.weights[0] > 0.8, "{filter:?}");
-        for _ in 0..8 {
-            filter.look(&[0.0, 0.05, 0.95], &priors);
-        }
-        assert!(filter.weights[2] > 0.9, "{filter:?}");
-        assert!((filter.weights.iter().sum::<f64>() + filter.none - 1.0).abs() < 1e-12);
-        for _ in 0..8 {
-            filter.look(&[0.0, 0.01, 0.02], &priors);
-        }
-        assert!(filter.none > 0.9, "what is of no class is none in the end: {filter:?}");
+        let looks: [(usize, &[f32]); 3] =
+            [(8, &[0.6, 0.3, 0.1]), (8, &[0.0, 0.05, 0.95]), (8, &[0.0, 0.01, 0.02])];
+        let after = |n: usize| seen(&[0.28; 3], &looks[..n]);
+        assert!(after(1).weights[0] > 0.8, "{:?}", after(1));
+        assert!(after(2).weights[2] > 0.9, "{:?}", after(2));
+        assert!((after(2).weights.iter().sum::<f64>() + after(2).none - 1.0).abs() < 1e-12);
+        assert!(after(3).none > 0.9, "what is of no class is none in the end: {:?}", after(3));
     }
 
     #[test]
     fn rounding_is_no_evidence_for_no_class() {
-        let priors = [1.0 / 6.0; 6];
-        let mut filter = ClassFilter::new(&priors);
-        for _ in 0..20 {
-            filter.look(&[0.9, 0.1, 0.0, 0.0, 0.0, 0.0], &priors);
-        }
+        let filter = seen(&[1.0 / 6.0; 6], &[(20, &[0.9, 0.1, 0.0, 0.0, 0.0, 0.0])]);
         assert!(filter.none == 0.0 && filter.weights[0] > 0.9, "{filter:?}");
     }
 
@@ -119,12 +116,9 @@ mod tests {
         let sum = 1000.0 + 8.0;
         let priors: Vec<f64> =
             (0..9).map(|k| if k == 0 { 1000.0 } else { 1.0 } * 0.86 / sum).collect();
-        let mut filter = ClassFilter::new(&priors);
         let mut of_first = [0.0001_f32; 9];
         of_first[0] = 0.98;
-        for _ in 0..30 {
-            filter.look(&of_first, &priors);
-        }
+        let mut filter = seen(&priors, &[(30, &of_first)]);
         assert!(filter.weights[0] > 0.9, "{filter:?}");
         // but for the share that returns to the priors
         let stay =
@@ -135,20 +129,15 @@ mod tests {
         assert!((odds / expected - 1.0).abs() < 1e-9, "{odds} {expected}");
 
         // where some class is certain beforehand, a look of none says nothing
-        let mut filter = ClassFilter::new(&[0.8, 0.1, 0.1]);
-        filter.look(&[], &[0.8, 0.1, 0.1]);
+        let filter = seen(&[0.8, 0.1, 0.1], &[(1, &[])]);
         assert!((filter.weights[0] - 0.8).abs() < 1e-9 && filter.none == 0.0, "{filter:?}");
     }
 
     #[test]
     fn looks_that_say_nothing_leave_the_priors() {
         let priors = [0.6, 0.2, 0.1];
-        let mut filter = ClassFilter::new(&priors);
-        for _ in 0..50 {
-            filter.look(&[0.6, 0.2, 0.1], &priors);
-        }
-        filter.look(&[f32::NAN, 0.2, 0.1], &priors);
-        filter.look(&[0.7], &priors);
+        let filter =
+            seen(&priors, &[(50, &[0.6, 0.2, 0.1]), (1, &[f32::NAN, 0.2, 0.1]), (1, &[0.7])]);
         for (w, prior) in filter.weights.iter().zip(priors) {
             assert!((w - prior).abs() < 1e-6, "{filter:?}");
         }

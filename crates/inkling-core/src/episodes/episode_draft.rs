@@ -101,9 +101,13 @@ mod tests {
     use super::*;
     use crate::fault::Class;
 
+    fn rules() -> Rules {
+        Rules::new(&["BN", "PBN", "SDN"].map(Class::plain), &[0.28; 3], 0.8, 16.0)
+    }
+
     #[test]
     fn a_ring_is_told_by_the_mean_of_about_ten_looks() {
-        let rules = Rules::new(&["BN", "PBN", "SDN"].map(Class::plain), &[0.28; 3], 0.8, 16.0);
+        let rules = rules();
         let mut draft = EpisodeDraft::new(&rules);
         let mut look = |of: f64| {
             let rings = Some(Rings {
@@ -128,7 +132,7 @@ mod tests {
 
     #[test]
     fn signals_that_may_as_well_be_no_class_are_counted_apart_from_those_of_none() {
-        let rules = Rules::new(&["BN", "PBN", "SDN"].map(Class::plain), &[0.28; 3], 0.8, 16.0);
+        let rules = rules();
         let mut draft = EpisodeDraft::new(&rules);
         let of_class = IsolatedSignal { weights: vec![0.0, 0.9, 0.0], ..IsolatedSignal::default() };
         let twin = Some(Appearance::Like("a heavier restrictor".into()));

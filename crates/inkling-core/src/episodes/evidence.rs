@@ -278,6 +278,11 @@ mod tests {
         }
     }
 
+    /// How often so many looks raise an episode.
+    fn raised(evidence: &mut Evidence, looks: usize, mut look: impl FnMut() -> f32) -> usize {
+        (0..looks).filter(|_| evidence.look(look(), 16.0) == Step::Raised).count()
+    }
+
     #[test]
     fn healthy_channels_high_or_low_raise_less_often_than_the_bound_says() {
         // bound of 20 in a million looks, 1.6 million looks
@@ -328,13 +333,9 @@ mod tests {
             let ended = (1..30).find(|_| evidence.look(look(1.0), bound) == Step::Ended);
             assert!(ended.is_some_and(|n| n <= 8), "{ended:?}");
         }
-    }
-
-    #[test]
-    fn channel_that_is_faulty_from_the_start_is_raised() {
+        // as is a channel that is faulty from the start
         let mut evidence = Evidence::default();
-        let mut look = source(3);
-        let raised = (1..30).find(|_| evidence.look(look(8.0), 16.0) == Step::Raised);
+        let raised = (1..30).find(|_| evidence.look(look(8.0), bound) == Step::Raised);
         assert!(raised.is_some_and(|n| n <= 8), "{raised:?}");
     }
 
@@ -361,10 +362,9 @@ mod tests {
             let mut evidence = Evidence::default();
             // twenty looks against all channels' spread, which is wider than the channel's own;
             // from then on against the latter
-            let by_all =
-                (0..20).any(|_| evidence.look(0.3 * own_look(&mut look), 16.0) == Step::Raised);
+            let by_all = raised(&mut evidence, 20, || 0.3 * own_look(&mut look));
             evidence.judge_by_own(true);
-            by_all | (0..200).any(|_| evidence.look(own_look(&mut look), 16.0) == Step::Raised)
+            by_all + raised(&mut evidence, 200, || own_look(&mut look)) > 0
         };
         // 400,000 looks, of which .1 per million are expected to raise an episode
         assert_eq!((0..2000).filter(raises).count(), 0);
@@ -380,15 +380,9 @@ mod tests {
             [|z| (1.6 * (z - 3.19)).exp(), |z| if z > 1.645 { 0.9 } else { 0.1 }];
         let mut normal = draws(9);
         for shape in shapes {
-            let mut raised = 0;
             for _ in 0..1000 {
-                let mut evidence = Evidence::default();
-                for _ in 0..400 {
-                    let look = shape(normal() as f32);
-                    raised += u32::from(evidence.look(look, 16.0) == Step::Raised);
-                }
+                assert_eq!(raised(&mut Evidence::default(), 400, || shape(normal() as f32)), 0);
             }
-            assert_eq!(raised, 0);
         }
     }
 
@@ -396,17 +390,17 @@ mod tests {
     fn a_lower_threshold_is_no_fault_if_it_is_told_and_would_be_one_if_not() {
         // A channel that lies far out, and always did. The tail of the first window is known badly,
         // so its threshold is high; that of the next one is lower.
-        let raised = |told: bool| {
+        let channels = |told: bool| {
             let mut look = source(7);
             let raises = |_: &u32| {
                 let mut evidence = Evidence::default();
-                let wide = (0..60).any(|_| evidence.look(0.55 * look(3.0), 16.0) == Step::Raised);
+                let wide = raised(&mut evidence, 60, || 0.55 * look(3.0));
                 evidence.change_model(if told { 1.0 / 0.55 } else { 1.0 });
-                wide | (0..60).any(|_| evidence.look(look(3.0), 16.0) == Step::Raised)
+                wide + raised(&mut evidence, 60, || look(3.0)) > 0
             };
             (0..2000).filter(raises).count()
         };
-        let (told, not) = (raised(true), raised(false));
+        let (told, not) = (channels(true), channels(false));
         assert!(told <= 2 && not >= 20, "{told} and {not}");
     }
 

@@ -233,13 +233,9 @@ mod tests {
 
     #[test]
     fn named_fault_is_said_as_the_contract_has_it() {
+        let nearest = Some((&Class::plain("PBN"), 0.97));
         assert_eq!(
-            sentence(
-                &episode(),
-                Some(&RINGS),
-                Some((&Class::plain("PBN"), 0.97)),
-                Instead::Nothing
-            ),
+            sentence(&episode(), Some(&RINGS), nearest, Instead::Nothing),
             "channel 713: resonance 64.7 → 61.9 kHz, damping +31 %: partly blocked nozzle, \
              22 ± 3 % of the cross-section, certainty .97"
         );
@@ -259,27 +255,23 @@ mod tests {
     #[test]
     fn what_is_not_known_is_not_said() {
         let no_size = Episode { severity_last: None, ..episode() };
-        let text = sentence(&no_size, Some(&RINGS), None, Instead::Nothing);
-        assert!(text.ends_with("partly blocked nozzle, certainty .97"), "{text}");
-
         let category = Episode { fault: None, ..episode() };
-        let text = sentence(&category, None, Some((&Class::plain("BN"), 0.6)), Instead::Nothing);
-        assert!(text.ends_with("blocked nozzle (at best BN), certainty .97"), "{text}");
-        let text = sentence(&category, None, Some((&Class::plain("EC"), 0.4)), Instead::Nothing);
-        assert!(text.ends_with("blocked nozzle, certainty .97"), "{text}");
-
-        let unnamed = Episode { fault: None, category: None, certainty: None, ..episode() };
-        let text = sentence(&unnamed, None, Some((&Class::plain("BN"), 0.6)), Instead::Nothing);
-        assert!(text.ends_with("not named; at best blocked nozzle, certainty .60"), "{text}");
-        let text = sentence(
-            &unnamed,
-            None,
-            Some((&Class::plain("BN"), 0.6)),
-            Instead::Rather(&Appearance::NoiseAlone),
-        );
+        let unnamed = Episode { category: None, certainty: None, ..category.clone() };
+        for (episode, rings, nearest, said) in [
+            (&no_size, Some(&RINGS), None, "partly blocked nozzle, certainty .97"),
+            (&category, None, Some(("BN", 0.6)), "blocked nozzle (at best BN), certainty .97"),
+            (&category, None, Some(("EC", 0.4)), "blocked nozzle, certainty .97"),
+            (&unnamed, None, Some(("BN", 0.6)), "not named; at best blocked nozzle, certainty .60"),
+            (&unnamed, None, None, "channel 713: rings unlike a healthy channel: not named"),
+        ] {
+            let nearest = nearest.map(|(class, certainty)| (Class::plain(class), certainty));
+            let nearest = nearest.as_ref().map(|(class, certainty)| (class, *certainty));
+            let text = sentence(episode, rings, nearest, Instead::Nothing);
+            assert!(text.ends_with(said), "{text}");
+        }
+        let (nearest, rather) = (Class::plain("BN"), Instead::Rather(&Appearance::NoiseAlone));
+        let text = sentence(&unnamed, None, Some((&nearest, 0.6)), rather);
         assert!(text.contains("noise alone") && text.contains("not at the nozzle"), "{text}");
-        let text = sentence(&unnamed, None, None, Instead::Nothing);
-        assert_eq!(text, "channel 713: rings unlike a healthy channel: not named");
     }
 
     #[test]
