@@ -323,6 +323,12 @@ mod tests {
         Vector4::new(4.0, 1.0, 9.0, 0.0)
     }
 
+    /// Looks at these times and at this place, each healthy with this probability and else faulty.
+    fn learn(of: &mut Channel, times: std::ops::Range<i64>, at: Features, healthy: f64) {
+        let by = Responsibility { healthy, faulty: 1.0 - healthy, replaced: 0.0 };
+        times.for_each(|t| of.learn(t, FromLevel { at, looks: 1.0 }, by, (&spread(), &ONE)));
+    }
+
     #[test]
     fn posterior_is_the_conjugate_one() {
         let mut sum = Sum::default();
@@ -337,19 +343,17 @@ mod tests {
 
     #[test]
     fn faulty_looks_do_not_teach_and_first_ones_that_were_faulty_are_swapped() {
-        let fault = FromLevel { at: Vector4::new(30.0, 0.0, 0.0, 0.0), looks: 1.0 };
-        let look = FromLevel { at: Vector4::new(1.0, 0.0, 1.0, 0.0), looks: 1.0 };
-        let by = |healthy: f64| Responsibility { healthy, faulty: 1.0 - healthy, replaced: 0.0 };
+        let (fault, look) = (Vector4::new(30.0, 0.0, 0.0, 0.0), Vector4::new(1.0, 0.0, 1.0, 0.0));
         let mut of = Channel::default();
-        (0..20).for_each(|t| of.learn(t, look, by(1.0), (&spread(), &ONE)));
+        learn(&mut of, 0..20, look, 1.0);
         let before = of.healthy();
-        (20..520).for_each(|t| of.learn(t, fault, by(0.0), (&spread(), &ONE)));
+        learn(&mut of, 20..520, fault, 0.0);
         assert_eq!(of.healthy(), before);
         assert!(of.knows_fault() && of.is_faulty > 0.5);
         let mut young = Channel::default();
-        (0..3).for_each(|t| young.learn(t, fault, by(1.0), (&spread(), &ONE)));
-        (3..11).for_each(|t| young.learn(t, look, by(0.0), (&spread(), &ONE)));
-        assert!((young.healthy().mean() - look.at).amax() < 1e-9, "{young:?}");
+        learn(&mut young, 0..3, fault, 1.0);
+        learn(&mut young, 3..11, look, 0.0);
+        assert!((young.healthy().mean() - look).amax() < 1e-9, "{young:?}");
     }
 
     /// Both levels are such as healthy channels have; the one further out was a slight fault of the
@@ -357,14 +361,10 @@ mod tests {
     #[test]
     fn a_slight_fault_of_the_first_minutes_is_cured_and_a_long_past_is_believed() {
         let (outer, inner) = (Vector4::new(3.0, 0.0, 2.0, 0.0), Vector4::new(1.0, 0.0, 1.0, 0.0));
-        let by = |healthy: f64| Responsibility { healthy, faulty: 1.0 - healthy, replaced: 0.0 };
         let healthy_after = |first: i64, then: i64| {
             let mut of = Channel::default();
-            let mut look = |t: i64, at: Features, healthy: f64| {
-                of.learn(t, FromLevel { at, looks: 1.0 }, by(healthy), (&spread(), &ONE));
-            };
-            (0..first).for_each(|t| look(t, outer, 1.0));
-            (first..first + then).for_each(|t| look(t, inner, 0.0));
+            learn(&mut of, 0..first, outer, 1.0);
+            learn(&mut of, first..first + then, inner, 0.0);
             of.healthy().mean()
         };
         assert!((healthy_after(20, 20) - inner).amax() < 1e-9);
@@ -374,15 +374,12 @@ mod tests {
 
     #[test]
     fn a_channel_is_the_mean_of_its_days_however_many_looks_each_has() {
-        let by = Responsibility { healthy: 1.0, ..Responsibility::default() };
         let mut of = Channel::default();
         for (day, looks) in [(0, 1000), (1, 30), (2, 5000)] {
             let t_ns = day * 86_400_000_000_000;
             of.resume(t_ns);
             let at = Vector4::repeat(day as f64);
-            (0..looks).for_each(|i| {
-                of.learn(t_ns + i, FromLevel { at, looks: 1.0 }, by, (&spread(), &ONE))
-            });
+            learn(&mut of, t_ns..t_ns + looks, at, 1.0);
             // a pause within a day begins none
             of.resume(t_ns + 3_600_000_000_000);
         }

@@ -1,7 +1,7 @@
 //! Tests of a head's level where many channels are faulty at once, or channels agree on nothing, or
 //! all have moved apart: which of them move the level, and which leave it unknown.
 
-use super::tests::{NOISE, SPREAD, World, none, normal};
+use super::tests::{DAY, NOISE, SECOND, SPREAD, World, looks, none, normal};
 use super::*;
 use nalgebra::Vector4;
 use rand::{RngExt, SeedableRng};
@@ -19,13 +19,10 @@ fn faults_that_come_and_go_move_no_level() {
     let slight = Vector4::new(-0.06, 0.06, 0.0, 0.0);
     for fault in [gross, slight] {
         for (share, lasting) in [(0.1, 0.0), (0.3, 0.0), (0.38, 0.0), (0.1, 1.0), (0.38, 1.0)] {
-            let mut rng = ChaCha8Rng::seed_from_u64(41);
             let mut world = World::lasting(42, 48, lasting);
             let (mut most, mut unknown) = (0.0f64, 0);
             for _ in 0..200 {
-                let hit: Vec<bool> = (0..48).map(|_| rng.random_bool(share)).collect();
-                let faulty = |k: usize| if hit[k] { fault } else { none(k) };
-                match world.sweep(Vector4::zeros(), faulty) {
+                match world.sweep_some(48, share, fault) {
                     SweepOutcome::Level { level, .. } => {
                         most = most.max(in_sds(level - world.middle()))
                     }
@@ -43,14 +40,12 @@ fn faults_that_come_and_go_move_no_level() {
 fn two_clusters_have_no_level_between_them() {
     // five healthy standard deviations
     let fault = Vector4::new(-0.045, 0.042, 0.0, 0.0);
-    let mut rng = ChaCha8Rng::seed_from_u64(43);
     for seed in 0..10 {
         let mut world = World::lasting(seed, 48, 0.0);
         world.run(3);
         let before = world.head.level();
         for _ in 0..10 {
-            let hit: Vec<bool> = (0..48).map(|_| rng.random_bool(0.5)).collect();
-            world.sweep(Vector4::zeros(), |k| if hit[k] { fault } else { none(k) });
+            world.sweep_some(48, 0.5, fault);
             // which half is healthy nobody can tell; between them it would be 1.8 off
             let at = world.head.level() - before;
             let off = in_sds(at).min(in_sds(at - fault));
@@ -96,11 +91,8 @@ fn a_few_rings_among_signals_that_are_none_move_no_level() {
     let before = world.head.level();
     let mut rng = ChaCha8Rng::seed_from_u64(48);
     for t in 0..20 {
-        let features = |rng: &mut ChaCha8Rng| normal(rng, NOISE) + Vector4::new(0.1, 0.2, 0.0, 0.0);
-        let looks: Vec<Look> = (0..6)
-            .map(|channel| Look { channel, features: features(&mut rng), drive: 1.0 })
-            .collect();
-        let found = world.head.sweep(world.t_ns + (t + 1) * 1_000_000_000, &looks, 34);
+        let rings = (0..6).map(|_| normal(&mut rng, NOISE) + Vector4::new(0.1, 0.2, 0.0, 0.0));
+        let found = world.head.sweep(world.t_ns + (t + 1) * SECOND, &looks(rings), 34);
         assert_eq!(found, SweepOutcome::Unknown);
     }
     assert!(in_sds(world.head.level() - before) < 0.5);
@@ -114,16 +106,10 @@ fn a_head_whose_rings_are_small_is_told() {
     let mut world = World::new(49, 30);
     world.run(30);
     let mut rng = ChaCha8Rng::seed_from_u64(50);
-    let own = world.own.clone();
     for t in 0..30 {
-        let looks: Vec<Look> = (0..30)
-            .map(|k| {
-                let noise = normal(&mut rng, NOISE) / size;
-                let features = own[k] + noise + Vector4::new(size.ln(), 0.0, 0.0, 0.0);
-                Look { channel: k as u32, features, drive: 1.0 }
-            })
-            .collect();
-        let found = world.head.sweep(world.t_ns + (t + 1) * 1_000_000_000, &looks, 0);
+        let smaller = Vector4::new(size.ln(), 0.0, 0.0, 0.0);
+        let rings = world.own.iter().map(|own| own + normal(&mut rng, NOISE) / size + smaller);
+        let found = world.head.sweep(world.t_ns + (t + 1) * SECOND, &looks(rings), 0);
         assert!(matches!(found, SweepOutcome::Strange { .. }), "{size}: {found:?}");
     }
 }
@@ -140,13 +126,13 @@ fn channels_that_moved_apart_in_a_pause_have_a_level_again() {
         for k in 0..48 {
             world.own[k] += normal(&mut world.rng, SPREAD) * 5.0;
         }
-        world.t_ns += 300 * 86_400_000_000_000;
+        world.t_ns += 300 * DAY;
         let step = Vector4::new(-0.15, 0.0, 0.0, 0.0);
         (0..20).for_each(|_| {
             world.sweep(step, none);
         });
         off = off.max(in_sds(world.head.level() - before - step));
-        faulty += world.head.channels.values().filter(|of| of.is_faulty > 0.5).count();
+        faulty += world.faulty().len();
     }
     // the middle of so few that moved so far
     assert!(off < 3.0, "{off}");
@@ -160,23 +146,19 @@ fn what_most_channels_do_alike_is_no_ageing() {
     // of sixteen nights, the channels that are faulty after the last
     let faulty_after = |moved: &dyn Fn(f64, f64) -> f64| {
         let mut world = World::new(51, 60);
-        let draws = normal_draws(&mut world.rng, 60);
+        let draws: Vec<f64> = (0..60).map(|_| normal(&mut world.rng, [1.0; 4])[0]).collect();
         for night in 0..16 {
-            world.t_ns += 86_400_000_000_000;
+            world.t_ns += DAY;
             for sweep in 0..60 {
                 let nights = f64::from(night) + f64::from(sweep) / 60.0;
                 world.sweep(Vector4::zeros(), |k| Vector4::from(SPREAD) * moved(nights, draws[k]));
             }
         }
-        world.head.channels.values().filter(|of| of.is_faulty > 0.5).count()
+        world.faulty().len()
     };
     let ageing = faulty_after(&|nights, draw| 0.5 * nights * draw);
     let alike = faulty_after(&|nights, draw| if nights > 12.5 && draw > -0.25 { 4.0 } else { 0.0 });
     println!("faulty of 60: {ageing} by ageing, {alike} by one fault of three in five");
     assert!(ageing <= 6, "{ageing}");
     assert!((30..=42).contains(&alike), "{alike}");
-}
-
-fn normal_draws(rng: &mut ChaCha8Rng, n: usize) -> Vec<f64> {
-    (0..n).map(|_| normal(rng, [1.0; 4])[0]).collect()
 }

@@ -2,31 +2,20 @@
 //! Healthy channels that walk must seldom be taken for faulty; a fault that grows faster than its
 //! head ages must be found.
 
-use super::tests::{NOISE, SPREAD, World, none, normal};
+use super::tests::{DAY, NOISE, SPREAD, World, none, normal};
 use super::*;
 use nalgebra::Vector4;
 
-const DAY: i64 = 86_400_000_000_000;
-const SWEEPS: usize = 20;
-
-/// Plays a night of sweeps, in which each channel lies a little elsewhere, and returns the channels
+/// Plays a night of twenty sweeps, in which each channel lies a little elsewhere, and returns the channels
 /// that are taken for faulty at its end. `fault`: what channels have besides, features by channel.
 fn night(world: &mut World, fault: impl Fn(usize) -> Features) -> Vec<u32> {
     world.t_ns = (world.t_ns / DAY + 1) * DAY;
-    let of_night = normal_draws(world, 0.3);
-    (0..SWEEPS).for_each(|_| {
+    let of_night: Vec<Features> =
+        world.own.iter().map(|_| normal(&mut world.rng, NOISE) * 0.3).collect();
+    (0..20).for_each(|_| {
         world.sweep(Vector4::zeros(), |k| of_night[k] + fault(k));
     });
-    faulty(world)
-}
-
-fn normal_draws(world: &mut World, noises: f64) -> Vec<Features> {
-    world.own.iter().map(|_| normal(&mut world.rng, NOISE) * noises).collect()
-}
-
-fn faulty(world: &World) -> Vec<u32> {
-    let channels = world.head.channels.iter();
-    channels.filter(|(_, of)| of.is_faulty > 0.5).map(|(channel, _)| *channel).collect()
+    world.faulty()
 }
 
 /// The channels walk by a tenth, or a third, of what channels differ by in a month.
@@ -93,7 +82,7 @@ fn a_fault_stays_one_where_few_of_the_channels_are_heard() {
             for _ in 0..200 {
                 world.sweep(Vector4::zeros(), |k| fault * f64::from(u8::from(k == 4)));
             }
-            let found = faulty(&world);
+            let found = world.faulty();
             assert!(found.contains(&4), "{heard} channels, seed {seed}: {found:?}");
             others += found.len() - 1;
         }

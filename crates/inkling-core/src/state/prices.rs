@@ -9,7 +9,7 @@
 //! than that.
 
 use super::process::NUMBERS;
-use super::tests::{diagonal, normal};
+use super::tests::{DAY, SECOND, diagonal, looks, normal};
 use super::*;
 use crate::numbers;
 use nalgebra::Vector4;
@@ -17,8 +17,6 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StudentT};
 
-const SECOND: i64 = 1_000_000_000;
-const DAY: i64 = 86_400 * SECOND;
 const NOISE: [f64; 4] = [0.003, 0.008, 0.0003, 0.006];
 const SPREAD: [f64; 4] = [0.015, 0.012, 0.0008, 0.004];
 const CHANNELS: usize = 30;
@@ -84,14 +82,11 @@ impl Nights {
             let swing = (sweep as f64 / 9.0).sin();
             let step = if sweep / 20 % 2 == 1 { 0.1 } else { 0.0 };
             let level = ink + Vector4::new(0.01 * swing + step, -0.02 * swing, 0.0005 * swing, 0.0);
-            let looks: Vec<Look> = (0..CHANNELS)
-                .map(|k| {
-                    let drawn = normal(&mut self.rng, NOISE)
-                        + normal(&mut self.rng, SPREAD) * self.anew.sqrt();
-                    let features = self.own[k] + days[k] + level + fault(k, sweep) + drawn;
-                    Look { channel: k as u32, features, drive: 1.0 }
-                })
-                .collect();
+            let looks = looks((0..CHANNELS).map(|k| {
+                let drawn =
+                    normal(&mut self.rng, NOISE) + normal(&mut self.rng, SPREAD) * self.anew.sqrt();
+                self.own[k] + days[k] + level + fault(k, sweep) + drawn
+            }));
             let own: Vec<OwnLevel> = self.head.own().collect();
             let t_ns = self.night * DAY + sweep as i64 * SECOND;
             let outcome = self.head.sweep(t_ns, &looks, 0);

@@ -2,7 +2,7 @@
 //!
 //! [`World`] draws the looks: channels that lie about a common level, each at a place of its own,
 //! with noise, with what is drawn anew for each look, and with whatever faults a test adds.
-//! `crowd_tests` and `nights_tests` use it, too.
+//! `crowd_tests` and `nights_tests` use it, too, and `prices` some of what is beside it.
 
 use super::*;
 use nalgebra::{Matrix4, Vector4};
@@ -10,7 +10,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-const SECOND: i64 = 1_000_000_000;
+pub const SECOND: i64 = 1_000_000_000;
+pub const DAY: i64 = 86_400 * SECOND;
 /// Standard deviations of one look's noise: ln amplitude, ln damping, ln frequency, phase.
 pub const NOISE: [f64; 4] = [0.004, 0.006, 0.0004, 0.004];
 /// Standard deviations of healthy looks about the level, noise apart.
@@ -53,14 +54,23 @@ impl World {
     /// besides.
     pub fn sweep(&mut self, level: Features, fault: impl Fn(usize) -> Features) -> SweepOutcome {
         self.t_ns += SECOND;
-        let looks: Vec<Look> = (0..self.own.len())
-            .map(|k| Look {
-                channel: k as u32,
-                features: self.own[k] + level + fault(k) + self.drawn(),
-                drive: 1.0,
-            })
-            .collect();
+        let of = |k: usize| self.own[k] + level + fault(k);
+        let expected: Vec<Features> = (0..self.own.len()).map(of).collect();
+        let looks = looks(expected.into_iter().map(|at| at + self.drawn()));
         self.head.sweep(self.t_ns, &looks, 0)
+    }
+
+    /// A sweep in which each of the first `among` channels is faulty with this probability.
+    pub fn sweep_some(&mut self, among: usize, share: f64, fault: Features) -> SweepOutcome {
+        let hit: Vec<bool> = (0..among).map(|_| self.rng.random_bool(share)).collect();
+        let is_hit = |k: usize| hit.get(k).is_some_and(|hit| *hit);
+        self.sweep(Vector4::zeros(), |k| if is_hit(k) { fault } else { none(k) })
+    }
+
+    /// The channels that are taken for faulty.
+    pub fn faulty(&self) -> Vec<u32> {
+        let channels = self.head.channels.iter();
+        channels.filter(|(_, of)| of.is_faulty > 0.5).map(|(channel, _)| *channel).collect()
     }
 
     /// What one look differs by from another of its channel.
@@ -78,6 +88,12 @@ impl World {
     pub fn middle(&self) -> Features {
         self.own.iter().sum::<Features>() / self.own.len() as f64
     }
+}
+
+/// Looks at the channels 0, 1, 2 ...
+pub fn looks(features: impl IntoIterator<Item = Features>) -> Vec<Look> {
+    let numbered = (0..).zip(features);
+    numbered.map(|(channel, features)| Look { channel, features, drive: 1.0 }).collect()
 }
 
 pub fn normal(rng: &mut ChaCha8Rng, sd: [f64; 4]) -> Features {
@@ -133,13 +149,11 @@ fn what_drops_differ_by_is_learned_along_its_own_direction() {
         let (mut head, mut rng) = (Head::new(kind), ChaCha8Rng::seed_from_u64(17));
         let own: Vec<Features> = (0..40).map(|_| normal(&mut rng, spread)).collect();
         for sweep in 1..=600 {
-            let mut look = |k: usize| {
+            let look = |own: &Features| {
                 let drop = normal(&mut rng, [0.01, 0.0, 0.0, 0.0]);
-                let features = own[k] + drop + root * normal(&mut rng, [1.0; 4]);
-                Look { channel: k as u32, features, drive: 1.0 }
+                own + drop + root * normal(&mut rng, [1.0; 4])
             };
-            let looks: Vec<Look> = (0..40).map(&mut look).collect();
-            head.sweep(sweep * SECOND, &looks, 0);
+            head.sweep(sweep * SECOND, &looks(own.iter().map(look)), 0);
         }
         let learned = head.scatter(1e6) + noise;
         let by = (drops + noise).try_inverse().unwrap() * learned;
@@ -160,12 +174,8 @@ fn scatter_is_the_same_from_whatever_ring_features_are_counted() {
         let own: Vec<Features> = (0..30).map(|_| normal(&mut rng, SPREAD)).collect();
         for sweep in 1..=100 {
             let drop = [0.01, 0.0, 0.0, 0.0];
-            let mut look = |k: usize| {
-                let features = at + own[k] + normal(&mut rng, drop) + normal(&mut rng, NOISE);
-                Look { channel: k as u32, features, drive: 1.0 }
-            };
-            let looks: Vec<Look> = (0..30).map(&mut look).collect();
-            head.sweep(sweep * SECOND, &looks, 0);
+            let look = |own| at + own + normal(&mut rng, drop) + normal(&mut rng, NOISE);
+            head.sweep(sweep * SECOND, &looks(own.iter().map(look)), 0);
         }
         head.scatter(1e6)
     };
@@ -333,15 +343,13 @@ fn a_state_is_the_same_once_it_was_written_and_read() {
 
 #[test]
 fn slight_faults_in_some_of_a_channels_first_looks_teach_little() {
-    let mut rng = ChaCha8Rng::seed_from_u64(12);
     let fault = Vector4::new(0.0, 0.05, 0.0, 0.0);
     let (mut square, mut n) = (0.0, 0.0);
     for seed in 13..23 {
         let mut world = World::new(seed, 20);
-        for _ in 0..20 {
-            let hit: Vec<bool> = (0..20).map(|k| k < 4 && rng.random_bool(0.3)).collect();
-            world.sweep(Vector4::zeros(), |k| if hit[k] { fault } else { none(k) });
-        }
+        (0..20).for_each(|_| {
+            world.sweep_some(4, 0.3, fault);
+        });
         let middle = world.middle();
         for OwnLevel { channel: k, at, .. } in world.head.own().take(4) {
             let off = at - (world.own[k as usize] - middle);
@@ -359,7 +367,7 @@ fn channels_that_were_replaced_in_a_pause_begin_anew() {
     for replaced in [1, 3, 24] {
         let mut world = World::new(14, 24);
         world.run(40);
-        world.t_ns += 86_400 * SECOND;
+        world.t_ns += DAY;
         for k in 0..replaced {
             world.own[k] = normal(&mut world.rng, SPREAD);
         }
