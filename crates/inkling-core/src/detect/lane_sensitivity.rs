@@ -192,13 +192,6 @@ mod tests {
     const N: usize = 61;
     const RAILS: [f64; 2] = [-32768.0, 32767.0];
 
-    fn burst(signals: &[Vec<i16>], drive_v: f64) -> Burst {
-        let counts: Vec<Vec<f32>> =
-            signals.iter().map(|y| y.iter().map(|&y| y.into()).collect()).collect();
-        let burst = Burst::of(&counts, 1e-6, Format::S16Le, Layout::ChannelMajor);
-        Burst { drive_voltage_v: Some(drive_v), ..burst }
-    }
-
     #[test]
     fn property_lanes_settle_as_the_reference_judges_and_most_of_them() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(4);
@@ -216,28 +209,23 @@ mod tests {
             let theta: [f64; 3] = std::array::from_fn(|_| rng.random_range(-0.02..0.02));
             let y_hat: Vec<f64> =
                 (0..N).map(|k| drive * (expected[k] + warmer * response[k])).collect();
-            let signals: Vec<Vec<i16>> = (0..LANES)
-                .map(|lane| {
-                    let size = lane as f64 / 16.0;
-                    (0..N)
-                        .map(|k| {
-                            let moved: f64 = (0..3).map(|j| tangent[(k, j)] * theta[j]).sum();
-                            let noise = 8.0 * rng.random_range(-1.0..1.0);
-                            (y_hat[k] + drive * size * moved + noise).round() as i16
-                        })
-                        .collect()
-                })
-                .collect();
-            let burst = burst(&signals, drive);
-            let reference: Vec<f64> = signals
-                .iter()
-                .map(|y| {
-                    let d: Vec<f64> =
-                        y.iter().zip(&y_hat).map(|(&y, e)| f64::from(y) - e).collect();
-                    let metric = sensitivity.metric(drive).unwrap();
-                    sensitivity.distance(&metric, &sensitivity.features(&d, drive))
-                })
-                .collect();
+            let metric = sensitivity.metric(drive).unwrap();
+            let (mut signals, mut reference) = (Vec::new(), Vec::new());
+            for lane in 0..LANES {
+                let size = drive * lane as f64 / 16.0;
+                let mut sample = |k: usize| {
+                    let moved: f64 = (0..3).map(|j| tangent[(k, j)] * theta[j]).sum();
+                    (y_hat[k] + size * moved + 8.0 * rng.random_range(-1.0..1.0)).round() as f32
+                };
+                let y: Vec<f32> = (0..N).map(&mut sample).collect();
+                let d: Vec<f64> = y.iter().zip(&y_hat).map(|(&y, e)| f64::from(y) - e).collect();
+                reference.push(sensitivity.distance(&metric, &sensitivity.features(&d, drive)));
+                signals.push(y);
+            }
+            let burst = Burst {
+                drive_voltage_v: Some(drive),
+                ..Burst::of(&signals, 1e-6, Format::S16Le, Layout::ChannelMajor)
+            };
             // a limit that is some signal's own distance, or just beside it
             let limit = reference[rng.random_range(0..LANES)] * rng.random_range(0.999..1.001);
             let limits = Limits { near: limit, far: 1.1 * limit, unexplained: f64::INFINITY };

@@ -350,14 +350,18 @@ mod tests {
             .collect()
     }
 
+    /// Draws what [`signal`] takes, from the range that a fit searches.
+    fn any_ring(rng: &mut impl RngExt) -> [f64; 4] {
+        [0.5..1.6, 0.1..3.0, 0.45..1.4, -0.5..0.5].map(|of| rng.random_range(of))
+    }
+
     #[test]
     fn clean_rings_come_back_from_anywhere_in_the_range() {
         let fitter = RingFitter::new(HEALTHY, DT_S, 128);
         let mut work = FitBuffers::default();
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
         for _ in 0..500 {
-            let (a, d) = (rng.random_range(0.5..1.6), rng.random_range(0.1..3.0));
-            let (f, turn) = (rng.random_range(0.45..1.4), rng.random_range(-0.5..0.5));
+            let [a, d, f, turn] = any_ring(&mut rng);
             let fit = fitter.fit(&signal(a, d, f, turn), true, &mut work).unwrap();
             let x = fit.features;
             assert!((x.ln_frequency - f.ln()).abs() < 1e-4, "{a} {d} {f} {turn}: {x:?}");
@@ -407,8 +411,7 @@ mod tests {
             let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7);
             let signals: Vec<Vec<f64>> = (0..150)
                 .map(|i| {
-                    let (a, d) = (rng.random_range(0.5..1.6), rng.random_range(0.1..3.0));
-                    let (f, turn) = (rng.random_range(0.45..1.4), rng.random_range(-0.5..0.5));
+                    let [a, d, f, turn] = any_ring(&mut rng);
                     let noise = if i % 20 == 3 { f64::NAN } else { 10.0 * (i % 3) as f64 };
                     let y = signal(a, d, f, turn);
                     let noisy = |y: f64, e: f64| if i % 20 == 7 { 0.0 } else { y + noise * e };

@@ -50,11 +50,27 @@ fn run(mut tracker: Tracker, bursts: impl IntoIterator<Item = Looks>) -> (Vec<Ep
     (episodes, over.counts)
 }
 
+/// The one episode that these bursts give.
+fn only(bursts: impl IntoIterator<Item = Looks>) -> Episode {
+    let (mut episodes, _) = run(tracker(8), bursts);
+    assert_eq!(episodes.len(), 1, "{episodes:?}");
+    episodes.remove(0)
+}
+
+/// The first bursts, whose named signals have the weights that belong to the second.
+fn with_weights(n: usize, weights: fn(i64) -> [f32; 3]) -> impl Iterator<Item = Looks> {
+    bursts().into_iter().take(n).map(move |mut looks| {
+        for named in &mut looks.named {
+            named.weights = weights(looks.t_ns / 1_000_000_000).to_vec();
+        }
+        looks
+    })
+}
+
 #[test]
 fn fault_is_one_episode_with_onset_end_class_and_sentence() {
-    let (episodes, counts) = run(tracker(8), bursts());
-    assert_eq!((episodes.len(), counts.episodes, counts.still_on), (1, 1, 0));
-    let e = &episodes[0];
+    let (e, counts) = (only(bursts()), run(tracker(8), bursts()).1);
+    assert_eq!((counts.episodes, counts.still_on), (1, 0));
     assert_eq!((e.channel, e.began_at_ns / 1_000_000_000), (7, 50));
     assert!((51..54).contains(&(e.raised_at_ns / 1_000_000_000)), "{e:?}");
     assert_eq!(e.ended_at_ns.map(|t| t / 1_000_000_000), Some(80));
@@ -195,24 +211,13 @@ fn another_threshold_changes_neither_onset_nor_the_look_that_raises() {
     assert_eq!((times(&one).len(), times(&one)), (1, times(&other)));
 }
 
-fn rules() -> Rules {
-    tracker(8).rules
-}
-
 #[test]
 fn of_a_category_whose_classes_cannot_be_told_apart_the_category_is_named() {
-    let naming = rules().naming;
+    let naming = tracker(8).rules.naming;
     assert_eq!(naming.categories, ["blocked_nozzle", "dried_nozzle"]);
     let named = naming.name(&[0.5, 0.375, 0.125], 1.0).unwrap();
     assert_eq!((named.fault, named.category, named.certainty), (None, Some(0), 0.875));
-    let looks = bursts().into_iter().map(|mut looks| {
-        for named in &mut looks.named {
-            named.weights = vec![0.5, 0.49, 0.01];
-        }
-        looks
-    });
-    let (episodes, _) = run(tracker(8), looks);
-    let e = &episodes[0];
+    let e = only(with_weights(140, |_| [0.5, 0.49, 0.01]));
     assert_eq!((e.category.as_deref(), &e.fault), (Some("blocked_nozzle"), &None));
     assert!(e.certainty.is_some_and(|c| c > 0.98), "{e:?}");
 }
@@ -248,8 +253,7 @@ fn a_fault_that_comes_and_goes_is_found_as_soon_after_any_healthy_past() {
                 ..Looks::default()
             }
         };
-        let (episodes, _) = run(tracker(8), (0..past + 300).map(burst));
-        let [e] = &episodes[..] else { panic!("after {past}: {episodes:?}") };
+        let e = only((0..past + 300).map(burst));
         assert_eq!(e.began_at_ns, past * second, "after {past}");
         let looks = (e.raised_at_ns - e.began_at_ns) / second;
         assert!((40..100).contains(&looks), "after {past}: {looks}");
@@ -298,16 +302,12 @@ fn at_once_an_episode_is_told_with_the_burst_that_raises_it() {
 fn an_episode_that_only_loses_its_class_is_not_told_again() {
     let mut tracker = tracker(1000).at_once();
     let name: Arc<str> = "p".into();
-    for mut looks in bursts().into_iter().take(80) {
-        for named in &mut looks.named {
-            named.weights = match looks.t_ns / 1_000_000_000 {
-                ..58 => vec![0.02, 0.96, 0.01],
-                58..63 => vec![0.8, 0.19, 0.01],
-                _ => vec![0.5, 0.49, 0.01],
-            };
-        }
-        tracker.push(&name, looks);
-    }
+    let weights = |second: i64| match second {
+        ..58 => [0.02, 0.96, 0.01],
+        58..63 => [0.8, 0.19, 0.01],
+        _ => [0.5, 0.49, 0.01],
+    };
+    with_weights(80, weights).for_each(|looks| tracker.push(&name, looks));
     let told = tracker.take_raised();
     let last = tracker.finish().last.remove(0);
     assert_eq!((last.category.as_deref(), last.fault), (Some("blocked_nozzle"), None));
