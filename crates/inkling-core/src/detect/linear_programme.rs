@@ -90,12 +90,9 @@ fn largest(space: &DMatrix<f64>, form: &DVector<f64>) -> Result<DVector<f64>, De
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::detect::null_space::tests::left_by;
+    use crate::detect::null_space::tests::{DT_S, INK, decay, left_by};
     use crate::detect::numerator::product;
-    use crate::model::{faults, ring_down};
-
-    const DT_S: f64 = 0.78125e-6;
-    const INK: InkChannel = InkChannel::NOMINAL;
+    use crate::model::faults;
 
     /// Compares the programme's optimum with every direction of a null space of two rows.
     #[test]
@@ -120,7 +117,7 @@ mod tests {
     fn what_it_finds_rejects_healthy_signals_and_is_unique_at_the_observable_order() {
         let dried = faults::apply("SDN", 1.3, &INK).unwrap();
         assert_eq!(most_sensitive(&INK, &dried, DT_S, 3).unwrap(), [1.0]);
-        let y = ring_down::ring_down(&INK, &nalgebra::dvector![1e-4, 0.0, 9e2, 4e2], DT_S, 128);
+        let y = decay(&INK);
         for degree in [4, 5, 6] {
             let m = most_sensitive(&INK, &dried, DT_S, degree).unwrap();
             let p3 = numerator_of(&INK, DT_S, 3).unwrap();

@@ -228,8 +228,14 @@ pub(super) mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    const DT_S: f64 = 0.78125e-6;
-    const INK: InkChannel = InkChannel::NOMINAL;
+    pub const DT_S: f64 = 0.78125e-6;
+    pub const INK: InkChannel = InkChannel::NOMINAL;
+
+    /// A decay of this channel from one and the same state.
+    pub fn decay(channel: &InkChannel) -> Vec<f64> {
+        let x_a = nalgebra::dvector![1e-4, 0.0, 900.0, 400.0];
+        crate::model::ring_down::ring_down(channel, &x_a, DT_S, 128)
+    }
 
     /// The monic numerator N(z)L(z) of any plant of one output.
     fn numerator(

@@ -93,21 +93,17 @@ fn mean_energy(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::detect::null_space::tests::left_by;
+    use crate::detect::null_space::tests::{DT_S, INK, decay, left_by};
     use crate::detect::{null_space, poles};
+    use crate::model::InkChannel;
     use crate::model::normal::draws;
-    use crate::model::{InkChannel, ring_down};
-
-    const DT_S: f64 = 0.78125e-6;
-    const INK: InkChannel = InkChannel::NOMINAL;
 
     /// Deviations of so many healthy signals, and of as many whose nozzle has dried.
     fn deviations(count: usize, normal: &mut impl FnMut() -> f64) -> [Vec<Vec<f64>>; 2] {
-        let x_a = nalgebra::dvector![1e-4, 0.0, 900.0, 400.0];
-        let expected = ring_down::ring_down(&INK, &x_a, DT_S, 128);
+        let expected = decay(&INK);
         let dried = InkChannel { d_per_s: 1.3 * INK.d_per_s, ..INK };
         [INK, dried].map(|plant| {
-            let y = ring_down::ring_down(&plant, &x_a, DT_S, 128);
+            let y = decay(&plant);
             let noisy = |_| y.iter().zip(&expected).map(|(y, e)| y - e + 17.6 * normal()).collect();
             (0..count).map(noisy).collect()
         })
@@ -134,11 +130,9 @@ mod tests {
         let raised = ResidualGenerator::new(m_n.clone(), alpha, DT_S).unwrap();
         let [healthy, faulty] = deviations(300, &mut normal);
         let (before, after) = (ratio(&plain, &faulty, &healthy), ratio(&raised, &faulty, &healthy));
-        println!("faulty over healthy energy {before:.3} -> {after:.3}");
         assert!(after > 1.02 * before, "{before} -> {after}");
         // thesis (3-3a) still holds: M N L annihilates what N L does.
-        let y = ring_down::ring_down(&INK, &nalgebra::dvector![1e-4, 0.0, 9e2, 4e2], DT_S, 128);
-        assert!(left_by(&m_n, &y) < 1e-12);
+        assert!(left_by(&m_n, &decay(&INK)) < 1e-12);
     }
 
     /// Tests thesis (3-3b) at degrees above the observable order.

@@ -390,9 +390,14 @@ pub(super) mod tests {
     pub const PLANTED: InkChannel =
         InkChannel { a_per_s2: 6.1e10, b_per_s2: 1.02e11, g_per_s: 1.9e4, d_per_s: 7.1e4 };
 
-    pub fn decay() -> Vec<f64> {
+    /// The decay of this channel from one and the same state.
+    pub fn decay_of(channel: &InkChannel) -> Vec<f64> {
         let x_a = DVector::from_row_slice(&[3e-4, 1e-4, 150.0, 240.0]);
-        ring_down(&PLANTED, &x_a, DT_S, 128)
+        ring_down(channel, &x_a, DT_S, 128)
+    }
+
+    pub fn decay() -> Vec<f64> {
+        decay_of(&PLANTED)
     }
 
     #[test]

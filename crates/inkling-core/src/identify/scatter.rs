@@ -162,12 +162,10 @@ pub fn scatter(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::identify::rate_search::tests::{DT_S, decay_of};
     use crate::identify::{GreyBoxSettings, averaging, grey_box};
     use crate::model::InkChannel;
-    use crate::model::ring_down::ring_down;
     use rand::{RngExt, SeedableRng};
-
-    const DT_S: f64 = 0.78125e-6;
 
     /// Half-widths of the uniform distributions by which stiffness and damping scatter, relative.
     const STIFFNESS: f64 = 0.016;
@@ -186,9 +184,7 @@ mod tests {
                 g_per_s: 1.6e4 * r,
                 d_per_s: 8.0e4 * r,
             };
-            let x_a = DVector::from_row_slice(&[3e-4, 1e-4, 150.0, 240.0]);
-            let y: Vec<f32> =
-                ring_down(&channel, &x_a, DT_S, 128).iter().map(|&v| v as f32).collect();
+            let y: Vec<f32> = decay_of(&channel).iter().map(|&v| v as f32).collect();
             set.push(&y, i as u32, 1.0, f64::NAN);
         }
         set

@@ -132,9 +132,9 @@ pub fn pole_changes(
 mod tests {
     use super::super::GreyBoxSettings;
     use super::super::grey_box::identify;
+    use super::super::rate_search::tests::{DT_S, PLANTED, decay_of as decay};
     use super::*;
     use crate::model::InkChannel;
-    use crate::model::ring_down::ring_down;
 
     /// Temperatures that do nothing are taken for an effect as often as the test says, however few there are.
     #[test]
@@ -160,24 +160,19 @@ mod tests {
 
     #[test]
     fn a_change_of_the_rates_is_found_in_the_poles_that_it_moves() {
-        const DT_S: f64 = 0.8e-6;
-        const CHANNEL: InkChannel =
-            InkChannel { a_per_s2: 6.1e10, b_per_s2: 1.02e11, g_per_s: 1.9e4, d_per_s: 7.1e4 };
-        let start = DVector::from_row_slice(&[3e-4, 1e-4, 150.0, 240.0]);
-        let decay = |channel: &InkChannel| ring_down(channel, &start, DT_S, 128);
-        let fit = identify(&decay(&CHANNEL), DT_S, 1.0, &GreyBoxSettings::default(), None).unwrap();
+        let fit = identify(&decay(&PLANTED), DT_S, 1.0, &GreyBoxSettings::default(), None).unwrap();
         let tangent = tangent(&fit, DT_S, 128);
         const BY: f64 = 1e-4;
         let more = |rate: f64| rate * (1.0 + BY);
         for moved in [
-            InkChannel { a_per_s2: more(CHANNEL.a_per_s2), ..CHANNEL },
-            InkChannel { b_per_s2: more(CHANNEL.b_per_s2), ..CHANNEL },
-            InkChannel { g_per_s: more(CHANNEL.g_per_s), ..CHANNEL },
-            InkChannel { d_per_s: more(CHANNEL.d_per_s), ..CHANNEL },
+            InkChannel { a_per_s2: more(PLANTED.a_per_s2), ..PLANTED },
+            InkChannel { b_per_s2: more(PLANTED.b_per_s2), ..PLANTED },
+            InkChannel { g_per_s: more(PLANTED.g_per_s), ..PLANTED },
+            InkChannel { d_per_s: more(PLANTED.d_per_s), ..PLANTED },
         ] {
-            let (was, now) = (CHANNEL.poles().unwrap(), moved.poles().unwrap());
+            let (was, now) = (PLANTED.poles().unwrap(), moved.poles().unwrap());
             let direction: Vec<f64> =
-                decay(&moved).iter().zip(&decay(&CHANNEL)).map(|(z, y)| (z - y) / BY).collect();
+                decay(&moved).iter().zip(&decay(&PLANTED)).map(|(z, y)| (z - y) / BY).collect();
             let (damping, frequency) = pole_changes(&fit, &tangent, &direction).unwrap();
             let true_damping = (now.damping_per_s / was.damping_per_s - 1.0) / BY;
             let true_frequency = (now.frequency_hz / was.frequency_hz - 1.0) / BY;

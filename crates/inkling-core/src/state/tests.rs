@@ -84,10 +84,22 @@ impl World {
         });
     }
 
+    /// What is known of the channels' own levels, and how far each of these lies off.
+    fn own_off(&self) -> impl Iterator<Item = (OwnLevel, Features)> {
+        let off = |of: &OwnLevel| of.at - (self.own[of.channel as usize] - self.middle());
+        self.head.own().map(move |of| (of, off(&of)))
+    }
+
     /// The channels' mean place. The head cannot tell it from its level, so tests take it off.
     pub fn middle(&self) -> Features {
         self.own.iter().sum::<Features>() / self.own.len() as f64
     }
+}
+
+/// How far a place lies off, in standard deviations of the noise, in the feature in which that is
+/// most.
+fn in_noises(off: Features) -> f64 {
+    off.component_div(&Vector4::from(NOISE)).amax()
 }
 
 /// Looks at the channels 0, 1, 2 ...
@@ -211,8 +223,8 @@ fn what_all_channels_do_is_the_heads_at_once() {
             let before = world.head.level();
             let found = world.sweep(step, none);
             let SweepOutcome::Level { level, .. } = found else { panic!("{found:?}") };
-            let off = (level - before - step).component_div(&Vector4::from(NOISE));
-            assert!(off.amax() < 4.0 * (2.0 / channels as f64).sqrt() + 0.3, "{channels}: {off}");
+            let off = in_noises(level - before - step);
+            assert!(off < 4.0 * (2.0 / channels as f64).sqrt() + 0.3, "{channels}: {off}");
         }
     }
 }
@@ -230,13 +242,9 @@ fn what_fewer_than_half_do_is_their_own() {
             for _ in 0..20 {
                 world.sweep(Vector4::zeros(), |k| if k < faulty { fault } else { none(k) });
             }
-            let off = (world.head.level() - before).component_div(&Vector4::from(NOISE));
-            far = far.max(off.amax());
-            let own: Vec<_> = world.head.own().take(faulty).collect();
-            for OwnLevel { channel: k, at, .. } in own {
-                let off = at - (world.own[k as usize] - world.middle());
-                learned = learned.max(off.component_div(&Vector4::from(NOISE)).amax());
-            }
+            far = far.max(in_noises(world.head.level() - before));
+            let own = world.own_off().take(faulty);
+            learned = own.fold(learned, |most, (_, off)| most.max(in_noises(off)));
         }
         assert!(far < 2.0, "{past} {share}: the level moved by {far}");
         // a channel of one look's past is known to about its noise
@@ -261,7 +269,7 @@ fn another_head_is_told_and_teaches_nothing() {
         for _ in 0..300 {
             let found = world.sweep(at, none);
             let SweepOutcome::Strange { level } = found else { panic!("{at}: {found:?}") };
-            assert!((level - at - before).component_div(&Vector4::from(NOISE)).amax() < 3.0);
+            assert!(in_noises(level - at - before) < 3.0);
         }
         let back = world.sweep(Vector4::zeros(), none);
         assert!(matches!(back, SweepOutcome::Level { .. }), "{back:?}");
@@ -309,8 +317,7 @@ fn slow_walks_are_followed_and_channels_keep_their_places() {
     for i in 0..2000 {
         let at = Vector4::new(0.1, 0.08, 0.004, 0.02) * (f64::from(i) / 2000.0);
         world.sweep(at, none);
-        let off = (world.head.level() - before - at).component_div(&Vector4::from(NOISE));
-        worst = worst.max(off.amax());
+        worst = worst.max(in_noises(world.head.level() - before - at));
     }
     assert!(worst < 1.5, "{worst}");
 }
@@ -350,9 +357,7 @@ fn slight_faults_in_some_of_a_channels_first_looks_teach_little() {
         (0..20).for_each(|_| {
             world.sweep_some(4, 0.3, fault);
         });
-        let middle = world.middle();
-        for OwnLevel { channel: k, at, .. } in world.head.own().take(4) {
-            let off = at - (world.own[k as usize] - middle);
+        for (_, off) in world.own_off().take(4) {
             square += (off[1] / NOISE[1]).powi(2);
             n += 1.0;
         }
@@ -372,11 +377,9 @@ fn channels_that_were_replaced_in_a_pause_begin_anew() {
             world.own[k] = normal(&mut world.rng, SPREAD);
         }
         world.run(30);
-        let middle = world.middle();
-        for OwnLevel { channel: k, looks, at, .. } in world.head.own() {
-            let off = at - (world.own[k as usize] - middle);
-            let far = off.component_div(&Vector4::from(NOISE)).amax();
-            assert!(looks > 8.0 && far < 3.5, "{replaced} replaced: {k} {looks} {off}");
+        for (OwnLevel { channel, looks, .. }, off) in world.own_off() {
+            let good = looks > 8.0 && in_noises(off) < 3.5;
+            assert!(good, "{replaced} replaced: {channel} {looks} {off}");
         }
     }
 }
