@@ -124,3 +124,20 @@ mod changed {
         result
     }
 }
+
+#[cfg(test)]
+pub mod half_and_twice {
+    /// Prints a table: what is measured with the numbers as they are, and with half and twice of each.
+    pub fn print<const N: usize>(names: &[&str], measured: fn() -> [f64; N]) {
+        let row = |name: &str, of: &[[f64; N]]| {
+            let cell = |k: usize| {
+                of.iter().map(|p| format!("{:.2}", p[k])).collect::<Vec<_>>().join(" / ")
+            };
+            println!("| {name} | {} |", (0..N).map(cell).collect::<Vec<_>>().join(" | "));
+        };
+        row("as it is", &[measured()]);
+        for name in names {
+            row(name, &[0.5, 2.0].map(|times| super::with(name, times, measured)));
+        }
+    }
+}

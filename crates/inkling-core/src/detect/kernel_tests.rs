@@ -122,7 +122,7 @@ fn property_energies_have_equal_bits_whatever_the_instructions_layout_format_and
 #[test]
 fn property_what_is_settled_is_at_or_below_the_threshold_in_f64() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
-    let (mut clear, mut settled_clear, mut worst) = (0, 0, 0.0_f64);
+    let (mut clear, mut settled_clear) = (0, 0);
     for round in 0..400 {
         let order = 1 + round % MOST_ORDER;
         let n = [3, 64, 100, 128, 512][round % 5];
@@ -148,12 +148,10 @@ fn property_what_is_settled_is_at_or_below_the_threshold_in_f64() {
                     let error = filter.expectation.error_at(1.0, 0.0);
                     let bound = filter.bound(Deviation { norm: d2.sqrt(), error }, r32);
                     assert!((r32 - r).abs() <= bound, "order {order} n {n}: {r32} {r} {bound}");
-                    worst = worst.max((r32 - r).abs() / bound);
                 }
             }
         }
     }
-    println!("{settled_clear} of {clear} clear ones settled; largest error over bound {worst:.1e}");
     assert!(settled_clear * 2 > clear, "{settled_clear} of {clear}: the bound says nothing");
 }
 

@@ -224,13 +224,5 @@ fn looks_that_the_test_does_not_assume() {
 #[test]
 #[ignore = "prints what half and twice of each number do: a minute"]
 fn what_half_and_twice_do() {
-    let row = |name: &str, of: &[[f64; 14]]| {
-        let cell =
-            |k: usize| of.iter().map(|p| format!("{:.2}", p[k])).collect::<Vec<_>>().join(" / ");
-        println!("| {name} | {} |", (0..14).map(cell).collect::<Vec<_>>().join(" | "));
-    };
-    row("as it is", &[prices()]);
-    for name in NUMBERS {
-        row(name, &[0.5, 2.0].map(|times| numbers::with(name, times, prices)));
-    }
+    numbers::half_and_twice::print(NUMBERS, prices);
 }

@@ -281,7 +281,6 @@ mod tests {
             };
             let found = told(&differing(kappa, skewed, seed)).unwrap();
             let off = (found.g_over_d / kappa).ln() / found.g_over_d_sd;
-            println!("{found:?}: {off:.2}");
             within += usize::from(!found.is_known() || off.abs() < 1.96);
         }
         assert!(within >= 9, "95 % intervals hold {within} of 12");

@@ -660,13 +660,11 @@ mod tests {
         let mut by_head = 0;
         for beside in ["a heavier restrictor", "a stiffer actuator", "a lengthened nozzle"] {
             let n = named(beside);
-            println!("{beside}: {n:?}");
             by_head += n[0];
             assert!(n[1] <= 3, "{beside}: {n:?} of 100");
         }
         assert!(by_head >= 15, "{by_head} of 300: nothing to be gained");
         let known = CLASSES.map(&mut named);
-        println!("{CLASSES:?}: {known:?}");
         assert!(known.iter().all(|n| n[1] >= 90), "{known:?} of 100 each");
         let of = |way: usize| known.iter().map(|n| n[way]).sum::<u32>();
         assert!(of(1) >= of(0), "{known:?}");
@@ -703,8 +701,9 @@ mod tests {
             sized.seen.insert((*class).into(), LabelledSeverities::new(seen));
         }
         let sized = wrong(&sized);
-        println!("of 2000 wrong: {usual}; with exact rates {exact}; with known sizes {sized}");
-        assert!(usual >= 20 && exact * 10 >= usual * 7 && sized * 4 <= usual);
+        let told =
+            format!("of 2000 wrong: {usual}, by exact rates {exact}, by known sizes {sized}");
+        assert!(usual >= 20 && exact * 10 >= usual * 7 && sized * 4 <= usual, "{told}");
     }
 
     #[test]

@@ -262,7 +262,6 @@ mod tests {
             let moved: Vec<Features> = draws(8, &mut rng).iter().map(|m| m * 5.0).collect();
             aged += usize::from(Apart::learn(&moved, true).each_its_own_way);
         }
-        println!("{alike} and {aged} of 200");
         assert!(alike <= 20 && aged >= 160, "{alike} and {aged} of 200");
     }
 

@@ -158,7 +158,6 @@ fn what_most_channels_do_alike_is_no_ageing() {
     };
     let ageing = faulty_after(&|nights, draw| 0.5 * nights * draw);
     let alike = faulty_after(&|nights, draw| if nights > 12.5 && draw > -0.25 { 4.0 } else { 0.0 });
-    println!("faulty of 60: {ageing} by ageing, {alike} by one fault of three in five");
-    assert!(ageing <= 6, "{ageing}");
-    assert!((30..=42).contains(&alike), "{alike}");
+    assert!(ageing <= 6, "faulty of 60 by ageing: {ageing}");
+    assert!((30..=42).contains(&alike), "faulty of 60 by one fault of three in five: {alike}");
 }

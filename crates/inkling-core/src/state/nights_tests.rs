@@ -34,7 +34,6 @@ fn healthy_channels_that_walk_slowly_are_seldom_taken_for_faulty() {
                 }
             }
             let rate = flagged as f64 / (60 * channels * heads as usize) as f64;
-            println!("{channels} channels, {pace} a month: {rate:.1e} of their nights");
             assert!(rate < 1.4e-3, "{channels} {pace}: {rate}");
         }
     }
@@ -59,9 +58,8 @@ fn a_fault_that_grows_while_its_head_ages_is_found_and_stays_so() {
         first.push(flagged.iter().position(|is| *is).map_or(40, |n| n - 10));
         of_last += flagged[30..].iter().filter(|is| **is).count();
     }
-    println!("found after {first:?} nights, and in {of_last} of the last 160");
-    assert!(first.iter().all(|n| *n <= 25), "{first:?}");
-    assert!(of_last >= 120, "{of_last}");
+    assert!(first.iter().all(|n| *n <= 25), "found after {first:?} nights");
+    assert!(of_last >= 120, "found in {of_last} of the last 160");
 }
 
 /// A recording may hold few of the channels that are remembered, and one of these be faulty from
@@ -86,7 +84,6 @@ fn a_fault_stays_one_where_few_of_the_channels_are_heard() {
             assert!(found.contains(&4), "{heard} channels, seed {seed}: {found:?}");
             others += found.len() - 1;
         }
-        println!("{heard} channels: {others} others");
         assert_eq!(others, 0, "{heard} channels");
     }
 }

@@ -198,22 +198,8 @@ fn nights_that_the_process_does_not_draw() {
 #[test]
 #[ignore = "prints what half and twice of each number do: a minute"]
 fn what_half_and_twice_do() {
-    let row = |name: &str, of: &[Price]| {
-        let cell = |f: fn(&Price) -> f64| -> String {
-            of.iter().map(|p| format!("{:.2}", f(p))).collect::<Vec<_>>().join(" / ")
-        };
-        println!(
-            "| {name} | {} | {} | {} | {} | {} |",
-            cell(|p| p.false_alarms),
-            cell(|p| p.after_faults),
-            cell(|p| p.found),
-            cell(|p| p.nights),
-            cell(|p| p.told),
-        );
-    };
-    row("as it is", &[Price::of_all()]);
-    for name in NUMBERS {
-        let priced = [0.5, 2.0].map(|times| numbers::with(name, times, Price::of_all));
-        row(name, &priced);
-    }
+    numbers::half_and_twice::print(NUMBERS, || {
+        let price = Price::of_all();
+        [price.false_alarms, price.after_faults, price.found, price.nights, price.told]
+    });
 }
