@@ -1,0 +1,224 @@
+use super::*;
+use clarabel::algebra::CscMatrix;
+use clarabel::solver::{
+    DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, ZeroConeT,
+};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+const N: usize = 40;
+
+/// N numbers from -1 to 1: a signature or a residual.
+fn random_column(rng: &mut ChaCha8Rng) -> Vec<f64> {
+    (0..N).map(|_| rng.random_range(-1.0..1.0)).collect()
+}
+
+fn matrix(columns: &[Vec<f64>]) -> SignatureMatrix {
+    let slices: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
+    SignatureMatrix::new(&slices).unwrap()
+}
+
+/// The mixture of these columns with these weights.
+fn mix(columns: &[Vec<f64>], weights: &[f64]) -> Vec<f64> {
+    (0..N).map(|k| columns.iter().zip(weights).map(|(c, w)| w * c[k]).sum()).collect()
+}
+
+/// phi of a residual by this file's solver.
+fn ours(m: &SignatureMatrix, r: &[f64]) -> Vec<f64> {
+    let (mut c, mut phi) = (vec![0.0; m.r.ncols()], vec![0.0; m.r.ncols()]);
+    m.project(r, &mut c);
+    Simplex::new(m).solve(&c, &mut phi);
+    phi
+}
+
+fn distance_squared(m: &SignatureMatrix, r: &[f64], phi: &[f64]) -> f64 {
+    let x = nalgebra::DVector::from_column_slice(phi);
+    (&m.r * x - nalgebra::DVector::from_column_slice(r)).norm_squared()
+}
+
+/// The worst violation of feasibility, stationarity and complementarity, over the problem's size; from R
+/// and r themselves, not from what the solver uses.
+fn kkt(m: &SignatureMatrix, r: &[f64], phi: &[f64]) -> f64 {
+    let x = nalgebra::DVector::from_column_slice(phi);
+    let misfit = &m.r * &x - nalgebra::DVector::from_column_slice(r);
+    let g = m.r.tr_mul(&misfit);
+    let reach = m.r.column_iter().map(|c| c.norm()).fold(0.0, f64::max);
+    let size = (reach * misfit.norm().max(reach)).max(f64::MIN_POSITIVE);
+    let level = g.dot(&x);
+    let sum = (x.sum() - 1.0).abs();
+    let negative = x.iter().fold(0.0, |w: f64, &p| w.max(-p));
+    let dual = g.iter().fold(0.0, |w: f64, g| w.max((level - g) / size));
+    let slack = g.iter().zip(phi).map(|(g, p)| (p * (g - level)).abs() / size).sum::<f64>();
+    [sum, negative, dual, slack].into_iter().fold(0.0, f64::max)
+}
+
+/// The same problem solved by an interior-point solver.
+fn clarabel(m: &SignatureMatrix, r: &[f64]) -> Vec<f64> {
+    let (n, gram) = (m.r.ncols(), m.r.tr_mul(&m.r));
+    let p = CscMatrix::from(
+        &(0..n)
+            .map(|i| (0..n).map(|j| if j >= i { gram[(i, j)] } else { 0.0 }).collect())
+            .collect::<Vec<Vec<f64>>>(),
+    );
+    let mut c = vec![0.0; n];
+    m.project(r, &mut c);
+    let q: Vec<f64> = c.iter().map(|c| -c).collect();
+    let mut rows = vec![vec![1.0; n]];
+    rows.extend((0..n).map(|i| (0..n).map(|j| if i == j { -1.0 } else { 0.0 }).collect()));
+    let a = CscMatrix::from(&rows);
+    let mut b = vec![0.0; n + 1];
+    b[0] = 1.0;
+    let cones = [ZeroConeT(1), NonnegativeConeT(n)];
+    let settings = DefaultSettingsBuilder::default().verbose(false).build().unwrap();
+    let mut solver = DefaultSolver::new(&p, &q, &a, &b, &cones, settings).unwrap();
+    solver.solve();
+    solver.solution.x.clone()
+}
+
+/// Compares the result with the optimality conditions and with clarabel.
+fn check(columns: &[Vec<f64>], r: &[f64], what: &str) {
+    let m = matrix(columns);
+    let phi = ours(&m, r);
+    let left = kkt(&m, r, &phi);
+    assert!(left <= 1e-9, "{what}: KKT residual {left:e}, phi {phi:?}");
+    let size = m.r.tr_mul(&m.r).diagonal().amax() + r.iter().map(|v| v * v).sum::<f64>();
+    let (mine, theirs) = (distance_squared(&m, r, &phi), distance_squared(&m, r, &clarabel(&m, r)));
+    assert!(mine <= theirs + 1e-7 * size, "{what}: {mine} against clarabel's {theirs}");
+    // clarabel leaves the simplex by its tolerance, so it may lie a little below.
+    assert!(mine >= theirs - 1e-6 * size, "{what}: {mine} against clarabel's {theirs}");
+}
+
+#[test]
+fn agrees_with_clarabel_on_random_problems_of_1_to_20_classes() {
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    for n in 1..=20 {
+        for _ in 0..30 {
+            let columns: Vec<_> = (0..n).map(|_| random_column(&mut rng)).collect();
+            let far = rng.random_range(0.1..10.0);
+            let r: Vec<f64> = random_column(&mut rng).iter().map(|v| v * far).collect();
+            check(&columns, &r, "random");
+        }
+    }
+}
+
+#[test]
+fn agrees_with_clarabel_on_badly_conditioned_problems() {
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    for decades in 1..=9 {
+        for n in [2, 5, 9, 20] {
+            for _ in 0..10 {
+                // Columns that differ by ever less from a common one, and from each other.
+                let common = random_column(&mut rng);
+                let columns: Vec<Vec<f64>> = (0..n)
+                    .map(|i| {
+                        let own = random_column(&mut rng);
+                        let part = 10f64.powf(-(decades as f64) * i as f64 / n as f64);
+                        common.iter().zip(own).map(|(c, o)| c + part * o).collect()
+                    })
+                    .collect();
+                let r = mix(&columns, &vec![1.0 / n as f64; n]);
+                let noise = random_column(&mut rng);
+                let r: Vec<f64> = r.iter().zip(noise).map(|(r, e)| r + 0.01 * e).collect();
+                check(&columns, &r, &format!("1e-{decades}, {n}"));
+            }
+        }
+    }
+}
+
+#[test]
+fn degenerate_problems_are_solved_and_end() {
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    for n in 1..=20 {
+        for _ in 0..10 {
+            let mut columns: Vec<_> = (0..n).map(|_| random_column(&mut rng)).collect();
+            let r = random_column(&mut rng);
+            // a residual inside the hull, at a vertex, and far away
+            let w: Vec<f64> = (0..n).map(|_| rng.random_range(0.1..1.0)).collect();
+            let total: f64 = w.iter().sum();
+            let inside: Vec<f64> = w.iter().map(|w| w / total).collect();
+            check(&columns, &mix(&columns, &inside), "inside the hull");
+            check(&columns, &columns[n / 2], "a vertex");
+            let far: Vec<f64> = r.iter().map(|v| v * 1e6).collect();
+            check(&columns, &far, "far away");
+            // collinear and duplicated columns, and a zero column
+            let middle: Vec<f64> =
+                columns[0].iter().zip(&columns[n - 1]).map(|(a, b)| 0.5 * (a + b)).collect();
+            columns.push(middle);
+            columns.push(columns[n / 2].clone());
+            columns.push(vec![0.0; N]);
+            columns.push(columns[0].iter().map(|v| 2.0 * v).collect());
+            check(&columns, &r, "dependent columns");
+            let inside = vec![1.0 / columns.len() as f64; columns.len()];
+            check(&columns, &mix(&columns, &inside), "inside, dependent columns");
+            check(&columns, &columns[n], "a dependent column itself");
+        }
+    }
+}
+
+#[test]
+fn more_classes_than_dimensions_are_solved() {
+    let mut rng = ChaCha8Rng::seed_from_u64(4);
+    for n in [4, 10, 20, 32] {
+        for _ in 0..50 {
+            let flat = |rng: &mut ChaCha8Rng| {
+                let mut v = random_column(rng);
+                v[3..].fill(0.0);
+                v
+            };
+            let columns: Vec<_> = (0..n).map(|_| flat(&mut rng)).collect();
+            check(&columns, &flat(&mut rng), "three dimensions");
+            let near: Vec<f64> = flat(&mut rng).iter().map(|v| 0.1 * v).collect();
+            check(&columns, &near, "three dimensions, inside");
+        }
+    }
+}
+
+#[test]
+fn a_pure_signature_gives_a_unit_vector_and_an_inner_mixture_its_weights() {
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let columns: Vec<_> = (0..9).map(|_| random_column(&mut rng)).collect();
+    let m = matrix(&columns);
+    for (i, column) in columns.iter().enumerate() {
+        let phi = ours(&m, column);
+        for (j, phi) in phi.iter().enumerate() {
+            assert!((phi - f64::from(u8::from(i == j))).abs() < 1e-12);
+        }
+    }
+    let w = [0.3, 0.0, 0.1, 0.2, 0.0, 0.05, 0.05, 0.1, 0.2];
+    for (phi, w) in ours(&m, &mix(&columns, &w)).iter().zip(w) {
+        assert!((phi - w).abs() < 1e-10);
+    }
+}
+
+#[test]
+fn the_scale_of_the_counts_does_not_matter() {
+    let mut rng = ChaCha8Rng::seed_from_u64(6);
+    let columns: Vec<_> = (0..9).map(|_| random_column(&mut rng)).collect();
+    let r = random_column(&mut rng);
+    let plain = ours(&matrix(&columns), &r);
+    for scale in [1e-100, 1e-9, 1e9, 1e100] {
+        let times = |v: &Vec<f64>| v.iter().map(|x| x * scale).collect::<Vec<f64>>();
+        let scaled: Vec<_> = columns.iter().map(times).collect();
+        for (p, q) in ours(&matrix(&scaled), &times(&r)).iter().zip(&plain) {
+            assert!((p - q).abs() < 1e-10);
+        }
+    }
+}
+
+#[test]
+fn one_class_takes_all_and_equal_classes_still_sum_to_1() {
+    assert_eq!(ours(&matrix(&[vec![1.0; N]]), &vec![-7.0; N]), [1.0]);
+    assert_eq!(ours(&matrix(&[vec![0.0; N]]), &vec![1.0; N]), [1.0]);
+    for column in [vec![0.0; N], vec![3.0; N]] {
+        let phi = ours(&matrix(&vec![column; 5]), &vec![1.0; N]);
+        assert!(phi.iter().all(|p| *p >= 0.0) && phi.iter().sum::<f64>() == 1.0);
+    }
+}
+
+#[test]
+fn what_is_no_number_gives_no_number() {
+    let simplex = Simplex::new(&matrix(&[vec![1.0; N], vec![2.0; N]]));
+    let mut phi = [0.0; 2];
+    simplex.solve(&[f64::NAN, 1.0], &mut phi);
+    assert!(phi.iter().all(|p| p.is_nan()));
+}
