@@ -18,7 +18,7 @@ use open_world::scatter::{Scatter, Shape};
 use open_world::tables::difference::Difference;
 use open_world::tables::healthy::World;
 use open_world::tables::{
-    Further, Shown, closed_set, episodes, families, few_labels, healthy, limits, physics, together,
+    Shown, closed_set, episodes, families, few_labels, healthy, limits, physics, together,
     training_sets,
 };
 use std::ffi::OsString;
@@ -131,7 +131,8 @@ fn main() -> ExitCode {
         args.modes = vec![Mode::Design, Mode::Windows, Mode::NoDesign];
     }
     let command = std::env::current_exe().expect("a program knows its own path");
-    let program = Program { command, first: vec![AS_INKLING.into()] };
+    let (train, replay) = (args.train.clone(), args.replay.clone());
+    let program = Program { command, first: vec![AS_INKLING.into()], train, replay };
     let mut ended = ExitCode::SUCCESS;
     for &table in &args.tables {
         if let Err(refusal) = print(table, &program, &args) {
@@ -144,7 +145,6 @@ fn main() -> ExitCode {
 
 fn print(table: Table, program: &Program, args: &Args) -> Result<(), String> {
     let (seed, sets) = (args.seed, args.sets);
-    let further = Further { train: args.train.clone(), replay: args.replay.clone() };
     let of_worlds = |worlds: Vec<World>| {
         let plan = healthy::Plan {
             seed,
@@ -152,7 +152,6 @@ fn print(table: Table, program: &Program, args: &Args) -> Result<(), String> {
             signals: args.recorded,
             modes: args.modes.clone(),
             worlds,
-            further: further.clone(),
         };
         let rows = healthy::measure(program, &plan)?;
         say(&[healthy::show(&rows)], &healthy::missed(&rows));
@@ -160,8 +159,8 @@ fn print(table: Table, program: &Program, args: &Args) -> Result<(), String> {
     };
     let families_of = |plant: Plant| {
         let (signals, levels) = (args.signals, args.levels.clone());
-        let (modes, further) = (args.modes.clone(), further.clone());
-        let plan = families::Plan { seed, signals, levels, modes, further, mutant: None };
+        let modes = args.modes.clone();
+        let plan = families::Plan { seed, signals, levels, modes, mutant: None };
         let rows = families::measure(program, &plant, &plan)?;
         let shown: Vec<Shown> =
             plan.modes.iter().map(|&mode| families::show(&rows, mode)).collect();
@@ -169,7 +168,7 @@ fn print(table: Table, program: &Program, args: &Args) -> Result<(), String> {
         Ok(())
     };
     let differing = |difference: Difference| {
-        let plan = closed_set::Plan { seed, sets, further: further.clone() };
+        let plan = closed_set::Plan { seed, sets };
         let measure =
             |(what, plant): &(String, Plant)| closed_set::measure(program, what, plant, &plan);
         let same = [("thesis form".into(), Plant::thesis_form())];
@@ -184,7 +183,7 @@ fn print(table: Table, program: &Program, args: &Args) -> Result<(), String> {
         Table::Families => families_of(Plant::thesis_form()),
         Table::OtherMake => {
             let plant = Plant::other_make();
-            let plan = closed_set::Plan { seed, sets, further: further.clone() };
+            let plan = closed_set::Plan { seed, sets };
             let row = closed_set::measure(program, "another make", &plant, &plan);
             let shown = closed_set::show("as they are", std::slice::from_ref(&row));
             let missed = closed_set::missed(&[row], |row| Difference::Forms.allowance(row));
@@ -207,7 +206,7 @@ fn print(table: Table, program: &Program, args: &Args) -> Result<(), String> {
         }
         Table::Few => {
             let labels = args.labels.clone();
-            let plan = few_labels::Plan { seed, sets, labels, further };
+            let plan = few_labels::Plan { seed, sets, labels };
             let rows = few_labels::measure(program, &plan)?;
             say(&[few_labels::show(&rows)], &few_labels::missed(&rows));
             Ok(())
@@ -215,14 +214,14 @@ fn print(table: Table, program: &Program, args: &Args) -> Result<(), String> {
         Table::Physics => {
             let scenario =
                 concat!(env!("CARGO_MANIFEST_DIR"), "/sample_logs/scenarios/physics.toml");
-            let plan = physics::Plan { seed, scenario: scenario.into(), further };
+            let plan = physics::Plan { seed, scenario: scenario.into() };
             let rows = physics::measure(program, &plan)?;
             say(&[physics::show(&rows)], &physics::missed(&rows));
             Ok(())
         }
         Table::Words => {
             let level = args.levels.iter().copied().fold(0.0, f64::max);
-            let plan = episodes::Foreign { seed, channels: args.channels, level, further };
+            let plan = episodes::Foreign { seed, channels: args.channels, level };
             let rows = episodes::measure_foreign(program, &plan)?;
             say(&[episodes::show_foreign(&rows)], &episodes::missed_foreign(&rows));
             Ok(())
@@ -230,7 +229,7 @@ fn print(table: Table, program: &Program, args: &Args) -> Result<(), String> {
         Table::Clean => {
             // without a design there is no more than with one
             let modes = args.modes.iter().copied().filter(|&m| m != Mode::NoDesign).collect();
-            let plan = episodes::Clean { seed, signals: args.clean, modes, further };
+            let plan = episodes::Clean { seed, signals: args.clean, modes };
             let rows = episodes::measure_clean(program, &plan)?;
             say(&[episodes::show_clean(&rows)], &episodes::missed_clean(&rows));
             Ok(())
@@ -244,7 +243,6 @@ fn print(table: Table, program: &Program, args: &Args) -> Result<(), String> {
                 faulty: args.faulty,
                 modes: args.modes.clone(),
                 drifts: all().collect(),
-                further,
             };
             let rows = together::measure(program, &plan)?;
             say(&[together::show(&rows)], &together::missed(&rows));
@@ -257,7 +255,6 @@ fn print(table: Table, program: &Program, args: &Args) -> Result<(), String> {
                     sets: args.trainings,
                     fresh: args.fresh,
                     scatter: Scatter { shape, width: 1.0 },
-                    further: further.clone(),
                 };
                 training_sets::measure(program, &plan)
             });

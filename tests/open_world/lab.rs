@@ -12,11 +12,15 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::Command;
 
-/// How inkling is called: a command, and what stands before the verb.
-#[derive(Clone)]
+/// How inkling is called.
+#[derive(Clone, Default)]
 pub struct Program {
     pub command: PathBuf,
+    /// What stands before the verb.
     pub first: Vec<OsString>,
+    /// Further arguments of `inkling train` and of `inkling replay`.
+    pub train: String,
+    pub replay: String,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -94,29 +98,33 @@ impl Lab {
     }
 
     /// Arguments separated by white space. What was damaged or skipped is no failure.
-    pub fn run(&self, args: &str) -> Result<String, Refusal> {
+    pub fn run(&self, args: &str) -> Result<(), Refusal> {
         let output = Command::new(&self.program.command)
             .args(&self.program.first)
             .args(args.split_whitespace())
             .current_dir(self.dir.path())
             .output()
             .unwrap();
-        let said = String::from_utf8_lossy(&output.stderr).trim().to_owned();
         match output.status.code() {
-            Some(0 | 3) => Ok(said),
-            code => Err(format!("inkling {args}: exit status {code:?}: {said}")),
+            Some(0 | 3) => Ok(()),
+            code => {
+                let said = String::from_utf8_lossy(&output.stderr);
+                Err(format!("inkling {args}: exit status {code:?}: {}", said.trim()))
+            }
         }
     }
 
-    /// Learns `design.json` from signals; gives back what was warned of.
-    pub fn train(&self, signals: Signals, plant: &Plant, more: &str) -> Result<String, Refusal> {
+    /// Learns `design.json` from signals of the library.
+    pub fn train(&self, library: &Library, plant: &Plant, seed: u64) -> Result<(), Refusal> {
+        let (signals, more) = (Signals::of(library, plant, seed), &self.program.train);
         recording::write_labels(&self.path("labels.csv"), Rows::USUAL, &signals.states);
         self.write("train", Rows::USUAL, plant, signals.samples);
         let is_own = |state: &&String| known_states().all(|known| known != **state);
         let own: BTreeSet<&String> = signals.states.iter().filter(is_own).collect();
         let own = own.iter().filter(|state| !more.contains(&***state));
         let declared: String = own.map(|state| format!(" --new-class {state}")).collect();
-        self.run(&format!("train train.mcap --labels labels.csv -o design.json {more}{declared}"))
+        let train = "train train.mcap --labels labels.csv -o design.json";
+        self.run(&format!("{train} {more}{declared}"))
     }
 
     /// Takes something out of what was learned.
@@ -144,9 +152,22 @@ impl Lab {
         Ok(verdicts::read(&self.written(name, "verdicts")))
     }
 
+    /// The verdicts, each beside what is true of its signal.
+    pub fn judge_known<'t, T>(
+        &self,
+        name: &str,
+        mode: Mode,
+        more: &str,
+        truths: &'t [T],
+    ) -> Result<Vec<(Verdict, &'t T)>, Refusal> {
+        let verdicts = self.judge(name, mode, more)?;
+        assert_eq!(verdicts.len(), truths.len(), "every signal of {name} has a verdict");
+        Ok(verdicts.into_iter().zip(truths).collect())
+    }
+
     /// The episodes alone.
-    pub fn replay(&self, name: &str, mode: Mode, more: &str) -> Result<Vec<Episode>, Refusal> {
-        self.run_replay(name, mode, more)?;
+    pub fn replay(&self, name: &str, mode: Mode) -> Result<Vec<Episode>, Refusal> {
+        self.run_replay(name, mode, "")?;
         Ok(self.episodes(name))
     }
 
@@ -169,7 +190,8 @@ impl Lab {
             Mode::Windows => "--design design.json --identify windows",
             Mode::NoDesign => "",
         };
-        self.run(&format!("replay {name}.mcap {by} --out out {more}")).map(drop)
+        let further = &self.program.replay;
+        self.run(&format!("replay {name}.mcap {by} --out out {more} {further}"))
     }
 
     fn written(&self, name: &str, table: &str) -> PathBuf {

@@ -2,7 +2,7 @@
 //! be unknown; on the thesis form, and wherever something about all signals is different.
 
 use super::difference::Allowance;
-use super::{Further, STATED, Shown};
+use super::{STATED, Shown};
 use crate::open_world::chance::Rate;
 use crate::open_world::lab::{Lab, Library, Mode, Program, Refusal, Signals};
 use crate::open_world::plant::Plant;
@@ -15,7 +15,6 @@ pub struct Plan {
     pub seed: u64,
     /// Training and test sets of the thesis's size.
     pub sets: usize,
-    pub further: Further,
 }
 
 #[derive(Default)]
@@ -45,27 +44,20 @@ impl Row {
 pub fn measure(program: &Program, what: &str, plant: &Plant, plan: &Plan) -> Row {
     let mut row = Row { what: what.into(), ..Row::default() };
     for set in 0..plan.sets as u64 {
-        if let Err(refusal) = add_set(program, plant, plan, plan.seed + 10 * set, &mut row) {
+        if let Err(refusal) = add_set(program, plant, plan.seed + 10 * set, &mut row) {
             row.refusals.push(refusal);
         }
     }
     row
 }
 
-fn add_set(
-    program: &Program,
-    plant: &Plant,
-    plan: &Plan,
-    seed: u64,
-    row: &mut Row,
-) -> Result<(), Refusal> {
+fn add_set(program: &Program, plant: &Plant, seed: u64, row: &mut Row) -> Result<(), Refusal> {
     let lab = Lab::new(program);
-    lab.train(Signals::of(&Library::THESIS, plant, seed), plant, &plan.further.train)?;
+    lab.train(&Library::THESIS, plant, seed)?;
     let test = Signals::of(&Library::THESIS, plant, seed + 1);
     lab.write("test", Rows::USUAL, plant, test.samples);
-    let ungated = format!("--set isolate.gate=false {}", plan.further.replay);
-    let verdicts = lab.judge("test", Mode::Design, &ungated)?;
-    for (verdict, state) in verdicts.iter().zip(&test.states) {
+    let ungated = "--set isolate.gate=false";
+    for (verdict, state) in lab.judge_known("test", Mode::Design, ungated, &test.states)? {
         if state == HEALTHY {
             row.false_alarms.add(verdict.is_flagged());
             continue;

@@ -1,10 +1,10 @@
 //! Episodes: how many a clean recording raises, and what is said where a channel's signals are of no
 //! class from some burst on.
 
-use super::{Further, Shown};
+use super::Shown;
 use crate::open_world::chance::Rate;
 use crate::open_world::family::Family;
-use crate::open_world::lab::{Lab, Library, Mode, Program, Refusal, Signals};
+use crate::open_world::lab::{Lab, Library, Mode, Program, Refusal};
 use crate::open_world::plant::{Plant, random};
 use crate::open_world::recording::Rows;
 use crate::open_world::scatter::{Scatter, Shape};
@@ -14,7 +14,6 @@ pub struct Clean {
     /// Of each mode and shape, in recordings of at most `RECORDED`.
     pub signals: usize,
     pub modes: Vec<Mode>,
-    pub further: Further,
 }
 
 const RECORDED: usize = 512_000;
@@ -30,7 +29,7 @@ pub struct CleanRow {
 pub fn measure_clean(program: &Program, plan: &Clean) -> Result<Vec<CleanRow>, Refusal> {
     let plant = Plant::thesis_form();
     let lab = Lab::new(program);
-    lab.train(Signals::of(&Library::THESIS, &plant, plan.seed), &plant, &plan.further.train)?;
+    lab.train(&Library::THESIS, &plant, plan.seed)?;
     let mut rows = Vec::new();
     for shape in [Shape::Box, Shape::Lasting] {
         let scatter = Scatter { shape, width: 1.0 };
@@ -49,7 +48,7 @@ pub fn measure_clean(program: &Program, plan: &Clean) -> Result<Vec<CleanRow>, R
             lab.write("clean", CLEAN_ROWS, &plant, signals);
             for row in &mut rows[first..] {
                 row.signals += count;
-                row.episodes += lab.replay("clean", row.mode, &plan.further.replay)?.len();
+                row.episodes += lab.replay("clean", row.mode)?.len();
             }
         }
     }
@@ -84,7 +83,6 @@ pub struct Foreign {
     /// Channels of each family.
     pub channels: usize,
     pub level: f64,
-    pub further: Further,
 }
 
 /// Bursts, and the one from which on a channel is foreign.
@@ -103,7 +101,7 @@ pub struct ForeignRow {
 pub fn measure_foreign(program: &Program, plan: &Foreign) -> Result<Vec<ForeignRow>, Refusal> {
     let plant = Plant::thesis_form();
     let lab = Lab::new(program);
-    lab.train(Signals::of(&Library::THESIS, &plant, plan.seed), &plant, &plan.further.train)?;
+    lab.train(&Library::THESIS, &plant, plan.seed)?;
     let families = Family::all(&[plan.level]);
     let rows = Rows::whole(2 * families.len() * plan.channels);
     let mut rng = random(plan.seed, 3);
@@ -116,7 +114,7 @@ pub fn measure_foreign(program: &Program, plan: &Foreign) -> Result<Vec<ForeignR
         })
     });
     lab.write("foreign", rows, &plant, signals);
-    let episodes = lab.replay("foreign", Mode::Design, &plan.further.replay)?;
+    let episodes = lab.replay("foreign", Mode::Design)?;
     let of_family = |(i, &family): (usize, &Family)| {
         let mut row =
             ForeignRow { family, raised: Rate::default(), named: Rate::default(), sentence: None };

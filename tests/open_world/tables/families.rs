@@ -1,11 +1,11 @@
 //! What is said of signals that belong to no class, family by family.
 
-use super::{Further, Shown, percent};
+use super::{Shown, percent};
 use crate::open_world::chance::Rate;
 use crate::open_world::family::Family;
 use crate::open_world::lab::{Lab, Library, Mode, Mutant, Program, Refusal, Signals};
 use crate::open_world::plant::{Plant, random};
-use crate::open_world::recording::{HEALTHY, Rows};
+use crate::open_world::recording::Rows;
 use crate::open_world::verdicts::{Outcome, Reason, Test, Verdict};
 use std::collections::BTreeMap;
 
@@ -16,7 +16,6 @@ pub struct Plan {
     /// Noise variances that no healthy ring explains.
     pub levels: Vec<f64>,
     pub modes: Vec<Mode>,
-    pub further: Further,
     /// Measures what is left without a part of the method.
     pub mutant: Option<Mutant>,
 }
@@ -108,22 +107,19 @@ pub fn missed(rows: &[Row]) -> Vec<String> {
 /// One recording: a window of healthy signals, then every family in turn.
 pub fn measure(program: &Program, plant: &Plant, plan: &Plan) -> Result<Vec<Row>, Refusal> {
     let lab = Lab::new(program);
-    let library = Signals::of(&Library::THESIS, plant, plan.seed);
-    lab.train(library, plant, &plan.further.train)?;
+    lab.train(&Library::THESIS, plant, plan.seed)?;
     if let Some(mutant) = plan.mutant {
         lab.spoil(mutant);
     }
 
     let window = Library { healthy: 20 * Rows::USUAL.channels, per_class: 0, ..Library::THESIS };
     let mut signals = Signals::of(&window, plant, plan.seed + 1);
-    debug_assert!(signals.states.iter().all(|state| state == HEALTHY));
-    let first = signals.samples.len();
-    let mut families = Vec::new();
+    let mut families = vec![None; signals.samples.len()];
     for (stream, family) in Family::all(&plan.levels).into_iter().enumerate() {
         let mut rng = random(plan.seed + 2, stream as u64);
         for y in (0..plan.signals).map_while(|_| family.signal(plant, &mut rng)) {
             signals.samples.push(y);
-            families.push(family);
+            families.push(Some(family));
         }
     }
     lab.write("foreign", Rows::USUAL, plant, signals.samples);
@@ -131,19 +127,12 @@ pub fn measure(program: &Program, plant: &Plant, plan: &Plan) -> Result<Vec<Row>
     let mut rows = Vec::new();
     for &mode in &plan.modes {
         // the first window alone: what comes after it is not healthy
-        let more = format!("--set identify.every=0 {}", plan.further.replay);
-        let verdicts = lab.judge("foreign", mode, &more)?;
-        for (family, verdict) in families.iter().zip(&verdicts[first..]) {
-            let row =
-                rows.iter_mut().rev().find(|r: &&mut Row| r.family == *family && r.mode == mode);
-            match row {
-                Some(row) => row.said.add(verdict),
-                None => {
-                    let mut said = Tally::default();
-                    said.add(verdict);
-                    rows.push(Row { mode, family: *family, said });
-                }
-            }
+        let judged = lab.judge_known("foreign", mode, "--set identify.every=0", &families)?;
+        for of_family in judged.chunk_by(|(_, one), (_, next)| one == next) {
+            let Some(family) = *of_family[0].1 else { continue };
+            let mut said = Tally::default();
+            of_family.iter().for_each(|(verdict, _)| said.add(verdict));
+            rows.push(Row { mode, family, said });
         }
     }
     Ok(rows)

@@ -1,6 +1,6 @@
 //! What a stated certainty is worth where a class was learned from a handful of signals.
 
-use super::{Further, Shown};
+use super::Shown;
 use crate::open_world::chance::Rate;
 use crate::open_world::lab::{Lab, Library, Mode, Program, Refusal, Signals};
 use crate::open_world::plant::Plant;
@@ -11,10 +11,9 @@ pub struct Plan {
     /// Training sets of each kind.
     pub sets: usize,
     pub labels: Vec<usize>,
-    pub further: Further,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug)]
 pub enum Names {
     /// The thesis's.
     Known,
@@ -45,7 +44,7 @@ pub fn measure(program: &Program, plan: &Plan) -> Result<Vec<Row>, Refusal> {
                 foreign: Rate::default(),
             };
             for set in 0..plan.sets as u64 {
-                add_set(program, &plant, plan, plan.seed + 10 * set, &mut row)?;
+                add_set(program, &plant, plan.seed + 10 * set, &mut row)?;
             }
             rows.push(row);
         }
@@ -59,28 +58,20 @@ fn named(names: Names) -> Plant {
         Names::Known => plant,
         Names::Own => {
             let own = (1..).map(|i| format!("K{i}"));
-            let faults = own.zip(plant.faults.values().copied()).collect();
-            Plant { faults, ..plant }
+            Plant { faults: own.zip(plant.faults.into_values()).collect(), ..plant }
         }
     }
 }
 
-fn add_set(
-    program: &Program,
-    plant: &Plant,
-    plan: &Plan,
-    seed: u64,
-    row: &mut Row,
-) -> Result<(), Refusal> {
+fn add_set(program: &Program, plant: &Plant, seed: u64, row: &mut Row) -> Result<(), Refusal> {
     let lab = Lab::new(program);
     let library = Library { per_class: row.labels, ..Library::THESIS };
-    lab.train(Signals::of(&library, plant, seed), plant, &plan.further.train)?;
+    lab.train(&library, plant, seed)?;
     // faulty signals alone, but for a few
     let unseen = Library { healthy: 100, per_class: 100, ..Library::THESIS };
     let test = Signals::of(&unseen, plant, seed + 1);
     lab.write("test", Rows::USUAL, plant, test.samples);
-    let verdicts = lab.judge("test", Mode::Design, &plan.further.replay)?;
-    for (verdict, state) in verdicts.iter().zip(&test.states) {
+    for (verdict, state) in lab.judge_known("test", Mode::Design, "", &test.states)? {
         if state == HEALTHY || !verdict.is_flagged() {
             continue;
         }

@@ -1,7 +1,7 @@
 //! False alarms and recall where healthy channels scatter in another shape than those that the
 //! design was trained on, and where windows hold faulty signals.
 
-use super::{Further, STATED, Shown};
+use super::{STATED, Shown};
 use crate::open_world::chance::Rate;
 use crate::open_world::family::{Family, words};
 use crate::open_world::lab::{Lab, Library, Mode, Program, Refusal, Signals};
@@ -43,7 +43,6 @@ pub struct Plan {
     pub signals: usize,
     pub modes: Vec<Mode>,
     pub worlds: Vec<World>,
-    pub further: Further,
 }
 
 pub struct Row {
@@ -107,15 +106,15 @@ pub fn measure(program: &Program, plan: &Plan) -> Result<Vec<Row>, Refusal> {
     for recording in 0..plan.recordings as u64 {
         let lab = Lab::new(program);
         let seed = plan.seed + 100 * recording;
-        lab.train(Signals::of(&Library::THESIS, &plant, seed), &plant, &plan.further.train)?;
+        lab.train(&Library::THESIS, &plant, seed)?;
         for (place, world) in plan.worlds.iter().enumerate() {
             let signals = of_world(world, &plant, plan.signals, seed + 1 + place as u64);
             lab.write("test", ROWS, &plant, signals.samples);
             for (mode, row) in plan.modes.iter().zip(&mut rows[place * plan.modes.len()..]) {
-                match lab.judge("test", *mode, &plan.further.replay) {
+                match lab.judge_known("test", *mode, "", &signals.states) {
                     Err(refusal) => row.refusals.push(refusal),
-                    Ok(verdicts) => {
-                        for (verdict, state) in verdicts.iter().zip(&signals.states) {
+                    Ok(judged) => {
+                        for (verdict, state) in judged {
                             let rate = match state == HEALTHY {
                                 true => &mut row.false_alarms,
                                 false => &mut row.recall,

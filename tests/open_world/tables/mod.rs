@@ -16,13 +16,6 @@ use std::fmt;
 /// The default of `detect.false_alarm_rate`.
 pub const STATED: f64 = 7e-4;
 
-/// Further arguments of `inkling train` and of `inkling replay`.
-#[derive(Clone, Debug, Default)]
-pub struct Further {
-    pub train: String,
-    pub replay: String,
-}
-
 /// Rows of text, shown as Markdown.
 pub struct Shown {
     pub title: String,

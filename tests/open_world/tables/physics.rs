@@ -2,7 +2,7 @@
 //! named and, wrongly, said to be unknown; labelled, unlabelled, and on print runs whose temperature
 //! swings. The plants are not ours here; the labels are the truth.
 
-use super::{Further, STATED, Shown};
+use super::{STATED, Shown};
 use crate::open_world::chance::Rate;
 use crate::open_world::lab::{Lab, Mode, Program, Refusal};
 use crate::open_world::recording::HEALTHY;
@@ -14,7 +14,6 @@ use std::fmt::Write;
 pub struct Plan {
     pub seed: u64,
     pub scenario: String,
-    pub further: Further,
 }
 
 #[derive(Default)]
@@ -45,26 +44,27 @@ pub fn measure(program: &Program, plan: &Plan) -> Result<Vec<Row>, Refusal> {
         |to: &str, seed: u64| lab.run(&format!("simulate {} -o {to} --seed {seed}", plan.scenario));
     simulate("p", plan.seed)?;
     simulate("q", plan.seed + 1)?;
-    let more = &plan.further.train;
-    let ungated = format!("--set isolate.gate=false {}", plan.further.replay);
-    let mut rows = Vec::new();
+    let further = &program.train;
     let train = |recordings: &str, labels: &str| {
-        lab.run(&format!("train {recordings} --labels {labels} -o design.json {more}"))
+        lab.run(&format!("train {recordings} --labels {labels} -o design.json {further}"))
+    };
+    let mut rows = Vec::new();
+    let mut judge = |what: &str, recording: &str, mode: Mode| {
+        rows.push(judged(&lab, what, recording, mode)?);
+        Ok::<(), Refusal>(())
     };
 
     train("p/train.mcap", "p/labels.csv")?;
-    rows.push(judged(&lab, "dataset, labelled", "p", "test", Mode::Design, &ungated)?);
-    rows.push(judged(&lab, "more faults, labelled", "p", "calibration", Mode::Design, &ungated)?);
+    judge("dataset, labelled", "p/test", Mode::Design)?;
+    judge("more faults, labelled", "p/calibration", Mode::Design)?;
 
     std::fs::write(lab.path("cold.csv"), healthy_alone(&lab)?).unwrap();
     train("p/train.mcap", "cold.csv")?;
-    rows.push(judged(&lab, "more faults, cold start", "p", "calibration", Mode::Design, &ungated)?);
+    judge("more faults, cold start", "p/calibration", Mode::Design)?;
 
     train("p/train.mcap p/print_run.mcap", "p/labels.csv")?;
-    for (what, mode) in [("print run, design", Mode::Design), ("print run, windows", Mode::Windows)]
-    {
-        rows.push(judged(&lab, what, "q", "print_run", mode, &ungated)?);
-    }
+    judge("print run, design", "q/print_run", Mode::Design)?;
+    judge("print run, windows", "q/print_run", Mode::Windows)?;
     Ok(rows)
 }
 
@@ -81,17 +81,11 @@ fn healthy_alone(lab: &Lab) -> Result<String, Refusal> {
     Ok(csv)
 }
 
-fn judged(
-    lab: &Lab,
-    what: &str,
-    dir: &str,
-    name: &str,
-    mode: Mode,
-    more: &str,
-) -> Result<Row, Refusal> {
-    let labels = labels_file::read(&lab.path(&format!("{dir}/labels.csv"))).unwrap();
+fn judged(lab: &Lab, what: &str, recording: &str, mode: Mode) -> Result<Row, Refusal> {
+    let labels = lab.path(recording).with_file_name("labels.csv");
+    let labels = labels_file::read(&labels).unwrap();
     let mut row = Row { what: what.into(), ..Row::default() };
-    for verdict in lab.judge(&format!("{dir}/{name}"), mode, more)? {
+    for verdict in lab.judge(recording, mode, "--set isolate.gate=false")? {
         let label = labels.at(&verdict.printhead, verdict.channel, verdict.t_ns);
         let Some(state) = label.map(|label| label.state.as_str()) else { continue };
         if state == HEALTHY {
@@ -115,6 +109,10 @@ pub fn missed(rows: &[Row]) -> Vec<String> {
     let mut missed = Vec::new();
     for row in rows {
         let what = &row.what;
+        // of no signals every rate would do
+        if row.false_alarms.of == 0 || row.certain_right.of == 0 {
+            missed.push(format!("{what}: nothing healthy is judged, or nothing faulty named"));
+        }
         let unknown = row.foreign.iter().filter(|(_, rate)| !rate.is_at_most(0.01));
         missed.extend(unknown.map(|(class, rate)| format!("{what}: {class} unknown {rate}")));
         if !row.false_alarms.is_at_most(2.0 * STATED) {

@@ -1,10 +1,10 @@
 //! Heads all of whose channels drift alike, unrecorded, some of them faulty from a round on: what is
 //! raised, what is found, what is said of the head.
 
-use super::{Further, STATED, Shown};
+use super::{STATED, Shown};
 use crate::open_world::chance::Rate;
 use crate::open_world::drift::Drift;
-use crate::open_world::lab::{Lab, Library, Mode, Program, Refusal, Signals};
+use crate::open_world::lab::{Lab, Library, Mode, Program, Refusal};
 use crate::open_world::plant::{Plant, random};
 use crate::open_world::recording::Rows;
 use crate::open_world::scatter::{Scatter, Shape};
@@ -20,7 +20,6 @@ pub struct Plan {
     pub faulty: usize,
     pub modes: Vec<Mode>,
     pub drifts: Vec<Drift>,
-    pub further: Further,
 }
 
 /// What is wrong with faulty channels, one after the other, from a round on.
@@ -40,7 +39,7 @@ pub struct Row {
 pub fn measure(program: &Program, plan: &Plan) -> Result<Vec<Row>, Refusal> {
     let plant = Plant::thesis_form();
     let lab = Lab::new(program);
-    lab.train(Signals::of(&Library::THESIS, &plant, plan.seed), &plant, &plan.further.train)?;
+    lab.train(&Library::THESIS, &plant, plan.seed)?;
     let mut rows = Vec::new();
     for (i, &drift) in plan.drifts.iter().enumerate() {
         // lasting differences within what the design was trained on
@@ -67,14 +66,13 @@ pub fn measure(program: &Program, plan: &Plan) -> Result<Vec<Row>, Refusal> {
             plant.signal(drift.at(t_s, features), &mut rng)
         });
         lab.write("together", rows_of, &plant, signals);
+        let places = 0..plan.rounds * plan.channels;
+        let faulty: Vec<bool> = places.map(|place| fault_of(place).is_some()).collect();
         for &mode in &plan.modes {
-            let verdicts = lab.judge("together", mode, &plan.further.replay)?;
             let (mut false_alarms, mut recall) = (Rate::default(), Rate::default());
-            for (place, verdict) in verdicts.iter().enumerate() {
-                match fault_of(place) {
-                    Some(_) => recall.add(verdict.is_flagged()),
-                    None => false_alarms.add(verdict.is_flagged()),
-                }
+            for (verdict, is_faulty) in lab.judge_known("together", mode, "", &faulty)? {
+                let rate = if *is_faulty { &mut recall } else { &mut false_alarms };
+                rate.add(verdict.is_flagged());
             }
             let episodes = lab.episodes("together");
             let false_episodes = episodes.iter().filter(|e| !is_faulty(e.channel as usize)).count();

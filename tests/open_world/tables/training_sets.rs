@@ -1,7 +1,7 @@
 //! A threshold is learned from one training set: how often is the rate that it realises above the
 //! rate that is stated?
 
-use super::{Further, STATED, Shown};
+use super::{STATED, Shown};
 use crate::open_world::chance::Rate;
 use crate::open_world::lab::{Lab, Library, Mode, Program, Refusal, Signals};
 use crate::open_world::plant::Plant;
@@ -14,7 +14,6 @@ pub struct Plan {
     /// Healthy signals that every set is judged on.
     pub fresh: usize,
     pub scatter: Scatter,
-    pub further: Further,
 }
 
 pub struct Realised {
@@ -32,17 +31,14 @@ impl Realised {
 pub fn measure(program: &Program, plan: &Plan) -> Result<Realised, Refusal> {
     let lab = Lab::new(program);
     let plant = Plant::thesis_form();
-    let healthy = |count, seed| {
-        let library = Library { scatter: plan.scatter, healthy: count, per_class: 0 };
-        Signals::of(&library, &plant, seed)
-    };
-    lab.write("fresh", Rows::USUAL, &plant, healthy(plan.fresh, plan.seed).samples);
+    let library = Library { scatter: plan.scatter, per_class: 0, ..Library::THESIS };
+    let fresh = Signals::of(&Library { healthy: plan.fresh, ..library }, &plant, plan.seed);
+    lab.write("fresh", Rows::USUAL, &plant, fresh.samples);
     let rates = (1..=plan.sets as u64).map(|set| {
-        lab.train(healthy(Library::THESIS.healthy, plan.seed + set), &plant, &plan.further.train)?;
-        let mut rate = Rate::default();
-        let verdicts = lab.judge("fresh", Mode::Design, &plan.further.replay)?;
-        verdicts.iter().for_each(|verdict| rate.add(verdict.is_flagged()));
-        Ok(rate)
+        lab.train(&library, &plant, plan.seed + set)?;
+        let judged = lab.judge_known("fresh", Mode::Design, "", &fresh.states)?;
+        let count = judged.iter().filter(|(verdict, _)| verdict.is_flagged()).count();
+        Ok(Rate { count, of: judged.len() })
     });
     Ok(Realised { scatter: plan.scatter, rates: rates.collect::<Result<_, Refusal>>()? })
 }
