@@ -79,7 +79,7 @@ fn said(seed: u64, put: Put, volts: f64) -> Critique {
 
 /// In counts, each once for all tests.
 fn in_counts(seed: u64, put: Put) -> &'static Critique {
-    static SAID: [OnceLock<Critique>; 204] = [const { OnceLock::new() }; 204];
+    static SAID: [OnceLock<Critique>; 103] = [const { OnceLock::new() }; 103];
     SAID[seed as usize - 70_000].get_or_init(|| said(seed, put, 1.0))
 }
 
@@ -111,7 +111,7 @@ fn what_is_put_in_is_named_beside_a_slow_part() {
 
 #[test]
 fn volts_say_what_counts_say() {
-    let nothing = [70_201, 70_202, 70_203].map(|seed| (seed, Put::Nothing));
+    let nothing = [70_000, 70_001, 70_002].map(|seed| (seed, Put::Nothing));
     for (seed, put) in nothing.into_iter().chain(PUT_IN.map(|(seed, put, _)| (seed, put))) {
         let counts = in_counts(seed, put);
         for volts in [1e-3, 3e-6] {

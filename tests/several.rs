@@ -2,7 +2,7 @@
 
 use crate::house::{House, shipped};
 use crate::labels::only_healthy;
-use inkling::io::verdict_reader::VerdictReader;
+use crate::open_world::verdicts;
 
 /// The sample's scenario without its faults.
 fn scenario(bursts: u32, interval_s: f64) -> String {
@@ -60,26 +60,18 @@ fn two_faults_at_once_are_found_and_not_given_a_third_name() {
         assert!(signals >= 60 && flagged == signals, "{a} and {b}: {of}");
     }
     let (mut all, mut one_of_them, mut third, mut third_but_the_twin) = (0, 0, 0, 0);
-    let mut first = None;
-    let reader = VerdictReader::open(&house.path("out/print_run.verdicts.parquet")).unwrap();
-    let classes = reader.classes().to_vec();
-    for columns in reader {
-        let c = columns.unwrap();
-        for i in 0..c.len() {
-            let since_s =
-                (c.acquired_at_ns[i] - *first.get_or_insert(c.acquired_at_ns[i])) / 1_000_000_000;
-            let is_of_head =
-                &*c.printheads[c.printhead[i] as usize] == "cyan-1" && c.channel[i] % 4 == 0;
-            let pair = pairs.get(c.channel[i] as usize / 4).filter(|_| is_of_head);
-            let (Some((a, _, b, _)), 35..95) = (pair, since_s) else { continue };
-            all += 1;
-            let Some(fault) = &c.fault[i] else { continue };
-            let fault = classes[usize::from(*fault)].as_str();
-            one_of_them += usize::from(fault == *a || fault == *b);
-            third += usize::from(fault != *a && fault != *b);
-            let is_twin = (*a, *b) == ("AB2", "SDN");
-            third_but_the_twin += usize::from(fault != *a && fault != *b && !is_twin);
-        }
+    let rows = verdicts::read(&house.path("out/print_run.verdicts.parquet"));
+    for row in &rows {
+        let since_s = (row.t_ns - rows[0].t_ns) / 1_000_000_000;
+        let is_of_pair = row.printhead == "cyan-1" && row.channel % 4 == 0;
+        let pair = pairs.get(row.channel as usize / 4).filter(|_| is_of_pair);
+        let (Some(&(a, _, b, _)), 35..95) = (pair, since_s) else { continue };
+        all += 1;
+        let Some(fault) = row.fault.as_deref() else { continue };
+        let is_third = ![a, b].contains(&fault);
+        one_of_them += usize::from(!is_third);
+        third += usize::from(is_third);
+        third_but_the_twin += usize::from(is_third && (a, b) != ("AB2", "SDN"));
     }
     println!(
         "of {all}: one of the two {one_of_them}, a third {third}, but for the twin {third_but_the_twin}"

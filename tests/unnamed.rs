@@ -12,6 +12,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use std::f64::consts::TAU;
+use std::ops::Range;
 
 #[derive(Clone, Copy, Debug, PartialEq, ValueEnum)]
 enum Effect {
@@ -49,19 +50,19 @@ enum Effect {
     Mode,
 }
 
-const IN_THE_CATALOGUE: [(Effect, &str); 6] = [
-    (Effect::Cubic, "cubic_stiffness"),
-    (Effect::Drag, "quadratic_drag"),
-    (Effect::Friction, "dry_friction"),
-    (Effect::Offset, "offset"),
-    (Effect::Tone, "tone"),
-    (Effect::Mode, "second_mode"),
-];
-
-/// Those that it does not hold.
-fn unnamed() -> impl Iterator<Item = Effect> {
-    let all = Effect::value_variants().iter().copied();
-    all.filter(|effect| IN_THE_CATALOGUE.iter().all(|(known, _)| known != effect))
+impl Effect {
+    /// The catalogue's, if it holds the effect.
+    fn name(self) -> Option<&'static str> {
+        Some(match self {
+            Effect::Cubic => "cubic_stiffness",
+            Effect::Drag => "quadratic_drag",
+            Effect::Friction => "dry_friction",
+            Effect::Offset => "offset",
+            Effect::Tone => "tone",
+            Effect::Mode => "second_mode",
+            _ => return None,
+        })
+    }
 }
 
 /// Decays by Runge and Kutta, from amplitude one on: three where what is there differs from one to the next.
@@ -137,74 +138,56 @@ fn recording(effect: Effect, seed: u64) -> Observations {
     sampler.finish()
 }
 
-/// Whether it is called by this name and no other; what else may explain it as well may be said.
-fn is_called(name: &str, words: &str) -> bool {
-    ["Named", "Tie"].iter().any(|verdict| words.starts_with(&format!("{verdict} {:?}:", [name])))
-}
-
-/// How many of so many oscillators with each effect are answered rightly: by the name of what is there and no other, or by none
-/// where the catalogue has none.
-#[cfg(feature = "ablation")]
-pub fn right(first: u64, seeds: u64) -> usize {
-    let named = IN_THE_CATALOGUE.map(|(effect, name)| (effect, Some(name)));
-    let all = named.into_iter().chain(unnamed().map(|effect| (effect, None)));
-    all.flat_map(|(effect, name)| (first..first + seeds).map(move |seed| (effect, name, seed)))
-        .filter(|&(effect, name, seed)| match name {
-            Some(name) => is_called(name, &said(effect, seed).1),
-            None => !said(effect, seed).0,
-        })
-        .count()
-}
-
-/// What is said: whether a name is given for certain (an offset beside an even force is there), and the words.
-fn said(effect: Effect, seed: u64) -> (bool, String) {
+/// What is said of an oscillator, and whether that is right: what the catalogue holds is called by its name and no other,
+/// alone or in a tie; what it does not hold has no name for certain.
+fn answer(effect: Effect, seed: u64) -> (bool, String) {
     let c =
         critique(&recording(effect, seed), Rings::Oscillator, false, &mut |_| {}).unwrap().critique;
     let names: Vec<&str> = c.causes.iter().map(|c| c.id.name()).collect();
-    let certain = c.verdict == Verdict::Named;
-    (certain, format!("{:?} {names:?}: {}", c.verdict, c.sentence))
+    let is_right = match effect.name() {
+        Some(name) => matches!(c.verdict, Verdict::Named | Verdict::Tie) && names == [name],
+        None => c.verdict != Verdict::Named,
+    };
+    (is_right, format!("{effect:?} {seed}: {:?} {names:?}: {}", c.verdict, c.sentence))
 }
 
-fn table(first: u64, seeds: u64) -> (usize, usize, Vec<String>) {
-    let (mut wrong, mut all, mut lines) = (0, 0, Vec::new());
-    for effect in unnamed() {
-        for seed in first..first + seeds {
-            let (certain, words) = said(effect, seed);
-            all += 1;
-            wrong += usize::from(certain);
-            lines
-                .push(format!("{effect:?} {seed}: {}{words}", if certain { "WRONG " } else { "" }));
-        }
-    }
-    (wrong, all, lines)
+/// The answers to oscillators of each of these effects and seeds.
+fn answers(is_asked: impl Fn(&Effect) -> bool, seeds: Range<u64>) -> Vec<(bool, String)> {
+    let effects = Effect::value_variants().iter().filter(|effect| is_asked(effect));
+    effects.flat_map(|&effect| seeds.clone().map(move |seed| answer(effect, seed))).collect()
+}
+
+/// How many of so many oscillators with each effect are answered rightly.
+#[cfg(feature = "ablation")]
+pub fn right(first: u64, seeds: u64) -> usize {
+    answers(|_| true, first..first + seeds).iter().filter(|(is_right, _)| *is_right).count()
+}
+
+#[track_caller]
+fn all_are_right(answers: &[(bool, String)]) {
+    let wrong: Vec<_> = answers.iter().filter(|(is_right, _)| !is_right).collect();
+    assert!(wrong.is_empty(), "{} of {}: {wrong:#?}", wrong.len(), answers.len());
 }
 
 /// Seeds that nothing was tuned on.
 #[test]
 fn what_is_near_the_catalogue_is_not_given_its_names() {
-    let (wrong, all, lines) = table(9_400_000, 3);
-    let named: Vec<&String> = lines.iter().filter(|l| l.contains("WRONG")).collect();
-    assert!(wrong == 0, "{wrong} of {all}: {named:#?}");
+    all_are_right(&answers(|effect| effect.name().is_none(), 9_400_000..9_400_003));
 }
 
 #[test]
 fn what_the_catalogue_holds_is_named_beside_rivals() {
-    let mut wrong = Vec::new();
-    for (effect, name) in IN_THE_CATALOGUE {
-        for seed in 9_500_000..9_500_003 {
-            let (_, words) = said(effect, seed);
-            if !is_called(name, &words) {
-                wrong.push(format!("{effect:?} {seed}: {words}"));
-            }
-        }
-    }
-    assert!(wrong.is_empty(), "{wrong:#?}");
+    all_are_right(&answers(|effect| effect.name().is_some(), 9_500_000..9_500_003));
 }
 
 #[test]
 #[ignore = "prints a table"]
 fn unnamed_table() {
     let first = std::env::var("UNNAMED").ok().and_then(|s| s.parse().ok()).unwrap_or(9_200_000);
-    let (wrong, all, lines) = table(first, 6);
-    println!("{}\nnamed wrongly {wrong} of {all}", lines.join("\n"));
+    let answers = answers(|effect| effect.name().is_none(), first..first + 6);
+    for (is_right, words) in &answers {
+        println!("{}{words}", if *is_right { "" } else { "WRONG " });
+    }
+    let wrong = answers.iter().filter(|(is_right, _)| !is_right).count();
+    println!("named wrongly {wrong} of {}", answers.len());
 }
