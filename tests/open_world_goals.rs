@@ -351,15 +351,12 @@ fn without_a_design_what_does_not_ring_is_told() {
     let lab = Lab::new(&inkling());
     lab.write("alone", rows, &plant, signals);
     let verdicts = lab.judge("alone", Mode::NoDesign, "").unwrap();
-    let share = |channel: u32, reason: Reason| {
+    for (channel, reason) in [(5, Reason::NoRing), (23, Reason::NoRing), (40, Reason::Uncertain)] {
         let late = verdicts.iter().skip(rows.channels * rounds / 2);
-        let of_channel: Vec<_> = late.filter(|v| v.channel == channel).collect();
-        let so = of_channel.iter().filter(|v| v.reason == Some(reason)).count();
-        so as f64 / of_channel.len() as f64
-    };
-    assert!(share(5, Reason::NoRing) >= 0.95, "{}", share(5, Reason::NoRing));
-    assert!(share(23, Reason::NoRing) >= 0.95, "{}", share(23, Reason::NoRing));
-    assert!(share(40, Reason::Uncertain) >= 0.95, "{}", share(40, Reason::Uncertain));
+        let mut told = Rate::default();
+        late.filter(|v| v.channel == channel).for_each(|v| told.add(v.reason == Some(reason)));
+        assert!(told.share() >= 0.95, "channel {channel}, {reason:?}: {told}");
+    }
     let episodes = lab.episodes("alone");
     let dead = episodes.iter().find(|e| e.channel == 5).unwrap();
     assert!(dead.explanation.contains("noise alone"), "{}", dead.explanation);

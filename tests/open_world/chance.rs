@@ -38,6 +38,16 @@ impl Rate {
     pub fn is_at_least(self, rate: f64) -> bool {
         Rate { count: self.of - self.count, of: self.of }.is_at_most(1.0 - rate)
     }
+
+    /// Says `what` misses its goal, if it is more than that.
+    pub fn beyond(self, most: f64, what: &str) -> Option<String> {
+        (!self.is_at_most(most)).then(|| format!("{what} {self}"))
+    }
+
+    /// Likewise if it is less.
+    pub fn below(self, least: f64, what: &str) -> Option<String> {
+        (!self.is_at_least(least)).then(|| format!("{what} {self}"))
+    }
 }
 
 /// Probability of `count` or more of `of` at `rate`.

@@ -53,7 +53,6 @@ impl Disturbance {
         let Undisturbed { ring: healthy, base, plant } = *undisturbed;
         let n = plant.samples;
         let times: Vec<f64> = plant.sampling().times().collect();
-        let sign = |rng: &mut Random| if rng.random_bool(0.5) { 1.0 } else { -1.0 };
         // per cycle of the healthy resonance: the same on any scale of time
         let tone = |low: f64, high: f64, rng: &mut Random| -> Vec<f64> {
             let omega = healthy.omega() * rng.random_range(low.ln()..high.ln()).exp();
@@ -63,7 +62,7 @@ impl Disturbance {
         Pattern::Added(match self {
             Disturbance::Offset => vec![sign(rng); n],
             Disturbance::Step => {
-                let from = middle(n, rng);
+                let from = rng.random_range(n * 3 / 10..n * 7 / 10);
                 (0..n).map(|k| f64::from(k >= from)).collect()
             }
             Disturbance::Ramp => (0..n).map(|k| k as f64 / n as f64).collect(),
@@ -96,13 +95,9 @@ impl Disturbance {
                 (0..n).map(arrived).collect()
             }
             Disturbance::TwoRings => {
+                let apart = if rng.random_bool(0.5) { 0.5..0.9 } else { 1.1..2.0 };
                 let other = Ring {
-                    frequency_hz: healthy.frequency_hz
-                        * if rng.random_bool(0.5) {
-                            rng.random_range(0.5..0.9)
-                        } else {
-                            rng.random_range(1.1..2.0)
-                        },
+                    frequency_hz: healthy.frequency_hz * rng.random_range(apart),
                     damping_per_s: healthy.damping_per_s * rng.random_range(0.3..1.5),
                     phase_rad: rng.random_range(0.0..TAU),
                     pole_share: 0.0,
@@ -123,14 +118,14 @@ impl Disturbance {
     }
 }
 
-fn middle(n: usize, rng: &mut Random) -> usize {
-    rng.random_range(n * 3 / 10..n * 7 / 10)
+fn sign(rng: &mut Random) -> f64 {
+    if rng.random_bool(0.5) { 1.0 } else { -1.0 }
 }
 
 fn odd_samples(n: usize, count: usize, rng: &mut Random) -> Vec<f64> {
     let mut y = vec![0.0; n];
     for at in rand::seq::index::sample(rng, n, count) {
-        y[at] = if rng.random_bool(0.5) { 1.0 } else { -1.0 };
+        y[at] = sign(rng);
     }
     y
 }

@@ -2,8 +2,8 @@
 //! has labelled. Generators and measurements are written from the contract and from (2-2)'s shape
 //! alone; they know nothing of how inkling judges, and share no constant with its simulator.
 //!
-//! `goals` holds what must be true in every test run, on small sets. `examples/open_world.rs` prints
-//! the same tables at any size:
+//! `tests/open_world_goals.rs` asserts on small sets what must be true in every test run.
+//! `examples/open_world.rs` prints the same tables at any size:
 //!
 //! ```sh
 //! cargo run --release --example open_world -- --help

@@ -48,21 +48,20 @@ pub struct Ranges {
 
 impl Ranges {
     pub fn centre(&self) -> Features {
-        Features {
-            amplitude: self.amplitude.centre(),
-            damping_per_s: self.damping_per_s.centre(),
-            frequency_hz: self.frequency_hz.centre(),
-            overtone: self.overtone.map_or(0.0, Range::centre),
-            turned_rad: 0.0,
-        }
+        self.at(Range::centre)
     }
 
     pub fn draw(&self, rng: &mut Random) -> Features {
+        self.at(|range| range.draw(rng))
+    }
+
+    /// A place in the box.
+    fn at(&self, mut place: impl FnMut(Range) -> f64) -> Features {
         Features {
-            amplitude: self.amplitude.draw(rng),
-            damping_per_s: self.damping_per_s.draw(rng),
-            frequency_hz: self.frequency_hz.draw(rng),
-            overtone: self.overtone.map_or(0.0, |range| range.draw(rng)),
+            amplitude: place(self.amplitude),
+            damping_per_s: place(self.damping_per_s),
+            frequency_hz: place(self.frequency_hz),
+            overtone: self.overtone.map_or(0.0, place),
             turned_rad: 0.0,
         }
     }

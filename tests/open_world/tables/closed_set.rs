@@ -87,9 +87,7 @@ pub fn missed(rows: &[Row], allowed: impl Fn(&Row) -> Allowance) -> Vec<String> 
         if more > allowed.misses_per_set {
             missed.push(format!("{what}: {more:.0} misses more"));
         }
-        if !row.false_alarms.is_at_most(2.0 * STATED) {
-            missed.push(format!("{what}: false alarms {}", row.false_alarms));
-        }
+        missed.extend(row.false_alarms.beyond(2.0 * STATED, &format!("{what}: false alarms")));
         let less = same.isolated.share() - row.isolated.share();
         if less > allowed.isolation {
             missed.push(format!("{what}: isolation {less:.3} less"));
@@ -102,15 +100,14 @@ pub fn missed(rows: &[Row], allowed: impl Fn(&Row) -> Allowance) -> Vec<String> 
 
 /// Of the thesis form itself, against the figures of `docs/measured.md`.
 pub fn missed_of_thesis_form(row: &Row) -> Vec<String> {
-    let goals = [
-        ("misses", row.misses, row.misses.is_at_most(25.0 / FAULTY_OF_SET)),
-        ("false alarms", row.false_alarms, row.false_alarms.is_at_most(1.5 / 2475.0)),
-        ("isolation", row.isolated, row.isolated.is_at_least(0.91)),
-        ("certain and right", row.certain_right, row.certain_right.is_at_least(0.97)),
-        ("certain", row.certain, row.certain.is_at_least(0.78)),
+    let missed = [
+        row.misses.beyond(25.0 / FAULTY_OF_SET, "misses"),
+        row.false_alarms.beyond(1.5 / 2475.0, "false alarms"),
+        row.isolated.below(0.91, "isolation"),
+        row.certain_right.below(0.97, "certain and right"),
+        row.certain.below(0.78, "certain"),
     ];
-    let missed = goals.into_iter().filter(|(_, _, holds)| !holds);
-    missed.map(|(what, rate, _)| format!("{}: {what} {rate}", row.what)).collect()
+    missed.into_iter().flatten().map(|missed| format!("{}: {missed}", row.what)).collect()
 }
 
 pub fn show(title: &str, rows: &[Row]) -> Shown {

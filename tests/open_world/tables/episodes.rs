@@ -145,9 +145,7 @@ pub fn missed_foreign(rows: &[ForeignRow]) -> Vec<String> {
         of: all.of + row.named.of,
     };
     let named = rows.iter().fold(Rate::default(), of_all);
-    if !named.is_at_most(0.02) {
-        missed.push(format!("all families: named {named}"));
-    }
+    missed.extend(named.beyond(0.02, "all families: named"));
     missed
 }
 

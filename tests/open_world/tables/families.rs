@@ -90,13 +90,12 @@ impl Row {
     /// at most 2 % named.
     fn missed(&self) -> Vec<String> {
         let most_healthy = if self.is_gross() { 0.005 } else { 0.02 };
-        let goals = [
-            ("called healthy", self.said.called_healthy(), most_healthy),
-            ("named", self.said.named(), 0.02),
-        ];
-        let missed = goals.iter().filter(|(_, rate, most)| !rate.is_at_most(*most));
         let at = format!("{}, {:?}", self.family, self.mode);
-        missed.map(|(what, rate, _)| format!("{at}: {what} {rate}")).collect()
+        let healthy = self.said.called_healthy();
+        let mut missed =
+            Vec::from_iter(healthy.beyond(most_healthy, &format!("{at}: called healthy")));
+        missed.extend(self.said.named().beyond(0.02, &format!("{at}: named")));
+        missed
     }
 }
 

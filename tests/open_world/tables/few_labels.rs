@@ -89,9 +89,7 @@ pub fn missed(rows: &[Row]) -> Vec<String> {
     let mut missed = Vec::new();
     for row in rows {
         let at = format!("{} labels, {:?} names", row.labels, row.names);
-        if !row.right.is_at_least(0.95) {
-            missed.push(format!("{at}: right {}", row.right));
-        }
+        missed.extend(row.right.below(0.95, &format!("{at}: right")));
         if row.labels >= 10 && row.certain.share() < 0.2 {
             missed.push(format!("{at}: certain of {}", row.certain));
         }

@@ -93,12 +93,8 @@ pub fn missed(rows: &[Row]) -> Vec<String> {
         if row.false_episodes > 0 {
             missed.push(format!("{whose}: {} false episodes", row.false_episodes));
         }
-        if !row.false_alarms.is_at_most(2.0 * STATED) {
-            missed.push(format!("{whose}: false alarms {}", row.false_alarms));
-        }
-        if !row.recall.is_at_least(0.99) {
-            missed.push(format!("{whose}: recall {}", row.recall));
-        }
+        missed.extend(row.false_alarms.beyond(2.0 * STATED, &format!("{whose}: false alarms")));
+        missed.extend(row.recall.below(0.99, &format!("{whose}: recall")));
         if !row.drift.warnings().contains(&row.said) {
             missed.push(format!("{whose}: {} warnings of the head", row.said));
         }

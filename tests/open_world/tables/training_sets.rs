@@ -45,10 +45,8 @@ pub fn measure(program: &Program, plan: &Plan) -> Result<Realised, Refusal> {
 
 /// Against the goal: at most a tenth of the sets.
 pub fn missed(realised: &[Realised]) -> Vec<String> {
-    let beyond = realised.iter().filter(|one| !one.exceeding().is_at_most(0.1));
-    beyond
-        .map(|one| format!("{}: above the stated rate {}", one.scatter, one.exceeding()))
-        .collect()
+    let what = |one: &Realised| format!("{}: above the stated rate", one.scatter);
+    realised.iter().filter_map(|one| one.exceeding().beyond(0.1, &what(one))).collect()
 }
 
 pub fn show(realised: &[Realised]) -> Shown {
