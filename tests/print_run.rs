@@ -65,7 +65,7 @@ fn unknown_temperature_is_followed_and_another_head_begins_anew() {
     let judge = |run: &str, options: &str, says: &str, least_recall: f64| {
         let replay =
             format!("replay {run}/print_run.mcap --design design.json --out {run}/out {options}");
-        let said = house.run(&replay).stderr();
+        let said = house.run(&replay).exits(0).stderr();
         assert!(said.contains(says), "{said}");
         assert!(
             !said.contains("after later ones"),
