@@ -1,7 +1,7 @@
-//! Parses those MCAP records that are read: by hand where only the head of the record is there
-//! (chunk) or no copy is wanted, else by the mcap crate.
+//! Parses those MCAP records that are read: chunks, whose bodies may be cut, and names by hand and
+//! without a copy; the rest by the mcap crate.
 //!
-//! In, from `scan.rs`, `recording.rs`, `block_reader.rs` and others: a record's body, which is the
+//! In, from `scan.rs`, `mcap_summary.rs`, `block_reader.rs` and others: a record's body, which is the
 //! bytes behind the record header. Out: its fields; `None` if the bytes are too few, or a text is
 //! not UTF-8. No file is read here.
 
@@ -139,7 +139,7 @@ pub fn footer(body: &[u8]) -> Option<Footer> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ChunkSpan {
     /// The first and the last log time of the chunk's messages (`to_ns` is inclusive), ns since
-    /// 1970. Both are 0 for a chunk without messages, which `recording.rs` relies on.
+    /// 1970. Both are 0 for a chunk without messages, which `mcap_summary.rs` relies on.
     pub from_ns: u64,
     pub to_ns: u64,
     /// Offset of the chunk record in the file.
@@ -176,26 +176,30 @@ mod tests {
     /// Independent route: the mcap crate's own parser, over a file that it wrote.
     #[test]
     fn records_read_the_same_as_by_the_mcap_crate_and_any_cut_of_them_is_none() {
-        let mut file = std::io::Cursor::new(Vec::new());
-        let mut writer = mcap::Writer::new(&mut file).unwrap();
-        let schema = writer.add_schema("inkling.Burst", "protobuf", b"data").unwrap();
-        let metadata = [("k".to_string(), "v".to_string())].into();
-        let channel = writer.add_channel(schema, "/t", "protobuf", &metadata).unwrap();
-        let header =
-            MessageHeader { channel_id: channel, sequence: 1, log_time: 5, publish_time: 6 };
-        writer.write_to_known_channel(&header, b"abc").unwrap();
-        writer.finish().unwrap();
-        drop(writer);
-        let bytes = file.into_inner();
-
         let mut seen = Vec::new();
-        let mut at = MAGIC.len();
-        while let Some(record) = record_at(&bytes[..bytes.len() - MAGIC.len()], at) {
-            let body = &bytes[record.from..record.to];
-            // what reads the record, and the bytes that it needs
-            type Reads = fn(&[u8]) -> bool;
-            let (reads, needed): (Reads, usize) =
-                match mcap::parse_record(record.opcode, body).unwrap() {
+        // messages stand in a chunk, or outside of chunks
+        for is_chunked in [true, false] {
+            let options = mcap::WriteOptions::new().use_chunks(is_chunked);
+            let mut file = std::io::Cursor::new(Vec::new());
+            let mut writer = options.create(&mut file).unwrap();
+            let schema = writer.add_schema("inkling.Burst", "protobuf", b"data").unwrap();
+            let metadata = [("k".to_string(), "v".to_string())].into();
+            let channel = writer.add_channel(schema, "/t", "protobuf", &metadata).unwrap();
+            let header =
+                MessageHeader { channel_id: channel, sequence: 1, log_time: 5, publish_time: 6 };
+            writer.write_to_known_channel(&header, b"abc").unwrap();
+            writer.finish().unwrap();
+            drop(writer);
+            let bytes = file.into_inner();
+
+            let mut at = MAGIC.len();
+            while let Some(record) = record_at(&bytes[..bytes.len() - MAGIC.len()], at) {
+                let body = &bytes[record.from..record.to];
+                // what reads the record, and the bytes that it needs
+                type Reads = fn(&[u8]) -> bool;
+                let (reads, needed): (Reads, usize) = match mcap::parse_record(record.opcode, body)
+                    .unwrap()
+                {
                     Record::Schema { header, data } => {
                         let ours = SchemaRecord::parse(body).unwrap();
                         assert_eq!((ours.id, ours.name), (header.id, &*header.name));
@@ -235,11 +239,20 @@ mod tests {
                     Record::Message { .. } => (|cut| message_header(cut).is_some(), MESSAGE_HEADER),
                     _ => (|_| true, 0),
                 };
-            assert!(reads(&body[..needed]) && !(0..needed).any(|cut| reads(&body[..cut])));
-            seen.push(record.opcode);
-            at = record.to;
+                assert!(reads(&body[..needed]) && !(0..needed).any(|cut| reads(&body[..cut])));
+                seen.push(record.opcode);
+                at = record.to;
+            }
         }
-        for opcode in [op::SCHEMA, op::CHANNEL, op::CHUNK, op::STATISTICS, op::FOOTER] {
+        for opcode in [
+            op::SCHEMA,
+            op::CHANNEL,
+            op::MESSAGE,
+            op::CHUNK,
+            op::CHUNK_INDEX,
+            op::STATISTICS,
+            op::FOOTER,
+        ] {
             assert!(seen.contains(&opcode));
         }
     }

@@ -63,6 +63,7 @@ impl Design {
         self.posterior.iter().try_for_each(|of| of.check(classes))?;
         self.typical.iter().try_for_each(|of| of.check(classes, samples))?;
         self.physics.iter().try_for_each(|of| of.check())?;
+        self.filter.iter().try_for_each(|of| of.check())?;
         self.models.iter().chain([&self.pooled]).try_for_each(|model| {
             let name = model.printhead.as_deref().unwrap_or("(pooled)");
             model.check(period, samples).map_err(|what| format!("model {name}: {what}"))

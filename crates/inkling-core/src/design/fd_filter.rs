@@ -1,11 +1,13 @@
-//! The FD filter of an identified model: numerator N L from the null space, thesis (3-2),
-//! denominator alpha by method I or as it was learned from faults, thesis §3-2-1.
+//! The FD (fault detection) filter of a model: numerator N L, which cancels healthy signals, thesis
+//! (3-2), and denominator alpha by method I or as it was learned from faults, §3-2-1.
 //!
-//! In, from `learn`: an identified model, the settings `[detect]`, and what training has learned
-//! from faults ([`LearnedFilter`]). Out: the [`ResidualGenerator`] r = (M N L / alpha) d,
+//! `learn` asks for a whole filter; `fault_class`, `learned_filter` and `detectable` for parts of
+//! method I's. In: an identified model, the settings `[detect]`, and what training has learned from
+//! faults ([`LearnedFilter`]). Out: the [`ResidualGenerator`] r = (M N L / alpha) d,
 //! discretised exactly: each pole s becomes z = e^(s dt).
 
 use super::Result;
+use super::error::must;
 use crate::detect::{Denominator, DetectSettings, ResidualGenerator, null_space, numerator, poles};
 use crate::identify::GreyBoxSettings;
 use crate::identify::grey_box::Identification;
@@ -25,16 +27,30 @@ pub struct LearnSettings<'a> {
     pub filter: Option<&'a LearnedFilter>,
 }
 
-/// What the methods but method I learn from faults; the numerator N L follows the model.
+/// What all methods but method I learn from faults (`learned_filter.rs`); N L is each model's own.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LearnedFilter {
     /// alpha(z), descending powers.
     pub denominator: Vec<f64>,
-    /// M(z), the factor of the numerator (thesis §3-2-1 III), descending powers; 1: none.
+    /// M(z), a factor of the numerator (thesis §3-2-1 III), descending powers; `[1]` in methods
+    /// without one.
     pub enhancement: Vec<f64>,
 }
 
-/// An error if the denominator is learned from faults and nothing was learned.
+impl LearnedFilter {
+    /// Refuses polynomials that are no filter, or that no training learns.
+    pub(super) fn check(&self) -> Result<(), String> {
+        let LearnedFilter { denominator, enhancement } = self;
+        let is_known = denominator.iter().chain(enhancement).all(|v| v.abs() <= 1e30);
+        must(is_known, "`filter` holds numbers beyond -1e30 to 1e30")?;
+        let leads = denominator.first().is_some_and(|v| *v != 0.0);
+        must(leads, "`filter.denominator` is empty or begins with 0")?;
+        must(enhancement.iter().any(|v| *v != 0.0), "`filter.enhancement` lets nothing through")
+    }
+}
+
+/// An error if the denominator is learned from faults and nothing was learned, or if the degrees
+/// leave no room for N.
 pub(super) fn residual_generator(
     identification: &Identification,
     samples: usize,
@@ -48,7 +64,7 @@ pub(super) fn residual_generator(
             with_denominator(&identification.channel, denominator, dt_s)
         }
         (_, Some(LearnedFilter { denominator, enhancement })) => {
-            // so that M N has no higher degree than the denominator
+            // M N has the degree of the denominator
             let degree = denominator.len().saturating_sub(enhancement.len());
             let n = null_space::numerator_of(&identification.channel, dt_s, degree)?;
             let m_n = numerator::product(enhancement, &n);
@@ -62,7 +78,7 @@ pub(super) fn residual_generator(
     }
 }
 
-/// The filter N L / alpha of a channel, with the numerator's degree equal to that of alpha.
+/// The filter N L / alpha of a healthy or faulty channel; N L and alpha have the same degree.
 pub(super) fn with_denominator(
     channel: &InkChannel,
     denominator: Vec<f64>,
@@ -86,4 +102,21 @@ pub(super) fn by_resonance(
         detect.oscillations.unwrap_or(of_ring * detect.oscillations_of_ring.unwrap_or(1.0));
     let omega_r = poles::resonance_of_oscillations(oscillations, samples, dt_s);
     Ok(poles::resonance(omega_r, &detect.other_poles_per_s, dt_s)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_no_filter_is_refused() {
+        let is_taken = |denominator: &[f64], enhancement: &[f64]| {
+            let (denominator, enhancement) = (denominator.to_vec(), enhancement.to_vec());
+            LearnedFilter { denominator, enhancement }.check().is_ok()
+        };
+        assert!(is_taken(&[1.0, -0.5], &[1.0]) && is_taken(&[1.0, -0.5], &[0.0, 1.0]));
+        assert!(!is_taken(&[], &[1.0]) && !is_taken(&[0.0, 1.0], &[1.0]));
+        assert!(!is_taken(&[1.0], &[]) && !is_taken(&[1.0], &[0.0]));
+        assert!(!is_taken(&[1.0, f64::INFINITY], &[1.0]) && !is_taken(&[1.0], &[f64::NAN]));
+    }
 }

@@ -245,7 +245,6 @@ impl Recorded {
             )));
         }
 
-        // A fold without faulty signals tests nothing and is dropped.
         let part_of = |is_in: &dyn Fn(usize) -> bool| {
             few.with(|state, printhead, signals| {
                 let chosen = |&i: &usize| {
@@ -263,7 +262,16 @@ impl Recorded {
             mu,
         };
         let folds: BTreeSet<usize> = fold_of.values().copied().collect();
-        let parts = folds.into_iter().map(part).filter(|part| faulty(&part.test) > 0).collect();
+        let all = folds.len();
+        let mut parts: Vec<Part> = folds.into_iter().map(part).collect();
+        parts.retain(|part| faulty(&part.test) > 0);
+        // what such a part holds is learned from all the same
+        if parts.len() < all {
+            let without = all - parts.len();
+            left_out.push(format!(
+                "{without} of {all} parts hold no faulty signal: nothing is tested on them"
+            ));
+        }
         Ok(Recorded { parts, left_out })
     }
 
