@@ -1,10 +1,10 @@
-//! The design, the offline artefact: what training makes, and what every verdict rests on.
+//! The design: what training makes offline. `replay` can also judge without one.
 //!
 //! In: healthy and labelled faulty signals of each printhead ([`TrainingSet`]). Out: a [`Design`]:
 //! identified healthy models with filter and threshold, fault classes as mean deviations from
 //! these, class densities and the physics of faults. `inkling train` writes it to a file
-//! (`schemas/design.md`), and `replay` judges by it. Rooms `identify`, `detect` and `isolate` meet
-//! here and nowhere else.
+//! (`schemas/design.md`), and `replay` judges by it. In this crate `identify`, `detect` and
+//! `isolate` meet only here.
 //!
 //! `train` makes a design, `learn` with `learn_distances` a healthy model, `cold_start` what the
 //! physics knows of faults; `checks` validates a design from a file. A [`Judge`] is a model of a
@@ -92,10 +92,10 @@ pub struct Design {
     /// Further settings of the training that are not the default; `replay` takes them over.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub chosen: BTreeMap<String, serde_json::Value>,
-    /// The part of the FD filter that was learned from faults, for the filter of every later model.
+    /// What was learned from faults for the FD filter; models of a replay's windows use it, too.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub filter: Option<LearnedFilter>,
-    /// Number of signals seen in training, by label; `unlabelled` and `rejected` were left out.
+    /// Number of signals by label; training left out `unlabelled`, `rejected` and `other_sampling`.
     pub signals: BTreeMap<String, u64>,
     pub models: Vec<HealthyModel>,
     /// The model of all printheads together, for printheads that the design does not know.
@@ -113,7 +113,7 @@ pub struct Design {
     pub typical: Option<Arc<Typical>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub physics: Option<FaultPhysics>,
-    /// The fault curves, made of `physics` when they are first asked for.
+    /// The fault curves, made of `physics` at the first call of `curves`; to be reset if classes change.
     #[serde(skip)]
     curves: OnceLock<Arc<FaultCurves>>,
 }
@@ -144,7 +144,7 @@ impl Design {
         same_period(self.sample_period_s, sample_period_s) && self.samples == samples
     }
 
-    /// Subtracts what a critique found missing from `signal`, row `row` of a burst, N, counts.
+    /// Takes the extension off `signal`: the samples, counts, of row `row` of a burst.
     pub fn take_off_extension(&self, burst: &Burst, row: usize, signal: &mut [f64]) {
         if let Some(extension) = &self.extension {
             extension.take_off(burst, row, self.drive_voltage_v, signal);

@@ -11,12 +11,12 @@
 //!
 //! 1. The priors of xi (on a grid) and of ln scale are flat.
 //! 2. For each xi find the scale of maximum likelihood. Given xi, the posterior of ln scale is
-//!    Gaussian about it with variance (1 + 2 xi) / n (Laplace). Integrated over the scale, this
+//!    Gaussian about it with variance (1 + 2 xi) / `number` (Laplace). Integrated over the scale, this
 //!    gives the weight of xi.
 //! 3. For each xi the excess at a given rate is scale ((1 / rate)^xi - 1) / xi. So the posterior of
 //!    its ln is a mixture of Gaussians, which `ParetoTail::quantile` inverts.
 //!
-//! A standard error about an estimate would be too small where the estimate is too low by chance.
+//! An estimate and its standard error would both be too small by the same chance.
 
 use crate::model::bisection::bisected;
 use crate::model::normal::upper_tail;
@@ -32,9 +32,9 @@ const HALVINGS: usize = 60;
 /// How many independent signals the signals of a tail are worth.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Effective {
-    /// As to the share of all signals that lies in the tail (the smaller, cautious number).
+    /// By the share of all signals that lies in the tail, mostly the smaller number of the two.
     pub number: f64,
-    /// As to the sizes of the excesses, for how sharply the shapes are told apart.
+    /// By the sizes of the excesses; only the weights of shapes use this.
     pub excesses: f64,
 }
 
@@ -85,8 +85,8 @@ impl ParetoTail {
         self.of_shapes.iter().map(|of| of.weight * of.shape).sum()
     }
 
-    /// What the energy that a share `beyond` of the signals above the level exceeds lies below, with
-    /// the posterior probability `confidence`.
+    /// An upper bound on the energy that a share `beyond` (below 1) of the signals above the level
+    /// exceeds; it holds with the posterior probability `confidence`.
     pub fn quantile(&self, beyond: f64, confidence: f64) -> f64 {
         if self.of_shapes.is_empty() {
             return self.level;

@@ -1,5 +1,4 @@
-//! Which fields of a message are wanted, as a tree, so that one walk over the message finds them
-//! all.
+//! Which fields of a message are wanted, as a tree: one walk over the message finds them all.
 //!
 //! `shape.rs` (and `plan.rs` for JSON) adds the paths of a dialect; the walks of `protobuf.rs`,
 //! `ros.rs` and `json.rs` read the tree. A path is a way from the root to a leaf. A leaf has a
@@ -24,20 +23,22 @@ pub enum Slot {
     Nanoseconds,
     Temperature,
     Voltage,
+    /// s since the previous actuation.
     Idle,
+    /// How many neighbours fired with it.
     Neighbours,
     /// A piece of the printhead's name: the n-th path in its pattern, from 0.
     Text(u8),
 }
 
 impl Slot {
-    /// Whether a burst may be without this part.
+    /// Whether a JSON message may lack it.
     pub fn is_optional(self) -> bool {
         matches!(self, Slot::Temperature | Slot::Voltage | Slot::Idle | Slot::Neighbours)
     }
 }
 
-/// Fields that are wanted of one message, and within the messages in it.
+/// Fields that are wanted of one message; the same field may stand here twice.
 #[derive(Clone, Debug, Default)]
 pub struct Wanted {
     pub fields: Vec<WantedField>,
@@ -53,7 +54,7 @@ pub struct WantedField {
 /// What is done with a field that is met.
 #[derive(Clone, Debug)]
 pub enum Then {
-    /// Its value is kept.
+    /// The slot gets its value.
     Take(Slot),
     /// It is a message, in which more is wanted.
     Into(Wanted),

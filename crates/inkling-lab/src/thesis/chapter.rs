@@ -1,14 +1,14 @@
 //! All that one run of `inkling thesis` found: a `Chapter`.
 //!
 //! In: the figures of each data set over its rounds (`Measured`), to which `Chapter::new` adds the
-//! verdicts on the claims. Out: `tables.json`, and what `tables` writes as `tables.md`.
+//! verdicts on the claims. Out: `tables.json`, which `write` puts beside `tables.md`.
 
 use super::conclusions::{Conclusion, conclusions};
 use super::outcome::{DataSet, Measured};
 use serde::Serialize;
 use serde_json::{Value, json};
 
-/// What the rounds are in which figures are measured.
+/// What a round is in which figures are measured: a seed, or a part of recordings.
 #[derive(Clone, Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Rounds {
