@@ -6,7 +6,7 @@ use crate::house::{House, root};
 use crate::memory::{alone, by_design, most_of};
 use crate::nights::some;
 use crate::pipeline::{sample, write};
-use crate::readers::READERS;
+use crate::readers::{self, READERS};
 use inkling::io::Limits;
 use inkling::io::burst_codec::encode;
 use inkling::io::recording::Recording;
@@ -16,6 +16,7 @@ use inkling::settings::Settings;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
 
 /// Changes some bytes, or some words, or the length.
 pub fn change(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
@@ -69,20 +70,30 @@ const MOST_TO_READ: usize = 1 << 24;
 /// What judging one may.
 const MOST_TO_JUDGE: usize = 1 << 26;
 
+fn corpus(reader: &str) -> Vec<PathBuf> {
+    let files = std::fs::read_dir(root().join("tests/corpus").join(reader)).unwrap();
+    files.map(|file| file.unwrap().path()).collect()
+}
+
+/// Reads the bytes by a reader, without a panic and in bounded memory; how much was held.
+fn held(house: &House, reader: &str, bytes: &[u8], what: &str) -> usize {
+    let (file, read) = readers::reader(reader);
+    let path = house.write(&format!("read/{file}"), bytes);
+    let (ended, most) = most_of(|| catch_unwind(AssertUnwindSafe(|| read(&path))));
+    assert!(ended.is_ok(), "{reader}: {what} panics");
+    assert!(most < MOST_TO_READ, "{reader}: {what} holds {most}");
+    most
+}
+
 /// Reads `times` changed copies of `original`; the first that panics is told by its number.
 fn attack(house: &House, reader: &str, original: &[u8], times: u64) {
     let mut greatest = 0;
-    let (_, read) = READERS.iter().find(|(name, _)| *name == reader).unwrap();
-    let name = if reader == "journal" { "journal.jsonl" } else { reader };
     for i in 0..times {
         let mut random = ChaCha8Rng::seed_from_u64(i);
         let mut bytes = original.to_vec();
         change(&mut bytes, &mut random);
-        let path = house.write(&format!("changed/{name}"), &bytes);
-        let (ended, most) = most_of(|| catch_unwind(AssertUnwindSafe(|| read(&path))));
-        assert!(ended.is_ok(), "{reader}: change {i} of {} bytes panics", original.len());
-        assert!(most < MOST_TO_READ, "{reader}: change {i} of {} bytes holds {most}", bytes.len());
-        greatest = greatest.max(most);
+        let what = format!("change {i} of {} bytes", original.len());
+        greatest = greatest.max(held(house, reader, &bytes, &what));
     }
     println!("{reader} of {} kB: {} kB held at most", original.len() >> 10, greatest >> 10);
 }
@@ -111,8 +122,8 @@ fn changed_files_are_read() {
         }
     }
     for (reader, times) in [("foreign", 700), ("array", 300), ("table", 300)] {
-        for path in std::fs::read_dir(root().join("tests/corpus").join(reader)).unwrap() {
-            attack(&house, reader, &std::fs::read(path.unwrap().path()).unwrap(), times);
+        for path in corpus(reader) {
+            attack(&house, reader, &std::fs::read(path).unwrap(), times);
         }
     }
     let head = |name: &str, lines: usize| {
@@ -183,19 +194,12 @@ fn the_corpus_is_read_without_a_panic_in_bounded_memory() {
 
 fn corpus_is_read() {
     let house = House::new();
-    for (reader, read) in READERS {
-        let dir = root().join("tests/corpus").join(reader);
-        let mut found = 0;
-        for path in std::fs::read_dir(&dir).unwrap().map(|entry| entry.unwrap().path()) {
-            let copy = match reader {
-                "journal" => house.write("journal.jsonl", std::fs::read(&path).unwrap()),
-                _ => path.clone(),
-            };
-            let (ended, most) = most_of(|| catch_unwind(|| read(&copy)));
-            assert!(ended.is_ok(), "{}", path.display());
-            assert!(most < MOST_TO_READ, "{} holds {most}", path.display());
-            found += 1;
+    for (reader, _) in READERS {
+        let files = corpus(reader);
+        assert!(!files.is_empty(), "{reader}: nothing in its corpus");
+        for path in files {
+            let what = path.display().to_string();
+            held(&house, reader, &std::fs::read(path).unwrap(), &what);
         }
-        assert!(found > 0, "{}: nothing in it", dir.display());
     }
 }

@@ -4,6 +4,7 @@
 use bytes::Bytes;
 use inkling::burst::Acquisition;
 use inkling::io::baseline_file::BaselineFile;
+use inkling::io::block_reader::BlockReader;
 use inkling::io::burst_codec::BurstDecoder;
 use inkling::io::census::Census;
 use inkling::io::columnar::FileKind;
@@ -52,6 +53,12 @@ pub const READERS: [(&str, Reader); 12] = [
     ("journal", |path| drop(Journal::read(path.parent().unwrap()))),
 ];
 
+/// The reader of this name, and the name that the file it reads must have.
+pub fn reader(name: &str) -> (&str, Reader) {
+    let (_, read) = READERS.iter().find(|(of, _)| *of == name).expect("a reader");
+    (if name == "journal" { "journal.jsonl" } else { name }, *read)
+}
+
 fn burst(path: &Path) {
     let bytes = Bytes::from(std::fs::read(path).unwrap());
     let topic: Arc<str> = "topic".into();
@@ -64,8 +71,9 @@ fn burst(path: &Path) {
 }
 
 fn recording(path: &Path) {
-    let Ok(recording) = Recording::open(path, Limits::default()) else { return };
-    blocks(&recording);
+    if let Ok(recording) = Recording::open(path, Limits::default()) {
+        read_whole(&recording);
+    }
 }
 
 /// A recording of others: listed, guessed at, and read.
@@ -79,10 +87,7 @@ fn foreign(path: &Path) {
     let settings = Settings::load(None, None, &[set]).expect("settings of our own");
     if let Ok(recording) = Recording::open(path, Limits::default()) {
         let mut reader = recording.reader().counting();
-        for block in recording.blocks().flatten() {
-            reader.load(&block);
-            while reader.next_piece(1 << 12).is_some() {}
-        }
+        read_all(&recording, &mut reader);
         for topic in reader.census().map(Census::topics).unwrap_or_default() {
             if let (Some(written), Some(message)) = (topic.written(), &topic.first_message) {
                 drop(guess(&written, message, &[&topic.topic]));
@@ -92,16 +97,17 @@ fn foreign(path: &Path) {
     let dialects = settings.input.dialects();
     let Ok(recording) = Recording::open_with(path, Limits::default(), &dialects) else { return };
     drop(recording.dialects_used(1));
-    blocks(&recording);
+    read_whole(&recording);
 }
 
-fn blocks(recording: &Recording) {
-    let mut reader = recording.reader();
+fn read_whole(recording: &Recording) {
+    read_all(recording, &mut recording.reader());
+    drop(recording.digest());
+}
+
+fn read_all(recording: &Recording, reader: &mut BlockReader) {
     for block in recording.blocks().flatten() {
         reader.load(&block);
-        while let Some(piece) = reader.next_piece(1 << 12) {
-            drop(piece);
-        }
+        while reader.next_piece(1 << 12).is_some() {}
     }
-    drop(recording.digest());
 }
