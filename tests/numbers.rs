@@ -53,23 +53,12 @@ fn series(kind: Kind, n: usize, rng: &mut ChaCha8Rng) -> Vec<f64> {
                 Kind::EndsInZeros => {
                     (60.0 * uneven * (-4.0 * fall * k as f64).exp() * ring(k)).round()
                 }
-                Kind::Halts => {
-                    if k < at {
-                        100.0 * ring(k)
-                    } else {
-                        0.0
-                    }
-                }
+                Kind::Halts if k < at => 100.0 * ring(k),
+                Kind::Halts => 0.0,
                 Kind::Constant => 7.0 * uneven,
                 Kind::Impulse => f64::from(u8::from(k == at)),
                 Kind::Step => f64::from(u8::from(k >= at)) * 3.0,
-                Kind::Alternates => {
-                    if k % 2 == 0 {
-                        1.0
-                    } else {
-                        -1.0
-                    }
-                }
+                Kind::Alternates => [1.0, -1.0][k % 2],
                 Kind::Walk => level,
                 Kind::OneBit => (noise * 2.0).round(),
                 Kind::Ramp => uneven * k as f64,
