@@ -379,12 +379,6 @@ fn critiques_that_contradict_themselves_are_not_scored() {
     house.run("score c.json --truth sealed/truth.json").exits(0).says("not sealed");
     house.write("c.json", r#"{"verdict":"none","causes":[{"id":"tone"}]}"#);
     house.run("score c.json --truth sealed/truth.json").exits(1).says("c.json").says("none");
-    house.write("truth.sha256", "0\n");
-    house.write("c.json", r#"{"verdict":"none"}"#);
-    house
-        .run("score c.json --truth sealed/truth.json")
-        .exits(1)
-        .says("changed after it was sealed");
 }
 
 #[test]
@@ -401,24 +395,4 @@ fn names_from_labels_move_no_cursor() {
     );
     let ended = house.run("train run.mcap --labels l.csv -o d.json").exits(2).says("[31m");
     assert!(!ended.stderr().contains(['\u{1b}', '\u{202e}']), "{}", ended.stderr());
-}
-
-#[test]
-fn results_that_have_no_place_are_refused_before_the_work() {
-    let house = House::new();
-    house.write("file", "");
-    for args in [
-        "critique no.mcap -o file",
-        "simulate no.toml -o file/below",
-        "thesis -o file",
-        "convert no.csv -o file/below",
-    ] {
-        house.run(args).exits(2).says("is a file");
-    }
-    house.run("convert no.csv -o .").exits(2).says("is a directory");
-    house.record("run.mcap", &some(3));
-    house
-        .run("replay run.mcap --out out --set isolate.priors={zz=1}")
-        .exits(2)
-        .says("isolate.priors");
 }

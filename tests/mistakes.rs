@@ -2,7 +2,7 @@
 
 use crate::house::{House, root};
 
-/// `{R}`: a recording, `{D}`: its design, `{L}`: its labels, `{T}`: a training recording, `{S}`: a scenario, `{E}`: a
+/// `{R}`: a recording, `{D}`: its design, `{L}`: its labels, `{T}`: a training recording, `{S}`: the scenarios, `{E}`: a
 /// table of episodes, `{O}`, `{A}`, `{B}`: a directory of results, its account and a file of baselines, `{none}`: an empty
 /// argument.
 const MISTAKES: &[(&str, i32, &str)] = &[
@@ -19,6 +19,9 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("replay {R} --set replay.pace=fast", 2, "recorded, max, or signals per second"),
     ("replay {R} --identify window", 2, "'windows'"),
     ("replay {R} --preset thesys", 2, "'thesis'"),
+    ("simulate {S}/sample.toml -o s --hide 1", 2, "--hide needs a healthy run"),
+    ("simulate {S}/thesis.toml -o s --hide 1", 2, "physics"),
+    ("simulate {S}/hidden.toml -o s --hide 1 --seed 2", 2, "'--seed"),
     ("replay {R} --layout dat", 2, "'date'"),
     ("critique {T} -o c --plant pendulum", 2, "ink-channel, oscillator"),
     ("thesis -o c --seeds 0", 2, "1..=10000"),
@@ -49,12 +52,10 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("replay {R} --config {R}", 2, "is not UTF-8 text"),
     ("replay {R} --config missing.toml", 2, "missing.toml"),
     ("replay {R} --config {L}", 2, "labels.csv"),
-    ("replay {R} --config .", 2, "not a file"),
     // files of another kind
     ("replay {R} --design missing.json", 2, "missing.json"),
     ("replay {R} --design {R}", 2, "not a design"),
     ("replay {R} --design {L}", 2, "`inkling train` makes one"),
-    ("replay {R} --design .", 2, "not a file"),
     ("replay {L} --design {D}", 1, "`inkling convert` makes one"),
     ("replay {R} --out o --set output.dir=other", 2, "--out says that already"),
     ("replay {R} --threads 2 --set replay.threads=1", 2, "--threads says that already"),
@@ -68,7 +69,7 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("train {none} --labels {L} -o d.json", 2, "an empty name is no file"),
     ("inspect {none}", 2, "an empty name is no file"),
     ("train {T} --labels {L} -o d.json --config {L}", 2, "has the sections of pipeline.toml"),
-    ("train {T} --labels {L} -o d.json --config {S}", 2, "has the sections of pipeline.toml"),
+    ("train {T} --labels {L} -o d.json --config {S}/sample.toml", 2, "sections of pipeline.toml"),
     ("train {T} --labels {L} -o d.json --config missing.toml", 2, "missing.toml"),
     ("replay {D}", 1, "not an MCAP file"),
     ("replay {R} --design {D} --baseline {L}", 2, "`inkling replay --baseline` makes them"),
@@ -116,11 +117,18 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("train {T} --labels {T} -o d.json", 2, "no labels, but a recording that inkling made"),
     ("convert {D} -o d.mcap", 2, "no table, but a design"),
     // places, names and numbers
+    // results that have no place are refused before their input is looked at
+    ("critique no.mcap -o {L}", 2, "is a file"),
+    ("simulate no.toml -o {L}/below", 2, "is a file"),
+    ("thesis -o {L}", 2, "is a file"),
+    ("convert no.csv -o {L}/below", 2, "is a file"),
+    ("convert no.csv -o .", 2, "is a directory"),
     ("replay {R} --follow --serve 8080", 2, "such as 127.0.0.1:8080"),
     ("replay {R} --follow --serve 127.0.0.1", 2, "such as 127.0.0.1:8080"),
     ("replay {R} --follow --serve 127.0.0.1:99999", 2, "such as 127.0.0.1:8080"),
     ("replay {R} --identify design", 2, "give --design FILE"),
     ("replay {R} --set identify.mode=design", 2, "give --design FILE"),
+    ("replay {R} --set isolate.priors={zz=1}", 2, "isolate.priors"),
     ("replay {R} --set =3", 2, "expected KEY=VALUE"),
     ("replay {R} --set detect.mu", 2, "expected KEY=VALUE"),
     (
@@ -131,7 +139,7 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("replay {R} --set input.ignore=[\"a[\"]", 2, "input.ignore: no valid pattern"),
     ("train {T} --labels {L} -o d.json --set input.ignore=[\"a\"]", 2, "has no effect here"),
     ("replay {R}x", 2, "did you mean"),
-    ("simulate {S} -o s --seed -4", 2, "invalid value '-4' for '--seed"),
+    ("simulate {S}/sample.toml -o s --seed -4", 2, "invalid value '-4' for '--seed"),
     ("thesis -o c --seeds -3", 2, "invalid value '-3' for '--seeds"),
     ("convert {L} -o d.mcap --time when", 2, "no column \"when\"; there are printhead, channel"),
     ("convert {L} -o d.mcap --outputs z", 2, "no column \"z\"; there are printhead, channel"),
@@ -151,7 +159,7 @@ fn what_is_mistyped_is_answered_in_a_sentence() {
             .replace("{T}", &named("train.mcap"))
             .replace("{D}", &named("design.json"))
             .replace("{L}", &named("labels.csv"))
-            .replace("{S}", &named("scenarios/sample.toml"))
+            .replace("{S}", &named("scenarios"))
             .replace("{O}", &other.path("out").display().to_string())
             .replace("{A}", &other.path("out/run.json").display().to_string())
             .replace("{B}", &other.path("b.json").display().to_string())

@@ -1,23 +1,11 @@
 //! The extended design at work: where an effect was one of a covariate, detection with it comes near to
 //! detection on the same run without the effect.
 
-use super::{FIRST_SEED, SCENARIOS, effect_of, write};
+use super::{Case, FIRST_SEED, effect_of};
 use crate::house::House;
 use crate::pipeline::with_samples;
 use inkling::burst::Burst;
 use inkling::io::verdict_reader::VerdictReader;
-use inkling::simulate::Scenario;
-use inkling::simulate::hidden::effect::Effect;
-use inkling::simulate::hidden::{self, Plan};
-use inkling::simulate::scenario::Kind as ScenarioKind;
-
-fn bursts(effects: Vec<(Effect, f64)>, seed: u64) -> Vec<Burst> {
-    let scenario = Scenario::from_toml(SCENARIOS[0]).unwrap();
-    let ScenarioKind::Physics(physics) = &scenario.kind else { panic!("a print run") };
-    let plan = Plan { effects, circumstances: vec![] };
-    let hidden = hidden::planted(physics, &scenario.recording, &plan, seed).unwrap();
-    hidden.recording.bursts.collect()
-}
 
 /// More damping on every fifth signal: e^{-FAULT t} of a whole signal. Where half of a head's signals had it, nobody could tell
 /// which half is healthy.
@@ -68,23 +56,18 @@ fn a_design_that_knows_the_cause_detects_as_if_it_were_not_there() {
         .into_iter()
         .zip(FIRST_SEED + 95_000..)
     {
-        let recording = |name: &str, bursts: Vec<Burst>| {
-            write(bursts, &house.path(&format!("{name}.mcap")));
-        };
-        let run = bursts(vec![(effect_of(id), 8.0)], seed);
-        let printhead = run[0].printhead.clone();
-        recording("faulty", with_faults(&run));
-        recording("healthy", run);
-        house.write(
-            "labels.csv",
-            format!("printhead,channel,from,to,state,severity\n{printhead},*,,,healthy,\n"),
-        );
+        let bursts = |case: Case| case.hidden().recording.bursts.collect::<Vec<Burst>>();
+        let case = Case::planted(effect_of(id), 8.0, seed);
+        let clean = bursts(Case { own: Some(vec![]), scenario: case.scenario.clone(), ..case });
+        let run = bursts(case);
+        house.record("faulty.mcap", &with_faults(&run));
+        house.record("healthy.mcap", &run);
+        house.write("labels.csv", "printhead,channel,from,to,state,severity\n*,*,,,healthy,\n");
         house.ok("critique healthy.mcap -o critique");
         house.ok("train healthy.mcap --labels labels.csv -o plain.json");
         // the same run as it is without the effect
-        let clean = bursts(vec![], seed);
-        recording("clean_faulty", with_faults(&clean));
-        recording("clean", clean);
+        house.record("clean_faulty.mcap", &with_faults(&clean));
+        house.record("clean.mcap", &clean);
         house.ok("train clean.mcap --labels labels.csv -o clean.json");
         let design = "critique/extended.design.json";
         // where the cause is not worth modelling there is none, and the plain one stays
