@@ -72,6 +72,8 @@ pub struct Place {
     pub warmer_c: f64,
     pub idle_s: f64,
     pub neighbours: f64,
+    /// Over the nominal.
+    pub drive: f64,
     /// Normal and uniform deviates of the burst.
     pub trigger: f64,
     pub phase: f64,
@@ -150,9 +152,8 @@ impl Hidden {
         }
     }
 
-    /// What is added to the samples.
-    pub fn senses(&self, y: &mut [f64], plant: &Plant, x: State, at: &Place, seen: &Moment) {
-        let dt = seen.period_s;
+    /// What is added to the samples, `dt` seconds apart.
+    pub fn senses(&self, y: &mut [f64], plant: &Plant, x: State, at: &Place, dt: f64) {
         let tail = (0.3 * self.of(Effect::PreviousTail)).min(1.2);
         if tail > 0.0 && at.idle_s.is_finite() {
             let later = plant.samples(plant.after(x, at.idle_s), dt, y.len());
@@ -183,7 +184,7 @@ impl Hidden {
             *y += 0.1 * self.of(Effect::Tone) * (TAU * 118e3 * t + 0.8).cos();
             let random = 0.25 * self.of(Effect::RandomTone).sqrt();
             *y += random * (TAU * 131e3 * t + at.phase).cos();
-            let mode = 0.3 * self.of(Effect::SecondMode) * seen.drive;
+            let mode = 0.3 * self.of(Effect::SecondMode) * at.drive;
             *y += mode * (-t / 45e-6).exp() * (TAU * 104e3 * t + 1.1).cos();
             *y += 0.00025 * self.of(Effect::EvenOrder) * plain * plain;
             *y += if k > n / 3 { 0.2 * self.of(Effect::BaselineStep) } else { 0.0 };
@@ -233,11 +234,4 @@ impl Hidden {
             _ => whole,
         }
     }
-}
-
-/// How a signal is seen.
-#[derive(Clone, Copy, Debug)]
-pub struct Moment {
-    pub period_s: f64,
-    pub drive: f64,
 }

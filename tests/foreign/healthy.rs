@@ -95,8 +95,7 @@ impl Family {
     pub fn channel(self, rng: &mut ChaCha8Rng) -> Channel {
         let mut about = |sd: f64| 1.0 + sd * normal(rng);
         let (stiff, loss) = (about(0.006), about(0.03));
-        let Rates { a, b, g, d } = self.nominal();
-        let rates = Rates { a: a * stiff, b: b * stiff, g: g * loss, d: d * loss };
+        let rates = self.nominal().scaled(stiff, loss);
         let gain = about(0.02);
         let lasting = if self == Family::Lasting { 0.05 } else { 0.003 };
         Channel { rates, gain, state: [about(lasting), about(lasting), about(lasting)] }
@@ -118,7 +117,6 @@ impl Family {
             Family::Skewed => Distribution::<f64>::sample(&Exp1, rng) - 1.0,
             _ => normal(rng),
         };
-        let Rates { a, b, g, d } = one.channel.rates;
         let (of_gain, of_stiffness, of_loss) = match self {
             Family::Tied => {
                 let one = deviate();
@@ -129,41 +127,25 @@ impl Family {
             _ => (0.006 * deviate(), 0.003 * deviate(), 0.009 * deviate()),
         };
         let (stiff, loss) = ((1.0 + of_stiffness) * one.stiff, (1.0 + of_loss) * one.loss);
-        let rates = Rates {
-            a: a * stiff * one.clock * one.clock,
-            b: b * stiff * one.clock * one.clock,
-            g: g * loss * one.clock,
-            d: d * loss * one.clock,
-        };
+        let rates = one.channel.rates.scaled(stiff * one.clock * one.clock, loss * one.clock);
         let plant = Plant { rates, terms };
         let omega = plant.omega();
         let amplitude = 100.0 * one.drive * one.channel.gain * (1.0 + of_gain) * one.gain;
         let kicked = State { v: -amplitude / omega, ..State::default() };
         let mut x = plant.after(kicked, 7.0e-6 + one.late_s);
-        for (part, own) in [&mut x.v, &mut x.q_r, &mut x.q_n].into_iter().zip(one.channel.state) {
-            *part *= own;
-        }
+        let mut own = one.channel.state.into_iter();
+        x.scale(|| own.next().unwrap());
         match self {
-            Family::Proportional | Family::Skewed => {
-                for part in [&mut x.v, &mut x.q_r, &mut x.q_n] {
-                    *part *= 1.0 + 0.012 * deviate();
-                }
-            }
+            Family::Proportional | Family::Skewed => x.scale(|| 1.0 + 0.012 * deviate()),
             Family::Isotropic => {
                 x = turned(x, omega, amplitude, 0.012 * deviate(), 0.012 * deviate())
             }
             Family::AlongTheShift => x = plant.after(x, 45e-9 * deviate()),
-            _ => {
-                for part in [&mut x.v, &mut x.q_r, &mut x.q_n] {
-                    *part *= 1.0 + 0.004 * deviate();
-                }
-            }
+            _ => x.scale(|| 1.0 + 0.004 * deviate()),
         }
         let Common { gain, along, across } = one.common;
         x = turned(x, omega, amplitude, along, across);
-        for part in [&mut x.v, &mut x.q_r, &mut x.q_n] {
-            *part *= 1.0 + gain;
-        }
+        x.scale(|| 1.0 + gain);
         (plant, x)
     }
 

@@ -12,6 +12,14 @@ pub struct Rates {
     pub d: f64,
 }
 
+impl Rates {
+    /// With so many times the stiffness and the losses.
+    pub fn scaled(self, stiffness: f64, losses: f64) -> Rates {
+        let Rates { a, b, g, d } = self;
+        Rates { a: a * stiffness, b: b * stiffness, g: g * losses, d: d * losses }
+    }
+}
+
 /// What bends the linear channel; all zero: nothing.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Terms {
@@ -45,6 +53,13 @@ impl State {
             q_r: self.q_r + h * by.q_r,
             q_n: self.q_n + h * by.q_n,
             v_n: self.v_n + h * by.v_n,
+        }
+    }
+
+    /// Multiplies chamber volume and both flows, each by a factor of its own.
+    pub fn scale(&mut self, mut factor: impl FnMut() -> f64) {
+        for part in [&mut self.v, &mut self.q_r, &mut self.q_n] {
+            *part *= factor();
         }
     }
 
@@ -113,10 +128,8 @@ impl Plant {
     /// As it is some time after t_a.
     fn settled(&self, time: f64) -> Plant {
         let share = 1.0 - (-time / SETTLES).exp();
-        let [loss, stiffness] = self.terms.settles.map(|change| 1.0 + change * share);
-        let Rates { a, b, g, d } = self.rates;
-        let rates = Rates { a: a * stiffness, b: b * stiffness, g: g * loss, d: d * loss };
-        Plant { rates, ..*self }
+        let [losses, stiffness] = self.terms.settles.map(|change| 1.0 + change * share);
+        Plant { rates: self.rates.scaled(stiffness, losses), ..*self }
     }
 
     /// Angular frequency, rad/s, but for losses.

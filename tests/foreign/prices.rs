@@ -5,59 +5,24 @@ use super::{judged, null, planted};
 use crate::unnamed;
 use inkling::critique::tuned::NUMBERS;
 use inkling::numbers::with;
-use inkling::score::blind::{Kind, Outcome, Row};
+use inkling::score::blind::{Kind, Outcome};
 
-/// Right answers and wrong names.
-#[derive(Clone, Copy, PartialEq)]
-struct Answers {
-    right: u32,
-    wrong: u32,
-}
-
-impl Answers {
-    fn of(row: &Row) -> Answers {
+/// What a choice of the numbers is worth, as cells of a row: of recordings with nothing, with an effect of the catalogue
+/// and with one outside it, how many answers are right and how many names wrong; oscillators answered rightly.
+fn price() -> String {
+    let answers = |cases: &[_], kind| {
+        let row = judged(cases).all.row(kind, 0..=u32::MAX);
         let right = row.count(Outcome::Right) + row.count(Outcome::HonestTie);
-        Answers { right, wrong: row.count(Outcome::Wrong) }
-    }
-}
-
-impl std::fmt::Display for Answers {
-    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        let Answers { right, wrong } = self;
-        if *wrong == 0 { write!(f, "{right}") } else { write!(f, "{right}, {wrong} wrong") }
-    }
-}
-
-/// What a choice of the numbers is worth.
-#[derive(PartialEq)]
-struct Price {
-    nothing: Answers,
-    effects: Answers,
-    outside: Answers,
-    /// Oscillators answered rightly.
-    oscillators: usize,
-}
-
-impl Price {
-    fn measured() -> Price {
-        let answers = |cases: &[_], kind| Answers::of(&judged(cases).all.row(kind, 0..=u32::MAX));
-        Price {
-            nothing: answers(&null(2_600_000, 34, 1), Kind::Nothing),
-            effects: answers(&planted(&Effect::all(true), &[2.0, 4.0], 2_610_000, 42), Kind::One),
-            outside: answers(
-                &planted(&Effect::all(false), &[4.0, 8.0], 2_620_000, 34),
-                Kind::Outside,
-            ),
-            oscillators: unnamed::right(9_600_000, 2),
+        match row.count(Outcome::Wrong) {
+            0 => right.to_string(),
+            wrong => format!("{right}, {wrong} wrong"),
         }
-    }
-}
-
-impl std::fmt::Display for Price {
-    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        let Price { nothing, effects, outside, oscillators } = self;
-        write!(f, "{nothing} | {effects} | {outside} | {oscillators}")
-    }
+    };
+    let nothing = answers(&null(2_600_000, 34, 1), Kind::Nothing);
+    let effects = planted(&Effect::all(true), &[2.0, 4.0], 2_610_000, 42);
+    let outside = planted(&Effect::all(false), &[4.0, 8.0], 2_620_000, 34);
+    let (effects, outside) = (answers(&effects, Kind::One), answers(&outside, Kind::Outside));
+    format!("{nothing} | {effects} | {outside} | {}", unnamed::right(9_600_000, 2))
 }
 
 /// `cargo test --release --features ablation -- --ignored --nocapture what_half_and_twice_do`, five minutes a row on one core.
@@ -75,11 +40,11 @@ fn what_half_and_twice_do() {
     let asked = |path: &&&str| {
         only.as_ref().is_none_or(|o| o.split_whitespace().any(|w| path.ends_with(w)))
     };
-    let as_it_is = Price::measured();
+    let as_it_is = price();
     println!("ROW as it is | {as_it_is}");
     for name in NUMBERS.iter().filter(asked) {
         for &times in &times {
-            let price = with(name, times, Price::measured);
+            let price = with(name, times, price);
             let same = if price == as_it_is { " (the same)" } else { "" };
             println!("ROW `{name}` x {times} | {price}{same}");
         }
