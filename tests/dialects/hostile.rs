@@ -15,20 +15,11 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
 
-#[derive(serde::Deserialize)]
-struct File {
-    input: Input,
-}
-
-#[derive(serde::Deserialize)]
-struct Input {
-    dialect: Vec<Dialect>,
-}
-
 fn dialect(text: &str) -> Arc<Dialect> {
-    let mut file: File = toml::from_str(text).unwrap();
-    assert!(Dialects::new(&file.input.dialect).is_ok());
-    Arc::new(file.input.dialect.remove(0))
+    let settings: toml::Table = text.parse().unwrap();
+    let mut dialects: Vec<Dialect> = settings["input"]["dialect"].clone().try_into().unwrap();
+    assert!(Dialects::new(&dialects).is_ok());
+    Arc::new(dialects.remove(0))
 }
 
 /// The dialect, the schema, and a message of a burst.

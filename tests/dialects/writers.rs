@@ -236,6 +236,12 @@ struct Out {
 }
 
 impl Out {
+    /// Behind the header of CDR, whose second byte tells the order of bytes; ROS 1 has none and aligns nothing.
+    fn after(header: &[u8]) -> Out {
+        let (aligned, big) = (!header.is_empty(), header.get(1) == Some(&0));
+        Out { bytes: header.to_vec(), origin: header.len(), aligned, big }
+    }
+
     fn put<const N: usize>(&mut self, le: [u8; N]) {
         while self.aligned && !(self.bytes.len() - self.origin).is_multiple_of(N) {
             self.bytes.push(0);
@@ -293,9 +299,7 @@ pub fn ros1() -> Written {
         schema_encoding: "ros1msg",
         schema: ROS1.into(),
         message_encoding: "ros1",
-        encode: |burst| {
-            ros(burst, Out { bytes: Vec::new(), origin: 0, aligned: false, big: false })
-        },
+        encode: |burst| ros(burst, Out::after(&[])),
     }
 }
 
@@ -306,12 +310,8 @@ pub fn ros2(big: bool) -> Written {
         schema: ROS2.into(),
         message_encoding: "cdr",
         encode: match big {
-            true => |burst| {
-                ros(burst, Out { bytes: vec![0, 0, 0, 0], origin: 4, aligned: true, big: true })
-            },
-            false => |burst| {
-                ros(burst, Out { bytes: vec![0, 1, 0, 0], origin: 4, aligned: true, big: false })
-            },
+            true => |burst| ros(burst, Out::after(&[0, 0, 0, 0])),
+            false => |burst| ros(burst, Out::after(&[0, 1, 0, 0])),
         },
     }
 }
