@@ -88,10 +88,18 @@ fn critique_of(bursts: impl Iterator<Item = Burst>) -> CritiqueAnswer {
 
 /// All cases on two threads; what was wrong is printed.
 fn judged(cases: &[Case]) -> Blind {
+    judged_where(cases, |_| true)
+}
+
+/// Of these cases, those whose truth is wanted.
+fn judged_where(cases: &[Case], wanted: fn(&Truth) -> bool) -> Blind {
     let blind = Mutex::new(Blind::default());
     on_two_threads(cases, |case| {
         let hidden = case.hidden();
         let truth = told(&hidden);
+        if !wanted(&truth) {
+            return;
+        }
         let answer = critique_of(hidden.recording.bursts);
         let outcome = blind.lock().unwrap().add(&answer, &truth);
         if !matches!(outcome, Outcome::Right | Outcome::HonestTie) {
@@ -175,15 +183,12 @@ fn nothing_about_the_truth_is_in_name_size_or_structure_of_a_recording() {
         }
         digests.push((house.read(&format!("{seed}/truth.sha256")), truth));
         // sizes of all bursts, in order, and of the file
-        let shapes: Vec<(usize, usize, bool, bool, u32)> =
-            bursts(&house.path(&format!("{seed}/print_run.mcap")))
-                .iter()
-                .map(|b| {
-                    let recorded = (b.temperature_c.is_some(), b.drive_voltage_v.is_some());
-                    (b.samples.len(), b.idle_time_s.len(), recorded.0, recorded.1, b.channels)
-                })
-                .collect();
-        sizes.push((recording.len(), shapes));
+        let shape = |b: &Burst| {
+            let recorded = (b.temperature_c.is_some(), b.drive_voltage_v.is_some());
+            (b.samples.len(), b.idle_time_s.len(), recorded, b.channels)
+        };
+        let bursts = bursts(&house.path(&format!("{seed}/print_run.mcap")));
+        sizes.push((recording.len(), bursts.iter().map(shape).collect::<Vec<_>>()));
     }
     assert!(sizes.iter().all(|s| *s == sizes[0]), "sizes or structure differ");
     let kinds: std::collections::HashSet<usize> =
@@ -205,14 +210,13 @@ fn nothing_about_the_truth_is_in_name_size_or_structure_of_a_recording() {
 #[test]
 fn critics_that_always_say_the_same_miss_the_goals() {
     let truths: Vec<Truth> =
-        drawn(40, FIRST_SEED).iter().map(|case| told(&case.hidden())).collect();
+        drawn(20, FIRST_SEED).iter().map(|case| told(&case.hidden())).collect();
     for (verdict, id) in [("named", "temperature"), ("none", ""), ("unknown", "")] {
         let mut blind = Blind::default();
         for truth in &truths {
             blind.add(&answer(verdict, id), truth);
         }
         let missed = missed_goals(&blind);
-        println!("always {verdict} {id}: misses {missed:#?}");
         assert!(missed.len() >= 2, "{verdict} {id} would pass: {missed:?}");
     }
 }
@@ -312,9 +316,8 @@ fn tuning_recordings() {
 #[test]
 #[ignore = "a quarter of an hour: recordings with nothing hidden"]
 fn hidden_nothing() {
-    let mut cases = drawn(how_many(), FIRST_SEED + 400_000);
-    cases.retain(|case| case.hidden().truth.effects.is_empty());
-    println!("{}", judged(&cases).markdown());
+    let cases = drawn(how_many(), FIRST_SEED + 400_000);
+    println!("{}", judged_where(&cases, |truth| truth.effects.is_empty()).markdown());
 }
 
 /// How many recordings are drawn: INKLING_HIDDEN, else what makes 500 with nothing hidden.

@@ -3,7 +3,8 @@
 use inkling::simulate::hidden::effect::{Acts, Conditions, Effect, Needs, Samples};
 use inkling::simulate::hidden::plant::Equation;
 
-fn outside(id: &'static str, needs: Needs, size: f64, acts: Acts) -> Effect {
+/// An effect without shape and ties.
+fn plain(id: &'static str, needs: Needs, size: f64, acts: Acts) -> Effect {
     let (parameter, unit) = ("share", "1");
     Effect { id, parameter, unit, needs, acts, size, shape: 0.0, shapes: [0.0; 2], ties: &[] }
 }
@@ -11,35 +12,22 @@ fn outside(id: &'static str, needs: Needs, size: f64, acts: Acts) -> Effect {
 /// Outside the catalogue, and not among what `simulate --hide` draws.
 pub fn unseen() -> Vec<Effect> {
     vec![
-        outside("outside_soft_saturation", Needs::Nothing, 0.02, Acts::Output(soft_saturation)),
-        outside("outside_interleaving", Needs::Nothing, 0.005, Acts::Output(interleaving)),
-        outside("outside_baseline_step", Needs::Nothing, 0.2, Acts::Output(baseline_step)),
-        outside("outside_chirp", Needs::Nothing, 0.15, Acts::Output(chirp)),
-        outside("outside_held_sample", Needs::Nothing, 0.2, Acts::Output(held_sample)),
-        outside(
-            "outside_stiff_neighbours",
-            Needs::Neighbours,
-            0.001,
-            Acts::Plant(stiff_neighbours),
-        ),
+        plain("outside_soft_saturation", Needs::Nothing, 0.02, Acts::Output(soft_saturation)),
+        plain("outside_interleaving", Needs::Nothing, 0.005, Acts::Output(interleaving)),
+        plain("outside_baseline_step", Needs::Nothing, 0.2, Acts::Output(baseline_step)),
+        plain("outside_chirp", Needs::Nothing, 0.15, Acts::Output(chirp)),
+        plain("outside_held_sample", Needs::Nothing, 0.2, Acts::Output(held_sample)),
+        plain("outside_stiff_neighbours", Needs::Neighbours, 0.001, Acts::Plant(stiff_neighbours)),
     ]
 }
 
 /// In the catalogue by its name, put in by other means: warm ink thins in the nozzle alone.
 pub fn warm_nozzle() -> Effect {
-    Effect {
-        id: "temperature",
-        parameter: "damping_change",
-        unit: "1/K",
-        needs: Needs::Temperature,
-        acts: Acts::Plant(|effect, conditions, equation| {
-            equation.d_per_s *= (effect.size * conditions.above_c).exp();
-        }),
-        size: -0.002,
-        shape: 0.0,
-        shapes: [0.0; 2],
-        ties: &[],
-    }
+    let thins = Acts::Plant(|effect, conditions, equation| {
+        equation.d_per_s *= (effect.size * conditions.above_c).exp();
+    });
+    let effect = plain("temperature", Needs::Temperature, -0.002, thins);
+    Effect { parameter: "damping_change", unit: "1/K", ..effect }
 }
 
 fn soft_saturation(effect: &Effect, _: &Conditions, samples: &mut Samples) {
