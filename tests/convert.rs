@@ -46,7 +46,6 @@ fn bad_tables_are_refused_and_leave_no_recording() {
         assert_eq!(names.filter(|n| n.to_string_lossy().contains("t.mcap")).count(), 0);
     }
     house.write("t.csv", "t,y\n0,1\n1,2\n2,1\n3,5\n");
-    house.run("convert t.csv -o t.csv").exits(2).says("is no recording that inkling made");
     house
         .run("convert t.csv -o t.mcap")
         .exits(0)

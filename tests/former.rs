@@ -34,15 +34,13 @@ fn designs_of_former_versions_are_refused_by_their_version() {
     let house = House::new();
     for version in [1, 2] {
         let design = former(&format!("design-{version}.json"));
-        let args =
-            format!("replay sample_logs/print_run.mcap --design {} --out out", design.display());
         house
-            .run(&args)
+            .run(&format!("replay sample_logs/print_run.mcap --design {}", design.display()))
             .exits(2)
             .says(&format!("design version {version}, made by inkling 0.1.0"))
             .says("inkling 0.1.0 reads it, or train again");
     }
-    assert!(!house.path("out").exists());
+    assert!(house.files(".").is_empty());
 }
 
 #[test]
@@ -71,17 +69,17 @@ fn results_of_version_1_are_judged_again_and_then_finished() {
     entry["recording"]["modified_ns"] =
         json!(modified.duration_since(UNIX_EPOCH).unwrap().as_nanos() as u64);
     house.write("out/journal.jsonl", format!("{entry}\n"));
-    let args = "replay sample_logs/print_run.mcap --design sample_logs/design.json --out out";
-    house.run(&format!("{args} --dry-run")).says("its tables are of another version");
-    house.ok(args);
+    let dry = "sample_logs/print_run.mcap --dry-run";
+    house.replay(dry).says("its tables are of another version");
+    house.replay("sample_logs/print_run.mcap").exits(0);
     assert!(columns(&house.path("out/print_run.verdicts.parquet")).contains_key("recording"));
-    house.run(&format!("{args} --dry-run")).says("would judge 0, skip 1");
+    house.replay(dry).says("would judge 0, skip 1");
 }
 
 #[test]
 fn who_reads_tables_of_version_1_reads_those_of_now() {
     let house = House::new();
-    house.ok("replay sample_logs/print_run.mcap --design sample_logs/design.json --out out");
+    house.replay("sample_logs/print_run.mcap").exits(0);
     house.ok("report out -o page.html");
     let tables = [
         ("run-1/print_run.verdicts.parquet", "out/print_run.verdicts.parquet"),
@@ -101,13 +99,10 @@ fn who_reads_tables_of_version_1_reads_those_of_now() {
 fn states_of_version_1_are_taken_over() {
     let (with, without) = (House::new(), House::new());
     with.write("states.json", std::fs::read(former("states-1.json")).unwrap());
-    let channels = |states: &Value| -> Vec<String> {
-        let heads = states["printheads"].as_object().unwrap();
-        let of = |(head, memory): (&String, &Value)| -> Vec<String> {
-            let channels = memory["channels"].as_object().unwrap();
-            channels.keys().map(|channel| format!("{head} {channel}")).collect()
-        };
-        heads.iter().flat_map(of).collect()
+    let channels = |states: &Value| -> Vec<(String, String)> {
+        let heads = states["printheads"].as_object().unwrap().iter();
+        let of = |memory: &Value| memory["channels"].as_object().unwrap().clone().into_iter();
+        heads.flat_map(|(head, memory)| of(memory).map(|(n, _)| (head.clone(), n))).collect()
     };
     let before = channels(&with.read_json("states.json"));
     for house in [&with, &without] {

@@ -37,6 +37,13 @@ fn document(house: &House, name: &str) -> Value {
     serde_json::from_str(&document.value.unwrap()).unwrap()
 }
 
+#[track_caller]
+fn what_has_no_name_says_why(rows: &[RecordBatch]) {
+    for (category, reason) in texts(rows, "category").iter().zip(texts(rows, "reason")) {
+        assert_eq!(category.is_none(), reason.is_some(), "{category:?} {reason:?}");
+    }
+}
+
 #[test]
 fn every_row_says_whose_it_is_wherever_its_table_lies() {
     let house = House::new();
@@ -100,16 +107,11 @@ fn flagged_signals_have_their_ring_in_every_mode_and_all_have_where_that_is_aske
             assert!(numbers(&all, column) == numbers(&flagged, column), "{column} of {mode}");
         }
         let models = house.read_json("out/print_run.summary.json")["models"].clone();
-        let known: Vec<f64> = models
-            .as_array()
-            .unwrap()
-            .iter()
-            .filter_map(|m| m["poles"]["frequency_hz"].as_f64())
-            .collect();
-        let (low, high) = known.iter().fold((f64::MAX, 0.0f64), |(l, h), f| (l.min(*f), h.max(*f)));
-        let mut healthy: Vec<f64> = numbers(&all, "resonance_hz")
-            .into_iter()
-            .enumerate()
+        let models = models.as_array().unwrap().iter();
+        let known = models.filter_map(|m| m["poles"]["frequency_hz"].as_f64());
+        let (low, high) = known.fold((f64::MAX, 0.0f64), |(l, h), f| (l.min(f), h.max(f)));
+        let rings = numbers(&all, "resonance_hz").into_iter().enumerate();
+        let mut healthy: Vec<f64> = rings
             .filter(|(row, _)| is_healthy(*row))
             .map(|(_, f)| f64::from(f.expect("a resonance")))
             .collect();
@@ -122,23 +124,15 @@ fn flagged_signals_have_their_ring_in_every_mode_and_all_have_where_that_is_aske
 #[test]
 fn episodes_say_their_ring_and_why_they_have_no_name_and_carry_no_models() {
     let house = House::new();
-    house.ok("replay sample_logs/print_run.mcap --design sample_logs/design.json --out out");
+    house.replay("sample_logs/print_run.mcap").exits(0);
     let episodes = batches(&house, "out/print_run.episodes.parquet");
-    let (categories, reasons) = (texts(&episodes, "category"), texts(&episodes, "reason"));
-    for (category, reason) in categories.iter().zip(&reasons) {
-        assert_eq!(category.is_none(), reason.is_some(), "{category:?} {reason:?}");
-    }
+    what_has_no_name_says_why(&episodes);
     let rings = numbers(&episodes, "resonance_hz");
-    assert!(
-        !rings.is_empty() && rings.iter().flatten().all(|f| (10e3..200e3).contains(f)),
-        "{rings:?}"
-    );
-    assert!(rings.iter().all(Option::is_some), "{rings:?}");
+    let rings_there = |f: &Option<f32>| f.is_some_and(|f| (10e3..200e3).contains(&f));
+    assert!(!rings.is_empty() && rings.iter().all(rings_there), "{rings:?}");
     // models are in the table of verdicts, once
-    let (of_verdicts, of_episodes) = (
-        document(&house, "out/print_run.verdicts.parquet"),
-        document(&house, "out/print_run.episodes.parquet"),
-    );
+    let [of_verdicts, of_episodes] = ["verdicts", "episodes"]
+        .map(|table| document(&house, &format!("out/print_run.{table}.parquet")));
     assert!(of_verdicts["models"].as_array().is_some_and(|models| !models.is_empty()));
     assert!(of_episodes["models"].is_null() && of_episodes["settings"].is_null());
     assert_eq!(of_episodes["recording"], of_verdicts["recording"]);
@@ -153,10 +147,5 @@ fn episodes_say_their_ring_and_why_they_have_no_name_and_carry_no_models() {
     let reasons = texts(&episodes, "reason");
     assert!(!reasons.is_empty() && reasons.iter().all(Option::is_some), "{reasons:?}");
     house.ok("report out none -o r.html");
-    let faults = batches(&house, "r.faults.parquet");
-    let (categories, reasons) = (texts(&faults, "category"), texts(&faults, "reason"));
-    assert!(
-        categories.iter().zip(&reasons).all(|(c, r)| c.is_none() == r.is_some()),
-        "{reasons:?}"
-    );
+    what_has_no_name_says_why(&batches(&house, "r.faults.parquet"));
 }
