@@ -281,19 +281,16 @@ mod tests {
         Clusters { model: &model, data: &data }.spread(&direction, false)
     }
 
+    /// Channels that are not fitted to the end are no spread of bursts.
     #[test]
     fn bursts_that_have_something_in_common_spread_more_than_their_signals() {
-        assert_eq!(along_temperature(0.0, [0.0; 2]).statistic, 1.0);
-        let common = along_temperature(0.02, [0.0; 2]);
-        assert!(common.statistic < 0.33 && (common.dof - 10.0).abs() < 0.1, "{common:?}");
-    }
-
-    #[test]
-    fn channels_that_are_not_fitted_to_the_end_are_no_spread_of_bursts() {
-        const MOVED: [f64; 2] = [0.02, 0.002];
-        for common in [0.0, 0.02] {
-            let [there, off] = [[0.0; 2], MOVED].map(|moved| along_temperature(common, moved));
+        let [alone, common] = [0.0, 0.02].map(|common| {
+            let [there, off] =
+                [[0.0; 2], [0.02, 0.002]].map(|moved| along_temperature(common, moved));
             assert!((off.statistic - there.statistic).abs() < 0.01, "{there:?} {off:?}");
-        }
+            there
+        });
+        assert_eq!(alone.statistic, 1.0);
+        assert!(common.statistic < 0.33 && (common.dof - 10.0).abs() < 0.1, "{common:?}");
     }
 }

@@ -45,22 +45,14 @@ fn by_its_chance(statistic: f64, p: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::candidate::Candidate;
     use super::super::catalogue::CauseId::{self, *};
     use super::*;
 
     fn row(step: u32, id: CauseId, statistic: f64, accepted: bool) -> Evidence {
-        Evidence {
-            step,
-            id,
-            statistic,
-            threshold: 14.0,
-            p: (-surprise(statistic, 1, 1.0, f64::INFINITY)).exp(),
-            delta_bic: 0.0,
-            strength_dl: 1.0,
-            value: 1.0,
-            sd: 0.1,
-            why_not: (!accepted).then_some(WhyNot::NotSignificant),
-        }
+        let why_not = (!accepted).then_some(WhyNot::NotSignificant);
+        let plain = Candidate::plain(id, statistic, ()).evidence(step, 0.0);
+        Evidence { threshold: 14.0, why_not, ..plain }
     }
 
     #[test]

@@ -321,6 +321,7 @@ fn energies(before: &HeldOutFigures, after: &HeldOutFigures) -> Energies {
 
 #[cfg(test)]
 mod tests {
+    use super::super::generator::{Run, assert_uniform, draw};
     use super::*;
 
     #[test]
@@ -336,10 +337,9 @@ mod tests {
     /// On signals of a right model, p-values are uniform, and few channels do not raise the false-alarm rate.
     #[test]
     fn on_healthy_signals_the_misfit_is_white_and_alarms_are_few() {
-        use super::super::generator::{Run, draw};
         const SEEDS: u64 = 72;
         let (mut least, mut alarms, mut signals) = (0, 0.0, 0.0);
-        let mut p: Vec<f64> = (0..SEEDS)
+        let p: Vec<f64> = (0..SEEDS)
             .map(|seed| {
                 let spread = [[0.004, 0.06, 0.025], [0.02, 0.06, 0.025]][seed as usize % 2];
                 let data =
@@ -356,13 +356,7 @@ mod tests {
                 measured.misfit.whiteness_p
             })
             .collect();
-        p.sort_by(f64::total_cmp);
-        // Kolmogorov-Smirnov test at 99 %
-        for (k, p) in p.iter().enumerate() {
-            let share = (k as f64 + 0.5) / SEEDS as f64;
-            assert!((p - share).abs() < 1.63 / (SEEDS as f64).sqrt(), "{share}: {p}");
-        }
-        println!("{least} of {SEEDS}, {alarms} of {signals}");
+        assert_uniform(p);
         assert!(least <= 3, "{least} of {SEEDS} held-out sets");
         assert!(alarms / signals < 0.03, "{alarms} of {signals}");
     }

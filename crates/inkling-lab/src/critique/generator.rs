@@ -215,6 +215,16 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
     sampler.finish()
 }
 
+/// Asserts that p-values are uniform, by a Kolmogorov-Smirnov test at 99 %.
+pub fn assert_uniform(mut p: Vec<f64>) {
+    p.sort_by(f64::total_cmp);
+    let n = p.len() as f64;
+    for (k, p) in p.iter().enumerate() {
+        let share = (k as f64 + 0.5) / n;
+        assert!((p - share).abs() < 1.63 / n.sqrt(), "{share}: {p}");
+    }
+}
+
 /// The critique of an ink channel's signals.
 pub fn criticised(data: &Observations) -> super::finding::Critique {
     let rings = super::engine::Rings::InkChannel;

@@ -73,6 +73,7 @@ pub fn whiteness_p<'a>(mut all: impl Iterator<Item = &'a Lags>) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::generator::assert_uniform;
     use super::*;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
@@ -106,13 +107,7 @@ mod tests {
 
     #[test]
     fn what_a_fit_leaves_of_white_noise_is_white_and_the_chance_is_even() {
-        let mut p: Vec<f64> = (0..600).map(|seed| drawn(0.0, seed)).collect();
-        p.sort_by(f64::total_cmp);
-        // Kolmogorov-Smirnov test at 99 %
-        for (k, p) in p.iter().enumerate() {
-            let share = (k as f64 + 0.5) / 600.0;
-            assert!((p - share).abs() < 1.63 / 600.0_f64.sqrt(), "{share}: {p}");
-        }
+        assert_uniform((0..600).map(|seed| drawn(0.0, seed)).collect());
     }
 
     #[test]

@@ -315,7 +315,6 @@ mod tests {
             let critique = criticised(&draw(&run, 9000 + seed as u64));
             let named: Vec<_> = critique.causes.iter().map(|c| c.id.name()).collect();
             let worth = critique.gain.worth(id);
-            println!("{id}: {named:?} {worth:?} {:?}", critique.remarks);
             assert!(worth.is_some_and(|worth| worth.is_sure()), "{id}: {named:?} {worth:?}");
         }
     }

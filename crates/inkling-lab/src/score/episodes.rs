@@ -267,6 +267,7 @@ fn median(mut of: Vec<u64>) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::ops::Range;
 
     fn label(channel: Option<u32>, from: Option<i64>, to: Option<i64>, state: &str) -> Label {
         Label {
@@ -279,8 +280,8 @@ mod tests {
         }
     }
 
-    fn labels() -> Labels {
-        Labels::new(vec![
+    fn labels() -> Vec<Label> {
+        vec![
             label(None, None, Some(1000), "healthy"),
             // a fault that grows from 100 on and has its full size from 102 on
             label(Some(1), Some(100), Some(101), "BN"),
@@ -288,7 +289,7 @@ mod tests {
             label(Some(1), Some(102), Some(200), "BN"),
             label(Some(2), Some(300), Some(400), "EC"),
             label(Some(9), Some(0), Some(10), "EC"), // of a channel that was not recorded
-        ])
+        ]
     }
 
     fn detected(channel: u32, raised_at_ns: i64, fault: Option<&str>) -> DetectedEpisode<'_> {
@@ -302,16 +303,26 @@ mod tests {
         }
     }
 
-    fn run(episodes: &[DetectedEpisode]) -> EpisodesReport {
-        let labels = labels();
+    /// Scores episodes, and a signal of each of the channels at each of the times.
+    fn scored(
+        labels: Vec<Label>,
+        episodes: &[DetectedEpisode],
+        channels: Range<u32>,
+        times: Range<i64>,
+    ) -> EpisodesReport {
+        let labels = Labels::new(labels);
         let mut score = EpisodeScore::new(&labels);
         episodes.iter().for_each(|e| score.add_episode(*e, &Categories::default()));
-        for t in 0..500 {
-            for channel in 1..4 {
+        for t in times {
+            for channel in channels.clone() {
                 score.add_signal("p", channel, t, labels.at("p", channel, t));
             }
         }
         score.report()
+    }
+
+    fn run(episodes: &[DetectedEpisode]) -> EpisodesReport {
+        scored(labels(), episodes, 1..4, 0..500)
     }
 
     #[test]
@@ -327,13 +338,8 @@ mod tests {
     #[test]
     fn a_fault_of_a_range_is_of_each_of_its_channels_but_where_a_narrower_row_says_otherwise() {
         let range = Label { channel: Channels::Range(4, 6), ..label(None, None, None, "BN") };
-        let labels = Labels::new(vec![range, label(Some(5), None, None, "healthy")]);
-        let mut score = EpisodeScore::new(&labels);
-        score.add_episode(detected(4, 105, Some("BN")), &Categories::default());
-        for channel in 1..9 {
-            score.add_signal("p", channel, 105, labels.at("p", channel, 105));
-        }
-        let report = score.report();
+        let labels = vec![range, label(Some(5), None, None, "healthy")];
+        let report = scored(labels, &[detected(4, 105, Some("BN"))], 1..9, 105..106);
         assert_eq!((report.faults, report.recall, report.healthy_signals), (2, 0.5, 1));
     }
 
@@ -343,16 +349,10 @@ mod tests {
         let bn = Label { printhead: "*".into(), ..label(Some(1), Some(0), Some(100), "BN") };
         let healthy = label(Some(1), Some(40), Some(60), "healthy");
         let later = label(Some(1), Some(100), Some(120), "healthy");
-        let labels = Labels::new(vec![bn, healthy, later]);
-        let mut score = EpisodeScore::new(&labels);
         // raised and begun while the channel is healthy, and of the second half of the fault
         let in_between = DetectedEpisode { began_at_ns: 45, ..detected(1, 50, Some("BN")) };
-        score.add_episode(in_between, &Categories::default());
-        score.add_episode(detected(1, 70, Some("BN")), &Categories::default());
-        for t in 0..120 {
-            score.add_signal("p", 1, t, labels.at("p", 1, t));
-        }
-        let report = score.report();
+        let episodes = [in_between, detected(1, 70, Some("BN"))];
+        let report = scored(vec![bn, healthy, later], &episodes, 1..2, 0..120);
         assert_eq!((report.faults, report.recall, report.false_episodes), (2, 0.5, 1));
         assert_eq!((report.delay_bursts, report.healthy_signals), (Some(10.0), 40));
     }
@@ -361,13 +361,8 @@ mod tests {
     fn a_fault_goes_on_beyond_what_is_ignored_and_is_full_from_its_last_labels_begin() {
         let of = |from, to, state| label(Some(1), Some(from), Some(to), state);
         let wide = Label { channel: Channels::Range(0, 9), ..of(0, 100, "BN") };
-        let labels = Labels::new(vec![wide, of(20, 30, "BN"), of(60, 70, "ignore")]);
-        let mut score = EpisodeScore::new(&labels);
-        score.add_episode(detected(1, 50, Some("BN")), &Categories::default());
-        for t in 0..100 {
-            score.add_signal("p", 1, t, labels.at("p", 1, t));
-        }
-        let report = score.report();
+        let labels = vec![wide, of(20, 30, "BN"), of(60, 70, "ignore")];
+        let report = scored(labels, &[detected(1, 50, Some("BN"))], 1..2, 0..100);
         assert_eq!((report.faults, report.recall), (1, 1.0));
         // the narrow label begins at 20; where it ends, no label begins
         assert_eq!((report.delay_bursts, report.delay_from_onset_bursts), (Some(30.0), Some(50.0)));

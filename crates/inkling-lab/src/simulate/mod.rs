@@ -18,6 +18,8 @@ mod burst_shape;
 pub mod dataset;
 mod draws;
 pub mod drying;
+#[cfg(test)]
+mod fixtures;
 pub mod hidden;
 pub mod print_run;
 pub mod scenario;
@@ -63,23 +65,13 @@ impl Scenario {
 
 #[cfg(test)]
 mod tests {
+    use super::fixtures::{PHYSICS, SAMPLE, THESIS, replaced, scenario};
     use super::*;
     use inkling_core::burst::{Format, Layout};
     use inkling_core::fault::HEALTHY;
     use inkling_core::labels::Labels;
     use inkling_core::model::faults;
     use std::collections::BTreeMap;
-
-    const SAMPLE: &str = include_str!("../../../../sample_logs/scenarios/sample.toml");
-    const PHYSICS: &str = include_str!("../../../../sample_logs/scenarios/physics.toml");
-    const THESIS: &str = include_str!("../../../../sample_logs/scenarios/thesis.toml");
-
-    fn replaced(text: &str, replacements: &[(&str, &str)]) -> String {
-        replacements.iter().fold(text.to_owned(), |text, (from, to)| {
-            assert!(text.contains(from), "{from}");
-            text.replace(from, to)
-        })
-    }
 
     /// `physics.toml`, the benchmark whose numbers are frozen so that nobody tunes them, with fewer signals.
     fn smaller() -> String {
@@ -95,10 +87,6 @@ mod tests {
                 ("faulty_channels = 0.05", "faulty_channels = 0.5"),
             ],
         )
-    }
-
-    fn small() -> Scenario {
-        Scenario::from_toml(&smaller()).unwrap()
     }
 
     /// All signals, counts by (stem, printhead, channel, time).
@@ -124,21 +112,20 @@ mod tests {
 
     #[test]
     fn the_same_seed_gives_the_same_bursts_and_labels_and_another_gives_others() {
-        for scenario in [small(), Scenario::from_toml(SAMPLE).unwrap()] {
+        for scenario in [scenario(&smaller()), scenario(SAMPLE)] {
             let bytes = |seed| -> Vec<String> {
                 let bursts = scenario.recordings(seed).into_iter().flat_map(|r| r.bursts);
                 bursts.map(|burst| format!("{burst:?}")).collect()
             };
             assert_eq!(bytes(7), bytes(7));
             assert_eq!(scenario.labels(7), scenario.labels(7));
-            let differ = bytes(7).iter().zip(bytes(8)).all(|(x, y)| *x != y);
-            assert!(differ);
+            assert!(bytes(7).iter().zip(bytes(8)).all(|(x, y)| *x != y));
         }
     }
 
     #[test]
     fn burst_shape_layout_and_format_do_not_change_samples() {
-        for mut scenario in [small(), Scenario::from_toml(THESIS).unwrap()] {
+        for mut scenario in [scenario(&smaller()), scenario(THESIS)] {
             // Times are left out: every burst of a set has a time of its own, so they depend on how many
             // channels share a burst.
             let timeless = |scenario: &Scenario| -> Vec<(String, String, u32, Vec<f64>)> {
@@ -157,27 +144,18 @@ mod tests {
 
     #[test]
     fn a_longer_run_begins_like_a_shorter_one_and_a_set_ignores_the_run() {
-        let scenario = small();
-        let without = "[print_run]";
-        let sets_only = Scenario::from_toml(PHYSICS.split(without).next().unwrap()).unwrap();
-        let all = Scenario::from_toml(PHYSICS).unwrap();
-        let first = |scenario: &Scenario| {
-            let mut recordings = scenario.recordings(5);
-            format!("{:?}", recordings[0].bursts.next())
-        };
-        assert_eq!(first(&sets_only), first(&all));
-        assert_eq!(scenario.recordings(5).len(), 4);
+        let sets_only = PHYSICS.split("[print_run]").next().unwrap();
+        let first = |text| format!("{:?}", scenario(text).recordings(5)[0].bursts.next());
+        assert_eq!(first(sets_only), first(PHYSICS));
         let longer = replaced(SAMPLE, &[("bursts_per_channel = 60", "bursts_per_channel = 70")]);
-        let longer = Scenario::from_toml(&longer).unwrap();
-        let (short, long) =
-            (signals(&Scenario::from_toml(SAMPLE).unwrap(), 1), signals(&longer, 1));
+        let [short, long] = [SAMPLE, &longer].map(|text| signals(&scenario(text), 1));
         assert!(long.len() > short.len());
         assert!(short.iter().all(|(key, y)| long[key] == *y));
     }
 
     /// A scenario without noise and spread, in which every signal is known from its label alone.
     fn silent(text: &str) -> Scenario {
-        let silent = replaced(
+        scenario(&replaced(
             text,
             &[
                 (
@@ -192,8 +170,7 @@ mod tests {
                     "levels_v = [30.0]\nshares = [1.0]",
                 ),
             ],
-        );
-        Scenario::from_toml(&silent).unwrap()
+        ))
     }
 
     #[test]
@@ -234,7 +211,7 @@ mod tests {
 
     #[test]
     fn the_frozen_benchmark_has_its_numbers() {
-        let scenario = Scenario::from_toml(PHYSICS).unwrap();
+        let scenario = scenario(PHYSICS);
         let labels = scenario.labels(1);
         let set = |from: u32, to: u32, class: &str| {
             let of_set = |l: &&Label| {

@@ -365,6 +365,7 @@ pub struct ClassBox {
 
 #[cfg(test)]
 mod tests {
+    use super::super::fixtures::{PHYSICS, SAMPLE, THESIS, physics, replaced, scenario};
     use super::*;
     use std::path::Path;
 
@@ -381,23 +382,21 @@ mod tests {
 
     #[test]
     fn physics_scenario_is_the_frozen_benchmark() {
-        let text = include_str!("../../../../sample_logs/scenarios/physics.toml");
-        assert!(Scenario::from_toml(text).is_ok());
+        physics(PHYSICS);
         let Some(frozen) = frozen("physics.toml") else { return };
         let (ours, frozen): (toml::Table, toml::Table) =
-            (toml::from_str(text).unwrap(), toml::from_str(&frozen).unwrap());
+            (toml::from_str(PHYSICS).unwrap(), toml::from_str(&frozen).unwrap());
         assert_eq!(ours, frozen);
     }
 
     #[test]
     fn thesis_scenario_is_the_frozen_class_boxes() {
-        let text = include_str!("../../../../sample_logs/scenarios/thesis.toml");
-        let Kind::Classes(classes) = Scenario::from_toml(text).unwrap().kind else { panic!() };
+        let Kind::Classes(classes) = scenario(THESIS).kind else { panic!() };
         let names: Vec<String> =
             classes.fault_classes().into_iter().map(|(name, _)| name).collect();
         assert_eq!(names, CLASSES);
         let Some(frozen) = frozen("classes.json") else { return };
-        let mut ours: toml::Table = toml::from_str(text).unwrap();
+        let mut ours: toml::Table = toml::from_str(THESIS).unwrap();
         ours.retain(|key, _| key != "schema" && key != "kind");
         let frozen: serde_json::Value = serde_json::from_str(&frozen).unwrap();
         assert_eq!(serde_json::to_value(ours).unwrap(), frozen);
@@ -405,11 +404,8 @@ mod tests {
 
     #[test]
     fn recording_options_are_read_and_have_defaults() {
-        let text = include_str!("../../../../sample_logs/scenarios/sample.toml");
-        let with = |words: &str| {
-            let text = text.replace("compression = \"zstd\"", words);
-            Scenario::from_toml(&text).unwrap().recording
-        };
+        let with =
+            |words| scenario(&replaced(SAMPLE, &[("compression = \"zstd\"", words)])).recording;
         assert_eq!(with(""), RecordingOptions::default());
         let all = with(
             "compression = \"lz4\"\nchunk_bytes = 65536\nchannels_per_burst = 16\n\
@@ -428,8 +424,7 @@ mod tests {
 
     #[test]
     fn a_channel_may_be_given_by_its_geometry() {
-        let text = include_str!("../../../../sample_logs/scenarios/sample.toml");
-        let (before, after) = text.split_once("[channel]").unwrap();
+        let (before, after) = SAMPLE.split_once("[channel]").unwrap();
         let (_, after) = after.split_once("[spread]").unwrap();
         let geometry = "[geometry]\nrestrictor_length_m = 200e-6\nrestrictor_area_m2 = 2e-9\n\
             nozzle_length_m = 40e-6\nnozzle_area_m2 = 0.8e-9\nchannel_volume_m3 = 1e-10\n\

@@ -109,21 +109,12 @@ impl Sensor {
 
 #[cfg(test)]
 mod tests {
+    use super::super::fixtures::{PHYSICS, physics};
     use super::*;
-    use crate::simulate::scenario::{Kind, Scenario};
-    use std::sync::Arc;
-
-    fn frozen() -> Arc<Physics> {
-        let text = include_str!("../../../../sample_logs/scenarios/physics.toml");
-        match Scenario::from_toml(text).unwrap().kind {
-            Kind::Physics(physics) => physics,
-            Kind::Classes(_) => panic!("a physics scenario"),
-        }
-    }
 
     #[test]
     fn healthy_channels_fill_their_spread_and_stay_within() {
-        let physics = frozen();
+        let physics = physics(PHYSICS);
         let mut rng = stream(1, Purpose::Spread, 0);
         let (nominal, spread) = (physics.channel, &physics.spread);
         let mut extremes = [[f64::INFINITY, f64::NEG_INFINITY]; 5];
@@ -147,7 +138,7 @@ mod tests {
 
     #[test]
     fn noise_about_the_decay_is_white_rounding_and_shot() {
-        let physics = frozen();
+        let physics = physics(PHYSICS);
         let mut sensor = Sensor::new(&physics, 1, 0);
         let (mut counts, signals, n) = (Vec::new(), 4000, physics.acquisition.samples);
         for _ in 0..signals {

@@ -67,29 +67,27 @@ pub(super) fn recordings(
 
 #[cfg(test)]
 mod tests {
+    use super::super::fixtures::{THESIS, scenario};
+    use super::super::scenario::{Kind, Scenario};
     use super::*;
-    use crate::simulate::scenario::{Kind, Scenario};
     use inkling_core::labels::Labels;
+    use std::collections::BTreeMap;
 
-    fn scenario() -> (Scenario, Arc<Classes>) {
-        let text = include_str!("../../../../sample_logs/scenarios/thesis.toml");
-        let scenario = Scenario::from_toml(text).unwrap();
-        let Kind::Classes(classes) = scenario.kind.clone() else { panic!("a classes scenario") };
-        (scenario, classes)
+    fn classes(scenario: &Scenario) -> Arc<Classes> {
+        let Kind::Classes(classes) = &scenario.kind else { panic!("a classes scenario") };
+        classes.clone()
     }
 
-    /// The signals of one class in a recording, by its labels.
-    fn of_class(scenario: &Scenario, recording: usize, class: &str) -> Vec<Vec<f64>> {
+    /// The signals of a recording by their labels' class.
+    fn by_class(scenario: &Scenario, recording: usize) -> BTreeMap<String, Vec<Vec<f64>>> {
         let labels = Labels::new(scenario.labels(4));
-        let mut signals = Vec::new();
+        let mut signals = BTreeMap::<_, Vec<_>>::new();
         for burst in scenario.recordings(4).swap_remove(recording).bursts {
             for row in 0..burst.channels {
                 let label = labels.at(&burst.printhead, burst.first_channel + row, burst.t_acq_ns);
-                if label.unwrap().state == class {
-                    let mut y = vec![0.0; 128];
-                    burst.copy_signal(row as usize, &mut y);
-                    signals.push(y);
-                }
+                let mut y = vec![0.0; 128];
+                burst.copy_signal(row as usize, &mut y);
+                signals.entry(label.unwrap().state.clone()).or_default().push(y);
             }
         }
         signals
@@ -97,23 +95,25 @@ mod tests {
 
     #[test]
     fn train_and_test_have_the_thesis_numbers_and_differ() {
-        let (scenario, classes) = scenario();
-        for recording in 0..2 {
-            assert_eq!(of_class(&scenario, recording, "healthy").len(), 2475);
-            for (class, _) in classes.fault_classes() {
-                assert_eq!(of_class(&scenario, recording, &class).len(), 225);
+        let scenario = scenario(THESIS);
+        let sets = [0, 1].map(|recording| by_class(&scenario, recording));
+        for set in &sets {
+            assert_eq!(set["healthy"].len(), 2475);
+            for (class, _) in classes(&scenario).fault_classes() {
+                assert_eq!(set[&class].len(), 225);
             }
         }
-        assert_ne!(of_class(&scenario, 0, "EC")[0], of_class(&scenario, 1, "EC")[0]);
+        assert_ne!(sets[0]["EC"][0], sets[1]["EC"][0]);
     }
 
     #[test]
     fn class_means_are_the_formula_averaged_over_the_box() {
-        let (scenario, classes) = scenario();
+        let scenario = scenario(THESIS);
+        let (classes, test) = (classes(&scenario), by_class(&scenario, 1));
         let mut boxes = classes.fault_classes();
         boxes.push(("healthy".to_owned(), classes.classes.healthy.clone()));
         for (class, of) in boxes {
-            let signals = of_class(&scenario, 1, &class);
+            let signals = &test[&class];
             let count = signals.len() as f64;
             // the average over the box, on a grid of the test's own
             let grid =

@@ -297,36 +297,29 @@ mod tests {
 
     #[test]
     fn a_claim_holds_fails_or_stays_open_by_its_interval() {
-        let verdict = |rounds: &[[f64; 2]]| {
-            compared(&measured(rounds), &[pair("a", "b")], 1e6, Difference::is_positive).0
+        use Verdict::{CannotTell, Held, NotHeld};
+        let verdict = |rounds: &[[f64; 2]], signals, says: fn(Difference) -> Verdict| {
+            compared(&measured(rounds), &[pair("a", "b")], signals, says).0
         };
-        assert_eq!(verdict(&[[0.9, 0.8], [0.91, 0.8], [0.9, 0.81]]), Verdict::Held);
-        assert_eq!(verdict(&[[0.8, 0.9], [0.81, 0.9], [0.8, 0.91]]), Verdict::NotHeld);
-        // as good as is not better than
-        assert_eq!(verdict(&[[0.9, 0.9], [0.9, 0.901], [0.901, 0.9]]), Verdict::NotHeld);
-        assert_eq!(verdict(&[[0.9, 0.8], [0.7, 0.8], [0.85, 0.8]]), Verdict::CannotTell);
+        // as good as is not better than, and alike is a claim of its own
+        for (rounds, better, alike) in [
+            ([[0.9, 0.8], [0.91, 0.8], [0.9, 0.81]], Held, NotHeld),
+            ([[0.8, 0.9], [0.81, 0.9], [0.8, 0.91]], NotHeld, NotHeld),
+            ([[0.9, 0.9], [0.9, 0.901], [0.901, 0.9]], NotHeld, Held),
+            ([[0.9, 0.8], [0.7, 0.8], [0.85, 0.8]], CannotTell, CannotTell),
+        ] {
+            assert_eq!(verdict(&rounds, 1e6, Difference::is_positive), better, "{rounds:?}");
+            assert_eq!(verdict(&rounds, 1e6, Difference::is_negligible), alike, "{rounds:?}");
+        }
         // with one round, the interval is the sampling error of its signals
-        let one = |a, b| {
-            let pairs = [pair("a", "b")];
-            compared(&measured(&[[a, b]]), &pairs, 100.0, Difference::is_positive).0
-        };
-        assert_eq!(one(0.9, 0.85), Verdict::CannotTell);
-        assert_eq!(one(0.99, 0.5), Verdict::Held);
+        for (round, better) in [([0.9, 0.85], CannotTell), ([0.99, 0.5], Held)] {
+            assert_eq!(verdict(&[round], 100.0, Difference::is_positive), better, "{round:?}");
+        }
         let unknown = [pair("a", "b"), pair("a", "c")];
         let (open, because) =
             compared(&measured(&[[0.9, 0.5]]), &unknown, 1e4, Difference::is_positive);
-        assert_eq!(open, Verdict::CannotTell);
+        assert_eq!(open, CannotTell);
         assert!(because.contains("not measured"));
-    }
-
-    #[test]
-    fn alike_is_a_claim_of_its_own() {
-        let verdict = |rounds: &[[f64; 2]]| {
-            compared(&measured(rounds), &[pair("a", "b")], 1e6, Difference::is_negligible).0
-        };
-        assert_eq!(verdict(&[[0.9, 0.9], [0.9, 0.901], [0.901, 0.9]]), Verdict::Held);
-        assert_eq!(verdict(&[[0.9, 0.8], [0.91, 0.8], [0.9, 0.81]]), Verdict::NotHeld);
-        assert_eq!(verdict(&[[0.9, 0.8], [0.7, 0.8]]), Verdict::CannotTell);
     }
 
     #[test]

@@ -19,7 +19,7 @@ use inkling_core::side_by_side::{cores, side_by_side};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use std::f64::consts::TAU;
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// What a synthetic decay is made of; 0: the effect is absent.
 #[derive(Clone, Copy, Debug)]
@@ -66,11 +66,11 @@ fn observed(truth: &Truth, seed: u64) -> Observations {
     let per_swing = truth.per_swing * rng.random_range(0.8..1.25);
     let amplitude = 10f64.powf(rng.random_range(-1.0..3.0));
     let n = (per_swing * truth.swings) as usize;
-    let omega = std::f64::consts::TAU / per_swing;
+    let omega = TAU / per_swing;
     let sigma = -truth.falls_to.ln() / n as f64;
-    let drag = truth.drag * sigma * 3.0 * std::f64::consts::PI / (4.0 * omega);
-    let friction = truth.friction * sigma * omega * std::f64::consts::FRAC_PI_2;
-    let phase = rng.random_range(0.0..std::f64::consts::TAU);
+    let drag = truth.drag * sigma * 3.0 * PI / (4.0 * omega);
+    let friction = truth.friction * sigma * omega * FRAC_PI_2;
+    let phase = rng.random_range(0.0..TAU);
     let (mut x, mut v) = (phase.cos(), omega * phase.sin());
     const STEPS: usize = 200;
     let h = 1.0 / STEPS as f64;
@@ -80,7 +80,7 @@ fn observed(truth: &Truth, seed: u64) -> Observations {
     };
     let loss =
         |v: f64| -2.0 * sigma * v - drag * v.abs() * v - friction * (v / (1e-4 * omega)).tanh();
-    let phase2 = rng.random_range(0.0..std::f64::consts::TAU);
+    let phase2 = rng.random_range(0.0..TAU);
     let mut previous: f64 = StandardNormal.sample(&mut rng);
     let mut y = Vec::with_capacity(n);
     for k in 0..n {

@@ -327,13 +327,17 @@ impl Yardstick {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulate::hidden::effect;
-    use crate::simulate::scenario::{Kind, Scenario};
+    use crate::simulate::fixtures::{HIDDEN, HIDDEN_PLAIN, physics, replaced};
+    use crate::simulate::hidden::{effect, run::Circumstance};
 
-    fn yardstick(text: &str, seed: u64) -> Yardstick {
-        let Kind::Physics(physics) = Scenario::from_toml(text).unwrap().kind else { panic!() };
+    fn base(text: &str, circumstances: &[Circumstance], seed: u64) -> Base {
+        let physics = physics(text);
         let (run, hidden) = (physics.print_run.clone().unwrap(), physics.hidden.clone().unwrap());
-        Yardstick::new(&Base::new(&physics, &run, &hidden, &[], seed)).unwrap()
+        Base::new(&physics, &run, &hidden, circumstances, seed)
+    }
+
+    fn yardstick(text: &str) -> Yardstick {
+        Yardstick::new(&base(text, &[], 5)).unwrap()
     }
 
     fn shaped(id: &str) -> Effect {
@@ -347,8 +351,7 @@ mod tests {
     /// second slow pole's amplitude are refitted (the study's number is of the tangents).
     #[test]
     fn detection_limits_are_those_of_the_study() {
-        let yardstick =
-            yardstick(include_str!("../../../../../sample_logs/scenarios/hidden.toml"), 5);
+        let yardstick = yardstick(HIDDEN);
         let expected = [
             ("offset", 0.07, 0.11),
             ("droop", 800.0, 1500.0),
@@ -367,9 +370,8 @@ mod tests {
         let mut off = Vec::new();
         for effect in &effect::CATALOGUE {
             let effect = shaped(effect.id);
-            let Strength { size, strength_dl: reached } = yardstick.size(&effect, 1.0);
+            let Strength { size, .. } = yardstick.size(&effect, 1.0);
             let parameter = yardstick.parameter(&effect.of_size(size));
-            println!("{:<22} {reached} {size:>12.4e} {parameter:>12.4e}", effect.id);
             if let Some((_, low, high)) = expected.iter().find(|(id, ..)| *id == effect.id)
                 && !(low / 2.0..high * 2.0).contains(
                     match effect.is_line() || effect.id == "lowpass" {
@@ -384,18 +386,14 @@ mod tests {
         assert!(off.is_empty(), "{off:?}");
     }
 
-    fn hidden_toml() -> &'static str {
-        include_str!("../../../../../sample_logs/scenarios/hidden.toml")
-    }
-
     /// Of a run four times as long, of which only some signals are simulated, an effect along the run leaves
     /// four times the misfit.
     #[test]
     fn what_grows_along_a_long_run_is_measured_along_all_of_it() {
         let size = |bursts: usize| {
-            let text = hidden_toml()
-                .replace("bursts_per_channel = 16", &format!("bursts_per_channel = {bursts}"));
-            yardstick(&text, 5).size(&shaped("ageing"), 1.0).size
+            let bursts = format!("bursts_per_channel = {bursts}");
+            let text = replaced(HIDDEN, &[("bursts_per_channel = 16", &bursts)]);
+            yardstick(&text).size(&shaped("ageing"), 1.0).size
         };
         let ratio = size(80) / size(320);
         assert!((1.8..2.2).contains(&ratio), "{ratio}");
@@ -403,20 +401,15 @@ mod tests {
 
     #[test]
     fn faulty_signals_are_not_scaled_to() {
-        let Kind::Physics(physics) = Scenario::from_toml(hidden_toml()).unwrap().kind else {
-            panic!()
-        };
-        let (run, hidden) = (physics.print_run.clone().unwrap(), physics.hidden.clone().unwrap());
-        let faulty = [super::super::run::Circumstance::FaultyChannels];
-        let base = (0..).map(|seed| Base::new(&physics, &run, &hidden, &faulty, seed));
+        let bases = (0..100).map(|seed| base(HIDDEN, &[Circumstance::FaultyChannels], seed));
         let is_faulty = |base: &Base| base.heads.iter().flatten().any(|made| made.faulty);
-        let base = base.take(100).find(is_faulty).unwrap();
-        assert_eq!(Yardstick::new(&base).unwrap().share, 1.0);
+        let faulty = bases.into_iter().find(is_faulty).unwrap();
+        assert_eq!(Yardstick::new(&faulty).unwrap().share, 1.0);
     }
 
     #[test]
     fn the_coarsest_step_has_its_own_strength() {
-        let coarse = yardstick(hidden_toml(), 5).size(&shaped("coarse_lsb"), 30.0);
+        let coarse = yardstick(HIDDEN).size(&shaped("coarse_lsb"), 30.0);
         assert_eq!((coarse.size, coarse.strength_dl), (9.0, 8.0));
     }
 
@@ -424,18 +417,16 @@ mod tests {
     /// column.
     #[test]
     fn without_scatter_it_is_the_drop_in_chi_squared() {
-        let text = include_str!("../../../../../sample_logs/scenarios/hidden_plain.toml")
-            .replace("gain = 0.01\nstate = 0.01", "gain = 0.0\nstate = 0.0")
-            .replace("frequency_sd = 0.002", "frequency_sd = 0.0")
-            .replace("damping_sd = 0.01", "damping_sd = 0.0")
-            .replace(
+        let without_scatter = [
+            ("gain = 0.01\nstate = 0.01", "gain = 0.0\nstate = 0.0"),
+            ("frequency_sd = 0.002", "frequency_sd = 0.0"),
+            ("damping_sd = 0.01", "damping_sd = 0.0"),
+            (
                 "a = 0.004\nb = 0.004\ng = 0.03\nd = 0.03\ngain = 0.025",
                 "a = 0.5\nb = 0.5\ng = 0.5\nd = 0.5\ngain = 0.5",
-            );
-        let Kind::Physics(physics) = Scenario::from_toml(&text).unwrap().kind else { panic!() };
-        let run = physics.print_run.clone().unwrap();
-        let hidden = physics.hidden.clone().unwrap();
-        let mut base = Base::new(&physics, &run, &hidden, &[], 5);
+            ),
+        ];
+        let mut base = base(&replaced(HIDDEN_PLAIN, &without_scatter), &[], 5);
         // all channels are alike, though the base lets them scatter widely, so each has six freedoms of its
         // own
         let made = RunChannel { rates: base.rates, gain: 1.0, faulty: false };
@@ -457,8 +448,7 @@ mod tests {
     /// A change of rates and state alone is inside the baseline, however large it is.
     #[test]
     fn a_change_of_rates_is_no_misfit() {
-        let text = include_str!("../../../../../sample_logs/scenarios/hidden_plain.toml");
-        let yardstick = yardstick(text, 5);
+        let yardstick = yardstick(HIDDEN_PLAIN);
         for by in [0.001, 0.03, 0.1] {
             let stiffer = Effect {
                 acts: Acts::Plant(|s, _, e| {

@@ -338,18 +338,23 @@ fn check_classes(classes: &Classes, recording: &RecordingOptions) -> Check {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    const SMALL: &str = include_str!("../../../../../sample_logs/scenarios/sample.toml");
-    const THESIS: &str = include_str!("../../../../../sample_logs/scenarios/thesis.toml");
-
-    fn refusal(text: &str, from: &str, to: &str) -> String {
-        assert!(text.contains(from), "{from}");
-        Scenario::from_toml(&text.replacen(from, to, 1)).expect_err(to).to_string()
-    }
+    use crate::simulate::fixtures::{SAMPLE, THESIS};
 
     #[test]
     fn absurd_and_contradictory_scenarios_are_refused_with_their_key() {
-        for (from, to, key) in [
+        let of_classes = [
+            ("N = 128", "N = 0", "N"),
+            ("T_us = 100", "T_us = -1", "T_us"),
+            ("n_healthy = 2475", "n_healthy = 4000000000", "n_healthy"),
+            (
+                "sigma_per_s = [27000.0, 31000.0]",
+                "sigma_per_s = [31000.0, 27000.0]",
+                "healthy.sigma",
+            ),
+            ("sigma_per_s = [27000.0, 31000.0]", "sigma_per_s = [inf, inf]", "healthy.sigma"),
+            ("[classes.healthy]", "[classes.fine]", "healthy"),
+        ];
+        let of_physics = [
             ("schema = 1", "schema = 2", "schema"),
             ("schema = 1", "schema = 1\nkind = \"optics\"", "kind"),
             ("schema = 1", "schema = 1\ncolour = 3", "colour"),
@@ -381,9 +386,12 @@ mod tests {
             ("compression = \"zstd\"", "channels_per_burst = 0", "channels_per_burst"),
             ("compression = \"zstd\"", "start = \"today\"", "today"),
             ("compression = \"zstd\"", "start = \"1900-01-01T00:00:00Z\"", "start"),
-        ] {
-            let refusal = refusal(SMALL, from, to);
-            assert!(refusal.contains(key), "{to}: {refusal}");
+        ];
+        let rows = of_physics.map(|row| (SAMPLE, row)).into_iter();
+        for (text, (from, to, key)) in rows.chain(of_classes.map(|row| (THESIS, row))) {
+            assert!(text.contains(from), "{from}");
+            let refused = Scenario::from_toml(&text.replacen(from, to, 1)).expect_err(to);
+            assert!(refused.to_string().contains(key), "{to}: {refused}");
         }
     }
 
@@ -391,17 +399,17 @@ mod tests {
     fn explicit_faults_must_fit_into_the_run_one_at_a_time() {
         let fault = |printhead: &str, channel: u32, class: &str, s: &str, from: f64, to: f64| {
             format!(
-                "{SMALL}\n[[print_run.fault]]\nprinthead = {printhead:?}\nchannel = {channel}\n\
+                "\n[[print_run.fault]]\nprinthead = {printhead:?}\nchannel = {channel}\n\
                  class = {class:?}\nseverity = {s}\nfrom_s = {from}\nto_s = {to}\n"
             )
         };
+        let read = |faults: &str| Scenario::from_toml(&format!("{SAMPLE}{faults}"));
         let dried = fault("cyan-1", 47, "DDN", "2.0", 3.0, 9.0);
-        assert!(Scenario::from_toml(&dried).is_ok());
+        read(&dried).unwrap();
         // the fault may grow, and a fault of another category may join it
-        let bubble = "[[print_run.fault]]\nprinthead = \"cyan-1\"\nchannel = 47\nclass = \"AB2\"\n\
-                      severity = 0.3\nfrom_s = 8.0\nto_s = 20.0\n";
-        assert!(Scenario::from_toml(&(dried + "to_severity = 3.0\n" + bubble)).is_ok());
-        for text in [
+        let bubble = fault("cyan-1", 47, "AB2", "0.3", 8.0, 20.0);
+        read(&format!("{dried}to_severity = 3.0{bubble}")).unwrap();
+        for faults in [
             fault("cyan-9", 47, "DDN", "2.0", 3.0, 9.0),
             fault("cyan-1", 48, "DDN", "2.0", 3.0, 9.0),
             fault("cyan-1", 47, "healthy", "2.0", 3.0, 9.0),
@@ -411,32 +419,11 @@ mod tests {
             fault("cyan-1", 47, "DDN", "2.0", 9.0, 3.0),
             fault("cyan-1", 47, "DDN", "2.0", 99.0, 103.0),
             fault("cyan-1", 47, "DDN", "2.0", 3.2, 3.4),
-            fault("cyan-1", 47, "DDN", "2.0", 3.0, 9.0)
-                + "[[print_run.fault]]\nprinthead = \"cyan-1\"\nchannel = 47\nclass = \"IDN\"\n\
-                   severity = 1.5\nfrom_s = 8.0\nto_s = 20.0\n",
-            fault("cyan-1", 47, "DDN", "2.0", 3.0, 9.0) + "to_severity = 0.5\n",
+            format!("{dried}{}", fault("cyan-1", 47, "IDN", "1.5", 8.0, 20.0)),
+            format!("{dried}to_severity = 0.5\n"),
         ] {
-            let refusal = Scenario::from_toml(&text).expect_err(&text).to_string();
+            let refusal = read(&faults).expect_err(&faults).to_string();
             assert!(refusal.contains("print_run.fault["), "{refusal}");
-        }
-    }
-
-    #[test]
-    fn absurd_class_boxes_are_refused_with_their_key() {
-        for (from, to, key) in [
-            ("N = 128", "N = 0", "N"),
-            ("T_us = 100", "T_us = -1", "T_us"),
-            ("n_healthy = 2475", "n_healthy = 4000000000", "n_healthy"),
-            (
-                "sigma_per_s = [27000.0, 31000.0]",
-                "sigma_per_s = [31000.0, 27000.0]",
-                "healthy.sigma",
-            ),
-            ("sigma_per_s = [27000.0, 31000.0]", "sigma_per_s = [inf, inf]", "healthy.sigma"),
-            ("[classes.healthy]", "[classes.fine]", "healthy"),
-        ] {
-            let refusal = refusal(THESIS, from, to);
-            assert!(refusal.contains(key), "{to}: {refusal}");
         }
     }
 }
