@@ -76,7 +76,7 @@ pub struct RecordingLine {
     pub name: String,
     /// Index of the recording among the sources, by which spells refer to it.
     pub source: usize,
-    /// From the recording's first to its last signal; `None` if it has none.
+    /// From the recording's first to its last signal, ns since 1970; `None` if it has none.
     pub span: Option<Span>,
     /// Number of judged signals.
     pub judged: u64,
@@ -153,7 +153,7 @@ impl Report {
         self.faults.iter().filter(|fault| fault.is_latest && !fault.is_open())
     }
 
-    /// The faults that are to be cleaned, the most urgent first. Each channel occurs at most once.
+    /// The faults that are to be cleaned, on or recurring, the most urgent first, at most one of a channel.
     pub fn open(&self) -> impl Iterator<Item = &Fault> {
         self.faults.iter().filter(|fault| fault.is_open())
     }

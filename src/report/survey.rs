@@ -7,7 +7,7 @@
 //!
 //! The episodes come first, because they decide which channels are watched, and which printheads
 //! get a map. Then `Head::burst` looks at each row once. A row counts as judged unless it was
-//! rejected or its reason concerns the whole printhead, and as flagged if it was judged and not
+//! rejected, or the head changed or its channel froze, and as flagged if it was judged and not
 //! healthy.
 
 use super::counts::{ChannelCount, Tally};
@@ -236,7 +236,7 @@ impl Head {
                 continue;
             };
             let outcome = c.outcome[row];
-            // an undecided row with a reason of the whole printhead counts as not judged
+            // `replay` writes no undecided rows with a reason of the whole printhead; they are not judged
             let of_head = c.reason[row].is_some_and(Reason::is_of_head);
             let is_judged = outcome != Outcome::Rejected && !of_head;
             let flagged = is_judged && outcome != Outcome::Healthy;
@@ -249,7 +249,7 @@ impl Head {
                 let (class, ratio) = shown(c, row, codes);
                 cells.mark(place, class, ratio);
             }
-            // a burst that is no burst may have any time
+            // an unusable burst may have any time
             if !why.is_some_and(Reason::is_of_burst) {
                 tally.span = whole(tally.span.into_iter().chain([(t_ns, t_ns)]));
                 self.channels[place].count_last(recording, t_ns, is_judged, flagged);

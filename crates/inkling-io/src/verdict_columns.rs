@@ -12,7 +12,7 @@ use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::schema::types::ColumnPath;
 use std::sync::Arc;
 
-/// Most rows of a row group, roughly: it ends with the batch that reaches them.
+/// A row group ends with the batch that reaches so many rows, or 128 MiB.
 pub const ROW_GROUP_ROWS: usize = 1 << 20;
 
 /// What decides on the form of one recording's table, besides the verdicts themselves.

@@ -1,5 +1,5 @@
-//! Operations on vectors and covariances of the five free parameters of a decay (ln damping, ln frequency,
-//! and the amplitudes a, b, c). "In units of `scale`" means that the amplitudes are divided by the ring's
+//! What the baseline of ink channels computes with the five free parameters of a decay (ln damping,
+//! ln frequency, and the amplitudes a, b, c). "In units of `scale`" means that the amplitudes are divided by the ring's
 //! amplitude (`Model::scale`), so that all five numbers are of similar size.
 
 use inkling_core::model::free_decay::{FREE, Theta};
@@ -19,7 +19,7 @@ pub fn floored(m: &Matrix5) -> Matrix5 {
     eigen.eigenvectors * Matrix5::from_diagonal(&values) * eigen.eigenvectors.transpose()
 }
 
-/// Inverse of a floored covariance: the precision of a prior.
+/// Floors `m`, a covariance or a Gram matrix, and inverts it.
 pub fn inverse(m: &Matrix5) -> Matrix5 {
     inverse_or_zero(floored(m))
 }
@@ -51,7 +51,7 @@ pub fn scaled(m: &Matrix5, scale: &Vector5) -> Matrix5 {
     Matrix5::from_fn(|i, j| m[(i, j)] / (scale[i] * scale[j]))
 }
 
-/// The inverse of `scaled`.
+/// Undoes `scaled`.
 pub fn unscaled(m: &Matrix5, scale: &Vector5) -> Matrix5 {
     Matrix5::from_fn(|i, j| m[(i, j)] * scale[i] * scale[j])
 }

@@ -7,7 +7,7 @@
 
 use super::covariates::Covariates;
 use inkling_core::burst::Beside;
-use std::collections::{BTreeMap, BinaryHeap};
+use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 use std::ops::Range;
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -17,7 +17,7 @@ pub struct Row {
     pub printhead: usize,
     /// Index of the signal's channel among those of all printheads, without gaps; rows are sorted by it.
     pub unit: usize,
-    /// Index of the acquisition, without gaps: signals of one printhead and time share it.
+    /// Index of the acquisition, that is of printhead and time, without gaps, but not in the order of time.
     pub burst: usize,
 }
 
@@ -26,14 +26,15 @@ pub struct Observations {
     pub dt_s: f64,
     /// Number of samples of each signal, N.
     pub samples: usize,
-    /// Whether all samples are whole counts.
+    /// Whether all samples that were offered are whole counts.
     pub integer: bool,
     /// One row per signal, sorted by printhead, channel and time.
     pub rows: Vec<Row>,
     /// What was recorded beside the rows; whoever changes it must call [`Observations::standardised`].
     pub beside: Covariates,
     y: Vec<f32>,
-    /// For each element of `y` whether it counts for nothing, because it may be clipped; empty if all count.
+    /// For each element of `y` whether it counts for nothing, because it or the one before it may be clipped;
+    /// empty if all count.
     pub lost: Vec<bool>,
     pub units: usize,
     pub bursts: usize,
@@ -105,7 +106,7 @@ impl Observations {
     }
 
     /// The signals with AR(1) noise made white: y_k - rho y_{k-1}. A sum of exponentials stays one with the
-    /// same rates, so a ring stays a ring. The first sample is lost.
+    /// same rates, so a ring stays a ring. The first sample is cut.
     pub fn whitened(&self, rho: f64) -> Observations {
         let white = |i| self.signal(i).windows(2).map(|w| w[1] - rho as f32 * w[0]);
         let y = (0..self.len()).flat_map(white).collect();
@@ -212,12 +213,16 @@ impl Sampler {
     /// Brings all signals to one length, sorts them by printhead, channel and time, and numbers channels and
     /// bursts.
     pub fn finish(self) -> Observations {
-        // from numbers in the order of coming to numbers in the order of names
-        let by_name: BTreeMap<usize, usize> =
-            self.printheads.values().enumerate().map(|(k, &number)| (number, k)).collect();
         let samples = self.common_length();
         let mut held = self.held;
         held.retain(|h| h.y.len() >= samples);
+        // a printhead may have none of the signals that are kept
+        let kept: BTreeSet<usize> = held.iter().map(|h| h.printhead).collect();
+        let mut printheads = self.printheads;
+        printheads.retain(|_, number| kept.contains(number));
+        // from numbers in the order of coming to numbers in the order of names
+        let by_name: BTreeMap<usize, usize> =
+            printheads.values().enumerate().map(|(k, &number)| (number, k)).collect();
         let key = |h: &Held| (by_name[&h.printhead], h.beside.channel, h.beside.t_acq_ns);
         held.sort_by_key(key);
         let (mut units, mut bursts) = (BTreeMap::new(), BTreeMap::new());
@@ -242,7 +247,7 @@ impl Sampler {
             units: units.len(),
             bursts: bursts.len(),
             found: self.found,
-            printheads: self.printheads.into_keys().collect(),
+            printheads: printheads.into_keys().collect(),
         }
     }
 }
@@ -272,5 +277,15 @@ mod tests {
         let forward = drawn(&mut (0..300));
         assert_eq!(forward.len(), 40);
         assert_eq!(forward, drawn(&mut (0..300).rev()));
+    }
+
+    #[test]
+    fn a_printhead_of_which_no_signal_is_kept_does_not_count() {
+        let mut sampler = Sampler::new(1e-6, 10);
+        sampler.offer("stray", Beside::alone(0, 0), &[1.0; 4]);
+        (0..3).for_each(|i| sampler.offer("one", Beside::alone(0, i), &[1.0; 90]));
+        let data = sampler.finish();
+        assert_eq!((data.len(), data.printheads), (3, vec!["one".to_owned()]));
+        assert!(data.rows.iter().all(|row| row.printhead == 0));
     }
 }

@@ -21,7 +21,7 @@ use std::f64::consts::TAU;
 use std::fmt::Write;
 
 /// Value of a cause in the catalogue's parameter, with its standard error by linear propagation.
-/// `index`: of the cause, and so of the term. Of several offsets the largest is told.
+/// `index` counts causes and terms alike. Of several offsets the largest is told.
 fn value(selected: &Selected, index: usize) -> (f64, f64) {
     let fit = &selected.fit;
     let decays = fit.decays;
@@ -46,7 +46,7 @@ fn value(selected: &Selected, index: usize) -> (f64, f64) {
         }
     };
 
-    // by central differences of a hundredth of the numbers' errors
+    // by central differences of a hundredth of the numbers' errors; the amplitudes are held
     let gradient = DVector::from_fn(fit.p.len(), |j, _| {
         let h = 0.01 * selected.covariance[(j, j)].max(0.0).sqrt();
         let moved = |by: f64| {
