@@ -1,5 +1,5 @@
 //! Batches on their way through the stages. [`InFlight`] bounds what is between reader and writer, in blocks
-//! and in the bytes of memory that they take ([`Block::held_bytes`](inkling_io::block::Block::held_bytes)). [`InOrder`] puts batches back into the
+//! and in the bytes of memory that they take (`Block::held_bytes`). [`InOrder`] puts batches back into the
 //! recording's order. `ParkedBatches` keeps batches in the identify stage until it is known what judges their
 //! bursts.
 

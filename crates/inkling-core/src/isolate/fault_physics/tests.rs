@@ -106,6 +106,16 @@ fn rates_agree_with_the_measured_ring_whatever_the_guess() {
 }
 
 #[test]
+fn laws_that_settings_would_refuse_are_refused_in_a_design_too() {
+    let mut physics = physics(TRUE, 0.05);
+    for (name, is_taken) in [("a law of one's own", true), ("BN", false)] {
+        let laws = serde_json::json!({ name: faults::law("BN").unwrap() });
+        physics.laws = serde_json::from_value(laws).unwrap();
+        assert_eq!(physics.check().is_ok(), is_taken, "{name}: {:?}", physics.check());
+    }
+}
+
+#[test]
 fn labelled_severities_tell_the_rates_that_no_healthy_signal_tells() {
     let guess = InkChannel { a_per_s2: 6.6e10, d_per_s: 8.2e4, ..TRUE };
     let mut physics = physics(guess, 0.1);
