@@ -66,6 +66,12 @@ fn lanes() -> (LaneFilter, f64) {
 /// The sets of instructions, the widest last; what the processor lacks is not used.
 const SETS: [Instructions; 3] = Instructions::ALL;
 
+/// Each set with samples in either order.
+fn forms() -> Vec<(Instructions, Layout)> {
+    let layouts = [Layout::ChannelMajor, Layout::SampleMajor];
+    layouts.into_iter().flat_map(|layout| SETS.map(|set| (set, layout))).collect()
+}
+
 const RAILS: [f64; 2] = [-32768.0, 32767.0];
 
 /// The reference: f64, one signal after the other, from its deviation.
@@ -97,7 +103,9 @@ fn filter_f32_lanes(bencher: Bencher, instructions: &Instructions) {
     bencher.counter(ItemsCount::new(LANES)).bench_local(|| lanes.square_sums(black_box(&tile)));
 }
 
-fn along_sensitivities(bencher: Bencher, instructions: &Instructions, layout: Layout) {
+/// int16 in a burst to settled verdicts, along the sensitivities.
+#[divan::bench(args = forms())]
+fn by_sensitivities(bencher: Bencher, &(instructions, layout): &(Instructions, Layout)) {
     instructions.use_at_most();
     let (model, burst) = (&design().models[0], burst(layout));
     let sensitivity = model.sensitivity.as_ref().expect("the sample's default method");
@@ -117,18 +125,9 @@ fn along_sensitivities(bencher: Bencher, instructions: &Instructions, layout: La
     });
 }
 
-/// int16 in a burst to settled verdicts, along the sensitivities.
-#[divan::bench(args = SETS)]
-fn sensitivity_channel_major(bencher: Bencher, instructions: &Instructions) {
-    along_sensitivities(bencher, instructions, Layout::ChannelMajor);
-}
-
-#[divan::bench(args = SETS)]
-fn sensitivity_sample_major(bencher: Bencher, instructions: &Instructions) {
-    along_sensitivities(bencher, instructions, Layout::SampleMajor);
-}
-
-fn by_energy(bencher: Bencher, instructions: &Instructions, layout: Layout) {
+/// int16 in a burst to settled verdicts, by the residual energy.
+#[divan::bench(args = forms())]
+fn by_energy(bencher: Bencher, &(instructions, layout): &(Instructions, Layout)) {
     instructions.use_at_most();
     let ((lanes, threshold), burst) = (lanes(), burst(layout));
     let mut tile = Tile::default();
@@ -142,17 +141,6 @@ fn by_energy(bencher: Bencher, instructions: &Instructions, layout: Layout) {
         }
         settled
     });
-}
-
-/// int16 in a burst to settled verdicts, by the residual energy.
-#[divan::bench(args = SETS)]
-fn energy_channel_major(bencher: Bencher, instructions: &Instructions) {
-    by_energy(bencher, instructions, Layout::ChannelMajor);
-}
-
-#[divan::bench(args = SETS)]
-fn energy_sample_major(bencher: Bencher, instructions: &Instructions) {
-    by_energy(bencher, instructions, Layout::SampleMajor);
 }
 
 /// A chunk's worth of bursts, bare decompression and checksum.

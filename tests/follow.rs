@@ -2,28 +2,29 @@
 //! where it was enough, the tables are those of a replay.
 #![cfg(unix)]
 
-use crate::house::{House, signal};
+use crate::house::{HANGS, House, signal};
 use crate::pipeline::{bursts, sample, write};
+use inkling::burst::Burst;
+use inkling::episodes::Episode;
 use inkling::io::recording_writer::{Compression, WriterOptions};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Child, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
-/// Nothing is asserted of times; what hangs fails instead.
-pub const HANGS: Duration = Duration::from_secs(300);
+pub const WINDOWS: &str = "--identify windows --set identify.first=8";
 
 /// How a recording is written that is followed, and what it is replayed with.
 pub const WRITTEN: [(Compression, Option<u64>, &str); 3] = [
-    (Compression::Lz4, Some(30_000), "--identify windows --set identify.first=8"),
+    (Compression::Lz4, Some(30_000), WINDOWS),
     (Compression::Zstd, Some(100_000), "--identify design"),
     (Compression::None, None, "--identify design"),
 ];
 
-/// `inkling replay now.mcap --follow` on its way.
+/// `inkling replay now.mcap --follow` on its way; it is killed when it is dropped.
 pub struct Follower {
     child: Child,
     lines: Receiver<Value>,
@@ -49,18 +50,12 @@ impl Follower {
         Follower { child, lines, told: Vec::new() }
     }
 
-    /// Waits for the next episode.
-    fn episode(&mut self) {
-        self.next("episode");
-    }
-
     /// Waits for the next event of a kind.
     pub fn next(&mut self, kind: &str) -> Value {
         loop {
-            let Ok(event) = self.lines.recv_timeout(HANGS) else {
-                self.child.kill().unwrap();
-                panic!("no further {kind} was told: {:?}", self.told);
-            };
+            let told = self.lines.recv_timeout(HANGS);
+            let event =
+                told.unwrap_or_else(|_| panic!("no further {kind} was told: {:?}", self.told));
             self.told.push(event.clone());
             if event["event"] == kind {
                 return event;
@@ -76,22 +71,24 @@ impl Follower {
         signal(self.pid(), "-INT");
     }
 
-    /// At once, whatever it is doing.
-    pub fn kill(mut self) {
-        self.child.kill().unwrap(); // SIGKILL
-        self.child.wait().unwrap();
-    }
-
     /// What was told, and complaints, of one that ends with an exit status.
     #[track_caller]
-    pub fn ends(mut self, exit: i32) -> (Vec<Value>, String) {
+    pub fn ends(&mut self, exit: i32) -> (Vec<Value>, String) {
         while let Ok(event) = self.lines.recv_timeout(HANGS) {
             self.told.push(event);
         }
         let mut stderr = String::new();
         self.child.stderr.take().unwrap().read_to_string(&mut stderr).unwrap();
         assert_eq!(self.child.wait().unwrap().code(), Some(exit), "{stderr}");
-        (self.told, stderr)
+        (std::mem::take(&mut self.told), stderr)
+    }
+}
+
+impl Drop for Follower {
+    fn drop(&mut self) {
+        // one that has ended is killed already
+        let _ = self.child.kill(); // SIGKILL
+        let _ = self.child.wait();
     }
 }
 
@@ -106,18 +103,15 @@ fn raised(told: &[Value]) -> BTreeSet<(String, u64, i64)> {
     episodes.map(|event| of(event).unwrap_or_else(|| panic!("{event}"))).collect()
 }
 
-fn in_table(house: &House, out: &str) -> BTreeSet<(String, u64, i64)> {
-    let path = house.path(&format!("{out}/now.episodes.parquet"));
-    let episodes = inkling::io::episode_table::read(&path).unwrap();
-    let of = episodes.iter();
-    of.map(|e| (e.printhead.to_string(), u64::from(e.channel), e.raised_at_ns)).collect()
+fn in_table(house: &House, of: &str) -> BTreeSet<(String, u64, i64)> {
+    let key = |e: Episode| (e.printhead.to_string(), u64::from(e.channel), e.raised_at_ns);
+    house.episodes(of).into_iter().map(key).collect()
 }
 
-/// The same bytes as an ordinary replay of `recording` writes.
+/// An ordinary replay of `recording` writes the same bytes.
+#[track_caller]
 pub fn tables_are_those_of_a_replay(house: &House, recording: &[u8], args: &str, exit: i32) {
-    house.write("again/now.mcap", recording);
-    let replay = "replay again/now.mcap --design sample_logs/design.json --out again/out";
-    house.run(&format!("{replay} {args}")).exits(exit);
+    replay_again(house, recording, args, exit);
     for table in ["verdicts.parquet", "episodes.parquet"] {
         let [followed, replayed] =
             ["out", "again/out"].map(|out| house.read(&format!("{out}/now.{table}")));
@@ -125,65 +119,106 @@ pub fn tables_are_those_of_a_replay(house: &House, recording: &[u8], args: &str,
     }
 }
 
-/// The sample in chunks of some bursts.
-pub fn recording(house: &House, compression: Compression, chunk_bytes: Option<u64>) -> Vec<u8> {
-    let mut all = bursts(&sample("print_run.mcap"));
-    all.sort_by_key(|burst| burst.t_acq_ns);
-    let path = house.path("whole.mcap");
-    write(&path, &all, WriterOptions { compression, chunk_bytes });
-    std::fs::read(path).unwrap()
+fn replay_again(house: &House, recording: &[u8], args: &str, exit: i32) {
+    house.write("again/now.mcap", recording);
+    house.replay_to("again/out", &format!("again/now.mcap {args}")).exits(exit);
 }
 
-/// Appends in pieces that end anywhere.
-pub fn append(file: &mut File, bytes: &[u8]) {
-    let mut rest = bytes;
-    for size in [1, 7, 4_001, 60_013, 333].into_iter().cycle() {
-        let (piece, more) = rest.split_at(size.min(rest.len()));
-        file.write_all(piece).unwrap();
-        std::thread::sleep(Duration::from_millis(1));
-        rest = more;
-        if rest.is_empty() {
-            return;
-        }
-    }
+/// The sample's bursts in the order of their times.
+pub fn in_order() -> Vec<Burst> {
+    let mut all = bursts(&sample("print_run.mcap"));
+    all.sort_by_key(|burst| burst.t_acq_ns);
+    all
+}
+
+/// The bytes of a recording of these bursts.
+fn encoded(bursts: &[Burst], compression: Compression, chunk_bytes: Option<u64>) -> Vec<u8> {
+    let house = House::new();
+    write(&house.path("whole.mcap"), bursts, WriterOptions { compression, chunk_bytes });
+    house.read("whole.mcap")
 }
 
 pub fn create(house: &House) -> File {
     File::create(house.path("now.mcap")).unwrap()
 }
 
+/// A recording that is being written while it is followed.
+pub struct Growing {
+    pub follower: Follower,
+    pub house: House,
+    /// The whole recording.
+    pub bytes: Vec<u8>,
+    has_chunks: bool,
+    file: File,
+    written: usize,
+}
+
+impl Growing {
+    /// Nothing of these bursts is written yet.
+    pub fn of(
+        bursts: &[Burst],
+        compression: Compression,
+        chunk_bytes: Option<u64>,
+        args: &str,
+    ) -> Growing {
+        let house = House::new();
+        let bytes = encoded(bursts, compression, chunk_bytes);
+        let (file, has_chunks) = (create(&house), chunk_bytes.is_some());
+        let follower = Follower::start(&house, args);
+        Growing { follower, house, bytes, has_chunks, file, written: 0 }
+    }
+
+    /// Of the sample, in chunks of some bursts.
+    pub fn sample(args: &str) -> Growing {
+        Growing::of(&in_order(), Compression::Lz4, Some(30_000), args)
+    }
+
+    /// Goes on up to a share of the recording, in pieces that end anywhere.
+    pub fn write_to(&mut self, share: f64) {
+        let end = (self.bytes.len() as f64 * share) as usize;
+        for size in [1, 7, 4_001, 60_013, 333].into_iter().cycle() {
+            let next = (self.written + size).min(end);
+            self.file.write_all(&self.bytes[self.written..next]).unwrap();
+            self.written = next;
+            if next == end {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    /// Writes the rest; gives what is told, and complaints, until the run ends.
+    #[track_caller]
+    pub fn finish(&mut self) -> (Vec<Value>, String) {
+        self.write_to(1.0);
+        self.follower.ends(0)
+    }
+
+    /// An ordinary replay writes the same: the same bytes, but for messages outside of chunks, whose rows are put
+    /// together as they come.
+    #[track_caller]
+    pub fn is_as_replayed(&self, args: &str) {
+        let house = &self.house;
+        if self.has_chunks {
+            return tables_are_those_of_a_replay(house, &self.bytes, args, 0);
+        }
+        replay_again(house, &self.bytes, args, 0);
+        assert!(house.verdicts("out/now") == house.verdicts("again/out/now"), "verdicts differ");
+        assert_eq!(in_table(house, "out/now"), in_table(house, "again/out/now"));
+    }
+}
+
 #[test]
 fn episodes_are_told_while_it_is_written_and_tables_are_those_of_a_replay() {
     for (compression, chunk_bytes, args) in WRITTEN {
-        let house = House::new();
-        let bytes = recording(&house, compression, chunk_bytes);
-        let mut file = create(&house);
-        let mut follower = Follower::start(&house, args);
-        let (most, rest) = bytes.split_at(bytes.len() * 2 / 3);
-        append(&mut file, most);
+        let mut growing = Growing::of(&in_order(), compression, chunk_bytes, args);
+        growing.write_to(2.0 / 3.0);
         // the writer waits for what is told of the first part
-        for _ in 0..3 {
-            follower.episode();
-        }
-        append(&mut file, rest);
-        let (told, _) = follower.ends(0);
-        assert_eq!(raised(&told), in_table(&house, "out"), "{args}");
+        (0..3).for_each(|_| drop(growing.follower.next("episode")));
+        let (told, _) = growing.finish();
+        assert_eq!(raised(&told), in_table(&growing.house, "out/now"), "{args}");
         assert_eq!(told.last().unwrap()["event"], "run");
-        match chunk_bytes {
-            Some(_) => tables_are_those_of_a_replay(&house, &bytes, args, 0),
-            // rows of messages outside chunks are put together as they come
-            None => {
-                house.write("again/now.mcap", &bytes);
-                house.ok(&format!(
-                    "replay again/now.mcap --design sample_logs/design.json --out again/out {args}"
-                ));
-                let verdicts = |out: &str| {
-                    crate::pipeline::verdicts(&house.path(&format!("{out}/now.verdicts.parquet")))
-                };
-                assert!(verdicts("out") == verdicts("again/out"));
-                assert_eq!(in_table(&house, "out"), in_table(&house, "again/out"));
-            }
-        }
+        growing.is_as_replayed(args);
     }
 }
 
@@ -211,9 +246,7 @@ fn last_told_is_the_table(house: &House, told: &[Value]) {
             (key.0.clone(), key.1, json!([event["category"], event["fault"]]).to_string())
         })
         .collect();
-    let table = house.path("out/now.episodes.parquet");
-    let in_table = inkling::io::episode_table::read(&table).unwrap();
-    let of_table = in_table.iter().map(|e| {
+    let of_table = house.episodes("out/now").into_iter().map(|e| {
         let name = json!([e.category, e.fault]).to_string();
         (e.printhead.to_string(), u64::from(e.channel), name)
     });
@@ -222,78 +255,60 @@ fn last_told_is_the_table(house: &House, told: &[Value]) {
 
 #[test]
 fn what_was_told_and_changed_is_told_again_as_revised() {
-    let house = House::new();
-    let bytes = recording(&house, Compression::Lz4, Some(30_000));
-    let mut file = create(&house);
-    let follower = Follower::start(&house, "--identify windows --set identify.first=8");
-    append(&mut file, &bytes);
-    let (told, _) = follower.ends(0);
+    let mut growing = Growing::sample(WINDOWS);
+    let (told, _) = growing.finish();
     // faults of the sample grow, so that what they are is seen better later
     assert!(told.iter().any(|event| event["revises"].is_object()), "{told:?}");
-    last_told_is_the_table(&house, &told);
+    last_told_is_the_table(&growing.house, &told);
 }
 
 #[test]
 fn ctrl_c_ends_it_with_what_was_complete() {
-    const ARGS: &str = "--identify windows --set identify.first=8";
-    let house = House::new();
-    let bytes = recording(&house, Compression::Lz4, Some(30_000));
-    let mut file = create(&house);
-    let mut follower = Follower::start(&house, ARGS);
-    append(&mut file, &bytes[..bytes.len() * 3 / 4]);
-    for _ in 0..3 {
-        follower.episode();
-    }
-    follower.enough();
-    let (told, stderr) = follower.ends(0);
-    assert_eq!(raised(&told), in_table(&house, "out"));
+    let mut growing = Growing::sample(WINDOWS);
+    growing.write_to(0.75);
+    (0..3).for_each(|_| drop(growing.follower.next("episode")));
+    growing.follower.enough();
+    let (told, stderr) = growing.follower.ends(0);
+    let Growing { house, bytes, .. } = growing;
+    assert_eq!(raised(&told), in_table(&house, "out/now"));
     assert!(stderr.contains("the recording was not closed"), "{stderr}");
     let summary = house.read_json("out/now.summary.json");
     assert_eq!(summary["damage"].as_array().unwrap().len(), 0);
     let complete = summary["recording"]["bytes"].as_u64().unwrap() as usize;
     assert!((bytes.len() / 4..=bytes.len() * 3 / 4).contains(&complete), "{complete}");
     // cut short, for whoever does not know that it was enough
-    tables_are_those_of_a_replay(&house, &bytes[..complete], ARGS, 3);
+    tables_are_those_of_a_replay(&house, &bytes[..complete], WINDOWS, 3);
 }
 
 #[test]
 fn what_is_out_of_order_is_told_at_the_end() {
-    let house = House::new();
+    const WINDOWS: &str = "--identify windows";
     let mut backward = bursts(&sample("print_run.mcap"));
     backward.reverse();
-    house.record("whole.mcap", &backward);
-    let bytes = house.read("whole.mcap");
-    let mut file = create(&house);
-    let follower = Follower::start(&house, "--identify windows");
-    append(&mut file, &bytes);
-    let (_, stderr) = follower.ends(0);
+    let mut growing = Growing::of(&backward, Compression::Zstd, Some(1 << 20), WINDOWS);
+    let (_, stderr) = growing.finish();
     assert!(stderr.contains("told when the recording is closed"), "{stderr}");
-    tables_are_those_of_a_replay(&house, &bytes, "--identify windows", 0);
+    growing.is_as_replayed(WINDOWS);
 }
 
 #[test]
 fn a_recording_that_shrinks_or_is_replaced_is_no_recording() {
-    let house = House::new();
-    let bytes = recording(&house, Compression::Lz4, Some(30_000));
-    let shrink = || {
-        let file = OpenOptions::new().write(true).open(house.path("now.mcap"));
-        file.unwrap().set_len(100).unwrap();
+    let shrink = |of: &Growing| of.file.set_len(100).unwrap();
+    let replace = |of: &Growing| {
+        let path = of.house.write("other.mcap", &of.bytes);
+        std::fs::rename(path, of.house.path("now.mcap")).unwrap();
     };
-    let replace = || {
-        let path = house.write("other.mcap", &bytes);
-        std::fs::rename(path, house.path("now.mcap")).unwrap();
-    };
-    let spoils: [(&str, &dyn Fn()); 2] = [("shrank", &shrink), ("replaced", &replace)];
+    let spoils: [(&str, &dyn Fn(&Growing)); 2] = [("shrank", &shrink), ("replaced", &replace)];
     for (what, spoil) in spoils {
-        let mut file = create(&house);
-        let mut follower = Follower::start(&house, "--identify design");
-        append(&mut file, &bytes[..bytes.len() / 2]);
-        follower.episode();
-        spoil();
-        let (_, stderr) = follower.ends(1);
+        let mut growing = Growing::sample("--identify design");
+        growing.write_to(0.5);
+        growing.follower.next("episode");
+        spoil(&growing);
+        let (_, stderr) = growing.follower.ends(1);
         assert!(stderr.contains(what), "{stderr}");
-        assert!(!house.path("out/now.verdicts.parquet").exists());
-        assert!(!house.files("out").iter().any(|name| name.ends_with(".part")));
+        let left = growing.house.files("out");
+        let is_table = |name: &String| name.ends_with(".part") || name == "now.verdicts.parquet";
+        assert!(!left.iter().any(is_table), "{what}: {left:?}");
     }
 }
 
@@ -325,13 +340,11 @@ fn what_cannot_be_followed_is_refused_with_what_to_do() {
 fn a_state_is_kept_of_what_is_followed_as_of_what_is_replayed() {
     let house = House::new();
     house.copy("print_run.mcap", "a.mcap");
-    for (out, how) in [("followed", "--follow"), ("replayed", "--force")] {
-        house.ok(&format!(
-            "replay a.mcap --design sample_logs/design.json --out {out} --baseline {out}.json {how}"
-        ));
-    }
-    assert!(house.read("followed.json") == house.read("replayed.json"));
-    let tables =
-        ["followed", "replayed"].map(|out| house.read(&format!("{out}/a.verdicts.parquet")));
-    assert!(tables[0] == tables[1], "verdicts differ");
+    let [followed, replayed] =
+        [("followed", "--follow"), ("replayed", "--force")].map(|(out, how)| {
+            house.replay_to(out, &format!("a.mcap --baseline {out}.json {how}")).exits(0);
+            (house.read(&format!("{out}.json")), house.read(&format!("{out}/a.verdicts.parquet")))
+        });
+    assert!(followed.0 == replayed.0, "states differ");
+    assert!(followed.1 == replayed.1, "verdicts differ");
 }

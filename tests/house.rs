@@ -1,11 +1,26 @@
 //! A fresh directory and the inkling command in it.
 
-use crate::pipeline::{sample, write};
+use crate::pipeline::{Verdicts, sample, verdicts, write};
 use inkling::burst::Burst;
+use inkling::episodes::Episode;
 use inkling::io::recording_writer::WriterOptions;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+/// What takes longer than this hangs. Nothing else is asserted of times.
+pub const HANGS: Duration = Duration::from_secs(300);
+
+/// Waits until something holds.
+#[track_caller]
+pub fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
+    let since = Instant::now();
+    while !holds() {
+        assert!(since.elapsed() < HANGS, "never: {what}");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
 
 pub fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -130,9 +145,14 @@ impl House {
         Ended { args: args.into(), output }
     }
 
-    /// What judges recordings by the sample's design, with results in `out`.
+    /// Judges recordings by the sample's design; the results are in `out`.
     pub fn replay(&self, args: &str) -> Ended {
-        self.run(&format!("replay {args} --design sample_logs/design.json --out out"))
+        self.replay_to("out", args)
+    }
+
+    /// The same with the results in another directory.
+    pub fn replay_to(&self, out: &str, args: &str) -> Ended {
+        self.run(&format!("replay {args} --design sample_logs/design.json --out {out}"))
     }
 
     pub fn ok(&self, args: &str) -> String {
@@ -153,6 +173,28 @@ impl House {
 
     pub fn read_json(&self, name: &str) -> serde_json::Value {
         serde_json::from_slice(&self.read(name)).expect("JSON file")
+    }
+
+    /// The table of verdicts of a recording, such as `out/print_run`.
+    pub fn verdicts(&self, of: &str) -> Verdicts {
+        verdicts(&self.path(&format!("{of}.verdicts.parquet")))
+    }
+
+    /// The table of episodes of a recording, such as `out/print_run`.
+    pub fn episodes(&self, of: &str) -> Vec<Episode> {
+        let table = self.path(&format!("{of}.episodes.parquet"));
+        inkling::io::episode_table::read(&table).expect("a table of episodes")
+    }
+
+    /// Removes a file, or a directory with all that is in it.
+    #[track_caller]
+    pub fn remove(&self, name: &str) {
+        let path = self.path(name);
+        let removed = match path.is_dir() {
+            true => std::fs::remove_dir_all(path),
+            false => std::fs::remove_file(path),
+        };
+        removed.unwrap_or_else(|e| panic!("{name}: {e}"));
     }
 }
 

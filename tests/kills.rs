@@ -2,7 +2,7 @@
 //! mixed, nothing half done looks done, the rest is judged.
 #![cfg(unix)]
 
-use crate::house::{House, signal};
+use crate::house::{House, signal, wait_until};
 use crate::nights::{journal, on_day, results, some};
 use crate::not_judged::report;
 use crate::pipeline::sample;
@@ -21,9 +21,7 @@ fn parts(house: &House) -> usize {
 }
 
 pub fn wait_for_a_part(house: &House) {
-    while parts(house) == 0 {
-        std::thread::sleep(Duration::from_millis(2));
-    }
+    wait_until("a table is begun", || parts(house) > 0);
 }
 
 /// Waits until `out` has been seen in so many other states, by its names and its journal, or until the run
@@ -66,9 +64,9 @@ fn killed_anywhere_and_resumed_is_the_same_as_undisturbed() {
         // sometimes into what an earlier run finished: then it is done again
         let again = kill % 3 == 2;
         if !again {
-            std::fs::remove_dir_all(house.path("out")).unwrap();
+            house.remove("out");
         }
-        std::fs::remove_file(house.path("own.json")).unwrap();
+        house.remove("own.json");
         let mut child = start(&house, &format!("replay {ARGS}"));
         // right behind each state that a run leaves, in turn, and anywhere
         match kill % 2 {
@@ -150,21 +148,23 @@ fn recording_that_grows_or_vanishes_while_it_is_read() {
     let vanish = start(&house, "replay rec --pace 100 --set identify.first=19");
     std::thread::sleep(Duration::from_millis(50));
     wait_for_a_part(&house);
-    std::fs::remove_file(house.path("rec/a.mcap")).unwrap();
+    house.remove("rec/a.mcap");
     // what is open can be read to its end
     assert_eq!(vanish.wait_with_output().unwrap().status.code(), Some(0));
     assert_eq!(journal(&house).len(), 2);
 }
 
-/// A shell that runs inkling under a condition; `None`: the condition cannot be had here.
-fn under(house: &House, condition: &str, args: &str) -> Option<(Option<i32>, String)> {
-    let design = sample("design.json");
+/// Runs a script in the directory in which the recordings lie; gives its status and complaints. In the script
+/// `INKLING` replays them.
+fn run_script(house: &House, command: &str, args: &[&str], script: &str) -> (Option<i32>, String) {
     let inkling = env!("CARGO_BIN_EXE_inkling");
-    let line = format!("{condition}; exec {inkling} {args} --design {}", design.display());
-    let ended =
-        Command::new("sh").args(["-c", &line]).current_dir(house.path(".")).output().ok()?;
-    let said = String::from_utf8_lossy(&ended.stderr).into_owned();
-    Some((ended.status.code(), said))
+    let replay =
+        format!("{inkling} replay rec --out out --design {}", sample("design.json").display());
+    let script = script.replace("INKLING", &replay);
+    let mut command = Command::new(command);
+    let ended = command.args(args).args(["-c", &script]).current_dir(house.path(".")).output();
+    let ended = ended.unwrap();
+    (ended.status.code(), String::from_utf8_lossy(&ended.stderr).into_owned())
 }
 
 #[test]
@@ -173,9 +173,8 @@ fn file_size_limit_costs_what_is_too_large_and_leaves_nothing_half() {
     house.record("rec/small1.mcap", &some(0, 1));
     house.copy("print_run.mcap", "rec/large.mcap");
     house.record("rec/small2.mcap", &some(1, 1));
-    let limit = "ulimit -f 60";
-    let (code, said) =
-        under(&house, limit, "replay rec --out out --set output.weights=true").unwrap();
+    let limited = "ulimit -f 60; exec INKLING --set output.weights=true";
+    let (code, said) = run_script(&house, "sh", &[], limited);
     assert_eq!(code, Some(3), "{said}");
     assert!(said.contains("large") && said.contains("ulimit -f"), "{said}");
     assert_eq!(results(&house).len(), 6, "{:?}", results(&house).keys());
@@ -191,21 +190,11 @@ fn full_disk_ends_the_run_with_what_to_do() {
         house.record(&format!("rec/{i:02}.mcap"), &some(i, 2));
     }
     std::fs::create_dir(house.path("out")).unwrap();
-    let script = format!(
-        "mount -t tmpfs -o size=400k none out && {inkling} replay rec --out out \
-         --design {design} --quiet; code=$?; cp out/run.json out/journal.jsonl . ; \
-         ls out | grep -c part >parts; exit $code",
-        inkling = env!("CARGO_BIN_EXE_inkling"),
-        design = sample("design.json").display()
-    );
-    let ended = Command::new("unshare")
-        .args(["-rm", "sh", "-c", &script])
-        .current_dir(house.path("."))
-        .output()
-        .expect("unshare");
-    let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+    let script = "mount -t tmpfs -o size=400k none out && INKLING --quiet; code=$?; \
+                  cp out/run.json out/journal.jsonl . ; ls out | grep -c part >parts; exit $code";
+    let (code, said) = run_script(&house, "unshare", &["-rm", "sh"], script);
     assert!(!said.contains("unshare:") && !said.contains("mount:"), "no mounts here: {said}");
-    assert_eq!(ended.status.code(), Some(1), "{said}");
+    assert_eq!(code, Some(1), "{said}");
     assert_eq!(said.matches("no room left").count(), 1, "one message, not one per file: {said}");
     assert!(said.contains("run the same command again"), "{said}");
     assert_eq!(house.read("parts"), b"0\n", "nothing half is left");

@@ -2,8 +2,8 @@
 //! with a token.
 #![cfg(unix)]
 
-use crate::follow::{Follower, HANGS, append, create, recording, tables_are_those_of_a_replay};
-use crate::house::House;
+use crate::follow::{Follower, Growing, create, in_order};
+use crate::house::{HANGS, House};
 use inkling::io::recording_writer::Compression;
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -85,11 +85,9 @@ fn metric(metrics: &str, name: &str) -> f64 {
 
 #[test]
 fn what_is_followed_is_served_as_it_is_told_and_taken_up_again() {
-    let house = House::new();
-    let bytes = recording(&house, Compression::Zstd, Some(30_000));
-    let mut file = create(&house);
-    let mut follower = Follower::start(&house, "--identify design --serve 127.0.0.1:0");
-    let address = serving(&mut follower);
+    const ARGS: &str = "--identify design --serve 127.0.0.1:0";
+    let mut growing = Growing::of(&in_order(), Compression::Zstd, Some(30_000), ARGS);
+    let address = serving(&mut growing.follower);
     let page = got(&address, "/");
     assert!(page.head.contains("default-src 'none'"), "{}", page.head);
     assert!(!page.body.contains("http") && page.body.contains("src=\"page.js\""), "{}", page.body);
@@ -98,8 +96,7 @@ fn what_is_followed_is_served_as_it_is_told_and_taken_up_again() {
 
     let mut events = Events::of(&address);
     assert_eq!(events.next().unwrap()["recording"], "now.mcap");
-    let (most, rest) = bytes.split_at(bytes.len() * 2 / 3);
-    append(&mut file, most);
+    growing.write_to(2.0 / 3.0);
     let (since, mut state) = (Instant::now(), Value::Null);
     while state["faults"].as_array().is_none_or(|faults| faults.len() < 3) {
         assert!(since.elapsed() < HANGS, "{state}");
@@ -113,7 +110,7 @@ fn what_is_followed_is_served_as_it_is_told_and_taken_up_again() {
     };
     let mut untold: BTreeSet<_> = state["faults"].as_array().unwrap().iter().map(of).collect();
     while !untold.is_empty() {
-        untold.remove(&of(&follower.next("episode")));
+        untold.remove(&of(&growing.follower.next("episode")));
     }
     let told = state["faults"][0].clone();
 
@@ -130,20 +127,20 @@ fn what_is_followed_is_served_as_it_is_told_and_taken_up_again() {
     assert!(metrics.contains("category=\""), "{metrics}");
 
     let mut events = Events::of(&address);
-    append(&mut file, rest);
+    growing.write_to(1.0);
     let mut last = Value::Null;
     while let Some(state) = events.next() {
         last = state;
     }
     assert_eq!(last["ended"], true, "{last}");
-    follower.ends(0);
+    growing.follower.ends(0);
     // what is on at the end is what the table leaves open
-    let table = inkling::io::episode_table::read(&house.path("out/now.episodes.parquet")).unwrap();
+    let table = growing.house.episodes("out/now");
     let open = table.iter().filter(|episode| episode.ended_at_ns.is_none());
     let open = open.map(|episode| (episode.printhead.to_string(), u64::from(episode.channel)));
     assert_eq!(channels(&last), open.collect(), "{last}");
     assert_eq!(last["signals"], 8_640, "{last}");
-    tables_are_those_of_a_replay(&house, &bytes, "--identify design", 0);
+    growing.is_as_replayed("--identify design");
 }
 
 #[test]
@@ -163,10 +160,13 @@ fn nobody_looks_who_may_not() {
     let bearer = "Authorization: Bearer 0123456789abcdef-secret\r\n";
     let answer = asked(&address, &request("/faults.json", bearer));
     assert!(answer.head.starts_with("HTTP/1.1 200 ") && answer.body.contains("\"faults\":[]"));
-    follower.kill();
+    drop(follower);
 
-    let mut follower = Follower::start(&house, "--identify design --serve 127.0.0.1:0");
+    // this machine is served by its name, too
+    let mut follower = Follower::start(&house, "--identify design --serve localhost:0");
     let address = serving(&mut follower);
+    assert!(address.parse::<std::net::SocketAddr>().unwrap().ip().is_loopback(), "{address}");
+    got(&address, "/");
     let elsewhere = request("/metrics", "").replace("Host: 127.0.0.1", "Host: evil.example");
     let posted = request("/metrics", "").replace("GET", "POST");
     for (request, status) in [(elsewhere, 403), (posted, 405), (request("/../etc/passwd", ""), 404)]
@@ -174,7 +174,6 @@ fn nobody_looks_who_may_not() {
         let answer = asked(&address, &request);
         assert!(answer.head.starts_with(&format!("HTTP/1.1 {status} ")), "{}", answer.head);
     }
-    follower.kill();
 }
 
 #[test]
@@ -183,25 +182,17 @@ fn where_nothing_can_be_served_is_said_before_anything_is_done() {
     create(&house);
     house.write("short", "0123");
     let wrong = [
-        (
-            "now.mcap --serve 127.0.0.1:0",
-            2,
-            "shows a recording that is being written: add --follow",
-        ),
-        ("now.mcap --follow --serve 0.0.0.0:8080", 2, "--serve 0.0.0.0:8080: whoever reaches"),
-        ("now.mcap --follow --serve-token short", 2, "add --serve"),
-        ("now.mcap --follow --serve [::]:0 --serve-token short", 2, "16 or more letters"),
-        ("now.mcap --follow --serve [::]:0 --serve-token none", 2, "--serve-token none: "),
-        (
-            "now.mcap --follow --serve here",
-            2,
-            "--serve here: give an address or a name and a port, such as 127.0.0.1:8080",
-        ),
-        ("now.mcap --follow --serve :80", 2, "a port, such as 127.0.0.1:80"),
-        ("now.mcap --follow --serve ::1", 2, "--serve ::1: give an address"),
+        ("--serve 127.0.0.1:0", "shows a recording that is being written: add --follow"),
+        ("--follow --serve 0.0.0.0:8080", "--serve 0.0.0.0:8080: whoever reaches"),
+        ("--follow --serve-token short", "add --serve"),
+        ("--follow --serve [::]:0 --serve-token short", "16 or more letters"),
+        ("--follow --serve [::]:0 --serve-token none", "--serve-token none: "),
+        ("--follow --serve here", "--serve here: give an address or a name and a port, such as"),
+        ("--follow --serve :80", "a port, such as 127.0.0.1:80"),
+        ("--follow --serve ::1", "--serve ::1: give an address"),
     ];
-    for (args, exit, words) in wrong {
-        house.run(&format!("replay {args} --out out")).exits(exit).says(words);
+    for (args, words) in wrong {
+        house.run(&format!("replay now.mcap {args} --out out")).exits(2).says(words);
     }
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap();
@@ -209,15 +200,4 @@ fn where_nothing_can_be_served_is_said_before_anything_is_done() {
     house.run(&args).exits(1).says(&format!("--serve {address}: cannot listen"));
     // neither a lock nor a journal is left behind
     assert!(!house.path("out").exists());
-}
-
-#[test]
-fn this_machine_is_served_by_its_name_too() {
-    let house = House::new();
-    create(&house);
-    let mut follower = Follower::start(&house, "--identify design --serve localhost:0");
-    let address = serving(&mut follower);
-    assert!(address.parse::<std::net::SocketAddr>().unwrap().ip().is_loopback(), "{address}");
-    got(&address, "/");
-    follower.kill();
 }

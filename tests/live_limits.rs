@@ -2,8 +2,8 @@
 //! others are answered.
 #![cfg(target_os = "linux")]
 
-use crate::follow::{Follower, HANGS, create};
-use crate::house::House;
+use crate::follow::{Follower, create};
+use crate::house::{HANGS, House, wait_until};
 use crate::live::{asked, connected, request, serving};
 use std::io::{ErrorKind, Read, Write};
 use std::time::{Duration, Instant};
@@ -11,11 +11,18 @@ use std::time::{Duration, Instant};
 /// As `src/cli/live/connections.rs` has it: connections, and a thread for each.
 const MOST_CONNECTIONS: usize = 64;
 
-fn served(house: &House) -> (Follower, String) {
-    create(house);
-    let mut follower = Follower::start(house, "--identify design --serve 127.0.0.1:0");
-    let address = serving(&mut follower);
-    (follower, address)
+/// A recording that has not begun, and where its live view is.
+struct Served {
+    follower: Follower,
+    address: String,
+    _house: House,
+}
+
+fn served() -> Served {
+    let house = House::new();
+    create(&house);
+    let mut follower = Follower::start(&house, "--identify design --serve 127.0.0.1:0");
+    Served { address: serving(&mut follower), follower, _house: house }
 }
 
 fn threads(follower: &Follower) -> usize {
@@ -33,33 +40,26 @@ fn is_answered(address: &str) -> bool {
 
 #[test]
 fn three_hundred_who_say_nothing_hold_few_threads_and_not_for_long() {
-    let house = House::new();
-    let (follower, address) = served(&house);
-    assert!(is_answered(&address));
-    let before = threads(&follower);
+    let Served { follower, address, .. } = &served();
+    assert!(is_answered(address));
+    let before = threads(follower);
     let mut most = before;
     let connect = |_| {
-        let idle = connected(&address, "");
-        most = most.max(threads(&follower));
+        let idle = connected(address, "");
+        most = most.max(threads(follower));
         idle
     };
     let idle: Vec<_> = (0..300).map(connect).collect();
     assert!(most <= before + MOST_CONNECTIONS, "{most} threads, {before} before");
     // those who were let in are let go, though they never went away
-    let since = Instant::now();
-    while !is_answered(&address) {
-        assert!(since.elapsed() < HANGS, "nobody is answered any more");
-        std::thread::sleep(Duration::from_millis(100));
-    }
+    wait_until("others are answered again", || is_answered(address));
     drop(idle);
-    follower.kill();
 }
 
 #[test]
 fn who_sends_a_letter_at_a_time_is_let_go() {
-    let house = House::new();
-    let (follower, address) = served(&house);
-    let mut slow = connected(&address, "GET /metrics HTTP/1.1\r\nHost: 127.0.0.1\r\nX: ");
+    let Served { address, .. } = &served();
+    let mut slow = connected(address, "GET /metrics HTTP/1.1\r\nHost: 127.0.0.1\r\nX: ");
     slow.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
     let since = Instant::now();
     let mut piece = [0; 64];
@@ -73,32 +73,28 @@ fn who_sends_a_letter_at_a_time_is_let_go() {
             Err(_) => break,
         }
     }
-    follower.kill();
 }
 
 #[test]
 fn heads_that_are_too_large_or_none_are_refused() {
-    let house = House::new();
-    let (follower, address) = served(&house);
+    let Served { address, .. } = &served();
     let long = request("/metrics", &format!("X: {}\r\n", "x".repeat(7_000)));
-    assert!(asked(&address, &long).head.starts_with("HTTP/1.1 200 "));
+    assert!(asked(address, &long).head.starts_with("HTTP/1.1 200 "));
     let many: String = (0..100).map(|i| format!("X-{i}: 1\r\n")).collect();
     let endless = format!("X: {}\r\n", "x".repeat(20_000));
     for (more, status) in [(many, 431), (endless, 431), ("no header\r\n".into(), 400)] {
-        let answer = asked(&address, &request("/metrics", &more));
+        let answer = asked(address, &request("/metrics", &more));
         assert!(answer.head.starts_with(&format!("HTTP/1.1 {status} ")), "{}", answer.head);
     }
-    let answer = asked(&address, "\x16\x03\x01\x02 what speaks TLS\r\n\r\n");
+    let answer = asked(address, "\x16\x03\x01\x02 what speaks TLS\r\n\r\n");
     assert!(answer.head.starts_with("HTTP/1.1 400 "), "{}", answer.head);
-    follower.kill();
 }
 
 #[test]
 fn so_many_pages_are_open_and_no_more_and_others_are_answered() {
-    let house = House::new();
-    let (follower, address) = served(&house);
+    let Served { address, .. } = &served();
     let open = || {
-        let mut page = connected(&address, &request("/events", ""));
+        let mut page = connected(address, &request("/events", ""));
         let mut status = [0; 12];
         page.read_exact(&mut status).unwrap();
         (page, String::from_utf8_lossy(&status).into_owned())
@@ -106,13 +102,8 @@ fn so_many_pages_are_open_and_no_more_and_others_are_answered() {
     let pages: Vec<_> = (0..32).map(|_| open()).collect();
     assert!(pages.iter().all(|(_, status)| status == "HTTP/1.1 200"));
     assert_eq!(open().1, "HTTP/1.1 503");
-    assert!(is_answered(&address));
+    assert!(is_answered(address));
     // who closes a page makes room for another
     drop(pages);
-    let since = Instant::now();
-    while open().1 != "HTTP/1.1 200" {
-        assert!(since.elapsed() < HANGS, "pages that were closed are counted still");
-        std::thread::sleep(Duration::from_millis(100));
-    }
-    follower.kill();
+    wait_until("pages that were closed make room", || open().1 == "HTTP/1.1 200");
 }

@@ -3,12 +3,16 @@
 
 use crate::house::{House, root};
 use inkling::burst::{Acquisition, Burst, Format, Layout};
+use inkling::episodes::Episode;
 use inkling::io::Limits;
 use inkling::io::recording::Recording;
 use inkling::io::recording_writer::{Compression, RecordingWriter, WriterOptions};
 use inkling::io::verdict_reader::VerdictReader;
+use inkling::verdict::VerdictColumns;
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::OnceLock;
 
 pub fn sample(name: &str) -> std::path::PathBuf {
     root().join("sample_logs").join(name)
@@ -36,88 +40,131 @@ pub fn write(path: &Path, bursts: &[Burst], options: WriterOptions) {
     writer.finish().unwrap();
 }
 
-/// Rows by (time, printhead, channel): what a verdict may depend on.
-pub fn verdicts(path: &Path) -> BTreeMap<(i64, String, u32), String> {
-    let mut rows = BTreeMap::new();
-    for columns in VerdictReader::open(path).unwrap() {
-        let c = columns.unwrap();
-        for i in 0..c.len() {
-            let key = (
-                c.acquired_at_ns[i],
-                c.printheads[c.printhead[i] as usize].to_string(),
-                c.channel[i],
-            );
-            let said = format!(
-                "{:?} {:?} {:?} {:?} {:?} {:?} {:?}",
-                c.outcome[i],
-                c.category[i],
-                c.fault[i],
-                c.certainty[i],
-                c.statistic[i],
-                c.threshold[i],
-                c.reason[i]
-            );
-            assert!(rows.insert(key, said).is_none(), "a signal has two rows");
-        }
+/// When and of which channel a signal was acquired: time, printhead, channel.
+pub type Acquired = (i64, String, u32);
+
+/// What is said of each signal.
+pub type Verdicts = BTreeMap<Acquired, String>;
+
+/// The rows of a table in their order: of which signal, what is said of it, and by which model.
+pub fn table_rows(path: &Path) -> Vec<(Acquired, String, Option<u16>)> {
+    let row = |c: &VerdictColumns, i: usize| {
+        let printhead = c.printheads[c.printhead[i] as usize].to_string();
+        let said = format!(
+            "{:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?}",
+            c.outcome[i],
+            c.category[i],
+            c.fault[i],
+            c.candidate[i],
+            c.certainty[i],
+            c.statistic[i],
+            c.threshold[i],
+            c.test[i],
+            c.misfit[i],
+            c.severity[i],
+            c.severity_sd[i],
+            c.reason[i]
+        );
+        ((c.acquired_at_ns[i], printhead, c.channel[i]), said, c.model[i])
+    };
+    let batches = VerdictReader::open(path).unwrap().map(Result::unwrap);
+    batches.flat_map(|c| (0..c.len()).map(|i| row(&c, i)).collect::<Vec<_>>()).collect()
+}
+
+pub fn verdicts(path: &Path) -> Verdicts {
+    let mut verdicts = Verdicts::new();
+    for (of, said, _) in table_rows(path) {
+        assert!(verdicts.insert(of, said).is_none(), "a signal has two rows");
     }
-    rows
+    verdicts
 }
 
 /// A design that was trained where the ink's temperature varies: by it the sample's heads stand still.
 fn design_that_knows_temperature(house: &House) -> &'static str {
-    let recordings = "sample_logs/train.mcap sample_logs/print_run.mcap";
-    house.ok(&format!("train {recordings} --labels sample_logs/labels.csv -o knows.json"));
+    static TRAINED: OnceLock<Vec<u8>> = OnceLock::new();
+    let design = TRAINED.get_or_init(|| {
+        let house = House::new();
+        let recordings = "sample_logs/train.mcap sample_logs/print_run.mcap";
+        house.ok(&format!("train {recordings} --labels sample_logs/labels.csv -o knows.json"));
+        house.read("knows.json")
+    });
+    house.write("knows.json", design);
     "knows.json"
-}
-
-fn replay(house: &House, recording: &str, more: &str) -> BTreeMap<(i64, String, u32), String> {
-    house
-        .ok(&format!("replay {recording} --design knows.json --identify windows --out out {more}"));
-    verdicts(&house.path(&format!("out/{}.verdicts.parquet", recording.trim_end_matches(".mcap"))))
 }
 
 #[test]
 fn same_bytes_for_1_2_and_4_threads() {
     let house = House::new();
-    let files: Vec<Vec<u8>> = [1, 2, 4]
-        .iter()
-        .map(|n| {
-            house.ok(&format!(
-                "replay sample_logs/print_run.mcap --design sample_logs/design.json \
-                 --identify windows --out out{n} --threads {n}"
-            ));
-            let mut both = house.read(&format!("out{n}/print_run.verdicts.parquet"));
-            both.extend(house.read(&format!("out{n}/print_run.episodes.parquet")));
-            both
-        })
-        .collect();
-    assert!(files[0] == files[1] && files[0] == files[2], "bytes differ between threads");
+    let bytes = |threads: u32| {
+        let args = format!("sample_logs/print_run.mcap --identify windows --threads {threads}");
+        house.replay_to(&threads.to_string(), &args).exits(0);
+        ["verdicts", "episodes"]
+            .map(|kind| house.read(&format!("{threads}/print_run.{kind}.parquet")))
+    };
+    let one = bytes(1);
+    assert!(one == bytes(2) && one == bytes(4), "bytes differ between threads");
+}
+
+/// What is said of each signal, however many rows it has.
+fn sorted_rows(house: &House, of: &str) -> Vec<(Acquired, String)> {
+    let rows = table_rows(&house.path(&format!("{of}.verdicts.parquet")));
+    let mut said: Vec<_> = rows.into_iter().map(|(of, said, _)| (of, said)).collect();
+    said.sort();
+    said
+}
+
+struct Judged {
+    rows: Vec<(Acquired, String)>,
+    episodes: Vec<Episode>,
+    /// What the summary counts of episodes.
+    counts: Value,
+}
+
+/// Judges bursts that are written so by the design that knows temperature.
+fn judged(bursts: &[Burst], written: WriterOptions, args: &str, exit: i32) -> Judged {
+    let house = House::new();
+    write(&house.path("r.mcap"), bursts, written);
+    let design = design_that_knows_temperature(&house);
+    house.run(&format!("replay r.mcap --design {design} --out out {args}")).exits(exit);
+    let mut episodes = house.episodes("out/r");
+    episodes.sort_by_key(|of| (of.printhead.clone(), of.channel, of.began_at_ns));
+    let counts = house.read_json("out/r.summary.json")["episodes"].clone();
+    Judged { rows: sorted_rows(&house, "out/r"), episodes, counts }
 }
 
 #[test]
-fn verdicts_do_not_depend_on_how_the_recording_was_written() {
-    let house = House::new();
-    design_that_knows_temperature(&house);
+fn verdicts_and_episodes_do_not_depend_on_how_the_recording_was_written() {
+    const WINDOWS: &str = "--identify windows";
     let original = bursts(&sample("print_run.mcap"));
-    house.copy("print_run.mcap", "a.mcap");
-    let reference = replay(&house, "a.mcap", "");
-    assert!(reference.len() > 1000);
+    let usual = WriterOptions::default();
+    let reference = judged(&original, usual, WINDOWS, 0);
+    assert_eq!(reference.rows.len(), 8640);
+    assert!(reference.episodes.len() >= 8, "{:?}", reference.episodes);
+    assert_eq!(reference.counts["episodes"], reference.episodes.len());
 
     let mut backward = original.clone();
     backward.reverse();
-    let plain = WriterOptions { compression: Compression::None, chunk_bytes: None };
-    write(&house.path("b.mcap"), &backward, plain);
-    assert!(replay(&house, "b.mcap", "") == reference, "reversed, unchunked, uncompressed");
-
-    let turned: Vec<Burst> = original.iter().map(sample_major_floats).collect();
-    let small = WriterOptions { compression: Compression::Zstd, chunk_bytes: Some(20_000) };
-    write(&house.path("c.mcap"), &turned, small);
-    assert!(replay(&house, "c.mcap", "") == reference, "sample-major floats, small zstd chunks");
-
-    let single: Vec<Burst> = original.iter().flat_map(|burst| divided(burst, 1)).collect();
-    let lz4 = WriterOptions { compression: Compression::Lz4, chunk_bytes: Some(1 << 20) };
-    write(&house.path("d.mcap"), &single, lz4);
-    assert!(replay(&house, "d.mcap", "") == reference, "single-channel bursts, lz4");
+    let turned = original.iter().map(sample_major_floats).collect();
+    let single = original.iter().flat_map(|burst| divided(burst, 1)).collect();
+    let twice: Vec<Burst> = original.iter().flat_map(|b| [b.clone(), b.clone()]).collect();
+    let options = |compression, chunk_bytes| WriterOptions { compression, chunk_bytes };
+    let forms: [(&str, &Vec<Burst>, WriterOptions); 3] = [
+        ("reversed, unchunked", &backward, options(Compression::None, None)),
+        ("sample-major floats, small chunks", &turned, options(Compression::Zstd, Some(20_000))),
+        ("single-channel bursts", &single, options(Compression::Lz4, Some(1 << 20))),
+    ];
+    for (form, bursts, written) in forms {
+        let Judged { rows, episodes, .. } = judged(bursts, written, WINDOWS, 0);
+        assert!(rows == reference.rows, "{form}: other verdicts");
+        assert_eq!(episodes, reference.episodes, "{form}");
+    }
+    // repeated signals make another window; the design's models are the same
+    let episodes = |bursts: &[Burst]| judged(bursts, usual, "--identify design", 0).episodes;
+    assert_eq!(episodes(&twice), episodes(&original));
+    // beyond the window in which they are put in order, signals are counted instead
+    let reorder = "--set episodes.reorder_signals=1";
+    let counts = judged(&backward, usual, reorder, 4).counts;
+    assert!(counts["signals_too_late"].as_u64().unwrap() > 1000, "{counts}");
 }
 
 pub fn signal(burst: &Burst, row: usize) -> Vec<f64> {
@@ -195,9 +242,12 @@ fn drying(original: &[Burst], dries: impl Fn(u32) -> bool) -> Vec<Burst> {
         .collect()
 }
 
+/// Windows of ten seconds, one right after the other.
+const SHORT_WINDOWS: &str = "--identify windows --set identify.first=10 --set identify.every=10";
+
 /// Share of flagged signals of those that were judged in the last ten seconds, of some channels.
 fn late_share(house: &House, stem: &str, of: impl Fn(u32) -> bool) -> f64 {
-    let rows = verdicts(&house.path(&format!("out/{stem}.verdicts.parquet")));
+    let rows = house.verdicts(&format!("out/{stem}"));
     let end = rows.keys().map(|k| k.0).max().unwrap();
     let late: Vec<&String> = rows
         .iter()
@@ -213,13 +263,8 @@ fn fault_that_grows_slowly_is_not_learned_as_healthy() {
     let original = bursts(&sample("print_run.mcap"));
     let dries = |channel: u32| channel.is_multiple_of(3);
     house.record("some.mcap", &drying(&original, dries));
-    let replay = |recording: &str, more: &str| {
-        house.run(&format!(
-            "replay {recording} --design sample_logs/design.json --out out --force --identify windows \
-             --set identify.first=10 --set identify.every=10 {more}"
-        ))
-    };
-    replay("some.mcap", "");
+    let replay = |args: &str| house.replay(&format!("{args} --force {SHORT_WINDOWS}"));
+    replay("some.mcap");
     let (dry, others) =
         (late_share(&house, "some", dries), late_share(&house, "some", |c| !dries(c)));
     // a third that dries widens the windows' own spread; had the drying been learned, hardly any would be
@@ -227,22 +272,18 @@ fn fault_that_grows_slowly_is_not_learned_as_healthy() {
 
     // all of them: windows are refused, and it is the head's
     house.record("all.mcap", &drying(&original, |_| true));
-    let ended = replay("all.mcap", "").exits(4).says("max_damping_drift").says("moved together");
+    let ended = replay("all.mcap").exits(4).says("max_damping_drift").says("moved together");
     let summary = house.read_json("out/all.summary.json");
-    let moved: Vec<&str> = summary["warnings"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .filter(|of| of["what"].as_str().unwrap().contains("moved together"))
-        .map(|of| of["printhead"].as_str().unwrap())
-        .collect();
-    let told_twice = |p: &&&str| ended.stderr().contains(&format!("window of {p} at"));
-    assert_eq!(moved.iter().find(told_twice), None, "{}", ended.stderr());
+    // of a head that moved its refused windows are not told, too
+    for of in summary["warnings"].as_array().unwrap() {
+        if of["what"].as_str().unwrap().contains("moved together") {
+            let window = format!("window of {} at", of["printhead"].as_str().unwrap());
+            assert!(!ended.stderr().contains(&window), "{}", ended.stderr());
+        }
+    }
     assert!(!summary["refused_windows"].as_array().unwrap().is_empty());
     let followed = late_share(&house, "all", |_| true);
-    // had the drying been learned, hardly any would be flagged
-    let by_themselves = replay("all.mcap", "--set identify.common_change=false").exits(4);
-    by_themselves.says("from the reference model");
+    replay("all.mcap --set identify.common_change=false").exits(4).says("from the reference model");
     let alone = late_share(&house, "all", |_| true);
     assert!(followed < 0.1 && alone > 0.5, "{followed} flagged as a head, {alone} by themselves");
 }
@@ -255,16 +296,12 @@ fn a_refused_window_is_a_warning_with_its_own_word() {
     // the window at the beginning is healthy, all channels have dried when the later ones come
     let dried = drying(&original, |_| true);
     let late = |b: &Burst| b.t_acq_ns > first + 30_000_000_000;
-    let mixed: Vec<Burst> = original
-        .iter()
-        .zip(dried)
-        .map(|(b, dried)| if late(b) { dried } else { b.clone() })
-        .collect();
+    let either = original.iter().zip(dried);
+    let mixed: Vec<Burst> =
+        either.map(|(b, dried)| if late(b) { dried } else { b.clone() }).collect();
     house.record("warm_up.mcap", &mixed);
-    let ended = house.run(
-        "replay warm_up.mcap --design sample_logs/design.json --out out --identify windows \
-         --set identify.first=10 --set identify.every=10 --set identify.common_change=false",
-    );
+    let alone = "--set identify.common_change=false";
+    let ended = house.replay(&format!("warm_up.mcap {SHORT_WINDOWS} {alone}"));
     let refused = house.read_json("out/warm_up.summary.json")["refused_windows"].clone();
     assert!(!refused.as_array().unwrap().is_empty());
     let run = house.read_json("out/run.json");
@@ -282,9 +319,9 @@ fn a_head_that_stands_still_is_judged_bit_by_bit_as_without_its_common_change() 
     let house = House::new();
     let design = design_that_knows_temperature(&house);
     let judged = |out: &str, more: &str| {
-        house
-            .ok(&format!("replay sample_logs/print_run.mcap --design {design} --out {out} {more}"));
-        verdicts(&house.path(&format!("{out}/print_run.verdicts.parquet")))
+        let replay = "replay sample_logs/print_run.mcap";
+        house.ok(&format!("{replay} --design {design} --out {out} {more}"));
+        house.verdicts(&format!("{out}/print_run"))
     };
     let alone = "--set identify.common_change=false";
     assert!(judged("one", "") == judged("other", alone), "verdicts differ");
@@ -300,7 +337,6 @@ fn a_head_that_stands_still_is_judged_bit_by_bit_as_without_its_common_change() 
 fn bad_bursts_and_bad_signals_are_rows_with_their_reason() {
     let house = House::new();
     let mut all = bursts(&sample("print_run.mcap"));
-    let good = all.len() as u64;
     let n = all[0].samples_per_channel as usize;
     let floats = sample_major_floats(&all[0]);
     let mut nan = floats.samples.to_vec();
@@ -320,19 +356,18 @@ fn bad_bursts_and_bad_signals_are_rows_with_their_reason() {
     all[3].samples = all[3].samples.slice(..short);
     all[4].sample_period_s *= 1.01;
     house.record("bad.mcap", &all);
-    house
-        .run("replay bad.mcap --design sample_logs/design.json --identify windows --out out")
-        .exits(3)
-        .says("rejected");
-    let summary = house.read_json("out/bad.summary.json");
-    let rejected = &summary["counts"]["rejected"];
-    assert_eq!(rejected["non_finite"], 1, "{rejected}");
-    assert_eq!(rejected["saturated"], 1, "{rejected}");
-    assert_eq!(rejected["bad_period"], 1, "{rejected}");
-    assert_eq!(rejected["wrong_length"], 1, "{rejected}");
-    assert_eq!(rejected["design_mismatch"], all[4].channels, "{rejected}");
-    assert_eq!(summary["counts"]["bursts"], good);
-    assert_eq!(summary["counts"]["unusable_bursts"], 2);
+    house.replay("bad.mcap --identify windows").exits(3).says("rejected");
+    let counts = house.read_json("out/bad.summary.json")["counts"].take();
+    for (reason, signals) in [
+        ("non_finite", 1),
+        ("saturated", 1),
+        ("bad_period", 1),
+        ("wrong_length", 1),
+        ("design_mismatch", all[4].channels),
+    ] {
+        assert_eq!(counts["rejected"][reason], signals, "{reason}: {counts}");
+    }
+    assert_eq!((&counts["bursts"], &counts["unusable_bursts"]), (&all.len().into(), &2.into()));
 }
 
 #[test]
@@ -341,15 +376,12 @@ fn unknown_printhead_is_judged_by_the_pooled_model_if_it_agrees() {
     let renamed = |b: &Burst| Burst { printhead: "stranger".into(), ..b.clone() };
     let strangers: Vec<Burst> = crate::nights::some(0, 60).iter().map(renamed).collect();
     house.record("agrees.mcap", &strangers);
-    let replay = |name: &str| format!("replay {name} --design sample_logs/design.json --out out");
-    house.ok(&replay("agrees.mcap"));
+    house.replay("agrees.mcap").exits(0);
     let summary = house.read_json("out/agrees.summary.json");
     assert_eq!(summary["counts"]["judged"], summary["counts"]["signals"]);
 
-    let dried: Vec<Burst> =
-        strangers.iter().map(|b| Burst { t_acq_ns: b.t_acq_ns, ..slower(b) }).collect();
-    house.record("differs.mcap", &dried);
-    house.run(&replay("differs.mcap")).exits(4).says("design_mismatch");
+    house.record("differs.mcap", &strangers.iter().map(slower).collect::<Vec<_>>());
+    house.replay("differs.mcap").exits(4).says("design_mismatch");
 }
 
 /// Rings a quarter as long: another resonance, the same sampling.
@@ -368,61 +400,16 @@ fn without_a_design_faults_are_detected_and_not_named() {
 }
 
 #[test]
-fn episodes_do_not_depend_on_how_the_recording_was_written() {
-    const WINDOWS: &str = "--identify windows";
-    let house = House::new();
-    let design = design_that_knows_temperature(&house);
-    let original = bursts(&sample("print_run.mcap"));
-    let mut backward = original.clone();
-    backward.reverse();
-    let single: Vec<Burst> = original.iter().flat_map(|burst| divided(burst, 1)).collect();
-    let twice: Vec<Burst> = original.iter().flat_map(|b| [b.clone(), b.clone()]).collect();
-    let episodes = |name: &str, bursts: &[Burst], more: &str| {
-        house.record(&format!("{name}.mcap"), bursts);
-        let exit = if more.contains("reorder") { 4 } else { 0 };
-        house.run(&format!("replay {name}.mcap --design {design} --out out {more}")).exits(exit);
-        let table = house.path(&format!("out/{name}.episodes.parquet"));
-        let mut rows = inkling::io::episode_table::read(&table).unwrap();
-        rows.iter_mut().for_each(|row| row.recording = "".into()); // they have their own names
-        rows.sort_by(|a, b| {
-            (&a.printhead, a.channel, a.began_at_ns).cmp(&(&b.printhead, b.channel, b.began_at_ns))
-        });
-        (rows, house.read_json(&format!("out/{name}.summary.json"))["episodes"].clone())
-    };
-    let (reference, counts) = episodes("a", &original, WINDOWS);
-    assert!(reference.len() >= 8, "{reference:?}");
-    assert_eq!(counts["episodes"], reference.len());
-    // repeated signals make another window; the design's models are the same
-    let (by_design, _) = episodes("f", &original, "--identify design");
-    for (name, bursts, how, reference) in [
-        ("b", &backward, WINDOWS, &reference),
-        ("c", &single, WINDOWS, &reference),
-        ("d", &twice, "--identify design", &by_design),
-    ] {
-        let rows = episodes(name, bursts, how).0;
-        let differ = rows.iter().zip(reference).find(|(a, b)| a != b);
-        assert!(&rows == reference, "{name}: {} of {}: {differ:?}", rows.len(), reference.len());
-    }
-    // beyond the window they are counted instead
-    let (_, counts) = episodes("e", &backward, "--set episodes.reorder_signals=1");
-    assert!(counts["signals_too_late"].as_u64().unwrap() > 1000, "{counts}");
-}
-
-#[test]
 fn priors_move_what_is_named_and_unknown_names_are_refused() {
     let house = House::new();
-    design_that_knows_temperature(&house);
-    house.copy("print_run.mcap", "a.mcap");
+    let replay = |more: &str| house.replay(&format!("sample_logs/print_run.mcap --force {more}"));
     let named = |more: &str| -> u64 {
-        replay(&house, "a.mcap", more);
-        let counts = &house.read_json("out/a.summary.json")["counts"]["faulty"];
+        replay(more).exits(0);
+        let counts = &house.read_json("out/print_run.summary.json")["counts"]["faulty"];
         counts["IDN"].as_u64().unwrap_or(0)
     };
     assert!(named("--set isolate.priors.IDN=1000") > named(""));
-    house
-        .run("replay a.mcap --design sample_logs/design.json --out out --set isolate.priors.XYZ=2")
-        .exits(2)
-        .says("isolate.priors names \"XYZ\"");
+    replay("--set isolate.priors.XYZ=2").exits(2).says("isolate.priors names \"XYZ\"");
 }
 
 /// With a state kept: all channels of a moment in one message, one message each, in any order.
@@ -446,10 +433,8 @@ fn how_a_moment_is_split_into_messages_changes_no_verdict_and_no_state() {
     for mode in ["", "--identify windows", "--baseline NAME.json"] {
         let judged = divisions.each_ref().map(|(name, _)| {
             let mode = mode.replace("NAME", name);
-            house.ok(&format!(
-                "replay {name}.mcap --design sample_logs/design.json --out out --force {mode}"
-            ));
-            let rows = verdicts(&house.path(&format!("out/{name}.verdicts.parquet")));
+            house.replay(&format!("{name}.mcap --force {mode}")).exits(0);
+            let rows = house.verdicts(&format!("out/{name}"));
             let state = mode.ends_with("json").then(|| house.read(&format!("{name}.json")));
             (rows, state)
         });
@@ -481,18 +466,8 @@ fn a_message_that_is_repeated_is_judged_as_it_was_the_first_time() {
             written.extend(moment);
         }
         house.record(&format!("{name}.mcap"), &written);
-        house.ok(&format!("replay {name}.mcap --design sample_logs/design.json --out out"));
-        let mut rows = Vec::new();
-        for columns in
-            VerdictReader::open(&house.path(&format!("out/{name}.verdicts.parquet"))).unwrap()
-        {
-            let c = columns.unwrap();
-            let row =
-                |i: usize| (c.acquired_at_ns[i], c.channel[i], format!("{:?}", c.statistic[i]));
-            rows.extend((0..c.len()).map(row));
-        }
-        rows.sort();
-        rows
+        house.replay(&format!("{name}.mcap")).exits(0);
+        sorted_rows(&house, &format!("out/{name}"))
     };
     let (first, last) = (rows_of("first", false), rows_of("last", true));
     assert!(first.len() > 8000 && first == last);
@@ -502,52 +477,41 @@ fn a_message_that_is_repeated_is_judged_as_it_was_the_first_time() {
 #[test]
 fn a_head_that_is_driven_otherwise_the_next_day_has_no_faults_by_its_state() {
     let house = House::new();
-    let healthy: Vec<Burst> = bursts(&sample("print_run.mcap"));
+    let healthy = bursts(&sample("print_run.mcap"));
     let smaller = |burst: &Burst| with_samples(burst, |_, _, y| 0.9 * y);
     let later = crate::nights::days_later(healthy.iter().map(smaller).collect(), 1);
-    let faulty = |name: &str, bursts: &[Burst], more: &str| {
-        let file = format!("{name}.mcap");
-        house.record(&file, bursts);
-        house.run(&format!("replay {file} --design sample_logs/design.json --out {name} {more}"));
-        let rows = verdicts(&house.path(&format!("{name}/{name}.verdicts.parquet")));
-        rows.values().filter(|row| !row.starts_with("Healthy")).count()
+    let faulty = |name: &str, bursts: &[Burst]| {
+        house.record(&format!("{name}.mcap"), bursts);
+        house.replay(&format!("{name}.mcap --baseline own.json"));
+        let verdicts = house.verdicts(&format!("out/{name}"));
+        verdicts.values().filter(|said| !said.starts_with("Healthy")).count()
     };
-    let first = faulty("first", &healthy, "--baseline own.json");
-    let next = faulty("next", &later, "--baseline own.json");
+    let (first, next) = (faulty("first", &healthy), faulty("next", &later));
     // 318 signals of the sample are faulty; what is faulty stays so
     assert!((300..450).contains(&first), "{first}");
     assert!((300..450).contains(&next), "{next}");
 }
 
-#[test]
-fn a_pace_is_kept_burst_by_burst_once_and_changes_no_verdict() {
-    let house = House::new();
-    let run = |args: &str| {
-        house.ok(&format!(
-            "replay sample_logs/print_run.mcap --design sample_logs/design.json {args}"
-        ))
-    };
-    run("--out max");
-    let told = run("--out paced --pace 100000");
-    assert!(told.contains("at the pace that was asked for"), "{told}");
-    let table = |out: &str| verdicts(&house.path(&format!("{out}/print_run.verdicts.parquet")));
-    assert_eq!(table("max"), table("paced"));
-    let summary = house.read_json("paced/print_run.summary.json");
-    let rates = &summary["rates"];
-    assert_eq!(rates["paced_bursts"], summary["counts"]["bursts"], "{rates}");
-    assert!(rates["behind_s"].as_f64().is_some(), "{rates}");
-    let free = house.read_json("max/print_run.summary.json")["rates"].take();
-    assert!(free["paced_bursts"].is_null() && free["behind_s"].is_null(), "{free}");
-}
-
 /// Without a design the identify stage reads ahead while its first window is open; a paced recording is handed
 /// over burst by burst meanwhile.
 #[test]
-fn a_pace_changes_nothing_where_windows_learn() {
+fn a_pace_is_kept_burst_by_burst_once_and_changes_no_verdict() {
     let house = House::new();
-    let table = |out: &str, pace: &str| {
-        house.ok(&format!("replay sample_logs/print_run.mcap --out {out} {pace}"));
-        verdicts(&house.path(&format!("{out}/print_run.verdicts.parquet")))
-    };
-    assert_eq!(table("max", ""), table("paced", "--pace 200000"));
+    for (named, design) in [("by_design", "--design sample_logs/design.json"), ("without", "")] {
+        let judged = |out: &str, pace: &str| {
+            let out = format!("{named}/{out}");
+            let replay = format!("replay sample_logs/print_run.mcap {design} --out {out} {pace}");
+            let told = house.ok(&replay);
+            let summary = house.read_json(&format!("{out}/print_run.summary.json"));
+            (house.verdicts(&format!("{out}/print_run")), summary, told)
+        };
+        let (verdicts, free, _) = judged("max", "");
+        let (paced_verdicts, paced, told) = judged("paced", "--pace 100000");
+        assert!(verdicts == paced_verdicts, "{named}");
+        assert!(told.contains("at the pace that was asked for"), "{told}");
+        let (free, rates) = (&free["rates"], &paced["rates"]);
+        assert_eq!(rates["paced_bursts"], paced["counts"]["bursts"], "{named}: {rates}");
+        assert!(rates["behind_s"].as_f64().is_some(), "{named}: {rates}");
+        assert!(free["paced_bursts"].is_null() && free["behind_s"].is_null(), "{named}: {free}");
+    }
 }

@@ -2,46 +2,21 @@
 //! closed, stay when the run is killed, and nothing else is ever touched.
 #![cfg(unix)]
 
-use crate::follow::{
-    Follower, HANGS, WRITTEN, append, create, recording, tables_are_those_of_a_replay,
-};
-use crate::house::House;
-use crate::pipeline::{bursts, sample, write};
+use crate::follow::{Follower, Growing, WRITTEN, in_order, tables_are_those_of_a_replay};
+use crate::house::{House, wait_until};
+use crate::pipeline::{Acquired, bursts, sample, table_rows};
 use inkling::io::inputs;
-use inkling::io::recording_writer::{Compression, WriterOptions};
+use inkling::io::recording_writer::Compression;
 use inkling::io::verdict_reader::VerdictReader;
-use inkling::verdict::VerdictColumns;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
 const ARGS: &str = "--identify design --rotate 7s";
 
-/// Every row of a table in its order, all that it says.
-fn rows(table: &Path) -> Vec<String> {
-    let text = |c: &VerdictColumns, i: usize| {
-        let printhead = &c.printheads[c.printhead[i] as usize];
-        format!(
-            "{} {printhead} {} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?}",
-            c.acquired_at_ns[i],
-            c.channel[i],
-            c.outcome[i],
-            c.category[i],
-            c.fault[i],
-            c.candidate[i],
-            c.certainty[i],
-            c.statistic[i],
-            c.threshold[i],
-            c.test[i],
-            c.misfit[i],
-            c.severity[i],
-            c.severity_sd[i],
-            c.model[i],
-            c.reason[i],
-        )
-    };
-    let batches = VerdictReader::open(table).unwrap().map(Result::unwrap);
-    batches.flat_map(|c| (0..c.len()).map(|i| text(&c, i)).collect::<Vec<_>>()).collect()
+type Row = (Acquired, String, Option<u16>);
+
+fn table(house: &House) -> Vec<Row> {
+    table_rows(&house.path("out/now.verdicts.parquet"))
 }
 
 /// The document in a table's metadata.
@@ -56,26 +31,28 @@ fn parts(house: &House) -> Vec<PathBuf> {
     names.map(|name| house.path("out/now.parts").join(name)).collect()
 }
 
-fn rows_of(parts: &[PathBuf]) -> Vec<String> {
-    parts.iter().flat_map(|part| rows(part)).collect()
+fn rows_of(parts: &[PathBuf]) -> Vec<Row> {
+    parts.iter().flat_map(|part| table_rows(part)).collect()
 }
 
-/// When a row was acquired, and by which printhead: a burst.
-fn burst_of(row: &str) -> &str {
-    let (at, _) = row.match_indices(' ').nth(1).unwrap();
-    &row[..at]
+/// When a row was acquired, and by which printhead.
+fn burst_of(((at_ns, printhead, _), ..): &Row) -> (i64, &str) {
+    (*at_ns, printhead)
+}
+
+/// What is told of the next `n` parts.
+fn next_parts(follower: &mut Follower, n: usize) -> Vec<Value> {
+    (0..n).map(|_| follower.next("part")).collect()
 }
 
 #[test]
 fn parts_are_the_first_rows_of_the_table_and_go_when_it_has_its_name() {
     for (compression, chunk_bytes, args) in WRITTEN {
-        let house = House::new();
-        let bytes = recording(&house, compression, chunk_bytes);
-        let mut file = create(&house);
-        let mut follower = Follower::start(&house, &format!("{args} --rotate 7s"));
-        append(&mut file, &bytes[..bytes.len() * 2 / 3]);
-        let told: Vec<Value> = (0..3).map(|_| follower.next("part")).collect();
-        let closed = parts(&house);
+        let rotated = format!("{args} --rotate 7s");
+        let mut growing = Growing::of(&in_order(), compression, chunk_bytes, &rotated);
+        growing.write_to(2.0 / 3.0);
+        let told = next_parts(&mut growing.follower, 3);
+        let closed = parts(&growing.house);
         assert!(closed.len() >= 3, "{closed:?}");
         for (nth, (event, part)) in told.iter().zip(&closed).enumerate() {
             let document = document(part);
@@ -84,64 +61,55 @@ fn parts_are_the_first_rows_of_the_table_and_go_when_it_has_its_name() {
             for key in ["number", "rows", "from", "to"] {
                 assert_eq!(document["part"][key], event[key], "{key}");
             }
-            assert_eq!(document["part"]["rows"], rows(part).len());
+            assert_eq!(document["part"]["rows"], table_rows(part).len());
             let of = &document["recording"];
             assert_eq!((&of["name"], &of["complete"]), (&"now.mcap".into(), &false.into()));
             assert!(document["classes"].as_array().is_some_and(|list| !list.is_empty()));
         }
         let first = rows_of(&closed);
         for pair in closed.windows(2) {
-            let [before, after] = [&pair[0], &pair[1]].map(|part| rows(part));
+            let [before, after] = [&pair[0], &pair[1]].map(|part| table_rows(part));
             assert_ne!(burst_of(before.last().unwrap()), burst_of(&after[0]), "a burst is split");
         }
         // whoever searches for tables meets none yet
-        let out = house.path("out").display().to_string();
+        let out = growing.house.path("out").display().to_string();
         assert!(inputs::find_verdicts(&[out]).is_err());
 
-        append(&mut file, &bytes[bytes.len() * 2 / 3..]);
-        follower.ends(0);
-        assert!(!house.path("out/now.parts").exists());
-        let all = rows(&house.path("out/now.verdicts.parquet"));
+        growing.finish();
+        assert!(!growing.house.path("out/now.parts").exists());
+        let all = table(&growing.house);
         assert!(first.len() < all.len() && first[..] == all[..first.len()], "{args}");
-        match chunk_bytes {
-            Some(_) => tables_are_those_of_a_replay(&house, &bytes, args, 0),
-            None => {
-                assert_eq!(document(&house.path("out/now.verdicts.parquet"))["part"], Value::Null)
-            }
-        }
+        assert_eq!(document(&growing.house.path("out/now.verdicts.parquet"))["part"], Value::Null);
+        growing.is_as_replayed(args);
     }
 }
 
 #[test]
 fn ctrl_c_leaves_the_table_and_no_parts() {
-    let house = House::new();
-    let bytes = recording(&house, Compression::Lz4, Some(30_000));
-    let mut file = create(&house);
-    let mut follower = Follower::start(&house, ARGS);
-    append(&mut file, &bytes[..bytes.len() / 2]);
-    follower.next("part");
-    follower.enough();
-    follower.ends(0);
-    assert!(house.path("out/now.verdicts.parquet").exists());
-    assert!(!house.path("out/now.parts").exists());
+    let mut growing = Growing::sample(ARGS);
+    growing.write_to(0.5);
+    growing.follower.next("part");
+    growing.follower.enough();
+    growing.follower.ends(0);
+    assert!(growing.house.path("out/now.verdicts.parquet").exists());
+    assert!(!growing.house.path("out/now.parts").exists());
 }
 
-/// Follows the first half of a recording and is killed when there are two parts.
-fn killed(house: &House, bytes: &[u8]) -> Vec<PathBuf> {
-    let mut file = create(house);
-    let mut follower = Follower::start(house, ARGS);
-    append(&mut file, &bytes[..bytes.len() / 2]);
-    (0..2).for_each(|_| drop(follower.next("part")));
-    follower.kill();
-    parts(house)
+/// Follows the first half of the sample and is killed when there are two parts, which are left.
+fn killed() -> (House, Vec<u8>, Vec<PathBuf>) {
+    let mut growing = Growing::sample(ARGS);
+    growing.write_to(0.5);
+    next_parts(&mut growing.follower, 2);
+    let Growing { house, bytes, follower, .. } = growing;
+    drop(follower);
+    let left = parts(&house);
+    assert!(left.len() >= 2, "{left:?}");
+    (house, bytes, left)
 }
 
 #[test]
 fn parts_of_a_killed_run_can_be_read_and_the_next_run_removes_them_and_nothing_else() {
-    let house = House::new();
-    let bytes = recording(&house, Compression::Lz4, Some(30_000));
-    let left = killed(&house, &bytes);
-    assert!(left.len() >= 2, "{left:?}");
+    let (house, bytes, left) = killed();
     let first = rows_of(&left);
     // named like a part, like one that is being written, like nothing of ours
     let foreign = ["00077.parquet", "00078.parquet.part", "notes.txt"];
@@ -151,8 +119,8 @@ fn parts_of_a_killed_run_can_be_read_and_the_next_run_removes_them_and_nothing_e
     house.write("out/now.mcap.parts/00001.parquet", "x");
 
     house.write("now.mcap", &bytes);
-    house.ok("replay now.mcap --out out --design sample_logs/design.json");
-    let all = rows(&house.path("out/now.verdicts.parquet"));
+    house.replay("now.mcap").exits(0);
+    let all = table(&house);
     assert!(first[..] == all[..first.len()]);
     tables_are_those_of_a_replay(&house, &bytes, "--identify design", 0);
     assert_eq!(house.files("out/now.parts"), foreign);
@@ -160,56 +128,46 @@ fn parts_of_a_killed_run_can_be_read_and_the_next_run_removes_them_and_nothing_e
 }
 
 #[test]
-fn who_follows_again_begins_with_the_first_part_unless_that_is_anothers() {
-    let house = House::new();
-    let bytes = recording(&house, Compression::Lz4, Some(30_000));
-    let left = killed(&house, &bytes);
+fn who_follows_again_begins_with_the_first_part() {
+    let (house, bytes, left) = killed();
     house.write("now.mcap", &bytes);
-    let follower = Follower::start(&house, ARGS);
-    let (told, _) = follower.ends(0);
+    let (told, _) = Follower::start(&house, ARGS).ends(0);
     let parts = told.iter().filter(|event| event["event"] == "part");
     let numbers: Vec<u64> = parts.map(|part| part["number"].as_u64().unwrap()).collect();
     assert!(numbers.len() > left.len() && numbers.iter().copied().eq(1..=numbers.len() as u64));
     assert!(!house.path("out/now.parts").exists(), "{numbers:?}");
+}
 
-    // yesterday's recording of the same name, of which these parts are all there is
-    std::fs::remove_dir_all(house.path("out")).unwrap();
-    let left = killed(&house, &bytes);
-    let theirs: Vec<Vec<u8>> = left.iter().map(|part| std::fs::read(part).unwrap()).collect();
+/// Parts are all there is of yesterday's recording of the same name.
+#[test]
+fn parts_of_another_recording_stay() {
+    let (house, _, left) = killed();
+    let of = || left.iter().map(|part| std::fs::read(part).unwrap()).collect::<Vec<_>>();
+    let theirs = of();
     house.record("now.mcap", &bursts(&sample("print_run.mcap")));
     let (_, stderr) = Follower::start(&house, ARGS).ends(1);
     assert!(stderr.contains("00001.parquet") && stderr.contains("Move it away"), "{stderr}");
-    house.ok("replay now.mcap --out out --design sample_logs/design.json");
-    let there: Vec<Vec<u8>> = left.iter().map(|part| std::fs::read(part).unwrap()).collect();
-    assert!(there == theirs);
+    house.replay("now.mcap").exits(0);
+    assert!(of() == theirs);
 }
 
 #[test]
 fn parts_go_at_once_where_the_rest_turns_out_to_need_the_whole() {
     const WINDOWS: &str = "--identify windows --set identify.first=5 --set identify.every=10";
-    let house = House::new();
-    let mut all = bursts(&sample("print_run.mcap"));
-    all.sort_by_key(|burst| burst.t_acq_ns);
+    let mut all = in_order();
     let two_thirds = all.len() * 2 / 3;
     all[two_thirds..].reverse();
-    let options = WriterOptions { compression: Compression::Lz4, chunk_bytes: Some(30_000) };
-    write(&house.path("whole.mcap"), &all, options);
-    let bytes = house.read("whole.mcap");
-    let mut file = create(&house);
-    let mut follower = Follower::start(&house, &format!("{WINDOWS} --rotate 7s"));
-    append(&mut file, &bytes[..bytes.len() / 2]);
-    follower.next("part");
-    assert!(!parts(&house).is_empty());
-    append(&mut file, &bytes[bytes.len() / 2..bytes.len() * 9 / 10]);
-    let since = Instant::now();
-    while house.path("out/now.parts").exists() {
-        assert!(since.elapsed() < HANGS, "parts of a run that was given up stay");
-        std::thread::sleep(Duration::from_millis(10));
-    }
-    append(&mut file, &bytes[bytes.len() * 9 / 10..]);
-    let (_, stderr) = follower.ends(0);
+    let rotated = format!("{WINDOWS} --rotate 7s");
+    let mut growing = Growing::of(&all, Compression::Lz4, Some(30_000), &rotated);
+    growing.write_to(0.5);
+    growing.follower.next("part");
+    assert!(!parts(&growing.house).is_empty());
+    growing.write_to(0.9);
+    let there = growing.house.path("out/now.parts");
+    wait_until("parts of a run that was given up go", || !there.exists());
+    let (_, stderr) = growing.finish();
     assert!(stderr.contains("told when the recording is closed"), "{stderr}");
-    tables_are_those_of_a_replay(&house, &bytes, WINDOWS, 0);
+    growing.is_as_replayed(WINDOWS);
 }
 
 #[test]
@@ -237,8 +195,6 @@ fn what_cannot_be_rotated_is_refused_with_what_to_do() {
     }
     // a part that a person reads of
     let said = house.ok("replay now.mcap --follow --rotate 7s --design sample_logs/design.json");
-    assert!(
-        said.contains("  part 1, ") && said.contains("verdicts/now.parts/00001.parquet"),
-        "{said}"
-    );
+    let part = "verdicts/now.parts/00001.parquet";
+    assert!(said.contains("  part 1, ") && said.contains(part), "{said}");
 }
