@@ -37,7 +37,7 @@ fn rows_of(parts: &[PathBuf]) -> Vec<Row> {
 
 /// When a row was acquired, and by which printhead.
 fn burst_of(((at_ns, printhead, _), ..): &Row) -> (i64, &str) {
-    (*at_ns, printhead)
+    (*at_ns, printhead.as_str())
 }
 
 /// What is told of the next `n` parts.
