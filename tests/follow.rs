@@ -298,7 +298,7 @@ fn a_recording_that_shrinks_or_is_replaced_is_no_recording() {
         let path = of.house.write("other.mcap", &of.bytes);
         std::fs::rename(path, of.house.path("now.mcap")).unwrap();
     };
-    let spoils: [(&str, &dyn Fn(&Growing)); 2] = [("shrank", &shrink), ("replaced", &replace)];
+    let spoils: [(&str, fn(&Growing)); 2] = [("shrank", shrink), ("replaced", replace)];
     for (what, spoil) in spoils {
         let mut growing = Growing::sample("--identify design");
         growing.write_to(0.5);

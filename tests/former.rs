@@ -2,6 +2,8 @@
 
 use crate::house::{House, root, shipped};
 use crate::pipeline::sample;
+use inkling::design::{Design, VERSION};
+use inkling::io::design_file;
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -32,7 +34,7 @@ fn columns(table: &Path) -> BTreeMap<String, String> {
 #[test]
 fn designs_of_former_versions_are_refused_by_their_version() {
     let house = House::new();
-    for version in [1, 2] {
+    for version in [1, 2, 3] {
         let design = former(&format!("design-{version}.json"));
         house
             .run(&format!("replay sample_logs/print_run.mcap --design {}", design.display()))
@@ -98,7 +100,16 @@ fn who_reads_tables_of_version_1_reads_those_of_now() {
 #[test]
 fn states_of_version_1_are_taken_over() {
     let (with, without) = (House::new(), House::new());
-    with.write("states.json", std::fs::read(former("states-1.json")).unwrap());
+    // states hold for the design that they name: here for the one of that time, in today's file
+    let then = std::fs::read(former("design-3.json")).unwrap();
+    let mut then: Design = serde_json::from_slice(&then).unwrap();
+    then.version = VERSION;
+    let path = with.path("design.json");
+    design_file::write(&path, &then).unwrap();
+    let mut states: Value =
+        serde_json::from_slice(&std::fs::read(former("states-1.json")).unwrap()).unwrap();
+    states["design"] = design_file::read(&path).unwrap().1.into();
+    with.write("states.json", states.to_string());
     let channels = |states: &Value| -> Vec<(String, String)> {
         let heads = states["printheads"].as_object().unwrap().iter();
         let of = |memory: &Value| memory["channels"].as_object().unwrap().clone().into_iter();
@@ -108,7 +119,7 @@ fn states_of_version_1_are_taken_over() {
     for house in [&with, &without] {
         house.ok(&format!(
             "replay sample_logs/print_run.mcap --design {} --baseline states.json --out out",
-            former("design-3.json").display()
+            path.display()
         ));
     }
     let now = with.read_json("states.json");

@@ -1,13 +1,18 @@
 //! Reads and writes the file of a design (JSON, `schemas/design.md`).
 //!
-//! In: a path. Out: a `Design` that was checked, with the digest of the file's bytes, by which
-//! results and baselines name the design; `train` writes one. A file that is something else, or a
-//! design of another version, is refused with words that say what it is.
+//! In: a path. Out: a `Design`, with the digest of the file's bytes, by which results and baselines
+//! name the design; `train` writes one. A file that is something else, or a design of another
+//! version, is refused with words that say what it is.
+//!
+//! A design is thousands of numbers that only training can make fit together, and nobody can check
+//! them one by one. So the file holds a checksum of them all, and a design that was edited or
+//! damaged is refused whatever was changed. Indentation and the order of keys may change.
 
 use super::file_error::FileError;
 use super::{digest, part_file, printable, regular_file, result_file};
 use inkling_core::design::{Design, VERSION, other_version};
 use serde::Deserialize;
+use serde_json::Value;
 use std::path::Path;
 
 /// Most bytes that are read. A design of 64 classes and 1000 printheads at 512 samples takes some 50 MB.
@@ -20,6 +25,9 @@ struct Origin {
     #[serde(default = "somebody")]
     made_by: String,
 }
+
+/// The key of the checksum in the file.
+const CHECKSUM: &str = "checksum";
 
 /// Who made a design that does not say it.
 fn somebody() -> String {
@@ -37,22 +45,29 @@ pub fn read_text(path: &Path) -> Result<Vec<u8>, FileError> {
     regular_file::read(path, MOST_BYTES).map_err(FileError::unread(path))
 }
 
-/// The design that a text holds, checked.
+/// The design that a text holds.
 pub fn parse(path: &Path, text: &[u8]) -> Result<Design, FileError> {
     let not = |what: String| {
         let what = result_file::instead_or(path, "design", &what);
         FileError::mistaken(path, format!("not a design{what}; `inkling train` makes one"))
     };
-    let design: Design = serde_json::from_slice(text).map_err(|e| {
-        // a design of another version may not parse at all; if its version can be read, that is what is said
-        let made: Option<Origin> = serde_json::from_slice(text).ok();
-        let other = made.filter(|made| made.version != VERSION);
-        let of_version =
-            |made: Origin| other_version(made.version, &printable::cell(&made.made_by));
-        not(other.map_or_else(|| printable::of_parser(&e), of_version))
-    })?;
-    design.check().map_err(|e| not(e.to_string()))?;
-    Ok(design)
+    let of_parser = |e: serde_json::Error| not(printable::of_parser(&e));
+    let mut all: Value = serde_json::from_slice(text).map_err(of_parser)?;
+    let made = Origin::deserialize(&all).map_err(of_parser)?;
+    if made.version != VERSION {
+        return Err(not(other_version(made.version, &printable::cell(&made.made_by))));
+    }
+    let told = all.as_object_mut().and_then(|keys| keys.remove(CHECKSUM));
+    if told != Some(checksum(&mut all).into()) {
+        return Err(not("it was changed since it was made".into()));
+    }
+    serde_json::from_value(all).map_err(of_parser)
+}
+
+/// Of everything but the checksum: keys in alphabetical order, numbers with as many digits as tell them apart.
+fn checksum(all: &mut Value) -> String {
+    all.sort_all_objects();
+    digest::of_bytes(all.to_string().as_bytes())
 }
 
 /// Writes a design, complete or not at all.
@@ -67,7 +82,10 @@ pub fn write_text(path: &Path, text: &[u8]) -> Result<(), FileError> {
 }
 
 pub fn text(design: &Design) -> serde_json::Result<Vec<u8>> {
-    let mut text = serde_json::to_vec_pretty(design)?;
-    text.push(b'\n');
-    Ok(text)
+    // the file is written from the design itself, whose keys are in the order in which they are explained
+    let mut text = serde_json::to_string_pretty(design)?;
+    let checksum = checksum(&mut serde_json::from_str(&text)?);
+    text.insert_str(1, &format!("\n  \"{CHECKSUM}\": \"{checksum}\","));
+    text.push('\n');
+    Ok(text.into_bytes())
 }

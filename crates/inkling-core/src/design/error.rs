@@ -1,4 +1,4 @@
-//! Why a design cannot be made or used; and what numbers of a design or signal must be.
+//! Why a design cannot be made or used.
 
 use crate::isolate::IsolateMethod;
 use thiserror::Error;
@@ -53,21 +53,6 @@ impl DesignError {
         )
         .into()
     }
-}
-
-/// An error in these words unless `holds`.
-pub(super) fn must(holds: bool, words: impl Into<String>) -> Result<(), String> {
-    if holds { Ok(()) } else { Err(words.into()) }
-}
-
-/// Whether a number may be counts: sums of squares are finite, too.
-pub(super) fn is_count(v: &f64) -> bool {
-    v.abs() <= 1e30
-}
-
-/// Whether a row has one number per sample, which may be counts.
-pub(super) fn is_signal(row: &[f64], samples: usize) -> bool {
-    row.len() == samples && row.iter().all(is_count)
 }
 
 /// Whether two sample periods, s, are equal by the contract: up to 1e-6 relative.

@@ -9,7 +9,6 @@
 //! * `follows`, parameters that depend linearly on covariates: s (D(theta, t) - D(theta_0, t));
 //! * `previous_tail` p, the previous actuation's decay, which still rings: s p D(theta, t + t_p).
 
-use super::error::{is_count, is_signal, must};
 use crate::burst::{Beside, Burst};
 use crate::identify::reservoir::relative_drive;
 use crate::model::free_decay::{self, ALL, Theta};
@@ -122,21 +121,6 @@ impl Extension {
         let drive = relative_drive(burst.drive_voltage_v.unwrap_or(f64::NAN), reference_v);
         self.subtract(&burst.beside(row), drive, burst.sample_period_s, signal);
     }
-
-    /// Refuses an extension that no critique could have written.
-    pub(super) fn check(&self, samples: usize) -> Result<(), String> {
-        let numbers = self.decay.iter().chain([&self.previous_tail]);
-        let of_follows =
-            self.follows.iter().flat_map(|f| f.slope.iter().chain(&f.range).chain([&f.about]));
-        must(numbers.chain(of_follows).all(is_count), "a number is not finite, or absurd")?;
-        must(!self.follows.iter().any(|f| f.range[0] > f.range[1]), "`range` must rise")?;
-        // ln rates per signal length: damping, frequency, real pole
-        let is_absurd = [0, 1, 5].iter().any(|&k| self.decay[k].abs() > 20.0);
-        must(!is_absurd, "`decay` has a rate that no signal shows")?;
-        let fits = |shape: &Vec<f64>| shape.is_empty() || is_signal(shape, samples);
-        let words = "`shapes` must be at most 4, finite, one number per sample each";
-        must(self.shapes.len() <= 4 && self.shapes.iter().all(fits), words)
-    }
 }
 
 #[cfg(test)]
@@ -208,23 +192,5 @@ mod tests {
         let mut signal = vec![1.0; N];
         extension.subtract(&beside(1000.0, f64::NAN), 1.0, DT_S, &mut signal);
         assert!(signal.iter().all(|y| (y - 1.0).abs() < 1e-9));
-    }
-
-    #[test]
-    fn what_no_critique_writes_is_refused() {
-        assert_eq!(extension().check(N), Ok(()));
-        let refused: [fn(&mut Extension); 6] = [
-            |e| e.previous_tail = f64::NAN,
-            |e| e.decay[1] = 800.0,
-            |e| e.follows[0].range = [1.0, 0.0],
-            |e| e.follows[0].slope[0] = f64::INFINITY,
-            |e| e.shapes[0].truncate(N - 1),
-            |e| e.shapes = vec![vec![]; 5],
-        ];
-        for (i, spoil) in refused.iter().enumerate() {
-            let mut extension = extension();
-            spoil(&mut extension);
-            assert!(extension.check(N).is_err(), "{i}");
-        }
     }
 }

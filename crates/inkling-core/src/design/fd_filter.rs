@@ -7,7 +7,6 @@
 //! discretised exactly: each pole s becomes z = e^(s dt).
 
 use super::Result;
-use super::error::must;
 use crate::detect::{Denominator, DetectSettings, ResidualGenerator, null_space, numerator, poles};
 use crate::identify::GreyBoxSettings;
 use crate::identify::grey_box::Identification;
@@ -35,18 +34,6 @@ pub struct LearnedFilter {
     /// M(z), a factor of the numerator (thesis §3-2-1 III), descending powers; `[1]` in methods
     /// without one.
     pub enhancement: Vec<f64>,
-}
-
-impl LearnedFilter {
-    /// Refuses polynomials that are no filter, or that no training learns.
-    pub(super) fn check(&self) -> Result<(), String> {
-        let LearnedFilter { denominator, enhancement } = self;
-        let is_known = denominator.iter().chain(enhancement).all(|v| v.abs() <= 1e30);
-        must(is_known, "`filter` holds numbers beyond -1e30 to 1e30")?;
-        let leads = denominator.first().is_some_and(|v| *v != 0.0);
-        must(leads, "`filter.denominator` is empty or begins with 0")?;
-        must(enhancement.iter().any(|v| *v != 0.0), "`filter.enhancement` lets nothing through")
-    }
 }
 
 /// An error if the denominator is learned from faults and nothing was learned, or if the degrees
@@ -102,21 +89,4 @@ pub(super) fn by_resonance(
         detect.oscillations.unwrap_or(of_ring * detect.oscillations_of_ring.unwrap_or(1.0));
     let omega_r = poles::resonance_of_oscillations(oscillations, samples, dt_s);
     Ok(poles::resonance(omega_r, &detect.other_poles_per_s, dt_s)?)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_is_no_filter_is_refused() {
-        let is_taken = |denominator: &[f64], enhancement: &[f64]| {
-            let (denominator, enhancement) = (denominator.to_vec(), enhancement.to_vec());
-            LearnedFilter { denominator, enhancement }.check().is_ok()
-        };
-        assert!(is_taken(&[1.0, -0.5], &[1.0]) && is_taken(&[1.0, -0.5], &[0.0, 1.0]));
-        assert!(!is_taken(&[], &[1.0]) && !is_taken(&[0.0, 1.0], &[1.0]));
-        assert!(!is_taken(&[1.0], &[]) && !is_taken(&[1.0], &[0.0]));
-        assert!(!is_taken(&[1.0, f64::INFINITY], &[1.0]) && !is_taken(&[1.0], &[f64::NAN]));
-    }
 }

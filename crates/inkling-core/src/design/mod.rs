@@ -74,7 +74,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
 /// Version of the design file; a breaking change needs a new number.
-pub const VERSION: u32 = 3;
+pub const VERSION: u32 = 4;
 
 /// What training makes. `schemas/design.md` describes the file that holds it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -126,7 +126,7 @@ pub fn other_version(version: u32, made_by: &str) -> String {
         false => "as does a newer inkling",
     };
     format!(
-        "design version {version}, made by {made_by}: inkling {ours} reads version {VERSION}; {made_by} reads it, {then}"
+        "design version {version}, made by {made_by}: inkling {ours} reads version {VERSION} here; what made it reads it, {then}"
     )
 }
 

@@ -17,26 +17,10 @@ use serde::{Deserialize, Serialize};
 /// The filter r = (numerator / denominator) (y - y_hat): finite coefficients in descending powers of
 /// z, equal lengths, the denominator monic. Stability is not checked: method I's pair is marginal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "Unchecked")]
 pub struct ResidualGenerator {
     pub numerator: Vec<f64>,
     pub denominator: Vec<f64>,
     pub dt_s: f64,
-}
-
-#[derive(Deserialize)]
-struct Unchecked {
-    numerator: Vec<f64>,
-    denominator: Vec<f64>,
-    dt_s: f64,
-}
-
-impl TryFrom<Unchecked> for ResidualGenerator {
-    type Error = DetectError;
-
-    fn try_from(u: Unchecked) -> Result<Self, DetectError> {
-        ResidualGenerator::new(u.numerator, u.denominator, u.dt_s)
-    }
 }
 
 /// Filters up to this degree keep their state on the stack.

@@ -95,24 +95,6 @@ impl ClassDensity {
             .map(|(_, density)| density)
     }
 
-    /// Refuses a stored density that could not have been learned of so many features.
-    pub fn check(&self, coordinates: usize) -> Result<(), String> {
-        let finite = |v: &[f64]| v.len() == coordinates && v.iter().all(|x| x.abs() <= 1e30);
-        let axis = |a: &Axis| match *a {
-            Axis::Gaussian(sd) => (1e-30..=1e30).contains(&sd),
-            Axis::Range(Range { half_width, slope }) => {
-                (1e-30..=1e30).contains(&half_width) && (half_width * slope).abs() <= 1e3
-            }
-        };
-        let whole = finite(&self.mean)
-            && self.to_axes.len() == coordinates
-            && self.to_axes.iter().all(|row| finite(row))
-            && self.ln_determinant.abs() <= 1e6
-            && self.axes.len() == coordinates
-            && self.axes.iter().all(axis);
-        if whole { Ok(()) } else { Err(format!("a density is not of {coordinates} coordinates")) }
-    }
-
     /// ln density at features `x`, which are four at most.
     pub fn ln_density(&self, x: &[f64]) -> f64 {
         // A range convolved with the noise is a difference of normal tails at its two ends. The

@@ -231,35 +231,6 @@ impl FaultPhysics {
         Some(())
     }
 
-    pub fn check(&self) -> Result<(), String> {
-        self.laws.check().map_err(|why| format!("`physics.laws`: {why}"))?;
-        let Ring { amplitude, damping_per_s, frequency_hz, lambda_per_s, .. } = self.ring;
-        let positive = [amplitude, damping_per_s, frequency_hz, lambda_per_s, self.noise]
-            .iter()
-            .chain(&self.channel.rates())
-            .all(|v| (1e-30..=1e30).contains(v));
-        let finite = [self.ring.phase_rad, self.ring.real_share]
-            .iter()
-            .chain(self.belief.iter().flatten())
-            .all(|v| v.abs() <= 1e6);
-        let spread = self.spread.iter().all(|sd| (0.0..=1.0).contains(sd));
-        let Actuation { pulse_s, delay_s, .. } = self.actuation;
-        let pulse = (1e-10..=1e-1).contains(&pulse_s) && (0.0..=1e-2).contains(&delay_s);
-        let seen = self.seen.values().all(|s| {
-            let severities = s.severities.iter().all(|s| s.abs() <= 1e30);
-            (0.0..=1e15).contains(&s.n) && severities && s.error.is_none_or(|error| error.check())
-        });
-        let wrong = match (positive, finite, spread, pulse, seen) {
-            (false, ..) => "`channel`, `ring` or `noise` is not 1e-30 to 1e30",
-            (_, false, ..) => "`belief`, `ring.phase_rad` or `ring.real_share` is not -1e6 to 1e6",
-            (_, _, false, ..) => "`spread` is not 0 to 1",
-            (_, _, _, false, _) => "`actuation` is no pulse of an inkjet",
-            (.., false) => "`seen` holds no severities",
-            _ => return Ok(()),
-        };
-        Err(format!("`physics` could not have been learned: {wrong}; train again"))
-    }
-
     /// Covariance of a channel's own changes, which are taken for independent of each other.
     fn channels(&self) -> Square {
         Square::from_diagonal(&Changes::from(self.spread).map(|sd| sd * sd))

@@ -33,33 +33,9 @@ pub struct Posterior {
     pub(super) ln_shares: OnceLock<Vec<[f64; 2]>>,
 }
 
-const FEATURES: usize = 4;
-
 impl Posterior {
     pub fn with_own(self, of_own: Option<Posterior>) -> Posterior {
         Posterior { of_own: of_own.map(Box::new), ..self }
-    }
-
-    /// Refuses a stored posterior that could not have been learned for so many classes.
-    pub fn check(&self, classes: usize) -> Result<(), String> {
-        if self.classes.len() != classes {
-            return Err(format!("`posterior` has {} classes of {classes}", self.classes.len()));
-        }
-        if !(1.0..=100.0).contains(&self.temperature) {
-            return Err(format!("`posterior.temperature` = {}: 1 to 100", self.temperature));
-        }
-        let share = |k: usize| self.physics_share.get(k).copied().unwrap_or(0.0);
-        let stands = |(k, class): (usize, &Option<ClassDensity>)| match class {
-            Some(_) => (0.0..=1.0).contains(&share(k)),
-            None => share(k) == 1.0,
-        };
-        if !self.classes.iter().enumerate().all(stands) {
-            return Err(
-                "`posterior`: a class has no density, or `physics_share` is no share".into()
-            );
-        }
-        self.classes.iter().flatten().try_for_each(|class| class.check(FEATURES))?;
-        self.of_own.as_ref().map_or(Ok(()), |of_own| of_own.check(classes))
     }
 
     /// Writes the posterior of each class into `weights`. They sum to 1, or are NaN if the features

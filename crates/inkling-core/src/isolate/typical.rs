@@ -42,18 +42,6 @@ impl Typical {
         }
         square / misfit.len() as f64
     }
-
-    /// Refuses stored bounds that could not have been learned.
-    pub fn check(&self, classes: usize, samples: usize) -> Result<(), String> {
-        let finite = |v: &[f64]| v.iter().all(|x| x.abs() <= 1e30);
-        let whole = self.misfit.len() == classes
-            && self.spread.len() == classes
-            && self.spread.iter().all(|of| of.len() == self.directions.len())
-            && self.spread.iter().flatten().all(|v| (0.0..=1e30).contains(v))
-            && self.directions.iter().all(|d| d.len() == samples && finite(d))
-            && self.misfit.iter().all(|v| *v > 0.0);
-        if whole { Ok(()) } else { Err(format!("`typical` is not of {classes} classes")) }
-    }
 }
 
 /// Upper bound, exceeded with the probability `least_rate`, on [`Typical::misfit_of`] of a further
@@ -128,21 +116,6 @@ mod tests {
             spread: vec![vec![1e6], vec![0.0]],
             misfit: vec![1.0; 2],
         };
-        typical.check(2, 8).unwrap();
-        assert!(typical.check(1, 8).is_err());
-        let spoils: [&dyn Fn(&mut Typical); 6] = [
-            &|t| t.directions[0].truncate(7),
-            &|t| t.directions[0][3] = f64::NAN,
-            &|t| t.spread[1].clear(),
-            &|t| t.spread[0][0] = -1.0,
-            &|t| t.spread[0][0] = f64::INFINITY,
-            &|t| t.misfit[1] = 0.0,
-        ];
-        for (k, spoil) in spoils.iter().enumerate() {
-            let mut spoiled = typical.clone();
-            spoil(&mut spoiled);
-            assert!(spoiled.check(2, 8).is_err(), "{k}");
-        }
         let left = along(30.0);
         let of = |k: usize, size: f64| typical.misfit_of(&left, size, k);
         // 4 of 8 samples of 900 variances: 450 in the mean
