@@ -102,9 +102,6 @@ impl Default for Evidence {
     }
 }
 
-/// Number of channels that are updated together, in SIMD lanes.
-pub const TOGETHER: usize = 8;
-
 impl Evidence {
     pub fn is_quiet(&self) -> bool {
         !self.raised && self.learned.faulty <= 0.0
@@ -167,31 +164,6 @@ impl Evidence {
         }
     }
 
-    /// Updates several channels at once as [`Evidence::look`] does: those `among`, none of them raised.
-    /// Returns which were updated (not those that this look would raise), and where an onset may lie.
-    pub fn look_at_quiet(
-        of: [&mut Evidence; TOGETHER],
-        among: [bool; TOGETHER],
-        ratios: &[f32; TOGETHER],
-        bound: f32,
-    ) -> ([bool; TOGETHER], [bool; TOGETHER]) {
-        let learned = of.each_ref().map(|of| of.learned);
-        let (mut next, mut begin, mut updated) = (learned, [false; TOGETHER], [false; TOGETHER]);
-        for i in 0..TOGETHER {
-            let (z, sd) = learned[i].deviation(ratios[i]);
-            next[i] = learned[i].after(ratios[i], z, sd);
-            let of_look = evidence_of(ratios[i], z);
-            begin[i] = (next[i].faulty > 0.0) & begins(learned[i].faulty, of_look);
-            updated[i] = among[i] & (next[i].faulty < bound);
-        }
-        for ((of, next), updated) in of.into_iter().zip(next).zip(updated) {
-            if updated {
-                of.learned = next;
-            }
-        }
-        (updated, begin)
-    }
-
     /// The test for the end of a fault that comes and goes: so many looks in a row without a flag as
     /// its share of flagged looks makes improbable.
     fn look_for_flags(&mut self, ratio: f32) {
@@ -218,7 +190,6 @@ impl Evidence {
 }
 
 /// The evidence of one look that deviates by `z`: the smaller of two ln likelihood ratios.
-#[inline(always)] // several channels side by side
 fn evidence_of(ratio: f32, z: f32) -> f32 {
     let by_flag = if ratio > 1.0 { FLAGGED } else { NOT_FLAGGED };
     (tuned::shift() * (z - tuned::shift() / 2.0)).min(by_flag)
@@ -232,7 +203,6 @@ fn begins(before: f32, of_look: f32) -> bool {
 
 impl Learned {
     /// A look's deviation z from the level, and its standard deviation, with the level's error.
-    #[inline(always)] // several channels side by side
     fn deviation(self, ratio: f32) -> (f32, f32) {
         let x = ratio.max(0.0).sqrt().sqrt().min(1e3);
         let sd = (self.variance * (1.0 + 1.0 / self.level_looks)).sqrt();
@@ -240,7 +210,6 @@ impl Learned {
     }
 
     /// What is known after a look. `z`, `sd`: as `deviation` gives them.
-    #[inline(always)] // as above
     fn after(self, ratio: f32, z: f32, sd: f32) -> Learned {
         let faulty = (self.faulty + evidence_of(ratio, z)).max(0.0);
 

@@ -2,13 +2,8 @@
 //!
 //! In: the bursts of one printhead in the order of time. Out, into [`TrackerOutput`]: episodes that
 //! have ended, and, if the tracker works at once, those that were raised.
-//!
-//! Most looks are at channels without an episode whose signal was not flagged. These are updated
-//! eight (`TOGETHER`) at a time, in SIMD lanes (`look_at_quiet`), and only the others one by one
-//! (`look_alone`), with the same effect.
 
 use super::channel::Channel;
-use super::evidence::{Evidence, TOGETHER};
 use super::intermittent::Flags;
 use super::order::WaitingBursts;
 use super::rules::Rules;
@@ -65,85 +60,21 @@ impl Printhead {
         Some(self.states.len() - 1)
     }
 
-    /// Takes the looks of the rows from `row` on at `TOGETHER` channels at once, to the same effect as
-    /// [`Printhead::look_alone`]. A channel is left out if its look is flagged, not judged or not the
-    /// next in time, if it is judged by another model or baseline, or if its episode is on or would be
-    /// raised. `near`: index of the first of these channels' states; `named`: flagged signals from
-    /// `row` on. Returns which channels were updated; `None`: there are no such rows or states.
-    fn look_at_quiet(
-        &mut self,
-        looks: &Looks,
-        row: u32,
-        near: usize,
-        named: &[IsolatedSignal],
-        bound: f32,
-    ) -> Option<[bool; TOGETHER]> {
-        let ratios = looks.ratios.get(row as usize..)?.first_chunk::<TOGETHER>()?;
-        let states = self.states.get_mut(near..)?.first_chunk_mut::<TOGETHER>()?;
-        let first = looks.first_channel.saturating_add(row);
-
-        let mut among = [true; TOGETHER];
-        for (((i, state), ratio), among) in (0u32..).zip(&*states).zip(ratios).zip(&mut among) {
-            if state.number != first.saturating_add(i) {
-                return None;
-            }
-            *among = (state.last_ns < looks.t_ns)
-                & (state.model == Some(looks.model))
-                & (state.own == looks.judged_by_own(row + i))
-                & !state.evidence.raised
-                & !ratio.is_nan();
-        }
-        // `named` has an entry for every flagged signal; `look_alone` counts these
-        for named in named.iter().take_while(|named| named.row < row + TOGETHER as u32) {
-            among[(named.row - row) as usize] = false;
-        }
-
-        let evidence = states.each_mut().map(|state| &mut state.evidence);
-        let (done, begin) = Evidence::look_at_quiet(evidence, among, ratios, bound);
-
-        // the rest of what `look_alone` and `Channel::look` do: the draft ends with the evidence
-        for (((state, ratio), done), begins) in states.iter_mut().zip(ratios).zip(done).zip(begin) {
-            if !done {
-                continue;
-            }
-            (state.last_ns, state.last_ratio) = (looks.t_ns, *ratio);
-            state.looks += 1;
-            state.quiet.add(false);
-            self.flags.add(false);
-            if begins {
-                (state.onset_ns, state.looks) = (looks.t_ns, 1);
-            }
-            if state.draft.is_some() && (begins || state.evidence.is_quiet()) {
-                state.draft = None;
-            }
-        }
-        Some(done)
-    }
-
     pub fn look(&mut self, looks: &Looks, rules: &Rules, output: &mut TrackerOutput) {
         let rows = looks.ratios.len() as u32; // a burst has far fewer than 2^32 rows
         self.untimely.signals += looks.ratios.iter().filter(|ratio| !ratio.is_nan()).count() as u64;
         let mut named = looks.named.as_slice();
-        let (mut row, mut near) = (0, 0);
-        while row < rows {
-            let done = self.look_at_quiet(looks, row, near, named, rules.bound).unwrap_or_default();
-            let next = row.saturating_add(TOGETHER as u32).min(rows);
-            for (row, done) in (row..next).zip(done) {
-                if done {
-                    near += 1;
-                    continue;
-                }
-                let here = named.first().filter(|first| first.row == row);
-                named = &named[usize::from(here.is_some())..];
-                near = self.look_alone((looks, rules), row, here, near, output);
-            }
-            row = next;
+        let mut near = 0;
+        for row in 0..rows {
+            let here = named.first().filter(|first| first.row == row);
+            named = &named[usize::from(here.is_some())..];
+            near = self.look_at((looks, rules), row, here, near, output);
         }
     }
 
     /// Takes the look at one channel. `near`: index at which its state probably is. Returns that of
     /// the next channel.
-    fn look_alone(
+    fn look_at(
         &mut self,
         (looks, rules): (&Looks, &Rules),
         row: u32,

@@ -242,35 +242,3 @@ fn an_onset_is_the_first_evidence_or_what_chance_does_not_explain() {
     // a look that is not flagged is no onset, however far it lies above the channel's level
     assert!(!begins(tuned::suspicion() / 2.0, evidence_of(0.9, 20.0)));
 }
-
-#[test]
-fn channels_together_are_channels_one_by_one() {
-    let mut look = source(5);
-    let mut one_by_one = [Evidence::default(); TOGETHER];
-    let (mut together, mut raised) = (one_by_one, [false; TOGETHER]);
-    for nth in 0..400 {
-        let offset = if nth > 350 { 8.0 } else { 1.5 };
-        let ratios: [f32; TOGETHER] = std::array::from_fn(|_| look(offset));
-        // raised channels are left out, and now and then another one
-        let among = std::array::from_fn(|i| !raised[i] && (nth + i) % 9 != 0);
-        let before = together;
-        let (updated, begin) = Evidence::look_at_quiet(together.each_mut(), among, &ratios, 16.0);
-        for i in 0..TOGETHER {
-            let told = |of: &Evidence| format!("{of:?}");
-            if !among[i] {
-                assert!(!updated[i] && told(&together[i]) == told(&before[i]));
-                continue;
-            }
-            let step = one_by_one[i].look(ratios[i], 16.0);
-            assert_eq!(updated[i], step != Step::Raised);
-            if updated[i] {
-                assert_eq!(told(&together[i]), told(&one_by_one[i]));
-                assert_eq!(begin[i], step == Step::Suspect { begins: true });
-            } else {
-                assert_eq!(told(&together[i]), told(&before[i]));
-                raised[i] = true;
-            }
-        }
-    }
-    assert!(raised.contains(&true));
-}
