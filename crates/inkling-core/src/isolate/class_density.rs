@@ -291,6 +291,10 @@ impl Axis {
             Axis::Gaussian(sd) => -0.5 * (u / sd).powi(2) + self.ln_scale(),
             Axis::Range(range) => {
                 let [beyond, far] = range.ends(u);
+                // so far inside, both tails are nothing beside 1, and most examples lie there
+                if beyond < -9.0 {
+                    return range.ln_tilt(u) + self.ln_scale();
+                }
                 let mass = (upper_tail(beyond) - upper_tail(far)).max(0.0);
                 let ln_mass = match mass > 1e-280 {
                     true => mass.ln(),
