@@ -84,7 +84,10 @@ pub fn write_text(path: &Path, text: &[u8]) -> Result<(), FileError> {
 pub fn text(design: &Design) -> serde_json::Result<Vec<u8>> {
     // the file is written from the design itself, whose keys are in the order in which they are explained
     let mut text = serde_json::to_string_pretty(design)?;
-    let checksum = checksum(&mut serde_json::from_str(&text)?);
+    let mut all: Value = serde_json::from_str(&text)?;
+    let checksum = checksum(&mut all);
+    // a number that is not finite was written as null, and nobody could read such a design
+    let _: Design = serde_json::from_value(all)?;
     text.insert_str(1, &format!("\n  \"{CHECKSUM}\": \"{checksum}\","));
     text.push('\n');
     Ok(text.into_bytes())
