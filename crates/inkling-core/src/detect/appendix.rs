@@ -20,9 +20,8 @@ const HARMONICS: usize = 40;
 /// M(z), monic, descending powers, of degree `degree` >= 1. `residual`: the mean residual of a
 /// fault, N, counts. An error if its energy is 0 or not finite, or if a root has no finite image.
 ///
-/// Departs: the text's M is a polynomial in s. Its roots are mapped to z by the bilinear
-/// transformation z = (2 + s) / (2 - s), with time counted in samples. The basis ends below half
-/// the sample rate, beta* is scaled to length 1, and Q_x has `degree` rows.
+/// Departs: the roots of the text's M(s) are mapped by the bilinear z = (2 + s) / (2 - s), with
+/// time counted in samples. The basis ends below half the sample rate, and beta* has length 1.
 pub fn as_written(residual: &[f64], degree: usize) -> Result<Vec<f64>, DetectError> {
     let n = residual.len();
     let failed = || DetectError::Decomposition { rows: degree, columns: degree };
@@ -43,7 +42,6 @@ pub fn as_written(residual: &[f64], degree: usize) -> Result<Vec<f64>, DetectErr
     let mut row = DVector::from_fn(2 * harmonics + 1, |i, _| beta(i));
     row /= row.norm().max(f64::MIN_POSITIVE);
 
-    // D-bar: row k is beta* D^k; D couples the sine and the cosine of each frequency, as d/dt does
     let mut d_bar = DMatrix::zeros(degree, row.len());
     for k in 0..degree {
         d_bar.row_mut(k).copy_from(&row.transpose());
@@ -57,7 +55,6 @@ pub fn as_written(residual: &[f64], degree: usize) -> Result<Vec<f64>, DetectErr
     }
 
     let q_x = &d_bar * d_bar.transpose();
-    // Q_x's eigenvalues are the roots of M(s): map them, and multiply the factors (z - z_i)
     let roots = SymmetricEigen::try_new(q_x, f64::EPSILON, 10_000).ok_or_else(failed)?.eigenvalues;
     let m = monic(roots.iter().map(|s| (2.0 + s) / (2.0 - s)));
     if m.iter().all(|v| v.is_finite()) { Ok(m) } else { Err(failed()) }

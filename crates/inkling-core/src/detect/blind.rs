@@ -5,8 +5,7 @@
 
 use nalgebra::Complex;
 
-/// The ranges of frequencies, Hz, ascending, in which the filter has less than the share `least` of
-/// its largest gain. `steps`: how many frequencies are looked at, 2 or more.
+/// `least`: the share of the largest gain that counts as small; `steps`: frequencies, 2 or more.
 pub fn blind_ranges(
     generator: &super::ResidualGenerator,
     least: f64,
@@ -15,7 +14,6 @@ pub fn blind_ranges(
     let half_rate_hz = 0.5 / generator.dt_s;
     let hz = |k: usize| half_rate_hz * k as f64 / (steps - 1) as f64;
     let gain = |k: usize| {
-        // z = e^{j 2 pi f dt}, and Horner's rule
         let z = Complex::new(0.0, std::f64::consts::PI * k as f64 / (steps - 1) as f64).exp();
         let at = |p: &[f64]| {
             p.iter().fold(Complex::new(0.0, 0.0), |v, &c| v * z + Complex::new(c, 0.0)).norm()
@@ -27,7 +25,6 @@ pub fn blind_ranges(
     let largest = gains.iter().copied().fold(0.0, f64::max);
     let is_blind = |k: &usize| gains[*k] < least * largest;
 
-    // neighbouring frequencies that are alike, blind or not, are joined
     let frequencies: Vec<usize> = (0..steps).collect();
     let ranges = frequencies.chunk_by(|j, k| is_blind(j) == is_blind(k));
     ranges.filter(|of| is_blind(&of[0])).map(|of| (hz(of[0]), hz(of[of.len() - 1]))).collect()

@@ -21,12 +21,10 @@ use crate::model::student::student_quantile;
 pub use super::mixture::{Degrees, Spread};
 
 const GROUPS: usize = 8;
-/// Smallest number of signals for the mixture model.
 const FEWEST: usize = 24;
 
-/// The value that at most a share `rate` of the window's healthy signals exceed, with `confidence`
-/// (.5 or more). `statistics`: one per signal, in any unit; `channels`: of each. An error if there are
-/// too few signals, or no threshold above 0.
+/// `statistics`: one per signal, in any unit; `channels`: of each; `confidence`: .5 or more. An error
+/// if there are too few signals, or no threshold above 0.
 pub fn contaminated(
     statistics: &[f64],
     channels: &[u32],
@@ -55,7 +53,6 @@ pub fn contaminated(
     let rate = rate * statistics.len() as f64 / counted.len() as f64;
     let (all, of_groups) = histograms(&counted, median);
 
-    // the estimate, in ln (s / median), and the estimates without each group
     let mixture = Mixture::fit(&all, degrees, spread);
     let estimate = mixture.ln_exceeded(rate);
     let without = of_groups
@@ -83,7 +80,6 @@ pub fn contaminated(
     })
 }
 
-/// The histogram of all signals, and that of each group of the jackknife.
 fn histograms(counted: &[(f64, u32)], median: f64) -> (Counts, Vec<Counts>) {
     let weight = independent(counted) / counted.len() as f64;
     let (mut all, mut of_groups) = (Counts::NONE, vec![Counts::NONE; GROUPS]);
@@ -94,8 +90,7 @@ fn histograms(counted: &[(f64, u32)], median: f64) -> (Counts, Vec<Counts>) {
     (all, of_groups)
 }
 
-/// The reach of the one-sided confidence interval above the estimate, in ln s: Student's t times
-/// sqrt((n - 1) / n sum (e_i - mean)²) of the n estimates e_i, each without one group.
+/// Student's t times sqrt((n - 1) / n sum (e_i - mean)²) of the n estimates e_i, in ln s.
 fn jackknifed(without: &[f64], confidence: f64) -> f64 {
     let n = without.len() as f64;
     let mean = without.iter().sum::<f64>() / n;

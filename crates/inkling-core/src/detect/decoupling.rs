@@ -13,7 +13,6 @@
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-/// A disturbance of known shape and unknown size that adds to the output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Disturbance {
@@ -46,7 +45,6 @@ impl KnownShapes {
             column.normalize_mut();
         }
 
-        // least squares on all columns together; only the shapes' rows are kept
         let g = all.tr_mul(&all).try_inverse()? * all.transpose();
         let last = of_ring..all.ncols();
         let known = KnownShapes {
@@ -57,7 +55,6 @@ impl KnownShapes {
         known.estimators.iter().flatten().all(|v| v.abs() < 1e6).then_some(known)
     }
 
-    /// Takes the disturbances off a deviation, in place: d - D G d. `deviation`: N, counts.
     pub fn take_off(&self, deviation: &mut [f64]) {
         subtract(&self.shapes, &self.estimators, deviation);
     }
@@ -68,7 +65,6 @@ impl KnownShapes {
     }
 }
 
-/// Subtracts from v each of the `directions` times the inner product of its row with v.
 fn subtract(directions: &[Vec<f64>], rows: &[Vec<f64>], v: &mut [f64]) {
     let much: Vec<f64> =
         rows.iter().map(|row| row.iter().zip(&*v).map(|(p, q)| p * q).sum()).collect();

@@ -10,7 +10,6 @@ use super::{DetectError, ResidualGenerator, poles};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
-/// False-alarm rate at which misses are counted.
 const FALSE_ALARM_RATE: f64 = 1e-3;
 const FOLDS: usize = 5;
 /// What is tried: frequencies of the pair over the healthy resonance, its dampings, all other poles.
@@ -37,7 +36,6 @@ impl Choice {
     }
 }
 
-/// The denominator that misses the fewest faults, and numbers of faults that are missed.
 #[derive(Clone, Copy, Debug)]
 pub struct SearchResult {
     pub choice: Choice,

@@ -8,9 +8,8 @@
 //!
 //! # One number, whatever the machine
 //!
-//! A lane's arithmetic is the same sequence of IEEE f32 operations in every lane and with every
-//! instruction set: no fused multiply-add, nothing summed across lanes. So an energy depends neither
-//! on a signal's neighbours, nor on the number of workers or the processor.
+//! Every lane and instruction set runs the same sequence of IEEE f32 operations: nothing is fused or
+//! summed across lanes. So an energy depends on no neighbour, number of workers or processor.
 //!
 //! # The bound
 //!
@@ -26,15 +25,13 @@
 //! |d^ - d| <= u |d^| + 6 u drive (|y_hat| + |dT| |response|)
 //! ```
 //!
-//! because computing r^ rounds by 2 u |b_0 d^| + u |r^|, the update of state k by 2 u of each product
-//! and by u of each of its two sums, and a state is a finite sum of terms b_i d^ and a_i r^. y_hat,
-//! dT and response are the expected signal, the temperature above the reference and the expected
-//! signal's change per K.
+//! because computing r^ rounds by 2 u |b_0 d^| + u |r^|, the update of state k by 2 u of each
+//! product and by u of each of its two sums, and a state is a finite sum of terms b_i d^ and a_i r^.
+//! y_hat is the expected signal, response its change per K, dT the temperature above the reference.
 //!
-//! The operator norms |B/A| and |1/A| are bounded by the sums of the magnitudes of the impulse
-//! responses over the N samples, which are finite for marginally stable poles, too. |r^| and |d^|
-//! are measured along with the energy (their own sums cost (N + 2) u). 1 % on top covers terms of
-//! second order and the reference's own rounding.
+//! |B/A| and |1/A| are at most the sums of the magnitudes of the impulse responses, which are finite
+//! over N samples for marginally stable poles, too. |r^| and |d^| are measured along with the energy
+//! (their sums cost (N + 2) u). 1 % on top covers second order and the reference's own rounding.
 
 use super::ResidualGenerator;
 use super::lane_expectation::{Deviation, LEAST, LaneExpectation, SLACK, U, fits, twin};
@@ -43,7 +40,6 @@ use super::tile::{self, Tile};
 
 pub const MOST_ORDER: usize = 8;
 
-/// A residual generator in f32, for signals of one length and one expected shape.
 #[derive(Clone, Debug)]
 pub struct LaneFilter {
     /// The coefficients b_0 .. b_order and a_1 .. a_order (a_0 is 1).
@@ -93,7 +89,7 @@ impl LaneFilter {
             return None;
         }
 
-        // 1/A, and bounds on the norms of B/A and 1/A: the sums of the impulse responses' magnitudes
+        // the bounds on |B/A| and |1/A|
         let mut all_pole = generator.clone();
         all_pole.numerator.fill(0.0);
         all_pole.numerator[0] = 1.0;
@@ -151,7 +147,6 @@ impl LaneFilter {
         sums
     }
 
-    /// Bound on ||r^| - |r||, counts, given |d^| and |r^|.
     fn bound(&self, deviation: Deviation, residual: f64) -> f64 {
         self.of_deviation * deviation.norm
             + self.of_residual * residual

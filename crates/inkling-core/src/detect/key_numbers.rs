@@ -10,7 +10,6 @@
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
-/// Dominant amplitude, damping and frequency of a signal, thesis §4-1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KeyNumbers {
     pub amplitude_counts: f64,
@@ -18,12 +17,10 @@ pub struct KeyNumbers {
     pub frequency_hz: f64,
 }
 
-/// The frequencies that are looked at, Hz: the lowest, their distance, and their number.
 const LOWEST_HZ: f64 = 15e3;
 const STEP_HZ: f64 = 1e3;
 const STEPS: usize = 96;
 
-/// A Fourier transform at these frequencies, for signals of one length and sample period.
 #[derive(Clone, Debug)]
 pub struct Spectrum {
     dt_s: f64,
@@ -75,7 +72,6 @@ impl Spectrum {
     }
 }
 
-/// Magnitude of a signal's Fourier sum at the frequency of these waves, counts.
 fn magnitude(y: &[f64], cos: &[f64], sin: &[f64]) -> f64 {
     let (mut re, mut im) = (0.0, 0.0);
     for ((y, c), s) in y.iter().zip(cos).zip(sin) {

@@ -33,16 +33,14 @@ pub(super) fn norm(of: &[f64]) -> f64 {
 
 #[derive(Clone, Debug)]
 pub struct LaneExpectation {
-    /// y_hat at the reference drive and temperature, counts, and its derivative by temperature,
-    /// counts/K; N samples each.
+    /// y_hat at the reference, N, counts, and its derivative by temperature, N, counts/K.
     pub(super) expected: Vec<f32>,
     pub(super) response: Vec<f32>,
     norms: [f64; 2],
     largest: [f64; 2],
 }
 
-/// The norm |d^| of a lane's deviation, and that part of the bound on |d^ - d| which is due to the
-/// rounding of the expected signal; both in counts.
+/// The norm |d^| and the `error` of the header, both in counts.
 #[derive(Clone, Copy, Debug)]
 pub struct Deviation {
     pub norm: f64,
@@ -70,14 +68,12 @@ impl LaneExpectation {
         self.expected.len()
     }
 
-    /// The expected signal at a relative drive and `warmer` K above the reference.
     pub fn at(&self, drive: f32, warmer: f32) -> Vec<Phases> {
         let each = self.expected.iter().zip(&self.response);
         in_phases(each.map(|(e, slope)| drive * (e + warmer * slope)))
     }
 
-    /// The norm and error of a lane's deviation. `None`: the square norm is out of f32's range or NaN,
-    /// or a sample may lie at one of the `rails`.
+    /// `None`: the square norm is out of f32's range, or a sample may lie at one of the `rails`.
     pub fn deviation(&self, tile: &Tile, lane: usize, rails: [f64; 2]) -> Option<Deviation> {
         let square = tile.square_sum[lane];
         let trusted = square > LEAST && square < f32::INFINITY;

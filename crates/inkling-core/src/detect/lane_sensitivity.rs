@@ -48,7 +48,6 @@ pub struct Limits {
     pub unexplained: f64,
 }
 
-/// Signals of one drive and temperature: their expected signal, and what is needed to judge them.
 #[derive(Clone, Debug)]
 pub struct Condition {
     pub drive: f32,
@@ -98,8 +97,7 @@ impl LaneSensitivity {
         self.expectation.samples()
     }
 
-    /// Prepares a condition: a relative drive, and `warmer` K above the reference temperature.
-    /// `rails`: the least and the greatest count of the converter.
+    /// `warmer`: K above the reference; `rails`: the least and the greatest count of the converter.
     pub fn condition(&self, drive: f64, warmer: f64, limits: Limits, rails: [f64; 2]) -> Condition {
         let (drive, warmer) = (drive as f32, warmer as f32);
         let limit = self.sensitivity.metric(drive.into()).map(|metric| Limit {
@@ -132,7 +130,6 @@ for_processor! {
     ) {
         let (by, of) = of;
         let (m, scale, mean) = (&of.metric, of.scale, by.sensitivity.mean);
-        // (N + 4) u, the relative error of a sum over N samples
         let summing = (by.samples() as f64 + 4.0) * U;
         let squares = &sums.squares[lanes.clone()];
         let [p, q, r] = sums.products.each_ref().map(|of| &of[lanes.clone()]);
@@ -164,7 +161,6 @@ for_processor! {
             let near = most * most < of.limits.near;
             let far = (least > 0.0) & (least * least > SLACK * of.limits.far);
 
-            // the square norm orthogonal to the sensitivities, |d|² - c^T Gram c, and its bound
             let g = &by.gram;
             let c = c.map(f64::from);
             let of_c = |row: &[f64; 3]| row[0] * c[0] + row[1] * c[1] + row[2] * c[2];

@@ -20,8 +20,7 @@ use crate::model::programme::minimise;
 use crate::model::ring_down::{discretise, in_microseconds};
 use nalgebra::{DMatrix, DVector};
 
-/// M(z), descending powers, scaled such that its coefficient of the largest size is 1. `dt_s`:
-/// sample period, s; `degree`: of M p3, 3 or more.
+/// M(z), descending powers, its largest coefficient scaled to 1. `degree`: of M p3, 3 or more.
 pub fn most_sensitive(
     healthy: &InkChannel,
     faulty: &InkChannel,
@@ -53,7 +52,6 @@ pub fn most_sensitive(
         }
     }
 
-    // N(z) L of the best weights, up to the sign
     let (_, weights) = best;
     let n_bar = space.tr_mul(&weights);
     let mut rest: Vec<f64> = (0..=degree).rev().map(|k| n_bar[(k + 1) * block - 1]).collect();
@@ -65,13 +63,11 @@ pub fn most_sensitive(
             quotient
         })
         .collect();
-    // a polynomial's scale is free: the coefficient of the largest size becomes 1
     let largest = m.iter().fold(0.0, |most: f64, v| if v.abs() > most.abs() { *v } else { most });
     Ok(m.iter().map(|v| v / largest).collect())
 }
 
-/// The weights, one per row of `space`, that make a linear form largest with no coefficient of N-bar
-/// above 1 in size. An error if the solver does not converge.
+/// The weights of `space`'s rows that maximise `form`. An error if the solver does not converge.
 fn largest(space: &DMatrix<f64>, form: &DVector<f64>) -> Result<DVector<f64>, DetectError> {
     let (rows, columns) = space.shape();
     let size = form.amax().max(f64::MIN_POSITIVE);

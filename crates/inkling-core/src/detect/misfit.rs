@@ -13,11 +13,9 @@ use super::Threshold;
 use crate::model::median::{median, robust_sd};
 use serde::{Deserialize, Serialize};
 
-/// A first-order misfit whose root exceeds the healthy median by more than so many healthy standard
-/// deviations is computed again by a fit.
+/// Beyond so many healthy standard deviations a first-order misfit is computed again by a fit.
 pub const SECOND_LOOK_SDS: f64 = 3.0;
 
-/// The distribution of healthy signals' misfit, and the test's threshold.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Misfit {
     pub square: f64,
@@ -41,8 +39,7 @@ impl Misfit {
         (root > 0.0 && sd > 0.0 && sd.is_finite()).then_some([root, sd])
     }
 
-    /// The squared standardised excess of a misfit's root over the healthy median, by the numbers of
-    /// [`Misfit::scale`].
+    /// The header's statistic of one misfit, by the numbers of [`Misfit::scale`].
     pub fn distance(square: f64, [root, sd]: [f64; 2]) -> f64 {
         ((square.max(0.0).sqrt() - root) / sd).max(0.0).powi(2)
     }

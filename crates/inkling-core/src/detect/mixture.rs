@@ -46,8 +46,7 @@ const BEYOND: f64 = 10.0;
 const BEFORE: usize = 100;
 const STEPS: usize = BINS + 2 * BEFORE;
 
-/// Bound on the parameter ln (1 / kappa): no healthy tail is heavier than that of Student's t with
-/// 4 degrees of freedom.
+/// Largest ln (1 / kappa): no healthy tail is heavier than Student's t with 4 degrees of freedom.
 const HEAVIEST: f64 = -0.69;
 const MOST_KINDS: usize = 3;
 
@@ -69,7 +68,6 @@ pub enum Spread {
     Known,
 }
 
-/// A histogram of ln (s / median): per bin the sum of the weights of its signals.
 #[derive(Clone, Debug)]
 pub(super) struct Counts([f64; BINS]);
 
@@ -102,11 +100,9 @@ const SCALE: usize = 0;
 const GAMMA: usize = 1;
 const TAIL: usize = 2;
 const HEALTHY: usize = 3;
-/// Number of parameters before those of the components of one size, and of each such component.
 const LAW: usize = 4;
 const OF_KIND: usize = 3;
 
-/// What is known of the healthy distribution before its counts are seen.
 #[derive(Clone, Copy, Debug)]
 struct Freedom {
     a: f64,
@@ -257,7 +253,6 @@ fn likeliest(of: impl IntoIterator<Item = Mixture>) -> Mixture {
     of.into_iter().max_by(likelier).expect("every fit has starts")
 }
 
-/// The share of healthy signals from its parameter: 1/2 to 1.
 fn healthy_share(at: f64) -> f64 {
     0.5 + 0.5 / (1.0 + (-at).exp())
 }
@@ -292,7 +287,6 @@ for_processor! {
 }
 
 for_processor! {
-    /// Probabilities, in every bin, of a Gaussian in ln s: density in the bin's middle times width.
     fn gaussian(middle: f64, sd: f64) -> [f64; BINS] {
         let mut p = [0.0; BINS];
         for (i, p) in p.iter_mut().enumerate() {
@@ -314,7 +308,6 @@ for_processor! {
     }
 }
 
-/// Probabilities of the healthy distribution in the histogram's bins; the outermost ones include the tails.
 fn of_bins(freedom: Freedom, at: &DVector<f64>) -> [f64; BINS] {
     let p = law(freedom, at);
     let mut bins: [f64; BINS] = std::array::from_fn(|i| p[BEFORE + i]);
@@ -331,7 +324,6 @@ static OF_ANY_SIZE: LazyLock<[f64; BINS]> = LazyLock::new(|| {
     p.map(|p| p / sum)
 });
 
-/// The mixture's components at some parameters, as probabilities in every bin.
 struct Components {
     healthy_share: f64,
     healthy: [f64; BINS],
@@ -370,8 +362,7 @@ impl Components {
     }
 }
 
-/// ln likelihood of the counts, plus the ln density of the priors: ln gamma is Gaussian about 0, 1 /
-/// kappa exponential, and ln of each component's standard deviation Gaussian about `width`.
+/// ln likelihood of the counts plus ln density of the priors; 1 / kappa has an exponential one.
 fn ln_likelihood(freedom: Freedom, at: &DVector<f64>, counts: &Counts) -> f64 {
     let mixed = Components::of(freedom, at).mixed();
     let data = ln_of_counts(&counts.0, &mixed);
@@ -396,7 +387,7 @@ impl Score {
         let components = Components::of(freedom, at);
         let (p, faulty, h) = (components.mixed(), components.faulty(), components.healthy_share);
 
-        // Slopes of the mixed probabilities p: ln c, ln gamma and ln (1 / kappa) by differences;
+        // the slopes of p by ln c, ln gamma and ln (1 / kappa), from differences
         let mut slopes: Vec<[f64; BINS]> = (SCALE..=TAIL)
             .map(|k| {
                 let moved = |by: f64| {
@@ -421,7 +412,6 @@ impl Score {
             slopes.push(std::array::from_fn(|i| by * density[i] * (z(i) * z(i) - 1.0)));
         }
 
-        // gradient: sum of counts times slope / p; information: n times the sum of products of slopes / p
         let n = counts.sum();
         let over: Vec<[f64; BINS]> =
             slopes.iter().map(|slope| std::array::from_fn(|i| slope[i] / p[i])).collect();
@@ -449,7 +439,6 @@ impl Score {
         Score { gradient, information }
     }
 
-    /// (information + damping diag(information) + a ridge)^-1 gradient. `None`: it is singular.
     fn step(&self, damping: f64) -> Option<DVector<f64>> {
         let regularised = &self.information
             + DMatrix::from_diagonal(&self.information.diagonal()) * damping

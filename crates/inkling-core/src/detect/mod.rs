@@ -45,7 +45,6 @@ pub use settings::{
 };
 pub use threshold::Threshold;
 
-/// Why no filter or no threshold can be made. The messages say with which numbers, and what to do.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum DetectError {
     #[error("{what} is {value}: it must be {must}")]

@@ -32,7 +32,6 @@ const ZERO: f64 = 1e-12;
 /// How large an entry of N H-bar may be that should be 0, relative to the largest of H-bar.
 const REPAIRED: f64 = 1e-14;
 
-/// The left null space of H-bar: all N(z) of a degree with N(z) H(z) = 0.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NullSpace {
     /// N-bar = [N_0 ... N_degree], nullity x (degree + 1)(n + 1), orthonormal, in scaled states.
@@ -176,8 +175,7 @@ fn observable_order(a_d: &DMatrix<f64>, c: &DMatrix<f64>) -> usize {
     basis.len()
 }
 
-/// H-bar, thesis after (3-3b): `block_rows` block rows [H_0 H_1], each one block further right, with
-/// H_0 = [A_d; C], H_1 = [-I; 0], both (n + 1) x n.
+/// H-bar, thesis after (3-3b), with H_0 = [A_d; C] and H_1 = [-I; 0], both (n + 1) x n.
 pub(super) fn h_bar(a_d: &DMatrix<f64>, c: &DMatrix<f64>, block_rows: usize) -> DMatrix<f64> {
     let n = a_d.nrows();
     let shape = (n + 1, n);
@@ -191,8 +189,7 @@ pub(super) fn h_bar(a_d: &DMatrix<f64>, c: &DMatrix<f64>, block_rows: usize) -> 
     h_bar
 }
 
-/// Orthonormal rows N, a basis of all with N M = 0: the left singular vectors of M whose singular
-/// value is 0. An error if N M does not vanish.
+/// Orthonormal rows N, a basis of all with N M = 0. An error if N M does not vanish.
 pub(super) fn left_null_space(m: &DMatrix<f64>) -> Result<DMatrix<f64>, DetectError> {
     let (rows, columns) = m.shape();
     let failed = DetectError::Decomposition { rows, columns };

@@ -20,9 +20,8 @@ use nalgebra::{DMatrix, SymmetricEigen};
 /// has no energy in some direction make its gain infinite.
 const RIDGE: f64 = 1e-9;
 
-/// The M, of unit norm, that maximises the mean energy of the `faulty` residuals of M N L / alpha over
-/// that of the `healthy` ones (deviations, N counts each). `numerator`: N L, and `denominator`: alpha,
-/// of a higher degree, descending powers.
+/// The M, of unit norm. `numerator`: N L, and `denominator`: alpha, of a higher degree, both in
+/// descending powers; `healthy`, `faulty`: deviations, N counts each.
 pub fn enhancement(
     numerator: &[f64],
     denominator: &[f64],
@@ -41,7 +40,6 @@ pub fn enhancement(
         .map(|k| ResidualGenerator::new(shifted(k), denominator.to_vec(), dt_s))
         .collect::<Result<Vec<_>, _>>()?;
 
-    // the two quadratic forms, and the Cholesky factor of the healthy one: Q_h = L L'
     let q_healthy = mean_energy(&basis, healthy, "healthy deviation")?;
     let q_faulty = mean_energy(&basis, faulty, "faulty deviation")?;
     let size = q_healthy.diagonal().amax();
@@ -70,7 +68,6 @@ pub fn product(m: &[f64], n: &[f64]) -> Vec<f64> {
     product
 }
 
-/// The matrix Q by which m^T Q m is the mean square sum of the residual, counts².
 fn mean_energy(
     basis: &[ResidualGenerator],
     deviations: &[Vec<f64>],

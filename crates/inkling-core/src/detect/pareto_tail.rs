@@ -104,7 +104,6 @@ impl ParetoTail {
             })
             .collect();
 
-        // posterior probability that the ln of the excess lies below a value
         let below = |ln: f64| -> f64 {
             each.iter().map(|(w, middle, sd)| w * upper_tail((middle - ln) / sd)).sum()
         };
@@ -142,7 +141,6 @@ fn likeliest_scale(excesses: &[f64], shape: f64) -> f64 {
     halved(ends.ln(), (10.0 * largest).ln(), |ln| is_too_small(&ln.exp())).exp()
 }
 
-/// Log likelihood of excesses under a generalised Pareto distribution of this shape and scale.
 fn ln_likelihood(excesses: &[f64], shape: f64, scale: f64) -> f64 {
     let each = |e: &f64| match shape.abs() < 1e-9 {
         true => e / scale,
@@ -151,7 +149,6 @@ fn ln_likelihood(excesses: &[f64], shape: f64, scale: f64) -> f64 {
     -(excesses.len() as f64) * scale.ln() - excesses.iter().map(each).sum::<f64>()
 }
 
-/// The place between `low` and `high` where `is_below` ceases to hold.
 fn halved(low: f64, high: f64, is_below: impl Fn(f64) -> bool) -> f64 {
     let [low, high] = bisected(low, high, HALVINGS, is_below);
     0.5 * (low + high)

@@ -39,15 +39,13 @@ pub fn resonance_of_oscillations(oscillations: f64, samples: usize, dt_s: f64) -
     2.0 * std::f64::consts::PI * oscillations / (samples as f64 * dt_s)
 }
 
-/// The n_o that puts the undamped pair at the healthy resonance f0 = `frequency_hz`. Departs: the
-/// thesis has n_o chosen by hand.
+/// The n_o of the healthy resonance. Departs: the thesis has n_o chosen by hand.
 pub fn healthy_oscillations(frequency_hz: f64, samples: usize, dt_s: f64) -> f64 {
     frequency_hz * samples as f64 * dt_s
 }
 
-/// Method II: alpha(s) = det(A_f - sI), thesis §3-2-1 II, of a faulty channel, mapped to z: as many
-/// poles as the degree has room for, the slowest first, without tearing a pair apart; what is missing
-/// is filled with poles at -`filler_per_s`.
+/// alpha(s) = det(A_f - sI), thesis §3-2-1 II, mapped to z: the slowest poles that the degree has
+/// room for, without tearing a pair apart; what is missing is filled with poles at -`filler_per_s`.
 ///
 /// Departs: a filler takes the place of the pole at 0, which is not observable in the output.
 pub fn eigenvalues(

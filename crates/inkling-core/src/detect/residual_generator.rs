@@ -23,7 +23,6 @@ pub struct ResidualGenerator {
     pub dt_s: f64,
 }
 
-/// Filters up to this degree keep their state on the stack.
 const INLINE: usize = 16;
 
 impl ResidualGenerator {
@@ -62,15 +61,13 @@ impl ResidualGenerator {
         self.run(deviation, |r| out.next().into_iter().for_each(|place| *place = r));
     }
 
-    /// The residual of a deviation, thesis r(y), from zero state; both: N, counts.
     pub fn residual(&self, deviation: &[f64]) -> Vec<f64> {
         let mut residual = vec![0.0; deviation.len()];
         self.filter(deviation, &mut residual);
         residual
     }
 
-    /// The residual energy, thesis e(r) before (3-4): e = dt sum r², counts²·s, where the text has
-    /// the integral. `deviation`: N, counts.
+    /// Thesis e(r) before (3-4), counts²·s: dt sum r², where the text has the integral.
     pub fn energy(&self, deviation: &[f64]) -> f64 {
         let mut sum = 0.0;
         self.run(deviation, |r| sum += r * r);
@@ -103,7 +100,6 @@ impl ResidualGenerator {
     fn run(&self, deviation: &[f64], mut emit: impl FnMut(f64)) {
         let (b0, b, a) = (self.numerator[0], &self.numerator[1..], &self.denominator[1..]);
         let order = a.len().min(b.len());
-        // one number per pole, on the stack unless there are many
         let mut inline = [0.0; INLINE];
         let mut heap;
         let state = if order <= INLINE {

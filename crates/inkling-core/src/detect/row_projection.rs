@@ -6,19 +6,16 @@
 //! and the square norm |y - y_hat|², counts².
 //!
 //! The arithmetic keeps the rules of [`super::kernel`]: sample k is added to partial sum k mod 16,
-//! the sixteen partial sums are added in a fixed order (`tree`), and no multiplication is fused
-//! with an addition. So the bits depend neither on the instruction set nor on a row's neighbours.
-//! Three loops do the same sums in the order in which the memory lies.
+//! and the sixteen sums are added in a fixed order (`tree`). Three loops do the same sums in the
+//! order in which the memory lies.
 
 use crate::burst::{Burst, Layout};
 use crate::processor::for_processor;
 use std::ops::Range;
 
-/// Number of signals that are judged together, one in each lane.
 pub const LANES: usize = 32;
 pub type Sample = [f32; LANES];
 
-/// Number of partial sums of a sum over samples: sample k is added to number k mod 16.
 pub const PHASES: usize = 16;
 pub type Phases = [f32; PHASES];
 
@@ -31,7 +28,6 @@ pub fn in_phases(of: impl ExactSizeIterator<Item = f32>) -> Vec<Phases> {
     phases
 }
 
-/// The sum of the sixteen partial sums, pairwise in a fixed order.
 #[inline(always)]
 pub(super) fn tree(of: &Phases) -> f32 {
     let eight: [f32; 8] = std::array::from_fn(|l| of[l] + of[l + 8]);
@@ -87,7 +83,6 @@ impl<const M: usize> Columns<M> {
     }
 }
 
-/// Per lane the inner products with M columns, and the square norm, counts².
 #[derive(Clone, Debug)]
 pub struct Projections<const M: usize> {
     pub products: [Sample; M],
@@ -110,8 +105,7 @@ pub struct Room {
 type Groups<'a, const M: usize> = (&'a [Phases], &'a [[Phases; M]]);
 
 for_processor! {
-    /// Projects rows of little-endian int16 samples that lie one after the other, of `n` samples
-    /// each; `lane`: where the first row's results go.
+    /// `samples`: rows of `n` little-endian int16; `lane`: where the first row's results go.
     fn project_int16<const M: usize>(
         samples: &[u8],
         n: usize,
@@ -158,8 +152,7 @@ for_processor! {
 }
 
 for_processor! {
-    /// Projects signals that lie sample by sample, one partial sum of all of them after the other:
-    /// `samples[k]` holds sample k; `lanes`: where the results go.
+    /// `samples[k]` holds sample k of all signals; `lanes`: where the results go.
     fn project_samples<const M: usize>(
         samples: &[Sample],
         groups: Groups<'_, M>,
@@ -169,7 +162,6 @@ for_processor! {
         let (expected, columns) = groups;
         let mut squares = [[0.0; LANES]; PHASES];
         let mut products = [[[0.0; LANES]; PHASES]; M];
-        // partial sum `phase` of all lanes, over samples phase, phase + 16, ..
         for phase in 0..PHASES {
             let (mut square, mut product) = ([0.0; LANES], [[0.0; LANES]; M]);
             let samples = samples.iter().skip(phase).step_by(PHASES);
@@ -194,7 +186,6 @@ for_processor! {
     }
 }
 
-/// The partial sums of one row: of its products with each column, and of its squares.
 struct Sums<const M: usize> {
     products: [Phases; M],
     squares: Phases,
@@ -221,7 +212,6 @@ impl<const M: usize> Sums<M> {
         }
     }
 
-    /// Adds the partial sums up and writes the row's results to its lane.
     #[inline(always)] // compiled once per instruction set
     fn end(&self, lane: usize, out: &mut Projections<M>) {
         out.squares[lane] = tree(&self.squares);

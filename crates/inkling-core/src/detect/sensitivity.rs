@@ -32,22 +32,18 @@ use crate::model::median::{median, robust_sd};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// A squared distance to first order beyond this, as 2 % of healthy signals have it, is computed
-/// again from a fitted ring.
+/// A squared distance to first order beyond this, as of 2 % of healthy signals, gets a second look.
 pub const SECOND_LOOK: f64 = 13.0;
 /// Squared distance, to first order, beyond which no healthy signal lies, and no ring is fitted.
 pub const CLEARLY_FAR: f64 = 1e3;
 
-/// How features are computed from a deviation to first order, and how healthy ones are distributed.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Sensitivity {
     /// The projection P: three rows of N, 1/counts.
     pub projection: Vec<Vec<f64>>,
     /// The mean m of the healthy features. Not quite 0, as the model is identified from an average.
     pub mean: [f64; 3],
-    /// How channels differ: covariance of the healthy features less that of the noise.
     pub spread: [[f64; 3]; 3],
-    /// Covariance of the features that the samples' noise causes at the reference drive.
     pub noise: [[f64; 3]; 3],
     /// Share of `spread` that counts in the metric, above 0 and at most 1. An older design lacks it.
     #[serde(default = "tuned::spread_counts")]
@@ -55,9 +51,8 @@ pub struct Sensitivity {
 }
 
 impl Sensitivity {
-    /// The sensitivity of a model before anything is known of its channels: mean and spread are 0.
-    /// `tangent`: T, N x 3, dy/d(ln A, ln sigma, ln f), counts. `noise`: standard deviation of one
-    /// sample, counts. `None`: the columns of T are linearly dependent.
+    /// The sensitivity with mean and spread 0. `tangent`: T, counts; `noise`: standard deviation of
+    /// one sample, counts. `None`: the columns of T are linearly dependent.
     pub fn new(tangent: &DMatrix<f64>, noise: f64) -> Option<Sensitivity> {
         let gram = tangent.tr_mul(tangent);
         let inverse = gram.try_inverse()?;
@@ -72,9 +67,8 @@ impl Sensitivity {
         new.noise.iter().flatten().all(|v| v.is_finite()).then_some(new)
     }
 
-    /// The sensitivity with its noise covariance enlarged for coloured noise: by the largest ratio,
-    /// measured over white, of p' R p (p: row of P; R: Toeplitz matrix of the misfits' autocovariance,
-    /// counts², from lag 0 on).
+    /// Enlarges the noise covariance by the largest ratio, over white noise, of p' R p (p: row of P;
+    /// R: Toeplitz matrix of the misfits' autocovariance, counts², from lag 0 on).
     pub fn coloured(mut self, autocovariance: &[f64], of_white: &[f64]) -> Sensitivity {
         // every lag but 0 occurs on both sides of R's diagonal
         let along = |row: &[f64], r: &[f64]| -> f64 {
@@ -92,8 +86,7 @@ impl Sensitivity {
         self
     }
 
-    /// The sensitivity with mean and spread by plain moments of healthy signals. `features`: of each
-    /// signal, with its relative drive; not empty.
+    /// Mean and spread by plain moments. `features`: of signals, with their drives; not empty.
     pub fn with_spread(self, features: &[(Vector3<f64>, f64)]) -> Sensitivity {
         let n = features.len() as f64;
         let mean = features.iter().map(|(x, _)| x).sum::<Vector3<f64>>() / n;
@@ -110,8 +103,7 @@ impl Sensitivity {
         (self.noise[0][0] / square).sqrt()
     }
 
-    /// The sensitivity after a change that all channels have in common, such as warmer ink.
-    /// `tangent`: N x 3, of the changed ring.
+    /// The sensitivity after a change that all channels share. `tangent`: N x 3, of the changed ring.
     pub fn moved(&self, tangent: &DMatrix<f64>) -> Option<Sensitivity> {
         Some(Sensitivity::new(tangent, self.noise_of_one_sample())?.with_spread_of(self))
     }
@@ -153,7 +145,6 @@ impl Sensitivity {
         features: &[(Vector3<f64>, f64)],
     ) -> Sensitivity {
         let n = features.len() as f64;
-        // the mean of 1 / drive², by which the noise's covariance is multiplied
         let of_noise = features.iter().map(|(_, s)| 1.0 / (s * s)).sum::<f64>() / n;
         let beyond = total - matrix(&self.noise) * of_noise;
 
@@ -167,14 +158,12 @@ impl Sensitivity {
         self
     }
 
-    /// The features to first order, x = P d / s, relative to the expected signal's ring.
-    /// `deviation`: d, N, counts; `drive`: s, relative to the reference drive.
+    /// Features to first order. `deviation`: d, N, counts; `drive`: s, relative to the reference.
     pub fn features(&self, deviation: &[f64], drive: f64) -> Vector3<f64> {
         Vector3::from_fn(|k, _| dot(&self.projection[k], deviation) / drive)
     }
 
-    /// The metric M at a relative drive: the inverse of share * spread + noise / drive². `None`:
-    /// that covariance is singular.
+    /// The metric M at a relative drive. `None`: the covariance is singular.
     pub fn metric(&self, drive: f64) -> Option<Matrix3<f64>> {
         (matrix(&self.spread) * self.share + matrix(&self.noise) / (drive * drive)).try_inverse()
     }
@@ -207,7 +196,6 @@ pub(super) fn core_of(points: &[Vector3<f64>]) -> Core {
     const STEPS: usize = 30;
     let kept = ((tuned::core_share() * points.len() as f64).ceil() as usize).clamp(1, points.len());
 
-    // start from the median and the median absolute deviation of each feature
     let along = |k: usize| points.iter().map(|x| x[k]).collect::<Vec<f64>>();
     let mut mean = Vector3::from_fn(|k, _| median(&mut along(k)));
     let spread =
@@ -215,7 +203,6 @@ pub(super) fn core_of(points: &[Vector3<f64>]) -> Core {
     let mut covariance = Matrix3::from_diagonal(&spread);
     let mut order: Vec<usize> = (0..points.len()).collect();
     for _ in 0..STEPS {
-        // keep the points nearest to the present mean by the present covariance
         let Some(metric) = covariance.try_inverse() else { break };
         let far: Vec<f64> = points
             .iter()
@@ -241,7 +228,6 @@ pub(super) fn core_of(points: &[Vector3<f64>]) -> Core {
     Core { mean, covariance }
 }
 
-/// A matrix from its rows; `rows` is the inverse.
 fn matrix(rows: &[[f64; 3]; 3]) -> Matrix3<f64> {
     Matrix3::from_fn(|i, j| rows[i][j])
 }

@@ -5,7 +5,6 @@ use super::decoupling::Disturbance;
 use crate::ranges::{check, check_between};
 use serde::{Deserialize, Serialize};
 
-/// What is compared with the threshold.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DetectMethod {
@@ -66,8 +65,7 @@ pub struct DetectSettings {
     pub denominator: Denominator,
     /// The fault class that all denominators but `resonance` and `searched` are made for.
     pub fault: String,
-    /// Number of oscillations n_o within a signal at which method I puts the marginal pair; absent:
-    /// by `oscillations_of_ring`.
+    /// Oscillations n_o within a signal, for method I's pair; absent: by `oscillations_of_ring`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub oscillations: Option<f64>,
     /// n_o in periods of the healthy ring, that is n_o over f0 T; absent: 1, at the resonance.

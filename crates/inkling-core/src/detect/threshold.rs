@@ -4,10 +4,9 @@
 //! and ratios matter), and the channel that each came from. Out: a [`Threshold`], above which a
 //! signal counts as faulty. Signals of which some may be faulty go to [`super::contamination`].
 //!
-//! [`max`] is thesis (3-4), mu times the largest energy.
-//!
-//! Departs: the largest energy grows with the number of training signals. So the default is
-//! [`quantile`]: the energy that healthy signals exceed at a chosen rate, with a confidence bound.
+//! [`max`] is thesis (3-4), mu times the largest energy. Departs: that grows with the number of
+//! training signals. So the default is [`quantile`]: the energy that healthy signals exceed at a
+//! chosen rate, with a confidence bound.
 //!
 //! 1. The largest energies (a tenth by default) are the tail. Signals of one channel resemble each
 //!    other, so the tail counts as fewer, independent signals (design effect).
@@ -21,7 +20,6 @@ use crate::numbers::tuned::little;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Smallest number of healthy signals for the estimate of a tail.
 const MIN_SIGNALS: usize = 20;
 /// The tail is `little` (a tenth) of all signals, but lies between these two. It is at least twice
 /// the number expected beyond the threshold, and half of all signals at most (this bound wins).
@@ -35,9 +33,7 @@ const MAX_FACTOR: f64 = 1e3;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
-    /// As a tail quantile: [`quantile`].
     Quantile,
-    /// As a multiple of the largest energy, thesis (3-4): [`max`].
     #[default]
     Max,
     /// From a window of unlabelled signals: [`super::contamination`].
@@ -70,7 +66,6 @@ pub struct Threshold {
 }
 
 impl Threshold {
-    /// The threshold before anything was learned: no signal exceeds it.
     pub fn none() -> Threshold {
         Threshold { value: f64::INFINITY, ..Threshold::default() }
     }
@@ -79,7 +74,6 @@ impl Threshold {
         Threshold { value: self.value * factor, ..self.clone() }
     }
 
-    /// A warning where a window's threshold was raised much.
     pub fn wide_in_words(&self) -> Option<String> {
         let widened = self.widened.filter(|by| *by > WIDE)?;
         Some(format!(
@@ -147,14 +141,12 @@ pub fn quantile(
     let sample = Sample::new(energies, channels, MIN_SIGNALS, "quantile")?;
     let n = energies.len();
 
-    // how many of the largest energies the tail is fitted to
     let tail = ((little() * n as f64) as usize)
         .clamp(MIN_TAIL, MAX_TAIL)
         // a quantile that lies inside the sample needs signals of the tail on both sides of it
         .max((2.0 * false_alarm_rate * n as f64).ceil() as usize)
         .min(n / 2);
 
-    // how many independent signals the tail is worth, as a share of all and by its excesses
     let (number, level) = (sample.effective(tail), sample.descending[tail].0);
     let excesses = sample.independent(tail, |i| sample.descending[i].0 - level);
     let effective = Effective { number: tail as f64 * number / n as f64, excesses };
@@ -180,7 +172,6 @@ pub fn quantile(
     })
 }
 
-/// Healthy energies, sorted for both methods.
 struct Sample {
     /// The energies, the largest first, each with its channel. Of a single channel every signal
     /// counts as a channel of its own, for want of others.
@@ -189,7 +180,6 @@ struct Sample {
 }
 
 impl Sample {
-    /// Sorts and checks the energies. Fewer than `needed` signals are refused.
     fn new(
         energies: &[f64],
         channels: &[u32],
@@ -214,7 +204,6 @@ impl Sample {
         Ok(Sample { descending, channels })
     }
 
-    /// How many independent signals would say as much about the share of signals in the tail.
     fn effective(&self, tail: usize) -> f64 {
         self.independent(self.descending.len(), |i| f64::from(u8::from(i < tail)))
     }
@@ -226,7 +215,6 @@ impl Sample {
     }
 }
 
-/// Refuses statistics that are negative or not finite.
 pub(super) fn check_energies(energies: &[f64]) -> Result<(), DetectError> {
     let wrong = energies.iter().position(|e| !(e.is_finite() && *e >= 0.0));
     wrong.map_or(Ok(()), |index| Err(DetectError::NotAnEnergy { value: energies[index], index }))
@@ -248,9 +236,8 @@ pub(super) fn sums_of_channels(values: impl Iterator<Item = (f64, u32)>) -> Vec<
     channels.into_values().collect()
 }
 
-/// How many independent values say as much: their number n over the design effect 1 + (m - 1) icc,
-/// with icc the intra-channel correlation by a one-way analysis of variance, and m the mean number of
-/// values per channel, weighted by itself.
+/// n over the design effect 1 + (m - 1) icc: icc is the intra-channel correlation by a one-way
+/// analysis of variance, m the mean number of values per channel, weighted by itself.
 fn independent(values: impl Iterator<Item = (f64, u32)>) -> f64 {
     let of_channels = sums_of_channels(values);
     let total = |of: fn(&[f64; 3]) -> f64| of_channels.iter().map(of).sum::<f64>();
@@ -260,7 +247,6 @@ fn independent(values: impl Iterator<Item = (f64, u32)>) -> f64 {
         return n;
     }
 
-    // mean squares between and within channels
     let mean = total(|[_, sum, _]| *sum) / n;
     let off = |[n, sum, _]: &[f64; 3]| n * (sum / n - mean).powi(2);
     let between = of_channels.iter().map(off).sum::<f64>();

@@ -16,8 +16,7 @@ pub struct Tile {
     /// Per sample that sample of every lane: counts, after `subtract` deviations.
     pub(super) values: Vec<Sample>,
     pub(super) lanes: usize,
-    /// Per lane the drive voltage over the reference voltage, which scales the expected signal, and
-    /// the temperature in K above the reference.
+    /// Per lane the relative drive, and K above the reference temperature.
     pub(super) drive: Sample,
     pub(super) warmer: Sample,
     /// Per lane the square norm of the deviation, counts²; set by `subtract`.
@@ -70,7 +69,6 @@ for_processor! {
     /// Turns a tile's counts into deviations from drive times (expected + warmer times response), and
     /// stores their square norms. `expected`: N, counts; `response`: N, counts/K.
     pub(super) fn subtract(tile: &mut Tile, expected: &[f32], response: &[f32]) {
-        // sixteen partial sums of squares per lane, as in `row_projection`
         let mut squares = [[0.0; LANES]; PHASES];
         let samples = tile.values.iter_mut().zip(expected.iter().zip(response));
         for (k, (sample, (e, slope))) in samples.enumerate() {
