@@ -9,15 +9,12 @@ use super::InkChannel;
 use nalgebra::Vector4;
 use serde::{Deserialize, Serialize};
 
-/// Largest number of steps of a waveform.
 pub const MOST_STEPS: usize = 32;
 
-/// The course of the actuation's voltage, as steps of constant voltage.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(into = "Vec<[f64; 2]>", try_from = "Vec<[f64; 2]>")]
 pub struct Waveform {
-    /// Each step's share of the whole duration, and its voltage relative to the drive's; 0 beyond
-    /// `n`.
+    /// Each step's share of the whole duration, and its voltage over the drive's; 0 beyond `n`.
     steps: [[f64; 2]; MOST_STEPS],
     n: usize,
 }
@@ -29,15 +26,13 @@ impl Default for Waveform {
 }
 
 impl Waveform {
-    /// One rectangular pulse at the drive voltage.
     pub const PULSE: Waveform = {
         let mut steps = [[0.0; 2]; MOST_STEPS];
         steps[0] = [1.0, 1.0];
         Waveform { steps, n: 1 }
     };
 
-    /// Makes a waveform of steps [duration in any unit, relative voltage], and returns it with the
-    /// sum of their durations. The error says in words what a step may be.
+    /// Of steps [duration in any unit, relative voltage]; with it comes the sum of the durations.
     pub fn new(steps: &[[f64; 2]]) -> Result<(Waveform, f64), String> {
         let whole: f64 = steps.iter().map(|[duration, _]| duration).sum();
         let is_step = |[duration, level]: &[f64; 2]| {
@@ -80,7 +75,6 @@ impl TryFrom<Vec<[f64; 2]>> for Waveform {
     }
 }
 
-/// The actuation, and the wait until acquisition begins.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Actuation {
     pub pulse_s: f64,
@@ -95,10 +89,9 @@ impl Actuation {
         Actuation { pulse_s, delay_s, waveform: Waveform::PULSE }
     }
 
-    /// x_a = (V_r, V_n, V_r', V_n') of a channel that was at rest before the actuation, thesis
-    /// (2-2) with B_u = b (0, 0, 1/(I_r B_t), 1/(I_n B_t))^T. `displaced_m3` is b u, the actuator
-    /// constant times the drive voltage; x_a is proportional to it, so a caller who passes counts·s
-    /// gets a state whose output is in counts.
+    /// x_a = (V_r, V_n, V_r', V_n') of a channel that was at rest, thesis (2-2) with B_u = b (0, 0,
+    /// 1/(I_r B_t), 1/(I_n B_t))^T. `displaced_m3`: b u, the actuator constant times the drive
+    /// voltage, to which x_a is proportional: counts·s give a state whose output is in counts.
     ///
     /// While a voltage u lasts, x_e = (b u, 0, 0, 0) is an equilibrium: A x_e + B_u u = 0. So x -
     /// x_e decays freely, which is exact and needs no inverse of the singular A.

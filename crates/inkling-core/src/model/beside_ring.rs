@@ -3,19 +3,16 @@
 //!
 //! In: a signal (N samples, counts) and the ring fitted to it. Out: d - J (J'J)^-1 J'd, N counts,
 //! where d is the signal less the ring. J has five columns: the derivatives by ln amplitude, ln
-//! damping, ln frequency and phase, and the real pole's decay e^(-lambda t). The real pole's rate
-//! lambda is held: if it were free, the tangent space would take up any slow drift of the sensor,
-//! too.
+//! damping, ln frequency and phase, and the real pole's decay e^(-lambda t). Its rate lambda is
+//! held: were it free, the tangent space would take up any slow drift of the sensor, too.
 
 use super::inner_product::dot;
 use super::ring::Ring;
 use super::ring_fit::{Features, RingFitter};
 use nalgebra::{Cholesky, Const, DMatrix, SMatrix, SVector};
 
-/// Dimension of the tangent space: the four columns of `RingFitter::tangent`, and the real pole's.
 const COLUMNS: usize = 5;
 
-/// The projection, for signals of one sample period and length and rings with the same real pole.
 #[derive(Clone, Debug)]
 pub struct BesideRing {
     /// e^(-lambda t), scaled to unit norm, N.
@@ -44,8 +41,7 @@ impl BesideRing {
         let mut of = TangentSpace { pair, real, scale: [0.0; COLUMNS], gram: None };
         let columns = of.columns();
 
-        // the lower triangle of the columns' inner products, which is all that the factorisation
-        // reads
+        // only the lower triangle of the inner products, which is all that the factorisation reads
         let products = SMatrix::<f64, COLUMNS, COLUMNS>::from_fn(|i, j| {
             if j <= i { dot(columns[i], columns[j]) } else { 0.0 }
         });
@@ -80,14 +76,12 @@ impl TangentSpace<'_> {
         [column(0), column(1), column(2), column(3), self.real]
     }
 
-    /// The part of a deviation that lies beside the tangent space, N, counts. Without a factorised
-    /// Gram matrix nothing is taken off.
+    /// The part of a deviation beside the tangent space, N, counts; all of it without `gram`.
     pub fn without(&self, mut deviation: Vec<f64>) -> Vec<f64> {
         let columns = self.columns();
         let product =
             SVector::<f64, COLUMNS>::from_fn(|i, _| self.scale[i] * dot(columns[i], &deviation));
         if let Some(of) = self.gram.as_ref().map(|gram| gram.solve(&product)) {
-            // the coefficients of the columns, and what these explain taken off, in one pass
             let [a, b, c, d, e]: [f64; COLUMNS] = std::array::from_fn(|i| self.scale[i] * of[i]);
             let [p, q, r, s, t] = columns;
             let n = deviation.len();

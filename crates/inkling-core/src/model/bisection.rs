@@ -1,9 +1,8 @@
 //! Bisection: finds the place where a condition ceases to hold.
 
 /// Halves the interval from `low`, where `is_below` should hold, to `high`, where it should not,
-/// `halvings` times, and returns the two ends of what is left. `is_below` is never asked at the
-/// given ends: if it holds everywhere between them, the second end is still `high`; if nowhere, the
-/// first is still `low`.
+/// and returns the ends of what is left. `is_below` is never asked at the given ends: if it holds
+/// everywhere between them, the second end is still `high`; if nowhere, the first is still `low`.
 pub fn bisected(
     mut low: f64,
     mut high: f64,

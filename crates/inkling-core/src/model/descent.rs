@@ -20,16 +20,13 @@ pub struct Damping {
     pub most: f64,
 }
 
-/// Descends from `start`, and returns the last accepted point with its cost.
+/// `trials` is the largest number of steps that are tried, discarded ones included.
 ///
-/// * `trials`: the largest number of steps that are tried, discarded ones included.
-/// * `cost`: the cost of a point, and whatever was computed on the way and serves the slope. A cost
-///   that is not finite discards the step.
+/// * `cost`: the cost of a point, and what of its computation serves the slope. A cost that is not
+///   finite discards the step.
 /// * `slope`: called once for each accepted point. `None` ends the descent.
-/// * `step`: the point to try, from a point, its slope and the damping. `None`: there is none at
-///   this damping, which counts as a discarded step.
-/// * `has_converged`: called after each accepted step, with the decrease of the cost and the cost now;
-///   `true` ends the descent.
+/// * `step`: the point to try. `None` counts as a discarded step.
+/// * `has_converged`: called after each accepted step with the decrease of the cost and the cost.
 pub fn descend<Point, Evaluation, Slope>(
     start: Point,
     Damping { first, down, least, up, most }: Damping,

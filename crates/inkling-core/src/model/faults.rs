@@ -14,8 +14,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
-/// What a fault does to the elements of a channel, as a table of `faults.toml` or
-/// `[isolate.physics]` writes it. u is the factor of a severity (`Law::base`).
+/// A table of `faults.toml` or `[isolate.physics]`: what a fault does to a channel's elements.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Law {
@@ -54,7 +53,6 @@ pub struct Law {
     pub unit: Option<String>,
 }
 
-/// How a severity s is counted, and the factor u that follows from s.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Size {
@@ -77,8 +75,7 @@ fn laws() -> &'static BTreeMap<String, Law> {
     })
 }
 
-/// All that is known to happen to a channel: the laws of `faults.toml`, and a user's own
-/// (`[isolate.physics]`), by name. Only the user's own are stored.
+/// The laws of `faults.toml` and a user's own (`[isolate.physics]`), which alone are stored.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Catalogue {
@@ -94,20 +91,17 @@ impl Catalogue {
         self.own.get(name).or_else(|| laws().get(name))
     }
 
-    /// The names of a user's own laws that are classes of faults.
     pub fn own_classes(&self) -> impl Iterator<Item = &str> {
         self.own.iter().filter(|(_, law)| law.weight == 0.0).map(|(name, _)| name.as_str())
     }
 
-    /// What happens to channels and is no class of faults, with its name.
     pub fn contrasts(&self) -> impl Iterator<Item = (&str, &Law)> {
         let all = laws().iter().chain(&self.own).filter(|(_, law)| law.weight > 0.0);
         all.map(|(name, law)| (name.as_str(), law))
     }
 
-    /// The class in whose severity unit faults of all `classes` are measured: the first one, if all
-    /// of them are one physical fault in different degrees. `None`: they are not, or one is
-    /// unknown.
+    /// The class in whose severity unit faults of all `classes` are measured: the first one.
+    /// `None`: they are not one physical fault in different degrees, or one is unknown.
     pub fn one_kind<'a>(&self, classes: &'a [String]) -> Option<&'a str> {
         let first = classes.first()?;
         let kind = self.law(first)?;
@@ -115,8 +109,7 @@ impl Catalogue {
         classes.iter().all(|class| alike(class)).then_some(first)
     }
 
-    /// The severity farthest from no fault among the ranges of all laws of the kind of `of`: a
-    /// fault may grow from one class into the next.
+    /// The farthest severity in all laws of the kind of `of`: a fault may outgrow its class.
     pub fn largest(&self, of: &Law) -> f64 {
         let alike = laws().values().chain(self.own.values()).filter(|law| law.is_kind_of(of));
         let farther = |a: f64, b: f64| if of.scale(a).abs() > of.scale(b).abs() { a } else { b };
@@ -128,7 +121,6 @@ impl Catalogue {
         Categories(self.own.iter().filter_map(declared).collect())
     }
 
-    /// Refuses a law of the user's that is not possible, and weights that are too large together.
     pub fn check(&self) -> Result<(), String> {
         for (name, law) in &self.own {
             if name.is_empty() || is_reserved(name) || laws().contains_key(name) {
@@ -147,12 +139,10 @@ impl Catalogue {
     }
 }
 
-/// Largest total weight of a user's laws that are no classes. Together with what is there already
-/// (.09 in `faults.toml`, .09 in `isolate/alternatives.rs`) that is less than two fifths of what is
-/// flagged.
+/// Largest total weight of a user's laws that are no classes. With what is there already (.09 in
+/// `faults.toml`, .09 in `isolate/alternatives.rs`) that is below two fifths of what is flagged.
 const MOST_WEIGHT: f64 = 0.2;
-/// Largest power that is accepted. Those of thesis (2-3), (2-4) are at most 2, or 4 in a diameter,
-/// so that a larger one is probably a slip of the pen.
+/// Largest accepted power: those of thesis (2-3), (2-4) are at most 2, or 4 in a diameter.
 const MOST_POWER: f64 = 4.0;
 
 impl Law {
@@ -190,7 +180,6 @@ impl Law {
             ));
         }
 
-        // what has a weight is no class and so belongs to no category
         if !(0.0..=MOST_WEIGHT).contains(&self.weight) {
             return Err(format!("weight = {}: give 0 to {MOST_WEIGHT}", self.weight));
         }
@@ -216,7 +205,6 @@ impl Law {
         ]
     }
 
-    /// Whether both laws are one physical fault in different degrees.
     pub fn is_kind_of(&self, other: &Law) -> bool {
         let grows = |law: &Law| law.range[1] > law.none();
         let same = self.size == other.size && self.resistances == other.resistances;
@@ -227,7 +215,6 @@ impl Law {
         if self.size == Size::Factor { 1.0 } else { 0.0 }
     }
 
-    /// The factor u that grows or shrinks with the severity.
     fn base(&self, severity: f64) -> f64 {
         match self.size {
             Size::Share => 1.0 - severity,
@@ -236,8 +223,7 @@ impl Law {
         }
     }
 
-    /// The coordinate of a severity in which the prior of isolation is uniform: a share itself,
-    /// else ln u.
+    /// The coordinate in which isolation's prior is uniform: a share itself, else ln u.
     pub fn scale(&self, severity: f64) -> f64 {
         match self.size {
             Size::Share => severity,
@@ -259,7 +245,6 @@ impl Law {
         self.severity_at(0.5 * (one + other))
     }
 
-    /// The factor u at a severity, to a power.
     fn to(&self, severity: f64, power: f64) -> f64 {
         let base = self.base(severity);
         // whole powers are the same to the last bit, whatever the machine's pow is
@@ -274,8 +259,7 @@ impl Law {
         self.to(severity, self.amplitude)
     }
 
-    /// The rates of `channel` with a fault of this severity, thesis (2-1). `None`: an inertance,
-    /// compliance or resistance would not be positive and finite.
+    /// The rates with a fault, thesis (2-1). `None`: one would not be positive and finite.
     pub fn apply(&self, severity: f64, channel: &InkChannel) -> Option<InkChannel> {
         let base = self.base(severity);
         if base.is_nan() || base <= 0.0 {

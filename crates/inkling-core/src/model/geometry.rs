@@ -7,7 +7,6 @@
 use super::InkChannel;
 use std::f64::consts::PI;
 
-/// Dimensions of an ink channel and properties of its ink, SI.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Geometry {
@@ -25,8 +24,7 @@ pub struct Geometry {
 }
 
 impl Geometry {
-    /// A duct's inertance I = rho L / A, kg/m^4, and resistance R = 8 pi mu L / A^2, Pa s/m^3,
-    /// thesis (2-3) and (2-4).
+    /// I = rho L / A, kg/m^4, and R = 8 pi mu L / A^2, Pa s/m^3, thesis (2-3) and (2-4).
     fn duct(&self, length_m: f64, area_m2: f64) -> [f64; 2] {
         let inertance = self.density_kg_per_m3 * length_m / area_m2;
         [inertance, 8.0 * PI * self.viscosity_pa_s * length_m / (area_m2 * area_m2)]

@@ -5,18 +5,13 @@
 
 use nalgebra::{DMatrix, Matrix4, dmatrix};
 
-/// Thesis (2-2) in the four rates on which its A depends: x' = A x, y = C x. It rings from an
-/// acquisition state x_a that is not zero.
+/// A channel x' = A x, y = C x, which rings from an acquisition state x_a that is not zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct InkChannel {
-    /// 1/(I_r B_t), 1/s².
     pub a_per_s2: f64,
-    /// 1/(I_n B_t), 1/s².
     pub b_per_s2: f64,
-    /// R_r/I_r, 1/s.
     pub g_per_s: f64,
-    /// R_n/I_n, 1/s.
     pub d_per_s: f64,
 }
 
@@ -30,7 +25,6 @@ impl InkChannel {
         InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s }
     }
 
-    /// The channel whose rates a, b, g, d are these multiples of this channel's.
     pub fn times(&self, by: [f64; 4]) -> InkChannel {
         let rates = self.rates();
         InkChannel::of(std::array::from_fn(|j| rates[j] * by[j]))
@@ -50,18 +44,16 @@ impl InkChannel {
         dmatrix![0.0, 0.0, 1.0, 1.0]
     }
 
-    /// (p2, p1, p0) of the observable polynomial s^3 + p2 s^2 + p1 s + p0, in 1/s, 1/s², 1/s³.
-    /// Departs: thesis §3-2-1 II has N(s)L(s) = det(A - sI) = s times this cubic. The pole at 0 is
-    /// unobservable (ink that moves from restrictor to nozzle), so the numerator is this cubic
-    /// alone.
+    /// (p2, p1, p0) of the observable s^3 + p2 s^2 + p1 s + p0, in 1/s, 1/s², 1/s³. Departs: thesis
+    /// §3-2-1 II has N(s)L(s) = det(A - sI) = s times this; the pole at 0 (ink that moves from
+    /// restrictor to nozzle) is unobservable, so the numerator is the cubic alone.
     pub fn cubic(&self) -> [f64; 3] {
         let [a, b, g, d] = self.rates();
         [g + d, g * d + a + b, a * d + b * g]
     }
 
-    /// A_d = e^{A t}, with x(t) = A_d x(0). 4 x 4, in the coordinates of A. The same as
-    /// `ring_down::discretise` gives, without allocation: simulating a print run needs three per
-    /// signal.
+    /// A_d = e^{A t}, with x(t) = A_d x(0), in the coordinates of A. It is `ring_down::discretise`
+    /// without allocation: simulating a print run needs three per signal.
     ///
     /// By scaling and squaring: volumes are counted in flow / omega with omega^2 = a + b, so that
     /// the norm of A t is about omega t. A t / 2^j, whose norm is at most 1/4, has its exponential

@@ -1,17 +1,14 @@
 //! Inner products whose bits do not depend on the processor's vector instructions.
 //!
-//! Eight partial sums are kept side by side, one per SIMD lane: sum l adds up the products at the
-//! places l, l + 8, .. They are added up in a fixed order, then the products that fill no whole
-//! group of eight. No product is fused with a sum. So the result, and with it every verdict, has
-//! the same bits whatever vector instructions the processor has.
+//! Eight partial sums are kept side by side, one per SIMD lane, and added up in a fixed order, then
+//! the products that fill no whole group of eight. No product is fused with a sum. So the result,
+//! and with it every verdict, has the same bits on every processor.
 
 use crate::processor::for_processor;
 
-/// Number of partial sums.
 const LANES: usize = 8;
 type Lanes = [f64; LANES];
 
-/// The sum of the partial sums, in a fixed order.
 #[inline(always)] // compiled once per instruction set
 fn sum(lanes: Lanes) -> f64 {
     let half: [f64; 4] = std::array::from_fn(|l| lanes[l] + lanes[l + 4]);

@@ -11,7 +11,6 @@ pub fn median(values: &mut [f64]) -> f64 {
     *values.select_nth_unstable_by(mid, f64::total_cmp).1
 }
 
-/// The median, as by [`median`], of the values of an iterator.
 pub fn median_of(values: impl Iterator<Item = f64>) -> f64 {
     median(&mut values.collect::<Vec<f64>>())
 }

@@ -1,5 +1,4 @@
-//! The normal distribution: its upper tail, the logarithm of that tail, and its quantile. All three
-//! are published approximations, whose errors stand at each function.
+//! The normal distribution by published approximations, whose errors stand at each function.
 
 /// Coefficients c_j of ln(erfc(z) e^{z²} / t) = sum c_j t^j with t = 1 / (1 + z/2): the Chebyshev
 /// fit of Numerical Recipes (erfcc).
@@ -16,8 +15,7 @@ const ERFC: [f64; 10] = [
     0.170_872_77,
 ];
 
-/// The upper tail 1 - Phi(x) = erfc(x / sqrt 2) / 2, with a relative error of at most 1.2e-7
-/// everywhere.
+/// 1 - Phi(x) = erfc(x / sqrt 2) / 2, with a relative error of at most 1.2e-7 everywhere.
 pub fn upper_tail(x: f64) -> f64 {
     let (t, exponent) = half_erfc(x.abs());
     let erfc = t * exponent.exp();
@@ -48,7 +46,6 @@ pub fn normal_quantile(p: f64) -> f64 {
     (t - over / under).max(0.0)
 }
 
-/// Draws standard normal deviates, one with each call of the function that is returned.
 #[cfg(test)]
 pub fn draws(seed: u64) -> impl FnMut() -> f64 {
     use rand::{RngExt, SeedableRng};

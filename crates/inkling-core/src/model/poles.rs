@@ -8,8 +8,7 @@ use super::ring_down::Poles;
 use std::f64::consts::TAU;
 
 impl InkChannel {
-    /// Poles of the observable cubic p3 of thesis (2-2). `None`: the pair is overdamped, or the
-    /// rates are not all positive and finite.
+    /// `None`: the pair is overdamped, or the rates are not all positive and finite.
     ///
     /// p3(-g) = a (d - g) and p3(-d) = b (g - d) have opposite signs, so a real pole -lambda lies
     /// between -g and -d. Division by (s + lambda) leaves s^2 + 2 sigma s + q with 2 sigma = p2 -
@@ -21,8 +20,7 @@ impl InkChannel {
         let (g, d) = (self.g_per_s, self.d_per_s);
         let [p2, p1, p0] = self.cubic();
 
-        // p3(-x) is positive at the smaller of g, d: bisect until no floating-point number lies
-        // between
+        // p3(-x) is positive at the smaller of g, d; bisect until no number lies between
         let p3_at_minus = |x: f64| ((p2 - x) * x - p1) * x + p0;
         let (mut low, mut high) = (g.min(d), g.max(d));
         while let mid = 0.5 * (low + high)

@@ -7,9 +7,8 @@ use clarabel::solver::{
 };
 
 /// The x that minimises 1/2 x'Px + q'x such that A x <= b, and whether Clarabel calls it solved; if
-/// not, x may be far off. `p`: the rows of the symmetric P, n x n, of which only the upper triangle
-/// may hold other numbers than 0; no rows for a linear programme. `a`: the rows of A, m x n.
-/// `None`: the sizes do not fit.
+/// not, x may be far off. `p`: the upper triangle of P by rows of n, with zeros below; no rows for
+/// a linear programme. `a`: the rows of A, m x n. `None`: the sizes do not fit.
 pub fn minimise(p: &[Vec<f64>], q: &[f64], a: &[Vec<f64>], b: &[f64]) -> Option<(Vec<f64>, bool)> {
     let p = match p.is_empty() {
         true => CscMatrix::zeros((q.len(), q.len())),

@@ -12,27 +12,22 @@ use super::ring_down::Poles;
 use nalgebra::{Complex, Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// A ring: one damped pair and one real pole; rho is the real pole's share of the amplitude.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ring {
     /// Amplitude A of the pair at t_a, counts.
     pub amplitude: f64,
     /// Phase phi at t_a, rad.
     pub phase_rad: f64,
-    /// Damping sigma, 1/s.
     pub damping_per_s: f64,
     /// Frequency f = omega / 2 pi, Hz.
     pub frequency_hz: f64,
-    /// The real pole's amplitude at t_a over that of the pair, rho; negative where they are
-    /// opposed.
+    /// rho, the real pole's amplitude at t_a over the pair's; negative where they are opposed.
     pub real_share: f64,
-    /// Decay rate lambda of the real pole, 1/s.
     pub lambda_per_s: f64,
 }
 
 impl Ring {
-    /// The ring with these poles that has the output y, y', y'' at t_a (counts, counts/s,
-    /// counts/s²). `None`: nothing oscillates.
+    /// `output_state`: y, y', y'' at t_a, counts, counts/s, counts/s². `None`: nothing oscillates.
     pub fn new(poles: Poles, output_state: [f64; 3]) -> Option<Ring> {
         let omega = 2.0 * std::f64::consts::PI * poles.frequency_hz * 1e-6;
         let s = Complex::new(-poles.damping_per_s * 1e-6, omega);

@@ -7,14 +7,12 @@
 use super::InkChannel;
 use nalgebra::{DMatrix, DVector, Vector4};
 
-/// Poles of a third-order ring-down: one damped pair and one real pole.
+/// One damped pair and one real pole of rate lambda; all of them decay where these are positive.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Poles {
-    /// Damping of the pair, 1/s (positive: decays).
     pub damping_per_s: f64,
     /// Damped frequency of the pair, Hz.
     pub frequency_hz: f64,
-    /// Decay rate of the real pole, 1/s (positive: decays).
     pub lambda_per_s: f64,
 }
 
@@ -24,8 +22,7 @@ fn microsecond_scales(a: &DMatrix<f64>) -> DVector<f64> {
     DVector::from_fn(a.nrows(), |i, _| if a[(i, i)] == 0.0 { 1e6 } else { 1.0 })
 }
 
-/// (A, C) of the same plant in microseconds, with states of similar size. `a`: n x n, 1/s; `c`: m x
-/// n.
+/// (A, C) in microseconds, with states of similar size. `a`: n x n, 1/s; `c`: m x n.
 pub fn in_microseconds(a: &DMatrix<f64>, c: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
     let s = microsecond_scales(a);
     let a_us = DMatrix::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)] * s[i] / s[j] * 1e-6);
@@ -41,15 +38,13 @@ pub fn discretise(a: &DMatrix<f64>, dt_s: f64) -> DMatrix<f64> {
     DMatrix::from_fn(a.nrows(), a.ncols(), |i, j| a_d[(i, j)] * s[j] / s[i])
 }
 
-/// Eigenvalues of the plant's A, 1/s.
 #[cfg(test)]
 pub fn eigenvalues(plant: &InkChannel) -> Vec<nalgebra::Complex<f64>> {
     let (a_us, _) = in_microseconds(&plant.a(), &plant.c());
     a_us.complex_eigenvalues().iter().map(|z| z * 1e6).collect()
 }
 
-/// The free decay y_k = C A_d^k x_a for k = 0..samples, of one output (m = 1). `x_a`: in the
-/// coordinates of A.
+/// The free decay y_k = C A_d^k x_a for k = 0..samples.
 #[cfg(test)]
 pub fn ring_down(plant: &InkChannel, x_a: &DVector<f64>, dt_s: f64, samples: usize) -> Vec<f64> {
     let (a_d, c) = (discretise(&plant.a(), dt_s), plant.c());

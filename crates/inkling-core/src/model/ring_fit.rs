@@ -41,8 +41,7 @@ impl Features {
         Vector4::new(self.ln_amplitude, self.ln_damping, self.ln_frequency, self.phase_rad)
     }
 
-    /// ln damping and ln frequency to start a fit from, clamped to the range for which Gauss-Newton
-    /// is good.
+    /// A start for a fit, clamped to the range for which Gauss-Newton is good.
     fn start(&self) -> [f64; 2] {
         [self.ln_damping.clamp(-3.0, 2.0), self.ln_frequency.clamp(-0.9, 0.5)]
     }
@@ -64,12 +63,9 @@ pub struct Fit {
     pub square: f64,
 }
 
-/// Fits rings to signals of one sample period and length, as compared with one healthy ring.
 #[derive(Clone, Debug)]
 pub struct RingFitter {
-    /// The healthy ring, to which features are relative.
     pub ring: Ring,
-    /// Sample period, s, and number of samples, N.
     pub dt_s: f64,
     pub samples: usize,
     /// The real pole's part of the in-phase column, per unit amplitude, N.
@@ -80,7 +76,6 @@ pub struct RingFitter {
 
 #[derive(Clone, Debug, Default)]
 pub struct FitBuffers {
-    /// The signal of a coarse search, decimated.
     decimated: Vec<f32>,
     /// The signals that are being fitted: N samples, each of all lanes.
     interleaved: Vec<[f64; WIDTH]>,
@@ -88,7 +83,6 @@ pub struct FitBuffers {
 }
 
 impl RingFitter {
-    /// A fitter for signals of `samples` samples, `dt_s` apart.
     pub fn new(ring: Ring, dt_s: f64, samples: usize) -> RingFitter {
         let real: Vec<f64> = (0..samples)
             .map(|k| ring.real_share * (-ring.lambda_per_s * k as f64 * dt_s).exp())
@@ -122,9 +116,8 @@ impl RingFitter {
         columns
     }
 
-    /// Fits one signal, N counts. `phase`: whether the phase is free; else it is held at the
-    /// healthy ring's. `None`: the signal is zero or not finite, or the search came to a place
-    /// without a Gauss-Newton step.
+    /// `y`: N counts; `phase`: whether it is free, or held at the healthy ring's. `None`: `y` is
+    /// zero or not finite, or the search came to a place without a Gauss-Newton step.
     pub fn fit(&self, y: &[f64], phase: bool, work: &mut FitBuffers) -> Option<Fit> {
         self.refine(y, self.grid().search(y, &mut work.decimated)?, phase)
     }
@@ -146,7 +139,6 @@ impl RingFitter {
         }
     }
 
-    /// A start, with what all evaluations share. `None`: the signal is zero, or not finite.
     fn start_of(&self, y: &[f64], trial: [f64; 2]) -> Option<Start> {
         let (square, along_real) = (dot(y, y), dot(y, &self.real));
         (square > 0.0 && square.is_finite()).then_some(Start { trial, square, along_real })
@@ -164,14 +156,12 @@ impl RingFitter {
         finite.then_some(Fit { features, misfit, square })
     }
 
-    /// Fits many signals, sixteen side by side, each with the same bits as [`RingFitter::fit`] or
-    /// [`RingFitter::fit_from`] would give. Fits need unlike numbers of iterations, so a lane whose
-    /// fit has ended takes the next signal at once.
+    /// Fits signals sixteen side by side, each with the bits that [`RingFitter::fit`] or
+    /// [`RingFitter::fit_from`] would give. A lane whose fit has ended takes the next signal.
     ///
-    /// `signal` writes the next signal, N counts, and returns a start if one is known, or
-    /// `Some(None)` for the coarse search; `None` when there are no more. `found` is called with
-    /// the number of a signal (in the order of `signal`'s calls) and its fit, in the order in which
-    /// fits end.
+    /// `signal` writes the next signal, N counts, and returns `Some(None)` for the coarse search,
+    /// or a start if one is known, or `None` at the end. `found` gets a signal's number (in the
+    /// order of `signal`'s calls) and its fit, in the order in which fits end.
     pub fn fit_all(
         &self,
         phase: bool,
@@ -179,7 +169,6 @@ impl RingFitter {
         mut signal: impl FnMut(&mut [f64]) -> Option<Option<Features>>,
         mut found: impl FnMut(usize, Option<Fit>),
     ) {
-        // which signal each lane is at, with its square norm
         let mut interleaved = std::mem::take(&mut work.interleaved);
         let mut y = std::mem::take(&mut work.signal);
         interleaved.resize(self.samples, [0.0; WIDTH]);
@@ -189,7 +178,6 @@ impl RingFitter {
         let mut of_lane: [Option<usize>; WIDTH] = [None; WIDTH];
         let (mut next, mut more) = (0, true);
         loop {
-            // Fill the free lanes. A signal that cannot be fitted is answered at once.
             for lane in 0..WIDTH {
                 while more && of_lane[lane].is_none() {
                     let Some(near) = signal(&mut y) else {
@@ -226,8 +214,7 @@ impl RingFitter {
         (work.interleaved, work.signal) = (interleaved, y);
     }
 
-    /// The sensitivities of the ring with these features, N x 4: dy/d(ln A, ln sigma, ln f, phi),
-    /// counts. The first column is the ring itself.
+    /// dy/d(ln A, ln sigma, ln f, phi) of this ring, N x 4, counts; column 0 is the ring itself.
     pub fn tangent(&self, at: &Features) -> DMatrix<f64> {
         let (damping, frequency) = (at.ln_damping.exp(), at.ln_frequency.exp());
 
@@ -262,9 +249,8 @@ impl RingFitter {
         [frequency_hz * of.ln_frequency.exp(), damping_per_s * of.ln_damping.exp()]
     }
 
-    /// Features of a signal that deviates little from the healthy ring, to first order.
-    /// `deviation`: the signal less the healthy ring, N, counts. `None`: the sensitivities are
-    /// linearly dependent.
+    /// Features to first order. `deviation`: the signal less the healthy ring, N, counts. `None`:
+    /// the sensitivities are linearly dependent.
     pub fn features_of(&self, deviation: &[f64]) -> Option<Vector4<f64>> {
         let tangent = self.tangent(&Features::HEALTHY);
         let gram = (tangent.transpose() * &tangent).try_inverse()?;
@@ -272,9 +258,8 @@ impl RingFitter {
         Some(Vector4::from_fn(|k, _| x[k]))
     }
 
-    /// Covariance of a fit's features due to noise (Cramer-Rao), with the phase free: noise²
-    /// (J'J)^-1 with the sensitivities J at the ring `at`. `noise`: standard deviation of one
-    /// sample, counts.
+    /// Covariance of a fit's features due to noise (Cramer-Rao), the phase free: noise² (J'J)^-1
+    /// with the sensitivities J at the ring `at`. `noise`: standard deviation, counts.
     pub fn noise_covariance(&self, at: &Features, noise: f64) -> Option<Matrix4<f64>> {
         let tangent = self.tangent(at);
         let covariance = (tangent.transpose() * &tangent).try_inverse()? * (noise * noise);
@@ -282,7 +267,6 @@ impl RingFitter {
     }
 }
 
-/// Number of samples of a ring that are computed side by side.
 const AT_ONCE: usize = 8;
 
 for_processor! {

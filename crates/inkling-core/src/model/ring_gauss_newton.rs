@@ -20,14 +20,12 @@ use crate::processor::for_processor;
 use std::ops::ControlFlow;
 
 pub const WIDTH: usize = 16;
-/// Number of accepted trials, the start included, after which a fit ends where it is, converged or
-/// not.
+/// Number of accepted trials, the start included, after which a fit ends, converged or not.
 const MOST_TRIALS: u8 = 13;
 /// A misfit that rises by no more than this share of ||y||² is rounding, and counts as not risen.
 const ROUNDING: f64 = 1e-13;
 /// A fit has converged if the step would lower the misfit by less than this share of the noise
-/// variance per sample (misfit / N): it is then shorter than a hundredth of the fit's own standard
-/// deviation.
+/// variance (misfit / N): the step is below a hundredth of the fit's standard deviation.
 const NO_GAIN: f64 = 1e-4;
 /// The last step is applied to first order, without another evaluation, if it changes both the
 /// phase at the signal's end, rad, and ln damping by less than this.
@@ -40,7 +38,6 @@ const FARTHEST: f64 = 30.0;
 /// Number of steps rejected one after the other after which a fit ends.
 const REJECTIONS: u8 = 4;
 
-/// Where a signal's fit starts, and the sums over the signal that all of its evaluations share.
 #[derive(Clone, Copy, Debug)]
 pub struct Start {
     pub trial: [f64; 2],
@@ -56,11 +53,9 @@ pub struct Optimum {
     /// Amplitudes of the columns p and q, counts; b is 0 where the phase is held.
     pub a: f64,
     pub b: f64,
-    /// ||y - fit||², counts².
     pub misfit: f64,
 }
 
-/// The best amplitudes at a trial, counts, their misfit, counts², and the next step.
 #[derive(Clone, Copy, Debug, Default)]
 struct Evaluation {
     a: f64,
@@ -83,7 +78,6 @@ struct Step {
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Lane {
-    /// The trial that was accepted last, and its evaluation.
     trial: [f64; 2],
     accepted: Evaluation,
     /// Share of the accepted evaluation's step that is tried next: 1, or less after rejections.
@@ -93,8 +87,7 @@ struct Lane {
     rejections: u8,
 }
 
-/// What became of a lane's fit in one iteration: it goes on, or it has ended, with `None` if the
-/// signal is no ring.
+/// `Break`: a lane's fit has ended, with `None` if the signal is no ring.
 pub type Progress = ControlFlow<Option<Optimum>>;
 
 #[derive(Clone, Debug)]
@@ -102,8 +95,6 @@ pub struct Search<const W: usize> {
     frame: Frame,
     phase: bool,
     lanes: [Option<Lane>; W],
-    /// Per lane the trial (ln damping, ln frequency), ||y||², and the inner product with the real
-    /// pole's part.
     trial: [[f64; W]; 2],
     square: [f64; W],
     along_real: [f64; W],
@@ -115,8 +106,7 @@ impl<const W: usize> Search<W> {
         Search { frame, phase, lanes: [None; W], trial: [zero; 2], square: zero, along_real: zero }
     }
 
-    /// Begins a fit in a lane; from now on the caller gives the signal's samples in that lane to
-    /// `iterate`.
+    /// From now on the caller gives the signal's samples in that lane to `iterate`.
     pub fn begin(&mut self, lane: usize, start: Start) {
         let Start { trial, square, along_real } = start;
         self.lanes[lane] = Some(Lane { trust: 1.0, ..Lane::default() });
@@ -124,8 +114,7 @@ impl<const W: usize> Search<W> {
         (self.square[lane], self.along_real[lane]) = (square, along_real);
     }
 
-    /// One iteration of every lane. `y`: N samples, each of all lanes, counts. A lane whose fit has
-    /// ended is free afterwards.
+    /// `y`: N samples, each of all lanes, counts. A lane whose fit has ended is free afterwards.
     pub fn iterate(&mut self, y: &[[f64; W]]) -> [Progress; W] {
         // a single signal gains nothing from vector instructions
         let evaluations = if W == 1 { portable(self, y) } else { evaluate_lanes(self, y) };
@@ -146,14 +135,12 @@ impl<const W: usize> Search<W> {
 }
 
 for_processor! {
-    /// Evaluates the trials of all lanes.
     fn evaluate_lanes<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Evaluation; W] { portable }
 }
 
 impl Lane {
-    /// Accepts or rejects a trial by its evaluation. `Ok`: the trial that is next. `Err`: the fit
-    /// has ended, with `None` if the signal is no ring. `rounding`: by how much a misfit may rise,
-    /// counts².
+    /// Accepts or rejects a trial. `Ok`: the next trial. `Err`: the fit has ended, with `None` if
+    /// the signal is no ring. `rounding`: by how much a misfit may rise, counts².
     fn advance(
         &mut self,
         trial: [f64; 2],
@@ -183,7 +170,6 @@ impl Lane {
                 return Err(self.optimum(&if small { step } else { Step::default() }));
             }
         } else {
-            // rejected: a shorter step from the last accepted trial, if there is one
             self.trust /= 4.0;
             self.rejections += 1;
             if is_start {
@@ -232,8 +218,7 @@ fn portable<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Evaluation; W] {
     let recurrence = goertzel(y, &twice, &square);
     let of_pole = powers(frame.samples, [&re, &im], &square);
 
-    // Lane by lane the normal equations and the step. The numbers are stored number by number, so
-    // that the compiler turns this loop, too, into vector code.
+    // number by number, so that the compiler turns this loop, too, into vector code
     let mut out = [[0.0; W]; 8];
     for l in 0..W {
         let z = Complex { re: re[l], im: im[l] };
@@ -255,9 +240,8 @@ fn portable<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Evaluation; W] {
     })
 }
 
-/// The best amplitudes at a trial, and the Gauss-Newton step with the amplitudes eliminated.
-/// `phase`: whether the phase is free; `pole`: sigma dt and omega dt of the trial; `sums`: see the
-/// header of `ring_gram`; `yy`: ||y||².
+/// The best amplitudes, and the Gauss-Newton step with these eliminated. `phase`: whether it is
+/// free; `pole`: sigma dt and omega dt of the trial; `yy`: ||y||².
 #[inline(always)] // compiled once per instruction set
 fn evaluate_one(phase: bool, pole: [f64; 2], sums: &NormalEquations, yy: f64) -> Evaluation {
     let [sigma_dt, omega_dt] = pole;
@@ -300,8 +284,7 @@ fn evaluate_one(phase: bool, pole: [f64; 2], sums: &NormalEquations, yy: f64) ->
     let damping = (h[2] * slopes[0] - h[1] * slopes[1]) * by;
     let frequency = (h[0] * slopes[1] - h[1] * slopes[0]) * by;
 
-    // how the step moves the amplitudes, and the gain; no step where the matrix is not positive
-    // definite
+    // the change of the amplitudes, and the gain; no step where the matrix is not positive definite
     let of_p = along_p[0] * damping + along_p[1] * frequency;
     let of_q = along_q[0] * damping + along_q[1] * frequency;
     let gain = damping * slopes[0] + frequency * slopes[1];

@@ -21,30 +21,26 @@
 #[derive(Clone, Copy, Debug)]
 pub struct Frame {
     pub samples: usize,
-    /// sigma dt and omega dt (rad).
     pub sigma_dt: f64,
     pub omega_dt: f64,
     /// Cosine and sine of the phase phi at the first sample.
     pub first: (f64, f64),
-    /// The real pole's part per unit amplitude of the ring: its value at the first sample, its
-    /// ratio l from sample to sample, that ratio to the power of the number of samples, and the
-    /// part's square norm.
+    /// The real pole's part per unit amplitude: its value at the first sample, its ratio l from
+    /// sample to sample, that to the power of the number of samples, and the part's square norm.
     pub real_share: f64,
     pub real_ratio: f64,
     pub real_over_all: f64,
     pub real_square: f64,
 }
 
-/// The Gram matrix of p, q, x, z (lower triangle, row by row: pp, qp, qq, xp, xq, xx, zp, zq, zx,
-/// zz), and the inner products of p, q, x, z with the signal.
+/// `gram`: of p, q, x, z (pp, qp, qq, xp, xq, xx, zp, zq, zx, zz); `slope`: their products with y.
 #[derive(Clone, Copy, Debug)]
 pub struct NormalEquations {
     pub gram: [f64; 10],
     pub slope: [f64; 4],
 }
 
-/// The polynomial sum y_k Z^k of each lane's signal at its pole Z, and its derivative, by real
-/// arithmetic.
+/// The polynomial sum y_k Z^k of each lane's signal, and its derivative by Z, by real arithmetic.
 ///
 /// Goertzel's recurrence b_k = y_k + 2 Re Z b_{k+1} - |Z|² b_{k+2}, from the last sample to the
 /// first, divides the polynomial by the quadratic whose roots are Z and its conjugate. The same
@@ -88,11 +84,10 @@ pub fn goertzel<const W: usize>(
 
 pub type Complex = nalgebra::Complex<f64>;
 
-/// Real and imaginary part of Z^n, and the sums of |Z|^2k, k |Z|^2k and k² |Z|^2k over k < n, for
-/// all lanes: Z^n by squaring along the bits of n, and the sums by doubling the number of their
-/// terms along with it. The closed forms of the sums would lose their digits where |Z| is near 1,
-/// that is, where hardly anything decays. `n`: the number of samples; `re`, `im`: of Z; `square`:
-/// |Z|².
+/// Real and imaginary part of Z^n, and the sums of |Z|^2k, k |Z|^2k and k² |Z|^2k over k < n, by
+/// doubling along the bits of n: closed forms of the sums would lose their digits where |Z| is near
+/// 1, that is, where hardly anything decays. `n`: the number of samples; `re`, `im`: of Z;
+/// `square`: |Z|².
 #[inline(always)] // compiled once per instruction set
 pub fn powers<const W: usize>(
     n: usize,

@@ -18,8 +18,7 @@ const DAMPINGS: [f64; 2] = [0.2, 1.3];
 /// Number of frequencies of the grid, and their range over the healthy frequency, in equal ratios.
 const FREQUENCIES: usize = 16;
 const FREQUENCY_RANGE: (f64, f64) = (0.40, 1.55);
-/// Samples are summed in groups over which the grid's highest frequency advances by this at most,
-/// rad, so that little of any ring is lost.
+/// Samples are summed in groups over which the highest frequency advances by this at most, rad.
 const COARSE_RAD: f64 = 2.0;
 
 /// Number of points; their 64 sums (two columns each) in f32 fill four AVX-512 vectors.
@@ -35,19 +34,15 @@ struct Row([OfPoints; 2]);
 pub struct Grid {
     /// ln damping and ln frequency of every point, the frequencies innermost.
     points: [[f64; 2]; POINTS],
-    /// In-phase and quadrature columns of the points, decimated sample by decimated sample.
     columns: Vec<Row>,
-    /// Upper triangles of the inverses of the columns' Gram matrices, the off-diagonal element
-    /// doubled.
+    /// Upper triangles of the columns' inverse Gram matrices, the off-diagonal element doubled.
     inverses: [OfPoints; 3],
-    /// Number of samples that are summed to one.
     group: usize,
 }
 
 impl Grid {
-    /// Prepares the grid. `omega_dt`: the healthy ring's phase advance, rad per sample. `columns`:
-    /// P and Q, `samples` each, of a ring with these multiples of the healthy damping and
-    /// frequency.
+    /// `omega_dt`: the healthy ring's phase advance, rad per sample. `columns`: P and Q, `samples`
+    /// each, of a ring with these multiples of the healthy damping and frequency.
     pub fn new(omega_dt: f64, samples: usize, columns: impl Fn(f64, f64) -> [Vec<f64>; 2]) -> Grid {
         // at least 16 groups per signal that has as many samples, and a power of two
         let (low, high) = FREQUENCY_RANGE;
@@ -86,9 +81,8 @@ impl Grid {
         grid
     }
 
-    /// ln damping and ln frequency of the point that explains most. `y`: N, counts; `decimated`: a
-    /// buffer. `None`: no point's share is a number, as of a signal that contains a NaN. Samples
-    /// after the last whole group are not looked at.
+    /// ln damping and ln frequency of the point that explains most. `None`: no point's share is a
+    /// number, as with a NaN in `y`. Samples after the last whole group are not looked at.
     pub fn search(&self, y: &[f64], decimated: &mut Vec<f32>) -> Option<[f64; 2]> {
         let explained = explain(self, y, decimated);
         let most = explained.into_iter().fold(f32::NEG_INFINITY, f32::max);
@@ -128,7 +122,6 @@ fn portable(of: &Grid, y: &[f64], decimated: &mut Vec<f32>) -> OfPoints {
         }
     }
 
-    // (u, v) G^-1 (u, v)': the square norm that amplitude and phase together explain
     let [uu, uv, vv] = &of.inverses;
     let mut explained = [0.0; POINTS];
     for l in 0..POINTS {

@@ -9,12 +9,9 @@
 
 /// Smallest number of samples per channel; fewer show no ring.
 const FEWEST_SAMPLES: usize = 16;
-/// Smallest correlation of neighbouring samples of ring-downs.
 pub const LEAST_NEIGHBOURS: f64 = 0.3;
-/// Smallest [`RowLayout::alike`] of ring-downs.
 const LEAST_ALIKE: f64 = 0.5;
-/// Smallest `edge`: the mean square step from one row of the memory to the next, over that within
-/// rows.
+/// Smallest `edge` at which rows are told apart.
 const LEAST_EDGE: f64 = 1.5;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,8 +27,7 @@ pub struct RowLayout {
 }
 
 impl RowLayout {
-    /// The evidence for one layout of the numbers `x`. `None`: they cannot be laid out so, a
-    /// channel has fewer than `FEWEST_SAMPLES`, or all numbers are equal.
+    /// `None`: `x` cannot be laid out so, a channel has too few samples, or all numbers are equal.
     pub fn of(x: &[f64], channels: usize, sample_major: bool) -> Option<RowLayout> {
         let samples = x.len().checked_div(channels)?;
         if samples < FEWEST_SAMPLES || samples * channels != x.len() {
@@ -69,9 +65,8 @@ impl RowLayout {
         self.neighbours >= LEAST_NEIGHBOURS && self.alike >= LEAST_ALIKE
     }
 
-    /// The likeliest layout of several channels: of the plausible layouts the one with the clearest
-    /// edges between rows, if these reach `LEAST_EDGE`. `may_be`: tells whether a number of
-    /// channels is possible.
+    /// Of the plausible layouts of several channels the one with the clearest edges between rows,
+    /// if these reach `LEAST_EDGE`. `may_be`: tells whether a number of channels is possible.
     pub fn likeliest(x: &[f64], may_be: impl Fn(usize) -> bool) -> Option<RowLayout> {
         let most = x.len() / FEWEST_SAMPLES;
         let possible = (2..=most).filter(|n| x.len().is_multiple_of(*n) && may_be(*n));
@@ -79,8 +74,7 @@ impl RowLayout {
         let plausible =
             both.filter_map(|(n, major)| Self::of(x, n, major)).filter(Self::is_plausible);
 
-        // correlation and likeness also hold in some wrong layouts, as with half the number of
-        // channels
+        // correlation and likeness hold in some wrong layouts, too, as with half the channels
         let edges = plausible.map(|layout| {
             let channels = layout.channels;
             let row = if layout.sample_major { channels } else { x.len() / channels };
@@ -91,8 +85,7 @@ impl RowLayout {
     }
 }
 
-/// How many times larger the mean square step from one row to the next is than the one within rows
-/// of `row` numbers.
+/// The mean square step from one row (of `row` numbers) to the next, over that within rows.
 fn edge(x: &[f64], row: usize) -> f64 {
     let (mut across, mut within) = ((0.0, 0), (0.0, 0));
     for (i, pair) in x.windows(2).enumerate() {
@@ -103,10 +96,8 @@ fn edge(x: &[f64], row: usize) -> f64 {
     mean(across) / mean(within).max(f64::MIN_POSITIVE)
 }
 
-/// How many periods of its strongest oscillation a signal has: the place of the largest peak of its
-/// spectrum without the mean. `None`: nothing oscillates, or a number is not finite.
+/// How many periods a signal has, by its spectrum's peak. `None`: none, or a number is not finite.
 pub fn periods(signal: &[f64]) -> Option<f64> {
-    /// Only the first of so many samples are used; more would add nothing.
     const MOST: usize = 2048;
     let all = signal.len();
     let signal = &signal[..all.min(MOST)];

@@ -7,8 +7,7 @@
 //! are a few units in the last place (`tests`). Arguments beyond the stated ranges give wrong
 //! numbers without a warning.
 
-/// 1.5 x 2^52: added to a number below 2^51 it leaves the rounded number in the low bits of the
-/// sum.
+/// Added to a number below 2^51, 1.5 x 2^52 leaves the rounded number in the low bits of the sum.
 const TO_INTEGER: f64 = 6_755_399_441_055_744.0;
 /// ln 2 in two parts, the first with so few digits that its product with k is exact.
 const LN_2: [f64; 2] = [0.693_147_180_369_123_8, 1.908_214_929_270_587_7e-10];
@@ -64,26 +63,22 @@ pub fn ln(x: f64) -> f64 {
     const MANTISSA: u64 = (1 << 52) - 1;
     // less the bits of sqrt(1/2): the exponent is now k, and below are the bits of m less these
     let above = x.to_bits().wrapping_sub(ROOT_HALF);
-    // k as a floating-point number: k + 1024 is written into the mantissa of 2^52, and 2^52 + 1024
-    // is subtracted
+    // k as a floating-point number: k + 1024 in the mantissa of 2^52, less 2^52 + 1024
     let biased = (above.wrapping_add(1024 << 52)) >> 52;
     let k = f64::from_bits(biased | 0x4330_0000_0000_0000) - (4_503_599_627_370_496.0 + 1024.0);
     let m = f64::from_bits((above & MANTISSA).wrapping_add(ROOT_HALF));
 
-    // the series 1/3 + s²/5 + .. + s^18/21 by Horner's rule
     let s = (m - 1.0) / (m + 1.0);
     let square = s * s;
     let mut sum = 1.0 / 21.0;
     for n in (1..10).rev() {
         sum = sum * square + 1.0 / (2 * n + 1) as f64;
     }
-    // ln m = 2 s + 2 s^3 (..)
     let rest = 2.0 * s * square * sum;
     k * LN_2[0] + (2.0 * s + (rest + k * LN_2[1]))
 }
 
-/// Sine and cosine of an angle in rad, for |x| < 10^5: x = k pi/2 + r with a whole k and |r| <=
-/// pi/4, and the Taylor series at r.
+/// Sine and cosine for |x| < 10^5: x = k pi/2 + r with |r| <= pi/4, and the Taylor series at r.
 #[inline(always)] // compiled once per instruction set
 pub fn sin_cos(x: f64) -> (f64, f64) {
     /// pi/2 in two parts, as [`LN_2`].

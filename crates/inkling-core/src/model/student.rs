@@ -1,12 +1,10 @@
-//! Student's t: confidence and prediction bounds from few values, whose standard deviation is
-//! itself estimated.
+//! Student's t: bounds from few values, whose standard deviation is itself estimated.
 
 use super::normal::normal_quantile;
 
-/// Student's t quantile for 0.5 <= p < 1: closed forms for 1 and 2 degrees of freedom (to which
-/// fractions are rounded), else Cornish and Fisher's expansion in powers of 1 / freedom (Abramowitz
-/// and Stegun 26.7.5, without the terms from 1 / freedom^4 on), which is rough in the far tail of
-/// few degrees of freedom.
+/// The quantile for 0.5 <= p < 1: closed forms for 1 and 2 degrees of freedom (to which fractions
+/// are rounded), else Cornish and Fisher's expansion (Abramowitz and Stegun 26.7.5, without terms
+/// from 1 / freedom^4 on), which is rough in the far tail of few degrees of freedom.
 pub fn student_quantile(p: f64, freedom: f64) -> f64 {
     if freedom < 1.5 {
         return (std::f64::consts::PI * (p - 0.5)).tan();
@@ -24,9 +22,8 @@ pub fn student_quantile(p: f64, freedom: f64) -> f64 {
     terms.iter().rev().fold(0.0, |sum, t| (sum + t) / freedom) + z
 }
 
-/// The upper prediction bound that the next value of an about Gaussian sample exceeds with
-/// probability `share` at most: mean + t sd sqrt(1 + 1/n), and at least the largest of `values`;
-/// infinity for fewer than two values.
+/// The bound that the next Gaussian value exceeds with probability `share` at most: mean + t sd
+/// sqrt(1 + 1/n), or the largest of `values` if that is more; infinite for fewer than two.
 pub fn next_exceeds(values: &[f64], share: f64) -> f64 {
     let n = values.len() as f64;
     if values.len() < 2 {
