@@ -16,7 +16,6 @@ use std::borrow::Cow;
 
 pub const FEWEST_SIGNALS: usize = 16;
 
-/// Refuses `found` signals if they are too few for an average.
 pub fn enough(found: usize) -> Result<(), IdentifyError> {
     match found < FEWEST_SIGNALS {
         true => Err(IdentifyError::TooFewSignals { found, needed: FEWEST_SIGNALS }),
@@ -24,7 +23,6 @@ pub fn enough(found: usize) -> Result<(), IdentifyError> {
     }
 }
 
-/// Signals of one printhead, as the rows of a matrix.
 #[derive(Clone, Debug, Default)]
 pub struct SignalSet {
     pub samples: usize,
@@ -52,7 +50,6 @@ impl SignalSet {
         self.channel.is_empty()
     }
 
-    /// Signal `i`, counts.
     pub fn signal(&self, i: usize) -> &[f32] {
         &self.data[i * self.samples..(i + 1) * self.samples]
     }
@@ -74,7 +71,6 @@ impl SignalSet {
         }
     }
 
-    /// The signals with the indices `keep`, in that order.
     pub fn select(&self, keep: &[usize]) -> SignalSet {
         let mut chosen = SignalSet::new(self.samples);
         for &i in keep {
@@ -129,7 +125,6 @@ fn response(set: &SignalSet, kept: impl Iterator<Item = usize>) -> Vec<f64> {
     y
 }
 
-/// The average of all signals of a set. An error: they are too few.
 pub fn average(set: &SignalSet) -> Result<MeanSignal, IdentifyError> {
     enough(set.len())?;
     let y = response(set, 0..set.len());
@@ -146,8 +141,7 @@ pub fn average(set: &SignalSet) -> Result<MeanSignal, IdentifyError> {
     })
 }
 
-/// Indices of the signals that agree with the majority, then again by the distance from the mean of
-/// these, which has less noise than the median signal. A window of which less than `least_share`
+/// Indices of the signals that agree with the majority. A window of which less than `least_share`
 /// agrees is refused: nobody knows what is healthy.
 pub fn agreeing(set: &SignalSet, least_share: f64) -> Result<Vec<usize>, IdentifyError> {
     const REACH: f64 = 4.0;
@@ -188,7 +182,6 @@ fn distances(set: &SignalSet, centre: &[f64]) -> Vec<f64> {
     (0..set.len()).map(of).collect()
 }
 
-/// The sample-wise median of all signals per unit drive, N counts.
 fn median_signal(set: &SignalSet) -> Vec<f64> {
     let column = |k: usize| -> Vec<f64> {
         (0..set.len()).map(|i| f64::from(set.data[i * set.samples + k]) / set.drive[i]).collect()

@@ -65,8 +65,7 @@ pub(super) fn per_us([y, dy, ddy]: [f64; 3]) -> [f64; 3] {
     [y, dy * 1e-6, ddy * 1e-12]
 }
 
-/// The damped pair and the real pole of a cubic (p2, p1, p0 in 1/s, 1/s², 1/s³), as eigenvalues of
-/// its companion matrix. `None`: all its roots are real, or a coefficient is absurd.
+/// The poles of a cubic, 1/s, 1/s², 1/s³. `None`: all its roots are real, or a number is absurd.
 pub fn poles_of(cubic: [f64; 3]) -> Option<Poles> {
     let cubic = cubic_per_us(cubic);
     // larger coefficients belong to no rates, and with them the iteration for the roots may not end

@@ -43,7 +43,6 @@ pub fn damped_cosine(y: &[f64], dt_s: f64) -> Option<DampedCosine> {
         let (sin, cos) = (std::f64::consts::TAU * cycles / n as f64).sin_cos();
         let sums = sums(y, decays.map(|d| sin * d), decays.map(|d| cos * d));
         for lane in 0..DAMPINGS.len() {
-            // least squares on cosine, sine and constant: ||y||² less what the three explain
             let [rr, ri, ii, r, i, ry, iy] = sums.map(|sum| sum[lane]);
             let gram = Matrix3::new(rr, ri, r, ri, ii, i, r, i, n as f64);
             let product = Vector3::new(ry, iy, sum);

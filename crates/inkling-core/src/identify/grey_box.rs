@@ -126,11 +126,8 @@ fn identify_from(
     })
 }
 
-/// Thesis (3-1) for a window. The average is fitted; then, up to `ROUNDS` times, the curvature that
-/// channels which differ leave in the average is computed at the fit ([`super::scatter`]) and taken
-/// off the average, and the rest is fitted again, until the damping changes by less than 1e-5.
-///
-/// `set`: the healthy signals of the window; `mean`: their average; `near`: as in [`identify`].
+/// Solves (3-1) for a window: step 5 of the header, at most `ROUNDS` times, until the damping
+/// changes by less than 1e-5. `mean`: the average of `set`, the healthy signals of the window.
 ///
 /// Departs: the thesis fits the plain average, whose damping is then biased and whose real pole
 /// takes up the curvature. `plain_mean` does so here.
@@ -167,9 +164,8 @@ pub fn identify_scattered(
     Ok(fit)
 }
 
-/// The acquisition state (V_r, V_n, V_r', V_n') of thesis (2-2), in counts·s and counts, from y,
-/// y', y'' in counts, counts/s, counts/s². Its component along the unobservable (1, -1, 0, 0) is
-/// zero: V_r = V_n = V/2.
+/// The acquisition state of thesis (2-2), counts·s and counts, from y, y', y'' in counts, counts/s,
+/// counts/s²: V_r = V_n = V/2, so that nothing lies along the unobservable (1, -1, 0, 0).
 fn acquisition_state(channel: &InkChannel, output_state: [f64; 3]) -> [f64; 4] {
     // For (V, q_r, q_n), per µs: y = q_r + q_n;  y' = -(a+b) V - g q_r - d q_n; y'' = -(a+b) y + (g
     // a + d b) V + g^2 q_r + d^2 q_n.

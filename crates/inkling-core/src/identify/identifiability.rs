@@ -28,7 +28,6 @@ pub fn uncertainty(
     let from_misfit = misfit.norm() / ((samples.max(7) - 6) as f64).sqrt();
     let noise = if noise > 0.0 { noise } else { from_misfit };
 
-    // (J'J)^-1, with columns scaled to unit length
     let scales: Vec<f64> =
         jacobian.column_iter().map(|col| col.norm().max(f64::MIN_POSITIVE)).collect();
     let normal = SMatrix::<f64, 6, 6>::from_fn(|i, j| {
@@ -58,8 +57,7 @@ pub fn uncertainty(
     }
 }
 
-/// The Jacobian d(damping 1/s, frequency Hz, lambda 1/s)/d(p2, p1, p0 per µs). `None`: beside it,
-/// or at it, the cubic has no damped pair.
+/// d(damping, frequency Hz, lambda)/d(p2, p1, p0 per µs). `None`: there is no damped pair near it.
 fn pole_slopes(cubic: [f64; 3]) -> Option<Matrix3<f64>> {
     let mut slopes = Matrix3::zeros();
     for k in 0..3 {
@@ -74,7 +72,6 @@ fn pole_slopes(cubic: [f64; 3]) -> Option<Matrix3<f64>> {
     Some(slopes)
 }
 
-/// What one decay does not determine of thesis (2-2), in words.
 pub fn in_words() -> Vec<String> {
     let words = [
         "rates: a, b, g, d move together along one curve that leaves p2, p1, p0 as they are \

@@ -5,7 +5,6 @@ use crate::model::{InkChannel, ring_down::Poles};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-/// Why the search for the rates ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Convergence {
@@ -24,8 +23,7 @@ pub struct Identification {
     pub poles: Poles,
     /// p2, p1, p0 of the observable polynomial s^3 + p2 s^2 + p1 s + p0, in 1/s, 1/s², 1/s³.
     pub cubic: [f64; 3],
-    /// x_a = (V_r, V_n, V_r', V_n') of thesis (2-2) at t_a and the reference drive: volumes in
-    /// counts·s, flows in counts. V_r = V_n, since the output does not tell the two apart.
+    /// x_a at the reference drive, counts·s and counts; V_r = V_n, as y does not tell them apart.
     pub acquisition_state: [f64; 4],
     /// The output and its derivatives y, y', y'' at t_a: counts, counts/s, counts/s².
     pub output_state: [f64; 3],
@@ -43,9 +41,7 @@ pub struct Identification {
     pub scatter: Scatter,
     /// What was held at a guess or has a prior, in words.
     pub held_fixed: Vec<String>,
-    /// Names of the rates that ended at a bound.
     pub at_bounds: Vec<String>,
-    /// What one decay does not determine, in words.
     pub not_identifiable: Vec<String>,
 }
 
@@ -58,7 +54,6 @@ impl Identification {
     }
 }
 
-/// How channels differ in damping and frequency, and the standard error of their means.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Scatter {
     /// Standard deviation over signals beyond the noise, relative.

@@ -42,22 +42,17 @@ use thiserror::Error;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct GreyBoxSettings {
-    /// Initial guess of 1/(I_r B_t), 1/s².
     pub a_per_s2: f64,
-    /// Initial guess of 1/(I_n B_t), 1/s².
     pub b_per_s2: f64,
-    /// Initial guess of R_r/I_r, 1/s. The ratio g/d is held: one decay cannot tell it.
+    /// The ratio g/d is held: one decay cannot tell it.
     pub g_per_s: f64,
-    /// Initial guess of R_n/I_n, 1/s.
     pub d_per_s: f64,
-    /// The search is bounded to guess / factor .. guess * factor, where the guess is scaled to the
-    /// signal's time scale.
+    /// The search is bounded to guess / factor .. guess * factor, at the signal's time scale.
     pub bound_factor: f64,
     /// Bounds of some of the rates a, b, d instead, which are not scaled with the guess.
     #[serde(skip_serializing_if = "Bounds::is_empty")]
     pub bounds: Bounds,
-    /// Follows thesis (3-1) to the letter: fits the plain mean of all signals, and does not correct
-    /// for channels that differ.
+    /// Follows (3-1) to the letter: fits the plain mean, not corrected for channels that differ.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub plain_mean: bool,
 }
@@ -100,7 +95,6 @@ impl GreyBoxSettings {
         InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s }
     }
 
-    /// Refuses values out of range; the error names the key that is wrong.
     pub fn check(&self) -> Result<(), String> {
         let keys = ["a_per_s2", "b_per_s2", "g_per_s", "d_per_s"];
         for (key, value) in keys.into_iter().zip(self.channel().rates()) {
@@ -131,7 +125,6 @@ impl GreyBoxSettings {
     }
 }
 
-/// Why no model can be identified from a window.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum IdentifyError {
     /// Root mean square of what the model and the best damped cosine leave of the average, counts.

@@ -23,7 +23,6 @@ use nalgebra::{DVector, Matrix3, MatrixXx3, Vector3};
 /// along a flat valley of the cost. Where the data determine it, the prior is negligible.
 const PRIOR_SD: f64 = 1.0;
 
-/// Where a search ended.
 #[derive(Clone, Debug)]
 pub(super) struct End {
     /// The rates there, in the coordinates of [`Problem`].
@@ -39,14 +38,11 @@ pub(super) struct End {
 /// the frequency, the last the damping, the middle one the real pole. The bounds apply to (ln a, ln
 /// b, ln d) each by itself, so theirs is a curved box. Inside, time is in microseconds.
 pub(super) struct Problem {
-    /// The signal, N counts.
     pub y: DVector<f64>,
     dt_us: f64,
     /// The guess of a + b per µs², a / b, and d per µs.
     guess: [f64; 3],
-    /// The ratio g / d, which is held.
     kappa: f64,
-    /// Bounds of (ln a, ln b, ln d), relative to the guess.
     lowest: Vector3<f64>,
     highest: Vector3<f64>,
     /// Weight of the prior on ln (a / b): the noise's variance over that of the prior, counts².
@@ -59,7 +55,6 @@ impl Problem {
         let (factor, bounds) = (settings.bound_factor, settings.bounds);
         let guess = [settings.a_per_s2, settings.b_per_s2, settings.d_per_s];
         let given = [bounds.a_per_s2, bounds.b_per_s2, bounds.d_per_s];
-        // the bound given for a rate, else the guess by the common factor
         let bound = |k: usize, end: usize| {
             let by_factor = [1.0 / factor, factor][end];
             given[k].map_or(by_factor, |given: [f64; 2]| given[end] / guess[k]).ln()
@@ -76,7 +71,6 @@ impl Problem {
         }
     }
 
-    /// What one average cannot tell and is therefore held or has a prior, in words.
     pub fn held_fixed(&self) -> Vec<String> {
         let kappa = format!("R_r/I_r over R_n/I_n = {:.4} (the guess's)", self.kappa);
         let prior = "a / b: prior of a factor e about the guess's (it weighs only where the real pole is hardly known)";
@@ -91,7 +85,6 @@ impl Problem {
         Vector3::new(b + theta[1], b, theta[2])
     }
 
-    /// The inverse of [`Problem::ln_rates`].
     fn theta_of(&self, ln_rates: &Vector3<f64>) -> Vector3<f64> {
         let ratio = ln_rates[0] - ln_rates[1];
         Vector3::new(ln_rates[1] + self.sum_over_b(ratio), ratio, ln_rates[2])
@@ -103,7 +96,6 @@ impl Problem {
         ((1.0 + guess * ln_ratio.exp()) / (1.0 + guess)).ln()
     }
 
-    /// The Jacobian d (ln a, ln b, ln d) / d theta.
     fn slope_of_rates(&self, theta: &Vector3<f64>) -> Matrix3<f64> {
         let ratio = self.guess[1] * theta[1].exp();
         let of_a = ratio / (1.0 + ratio);
@@ -123,8 +115,7 @@ impl Problem {
         if bounded == rates { theta } else { self.theta_of(&bounded) }
     }
 
-    /// Starts of the search: the guess with stiffness (a + b) and viscosity (d) scaled, in fifteen
-    /// combinations moved into the bounds; the five of least cost.
+    /// Five of fifteen, by cost: the guess with stiffness and viscosity scaled, within the bounds.
     pub fn starts(&self) -> Vec<Vector3<f64>> {
         let factors = [1.0f64, 0.6, 1.5, 0.35, 2.2].map(|stiffness| {
             [1.0f64, 0.4, 2.2].map(|viscosity| [stiffness.ln(), 0.0, viscosity.ln()])
@@ -137,7 +128,6 @@ impl Problem {
         starts.into_iter().take(5).map(|(_, t)| t).collect()
     }
 
-    /// theta of a channel, moved into the bounds.
     pub fn theta(&self, channel: &InkChannel) -> Vector3<f64> {
         let [a, b, _, d] = channel.times(RATES_PER_US).rates();
         let relative = [a + b, a / b, d];
@@ -151,7 +141,6 @@ impl Problem {
         [sum - b, b, self.kappa * d, d]
     }
 
-    /// The channel of theta.
     pub fn channel(&self, theta: &Vector3<f64>) -> InkChannel {
         InkChannel::of(self.rates_per_us(theta)).times([1e12, 1e12, 1e6, 1e6])
     }
@@ -199,7 +188,6 @@ impl Problem {
             q * along - de
         });
 
-        // the normal equations, with the prior's share
         let mut gradient = Vector3::from_fn(|k, _| columns[k].dot(misfit));
         let mut gauss_newton = Matrix3::from_fn(|j, k| columns[j].dot(&columns[k]));
         gradient[1] += self.prior * theta[1];
@@ -207,8 +195,7 @@ impl Problem {
         (gradient, gauss_newton)
     }
 
-    /// Levenberg and Marquardt's search from one start. `None`: the search did not end within 200
-    /// iterations, or the model could not be evaluated.
+    /// `None`: the search did not end within 200 iterations, or the model could not be evaluated.
     pub fn search(&self, start: Vector3<f64>) -> Option<End> {
         let mut theta = start;
         let mut at = self.project(&theta)?;
@@ -219,9 +206,8 @@ impl Problem {
             let here = theta;
             let end = |convergence| End { theta: here, cost, convergence, iterations };
 
-            // Converged by the gradient: the cosine of the angle between the misfit and every
-            // direction that no bound holds. At 1e-6 the optimum is nearer than a
-            // hundred-thousandth of a standard deviation. Without noise rounding is the limit.
+            // Converged by the gradient: the cosine between the misfit and each free direction; 1e-6
+            // is nearer than 1e-5 standard deviations. Without noise rounding is the limit.
             let scale = hessian.diagonal().map(|h| h.sqrt().max(f64::MIN_POSITIVE));
             let slope = self.projected(&theta, &gradient).component_div(&scale).amax();
             if slope <= 1e-6 * at.misfit.norm() + 1e-13 * self.y.norm() {
@@ -307,8 +293,7 @@ impl Problem {
             return Some(step);
         }
 
-        // Else a quadratic programme, scaled to unit curvature and to a gradient of size 1, so that
-        // its tolerances mean the same in each direction and for each signal.
+        // else a quadratic programme, scaled so that its tolerances mean the same for each signal
         let unit = h.diagonal().map(|v| 1.0 / v.sqrt().max(1e-300));
         let hessian: Vec<Vec<f64>> = (0..3)
             .map(|j| {
@@ -318,7 +303,6 @@ impl Problem {
         let size = g.component_mul(&unit).amax().max(1e-300);
         let linear: Vec<f64> = (0..3).map(|k| g[k] * unit[k] / size).collect();
 
-        // each rate below its highest and above its lowest value, linear in the step
         let (rates, slope) = (self.ln_rates(theta), self.slope_of_rates(theta));
         let mut rows = vec![vec![0.0; 3]; 6];
         let mut limits = vec![0.0; 6];
@@ -348,20 +332,17 @@ impl Problem {
     }
 }
 
-/// The best state for some rates, and what it leaves.
 pub(super) struct Projection {
     /// The state c: y, y', y'' at t_a, per µs.
     pub state: Vector3<f64>,
     /// The misfit y - E c, where E is the basis.
     pub misfit: DVector<f64>,
-    /// The factors of E = q r.
     q: MatrixXx3<f64>,
     r: Matrix3<f64>,
 }
 
-/// The factors of N x 3 columns E = q r: q with orthonormal columns, r upper triangular. Gram and
-/// Schmidt's method twice is as orthogonal as Householder's (Giraud, Langou and Rozloznik 2005).
-/// Linearly dependent columns give numbers that are not finite.
+/// E = q r of N x 3 columns: Gram and Schmidt's method twice is as orthogonal as Householder's
+/// (Giraud, Langou and Rozloznik 2005). Linearly dependent columns give numbers that are not finite.
 fn thin_qr(mut q: MatrixXx3<f64>) -> (MatrixXx3<f64>, Matrix3<f64>) {
     let (n, mut r) = (q.nrows(), Matrix3::zeros());
     for k in 0..3 {

@@ -37,8 +37,7 @@ impl Reservoir {
         Reservoir { capacity, samples, held: BTreeMap::new() }
     }
 
-    /// Offers a signal, N counts; it is kept if its rank is among the lowest so far. `severity`: of
-    /// its label; NaN: none.
+    /// `signal`: N counts; `severity`: of its label; NaN: none.
     pub fn offer(&mut self, beside: Beside, signal: &[f64], severity: f64) {
         let Beside { t_acq_ns, channel, .. } = beside;
         if !self.may_keep(t_acq_ns, channel) {
@@ -68,7 +67,6 @@ impl Reservoir {
         !full || self.held.last_key_value().is_some_and(|(worst, _)| is_below(worst))
     }
 
-    /// Memory that the samples of the held signals take, bytes.
     pub fn bytes(&self) -> usize {
         self.held.len() * self.samples * size_of::<f32>()
     }

@@ -45,7 +45,6 @@ pub fn temperature_response(
         return None;
     }
 
-    // by least squares on columns scaled to unit length
     let scaled = DMatrix::from_fn(tangent.nrows(), 6, |i, j| {
         tangent[(i, j)] / tangent.column(j).norm().max(f64::MIN_POSITIVE)
     });
@@ -72,8 +71,7 @@ pub fn temperature_response(
     (by_chance < 1e-6).then(|| response().as_slice().to_vec())
 }
 
-/// Tail of the F distribution with 6 and `freedom` degrees of freedom (Abramowitz and Stegun
-/// 26.6.4).
+/// Tail of F with 6 and `freedom` degrees of freedom (Abramowitz and Stegun 26.6.4).
 fn beyond_f6(f: f64, freedom: f64) -> f64 {
     let (half, x) = (freedom / 2.0, freedom / (freedom + 6.0 * f));
     x.powf(half) * (1.0 + half * (1.0 - x) * (1.0 + (half + 1.0) / 2.0 * (1.0 - x)))
@@ -106,9 +104,7 @@ fn regress(points: &[(f64, f64, Vector6<f64>)]) -> Option<(Vector6<f64>, f64)> {
 }
 
 /// Relative change of (damping, frequency) where the expected signal changes by `direction` (N
-/// counts; per K of a temperature response): how the cubic changes by the direction's coordinates on
-/// the tangent space, and the poles a thousandth of that to either side. `None`: the decomposition
-/// failed, or the changed model does not ring.
+/// counts, or per K). `None`: the decomposition failed, or the changed model does not ring.
 pub fn pole_changes(
     fit: &Identification,
     tangent: &DMatrix<f64>,

@@ -30,7 +30,6 @@ use std::f64::consts::SQRT_2;
 
 const MOST_BINS: usize = 4;
 
-/// The ratios of rates that become known, with the standard deviations of their logarithms.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ByTemperature {
     /// Mean temperature of each part of the signals, °C, and the viscosity over the first part's.
@@ -54,9 +53,8 @@ impl ByTemperature {
     }
 }
 
-/// Identifies a model at each temperature, and estimates all rates from these. `fit`: the model of
-/// all signals together. `None`: the temperature hardly varies, a part has too few signals, or the
-/// covariance of a part's cubic has no inverse. An error: a part has no model.
+/// `fit`: the model of all signals together. `None`: the temperature hardly varies, a part has too
+/// few signals, or the covariance of a part's cubic has no inverse. An error: a part has no model.
 pub fn by_temperature(
     set: &SignalSet,
     fit: &Identification,
@@ -117,8 +115,7 @@ fn of_the_same_channels(set: &SignalSet) -> Vec<Vec<usize>> {
     parts.iter().map(kept).collect()
 }
 
-/// Estimates the unknowns of all parts by damped Gauss-Newton steps (Levenberg and Marquardt): ln
-/// a, ln b, ln g, ln d in the first part, and ln viscosity over the first's of every other part.
+/// theta: ln of a, b, g, d in the first part, and ln viscosity over the first's of each other part.
 /// `parts`: mean temperature, °C, and model. `None`: a part's covariance has no inverse.
 fn joint(parts: &[(f64, Identification)], fit: &Identification) -> Option<ByTemperature> {
     let unknowns = 3 + parts.len();

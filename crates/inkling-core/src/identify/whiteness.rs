@@ -16,8 +16,7 @@ pub struct Whiteness {
     pub p_value: f64,
 }
 
-/// Tests a misfit y - y_hat, N counts. `fitted`: how many numbers were fitted to the signal. `None`:
-/// the misfit is too short, zero, constant, or not finite.
+/// `fitted`: number of parameters. `None`: the misfit is too short, zero, constant, or not finite.
 pub fn whiteness(misfit: &[f64], fitted: usize) -> Option<Whiteness> {
     let n = misfit.len();
     let lags = MOST_LAGS.min(n / 4);
