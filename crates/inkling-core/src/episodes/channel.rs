@@ -17,7 +17,6 @@ use std::cmp::Ordering;
 #[derive(Debug, Default)]
 pub struct Channel {
     pub number: u32,
-    /// Time, ns, and statistic over threshold of the last look.
     pub last_ns: i64,
     pub last_ratio: f32,
     pub looks: u64,
@@ -29,16 +28,13 @@ pub struct Channel {
     in_medians: f32,
     pub own: bool,
     pub evidence: Evidence,
-    /// The draft of the episode that is on, or of what may become one.
     pub draft: Option<Box<EpisodeDraft>>,
     /// Looks at the channel while no episode was on, and flagged ones among them.
     pub quiet: Flags,
-    /// The flagged looks that stand out from the channel's level, since the second test last began.
     flagged_looks: Option<Box<FlaggedLooks>>,
 }
 
-/// Flagged looks at a channel that stand out from its level: the evidence for a fault that comes and
-/// goes.
+/// Flagged looks that stand out from the channel's level: evidence for what comes and goes.
 #[derive(Clone, Debug)]
 struct FlaggedLooks {
     flagged: u64,
@@ -93,7 +89,6 @@ impl Channel {
         order.is_gt()
     }
 
-    /// Adapts the channel's level where another model, or its own baseline, begins to judge it.
     pub fn judge_by(&mut self, looks: &Looks, own: bool) {
         if self.model != Some(looks.model) {
             // a threshold in medians that is not known is taken to be that of the model before

@@ -29,7 +29,6 @@ impl Channel {
             return None;
         }
 
-        // whether a name is certain now that was not announced
         let now = self.episode(printhead, draft, rules, None);
         let is_other =
             |now: &Option<String>, before: &Option<String>| now.is_some() && now != before;
@@ -41,8 +40,7 @@ impl Channel {
         Some(now)
     }
 
-    /// The episode that a draft of this channel stands for, to be called before the channel's next
-    /// look. `ended_at_ns`: `None` if it is still on.
+    /// It is to be called before the channel's next look. `ended_at_ns`: `None` if it is still on.
     pub fn episode(
         &self,
         printhead: &Arc<str>,
@@ -104,7 +102,6 @@ impl Channel {
     }
 }
 
-/// What the signals look like instead of the class that is nearest.
 fn instead(draft: &EpisodeDraft, of_no_class: bool) -> Instead<'_> {
     match &draft.appearance {
         appearance if of_no_class => {

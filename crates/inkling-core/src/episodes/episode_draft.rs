@@ -74,7 +74,6 @@ impl EpisodeDraft {
         self.as_well += u64::from(named.appearance.is_some() && !named.fits_none());
         self.classes.look(&named.weights, &rules.priors);
 
-        // the size, beside those of all classes that measure the same quantity
         if let (Some(class), Some(size)) = (named.candidate, named.severity)
             && size.is_finite()
         {

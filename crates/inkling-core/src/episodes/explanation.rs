@@ -85,7 +85,6 @@ impl Appearance {
     }
 }
 
-/// What a signal may be as well as a class, as the words after "... or".
 fn in_short(other: &Appearance) -> Option<String> {
     Some(match other {
         Appearance::OtherGain(ratio) => format!("{ratio:.2} times the gain"),
@@ -149,7 +148,6 @@ fn in_words(strange: &Appearance) -> String {
     }
 }
 
-/// The change of the ring: `resonance 64.7 → 61.9 kHz, damping +31 %`.
 fn ring_in_words(r: &Rings) -> String {
     let damping = 100.0 * (r.damping_per_s / r.healthy_damping_per_s - 1.0);
     let (from, to) = (r.healthy_frequency_hz / 1e3, r.frequency_hz / 1e3);

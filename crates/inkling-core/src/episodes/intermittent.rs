@@ -33,7 +33,6 @@ impl Flags {
         self.flagged += u64::from(flagged);
     }
 
-    /// What is left of these looks without others that are among them.
     pub fn without(self, those: Flags) -> Flags {
         let looks = self.looks.saturating_sub(those.looks);
         Flags { looks, flagged: self.flagged.saturating_sub(those.flagged) }
@@ -43,13 +42,11 @@ impl Flags {
         self.flagged as f64 / self.looks.max(1) as f64
     }
 
-    /// Whether the test is to begin anew with the flagged look that follows these.
     pub fn begin_anew(self, others: Flags) -> bool {
         self.flagged == 0 || self.evidence(others) < 0.0
     }
 
-    /// The ln likelihood ratio that a channel is flagged for reasons of its own. `self`: its looks;
-    /// `others`: those at its printhead's other channels while no episode was on.
+    /// `others`: looks at the printhead's other channels while no episode was on.
     pub fn evidence(self, others: Flags) -> f64 {
         // The rate q: what all channels do is no fault of one. The upper bound is somewhat arbitrary.
         let rate = (tuned::of_others() * others.share()).clamp(least_rate(), 0.2);

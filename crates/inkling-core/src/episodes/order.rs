@@ -11,7 +11,6 @@ pub struct WaitingBursts {
     /// The bursts by time of acquisition, first channel and order of arrival.
     bursts: BTreeMap<(i64, u32, u64), Looks>,
     arrived: u64,
-    /// Number of signals of the bursts that wait.
     pub signals: usize,
 }
 

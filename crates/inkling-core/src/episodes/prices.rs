@@ -27,20 +27,17 @@ struct Looks {
     law: StudentT<f64>,
     /// How far the channel lies off for good, in standard deviations of a feature or nearly so.
     off: f64,
-    /// How far its level has wandered, in the same unit.
     wander: f64,
 }
 
 impl Looks {
-    /// The looks at a channel of its own for each seed.
     fn new(seed: u64) -> Looks {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let off = rng.random_range(-1.2..1.2);
         Looks { rng, law: StudentT::new(10.0).unwrap(), off, wander: 0.0 }
     }
 
-    /// The statistic of the next look: the square distance of three features from zero. `fault`:
-    /// how far the channel is off by its fault, in the unit of `off`.
+    /// The square distance of three features from zero; `fault` moves one, in the unit of `off`.
     fn statistic(&mut self, fault: f64) -> f64 {
         let step: f64 = StandardNormal.sample(&mut self.rng);
         self.wander = 0.98 * self.wander + 0.08 * step;
@@ -49,7 +46,6 @@ impl Looks {
     }
 }
 
-/// The value that the statistics of all channels exceed at the stated rate.
 fn threshold() -> f64 {
     let of = |channel: u64| {
         let mut looks = Looks::new(10_000 + channel);
@@ -60,8 +56,7 @@ fn threshold() -> f64 {
     all[((1.0 - RATE) * all.len() as f64) as usize]
 }
 
-/// What becomes of faults that begin at the hundredth look, grow for some looks, last for two
-/// hundred and flicker.
+/// What becomes of faults that begin at the 100th look, grow, last for 200 looks and flicker.
 #[derive(Clone, Copy, Debug, Default)]
 struct OfFaults {
     /// Share of the faults that were raised.
@@ -75,8 +70,7 @@ struct OfFaults {
     broken: f64,
 }
 
-/// Simulates faults of one size. `grows_for`: looks until a fault has grown to it; `flickers`:
-/// standard deviation of its ln size from look to look.
+/// `grows_for`: looks until a fault is `size`; `flickers`: standard deviation of its ln size.
 fn of_faults(size: f64, [grows_for, flickers]: [f64; 2], threshold: f64) -> OfFaults {
     const CHANNELS: u64 = 400;
     let mut of = OfFaults::default();
@@ -188,8 +182,6 @@ fn comes_and_goes() -> [f64; 2] {
     [share(0.012, 2000), share(3.0 * RATE, 10_000)]
 }
 
-/// One row of the table: all that is measured with the numbers as they are now, in the order of the
-/// array's expressions.
 fn prices() -> [f64; 14] {
     let threshold = threshold();
     let slight = of_faults(4.0, [1.0, 0.0], threshold);

@@ -24,7 +24,6 @@ impl Rules {
     }
 }
 
-/// The indices of [`Rules::quantities`]: laws of one kind of fault measure the same.
 fn quantities(classes: &[Class]) -> Vec<usize> {
     let laws = Catalogue::default();
     let of = |class: &Class| laws.one_kind(&class.of).and_then(faults::law);
