@@ -17,10 +17,8 @@ use std::sync::Arc;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Format {
-    /// Signed 16 bit, little-endian.
     #[default]
     S16Le,
-    /// 32 bit floating point, little-endian.
     F32Le,
 }
 
@@ -33,7 +31,6 @@ impl Format {
     }
 }
 
-/// The format of a number in `schemas/burst.proto`, as the wire code asks for it.
 impl TryFrom<i32> for Format {
     type Error = i32;
 
@@ -81,7 +78,6 @@ pub struct Burst {
     /// Channel number of the first row; the next rows count on.
     pub first_channel: u32,
     pub channels: u32,
-    /// Number N of samples of each row.
     pub samples_per_channel: u32,
     pub sample_period_s: f64,
     pub format: Format,
@@ -102,7 +98,6 @@ pub struct Burst {
 impl Burst {
     pub fn copy_signal(&self, row: usize, out: &mut [f64]) {
         let (channels, n) = (self.channels as usize, self.samples_per_channel as usize);
-        // index of the row's first sample, and the distance to the next one
         let (start, stride) = match self.layout {
             Layout::ChannelMajor => (row * n, 1),
             Layout::SampleMajor => (row, channels),
@@ -170,8 +165,7 @@ impl Burst {
         glance
     }
 
-    /// The bytes of the signals of `rows` rows from row `row` on. `None`: the burst is not
-    /// channel-major int16, or has fewer rows.
+    /// The bytes of `rows` signals. `None`: the burst is no channel-major int16, or has fewer rows.
     pub fn int16_rows(&self, row: usize, rows: usize) -> Option<&[u8]> {
         let bytes = self.samples_per_channel as usize * Format::S16Le.bytes();
         let aligned = self.layout == Layout::ChannelMajor && self.format == Format::S16Le;
@@ -209,18 +203,15 @@ impl Burst {
 #[derive(Clone, Copy, Debug)]
 pub struct Beside {
     pub channel: u32,
-    /// Time t_a of the first sample, ns since the epoch.
     pub t_acq_ns: i64,
     pub drive_v: f64,
     pub temperature_c: f64,
     /// Time since the previous actuation, s; infinite: there was none.
     pub idle_s: f64,
-    /// Number of neighbours that were actuated with the channel.
     pub neighbours: f64,
 }
 
 impl Beside {
-    /// The covariates of a signal beside which nothing was recorded.
     pub fn alone(channel: u32, t_acq_ns: i64) -> Beside {
         let [drive_v, temperature_c, idle_s, neighbours] = [f64::NAN; 4];
         Beside { channel, t_acq_ns, drive_v, temperature_c, idle_s, neighbours }
@@ -243,7 +234,6 @@ pub struct UnusableBurst {
     pub why: Reason,
 }
 
-/// One message of a recording whose schema is `inkling.Burst`.
 #[derive(Clone, Debug)]
 pub enum Acquisition {
     Usable(Burst),
@@ -279,7 +269,6 @@ impl Place {
     }
 }
 
-/// A batch of signals, which one stage hands to the next.
 #[derive(Clone, Debug, Default)]
 pub struct SignalBatch {
     pub place: Place,
@@ -299,8 +288,7 @@ for_processor! {
 }
 
 impl Burst {
-    /// A burst of these signals (of one length), in counts, of printhead `p` and channels from 0 on. For
-    /// tests, of other crates too.
+    /// A burst in counts of printhead `p`, with channels from 0 on. For tests, of other crates too.
     pub fn of(signals: &[Vec<f32>], sample_period_s: f64, format: Format, layout: Layout) -> Burst {
         let (channels, n) = (signals.len(), signals[0].len());
         let mut samples = Vec::new();
@@ -327,7 +315,6 @@ impl Burst {
     }
 }
 
-/// All formats and layouts that bursts come in.
 #[cfg(test)]
 pub const FORMS: &[(Format, Layout)] = &[
     (Format::S16Le, Layout::ChannelMajor),

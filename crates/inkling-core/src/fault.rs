@@ -21,12 +21,10 @@ pub const IGNORE: &str = "ignore";
 pub const NOT_COLLECTED: [&str; 4] =
     ["unlabelled", "rejected", "other_sampling", "beyond_the_limit_of_sets"];
 
-/// Whether a name means something else than a class of faults.
 pub fn is_reserved(name: &str) -> bool {
     [HEALTHY, IGNORE].into_iter().chain(NOT_COLLECTED).any(|taken| taken == name)
 }
 
-/// A fault class, by the name that labels and verdicts give it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Class {
     pub name: String,
@@ -44,8 +42,7 @@ impl Class {
     }
 }
 
-/// Of each of the thesis's classes: [category, the class as a technician calls it, what its severity
-/// measures].
+/// [category, the class as a technician calls it, what its severity measures].
 const OF_THESIS: [(&str, [&str; 3]); 9] = [
     ("EC", ["empty_channel", "empty ink channel", "missing share of density"]),
     (
@@ -64,12 +61,10 @@ const ADDED_COMPLIANCE: &str = "added compliance over the chamber's";
 const BLOCKED_SHARE: &str = "blocked share of the nozzle's cross-section";
 const VISCOSITY: &str = "viscosity factor in the nozzle";
 
-/// The entry of a class in `OF_THESIS`; `None` for a user's own class.
 fn of_thesis(class: &str) -> Option<&'static [&'static str; 3]> {
     OF_THESIS.iter().find(|(name, _)| *name == class).map(|(_, entry)| entry)
 }
 
-/// Category of a fault class.
 pub fn category(class: &str) -> &str {
     of_thesis(class).map_or(class, |[category, ..]| category)
 }
@@ -136,15 +131,13 @@ pub struct Named {
 }
 
 impl Naming {
-    /// The rule for these classes. `certainty`: the bound, 0 to 1.
     pub fn new(classes: &[Class], certainty: f64) -> Naming {
         let (categories, category_of) = categories(classes);
         Naming { categories, category_of, certainty }
     }
 
     /// Names the class of largest weight if that reaches the bound, else the category of largest total
-    /// weight if that does. `weights`: one per class; `of_any`: a factor of all of them, the
-    /// probability that it is any class. `None`: there are none.
+    /// weight if that does. `of_any`: the probability that it is any class. `None`: no weights.
     pub fn name(&self, weights: &[f64], of_any: f64) -> Option<Named> {
         let (best, weight) = largest(weights)?;
         let weight = weight * of_any;
@@ -153,7 +146,6 @@ impl Naming {
             return Some(Named { best, fault, category, certainty: weight });
         }
 
-        // all classes of a category together may be certain
         let mut sums = vec![0.0; self.categories.len()];
         for (&category, weight) in self.category_of.iter().zip(weights) {
             sums[usize::from(category)] += weight * of_any;

@@ -18,10 +18,8 @@ use std::collections::HashMap;
 use std::fmt;
 use std::str::FromStr;
 
-/// The name in a row's printhead column that stands for all printheads.
 pub const EVERY_PRINTHEAD: &str = "*";
 
-/// The channels that a row of labels speaks of.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize,
 )]
@@ -34,7 +32,6 @@ pub enum Channels {
 }
 
 impl Channels {
-    /// The first and the last channel that the row speaks of.
     fn bounds(self) -> [u32; 2] {
         match self {
             Channels::All => [0, u32::MAX],
@@ -43,7 +40,6 @@ impl Channels {
         }
     }
 
-    /// Whether the row speaks of a channel.
     fn covers(self, channel: u32) -> bool {
         let [first, last] = self.bounds();
         (first..=last).contains(&channel)
@@ -71,7 +67,6 @@ impl FromStr for Channels {
     }
 }
 
-/// The same text.
 impl fmt::Display for Channels {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
@@ -104,7 +99,6 @@ impl Label {
             && self.to_ns.is_none_or(|to| t_ns < to)
     }
 
-    /// Whether the row says that something is wrong with its channels.
     pub fn is_fault(&self) -> bool {
         self.state != HEALTHY && self.state != IGNORE
     }
@@ -195,7 +189,6 @@ impl Labels {
     }
 }
 
-/// The states that labels may have without anybody declaring them.
 pub fn known_states() -> impl Iterator<Item = &'static str> {
     [HEALTHY, IGNORE].into_iter().chain(CLASSES)
 }

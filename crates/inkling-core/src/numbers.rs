@@ -25,8 +25,7 @@ pub mod tuned {
     }
 }
 
-/// Makes a function of each number of a table, and, where numbers can be changed, the list `NUMBERS`
-/// of their paths.
+/// Makes a function of each number and, where numbers can be changed, the list `NUMBERS` of paths.
 #[macro_export]
 macro_rules! numbers {
     (@kind) => {
@@ -50,7 +49,6 @@ macro_rules! numbers {
     };
 }
 
-/// The value of a number: in this build it cannot be changed.
 #[cfg(not(any(test, feature = "ablation")))]
 #[inline]
 pub fn as_it_is<T>(_path: &str, value: T) -> T {
@@ -75,7 +73,6 @@ mod changed {
         RwLock::new(asked.split_whitespace().map(number).collect())
     });
 
-    /// The types that a table's numbers may have.
     pub trait Number {
         /// The number multiplied by a factor; of an array every element, and a count is rounded.
         fn times(self, by: f64) -> Self;

@@ -68,7 +68,6 @@ use std::sync::atomic::{AtomicU8, Ordering};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum Instructions {
-    /// The instructions that every processor of the target has.
     Portable,
     Avx2,
     Avx512,
@@ -87,7 +86,6 @@ impl Instructions {
         MOST.store(self as u8, Ordering::Relaxed);
     }
 
-    /// Whether the processor has these instructions and they may be used.
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub(crate) fn are_used(self) -> bool {

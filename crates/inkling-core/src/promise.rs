@@ -18,7 +18,6 @@ pub struct Promise {
     pub draws: usize,
 }
 
-/// How small a fault of a class is found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Detectable {
     pub class: String,
@@ -30,7 +29,6 @@ pub struct Detectable {
     pub found: f64,
 }
 
-/// Two classes, and how often a flagged signal of one is taken for the other.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Pair {
     pub classes: [String; 2],

@@ -6,7 +6,6 @@ use std::panic::resume_unwind;
 use std::sync::{Mutex, PoisonError};
 use std::thread::{self, ScopedJoinHandle};
 
-/// Number of threads that the machine can run at once, 1 if not known.
 pub fn cores() -> usize {
     thread::available_parallelism().map_or(1, NonZero::get)
 }

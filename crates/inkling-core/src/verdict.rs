@@ -14,8 +14,7 @@ pub use judged::{HealthyRun, OfBurst, Part, Tests, Verdicts};
 use serde::Serialize;
 use std::sync::Arc;
 
-/// An enum whose variants have the names that tables write, and, if told in a sentence, words. A line
-/// is `Variant "name";` or `Variant "name" "words";`, alike for all.
+/// An enum with the names that tables write: lines `Variant "name";` or `Variant "name" "words";`.
 macro_rules! named {
     ($(#[$about:meta])* $type:ident { $($(#[$of:meta])* $one:ident $name:literal $($words:literal)?;)* }) => {
         $(#[$about])*
@@ -52,19 +51,14 @@ pub(crate) use named;
 named! {
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     Outcome {
-        /// Judged, and not flagged.
         Healthy "healthy";
-        /// Faulty, and its class or its category is certain.
         Faulty "faulty";
-        /// Faulty, but neither its class nor its category is certain enough.
         Undecided "undecided";
-        /// Not analysed: the signal or its burst cannot be used.
         Rejected "rejected";
     }
 }
 
 named! {
-    /// Which test a signal's statistic and threshold are of.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     Test {
         /// A distance of the ring's features from healthy ones.
@@ -76,13 +70,10 @@ named! {
     }
 }
 
-/// What a signal looks like that belongs to no known class, or may as well be none. Healthy means:
-/// as the model's healthy ring.
+/// What a signal looks like that is of no class, or may as well be; *healthy* is the model's ring.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Appearance {
-    /// Nothing rings: there is only noise.
     NoiseAlone,
-    /// Nothing rings: there is only a constant, and noise.
     Constant,
     /// A healthy ring, this many times as large.
     OtherGain(f64),
@@ -128,7 +119,6 @@ named! {
         DesignMismatch "design_mismatch" "the design does not fit them";
         // of a flagged signal: undecided
         Uncertain "uncertain" "no class is certain enough";
-        /// The signal is a ring, but one of no known class.
         UnknownFault "unknown_fault" "they ring like no known class";
         /// No ring explains the signal: sensor or acquisition.
         NoRing "no_ring" "no ring explains them";

@@ -44,7 +44,6 @@ struct OtherUnit {
 }
 
 impl RecordedSpans {
-    /// Takes in a burst of a printhead.
     pub fn see(&mut self, printhead: &str, span: Span) {
         if let Some(known) = self.heads.get_mut(printhead) {
             known.from_ns = known.from_ns.min(span.from_ns);
@@ -78,20 +77,17 @@ impl RecordedSpans {
             .then(|| format!("{none} of {all} rows cover no signal of these recordings{others}"))
     }
 
-    /// Whether a row's printhead is one that was met, or stands for all.
     fn knows(&self, printhead: &str) -> bool {
         printhead == EVERY_PRINTHEAD || self.heads.contains_key(printhead)
     }
 
-    /// Whether a row meets the span of any printhead that it is for.
     fn covers_any(&self, row: &Label) -> bool {
         let mut of = self.heads.iter();
         of.any(|(name, span)| [name, EVERY_PRINTHEAD].contains(&&*row.printhead) && span.meets(row))
     }
 
-    /// A sentence about the first name in the labels that no printhead has, and that is like the
-    /// name of a printhead that no row names: so labels for several sets of recordings are no
-    /// mistake.
+    /// A sentence about the first name in the labels that no printhead has, if it is like one that
+    /// no row names: so labels for several sets of recordings are no mistake.
     fn misspelt(&self, labels: &Labels) -> Option<String> {
         let named: BTreeSet<&str> = labels.rows().iter().map(|row| &*row.printhead).collect();
         let unnamed = || self.heads.keys().map(|name| &**name).filter(|name| !named.contains(name));
@@ -111,7 +107,6 @@ impl RecordedSpans {
         ))
     }
 
-    /// A sentence about the first time that was probably written in another unit than ns.
     fn of_other_unit(&self, labels: &Labels) -> Option<String> {
         let is_of_this_age = |span: &Span| OF_THIS_AGE.contains(&span.from_ns);
         if self.heads.is_empty() || !self.heads.values().all(is_of_this_age) {

@@ -27,7 +27,6 @@ pub enum Cells {
     Outcome(CellsAt<Outcome>),
     /// Indices into the run's categories.
     Category(CellsAt<Option<u16>>),
-    /// Indices into the run's classes.
     Class(CellsAt<Option<u16>>),
     Test(CellsAt<Option<Test>>),
     Reason(CellsAt<Option<Reason>>),
@@ -43,7 +42,6 @@ pub enum Cells {
     Weights,
 }
 
-/// The vector of one field of [`VerdictColumns`], to read and to write.
 pub struct CellsAt<T: 'static> {
     cells: fn(&VerdictColumns) -> &[T],
     vec: fn(&mut VerdictColumns) -> &mut Vec<T>,
@@ -88,7 +86,6 @@ macro_rules! columns {
         ];
 
         impl VerdictColumns {
-            /// Removes all rows, and keeps the memory.
             pub fn clear(&mut self) {
                 self.$first.clear();
                 $(self.$required.clear();)*
@@ -122,9 +119,7 @@ columns! {
         outcome: Outcome, Outcome "outcome";
     }
     nullable {
-        /// The named category: index into the run's categories.
         category: u16, Category "category";
-        /// The named class: index into the run's classes.
         fault: u16, Class "fault";
         /// The class of largest weight, named or not: index into the run's classes.
         candidate: u16, Class "candidate";

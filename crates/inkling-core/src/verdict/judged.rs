@@ -21,12 +21,10 @@ pub struct Tests {
 }
 
 impl Tests {
-    /// Removes all signals, and keeps the memory.
     pub fn clear(&mut self) {
         self.resize(0);
     }
 
-    /// Adds so many signals that were not judged.
     pub fn push_not_judged(&mut self, signals: usize) {
         self.resize(self.healthy.len() + signals);
     }
@@ -47,7 +45,6 @@ pub struct HealthyRun {
     pub t_ns: i64,
     /// Index into the batch's printheads.
     pub printhead: u32,
-    /// Channel of the first signal; the next ones count on.
     pub first_channel: u32,
     pub signals: Range<usize>,
     pub model: u16,
@@ -57,7 +54,6 @@ pub struct HealthyRun {
     pub beside: f32,
 }
 
-/// Consecutive rows of the table, in one of two forms.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Part {
     Healthy(HealthyRun),
@@ -67,14 +63,11 @@ pub enum Part {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct OfBurst {
-    /// Time t_a of the burst, ns since the epoch.
     pub t_ns: i64,
-    /// Index into the batch's printheads.
     pub printhead: u32,
     pub part: Part,
 }
 
-/// The verdicts of one batch, in the recording's order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Verdicts {
     pub parts: Vec<Part>,
@@ -125,7 +118,6 @@ impl Verdicts {
         let to = self.rows.len();
         match self.parts.last_mut() {
             Some(Part::Rows(rows)) => rows.end = to,
-            // a new part begins where the last rows ended
             _ => {
                 let of = |part: &Part| match part {
                     Part::Rows(rows) => Some(rows.end),
