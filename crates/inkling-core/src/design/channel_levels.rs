@@ -2,8 +2,8 @@
 //! to the mean of the printhead's channels, as far as the difference lasts.
 //!
 //! In, from `train`: a printhead's labelled healthy signals. Out: [`ChannelLevels`], by which
-//! `training_set` moves faults that were labelled on a few channels to where they would be on the
-//! others. Without that, the density of a class would be as narrow as these few.
+//! `train` moves faults that were labelled on a few channels to where they would be on others: else
+//! the density of their class would be as narrow as these few.
 //!
 //! Feature by feature, with m_c the mean of the n_c signals of channel c, m the mean of all m_c, w
 //! the variance of signals within channels and b that of channels: level_c = (m_c - m) b / (b + w /
@@ -17,8 +17,7 @@ use std::collections::BTreeMap;
 /// Fewer channels than this do not tell how channels differ.
 const FEWEST: usize = 5;
 
-/// Expected features (ln amplitude, ln damping, ln frequency, phase) of each channel relative to
-/// the printhead's mean, by ascending channel number.
+/// Features (ln amplitude, ln damping, ln frequency, phase), by ascending channel number.
 #[derive(Debug)]
 pub(super) struct ChannelLevels(Vec<(u32, Vector4<f64>)>);
 
@@ -26,10 +25,8 @@ impl ChannelLevels {
     /// At most so many signals of a channel are used, the first ones.
     pub const MOST: usize = 64;
 
-    /// Learns the levels from healthy signals of one printhead, by its `model`. `None`: fewer than
-    /// `FEWEST` channels have two healthy signals that a ring fits.
+    /// `None`: fewer than `FEWEST` channels have two healthy signals that a ring fits.
     pub fn learn(model: &HealthyModel, healthy: &SignalSet) -> Result<Option<ChannelLevels>> {
-        // the first signals of each channel
         let mut seen: BTreeMap<u32, usize> = BTreeMap::new();
         let mut is_early = |i: &usize| {
             let seen = seen.entry(healthy.channel[*i]).or_default();
@@ -39,7 +36,6 @@ impl ChannelLevels {
         let few: Vec<usize> = (0..healthy.len()).filter(|i| is_early(i)).collect();
         let few = healthy.select(&few);
 
-        // their fitted features, channel by channel
         let mut channels: BTreeMap<u32, Vec<Vector4<f64>>> = BTreeMap::new();
         for (i, x) in model.fitted(&few)? {
             channels.entry(few.channel[i]).or_default().push(x);
@@ -93,8 +89,8 @@ impl ChannelLevels {
     /// Features `x` of a channel's signal number `i`, moved from the channel's level to that of
     /// another channel that depends on `i`. Signals of a channel without a level stay as they are.
     pub fn elsewhere(&self, channel: u32, i: usize, x: &Vector4<f64>) -> Vector4<f64> {
-        // Consecutive signals go to channels far apart, and all channels are reached: the step is a prime, and the
-        // next round begins one channel later if their number is a multiple of it.
+        // Consecutive signals go to channels far apart. The step is a prime, so all channels are
+        // reached; if their number is a multiple of it, the next round begins one channel later.
         const STRIDE: usize = 101;
         let n = self.0.len();
         let round = if n.is_multiple_of(STRIDE) { i / (n / STRIDE) } else { 0 };

@@ -1,8 +1,8 @@
-//! Whether a design that was just trained can be used. Absurd signals (float samples of 1e30, say) give
-//! numbers whose squares are not finite, or a filter that is unstable.
+//! Whether a design that was just trained can be used: absurd signals (float samples of 1e30, say)
+//! give numbers whose squares are not finite, or a filter that is unstable.
 //!
-//! A file of a design is not looked at in this way: its checksum says that it is what training wrote
-//! (`inkling-io`'s `design_file`).
+//! In: the design. Out: an error with the key of the first such number. A design from a file needs
+//! no check, since a checksum says that it is what training wrote (`inkling-io`'s `design_file`).
 
 use super::{Design, HealthyModel, Result};
 use crate::identify::grey_box::Identification;
@@ -13,8 +13,6 @@ use crate::isolate::MAX_CLASSES;
 const MOST_GAIN: f64 = 1e6;
 
 impl Design {
-    /// Refuses more classes than isolation has room for, and models whose numbers no later computation could
-    /// use, by the key of the first.
     pub(super) fn check(&self) -> Result<()> {
         let classes = self.classes.len();
         if classes > MAX_CLASSES {
@@ -53,7 +51,6 @@ impl HealthyModel {
             return Err("`expected` or `temperature_response`: must be -1e30 to 1e30".into());
         }
 
-        // the impulse response over the length of a signal must not grow, nor be 0 throughout
         let answer = self.generator.impulse_response(samples);
         let largest = answer.iter().map(|v| v.abs()).fold(0.0, f64::max);
         match answer.iter().all(|v| v.is_finite()) && largest <= MOST_GAIN {

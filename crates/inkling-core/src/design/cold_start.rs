@@ -113,8 +113,7 @@ fn scaled_guess(
     Ok(ActuatedChannel { channel, actuation: Actuation { pulse_s, delay_s, waveform } })
 }
 
-/// Step 4. A signal whose label gives no severity counts in the distribution with the physics' own
-/// estimate.
+/// Step 4. Where a label gives no severity, the physics' own estimate counts in the distribution.
 fn learn_sizes(
     physics: &mut FaultPhysics,
     labelled: &[LabelledFault],

@@ -1,12 +1,10 @@
-//! What an identified channel lets a filter see, before any fault is labelled: shown by `inkling
-//! identify`.
+//! What a filter sees of a channel before any fault is labelled, for `inkling identify`.
 //!
-//! In: an identified model, the healthy signals that the model was identified on. Out:
-//! [`Detectability`]. Of the FD filter by method I: how many filters of its degree no healthy
-//! signal excites (the dimension of the left null space), and the frequencies that the filter does
-//! not answer. And by Monte Carlo (`promise`), for a design that is trained on these signals: how
-//! small a fault of each class would be found, and which classes would be mistaken for each other.
-//! thesis (3-2), (3-3), §3-2-1.
+//! In: an identified model and the healthy signals that it was identified on. Out:
+//! [`Detectability`]: how many filters of method I's degree no healthy signal excites (the dimension
+//! of the left null space), and the frequencies that method I's filter does not answer; by Monte
+//! Carlo (`promise`) how small a fault a design trained on these signals would find, and which
+//! classes it would mistake for each other. thesis (3-2), (3-3), §3-2-1.
 
 use super::fd_filter::{by_resonance, with_denominator};
 use super::{Design, IsolateSettings, Result, TrainingSet};
@@ -20,8 +18,8 @@ use crate::promise::Promise;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// A filter is blind to a frequency at which its gain is less than this share of its largest gain.
-/// The largest gain is that at the undamped pair, some thousand times the gain elsewhere.
+/// A filter is blind to a frequency at which its gain is less than this share of its largest, that
+/// at the undamped pair, which is some thousand times the gain elsewhere.
 const BLIND: f64 = 1e-6;
 const STEPS: usize = 8192;
 
@@ -38,8 +36,7 @@ pub struct Detectability {
 }
 
 impl Detectability {
-    /// `healthy`: signals of one printhead; `grey_box`, `settings`: `[identify.grey_box]` and
-    /// `[detect]`. An error if the channel has no filter of method I.
+    /// An error if the channel has no filter of method I. `healthy`: signals of one printhead.
     pub fn of(
         identification: &Identification,
         healthy: &SignalSet,

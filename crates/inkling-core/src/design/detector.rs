@@ -2,10 +2,9 @@
 //! sensitivities of its ring (the derivatives by ln amplitude, ln damping and ln frequency), and
 //! orthogonal to them, that is, beside the ring.
 //!
-//! In, from a [`super::Judge`] or from the filter stage (`pipeline/statistics.rs`): a signal's
-//! deviation d from the expected signal, N, counts, and its relative drive s. Out: [`Detection`];
-//! for channels that are judged by their own levels also four features and the distance from a
-//! baseline.
+//! In, from a [`super::Judge`] or the filter stage (`pipeline/statistics.rs`): a signal's deviation
+//! d from the expected signal, N, counts, and its relative drive s. Out: [`Detection`]; for channels
+//! that are judged by their own levels also four features and the distance from a baseline.
 //!
 //! With P the pseudoinverse of the three sensitivities T (phase held), x = P d / s are the features
 //! to first order; the first statistic is the squared Mahalanobis distance of x from the healthy
@@ -24,11 +23,9 @@ use crate::model::inner_product::dot;
 use crate::model::ring_fit::{Features, Fit, RingFitter};
 use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
 
-/// The error of a model whose three sensitivities are linearly dependent.
 pub(super) const DEPENDENT_SENSITIVITIES: &str =
     "amplitude, damping and frequency cannot be told apart";
 
-/// The detection statistics of a signal.
 #[derive(Clone, Copy, Debug)]
 pub struct Detection {
     /// The statistic of the first test: the squared distance along the sensitivities, without unit;
@@ -39,7 +36,6 @@ pub struct Detection {
     pub unexplained: f64,
 }
 
-/// The detection of `detect.method` = `sensitivity`, made ready for one model.
 #[derive(Clone, Debug)]
 pub struct SensitivityDetector {
     sensitivity: Sensitivity,
@@ -80,13 +76,11 @@ impl FirstLook {
         self.beside
     }
 
-    /// Features to start the second fit from: those of `held`, the fit with the phase held, or those
-    /// of the first look if that fit failed.
+    /// From the features of the fit with the phase held, or if that failed of the first look.
     pub fn near(&self, held: Option<&Fit>) -> Features {
         held.map_or_else(|| features(&self.features), |fit| fit.features)
     }
 
-    /// The first-order statistics.
     pub fn detection(&self) -> Detection {
         let far = self.distance >= CLEARLY_FAR;
         let unexplained = if far { f64::NAN } else { self.unexplained };
@@ -123,22 +117,18 @@ impl SensitivityDetector {
         self.straightened(self.to_first_order(deviation, drive), drive)
     }
 
-    /// The same to first order: linear projections of the deviation per unit drive.
     fn to_first_order(&self, deviation: &[f64], drive: f64) -> Vector4<f64> {
         Vector4::from_fn(|k, _| dot(&self.estimator.projection[k], deviation) / drive)
     }
 
-    /// From first to second order.
     pub fn straightened(&self, first: Vector4<f64>, drive: f64) -> Vector4<f64> {
         self.estimator.straightened(first, drive).0
     }
 
-    /// The projection that gives the first-order features of many signals at once.
     pub fn own_columns(&self) -> &Columns<4> {
         &self.estimator.columns
     }
 
-    /// Covariance of the four features due to noise, at the reference drive.
     pub fn own_noise(&self) -> &Matrix4<f64> {
         &self.estimator.noise
     }
@@ -158,8 +148,7 @@ impl SensitivityDetector {
     }
 
     /// The squared Mahalanobis distance of four features from a channel's baseline, and whether it
-    /// decides. Else [`SensitivityDetector::own_distance`] must: the second order may be
-    /// inaccurate.
+    /// decides. If not (the second order may be inaccurate), `own_distance` must.
     pub fn own_look(
         &self,
         metric: &Matrix3<f64>,
@@ -213,8 +202,7 @@ impl SensitivityDetector {
             return FirstLook { features, distance, unexplained, metric: None, beside };
         };
         let distance = self.sensitivity.distance(&metric, &features);
-        // Near enough, or clearly far: the first-order distance decides. Signals clearly far along
-        // the ring are flagged whatever their misfit is.
+        // near enough or clearly far the first order decides; the latter is flagged in any case
         let settled = distance <= SECOND_LOOK || distance >= CLEARLY_FAR;
         let beside = distance < CLEARLY_FAR && unexplained > self.settled;
         let metric = (!settled).then_some(metric);
@@ -247,8 +235,7 @@ impl SensitivityDetector {
         // ink, since what healthy signals hold beside their ring changes with the ink, too.
         self.at_reference(deviation, drive, signal);
         // A ring that is upside down (swapped wires) is half a turn away, which no search from the
-        // healthy ring reaches. `upright` is the deviation of the inverted signal: -y - drive *
-        // expected, with y = drive * `signal`; the leftover is inverted with the ring.
+        // healthy ring reaches. So the signal y is inverted, and deviates by -y - drive * expected.
         if dot(signal, &self.expected) < 0.0 {
             let upright = signal.iter().zip(&self.expected).map(|(y, e)| -drive * (y + e));
             let upright: Vec<f64> = upright.collect();
@@ -267,8 +254,8 @@ impl SensitivityDetector {
     }
 
     /// Covariance of healthy channels' four features, without noise. Training holds the phase, so
-    /// its variance is not known: the upper bound is the phase that alone would explain all of the
-    /// variance of ln frequency. Its covariances are taken as 0.
+    /// its variance is not known: the upper bound is taken, that which explains all the variance of
+    /// ln frequency; its covariances are taken as 0.
     pub(super) fn healthy_spread(&self) -> Matrix4<f64> {
         let known = &self.sensitivity.spread;
         let of_phase = known[2][2] / self.estimator.to_three[(2, 3)].powi(2).max(f64::MIN_POSITIVE);
@@ -279,9 +266,8 @@ impl SensitivityDetector {
         })
     }
 
-    /// The statistics of a first look, refined by the fits that it asked for: `held`, with the
-    /// phase held, and `free`, of the signal at reference drive and temperature, N, counts. A
-    /// statistic whose fit failed keeps its first-order value.
+    /// The statistics of a first look, refined by those fits that it asked for and that succeeded:
+    /// `held`, and `free`, of the signal at reference drive and temperature (N, counts).
     pub fn second_look(
         &self,
         look: &FirstLook,

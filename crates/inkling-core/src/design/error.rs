@@ -6,16 +6,12 @@ use thiserror::Error;
 /// A result whose error, unless another is named, is a [`DesignError`].
 pub type Result<T, E = DesignError> = std::result::Result<T, E>;
 
-/// Why a design cannot be made or used.
 #[derive(Debug, Error)]
 pub enum DesignError {
-    /// The signals give no average or no model.
     #[error(transparent)]
     Identify(#[from] crate::identify::IdentifyError),
-    /// The filter or the threshold cannot be made.
     #[error(transparent)]
     Detect(#[from] crate::detect::DetectError),
-    /// The isolator cannot be made.
     #[error(transparent)]
     Isolate(#[from] crate::isolate::IsolateError),
     /// Anything else, in words for the user.

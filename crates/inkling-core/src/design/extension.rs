@@ -24,7 +24,6 @@ const MOST_SHIFT: f64 = 1.0;
 pub enum Covariate {
     /// Time of acquisition t_a, s since the epoch.
     Time,
-    /// Channel number.
     Channel,
     /// Number of neighbours that were actuated with the channel.
     Neighbours,
@@ -35,7 +34,7 @@ pub enum Covariate {
 }
 
 impl Covariate {
-    /// Value of the covariate for one signal; NaN: not recorded.
+    /// NaN: not recorded.
     fn value(self, beside: &Beside) -> f64 {
         match self {
             Covariate::Time => beside.t_acq_ns as f64 * 1e-9,
@@ -51,7 +50,6 @@ impl Covariate {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct CovariateEffect {
     pub covariate: Covariate,
-    /// In the unit of [`Covariate`].
     pub about: f64,
     /// Range of the covariate in the critique's recordings.
     pub range: [f64; 2],
@@ -59,7 +57,6 @@ pub struct CovariateEffect {
     pub slope: [f64; ALL],
 }
 
-/// The extension of a design, for all of the design's models.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Extension {
     /// Identifiers of the causes that the critique named, as in `critique.json`.
@@ -67,7 +64,6 @@ pub struct Extension {
     /// The typical free decay, per unit drive: ln sigma, ln omega, a, b, c, ln lambda; time counts
     /// in signal lengths, amplitudes in counts.
     pub decay: [f64; ALL],
-    /// One entry per covariate that has an effect.
     pub follows: Vec<CovariateEffect>,
     /// Amplitude of the previous actuation's decay over that of the present one at equal ages.
     pub previous_tail: f64,
@@ -76,8 +72,7 @@ pub struct Extension {
 }
 
 impl Extension {
-    /// Subtracts the extension from a signal, in place. `beside`: the signal's covariates, without
-    /// effect where they were not recorded (NaN); `drive`: relative; `signal`: N, counts.
+    /// Covariates that were not recorded (NaN) have no effect. `drive`: relative; `signal`: counts.
     pub fn subtract(&self, beside: &Beside, drive: f64, dt_s: f64, signal: &mut [f64]) {
         let mut scale = 1.0;
         for shape in &self.shapes {

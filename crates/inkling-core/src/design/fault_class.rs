@@ -1,6 +1,5 @@
 //! A fault class of a design, and how it is learned: its mean deviation from the healthy model
-//! (thesis §3-3-2, rho before filtering); for model matching its identified model, for neighbours
-//! its training signals.
+//! (thesis §3-3-2, rho before filtering), its identified model or its training signals.
 //!
 //! In, from `train`: labelled signals y of the class with their relative drives s, and the healthy
 //! models y_hat of their printheads. Out: [`FaultClass`], from which `isolator` is made.
@@ -31,8 +30,7 @@ pub struct FaultClass {
     pub of: Vec<String>,
     /// 0: the class is known by the physics alone.
     pub n_signals: u64,
-    /// Per unit drive, N, counts; predicted in the middle of the severities where nothing is
-    /// labelled.
+    /// Per unit drive, N, counts; where nothing is labelled, as predicted for the middle severity.
     pub deviation: Vec<f64>,
     /// The class's own dynamics, if its mean is a damped oscillation (`model-matching`).
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -47,15 +45,13 @@ pub struct FaultModel {
     pub identification: Identification,
     /// What this model expects less what the healthy one does, per unit drive, N, counts.
     pub expected: Vec<f64>,
-    /// The filter that turns what these dynamics explain into nothing.
     pub generator: ResidualGenerator,
     /// Residual energy above which a signal is not of this class, counts²·s, per unit drive.
     pub bound: f64,
 }
 
 impl FaultClass {
-    /// Learns a class's mean deviation per unit drive, by least squares: sum s (y - s y_hat) / sum
-    /// s². `sets`: the class's signals, each set with the healthy model of its printhead.
+    /// The mean deviation by least squares: sum s (y - s y_hat) / sum s².
     pub fn learn(name: &str, category: &str, sets: &[(&HealthyModel, &SignalSet)]) -> FaultClass {
         let samples = sets.first().map_or(0, |(_, set)| set.samples);
         let (mut sum, mut weight, mut n) = (vec![0.0; samples], 0.0, 0);

@@ -1,10 +1,9 @@
 //! The FD (fault detection) filter of a model: numerator N L, which cancels healthy signals, thesis
 //! (3-2), and denominator alpha by method I or as it was learned from faults, §3-2-1.
 //!
-//! `learn` asks for a whole filter; `fault_class`, `learned_filter` and `detectable` for parts of
-//! method I's. In: an identified model, the settings `[detect]`, and what training has learned from
-//! faults ([`LearnedFilter`]). Out: the [`ResidualGenerator`] r = (M N L / alpha) d,
-//! discretised exactly: each pole s becomes z = e^(s dt).
+//! In: an identified model, the settings `[detect]`, and what training has learned from faults
+//! ([`LearnedFilter`]). Out: the [`ResidualGenerator`] r = (M N L / alpha) d, discretised exactly:
+//! each pole s becomes z = e^(s dt). `learn` asks for a whole filter, others for parts of one.
 
 use super::Result;
 use crate::detect::{Denominator, DetectSettings, ResidualGenerator, null_space, numerator, poles};
@@ -13,14 +12,12 @@ use crate::identify::grey_box::Identification;
 use crate::model::InkChannel;
 use serde::{Deserialize, Serialize};
 
-/// Settings for learning a healthy model.
 #[derive(Clone, Copy, Debug)]
 pub struct LearnSettings<'a> {
     pub grey_box: &'a GreyBoxSettings,
     pub detect: &'a DetectSettings,
     /// Least share of a window's signals that must agree; `None`: labels say that all are healthy.
     pub least_agreeing: Option<f64>,
-    /// Sample period, s.
     pub sample_period_s: f64,
     /// What was learned from faults; `None` with method I.
     pub filter: Option<&'a LearnedFilter>,
@@ -31,13 +28,11 @@ pub struct LearnSettings<'a> {
 pub struct LearnedFilter {
     /// alpha(z), descending powers.
     pub denominator: Vec<f64>,
-    /// M(z), a factor of the numerator (thesis §3-2-1 III), descending powers; `[1]` in methods
-    /// without one.
+    /// M(z), a factor of the numerator (thesis §3-2-1 III), descending powers; `[1]`: none.
     pub enhancement: Vec<f64>,
 }
 
-/// An error if the denominator is learned from faults and nothing was learned, or if the degrees
-/// leave no room for N.
+/// An error if the denominator must be learned from faults and was not, or if N has no room.
 pub(super) fn residual_generator(
     identification: &Identification,
     samples: usize,

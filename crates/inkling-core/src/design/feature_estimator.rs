@@ -15,14 +15,13 @@ pub(super) struct FeatureEstimator {
     /// The pseudoinverse of T: four rows of N, 1/counts; its product with a deviation at the
     /// reference drive gives the features to first order.
     pub projection: [Vec<f64>; 4],
-    /// The same projection, arranged for many signals at once.
+    /// The same, arranged for many signals at once.
     pub columns: Columns<4>,
     /// Covariance of the four features due to noise, at the reference drive.
     pub noise: Matrix4<f64>,
     /// Gram matrix of the four sensitivities, counts².
     pub gram: Matrix4<f64>,
-    /// The map from four features to the three that the statistic would estimate of the same
-    /// signal: P T, with P the three rows of the statistic's projection.
+    /// P T, P being the statistic's three rows: what these would estimate of four features.
     pub to_three: Matrix3x4<f64>,
     /// Second derivatives of the ring by its features, projected on the features: at features x, the
     /// linear estimate of feature k is too large by x' bend[k] x / 2, to second order.
@@ -36,7 +35,6 @@ impl FeatureEstimator {
     pub fn new(fitter: &RingFitter, sensitivity: &Sensitivity) -> Option<FeatureEstimator> {
         let noise = sensitivity.noise_of_one_sample();
 
-        // least squares: the projection is (T'T)^-1 T', the covariance noise² (T'T)^-1
         let tangent = fitter.tangent(&Features::HEALTHY);
         let gram = tangent.tr_mul(&tangent);
         let inverse = gram.clone().try_inverse()?;

@@ -1,9 +1,8 @@
 //! A healthy model: what a healthy signal of one printhead looks like, and from where on a signal
 //! is flagged, all learned from one window or from labelled signals.
 //!
-//! Here is what follows from a model's numbers: the expected signal y_hat at a drive s and a
-//! temperature, s (y + K above the reference * response), signals corrected to the reference drive
-//! and temperature, noise, and the drift from one model to another.
+//! Here is what follows from its numbers: the expected signal y_hat at a drive s and a temperature,
+//! s (y + K above the reference * response), corrected signals, noise, and drift between models.
 
 use crate::detect::ResidualGenerator;
 use crate::detect::decoupling::KnownShapes;
@@ -25,7 +24,6 @@ pub struct HealthyModel {
     pub printhead: Option<String>,
     /// Time from which on the model judges bursts, ns since the epoch; `None`: from the beginning.
     pub valid_from_ns: Option<i64>,
-    /// Of the average.
     pub n_signals: usize,
     pub n_channels: usize,
     /// Standard deviation of one healthy signal about the mean, pooled over samples, counts.
@@ -34,8 +32,7 @@ pub struct HealthyModel {
     /// Mean recorded temperature of the window, °C: the model's reference temperature.
     pub temperature_c: Option<f64>,
     pub identification: Identification,
-    /// The expected signal y_hat = C e^{At} x_a_hat at the reference drive, N, counts; with
-    /// `detect.method` = `sensitivity` plus the `leftover`.
+    /// y_hat = C e^{At} x_a_hat plus the `leftover`, if any, at the reference drive, N, counts.
     pub expected: Vec<f64>,
     /// The part of `expected` beside the ring, N, counts: the mean misfit of healthy signals.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -47,10 +44,8 @@ pub struct HealthyModel {
     pub frequency_per_k: f64,
     pub generator: ResidualGenerator,
     pub threshold: Threshold,
-    /// How healthy channels lie along the sensitivities (`detect.method` = `sensitivity`).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensitivity: Option<Sensitivity>,
-    /// What another method than residual energy computes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub statistic: Option<Statistic>,
     /// Disturbances that are removed from a deviation before the filter, with `detect.decouple`.
@@ -100,7 +95,7 @@ impl HealthyModel {
         self.misfit.as_ref().map_or(self.noise, of_misfit)
     }
 
-    /// Writes signal `i` of a set, corrected to the reference drive and temperature, N, counts.
+    /// Writes signal `i` of a set, N, counts.
     pub(super) fn at_reference(&self, set: &SignalSet, i: usize, y: &mut [f64]) {
         let (drive, warmer) = (set.drive[i], self.warmer(set.temperature_c[i]));
         y.iter_mut().zip(set.signal(i)).for_each(|(y, v)| *y = f64::from(*v) / drive);

@@ -24,11 +24,9 @@ const FOLDS: usize = 2;
 /// At most so many signals of a class and printhead are judged.
 const MOST_SIGNALS: usize = 1024;
 
-/// Counts of the labelled signals of one class, as a design judges them.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Judged {
     pub signals: usize,
-    /// Signals that the detection flags.
     pub detected: usize,
     /// Flagged signals by the class that they are named with certainty.
     pub named: BTreeMap<String, usize>,

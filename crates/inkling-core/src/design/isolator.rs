@@ -1,5 +1,4 @@
-//! The methods of `isolate.method` (how the fault of a flagged signal is named), each made ready
-//! for a model.
+//! The methods of `isolate.method`, which name the fault of a signal, made ready for one model.
 //!
 //! In: a healthy model, the fault classes of a design. Out: an [`Isolator`], by which a
 //! [`super::Judge`] turns a signal's deviation into one weight per class. Four methods:
@@ -24,25 +23,19 @@ use std::sync::Arc;
 /// What isolation by the features of a fitted ring needs (`isolate.method` = `posterior`).
 #[derive(Debug)]
 pub(super) struct RingClassifier {
-    /// The densities of the features in each class.
     pub(super) posterior: Arc<Posterior>,
-    /// Fits rings about the healthy ring of the model.
     pub(super) rings: Rings,
     /// Prior weight of each class, in the design's order; they sum to 1.
     pub(super) priors: Vec<f64>,
     /// How the features of a ring change with temperature, per K.
     pub(super) per_k: Vector4<f64>,
-    /// Bounds on what signals of each class leave beside their rings.
     pub(super) typical: Option<Arc<Typical>>,
 }
 
-/// A method of isolation, ready for one model.
 #[derive(Debug)]
 pub(super) enum Isolator {
-    /// A posterior over the classes from the features of a fitted ring.
     Posterior(Box<RingClassifier>),
-    /// thesis §3-3-2. The solver needs R^T r of a signal's residual r only. With the adjoint
-    /// signatures F^T R in place of R no signal needs to be filtered: r = F d, (F^T R)^T d = R^T r.
+    /// thesis §3-3-2: the adjoint signatures F^T R, for signals without a filter, and the solver.
     ResidualMatching(SignatureMatrix, Simplex),
     /// thesis §3-3-1: the identified model of each class that has one.
     ModelMatching(Vec<Option<FaultModel>>),
@@ -138,7 +131,6 @@ impl Isolator {
         let rho = design.classes.iter().map(|class| compared(model, signal, &class.deviation));
         let rho: Vec<Vec<f64>> = rho.collect();
         let simplex = Simplex::new(&SignatureMatrix::new(&slices(&rho))?);
-        // what a signal's deviation is projected on
         let adjoint: Vec<Vec<f64>> = match signal {
             IsolateSignal::Deviation => rho,
             IsolateSignal::Residual => rho.iter().map(|rho| model.adjoint(rho)).collect(),
@@ -175,14 +167,12 @@ fn write_compared(
     }
 }
 
-/// `write_compared` into a new vector.
 fn compared(model: &HealthyModel, signal: IsolateSignal, deviation: &[f64]) -> Vec<f64> {
     let mut out = Vec::new();
     write_compared(model, signal, deviation, &mut out);
     out
 }
 
-/// The same rows as slices.
 fn slices(of: &[Vec<f64>]) -> Vec<&[f64]> {
     of.iter().map(Vec::as_slice).collect()
 }

@@ -2,12 +2,9 @@
 //!
 //! The pipeline makes one judge per model, and every batch carries the judge of each of its bursts.
 //! In the filter stage a judge turns a signal into its deviation from the expected signal
-//! ([`Judge::deviate`]), and the deviation, N, counts, with the relative drive into detection
-//! statistics ([`Judge::detect`]). The gate compares these with thresholds ([`Judge::test`]). In the
-//! isolate stage a flagged signal gets an [`Isolation`] ([`Judge::isolate`]), with the weights of
-//! the classes and further results in the [`Workspace`].
-//!
-//! The work is done in `detector` (first half) and `isolator`, `named_ring` (second half).
+//! ([`Judge::deviate`]), and that, N, counts, with the relative drive into detection statistics
+//! ([`Judge::detect`]). The gate compares these with thresholds ([`Judge::test`]). In the isolate
+//! stage flagged signals get an [`Isolation`] ([`Judge::isolate`]), with a [`Workspace`].
 
 use super::detector::{Detection, SensitivityDetector};
 use super::isolator::Isolator;
@@ -48,7 +45,6 @@ impl Tested {
 pub struct Thresholds {
     /// What the first test is called in the verdict table.
     pub along: Test,
-    /// Threshold of the first test, whatever its statistic is.
     pub of_ring: f64,
     /// Threshold of the second test; NaN: there is none.
     pub beside: f64,
@@ -73,12 +69,10 @@ pub struct Judge {
     pub reference_v: Option<f64>,
     /// Detection of many signals at once, in f32; what it does not settle, [`Judge::detect`] does.
     pub lanes: Option<Lanes>,
-    /// What a critique found missing in the model, a further part of the expected signal.
     pub(super) extension: Option<Extension>,
     pub(super) detector: Option<SensitivityDetector>,
     pub(super) spectrum: Option<Spectrum>,
-    /// For [`Judge::ring_of`] where neither detection nor isolation has one, made when it is asked
-    /// for.
+    /// For [`Judge::ring_of`] where neither detection nor isolation has one.
     pub(super) own_fitter: OnceLock<Option<RingFitter>>,
     /// What names faults; `None`: there is no design, or it has no classes.
     pub(super) isolating: Option<Isolating>,
@@ -159,8 +153,7 @@ impl Judge {
         self.model.warmer(burst.temperature_c.unwrap_or(f64::NAN))
     }
 
-    /// Turns `signal`, row `row` of a burst as acquired, N, counts, into its deviation from
-    /// `expected`.
+    /// `signal`: row `row` of a burst as acquired, N, counts; becomes its deviation.
     pub fn deviate(&self, burst: &Burst, row: usize, expected: &[f64], signal: &mut [f64]) {
         self.take_off_extension(burst, row, signal);
         signal.iter_mut().zip(expected).for_each(|(y, e)| *y -= e);
@@ -187,9 +180,8 @@ impl Judge {
         detector.detect(deviation, drive, &mut work.residual)
     }
 
-    /// The statistic of the first test at the squared `distance` from the channel's own level:
-    /// beyond the model's threshold where the distance is beyond [`OwnChannels::gate`] or the level
-    /// off.
+    /// The first test's statistic at the squared `distance` from the channel's own level: beyond
+    /// its threshold where the distance is beyond [`OwnChannels::gate`] or the level is off.
     pub fn of_own(&self, distance: f64, channels: &OwnChannels, own: &OwnBaseline) -> f64 {
         let threshold = self.model.threshold.value;
         threshold * (distance / channels.gate(threshold)).max(own.off)
@@ -255,7 +247,6 @@ impl Judge {
     ) -> Option<Isolation> {
         let Isolating { isolator, signal, rule, .. } = self.isolating.as_ref()?;
         if let Isolator::Posterior(classifier) = &**isolator {
-            // a ring fitted to the signal itself per unit drive, at the signal's own temperature
             let fitter = &classifier.rings.fitter;
             self.model.per_drive(deviation, drive, work.warmer, &mut work.residual);
             let signal = std::mem::take(&mut work.residual);

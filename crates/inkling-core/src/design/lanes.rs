@@ -1,10 +1,9 @@
 //! Fast detection: a model's statistic in f32 for many signals at once, one in each lane.
 //!
 //! In: a healthy model. Out: [`Lanes`], which the filter stage (`pipeline/statistics.rs`) runs on
-//! bursts, and the limits within which the lanes' result counts. A signal is *settled* if a bound
-//! on the rounding proves that the f64 reference ([`super::Judge::detect`]) would decide alike
-//! without a fit; the rest is judged by the reference. The arithmetic and the bound are in
-//! `detect/kernel.rs` and `detect/lane_sensitivity.rs`.
+//! bursts, and the limits within which their result counts. A signal is *settled* if a bound on
+//! the rounding (`detect/lane_sensitivity.rs`, `detect/kernel.rs`) proves that the f64 reference
+//! ([`super::Judge::detect`]) would decide alike without a fit; the reference judges the rest.
 
 use super::HealthyModel;
 use crate::detect::kernel::LaneFilter;
@@ -35,7 +34,6 @@ impl Lanes {
         }
     }
 
-    /// Number of samples of a signal.
     pub fn samples(&self) -> usize {
         match self {
             Lanes::ResidualEnergy(lanes) => lanes.samples(),

@@ -34,17 +34,17 @@ pub(super) struct Sources<'a> {
 }
 
 impl HealthyModel {
-    /// `set`: a window's signals, or labelled ones; `printhead`: `None` if they are of several;
-    /// `anchor`: passes on what one window cannot know (effect of temperature, tail of statistics).
-    /// An error if the signals are too few, do not agree, or give no model that rings.
+    /// `printhead`: `None` if the signals are of several; `anchor`: passes on what one window cannot
+    /// know (effect of temperature, tail of statistics). An error if the signals are too few, do not
+    /// agree, or give no model that rings.
     pub fn learn(
         set: &SignalSet,
         printhead: Option<&str>,
         anchor: Option<&HealthyModel>,
         settings: LearnSettings,
     ) -> Result<HealthyModel> {
-        // Departs: thesis §3-1 averages all signals and trusts that few are faulty. Here of a window
-        // only the signals that agree with each other count, but with `plain_mean`.
+        // Departs: thesis §3-1 averages all signals. Of a window only those that agree with each
+        // other count here, but with `plain_mean`.
         let least = settings.least_agreeing.filter(|_| !settings.grey_box.plain_mean);
         let healthy = &*averaging::healthy(set, least)?;
 
@@ -124,8 +124,7 @@ impl HealthyModel {
         }
     }
 
-    /// The ranges of `detect.method` = `practice` are set once, on signals that are known to be
-    /// healthy: a window takes over those of its anchor.
+    /// The ranges are set once, on signals known to be healthy: a window takes those of its anchor.
     fn learn_ranges(&mut self, from: Sources) -> Result<()> {
         let Sources { healthy, anchor, labelled, .. } = from;
         if let Some(anchor) = anchor.filter(|_| !labelled) {
@@ -147,12 +146,11 @@ impl HealthyModel {
         self.learn_one_threshold(&distances, Sources { anchor: None, ..from })
     }
 
-    /// The threshold of a method with one test, thesis (3-4) on the statistics of healthy signals.
+    /// thesis (3-4) on the statistics of healthy signals, for a method with one test.
     fn learn_one_threshold(&mut self, statistics: &[f64], from: Sources) -> Result<()> {
         self.median_statistic = median(&mut statistics.to_vec());
-        // Departs: thesis (3-4) takes signals that are known to be healthy. The tail of a window
-        // cannot be trusted, but its median can: the anchor's threshold is taken, times the ratio
-        // of medians.
+        // Departs: thesis (3-4) takes signals that are known to be healthy. Of a window only the
+        // median can be trusted, so the anchor's threshold is scaled by the ratio of medians.
         self.threshold = match from.anchor.filter(|_| !from.labelled) {
             Some(anchor) => {
                 anchor.threshold.scaled(self.median_statistic / anchor.median_statistic)

@@ -20,9 +20,8 @@ use crate::numbers::tuned::little;
 use nalgebra::Vector3;
 use std::borrow::Cow;
 
-/// The largest factor by which faulty signals in a window may raise the median of the squared
-/// distances: 46 % of them make it the quantile .5 / .54 of the healthy ones, three times their
-/// median.
+/// The largest factor by which a window's faulty signals may raise the median squared distance: 46 %
+/// of them make it the quantile .5 / .54 of the healthy ones, three times their median.
 const MOST_FAULTY: f64 = 3.0;
 
 /// The values tried for `Sensitivity::share`, each the next times the square root of two.
@@ -85,10 +84,9 @@ impl HealthyModel {
         self.learn_thresholds(&found, spread, (&seen.channel, labelled), detect)
     }
 
-    /// Chooses how much of the spread of labelled signals the metric counts: of the tests by
-    /// [`SHARES`] the one whose ellipsoid of healthy features has the smallest volume. The less far
-    /// the channels' differences reach in the tail, the smaller is the share. `own`: with the
-    /// spread of `seen`.
+    /// Of the tests by [`SHARES`] of the spread of labelled signals the one whose ellipsoid of
+    /// healthy features has the smallest volume: the less far the channels' differences reach in the
+    /// tail, the smaller is the share. `own`: by the spread of `seen`.
     fn smallest(
         &self,
         seen: &SignalSet,
@@ -116,9 +114,8 @@ impl HealthyModel {
     }
 
     /// A window's test by the anchor's spread, of labelled signals, if it calls a smaller volume of
-    /// features healthy than the test by the window's own: faults in a window widen its spread and
-    /// hide in it, but the known spread may be that of another printhead. `found`: statistics by
-    /// `own`.
+    /// features healthy than the window's own: faults in a window widen its spread and hide in it,
+    /// but the known spread may be another printhead's. `found`: statistics by `own`.
     fn by_known_spread(
         &self,
         seen: &SignalSet,
@@ -144,9 +141,8 @@ impl HealthyModel {
         };
         let Some(by_known) = threshold(&of_known, Spread::Known) else { return Ok(None) };
         let is_better = threshold(found, Spread::Own).is_none_or(|by_own| {
-            // The window's own test must be better by two standard deviations of the ln volume of
-            // the spread of n channels, sqrt(3 / 2n) (determinant of a Wishart matrix of three
-            // features).
+            // the window's own must be better by two standard deviations of the ln volume of n
+            // channels' spread, sqrt(3 / 2n) (determinant of a Wishart matrix, three features)
             let surely = 2.0 * (1.5 / by_own.n_channels as f64).sqrt();
             like_known.volume(by_known.value).ln() < own.volume(by_own.value).ln() + surely
         });
@@ -192,8 +188,7 @@ impl HealthyModel {
 
     /// Both statistics of a set's signals, as a judge computes them.
     fn statistics(&self, seen: &SignalSet, sensitivity: &Sensitivity) -> Result<Statistics> {
-        // which first-order misfits need a fit, their own distribution tells (NaN: far along the
-        // ring)
+        // which first-order misfits need a fit, their distribution tells (NaN: far along the ring)
         let mut detector = SensitivityDetector::new(self, sensitivity.clone(), None)?;
         let mut squares = Vec::with_capacity(seen.len());
         self.each_deviation(seen, |_, deviation, drive| {
@@ -213,9 +208,8 @@ impl HealthyModel {
         Ok(found)
     }
 
-    /// Learns the thresholds of both tests. `spread`: whether the distances are by the signals' own
-    /// spread; `channels`: of each signal. Labelled signals give a tail quantile or a maximum,
-    /// others the quantile of a mixture model of healthy and faulty signals.
+    /// `spread`: whether the distances are by the signals' own; `channels`: of each signal. Labelled
+    /// signals give a tail quantile or a maximum, others the quantile of a mixture model.
     fn learn_thresholds(
         &mut self,
         found: &Statistics,

@@ -1,14 +1,13 @@
-//! What the FD filter learns from faults, for every `detect.denominator` but method I. thesis
-//! §3-2-1.
+//! What the FD filter learns from faults by all methods but method I. thesis §3-2-1.
 //!
 //! In, from `train`: a healthy model by method I, its signals, and signals of faults. Out:
-//! [`LearnedFilter`]: alpha(z) and M(z) of the filter M N L / alpha. Per method:
-//! * `eigenvalues` (II): alpha has the eigenvalues of the identified faulty channel; M = 1;
-//! * `enhanced` (III): alpha by method I; M maximises faulty over healthy residual energy;
-//! * `lp`: alpha by method I; M N L is the row of the null space that is most sensitive to the
-//!   fault, (3-3b);
-//! * `appendix-a`: alpha by method I; M as Appendix A writes it, from the mean faulty residual;
-//! * `searched`: alpha that misses the fewest labelled faults; M = 1.
+//! [`LearnedFilter`]: alpha(z) and M(z) of the filter M N L / alpha. Where nothing is said, alpha
+//! is by method I and M = 1:
+//! * `eigenvalues` (II): alpha has the eigenvalues of the identified faulty channel;
+//! * `enhanced` (III): M maximises faulty over healthy residual energy;
+//! * `lp`: M N L is the row of the null space that is most sensitive to the fault, (3-3b);
+//! * `appendix-a`: M as Appendix A writes it, from the mean faulty residual;
+//! * `searched`: alpha that misses the fewest labelled faults.
 //!
 //! Polynomials in z have descending powers. Every alpha has the degree 2 + number of
 //! `other_poles_per_s`, so that methods can be compared.
@@ -47,7 +46,6 @@ impl LearnedFilter {
             return Ok(LearnedFilter { denominator, enhancement: vec![1.0] });
         }
 
-        // all other methods have method I's denominator and learn M
         let denominator = by_resonance(&model.identification, signals.samples, detect, dt_s)?;
         let channel = &model.identification.channel;
         // N has at least one degree less than the denominator: room for M

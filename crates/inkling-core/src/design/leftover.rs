@@ -1,10 +1,10 @@
 //! The *leftover*: the mean misfit of healthy signals beside their rings, which is part of the
 //! expected signal; and the misfits that remain when the leftover is subtracted.
 //!
-//! In: signals, and the ring of their model (`learn_distances` gives healthy signals, `typical` those
-//! of classes). Out: the mean shape beside the ring (a second mode, an amplifier's transient, a
-//! nonlinear spring: a deficit of the model, not of a signal), the signals' misfits without that
-//! shape, and the autocovariance of the misfits, which shows coloured noise.
+//! In: signals, and the ring of their model (`learn_distances` gives healthy signals, `typical`
+//! those of classes). Out: the leftover (of a second mode, an amplifier's transient, a nonlinear
+//! spring: a deficit of the model, not of a signal), the signals' misfits, and their autocovariance,
+//! which shows coloured noise.
 //!
 //! A misfit is the signal less its fitted ring, projected beside the ring's tangent space. Rings are
 //! fitted signal by signal, since the average of different rings is no ring.
@@ -29,7 +29,6 @@ pub(super) struct Leftovers {
 }
 
 impl Leftovers {
-    /// Appends the misfits of more signals.
     pub fn extend(&mut self, more: Leftovers) {
         self.rows.extend(more.rows);
         self.size.extend(more.size);
@@ -42,8 +41,7 @@ impl Leftovers {
     }
 
     /// Fits rings (the phase free) to at most `MOST_SIGNALS` signals of a set, at the reference
-    /// drive and temperature, from the features `near` if given; the leftover is still in the
-    /// result.
+    /// drive and temperature, from `near` if given. The leftover is still in the result.
     pub fn of(
         model: &HealthyModel,
         rings: &Rings,
@@ -138,15 +136,13 @@ impl Leftovers {
         (0..most).map(of_lag).collect()
     }
 
-    /// The autocovariance that white noise of unit variance has after the same projection beside the
-    /// healthy ring: of 64 simulated signals.
+    /// Autocovariance of white noise of unit variance, projected alike, of 64 simulated signals.
     pub fn of_white_noise(&self, rings: &Rings, lags: usize) -> Vec<f64> {
         let n = self.rows.first().map_or(0, Vec::len);
         let tangent_space = rings.beside.tangent_space(&rings.fitter, &Features::HEALTHY);
         let rows = (0..64)
             .map(|i| {
-                // Only the effect of the projection matters, so uniform numbers in -1/2 .. 1/2, of
-                // variance 1/12, will do: xorshift, with a fixed seed for each signal.
+                // only the projection matters, so uniform numbers will do: xorshift, seeds fixed
                 let mut state = 0x9e37_79b9_7f4a_7c15u64.wrapping_mul(i + 1);
                 let mut next = || {
                     state ^= state << 13;

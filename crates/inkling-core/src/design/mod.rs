@@ -1,16 +1,15 @@
 //! The design: what training makes offline. `replay` can also judge without one.
 //!
 //! In: healthy and labelled faulty signals of each printhead ([`TrainingSet`]). Out: a [`Design`]:
-//! identified healthy models with filter and threshold, fault classes as mean deviations from
-//! these, class densities and the physics of faults. `inkling train` writes it to a file
-//! (`schemas/design.md`), and `replay` judges by it. In this crate `identify`, `detect` and
-//! `isolate` meet only here.
+//! healthy models with filter and threshold, fault classes as mean deviations from these, class
+//! densities and the physics of faults. `inkling train` writes it to a file (`schemas/design.md`),
+//! and `replay` judges by it. In this crate `identify`, `detect` and `isolate` meet only here.
 //!
 //! `train` makes a design, `learn` with `learn_distances` a healthy model, `cold_start` what the
-//! physics knows of faults; `checks` validates a design from a file. A [`Judge`] is a model of a
-//! design made ready for signals: `detector` is its first half (is the signal flagged?), `isolator`
-//! with `named_ring` its second (which fault?). `own_channel` and `moved_model` make a judge follow
-//! channels and printheads that change. `held_out` and `promise` say how good a design is.
+//! physics knows of faults; `checks` refuses a trained design that cannot be used. A [`Judge`] is a
+//! model of a design made ready for signals: `detector` flags them, `isolator` with `named_ring`
+//! names the fault. `own_channel` and `moved_model` make a judge follow channels and printheads that
+//! change. `held_out` and `promise` say how good a design is.
 
 mod channel_levels;
 mod checks;
@@ -76,12 +75,11 @@ use std::sync::{Arc, OnceLock};
 /// Version of the design file; a breaking change needs a new number.
 pub const VERSION: u32 = 4;
 
-/// What training makes. `schemas/design.md` describes the file that holds it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Design {
     /// [`VERSION`]; a design of another version is refused.
     pub version: u32,
-    /// The name and version of the program that made the design, such as `inkling 1.2.3`.
+    /// Program and version, such as `inkling 1.2.3`.
     pub made_by: String,
     pub sample_period_s: f64,
     pub samples: usize,
@@ -102,13 +100,11 @@ pub struct Design {
     pub pooled: HealthyModel,
     /// The thesis's classes in the order of its tables, then a user's own by name.
     pub classes: Vec<FaultClass>,
-    /// What a critique found that the models lack.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub extension: Option<Extension>,
     /// Class densities of a fitted ring's features, for `isolate.method` = `posterior`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub posterior: Option<Arc<Posterior>>,
-    /// Bounds on what signals of each class leave beside their rings.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub typical: Option<Arc<Typical>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -135,7 +131,6 @@ impl Design {
         self.models.iter().find(|m| m.printhead.as_deref() == Some(printhead))
     }
 
-    /// The model of a printhead: its own, or that of all printheads.
     pub fn reference_of(&self, printhead: &str) -> &HealthyModel {
         self.model_of(printhead).unwrap_or(&self.pooled)
     }
@@ -151,8 +146,7 @@ impl Design {
         }
     }
 
-    /// The fault curves of the classes, made once and shared by all models. `None`: the design has
-    /// no physics, or no posterior to use the curves.
+    /// Made once and shared by all models. `None`: there is no physics, or no posterior to use them.
     pub fn curves(&self) -> Option<Arc<FaultCurves>> {
         let physics = self.physics.as_ref().filter(|_| self.posterior.is_some())?;
         let (dt_s, classes) = (self.sample_period_s, self.fault_classes());

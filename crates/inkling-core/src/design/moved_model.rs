@@ -5,9 +5,8 @@
 //! [`crate::state`] follows them. Out: a judge whose model has ring, expected signal and
 //! sensitivities shifted by the change. Thresholds, healthy covariances and fault classes stay.
 //!
-//! Also the way back: the features of a signal relative to the healthy mean, from which the state
-//! estimates the change ([`Judge::features`]), and what the state must know of a judge
-//! ([`Judge::kind`]).
+//! Also the way back: a signal's features relative to the healthy mean, from which the state
+//! estimates the change ([`Judge::features`]), and what it must know of a judge ([`Judge::kind`]).
 
 use super::detector::SensitivityDetector;
 use super::isolator::{Isolator, RingClassifier};

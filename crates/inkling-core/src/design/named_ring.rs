@@ -2,8 +2,8 @@
 //! and whether the signal is of any class.
 //!
 //! In, from the isolate stage (`pipeline/isolator.rs`) or [`Judge::isolate`]: a signal, and the
-//! ring fitted to it. Out: an [`Isolation`], and in the [`Workspace`] the weights of the classes,
-//! the severity and what else the signal may be. The steps of [`Judge::isolate_ring`]:
+//! ring fitted to it. Out: an [`Isolation`], and further results in the [`Workspace`]. The steps of
+//! [`Judge::isolate_ring`]:
 //! 1. Without a ring that explains it the signal is of no class.
 //! 2. The ring's features (ln amplitude, ln damping, ln frequency, phase) are compared with the
 //!    fault curves of the physics and with the learned densities.
@@ -29,11 +29,9 @@ use nalgebra::{Vector2, Vector4};
 const OF_NONE: f64 = 0.05;
 
 /// Whether a fit explains more of a signal than of noise alone. `noise`: standard deviation of one
-/// sample of the signal that was fitted, counts.
-///
-/// Of noise alone a damped cosine explains a square norm (over noise²) as large as the largest of
-/// some hundred values of chi-squared with two degrees of freedom, one value per frequency. That
-/// exceeds 2 ln(100 / p) with probability p.
+/// sample of the signal that was fitted, counts. Of noise alone a damped cosine explains a square
+/// norm (over noise²) as large as the largest of some hundred values of chi-squared with two
+/// degrees of freedom, one per frequency, which exceeds 2 ln(100 / p) with probability p.
 pub(super) fn is_ring(fit: &Fit, noise: f64) -> bool {
     /// 2 ln(100 / p) with p one in five million: so rarely noise alone counts as a ring.
     const NOISE_ALONE: f64 = 40.0;
@@ -74,13 +72,12 @@ impl Judge {
         let Isolator::Posterior(classifier) = &**isolator else { return None };
         let RingClassifier { posterior, priors, .. } = &**classifier;
 
-        // Step 1: is the signal a ring? `noise`: that of one sample of the signal per unit drive.
+        // Step 1. `noise`: standard deviation of one sample of the signal per unit drive.
         let noise = self.model.noise_beside() / drive;
         let Some(fit) = fit.filter(|fit| is_ring(fit, noise)) else {
             return Some(Isolation::of_no_ring());
         };
 
-        // the mean square of what the fit leaves over the noise's
         let warmer = work.warmer;
         work.misfit = fit.misfit / (noise * noise * self.model.expected.len() as f64);
         let Workspace { weights, of_any, alternative, ring, physics, own, ln_densities, .. } = work;
@@ -91,8 +88,7 @@ impl Judge {
         let of_own = own.as_ref().and_then(|own| own.curves.as_ref().zip(Some(&own.baseline)));
         let curves = of_own.map(|(curves, _)| curves).or(curves.as_ref());
 
-        // The curves were computed about the healthy ring of training; `changed` moves them by how
-        // stiffness and viscosity of the model's present ring differ from that.
+        // `changed` moves the curves from the healthy ring of training to the model's present one
         let physics_ring = physics_ring.map(|ring| self.model.ring_from(&ring, warmer));
         let conditions = Conditions {
             // a signal with twice the noise is known as well as one with half the drive
@@ -106,8 +102,7 @@ impl Judge {
             curves.compare(features.as_slice(), conditions, physics);
         }
 
-        // Step 3: the posterior of the classes, given that the signal is of one of them. Densities
-        // about a channel's own level go with features counted from the level.
+        // Step 3. Densities about a channel's own level go with features counted from that level.
         weights.clear();
         weights.resize(rule.category_of.len(), 0.0);
         let from_own = of_own.map(|(_, baseline)| features - baseline);
@@ -115,8 +110,7 @@ impl Judge {
         let (posterior, place) = of_own.unwrap_or((posterior, features.as_slice()));
         posterior.weigh(place, &physics.ln_densities, priors, ln_densities, weights);
 
-        // All classes together against the alternatives, of prior weight `none`. `known`: the
-        // probability that the signal is of any class.
+        // `none`: prior weight of what is no class; `known`: probability of all classes together
         let none = curves.map_or(no_class(), |curves| curves.of_no_class());
         let AlternativePosterior { of_any: known, alternative: likely } =
             weigh(features.as_slice(), ln_densities, priors, (&physics.ln_alternatives, none));

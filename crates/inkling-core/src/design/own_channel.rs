@@ -1,13 +1,13 @@
-//! What is needed to judge a signal against its own channel's level: the place in the space of
-//! features where the channel's signals lie while the channel is healthy.
+//! What is needed to judge a signal against its own channel's level: where the features of the
+//! channel's signals lie while it is healthy.
 //!
 //! In, from `pipeline/head.rs`, sweep by sweep: the levels of one printhead's channels, as followed
 //! by [`crate::state`], and the design's fault curves. Out: [`OwnChannels`], which the filter stage
 //! judges by and the isolate stage names by.
 //!
-//! How well a level is known depends on the number of looks behind it (a look is one observed
-//! signal of the channel), and so do covariance and curves. Both cost time, so they are computed
-//! for a few numbers of looks only (`LEVELS`), once per printhead in an [`OwnBasis`].
+//! Covariance and curves depend on the number of looks behind a level (a look is one observed signal
+//! of the channel). They cost time, so they are computed for a few numbers of looks only (`LEVELS`),
+//! once per printhead in an [`OwnBasis`].
 
 use super::tuned;
 use crate::isolate::physics_density::FaultCurves;
@@ -21,8 +21,7 @@ use std::sync::Arc;
 /// arbitrary). With fewer than 4 a channel is known by its printhead's level alone.
 const LEVELS: [f64; 4] = [0.0, 4.0, 16.0, 48.0];
 
-/// What all channels of one printhead have in common when they are judged by their own levels. It
-/// is made anew only when the printhead's state has changed much.
+/// What a printhead's channels have in common; made anew only when its state has changed much.
 #[derive(Debug, Default)]
 pub struct OwnBasis {
     /// Covariance of a healthy signal's four features about its channel's level, besides the
@@ -33,8 +32,7 @@ pub struct OwnBasis {
     /// Share of the variance between healthy signals, noise apart, that lies between channels and
     /// lasts, 0 to 1; the rest is drawn anew for each drop.
     lasting: f64,
-    /// Threshold on the squared distance of a signal that scatters about its level by Gaussian
-    /// noise alone: the quantile of chi-squared with three degrees of freedom.
+    /// Quantile of chi-squared with three degrees of freedom: the threshold if scatter is Gaussian.
     gate: f64,
     /// Whether the channels lie so much farther apart than in training that the design's threshold
     /// does not hold for channels of which nothing else is known.
@@ -42,8 +40,7 @@ pub struct OwnBasis {
 }
 
 impl OwnBasis {
-    /// The basis of a printhead in this state. `curves`: those of the design, if it has physics;
-    /// `false_alarm_rate`: share of healthy signals that may be flagged.
+    /// `curves`: the design's; `false_alarm_rate`: share of healthy signals that may be flagged.
     pub fn new(state: &Head, curves: Option<&FaultCurves>, false_alarm_rate: f64) -> OwnBasis {
         // the scatter from drop to drop within a channel widens the curves of one channel
         let shot = state.shot();
@@ -71,7 +68,6 @@ pub struct OwnChannels {
     frozen: Vec<u32>,
 }
 
-/// A channel's own healthy features, which its signals are judged against.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct OwnBaseline {
     /// ln amplitude, ln damping, ln frequency, phase, relative to the judge's ring.
@@ -87,29 +83,23 @@ pub struct OwnBaseline {
 pub struct Behind(usize);
 
 impl Behind {
-    /// `looks`: number of looks behind a level, 0 or more.
     fn of(looks: f64) -> Behind {
         Behind(LEVELS.iter().rposition(|&n| looks >= n).unwrap_or(0))
     }
 }
 
-/// What a channel's signals are isolated by.
 #[derive(Clone, Debug)]
 pub struct OwnReference {
-    /// As [`OwnBaseline::baseline`].
     pub baseline: Vector4<f64>,
     /// `None`: the design has no physics, or fewer than 4 looks are behind the baseline.
     pub curves: Option<Arc<FaultCurves>>,
 }
 
 impl OwnChannels {
-    /// Makes the baselines of a sweep's channels. `channels`: their levels relative to the
-    /// printhead's, by ascending channel number; `from`: the printhead's level, in features
-    /// relative to the judge's ring; `frozen`: numbers of the channels that repeat the same bits.
-    ///
-    /// A channel of which nothing is known itself (fewer than 4 looks) gets no baseline: judging it
-    /// against all channels then says as much. In an aged printhead it gets one, too, since the
-    /// design's threshold does not hold there.
+    /// `channels`: their levels relative to the printhead's, by ascending channel number; `from`:
+    /// the printhead's level, in features relative to the judge's ring. A channel with fewer than 4
+    /// looks gets no baseline, since judging it against all channels says as much; in an aged
+    /// printhead it gets one, since the design's threshold does not hold there.
     pub fn new(
         basis: Arc<OwnBasis>,
         channels: Vec<OwnLevel>,
@@ -141,19 +131,16 @@ impl OwnChannels {
         self.channels.is_empty() && self.frozen.is_empty()
     }
 
-    /// [`OwnBasis`] says what that is.
     pub fn is_aged(&self) -> bool {
         self.basis.is_aged
     }
 
-    /// Whether a channel repeats the same bits again and again.
     pub fn is_frozen(&self, channel: u32) -> bool {
         !self.frozen.is_empty() && self.frozen.binary_search(&channel).is_ok()
     }
 
     /// The baselines of `n` consecutive channels from number `first` on.
     pub fn from(&self, first: u32, n: usize) -> impl Iterator<Item = Option<&OwnBaseline>> {
-        // one binary search, then both lists are walked in parallel
         let at = self.place(first).unwrap_or_else(|next| next);
         let mut baselines = self.channels[at..].iter().peekable();
         (u64::from(first)..).take(n).map(move |channel| {
@@ -161,7 +148,7 @@ impl OwnChannels {
         })
     }
 
-    /// What a channel's signals are isolated by. `None`: the channel has no baseline of its own.
+    /// `None`: the channel has no baseline of its own.
     pub fn of(&self, channel: u32) -> Option<OwnReference> {
         let (_, OwnBaseline { baseline, behind, .. }) = self.channels[self.place(channel).ok()?];
         // the curves begin with the second of `LEVELS`
@@ -169,13 +156,12 @@ impl OwnChannels {
         Some(OwnReference { baseline, curves: curves.cloned() })
     }
 
-    /// Threshold on the squared distance of a signal from its channel's level. `of_all`: the model's
-    /// threshold on the squared distance from what all channels are expected to be. With g the
-    /// chi-squared quantile and l the lasting share the result is `of_all` + l max(g - `of_all`, 0).
-    ///
-    /// Where channels differ for good (l = 1), a signal scatters about its own level by noise, whose
-    /// tail is Gaussian, and g holds. Where the difference is drawn anew for each drop (l = 0),
-    /// signals have the tail that `of_all` was learned from. Between the two: heuristic.
+    /// Threshold on the squared distance of a signal from its channel's level: `of_all` + l max(g -
+    /// `of_all`, 0), with `of_all` the model's threshold on the squared distance from what all
+    /// channels are expected to be, g the chi-squared quantile and l the lasting share. Where
+    /// channels differ for good (l = 1), a signal scatters about its own level by noise, whose tail
+    /// is Gaussian. Where the difference is drawn anew for each drop (l = 0), signals have the tail
+    /// that `of_all` was learned from. Between the two: heuristic.
     pub fn gate(&self, of_all: f64) -> f64 {
         of_all + self.basis.lasting * (self.basis.gate - of_all).max(0.0)
     }
@@ -185,7 +171,6 @@ impl OwnChannels {
         Arc::ptr_eq(&self.basis, &other.basis)
     }
 
-    /// As `OwnBasis::scatter`.
     pub fn scatter(&self, behind: Behind) -> &Matrix4<f64> {
         &self.basis.scatter[behind.0]
     }

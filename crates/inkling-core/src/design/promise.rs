@@ -52,7 +52,6 @@ impl Design {
             taken_for[k] = monte_carlo.taken_for(kind, range, self.classes.len());
         }
 
-        // how often one class is taken for the other, and the angle between what their faults do
         let names = self.class_names();
         let spans: Vec<Option<DMatrix<f64>>> =
             self.fault_classes().iter().map(|class| monte_carlo.span(&class.of)).collect();
@@ -100,7 +99,6 @@ struct MonteCarlo<'a> {
 }
 
 impl<'a> MonteCarlo<'a> {
-    /// `None`: the design knows no physics, or its pooled model has no sensitivities.
     fn new(design: &'a Design, settings: &IsolateSettings) -> Result<Option<MonteCarlo<'a>>> {
         let model = design.pooled.clone();
         let (Some(physics), Some(sensitivity)) = (&design.physics, &model.sensitivity) else {
@@ -161,7 +159,6 @@ impl<'a> MonteCarlo<'a> {
         self.judge.test(self.judge.detect(deviation, 1.0, work)).is_flagged()
     }
 
-    /// Share of signals with a fault of that severity that are flagged.
     fn power(&self, class: &str, severity: f64) -> Option<f64> {
         let mut work = Workspace::default();
         let signals = self.signals(class, severity)?;
@@ -203,9 +200,8 @@ impl<'a> MonteCarlo<'a> {
         Some(Detectable { class: name.into(), range, smallest, found })
     }
 
-    /// Of the flagged signals of a class, the share for which each class has the largest weight, at
-    /// the middles of `ISOLATED_SIZES` equal parts of `range`. Signals that no ring explains count
-    /// in none.
+    /// Share of a class's flagged signals for which each class has the largest weight, at the
+    /// middles of `ISOLATED_SIZES` equal parts of `range`. Signals that are no rings count in none.
     fn taken_for(&self, class: &str, range: [f64; 2], classes: usize) -> Option<Vec<f64>> {
         let mut best = vec![0.0; classes];
         let mut work = Workspace::default();

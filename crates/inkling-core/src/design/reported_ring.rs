@@ -12,7 +12,7 @@ use crate::model::ring_fit::RingFitter;
 
 impl Judge {
     /// Resonance, Hz, and damping, 1/s, of the ring fitted to a signal, in its isolation or now.
-    /// `signal`: writes the signal per unit drive, N, counts. `None`: the signal does not ring.
+    /// `signal`: writes it per unit drive, N, counts. `None`: it does not ring.
     pub fn ring_of(
         &self,
         signal: impl FnOnce(&mut Vec<f64>),
@@ -20,7 +20,6 @@ impl Judge {
         work: &mut Workspace,
     ) -> Option<[f64; 2]> {
         let fitter = self.fitter()?;
-        // of pure noise a fit explains something, too
         let fit = work.fit.or_else(|| {
             let mut y = std::mem::take(&mut work.residual);
             signal(&mut y);
@@ -32,9 +31,8 @@ impl Judge {
         fit.filter(|fit| is_ring(fit, noise)).map(|fit| fitter.frequency_and_damping(&fit.features))
     }
 
-    /// The same in closed form, to second order. `deviation`: at the signal's drive and
-    /// temperature, N, counts. `None`: detection knows no sensitivities, or the result is not
-    /// finite.
+    /// The same in closed form, to second order. `deviation`: at the signal's drive and temperature,
+    /// N, counts. `None`: detection knows no sensitivities, or the result is not finite.
     pub fn ring_in_closed_form(
         &self,
         deviation: &[f64],
@@ -51,8 +49,7 @@ impl Judge {
         ring.iter().all(|v| v.is_finite()).then_some(ring)
     }
 
-    /// A fitter of rings about the model's ring: isolation's, or detection's, or one that is made
-    /// now and kept. `None`: the model does not ring.
+    /// Isolation's, detection's, or one that is made now and kept. `None`: the model does not ring.
     fn fitter(&self) -> Option<&RingFitter> {
         let of_methods = self.rings().or_else(|| self.detector.as_ref().map(|of| of.fitter()));
         of_methods.or_else(|| self.own_fitter.get_or_init(|| self.model.fitter().ok()).as_ref())

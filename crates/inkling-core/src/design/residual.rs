@@ -29,7 +29,6 @@ impl HealthyModel {
         }
     }
 
-    /// Writes the residual r = F Q d of a deviation; both N, counts.
     pub fn residual(&self, deviation: &[f64], residual: &mut [f64]) {
         let mut scratch = Vec::new();
         self.generator.filter(self.without_disturbances(deviation, &mut scratch), residual);

@@ -12,11 +12,9 @@ use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, FitBuffers, RingFitter};
 use nalgebra::Vector4;
 
-/// Fits rings about a model's ring, and tells what a signal holds beside its ring.
 #[derive(Clone, Debug)]
 pub(super) struct Rings {
     pub fitter: RingFitter,
-    /// Projects on the orthogonal complement of a ring's tangent space.
     pub beside: BesideRing,
     /// The part of every healthy signal beside its ring, N, counts; empty: there is none.
     pub leftover: Vec<f64>,
@@ -34,18 +32,16 @@ impl Rings {
 }
 
 impl HealthyModel {
-    /// The ring that the model's free decay is. An error if the model does not oscillate.
+    /// An error if the model does not oscillate.
     pub(super) fn ring(&self) -> Result<Ring> {
         let Identification { poles, output_state, .. } = self.identification;
         Ok(Ring::new(poles, output_state).ok_or("the identified model does not ring")?)
     }
 
-    /// The fitter about that ring.
     pub(super) fn fitter(&self) -> Result<RingFitter> {
         Ok(RingFitter::new(self.ring()?, self.generator.dt_s, self.expected.len()))
     }
 
-    /// The same with the projection beside rings and the leftover.
     pub(super) fn rings(&self) -> Result<Rings> {
         let beside = BesideRing::new(&self.ring()?, self.generator.dt_s, self.expected.len());
         Ok(Rings { fitter: self.fitter()?, beside, leftover: self.leftover.clone() })

@@ -78,8 +78,7 @@ impl Design {
         Ok((design, warnings))
     }
 
-    /// The healthy part of a design, and warnings: the pooled model judges printheads without a
-    /// model.
+    /// With warnings: the pooled model judges printheads that have none of their own.
     fn of_healthy(set: &TrainingSet, settings: LearnSettings) -> Result<(Design, Vec<String>)> {
         let pooled = HealthyModel::learn(&pool(&set.healthy, set.samples), None, None, settings)?;
         let (mut models, mut warnings) = (Vec::new(), Vec::new());
@@ -254,8 +253,7 @@ pub(super) fn learn_posterior(design: &Design, set: &TrainingSet) -> Result<Opti
     Ok(Some(posterior.with_own(are_known.then(about_own).flatten())))
 }
 
-/// The densities from labelled `examples` and from the physics' curves; `None`: a class has
-/// neither.
+/// `None`: a class has neither examples nor a curve.
 fn posterior_of(examples: &[Option<Examples>], curves: Option<&FaultCurves>) -> Option<Posterior> {
     let learned = || Posterior::learn(&examples.iter().cloned().collect::<Option<Vec<_>>>()?);
     let Some(curves) = curves else { return learned() };
@@ -324,14 +322,12 @@ fn yield_to_own_classes(
     Ok(messages)
 }
 
-/// Sorts the thesis's classes in the order of its tables, then a user's own by name.
 fn in_table_order(classes: &mut [FaultClass]) {
     let place = |name: &str| fault::CLASSES.iter().position(|c| *c == name).unwrap_or(usize::MAX);
     classes.sort_by(|a, b| place(&a.name).cmp(&place(&b.name)).then(a.name.cmp(&b.name)));
 }
 
-/// All printheads' signals in one set. Channel numbers are offset by 2^20 times the printhead's
-/// index.
+/// In one set; channel numbers are offset by 2^20 times the printhead's index.
 fn pool(healthy: &BTreeMap<String, SignalSet>, samples: usize) -> SignalSet {
     let mut all = SignalSet::new(samples);
     for (p, set) in healthy.values().enumerate() {

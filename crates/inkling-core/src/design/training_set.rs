@@ -1,9 +1,8 @@
 //! Labelled signals, and the features of the rings that are fitted to them.
 //!
-//! In, from the collecting of recordings by their labels (`pipeline/collect.rs`): signals by label
-//! and printhead. Out: [`TrainingSet`], which training reads and cross-validation divides; and
-//! `examples`, the features (ln amplitude, ln damping, ln frequency, phase) of a class's signals,
-//! from which the densities of the posterior are learned.
+//! In, from `pipeline/collect.rs`: signals by label and printhead. Out: [`TrainingSet`], which
+//! training reads and cross-validation divides; and `examples`, the features (ln amplitude, ln
+//! damping, ln frequency, phase) of a class's signals for the posterior's densities.
 
 use super::{Extension, HealthyModel, Result};
 use crate::fault::HEALTHY;
@@ -39,9 +38,8 @@ impl TrainingSet {
         })
     }
 
-    /// The same set without the extension and with the signals whose indices `keep` returns for a
-    /// state, a printhead and its signals of that state. A class or printhead without any is left
-    /// out.
+    /// The signals whose indices `keep` returns for a state, a printhead and its signals of that
+    /// state, without the extension. A class or printhead without any is left out.
     pub fn with(&self, mut keep: impl FnMut(&str, &str, &SignalSet) -> Vec<usize>) -> TrainingSet {
         let mut part = TrainingSet {
             sample_period_s: self.sample_period_s,

@@ -3,12 +3,10 @@
 //!
 //! In, from `train`: a design with its posterior, labelled signals. Out: [`Typical`], by which
 //! `named_ring` decides whether a signal is a ring of its best class:
-//! 1. the misfits of healthy signals and of all classes beside their rings (`leftover`), in
-//!    standard deviations of the noise;
+//! 1. the misfits of healthy signals and of all classes beside their rings (`leftover`);
 //! 2. the principal directions of all classes' misfits together, which exceed the noise;
 //! 3. the variance of each class along each direction;
-//! 4. per class a bound on the mean square of a misfit, with what is usual along the directions
-//!    discounted.
+//! 4. per class a bound on the mean square of a misfit less what is usual along the directions.
 
 use super::leftover::Leftovers;
 use super::{Design, HealthyModel, Result, TrainingSet};
@@ -18,9 +16,8 @@ use crate::model::inner_product::dot;
 use crate::numbers::tuned::few;
 use std::collections::BTreeMap;
 
-/// At most so many signals of a class and printhead are used.
+/// Per class and printhead.
 const MOST_SIGNALS: usize = 256;
-/// At most so many principal directions of the misfit are kept.
 const MOST_DIRECTIONS: usize = 8;
 /// Number of severities at which the physics predicts the decays of one law.
 const SEVERITIES: usize = 9;
@@ -71,8 +68,7 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
         let of_noise = misfit_bound(&misfits(&healthy, k));
         let own = misfits(&of.left, k);
         match of.labelled {
-            // Predicted decays are free of noise. The factors 2 and 1.5 are margins (somewhat
-            // arbitrary).
+            // Predictions have no noise; the factors 2 and 1.5 are margins (somewhat arbitrary).
             0 => of_noise + 2.0 * own.iter().copied().fold(0.0, f64::max),
             // too few labelled signals for a prediction bound
             n if n < few() => own.iter().copied().fold(of_noise, f64::max) * 1.5,
@@ -94,7 +90,6 @@ impl ClassMisfits {
     /// Variance of the misfits along a direction (N, unit norm) beyond the noise's, in units of the
     /// noise's variance, for a ring of the healthy amplitude; at least 0.
     fn along(&self, direction: &[f64]) -> f64 {
-        // predictions of the physics have no noise
         let noise = if self.labelled > 0 { 1.0 } else { 0.0 };
         let each = self.left.rows.iter().zip(&self.left.size);
         let sum: f64 =

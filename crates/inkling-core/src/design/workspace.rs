@@ -1,11 +1,9 @@
-//! What a judge computes with: buffers that are reused from signal to signal, and results beside
-//! the decision.
+//! What a judge computes with: buffers that are used again, and results beside the decision.
 //!
 //! Every thread that judges owns one [`Workspace`]. For each signal to isolate it sets `warmer` and
 //! `own`, calls [`super::Judge::isolate`] or [`super::Judge::isolate_ring`], and reads the results.
-//! For a signal that is not isolated, [`Workspace::forget`] must be called before `Judge::ring_of`,
-//! `Judge::is_no_ring` or `Judge::appearance`: otherwise the fit or the misfit of an earlier signal
-//! would serve.
+//! For a signal that is not isolated it must call [`Workspace::forget`] before `Judge::ring_of`,
+//! `Judge::is_no_ring` or `Judge::appearance`, which use a fit or misfit that they find there.
 
 use super::own_channel::OwnReference;
 use crate::isolate::calibration::Severity;
@@ -30,7 +28,7 @@ pub struct Workspace {
     /// ln damping and ln frequency of the fitted ring, relative to the healthy model's and corrected
     /// to its temperature; `None`: no ring was fitted, or it is no more than noise.
     pub ring: Option<[f64; 2]>,
-    /// Severity of the fault, if its category was named.
+    /// `None`: no category was named.
     pub severity: Option<Severity>,
     /// The mean square, over the noise's variance, of the misfit of the fit; or, where that exceeds
     /// the bound of the best class, of the misfit beside the ring. NaN as `ring` is `None`.
@@ -39,12 +37,10 @@ pub struct Workspace {
     pub(super) fit: Option<Fit>,
     /// The misfit beside that ring, N, in standard deviations of the noise; empty: not computed.
     pub(super) beside: Vec<f64>,
-    /// Buffers.
     pub(super) ln_densities: Vec<f64>,
     pub(super) physics: Comparison,
-    /// To be set before: the signal's temperature above the model's ([`super::Judge::warmer`]), K.
+    /// To be set before, as `own`: the temperature above the model's ([`super::Judge::warmer`]), K.
     pub warmer: f64,
-    /// To be set before: the channel's own baseline, if it has one.
     pub own: Option<OwnReference>,
 }
 
@@ -56,7 +52,6 @@ impl Workspace {
         self.beside.clear();
     }
 
-    /// Forgets what belongs to a name that is dropped.
     pub fn drop_name(&mut self) {
         self.weights.clear();
         (self.severity, self.alternative) = (None, None);
