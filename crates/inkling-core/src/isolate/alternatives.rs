@@ -1,12 +1,10 @@
 //! What a flagged signal may be instead of a fault of a known class: a ring of another gain, clock
-//! or delay, a channel whose rates are all a little off, a ring of any kind, or, by name, what else
-//! happens to channels (*contrasts*, `Catalogue::contrasts`). Without these, the least unlike class
-//! would always win.
+//! or delay, a channel whose rates are all a little off, a ring of any kind, or what else happens
+//! to channels (*contrasts*, `Catalogue::contrasts`). Else the least unlike class would always win.
 //!
 //! `broad` gives for gain, clock, delay and rates the nodes (Gaussians in the features) whose mean
-//! is the alternative's density; contrasts get fault curves like classes. All stand behind the
-//! classes in [`super::physics_density::FaultCurves`]. [`weigh`] is Bayes' rule for a signal with
-//! the features x:
+//! is the alternative's density; contrasts get fault curves. All stand behind the classes in
+//! [`super::physics_density::FaultCurves`]. [`weigh`] is Bayes' rule for the features x:
 //!
 //! ```text
 //! P(any class | x) = (1 - w) sum of prior_k p(x | class k) / all
@@ -27,11 +25,9 @@ use std::sync::Arc;
 
 #[derive(Clone, Debug, PartialEq)]
 pub enum Alternative {
-    /// A healthy ring of another amplitude.
     Gain,
     /// A healthy ring whose damping and frequency are changed by the same factor.
     Clock,
-    /// A healthy ring that begins earlier or later.
     Delay,
     /// A channel whose four rates are a little off, independently of each other.
     Rates,
@@ -40,9 +36,8 @@ pub enum Alternative {
 }
 
 impl Alternative {
-    /// What a signal that this alternative explains looks like. `x`: its four features, relative to
-    /// the healthy ring of `frequency_hz`. What the words say must hold of the signal itself;
-    /// otherwise it is described as a ring that nobody knows.
+    /// `x`: four features, relative to the healthy ring of `frequency_hz`. What the words say must
+    /// hold of the signal itself; otherwise it is described as a ring that nobody knows.
     pub fn appearance(&self, x: &[f64], frequency_hz: f64) -> Appearance {
         // a phase behind the healthy one is a late ring
         let late_s = -x[3] / (std::f64::consts::TAU * frequency_hz);
@@ -63,11 +58,10 @@ const LEAST_DELAY_S: f64 = 0.5e-7;
 /// Number of nodes of a line of gains, clocks or delays.
 const NODES: usize = 40;
 
-/// The alternatives that do not come from the catalogue, each with its equally likely nodes: gain,
-/// clock and delay are lines through the healthy features, `most_off` to either side, and the rates
-/// a few wide Gaussians about them. `fitter`: of rings about the healthy one; `noise`: standard
-/// deviation of one sample, counts; `healthy`: how healthy channels differ, which widens every
-/// node.
+/// The alternatives that are not of the catalogue, each with its equally likely nodes: gain, clock
+/// and delay are lines through the healthy features, `most_off` to either side, and the rates a few
+/// wide Gaussians. `noise`: standard deviation of one sample, counts; `healthy`: how channels
+/// differ, which widens every node.
 pub(super) fn broad(
     fitter: &RingFitter,
     noise: f64,
@@ -108,17 +102,14 @@ pub(super) fn broad(
     ])
 }
 
-/// How likely the classes are, and the likeliest alternative to them.
 #[derive(Clone, Copy, Debug)]
 pub struct AlternativePosterior {
     pub of_any: f64,
-    /// The number of the likeliest alternative, and its probability; `None`: a ring of any kind is
-    /// likelier.
+    /// Number and probability of the likeliest; `None`: a ring of any kind is likelier.
     pub alternative: Option<(usize, f64)>,
 }
 
-/// Compares the classes together with what is no class. `features`: relative to the healthy ring;
-/// `ln_densities`: of these in each class; `priors`: of each class, up to a factor;
+/// `features`: relative to the healthy ring; `priors`: of each class, up to a factor;
 /// `ln_alternatives`: ln of density times weight ([`super::physics_density::Comparison`]);
 /// `of_no_class`: the weight of all alternatives and of any ring.
 pub fn weigh(

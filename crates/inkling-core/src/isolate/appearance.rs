@@ -18,25 +18,22 @@ use crate::verdict::Appearance;
 
 #[derive(Clone, Copy, Debug)]
 pub struct UnknownSignal<'a> {
-    /// The signal, N, counts, per unit drive.
+    /// N, counts, per unit drive, as is `healthy`.
     pub signal: &'a [f64],
     /// Standard deviation of one sample's noise in `signal`, counts.
     pub noise: f64,
-    /// The expected healthy signal, N, counts, per unit drive.
     pub healthy: &'a [f64],
-    /// The signal's misfit beside its ring, N, in standard deviations of the noise; the whole
-    /// signal if it does not ring.
+    /// Beside the ring, N, in standard deviations of the noise; without a ring the whole signal.
     pub misfit: &'a [f64],
     pub dt_s: f64,
 }
 
 impl UnknownSignal<'_> {
-    /// Describes the signal, of at least 2 samples, by the tests at the head of this file.
+    /// The signal has at least 2 samples.
     pub fn appearance(&self) -> Appearance {
         let n = self.signal.len() as f64;
         let mean = self.signal.iter().sum::<f64>() / n;
-        // Noise alone explains a signal whose square sum about its mean is below twice the expected
-        // one. A mean that is six standard errors off 0 is then a constant.
+        // below twice the square sum of noise; a mean six standard errors off 0 makes it a constant
         let about: f64 = self.signal.iter().map(|y| (y - mean).powi(2)).sum::<f64>();
         if about < 2.0 * n * self.noise * self.noise {
             let stands = mean.abs() > 6.0 * self.noise / n.sqrt();
@@ -49,7 +46,6 @@ impl UnknownSignal<'_> {
             return self.of_ring();
         }
 
-        // jumps: few samples, a thirty-second of them and at least two, hold most of the misfit
         let mut squares: Vec<f64> = self.misfit.iter().map(|v| v * v).collect();
         let few = (squares.len() / 32).max(2).min(squares.len() - 1);
         squares.select_nth_unstable_by(few, |p, q| q.total_cmp(p));
@@ -57,7 +53,6 @@ impl UnknownSignal<'_> {
             return Appearance::Jumps;
         }
 
-        // below two cycles in the signal a line is a slow change
         let Some((share, cycles)) = self.line() else { return Appearance::Other };
         match share > MOST * beyond {
             true if cycles < 2.0 => Appearance::Slow,
@@ -66,10 +61,9 @@ impl UnknownSignal<'_> {
         }
     }
 
-    /// The healthy ring with another gain (negative if it is upside down) if that leaves little of
-    /// the signal and explains most of the difference, else another ring. The first tells it from a
-    /// ring of another damping or frequency, the second from one whose gain differs by less than
-    /// these do.
+    /// The healthy ring with another gain (negative: upside down) if that leaves little of the
+    /// signal, unlike a ring of another damping or frequency, and explains most of the difference,
+    /// unlike one whose gain hardly differs; else another ring.
     fn of_ring(&self) -> Appearance {
         let gain = dot(self.signal, self.healthy) / dot(self.healthy, self.healthy);
         let of_noise = self.signal.len() as f64 * self.noise * self.noise;
@@ -84,8 +78,8 @@ impl UnknownSignal<'_> {
         }
     }
 
-    /// The spectral line that explains most of the misfit: its energy (in noise variances), and its
-    /// number of cycles in the signal, a multiple of one half, 511.5 at most. `None`: no misfit.
+    /// The spectral line that explains most of the misfit: energy, in noise variances, and cycles
+    /// in the signal, a multiple of one half, 511.5 at most. `None`: no misfit.
     fn line(&self) -> Option<(f64, f64)> {
         let lines = self.misfit.len().min(1024);
         let energies =
@@ -101,8 +95,7 @@ impl UnknownSignal<'_> {
 
 /// Share of the misfit's energy beyond the noise that a shape must explain: more than all else.
 const MOST: f64 = 0.5;
-/// Number of spectral lines whose energies are computed at once, as each recursion waits for its
-/// own last step.
+/// Lines that are computed at once, as each recursion waits for its own last step.
 const LINES: usize = 64;
 
 for_processor! {
@@ -114,7 +107,6 @@ for_processor! {
 #[inline(always)] // body of `energies_of_lines`, compiled once per instruction set
 fn energies_at_once(y: &[f64], from: usize) -> [f64; LINES] {
     let n = y.len() as f64;
-    // s_k = y_k + 2 cos(w) s_(k-1) - s_(k-2)
     let twice_cos: [f64; LINES] =
         std::array::from_fn(|k| 2.0 * sin_cos(std::f64::consts::PI * (from + k) as f64 / n).1);
     let (mut last, mut before) = ([0.0; LINES], [0.0; LINES]);

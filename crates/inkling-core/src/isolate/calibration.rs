@@ -1,14 +1,12 @@
 //! How far estimated severities lie off the true ones, and their correction.
 //!
 //! In, for training: severities of labelled signals as estimated and as labelled. Out: a
-//! [`SeverityLine`] per class. In, for a signal: an estimate of its severity. Out: the corrected
-//! [`Severity`].
+//! [`SeverityLine`] per class, which corrects the estimated [`Severity`] of a signal.
 //!
-//! What a fault does may differ from its law by any factor along its curve. No decay tells such a
-//! factor, but labels do: where at least `few` labels tell, a line label = offset + slope estimate
-//! is fitted by least squares, and the scatter about it widens the standard deviation. Without
-//! labels the estimate is kept, and its standard deviation is widened by a share of what the fault
-//! changes (`guessed_rate`).
+//! What a fault does may differ from its law by any factor along its curve, which no decay tells.
+//! Where at least `few` labels tell it, a line label = offset + slope estimate is fitted by least
+//! squares, and the scatter about it widens the standard deviation. Without labels that is widened
+//! by a share of what the fault changes (`guessed_rate`).
 
 use crate::numbers::tuned::{few, guessed_rate};
 use serde::{Deserialize, Serialize};
@@ -20,8 +18,7 @@ pub struct Severity {
     pub sd: f64,
 }
 
-/// A label is `offset` + `slope` times the estimate, up to an error of standard deviation `sd`
-/// beyond the estimate's own.
+/// `sd`: standard deviation of a label about the line, beyond the estimate's own.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SeverityLine {
     pub offset: f64,
@@ -40,8 +37,6 @@ pub struct LabelledSeverity {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Calibration {
     Learned(SeverityLine),
-    /// Where no label tells: what a fault changes is believed to within the relative error of
-    /// guessed rates.
     Guessed {
         /// The severity of no fault, in the class's unit.
         none: f64,
@@ -61,11 +56,10 @@ impl Calibration {
 }
 
 impl SeverityLine {
-    /// The weighted least-squares line from estimates to labels. `sd` is what is to be expected of
-    /// a further label about the line (the final prediction error of Akaike, 1969), as far as the
-    /// estimates' own standard deviations do not explain it. Signals of one channel weigh like one,
-    /// as they have in common what is particular to it. `None`: fewer than `few` signals, or of two
-    /// channels at most, which a line fits whatever they are.
+    /// `sd` is what is to be expected of a further label about the line (the final prediction error
+    /// of Akaike, 1969), beyond the estimates' own. Signals of one channel weigh like one, as they
+    /// have in common what is particular to it. `None`: fewer than `few` signals, or of two channels
+    /// at most, which a line fits whatever they are.
     pub fn learn(signals: &[LabelledSeverity]) -> Option<SeverityLine> {
         let all: f64 = signals.iter().map(|s| s.weight).sum();
         if signals.len() < few() || all <= 2.0 {
@@ -83,8 +77,7 @@ impl SeverityLine {
         let offset = y - slope * x;
         let residual = |s: &LabelledSeverity| s.labelled - offset - slope * s.estimated.value;
 
-        // The mean square about the line, times (n + 2) / (n - 2), because two parameters were
-        // fitted and are uncertain, less the part that the estimates' own uncertainty explains.
+        // (n + 2) / (n - 2): the two fitted parameters are uncertain
         let rest = mean(&|s| residual(s).powi(2)) * (all + 2.0) / (all - 2.0)
             - mean(&|s| (slope * s.estimated.sd).powi(2));
         let line = SeverityLine { offset, slope, sd: rest.max(0.0).sqrt() };

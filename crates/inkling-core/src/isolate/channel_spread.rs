@@ -6,11 +6,10 @@ use nalgebra::{DMatrix, DVector, SMatrix};
 
 const MOST_PASSES: usize = 10_000;
 /// Standard deviations of ln a, ln b, ln g, ln d, ln gain over healthy channels. Arguments and
-/// `None`: as in `FaultPhysics::learn_spread`; `slope`: Jacobian of the features by these.
-///
-/// The model is: covariance of the features = slope diag(variances) slope' + noise + a variance of
-/// the phase by other causes. Four features do not determine six variances, so a and b are given
-/// the same, and so are g and d. The four ln standard deviations are estimated by maximum a
+/// `None`: as in `FaultPhysics::learn_spread`; `slope`: Jacobian of the features by these. The
+/// model is: covariance of the features = slope diag(variances) slope' + noise + a variance of the
+/// phase by other causes. Four features do not determine six variances, so a and b are given the
+/// same, and so are g and d. The four ln standard deviations are estimated by maximum a
 /// posteriori: Gaussian likelihood of the sample covariance, counted as often as there are
 /// channels, and a weak prior; by a coordinate search.
 pub(super) fn spread_of_channels(
@@ -47,7 +46,6 @@ pub(super) fn spread_of_channels(
         return None; // features or noise so large that their squares overflow
     }
 
-    // halve the step when a pass over all coordinates gains next to nothing
     let mut step = 1.0;
     for _ in 0..MOST_PASSES {
         if step <= 1e-3 {

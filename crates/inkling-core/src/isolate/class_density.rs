@@ -5,17 +5,13 @@
 //! they lie. It is a product of one-dimensional densities along axes u = B (x - mean), in each of
 //! which the noise has unit variance. How it is learned:
 //!
-//! 1. Mean and covariance of the examples, shrunk towards that of all classes together, which
-//!    counts as one example.
-//! 2. Of two choices of B the likelier is kept: the axes in which the noise has unit covariance and
-//!    the class's covariance is diagonal; and the features themselves, each over the noise's
-//!    standard deviation.
-//! 3. Along each axis the density is a Gaussian, or uniform over a range convolved with the noise,
-//!    whichever is likelier: faults come in severities over a range. Over a range the density is
-//!    uniform in the feature, or in the quantity of which the feature is the logarithm.
-//! 4. Both are widened, because the next signal is less well known than the examples are: the
-//!    Gaussian by its predictive variance, the range by how far its true ends lie beyond the
-//!    outermost examples.
+//! 1. Mean and covariance of the examples, shrunk towards that of all classes as by one example.
+//! 2. Of two choices of B the likelier is kept: the axes that make the noise white and the class's
+//!    covariance diagonal; and the features, each over the noise's standard deviation.
+//! 3. Along each axis the density is a Gaussian, or (as faults come in severities over a range)
+//!    uniform over a range convolved with the noise: uniform in the feature, or in its exponential.
+//! 4. Both are widened, since the next signal is less well known than the examples: the Gaussian by
+//!    its predictive variance, the range by how far its ends lie beyond the outermost examples.
 
 use super::tuned;
 use crate::model::normal::{half_erfc, upper_tail};
@@ -56,10 +52,9 @@ pub struct ClassDensity {
 }
 
 impl ClassDensity {
-    /// Learns the density of a class. `features`: per signal, four numbers at most. `noise`:
-    /// covariance of a fit's noise; `pooled`: within-class covariance of all classes; `tell_ends`:
-    /// whether an axis may be a range. `None`: too few examples, or `noise` is not positive
-    /// definite.
+    /// `features`: per signal, four numbers at most; `noise`: covariance of a fit's noise;
+    /// `pooled`: within-class covariance of all classes; `tell_ends`: whether an axis may be a
+    /// range. `None`: too few examples, or `noise` is not positive definite.
     pub fn learn(
         features: &[DVector<f64>],
         noise: &DMatrix<f64>,
@@ -95,10 +90,8 @@ impl ClassDensity {
             .map(|(_, density)| density)
     }
 
-    /// ln density at features `x`, which are four at most.
     pub fn ln_density(&self, x: &[f64]) -> f64 {
-        // A range convolved with the noise is a difference of normal tails at its two ends. The
-        // tails of all axes are computed together; an axis that is no range has infinite limits.
+        // of a range (convolved with noise) the mass is a difference of tails; else it is 1
         let (mut ends, mut ln_rest) = ([[f64::NEG_INFINITY, f64::INFINITY]; 4], 0.0);
         let axes = self.axes.iter().zip(&self.to_axes);
         for ((axis, row), ends) in axes.zip(&mut ends) {
@@ -128,8 +121,7 @@ impl ClassDensity {
         self.ln_scales.get_or_init(|| [all(Axis::ln_scale), all(Axis::ln_highest)])
     }
 
-    /// ln of an upper bound, with which negligible classes are found cheaply: ln_density(x) <=
-    /// ln_highest - square(x) / 2.
+    /// ln of an upper bound, for negligible classes: ln_density(x) <= ln_highest - square(x) / 2.
     pub fn ln_highest(&self) -> f64 {
         self.ln_scales()[1]
     }
@@ -145,8 +137,7 @@ impl ClassDensity {
     }
 }
 
-/// The mean of feature vectors, and the sum of the outer squares of their deviations from it, added
-/// to `before`.
+/// The mean of feature vectors, and `before` plus the outer squares of their deviations from it.
 pub(super) fn mean_and_scatter(
     features: &[DVector<f64>],
     before: DMatrix<f64>,
@@ -160,9 +151,8 @@ pub(super) fn mean_and_scatter(
     (mean, scatter)
 }
 
-/// The density along the axes `to_axes` (B), along each of the likelier kind, and its ln likelihood
-/// for the examples. `covariance`: of the examples, shrunk; `wider`: predictive variance over the
-/// estimated one. `None`: the axes are linearly dependent.
+/// The density along the axes `to_axes` (B), and its ln likelihood for the examples. `covariance`:
+/// of these, shrunk; `wider`: predictive over estimated variance. `None`: the axes are dependent.
 fn density_along(
     to_axes: DMatrix<f64>,
     mean: &DVector<f64>,
@@ -185,13 +175,11 @@ fn density_along(
         let u: Vec<f64> = features.iter().map(|x| (row * (x - mean))[0]).collect();
         let variance = spread[(j, j)].max(0.25);
 
-        // compared is the examples' own likelihood; kept is the Gaussian with the predictive
-        // variance
+        // compared is the examples' own likelihood; kept is the predictive Gaussian
         let of_gaussian = Axis::Gaussian(variance.sqrt()).ln_likelihood(&u, 0.0);
         let gaussian = Axis::Gaussian((wider * variance).sqrt());
 
-        // where the search for a range starts: half width w of a uniform density with the variance
-        // w² / 3
+        // the search for a range starts at the half width w of a uniform density of variance w² / 3
         let width = (3.0 * (variance - 1.0).max(0.0) * (1.0 + 1.0 / n)).sqrt();
         // where the axis is a single log feature, the density may be uniform in its exponential
         let mut others = (0..row.len()).filter(|&k| k != j).map(|k| row[k]);
@@ -222,10 +210,8 @@ const NARROWEST: f64 = 0.02;
 /// The first three features are logarithms: of amplitude, damping and frequency.
 const LOGARITHMS: usize = 3;
 
-/// The maximum-likelihood range of a given slope for examples `u` along an axis: its ln likelihood,
-/// its middle, and the range, widened because its true ends lie outside the outermost examples.
-/// `half_width`: where the search starts; the error of such a start falls only with the root of the
-/// number of examples, that of the ends with the number itself.
+/// The likeliest range of a given slope for examples `u` along an axis, widened since its true ends
+/// lie outside the outermost ones: ln likelihood, middle, range. `half_width`: to start from.
 fn likeliest_range(u: &[f64], half_width: f64, slope: f64) -> (f64, f64, Axis) {
     let likelihood =
         |half_width, middle| Axis::Range(Range { half_width, slope }).ln_likelihood(u, middle);
@@ -312,9 +298,8 @@ impl Axis {
         }
     }
 
-    /// ln of an upper bound: ln_density(u) <= ln_highest - distance(u)² / 2. For a range the
-    /// probability that noise carries it to u is <= e^(-distance² / 2), and the range's own density
-    /// is highest at an end.
+    /// ln of an upper bound: ln_density(u) <= ln_highest - distance(u)² / 2. Noise carries the end
+    /// of a range to u with a probability <= e^(-distance² / 2); a range is densest at an end.
     fn ln_highest(self) -> f64 {
         match self {
             Axis::Gaussian(_) => self.ln_scale(),

@@ -1,10 +1,8 @@
 //! What may be said of a signal on the strength of its weights per class: a class, a category of
 //! classes, or neither. thesis §3-3-2, Tables 4-3ff.
 //!
-//! In: one weight per class (phi, or a posterior probability), the probability that the signal is
-//! of any class, and the rule by which something is named ([`Naming`]). Out: a [`Decision`]:
-//! candidate, fault, category and certainty as the columns of the verdict table define them
-//! (`schemas/verdicts.md`).
+//! In: one weight per class (phi, or a posterior probability), the probability of any class, and the
+//! rule by which something is named ([`Naming`]). Out: a [`Decision`] (`schemas/verdicts.md`).
 
 use crate::fault::{Named, Naming};
 
@@ -13,7 +11,6 @@ use crate::fault::{Named, Naming};
 pub struct Decision {
     /// The class with the largest weight; `None` if there were no weights to compare.
     pub candidate: Option<u16>,
-    /// The class that is named, because its weight reaches the bound.
     pub fault: Option<u16>,
     /// The category of the named class, or one that is certain although none of its classes is.
     pub category: Option<u16>,
@@ -23,7 +20,6 @@ pub struct Decision {
     pub likeness: Likeness,
 }
 
-/// Whether any known class explains the signal at all.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Likeness {
     #[default]
@@ -34,18 +30,15 @@ pub enum Likeness {
 }
 
 impl Decision {
-    /// The same decision, but nothing is named, because no known class looks like the signal.
     pub fn of_unknown_fault(self) -> Decision {
         Decision { fault: None, category: None, likeness: Likeness::NoClass, ..self }
     }
 
-    /// The decision about a signal that no ring explains: it has not even a candidate.
     pub fn of_no_ring() -> Decision {
         Decision { likeness: Likeness::NoRing, ..Decision::default() }
     }
 
-    /// The same decision with the candidate's weight as its certainty, also where a category is
-    /// named: sums of phi are no probability. `weights`: one per class.
+    /// With the candidate's weight as certainty, even of a category: sums of phi are no probability.
     pub fn certain_of_class(self, weights: &[f64]) -> Decision {
         let certainty = self.candidate.and_then(|k| unit(*weights.get(usize::from(k))?));
         Decision { certainty, ..self }
@@ -58,8 +51,7 @@ impl Decision {
 }
 
 impl Naming {
-    /// The class whose severity belongs to a decision: the named one, else the one with the largest
-    /// weight in the named category.
+    /// Whose severity belongs to a decision: the named class, or the best of the named category.
     pub fn sized(&self, decision: &Decision, weights: &[f64]) -> Option<usize> {
         let category = decision.category?;
         let of_category = (0..self.category_of.len()).filter(|&k| self.category_of[k] == category);
@@ -67,9 +59,8 @@ impl Naming {
         decision.fault.map(usize::from).or(best)
     }
 
-    /// Decides what is named ([`Naming::name`]). `weights`: one per class, with the sum 1;
-    /// `of_any`: the probability that the signal is of any class. If there are not as many weights
-    /// as classes, or one is not finite, there is not even a candidate.
+    /// `weights`: one per class, with the sum 1; `of_any`: the probability of any class. If a weight
+    /// is missing or not finite, there is not even a candidate.
     pub fn decide(&self, weights: &[f64], of_any: f64) -> Decision {
         let is_whole =
             weights.len() == self.category_of.len() && weights.iter().all(|w| w.is_finite());

@@ -7,15 +7,12 @@
 //! in rad, relative to the healthy ring) at one severity. The steps of [`fault_curve`]:
 //!
 //! 1. At 65 severities from no fault to the largest, change the rates by the law, simulate the
-//!    decay without noise, and fit a ring to it as to a signal, so that the fit's own bias (it
-//!    holds the healthy real pole) is part of the curve. ([`super::fault_simulator`])
+//!    decay without noise, and fit a ring to it as to a signal ([`super::fault_simulator`]).
 //! 2. Differentiate the features by each channel's own changes of its rates and gain, and by errors
 //!    of the parameters that all channels share (central differences).
 //! 3. Covariance of the features at a severity: the channels' own changes through the first
-//!    derivative, what is uncertain of the physics through the second (`Trust`), and the noise of a
-//!    fit.
-//! 4. Place nodes along the curve, at equal distances in standard deviations of a signal
-//!    (`nodes_along`).
+//!    derivative, what is uncertain of the physics through the second (`Trust`), and a fit's noise.
+//! 4. Place nodes along the curve, equally far apart in standard deviations of a signal.
 //! 5. Rotate each node's covariance to axes in which noise and other scatter are both diagonal
 //!    (`Node::scattered`), so that densities at any drive need no inversion.
 
@@ -42,15 +39,13 @@ pub struct HealthySpread {
 
 #[derive(Clone, Copy, Debug)]
 pub struct Conditions<'a> {
-    /// The signal's drive voltage over the reference voltage, divided by the ratio of the present
-    /// noise of a sample to that for which the curves were made. The features' noise variance is
-    /// that at the reference drive over the square of this number.
+    /// Drive over the reference, divided by the present noise over that for which the curves were
+    /// made: the features' noise variance is that at the reference drive over its square.
     pub drive: f64,
-    /// ln of the stiffness (a, b) and of the viscosity (g, d) of all channels, relative to those
-    /// for which the curves were made: another ink temperature, window or printhead.
+    /// ln of the stiffness (a, b) and of the viscosity (g, d) of all channels, relative to when the
+    /// curves were made: another ink temperature, window or printhead.
     pub changed: Vector2<f64>,
-    /// The channel's own healthy level; only with the curves of one channel
-    /// ([`Node::of_one_channel`]).
+    /// The channel's own healthy level; only with [`Node::of_one_channel`].
     pub baseline: Option<&'a Vector4<f64>>,
 }
 
@@ -60,13 +55,11 @@ impl Conditions<'_> {
     }
 }
 
-/// A Gaussian density of the features at one severity, ready to be compared with a signal. The
-/// nodes of alternatives to the classes stand for no severity.
+/// A Gaussian density of the features at one severity, or of an alternative, without severity.
 #[derive(Clone, Debug, Default)]
 pub struct Node {
     pub severity: f64,
-    /// Severity in the coordinate of [`Law::scale`], and the length there of the interval of
-    /// severities that the node stands for.
+    /// Severity in the coordinate of [`Law::scale`], and the length of the node's interval there.
     pub place: f64,
     pub length: f64,
     /// Prior probability of the assumption (`Trust`) on which `belief` rests.
@@ -88,8 +81,7 @@ pub struct Node {
 }
 
 impl Node {
-    /// Variances of the features themselves: of all scatter but the noise, and of the noise at the
-    /// reference drive.
+    /// Of the features: of all scatter but the noise, and of the noise at the reference drive.
     pub fn variances(&self) -> [Vector4<f64>; 2] {
         let back = self.to_axes.try_inverse().unwrap_or_else(Matrix4::identity);
         let along = |u: &Vector4<f64>| back * Matrix4::from_diagonal(u) * back.transpose();
@@ -103,14 +95,12 @@ impl Node {
 enum Trust {
     /// The law is right, and the rates are wrong as much as their posterior covariance says.
     InRates,
-    /// The rates are guesses (`guessed_rate`), and the law may miss `of_law` of each feature, or
-    /// `share_of_law` of the change.
+    /// The rates are guesses (`guessed_rate`); the law may miss `of_law`, or a share of the change.
     InDirection,
 }
 
 impl Trust {
-    /// Covariance of a node's mean. `believed`: [`Point::belief_slope`]; `mean`: the node's;
-    /// `belief`: covariance of the errors of the shared parameters.
+    /// `believed`: [`Point::belief_slope`]; `mean`: the node's; `belief`: of the shared parameters.
     fn covariance(self, believed: &Slope, mean: &Vector4<f64>, belief: &Square) -> Matrix4<f64> {
         match self {
             Trust::InRates => believed * belief * believed.transpose(),
@@ -131,15 +121,14 @@ impl Trust {
 const POINTS: usize = 64;
 /// Distance of neighbouring nodes, in standard deviations of a signal of any channel. A sum over
 /// Gaussians that lie h apart differs from their integral by 2 exp(-2 pi²/h²) of it (Poisson's
-/// summation formula), which is nothing here. About a channel's own level signals scatter less,
-/// down to a third: the difference becomes up to 2 %.
+/// summation formula): nothing here, but up to 2 % about a channel's own level, where signals
+/// scatter less, down to a third.
 const NODE_DISTANCE: f64 = 0.7;
 /// Largest number of nodes between two neighbouring points.
 const MOST_BETWEEN: f64 = 48.0;
 
-/// The nodes of one kind of fault, from no fault to the `largest` severity, once for each
-/// assumption about the physics. `law`: of any class of that kind. `None`: at one of the severities
-/// the channel does not ring or cannot be fitted.
+/// From no fault to the `largest` severity, once for each assumption. `law`: of any class of the
+/// kind. `None`: at some severity the channel does not ring or cannot be fitted.
 pub fn fault_curve(
     simulator: &mut FaultSimulator,
     law: &Law,
@@ -155,16 +144,14 @@ pub fn fault_curve(
     for trust in [Trust::InRates, Trust::InDirection] {
         nodes.extend(nodes_along(&points, law, trust, healthy)?);
     }
-    // Features are relative to the healthy ones, which a common change of stiffness or viscosity
-    // moves as well.
+    // features are relative to the healthy ones, which a common change moves as well
     let own = |node: &Node| of_change(&(node.slope - healthy.slope));
     nodes.iter_mut().for_each(|node| node.by_change = own(node));
     Some(nodes)
 }
 
-/// The nodes of a curve under one assumption, each for an interval of severities that is
-/// `NODE_DISTANCE` long at most (but for `MOST_BETWEEN`). `points`: at equal steps of their place.
-/// `None`: a covariance is singular.
+/// Each node is for an interval of severities of `NODE_DISTANCE` at most (but for `MOST_BETWEEN`).
+/// `points`: at equal steps of their place. `None`: a covariance is singular.
 fn nodes_along(
     points: &[Point],
     law: &Law,
@@ -219,9 +206,8 @@ fn nodes_along(
 }
 
 impl Node {
-    /// A node of an alternative to the classes: signals of healthy channels, displaced to `mean`
-    /// with the additional covariance `belief`. `noise`: covariance of a fit's noise there. `None`:
-    /// a covariance is singular or not finite.
+    /// For an alternative: signals of healthy channels, displaced to `mean` with the additional
+    /// covariance `belief`. `noise`: of a fit there. `None`: a covariance is singular.
     pub fn displaced(
         mean: Vector4<f64>,
         belief: Matrix4<f64>,
@@ -239,8 +225,7 @@ impl Node {
         self.scattered(&beyond)
     }
 
-    /// The node with `beyond` as the covariance of all scatter but the noise. `None`: the noise's
-    /// covariance is not positive definite, or a number is not finite.
+    /// `beyond`: covariance of all scatter but the noise. `None`: a covariance is singular.
     fn scattered(self, beyond: &Matrix4<f64>) -> Option<Node> {
         // With noise = L L^T, L^-1 whitens the noise; the eigenvectors of the scatter after that
         // make the scatter diagonal, too, and leave the noise white.
@@ -254,10 +239,9 @@ impl Node {
         finite.then_some(Node { to_axes, spread, ln_determinant, ..self })
     }
 
-    /// The node for signals of one channel whose healthy level (its baseline) is known: the mean of
-    /// its own changes is `gain` times the baseline, and `left` is the covariance that remains
-    /// ([`super::physics_density::FaultCurves::of_one_channel`]). `shot`: covariance of one
-    /// channel's signals beyond the noise. `None`: a covariance is singular.
+    /// For one channel whose baseline is known: its own changes have the mean `gain` times that,
+    /// and the covariance `left` ([`super::physics_density::FaultCurves::of_one_channel`]). `shot`:
+    /// covariance of its signals beyond the noise. `None`: a covariance is singular.
     pub fn of_one_channel(
         &self,
         gain: &SMatrix<f64, CHANGES, 4>,

@@ -2,9 +2,9 @@
 //! faults of which no signal was labelled. thesis (2-2), §2-2.
 //!
 //! In: a guess of the rates a, b, g, d and of the actuation, the measured healthy ring, features of
-//! healthy signals, and labelled faulty signals. Out: [`FaultPhysics`], which a design stores:
-//! rates and actuation with their covariance (`belief`), and how channels differ (`spread`).
-//! [`FaultPhysics::curves`] makes from it the curves of all fault classes and alternatives.
+//! healthy signals, labelled faulty signals. Out: [`FaultPhysics`], which a design stores: rates and
+//! actuation with their covariance (`belief`), how channels differ (`spread`); and from these the
+//! [`FaultPhysics::curves`] of all fault classes and alternatives.
 //!
 //! The estimate of the rates (maximum a posteriori):
 //!
@@ -38,8 +38,7 @@ use std::collections::BTreeMap;
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct FaultPhysics {
     pub channel: InkChannel,
-    /// The length of the pulse is estimated with the rates; the delay is a first guess, which
-    /// [`FaultSimulator`] adapts to the measured phase.
+    /// The pulse is estimated with the rates; the delay is a guess that [`FaultSimulator`] adapts.
     pub actuation: Actuation,
     /// Posterior covariance of ln a, ln b, ln g, ln d, ln pulse.
     pub belief: [[f64; CHANGES]; CHANGES],
@@ -53,7 +52,6 @@ pub struct FaultPhysics {
     pub laws: Catalogue,
 }
 
-/// A labelled faulty signal, with its severity if the label gives one.
 #[derive(Clone, Debug)]
 pub struct LabelledFault {
     pub class: String,
@@ -62,12 +60,10 @@ pub struct LabelledFault {
     /// NaN: the label gives none.
     pub severity: f64,
     pub features: Vector4<f64>,
-    /// Drive voltage over the reference voltage.
     pub drive: f64,
     /// ln damping and ln frequency of the healthy ring then, relative to [`FaultPhysics::ring`].
     pub ring: [f64; 2],
-    /// One over the number of labelled signals of its channel: signals of one channel are not
-    /// independent.
+    /// One over the number of labelled signals of its channel, which are not independent.
     pub weight: f64,
 }
 
@@ -76,18 +72,15 @@ pub type Sampling = (f64, usize);
 /// Number of Gauss-Newton steps; twice as many without labelled faults.
 const ROUNDS: usize = 6;
 const DEGREES: f64 = 3.0;
-/// Standard deviation of the measured healthy ring's ln damping and ln frequency. Small against all
-/// that is not known, so that its value does not matter.
+/// Standard deviation of the measured ln damping and ln frequency; its value does not matter.
 const RING_SD: f64 = 1e-3;
-/// Prior standard deviation of the ln of a common factor of a and b (stiffness), and of one of g
-/// and d (viscosity). Large against what the healthy ring tells of both, so that its value does not
-/// matter.
+/// Prior standard deviation of ln of a common factor of a and b (stiffness), and of one of g and d
+/// (viscosity). It is large enough for its value not to matter.
 const SCALE_SD: f64 = 1.0;
 
 impl FaultPhysics {
-    /// Estimates rates and pulse from the prior and the healthy ring alone. `guess_sd`: prior
-    /// standard deviation of each ln rate beside the common factors; `noise`: of one sample,
-    /// counts. `None`: no such channel rings.
+    /// From the prior and the healthy ring. `guess_sd`: prior standard deviation of each ln rate
+    /// beside the common factors; `noise`: of one sample, counts. `None`: no such channel rings.
     pub fn new(guess: ActuatedChannel, guess_sd: f64, ring: Ring, noise: f64) -> Option<Self> {
         let mut physics = FaultPhysics {
             channel: guess.channel,
@@ -116,9 +109,8 @@ impl FaultPhysics {
         FaultSimulator::new(fitter, healthy, self.noise)
     }
 
-    /// Learns `spread`. `features`: of each healthy signal, the phase free; `noise`: mean
-    /// covariance of their noise, 4 x 4; `channels`: how many the signals came from. `None`: fewer
-    /// than 16 signals, or numbers that are not finite; nothing is changed.
+    /// `features`: of each healthy signal, the phase free; `noise`: their mean covariance by noise,
+    /// 4 x 4; `channels`: their number. `None`: too few signals, or not finite; nothing is changed.
     pub fn learn_spread(
         &mut self,
         features: &[DVector<f64>],
@@ -132,10 +124,9 @@ impl FaultPhysics {
         Some(())
     }
 
-    /// Corrects rates and pulse by labelled signals. `guess`, `guess_sd`: as in
-    /// [`FaultPhysics::new`]. Left out are signals without severity or of unknown laws, and
-    /// severities at which a channel would not ring. `None`: the corrected channel would not ring;
-    /// some steps may have been taken by then, so the caller keeps a copy.
+    /// Corrects rates and pulse by labelled signals, but for those without severity, of unknown laws
+    /// or of channels that would not ring. `None`: the corrected channel would not ring; some steps
+    /// may have been taken by then, so the caller keeps a copy.
     pub fn learn_rates(
         &mut self,
         guess: ActuatedChannel,
@@ -161,14 +152,12 @@ impl FaultPhysics {
                     + point.noise / (signal.drive * signal.drive);
                 let Some(inverse) = scatter.try_inverse() else { continue };
 
-                // The healthy ring had changed by the time of the signal (ink temperature), and the
-                // faulty one with it; `rest` is what the prediction leaves.
+                // the healthy ring had changed by then (ink temperature), and the faulty one with it
                 let changed = change * Vector2::from(signal.ring);
                 let moved = of_change(&(point.slope - simulator.healthy_slope)) * changed;
                 let rest = wrapped(signal.features - point.mean - moved);
 
-                // Student's t in four dimensions: a signal far from its prediction may be labelled
-                // wrongly
+                // Student's t in four dimensions, against wrong labels
                 let square = rest.dot(&(inverse * rest));
                 let weight = signal.weight * (DEGREES + 4.0) / (DEGREES + square);
                 information +=
@@ -180,8 +169,7 @@ impl FaultPhysics {
         Some(())
     }
 
-    /// Derivative of (ln stiffness, ln viscosity) by (ln damping, ln frequency) of the healthy
-    /// ring: the inverse of the derivative the other way round.
+    /// Derivative of (ln stiffness, ln viscosity) by (ln damping, ln frequency) of the healthy ring.
     fn change(&self) -> Option<Matrix2<f64>> {
         let stiffer = |by: f64| ln_ring(&self.channel.times([by.exp(), by.exp(), 1.0, 1.0]));
         let thicker = |by: f64| ln_ring(&self.channel.times([1.0, 1.0, by.exp(), by.exp()]));
@@ -189,9 +177,8 @@ impl FaultPhysics {
             .try_inverse()
     }
 
-    /// One Gauss-Newton step; the posterior covariance before it becomes the `belief`.
-    /// `information`, `gradient`: of the labelled signals. `None`: the channel would not ring;
-    /// nothing is changed.
+    /// One Gauss-Newton step; the covariance before it becomes the `belief`. `information`,
+    /// `gradient`: of the labelled signals. `None`: the channel would not ring; nothing is changed.
     fn step(&mut self, prior: &Prior, information: Square, gradient: Changes) -> Option<()> {
         const MOST: f64 = 0.3;
         let theta = logs(&self.channel, &self.actuation);
@@ -201,8 +188,7 @@ impl FaultPhysics {
         let (mut total, mut slope) = (information + prior.information, gradient);
         slope += prior.information * (prior.mean - theta);
 
-        // the measured ring observes ln damping and ln frequency, each to `RING_SD`; the pulse (row
-        // 4) changes neither
+        // the ring observes ln damping and ln frequency, neither of which the pulse (row 4) changes
         let mut gradients = SMatrix::<f64, CHANGES, 2>::zeros();
         for j in 0..4 {
             let moved = |by: f64| {
@@ -236,8 +222,8 @@ impl FaultPhysics {
         Square::from_diagonal(&Changes::from(self.spread).map(|sd| sd * sd))
     }
 
-    /// The fault curves of `classes`, and behind them those of what is no class. Without any curve
-    /// where the healthy channel does not ring. This takes long (thousands of fits).
+    /// Behind those of `classes` come those of what is no class; none, where the healthy channel
+    /// does not ring. This takes long (thousands of fits).
     pub fn curves(&self, classes: &[Class], dt_s: f64, samples: usize) -> FaultCurves {
         let fitter = self.fitter((dt_s, samples));
         let simulator = self.simulator(&fitter);
@@ -251,7 +237,6 @@ impl FaultPhysics {
         };
         let mut curves = FaultCurves::new(classes.len(), healthy.clone());
         let Some(simulator) = simulator else { return curves };
-        // the curves of several laws, side by side on all cores
         let curves_of = |laws: Vec<&Law>| {
             side_by_side(cores(), laws, |law| {
                 let most = self.laws.largest(law);
@@ -259,8 +244,7 @@ impl FaultPhysics {
             })
         };
 
-        // Classes of one kind of fault share a curve. `numbered`: the kinds that ring, each with the
-        // number of its curve.
+        // classes of one kind share a curve; `numbered`: the kinds that ring, with the curves
         let laws = |class: &'_ Class| -> Vec<&Law> {
             class.of.iter().filter_map(|name| self.laws.law(name)).collect()
         };
@@ -299,9 +283,8 @@ impl FaultPhysics {
         curves
     }
 
-    /// What a fault of this severity adds to the healthy signal, N, counts, by two simulated decays
-    /// at the reference drive. `class`: the name of a law. `None`: there is none, or a channel does
-    /// not ring.
+    /// What a fault of this severity adds to the healthy signal at the reference drive, N, counts.
+    /// `class`: the name of a law. `None`: there is none, or a channel does not ring.
     pub fn deviation(&self, class: &str, severity: f64, sampling: Sampling) -> Option<Vec<f64>> {
         let fitter = self.fitter(sampling);
         let simulator = self.simulator(&fitter)?;
@@ -321,8 +304,7 @@ struct Prior {
 impl Prior {
     /// `guess_sd`: of each ln rate by itself. `None`: the covariance is singular.
     fn new(guess: ActuatedChannel, guess_sd: f64) -> Option<Prior> {
-        // A factor that a and b have in common, and one of g and d, are hardly known: they add a
-        // block of equal entries for each of both pairs.
+        // a factor that a and b have in common, and one of g and d, are hardly known: equal entries
         let mut covariance = Square::identity() * (guess_sd * guess_sd);
         for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1), (2, 2), (2, 3), (3, 2), (3, 3)] {
             covariance[(i, j)] += SCALE_SD * SCALE_SD;

@@ -11,13 +11,10 @@ use crate::model::ring_fit::{Features, FitBuffers, RingFitter};
 use crate::model::{Actuation, InkChannel};
 use nalgebra::{Matrix4, Matrix4x2, SMatrix, SVector, Vector4};
 
-/// Number of parameters in which a channel may differ from the mean channel: ln a, ln b, ln g, ln
-/// d, ln gain.
+/// Number of parameters in which channels differ: ln a, ln b, ln g, ln d, ln gain.
 pub const CHANGES: usize = 5;
-/// These changes, or errors of the parameters that all channels share: ln a, ln b, ln g, ln d, ln
-/// pulse.
+/// A channel's own changes of these; or errors of what all share: ln a, ln b, ln g, ln d, ln pulse.
 pub type Changes = SVector<f64, CHANGES>;
-/// Covariance of [`Changes`].
 pub type Square = SMatrix<f64, CHANGES, CHANGES>;
 /// Jacobian of the features with respect to [`Changes`].
 pub type Slope = SMatrix<f64, 4, CHANGES>;
@@ -28,8 +25,7 @@ pub struct ActuatedChannel {
     pub actuation: Actuation,
 }
 
-/// The features fitted to the simulated decay of the mean channel with a fault of one severity, and
-/// their derivatives.
+/// Features of the mean channel with a fault of one severity, and their derivatives.
 #[derive(Clone, Debug)]
 pub struct Point {
     pub place: f64,
@@ -49,7 +45,6 @@ struct Reference {
     origin: Vector4<f64>,
 }
 
-/// Simulates noise-free decays of the mean channel with faults, and fits them.
 #[derive(Clone)]
 pub struct FaultSimulator<'a> {
     fitter: &'a RingFitter,
@@ -69,8 +64,7 @@ pub struct FaultSimulator<'a> {
 const STEP: f64 = 0.01;
 
 impl<'a> FaultSimulator<'a> {
-    /// `noise`: standard deviation of one sample, counts. `None`: the healthy channel does not
-    /// ring.
+    /// `noise`: of one sample, counts. `None`: the healthy channel does not ring.
     pub fn new(fitter: &'a RingFitter, healthy: ActuatedChannel, noise: f64) -> Option<Self> {
         let ActuatedChannel { channel, actuation } = healthy;
         let reference = Reference { actuation, origin: Vector4::zeros() };
@@ -93,10 +87,9 @@ impl<'a> FaultSimulator<'a> {
         Some(simulator)
     }
 
-    /// The actuation `set` with its delay adapted such that the simulated healthy phase is the
-    /// measured one (a fitted phase of 0), and the healthy features then: the measured phase
-    /// determines the delay far better than a setting does. Where that would need a negative delay
-    /// or a shift of phase beyond 1.5 rad, the delay remains as set.
+    /// The actuation `set` with the delay that makes the simulated healthy phase the measured one (a
+    /// fitted phase of 0), which determines it best; and the healthy features then. The delay
+    /// remains as set if it would be negative or shift the phase beyond 1.5 rad.
     fn reference(&mut self, set: Actuation) -> Option<Reference> {
         const MOST_PHASE_RAD: f64 = 1.5;
         let omega = std::f64::consts::TAU * self.healthy_poles.frequency_hz;
@@ -116,8 +109,7 @@ impl<'a> FaultSimulator<'a> {
         Some(Reference { actuation, origin })
     }
 
-    /// Features fitted, with the phase free, to the simulated decay of a channel with gain 1, from
-    /// `near` or else from a coarse search.
+    /// Features fitted, the phase free, to a decay with gain 1, from `near` or by a coarse search.
     fn fit(
         &mut self,
         channel: &InkChannel,
@@ -134,8 +126,7 @@ impl<'a> FaultSimulator<'a> {
     }
 
     /// Features, as fitted, of the channel after `fault` has changed its rates, and their
-    /// derivatives by the channel's own [`CHANGES`], by central differences in the rates before the
-    /// fault.
+    /// derivatives by the channel's own [`CHANGES`] before the fault, by central differences.
     fn slope(
         &mut self,
         fault: &dyn Fn(InkChannel) -> Option<InkChannel>,
@@ -166,8 +157,7 @@ impl<'a> FaultSimulator<'a> {
         decay.iter().all(|y| y.is_finite()).then_some(decay)
     }
 
-    /// The point of a fault whose severity is given in the coordinate of [`Law::scale`]. `None`: a
-    /// channel with that fault does not ring or cannot be fitted.
+    /// `place`: the severity in the coordinate of [`Law::scale`]. `None`: no ring fits the decay.
     pub fn point(&mut self, law: &Law, place: f64) -> Option<Point> {
         let severity = law.severity_at(place);
         let fault = |channel: InkChannel| law.apply(severity, &channel);
@@ -184,11 +174,10 @@ impl<'a> FaultSimulator<'a> {
         let gain = Vector4::new(law.gain(severity).ln(), 0.0, 0.0, 0.0);
         let mean = wrapped(found + gain - believed.origin);
 
-        // Errors of the believed rates change faulty and healthy features alike; but the healthy
-        // ones were measured and must stay, so only the difference of the two derivatives counts.
-        // The healthy phase is kept by another delay, 1 / omega times what the error would add to
-        // the phase; that turns and damps the faulty ring otherwise than the healthy one: hence the
-        // corrections.
+        // Errors of the believed rates change healthy and faulty features alike, but the healthy
+        // ones were measured: only the difference of the derivatives counts. The healthy phase is
+        // kept by another delay, 1 / omega times what the error would add to the phase, which turns
+        // and damps the faulty ring otherwise than the healthy one: hence the corrections.
         let Poles { damping_per_s, frequency_hz, .. } = self.healthy_poles;
         let omega = std::f64::consts::TAU * frequency_hz;
         let mut belief_slope = slope - self.healthy_slope;
@@ -203,8 +192,7 @@ impl<'a> FaultSimulator<'a> {
     }
 }
 
-/// Derivatives of the features by ln stiffness, which a and b have in common, and by ln viscosity,
-/// which g and d have in common.
+/// Derivatives by ln stiffness (of a and b alike) and by ln viscosity (of g and d alike).
 pub fn of_change(slope: &Slope) -> Matrix4x2<f64> {
     let column = |i: usize, j: usize| slope.column(i) + slope.column(j);
     Matrix4x2::from_columns(&[column(0, 1), column(2, 3)])

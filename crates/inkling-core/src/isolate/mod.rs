@@ -2,15 +2,14 @@
 //! whether it is of any class at all, and how severe the fault is.
 //!
 //! In: residuals or fitted rings of flagged signals, and per fault class what is known of its
-//! signals. Out: a weight per class, and what may be said on the strength of the weights. Whether a
-//! signal is faulty is decided before, in `detect`. `design/isolator.rs` and `design/named_ring.rs`
-//! put these parts together.
+//! signals. Out: a weight per class, and what may be said on the strength of the weights.
+//! `design/isolator.rs` and `design/named_ring.rs` put these parts together.
 //!
-//! * The default method, a posterior over the classes from the features of a fitted ring:
-//!   [`fault_physics`] (the channel's parameters), [`fault_curve`] with [`fault_simulator`] (what a fault does to the
+//! * The default, a posterior over the classes from a fitted ring's features: [`fault_physics`] (the
+//!   channel's parameters), [`fault_curve`] with [`fault_simulator`] (what a fault does to the
 //!   features), [`physics_density`] with `node_columns` (densities along these curves),
-//!   [`class_density`] (densities from labelled signals), [`posterior`] and [`stacking`] (both together),
-//!   [`alternatives`] (what is no class), [`typical`] (what may lie beside the ring).
+//!   [`class_density`] (densities from labelled signals), [`posterior`] and [`stacking`] (both
+//!   together), [`alternatives`] (what is no class), [`typical`] (what may lie beside the ring).
 //! * The thesis's methods: [`residual_matching`] with [`signatures`], [`model_matching`],
 //!   [`neighbours`].
 //! * From weights to words: [`decision`], [`severity`] with [`calibration`], [`appearance`].
@@ -42,7 +41,7 @@ pub use residual_matching::Simplex;
 pub use settings::{IsolateMethod, IsolateSettings, IsolateSignal};
 pub use signatures::SignatureMatrix;
 
-/// The largest number of fault classes that a design can hold: scratch space of the stream has this size.
+/// Largest number of classes of a design: scratch space of the stream has this size.
 pub const MAX_CLASSES: usize = 32;
 
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -10,7 +10,6 @@ use super::IsolateError;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Neighbours {
     samples: usize,
-    /// k, how many neighbours vote.
     neighbours: usize,
     /// The residuals one after another, `samples` counts each.
     residuals: Vec<f32>,
@@ -18,8 +17,7 @@ pub struct Neighbours {
 }
 
 impl Neighbours {
-    /// Keeps the class and the residual of each example. Errors: k is 0 or more than there are
-    /// examples, or a residual is not finite in f32.
+    /// An error if k is 0 or above the number of examples, or if a residual is not finite in f32.
     pub fn new(examples: &[(u16, Vec<f64>)], neighbours: usize) -> Result<Self, IsolateError> {
         if neighbours == 0 || neighbours > examples.len() {
             return Err(IsolateError::NeighbourCount { neighbours, found: examples.len() });
@@ -43,10 +41,8 @@ impl Neighbours {
         }
         let square =
             |example: &[f32]| example.iter().zip(&r).map(|(a, b)| (a - b) * (a - b)).sum::<f32>();
-        // the squared distance to each training residual, and its number, which breaks ties
         let squares = self.residuals.chunks_exact(self.samples).map(square);
         let mut nearest: Vec<(f32, usize)> = squares.zip(0..).collect();
-        // only which residuals are the k nearest matters, not their order
         nearest.select_nth_unstable_by(self.neighbours - 1, |p, q| {
             p.0.total_cmp(&q.0).then(p.1.cmp(&q.1))
         });

@@ -1,15 +1,13 @@
 //! The nodes of a fault curve as a structure of arrays with bounding boxes, so that a signal is
 //! compared with several nodes at once, and only with those near it.
 //!
-//! In: once the nodes of a curve; then a signal's features and conditions. Out: what
-//! `Node::ln_density` (in the tests) says of all nodes that are not negligible, up to a factor of
-//! the curve. The steps:
+//! In: once the nodes of a curve; then a signal's features and conditions. Out: the densities at all
+//! nodes that are not negligible (`Node::ln_density` in the tests), up to a factor. The steps:
 //!
-//! 1. Nodes are stored in blocks of [`NODES`], each with its bounding box in the features, and
-//!    sixteen boxes side by side. A block is left out where the features lie far outside of its box
-//!    in one coordinate (`near`).
-//! 2. For the nodes of the other blocks: the squared Mahalanobis distance and the height of the
-//!    peak (`Block::compare`). In a node's axes the covariance is diagonal at any drive.
+//! 1. Nodes are stored in blocks of [`NODES`], each with its bounding box in the features. A block
+//!    is left out where the features lie far outside of its box in one coordinate (`near`).
+//! 2. For the other nodes: the squared Mahalanobis distance and the height of the peak
+//!    (`Block::compare`). In a node's axes the covariance is diagonal at any drive.
 //! 3. Exponentials relative to the nearest node (`densities`), so that nothing underflows.
 //!
 //! Differences of features are taken in f64, all else in f32, of which a register holds twice as
@@ -26,15 +24,13 @@ pub type OfNodes<T = f32> = [T; NODES];
 /// Number of boxes that are tested together.
 const BOXES: usize = 16;
 type OfBoxes = [f32; BOXES];
-/// Squared distance in one coordinate, in variances, beyond which a node is negligible: there its
-/// density is e^-30 of its peak.
+/// Squared distance in one coordinate, in variances, beyond which a density is e^-30 of its peak.
 const FAR: f32 = 60.0;
 /// Number of coordinates of the boxes: all features but the phase, which is periodic.
 const COORDINATES: usize = 3;
 
 #[derive(Clone, Debug)]
 pub struct NodeColumns {
-    /// The nodes one by one.
     pub nodes: Vec<Node>,
     boxes: Vec<Boxes>,
     blocks: Vec<Block>,
@@ -61,18 +57,15 @@ struct Bounds {
 #[derive(Clone, Debug)]
 struct Block {
     severity: OfNodes<f64>,
-    /// By feature.
     mean: [OfNodes<f64>; 4],
     /// By feature and change, or feature and feature of the baseline.
     by_change: [[OfNodes; 2]; 4],
     by_baseline: [[OfNodes; 4]; 4],
     /// By axis and feature.
     to_axes: [[OfNodes; 4]; 4],
-    /// By axis.
     spread: [OfNodes; 4],
-    /// -2 ln of the determinant of the node's `to_axes` over the curve's largest, which is added to
-    /// the squared distance; infinity for copies. Logarithms, since where fits hardly tell a ring
-    /// the determinants differ by more than single precision holds.
+    /// -2 ln of the determinant of the node's `to_axes` over the curve's largest, a part of the
+    /// squared distance; infinity for copies. Without logarithms single precision would not do.
     lower: OfNodes,
 }
 
@@ -123,7 +116,6 @@ fn boxes(blocks: &[&[Node]]) -> Boxes {
     let variances: Vec<Vec<[Vector4<f64>; 2]>> =
         blocks.iter().map(|nodes| nodes.iter().map(Node::variances).collect()).collect();
     std::array::from_fn(|k| {
-        // one value per block, and `none` for boxes without a block
         let of_boxes = |none: f32, of: &dyn Fn(usize) -> f64| -> OfBoxes {
             std::array::from_fn(|b| if b < blocks.len() { of(b) as f32 } else { none })
         };
@@ -148,7 +140,6 @@ fn boxes(blocks: &[&[Node]]) -> Boxes {
 #[inline(always)] // compiled once per instruction set
 fn near<const OWN: bool>(boxes: &Boxes, query: Query) -> u32 {
     let Query { changed, own, noise, .. } = query;
-    // a box loses its bit in a coordinate where the signal is too far away
     let mut inside: [u32; BOXES] = std::array::from_fn(|b| 1 << b);
     for (bounds, x) in boxes.iter().zip(query.x) {
         let (x, [first, second]) = (x as f32, &bounds.by_change);
@@ -171,7 +162,6 @@ fn near<const OWN: bool>(boxes: &Boxes, query: Query) -> u32 {
     inside.iter().fold(0, |all, bit| all | bit)
 }
 
-/// Iterates over the places of the bits that are set.
 #[inline(always)] // compiled once per instruction set
 fn each_of(mut bits: u32) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
@@ -276,7 +266,6 @@ impl Block {
             let turn = if d[3] > PI { TAU } else { 0.0 } - if d[3] < -PI { TAU } else { 0.0 };
             d[3] -= turn;
 
-            // square of the coordinate along axis k, and its variance: spread plus noise
             let along = |k: usize| {
                 let to_axes = &self.to_axes[k];
                 let along = to_axes[0][i] * d[0]

@@ -31,7 +31,6 @@ pub struct FaultCurves {
     /// Per class its kinds of fault (empty: of no law, or none that rings), and behind the classes
     /// the alternatives, each as if it were a class.
     classes: Vec<Vec<SeverityPrior>>,
-    /// How the severities of each class are corrected, if they are.
     pub(super) calibrations: Vec<Option<Calibration>>,
     /// In the order in which they stand behind the classes.
     alternatives: Vec<Weighted>,
@@ -45,8 +44,7 @@ struct Weighted {
     weight: f64,
 }
 
-/// A kind of fault that a class stands for: the number of its curve, and the distribution of
-/// severities over the curve's nodes.
+/// One kind of fault that a class stands for.
 #[derive(Clone, Debug)]
 pub struct SeverityPrior {
     pub curve: usize,
@@ -54,7 +52,6 @@ pub struct SeverityPrior {
     pub share: Vec<OfNodes>,
 }
 
-/// A fault that a class stands for: its law, and the number of the curve of its kind.
 #[derive(Clone, Copy, Debug)]
 pub struct Member<'a> {
     pub law: &'a Law,
@@ -75,7 +72,7 @@ pub struct LabelledSeverities {
 const MOST_QUANTILES: usize = 64;
 
 impl LabelledSeverities {
-    /// The quantiles of pairs of severity and weight. Severities that are not finite are left out.
+    /// Of pairs of severity and weight; severities that are not finite are left out.
     pub fn new(mut severities: Vec<(f64, f64)>) -> LabelledSeverities {
         severities.retain(|(s, _)| s.is_finite());
         severities.sort_unstable_by(|p, q| p.0.total_cmp(&q.0));
@@ -106,15 +103,12 @@ impl FaultCurves {
         }
     }
 
-    /// The curves for one channel whose own healthy level, its baseline, is the mean of the
-    /// features of `signals` healthy signals. The means of the nodes then depend on the baseline
-    /// ([`Conditions::baseline`]), which need not be known here. `shot`: covariance of one
-    /// channel's signals beyond the noise. `None`: a covariance is singular.
-    ///
-    /// This is a Kalman update: the prior of the channel's own changes is the covariance S over all
-    /// channels, and the baseline = slope changes + error is the observation. With the gain K = S
-    /// slope' (slope S slope' + error)^-1 the changes are K baseline, with the covariance S - K
-    /// slope S.
+    /// The curves for one channel whose own healthy level, its baseline ([`Conditions::baseline`],
+    /// not needed here), is the mean of the features of `signals` healthy signals. `shot`:
+    /// covariance of one channel's signals beyond the noise. `None`: a covariance is singular. This
+    /// is a Kalman update: the channel's own changes have the prior covariance S of all channels,
+    /// and the baseline = slope changes + error observes them. With the gain K = S slope' (slope S
+    /// slope' + error)^-1 they are K baseline, with the covariance S - K slope S.
     pub fn of_one_channel(&self, shot: &Matrix4<f64>, signals: f64) -> Option<FaultCurves> {
         let HealthySpread { slope, channels, noise, .. } = &self.healthy;
         // covariance of the baseline's error, and of the baseline in all
@@ -138,8 +132,7 @@ impl FaultCurves {
     }
 
     /// Gives class number `k` the curves of its members, which are equally likely, with severities
-    /// distributed as at the head of this file. If members are of several kinds, their severities
-    /// have no common unit, so `seen` is ignored.
+    /// distributed as the header says. `seen` counts only if all are of one kind, with one unit.
     pub fn set(&mut self, k: usize, members: &[Member], seen: Option<&LabelledSeverities>) {
         let mut curves: Vec<usize> = members.iter().map(|member| member.curve).collect();
         curves.sort_unstable();
@@ -179,8 +172,7 @@ impl FaultCurves {
         self.calibrations[k] = learned.or_else(|| members.first().map(guessed));
     }
 
-    /// Adds an alternative behind the classes. `weight`: its share a priori of what is flagged;
-    /// `share`: how likely each node of `curve` is within it, up to a factor.
+    /// `weight`: its a priori share of what is flagged; `share`: of each node, up to a factor.
     pub(super) fn add_alternative(
         &mut self,
         what: Alternative,
@@ -195,8 +187,7 @@ impl FaultCurves {
         self.alternatives.push(Weighted { what, weight });
     }
 
-    /// [`Conditions::changed`] where the healthy ring has changed by `ring` (ln damping, ln
-    /// frequency).
+    /// `ring`: how ln damping and ln frequency of the healthy ring have changed.
     pub fn changed(&self, ring: [f64; 2]) -> Vector2<f64> {
         self.healthy.change * Vector2::from(ring)
     }
@@ -206,7 +197,6 @@ impl FaultCurves {
         self
     }
 
-    /// The kinds of fault that class number `k` stands for.
     pub fn class(&self, k: usize) -> &[SeverityPrior] {
         self.classes.get(k).map_or(&[], Vec::as_slice)
     }
@@ -221,10 +211,9 @@ impl FaultCurves {
         &self.alternatives[number].what
     }
 
-    /// The number of that contrast which explains the features best, regardless of its weight, if
-    /// by the physics it is about as likely as a class: a twin, which one decay does not tell from
-    /// the class. `ln_class`: ln density in the class, by the physics, too, since labelled signals
-    /// make it narrower and say nothing of the twin.
+    /// The contrast that explains the features best, whatever its weight, if by the physics it is
+    /// about as likely as a class: a twin, which one decay does not tell from it. `ln_class`: by
+    /// the physics, since labelled signals make a class narrower and say nothing of the twin.
     pub fn twin(&self, ln_alternatives: &[f64], ln_class: f64) -> Option<usize> {
         let contrasts = self.alternatives.iter().zip(ln_alternatives).enumerate();
         let contrasts =
@@ -234,7 +223,6 @@ impl FaultCurves {
         (ln_class.is_finite() && ln >= ln_class + Appearance::AS_WELL.ln()).then_some(number)
     }
 
-    /// Compares the four features of a signal with every curve.
     pub fn compare(&self, features: &[f64], conditions: Conditions, out: &mut Comparison) {
         let x = Vector4::from_column_slice(features);
         compare(self, &x, conditions, out);
@@ -262,8 +250,7 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mu
             node_columns::densities(columns, compared, &mut of.densities) - LN_TAU_SQUARED;
     }
 
-    // Per class the mean of the densities over its severities, as `expectations` times e^`scales`,
-    // sixteen classes at a time, so that their logarithms are computed together.
+    // per class the mean of the densities over its severities: `expectations` times e^`scales`
     for (classes, lns) in of.classes.chunks(CLASSES).zip(ln_densities.chunks_mut(CLASSES)) {
         let (mut expectations, mut scales) = ([1.0; CLASSES], [f64::NEG_INFINITY; CLASSES]);
         for (l, kinds) in classes.iter().enumerate() {
@@ -320,7 +307,6 @@ pub struct CurveComparison {
 }
 
 impl SeverityPrior {
-    /// The sum of share times density.
     #[inline(always)] // compiled once per instruction set
     fn expectation(&self, densities: &[NodeDensities]) -> f64 {
         let mut sums = [0.0; NODES];
@@ -346,8 +332,7 @@ pub(super) fn uniform_in_range(nodes: &[Node], law: &Law) -> Vec<f64> {
     nodes.iter().map(inside).collect()
 }
 
-/// Per node a kernel density of the labelled severities times the length of its interval and its
-/// weight. Not normalised.
+/// Per node a kernel density of the labels times the node's length and weight. Not normalised.
 fn as_labelled(nodes: &[Node], law: &Law, seen: &LabelledSeverities) -> Vec<f64> {
     let places: Vec<f64> = seen.severities.iter().map(|&s| law.scale(s)).collect();
     let width = bandwidth(&places, seen.n);
@@ -358,10 +343,9 @@ fn as_labelled(nodes: &[Node], law: &Law, seen: &LabelledSeverities) -> Vec<f64>
     nodes.iter().map(density).collect()
 }
 
-/// Bandwidth of the kernel density. `places`: the labelled severities in the coordinate of
-/// [`Law::scale`]; `n`: number of signals, which may exceed that of quantiles. sd n^-.35 is
-/// narrower than Silverman's rule for Gaussians, because severities fill a range; the exponent, and
-/// the .1 for a single severity, are somewhat arbitrary.
+/// `places`: the labelled severities in the coordinate of [`Law::scale`]; `n`: number of signals,
+/// which may exceed that of quantiles. sd n^-.35 is narrower than Silverman's rule, because
+/// severities fill a range; the exponent, and the .1 for one severity, are somewhat arbitrary.
 fn bandwidth(places: &[f64], n: f64) -> f64 {
     let m = places.len() as f64;
     if places.len() < 2 {

@@ -17,8 +17,8 @@ use std::sync::OnceLock;
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Posterior {
-    /// Ln densities are divided by this before they are compared: more than 1 where they are
-    /// overconfident. It is 1, too, where some labelled class has fewer than `few` examples.
+    /// Divides ln densities: more than 1 where they are overconfident. It is 1, too, where some
+    /// labelled class has fewer than `few` examples.
     pub temperature: f64,
     /// Learned from labelled signals; `None`: the class has none, and the physics stands alone.
     pub classes: Vec<Option<ClassDensity>>,
@@ -38,11 +38,9 @@ impl Posterior {
         Posterior { of_own: of_own.map(Box::new), ..self }
     }
 
-    /// Writes the posterior of each class into `weights`. They sum to 1, or are NaN if the features
-    /// have no density in any class. `features`: four; `physics`: the physics' ln densities of
-    /// these, empty where there is no physics; `priors`: of each class. `ln_densities` receives the
-    /// ln density of the features in every class, before temperature and priors, with -infinity
-    /// where it is negligible.
+    /// `weights` receives the posterior of each class, NaN if the features have no density in any.
+    /// `physics`: its ln densities of the four features, empty where there is none; `ln_densities`
+    /// receives those of the mixtures, before temperature and priors, -infinity where negligible.
     pub fn weigh(
         &self,
         features: &[f64],
@@ -57,15 +55,14 @@ impl Posterior {
             (0..self.classes.len()).map(of).collect()
         });
 
-        // The physics' part of each class's density. The largest density is no less than the
-        // largest part.
+        // the largest density is no less than the largest of the physics' parts
         let of_physics = |k: usize| physics.get(k).map(|physics| physics + ln_shares[k][0]);
         let largest_part =
             (0..physics.len()).filter_map(of_physics).fold(f64::NEG_INFINITY, f64::max);
 
         // Most classes are so far away that their learned densities need not be computed: `weights`
-        // holds the squared distances at first. Classes that are nearly all physics are left out of
-        // `nearest`, as their learned density says little.
+        // holds the squared distances at first. `nearest` leaves out classes of nearly pure
+        // physics.
         let mut nearest = f64::INFINITY;
         for (k, (square, class)) in weights.iter_mut().zip(&self.classes).enumerate() {
             *square = class.as_ref().map_or(f64::INFINITY, |class| class.square(features));
@@ -77,8 +74,7 @@ impl Posterior {
         for (k, (w, class)) in weights.iter_mut().zip(&self.classes).enumerate() {
             let near = *w < nearest + self.temperature * FAR || nearest == f64::INFINITY;
             let physics = of_physics(k);
-            // Nor does a learned density count whose upper bound is negligible beside the physics'
-            // part of the same class, or beside the largest such part.
+            // nor do those whose upper bound is negligible beside the physics, of this class or any
             let ln_learned = ln_shares[k][1];
             let counts = |class: &&ClassDensity| {
                 let highest = ln_learned + class.ln_highest() - 0.5 * *w;
@@ -87,7 +83,6 @@ impl Posterior {
                         && highest > largest_part - self.temperature * NEGLIGIBLE
                 })
             };
-            // without any physics the learned density stands alone, else the two are mixed
             let learned = ln_or_none(class.as_ref().filter(|_| near).filter(counts), features);
             *w = physics.map_or(learned, |physics| sum_of(learned + ln_learned, physics));
         }
@@ -100,8 +95,7 @@ impl Posterior {
 /// A class whose squared distance exceeds the nearest one's by this, times the temperature, has a
 /// density smaller by a factor of e^-60: far more than peak densities differ by.
 const FAR: f64 = 120.0;
-/// ln of the ratio of two densities beyond which the smaller is below the last digit of a
-/// certainty.
+/// ln ratio of two densities beyond which a certainty does not show the smaller in any digit.
 const NEGLIGIBLE: f64 = 17.0;
 /// ln of the ratio of two numbers from which on the smaller does not change the sum.
 pub(super) const ROUNDED_AWAY: f64 = 40.0;
@@ -117,13 +111,11 @@ pub(super) fn sum_of(p: f64, q: f64) -> f64 {
     most + ((p - most).exp() + (q - most).exp()).ln()
 }
 
-/// ln density in a class; -infinity where the class has no density.
 pub(super) fn ln_or_none(class: Option<&ClassDensity>, x: &[f64]) -> f64 {
     class.map_or(f64::NEG_INFINITY, |class| class.ln_density(x))
 }
 
-/// Turns ln densities into a posterior, in place; into NaN if all of them are -infinity. `priors`:
-/// empty: all are alike.
+/// In place; NaN if all are -infinity. `priors`: empty: all are alike.
 pub(super) fn to_posterior(temperature: f64, priors: &[f64], weights: &mut [f64]) {
     let most = weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let by = 1.0 / temperature;

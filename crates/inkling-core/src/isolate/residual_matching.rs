@@ -10,30 +10,26 @@
 //! weight; their signatures are affinely independent. The steps:
 //!
 //! 1. Start at the nearest single signature.
-//! 2. Gradient G phi - c. On the support all its entries are equal at a minimum. Of the other
-//!    classes the one with the lowest entry enters; if none is lower than on the support, phi is
-//!    the solution.
-//! 3. Minimise q over the affine hull of the support (`Search::settle`): solve by a Cholesky
-//!    factor, and go towards the minimum until a weight becomes 0. Drop that class, and repeat
-//!    until the minimum itself is reached. Go on with step 2.
+//! 2. Gradient G phi - c, whose entries on the support are equal at a minimum. The class with the
+//!    lowest other entry enters; if none is lower than on the support, phi is the solution.
+//! 3. Minimise q over the affine hull of the support (`Search::settle`): go towards the minimum
+//!    until a weight becomes 0, drop that class, and repeat until the minimum itself is reached. Go
+//!    on with step 2.
 //!
 //! Every step lowers q, so no support comes back and the search ends; it allocates nothing.
 
 use super::{MAX_CLASSES, SignatureMatrix};
 
-/// A pivot below this, relative to its diagonal, counts as zero: the signature is an affine
-/// combination of the others.
+/// A pivot below this, relative to its diagonal, is zero: the signature depends on the others.
 const DEPENDENT: f64 = 1e-11;
-/// A class enters only if its gradient lies below that of the support by more than this, relative
-/// to the problem's size; less is rounding.
+/// A class enters only if its gradient is lower by more than this, relative to the problem's size.
 const STATIONARY: f64 = 1e-14;
 
 /// One value per class.
 type Row = [f64; MAX_CLASSES];
 
-/// The part of the problem that all signals share. Since sum phi = 1, the same vector can be
-/// subtracted from all signatures and the residual. Without their mean, what signatures have in
-/// common costs no digits.
+/// What all signals share. Since sum phi = 1, the mean signature can be subtracted from all
+/// signatures and the residual, so that what signatures have in common costs no digits.
 #[derive(Clone, Debug)]
 pub struct Simplex {
     n: usize,
@@ -90,10 +86,8 @@ struct Search<'a> {
     problem: &'a Simplex,
     /// c for the centred signatures over `scale`.
     b: Row,
-    /// The weights so far, by class.
     phi: Row,
-    /// Class numbers in the order in which they entered; the first is the origin of the affine
-    /// hull.
+    /// In the order in which they entered; the first is the origin of the affine hull.
     support: [usize; MAX_CLASSES],
     size: usize,
     /// Lower Cholesky factor of the Gram matrix of the support's differences from its origin,
@@ -114,7 +108,6 @@ impl<'a> Search<'a> {
         Search { problem, b, phi, support, size: 1, factor }
     }
 
-    /// Lets classes enter the support until no gradient favours one, and writes phi to `out`.
     fn run(mut self, out: &mut [f64]) {
         let n = self.problem.n;
         let size = 1.0 + self.b[..n].iter().fold(0.0, |m: f64, b| m.max(b.abs()));
@@ -123,7 +116,7 @@ impl<'a> Search<'a> {
         let mut barred = [false; MAX_CLASSES];
         // the bound on the number of rounds is for rounding alone
         for _ in 0..20 * n {
-            // gradient of half the squared distance, and its mean over the support
+            // gradient of q, and its mean over the support
             let mut gradient: Row = [0.0; MAX_CLASSES];
             for (j, g) in gradient[..n].iter_mut().enumerate() {
                 let product: f64 = self.support[..self.size]
@@ -182,8 +175,7 @@ impl<'a> Search<'a> {
                 }
             }
             if !reach.is_finite() {
-                // no class falls along the dependence, which only rounding can cause: the last one
-                // to enter leaves
+                // only rounding leads here: the last class to enter leaves
                 blocking = Some(self.size - 1);
                 reach = 0.0;
             }
@@ -220,8 +212,7 @@ impl<'a> Search<'a> {
                 if q < p {
                     self.factor[row + q - 1] = rest / self.factor[other + q - 1];
                 } else {
-                    // compared with the difference, and also with the two signatures, since their
-                    // rounding is no pivot
+                    // relative to the signatures, too, since their rounding is no pivot
                     let size = whole.max(1e-4 * (g(s[p], s[p]) + g(o, o)));
                     if rest.is_nan() || rest <= DEPENDENT * size {
                         return Some(p);
@@ -257,7 +248,6 @@ impl<'a> Search<'a> {
     fn to_minimum(&self, step: &mut Row) {
         let (b, o) = (&self.b, self.support[0]);
         let g = |i, j| self.problem.gram(i, j);
-        // the normal equations in the differences from the origin
         let (x, sum) = self.solve(self.size, |i| (b[i] - b[o]) - (g(i, o) - g(o, o)));
         // the origin takes what is left of 1
         for p in 1..self.size {

@@ -22,8 +22,7 @@ named! {
         ResidualMatching "residual-matching";
         /// Thesis §3-3-1: by one identified model per fault class; the smallest residual wins.
         ModelMatching "model-matching";
-        /// Thesis §4-3-1: by the shares of the classes among the `neighbours` nearest training
-        /// signals.
+        /// Thesis §4-3-1: by the shares of the classes among the nearest training signals.
         Neighbours "neighbours";
     }
 }
@@ -40,39 +39,30 @@ pub enum IsolateSignal {
     Deviation,
 }
 
-/// The section `[isolate]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct IsolateSettings {
     pub method: IsolateMethod,
-    /// What `residual-matching` and `neighbours` compare.
     pub signal: IsolateSignal,
-    /// Number k of `neighbours`.
     pub neighbours: usize,
-    /// Share of a class's own training signals whose residual energy the bound of `model-matching`
-    /// lets through.
+    /// Share of a class's own training signals that the bound of `model-matching` lets through.
     pub matching_share: f64,
-    /// Whether only flagged signals are isolated; false: every signal, as in the thesis's Tables
-    /// 4-3ff.
+    /// Whether only flagged signals are isolated; false: all, as in the thesis's Tables 4-3ff.
     pub gate: bool,
     /// Smallest weight with which a class or category is named, 0 to 1.
     pub certainty: f64,
-    /// How frequent a class is among faults, relative to 1 for the classes that are not listed; of
-    /// `posterior` only.
+    /// How frequent a class is among faults, 1 if it is not listed; of `posterior` only.
     pub priors: BTreeMap<String, f64>,
-    /// Names of the user's own, each with the classes of the thesis or of `physics` that it stands
-    /// for; for `train` only.
+    /// Names of the user's own, each with the classes that it stands for; for `train` only.
     pub classes: BTreeMap<String, Vec<String>>,
-    /// Whether a design knows by the physics the thesis's fault classes of which no signal is
-    /// labelled.
+    /// Whether a design gets by the physics the thesis's classes of which no signal is labelled.
     pub unlabelled_classes: bool,
     /// Laws of the user's own, by name, beside those of `faults.toml`.
     #[serde(skip_serializing_if = "Catalogue::is_empty")]
     pub physics: Catalogue,
     /// Width of the actuation pulse, s; absent: as usual at the ring's frequency.
     pub pulse_s: Option<f64>,
-    /// The steps of the actuation, if it is no single rectangular pulse: of each the duration, s,
-    /// and the voltage relative to the drive's.
+    /// Duration, s, and voltage over the drive's, of each step if there is no single pulse.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub waveform: Vec<[f64; 2]>,
     /// Time from the end of the pulse to t_a, s; a first guess, which the healthy phase refines.
@@ -104,7 +94,6 @@ impl Default for IsolateSettings {
 }
 
 impl IsolateSettings {
-    /// Refuses a value that is out of range, and says which key holds it.
     pub fn check(&self) -> Result<(), String> {
         check("neighbours", self.neighbours, 1..=1000, "1 to 1000")?;
         for (class, weight) in &self.priors {
@@ -138,8 +127,7 @@ impl IsolateSettings {
         Ok(())
     }
 
-    /// Refuses names of the user's own that are taken or empty, and classes that are unknown or
-    /// stand under two names.
+    /// Refuses names that are taken or empty, and classes that are unknown or under two names.
     fn check_classes(&self) -> Result<(), String> {
         let mut taken: BTreeMap<&str, &str> = BTreeMap::new();
         let known: Vec<&str> = CLASSES.into_iter().chain(self.physics.own_classes()).collect();
@@ -174,8 +162,7 @@ impl IsolateSettings {
         declared.map_or(label, |(name, _)| name)
     }
 
-    /// Prior probability of each class; they sum to 1. An error if `priors` names no class of the
-    /// design.
+    /// They sum to 1. An error if `priors` names no class of the design.
     pub fn prior_weights(&self, classes: &[String]) -> Result<Vec<f64>, IsolateError> {
         if let Some(name) = self.priors.keys().find(|name| !classes.contains(name)) {
             let classes = classes.join(", ");

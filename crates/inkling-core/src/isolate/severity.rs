@@ -3,12 +3,11 @@
 //! In: a signal compared with the fault curves, the class that was named, and the posterior of all
 //! classes. Out: mean and standard deviation of the severity's posterior:
 //!
-//! 1. Within one class a sum over the nodes of the kind's curve ([`super::fault_curve`]). The
-//!    likelihood of a node is the density of the features there, its prior the node's share in the
-//!    class ([`FaultCurves::set`]).
+//! 1. Within one class a sum over the nodes of the kind's curve ([`super::fault_curve`]): the
+//!    density of the features there is the likelihood, the node's share in the class the prior.
 //! 2. Calibrated by labels, or widened where there are none ([`super::calibration`]).
-//! 3. Classes of the same kind that differ only in degree (slightly, medium, deeply dried) are
-//!    mixed by their posterior weights, since none of them may be certain.
+//! 3. Classes of one kind that differ in degree only (slightly, medium, deeply dried) are mixed by
+//!    their posterior weights, since none of them may be certain.
 
 use super::calibration::Severity;
 use super::node_columns::{self, NODES, NodeDensities};
@@ -16,16 +15,13 @@ use super::physics_density::{Comparison, FaultCurves, SeverityPrior};
 use crate::processor::for_processor;
 
 impl FaultCurves {
-    /// The severity of a signal whose fault is of the kind of `class` (an index), in the unit of
-    /// that kind. `weights`: the posterior of all classes, of which the ratios within the kind
-    /// matter; `of`: the signal as compared with these curves. `None`: the physics knows no such
-    /// class, the class is of several kinds without a common unit, no class of the kind has a
-    /// weight above .001, or all nodes are negligible.
+    /// In the unit of the kind of `class` (an index). `weights`: the posterior of all classes, of
+    /// which the ratios within the kind matter. `None`: the class is of no law or of several kinds,
+    /// no class of its kind has a weight above .001, or all nodes are negligible.
     pub fn severity(&self, class: usize, weights: &[f64], of: &Comparison) -> Option<Severity> {
         let [SeverityPrior { curve, .. }] = *self.class(class) else { return None };
         let densities = &of.of_curves.get(curve)?.densities;
-        // Weighted moments of the mixture over all classes of the kind: they share a curve, and
-        // differ in their prior of the severity and in their calibration.
+        // classes of one kind share a curve, and differ in their prior and their calibration
         let (mut value, mut square, mut total) = (0.0, 0.0, 0.0);
         for (k, weight) in weights.iter().enumerate().filter(|(_, weight)| **weight > 1e-3) {
             let [sizes] = self.class(k) else { continue };
@@ -43,8 +39,7 @@ impl FaultCurves {
             total += weight;
         }
 
-        // 0 / 0 where no class or no node counts; the variance is that within the classes plus that
-        // between them
+        // 0 / 0 where no class or no node counts; the variance is that within and between classes
         let value = value / total;
         let variance = (square / total - value * value).max(0.0);
         value.is_finite().then_some(Severity { value, sd: variance.sqrt() })
@@ -52,8 +47,7 @@ impl FaultCurves {
 }
 
 for_processor! {
-    /// Moments of order 0, 1 and 2 of the severity, with share times density as the weight of each
-    /// node; not normalised.
+    /// Moments of order 0, 1 and 2 of the severity, nodes weighted by share times density.
     fn moments(of: &FaultCurves, sizes: &SeverityPrior, densities: &[NodeDensities]) -> [f64; 3] { portable }
 }
 

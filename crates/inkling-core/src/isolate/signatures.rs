@@ -1,9 +1,8 @@
 //! The estimation matrix R of thesis §3-3-2, and the inner products of signals with it.
 //!
-//! In: for each fault class its *signature* rho, N counts: the residual, by the FD filter, of the
-//! class's mean deviation per unit drive, or that deviation itself (`isolate.signal`). Out: R, from
-//! which [`super::residual_matching`] learns once how the signatures lie to each other; then, per
-//! signal, c = R^T r.
+//! In: for each fault class its *signature* rho, N counts: the residual of the class's mean
+//! deviation per unit drive, or that deviation itself (`isolate.signal`). Out: R, from which
+//! [`super::residual_matching`] learns once how signatures lie; then, per signal, c = R^T r.
 
 use super::IsolateError;
 use crate::model::inner_product::dot;
@@ -18,8 +17,7 @@ pub struct SignatureMatrix {
 }
 
 impl SignatureMatrix {
-    /// R from its columns, one for each class, all of one length. Errors: numbers that are not
-    /// finite or whose products are not.
+    /// One column per class, all of one length. An error if a number or a product is not finite.
     pub fn new(columns: &[&[f64]]) -> Result<SignatureMatrix, IsolateError> {
         let finite = |what, numbers: &[f64]| match numbers.iter().position(|v| !v.is_finite()) {
             Some(index) => Err(IsolateError::NotFinite { what, index }),
@@ -32,9 +30,8 @@ impl SignatureMatrix {
         Ok(SignatureMatrix { r })
     }
 
-    /// Writes c = R^T x (n_f, counts²) into `c`. `x`: N, counts; the residual, or the deviation if
-    /// the columns are those of F^T R. If the lengths differ, only the samples that both have
-    /// count.
+    /// Writes c = R^T x (n_f, counts²). `x`: N, counts; the residual, or the deviation if the
+    /// columns are those of F^T R. Only samples that both have count.
     pub fn project(&self, x: &[f64], c: &mut [f64]) {
         let n = self.r.nrows().min(x.len());
         for (c, column) in c.iter_mut().zip(self.r.column_iter()) {

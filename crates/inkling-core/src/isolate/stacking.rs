@@ -1,14 +1,12 @@
 //! Learns a [`Posterior`] from labelled signals and from what the physics predicts for them.
 //!
-//! In: labelled features per class, and the ln densities that the physics predicts for them. Out:
-//! the posterior's learned densities, the weights of the physics, and the temperature:
+//! In: labelled features per class, and the physics' ln densities of them. Out: the posterior's
+//! learned densities, the weights of the physics, and the temperature:
 //!
 //! 1. Cross-validation gives, for each example, the learned densities that have not seen it.
-//! 2. `share`, the weight of the physics, is that which predicts the held-out examples best, by
-//!    expectation maximisation: first one for all classes, then one per class with the first as its
-//!    prior.
-//! 3. The temperature is that which makes the held-out posteriors likeliest. It is 1 or more, so it
-//!    only takes certainty away.
+//! 2. `share`, the weight of the physics, predicts the held-out examples best, by expectation
+//!    maximisation: first one for all classes, then one per class with the first as its prior.
+//! 3. The temperature, 1 or more, makes the held-out posteriors likeliest.
 
 use super::class_density::{ClassDensity, mean_and_scatter};
 use super::posterior::{Posterior, ln_or_none, sum_of, to_posterior};
@@ -23,8 +21,7 @@ pub struct Examples {
     pub features: Vec<DVector<f64>>,
     /// Covariance of a fit's noise at the class's mean.
     pub noise: DMatrix<f64>,
-    /// Whether the examples suffice for the ends of a range ([`ClassDensity`]). A subset for
-    /// cross-validation inherits this, so that it is judged like the whole.
+    /// Whether they suffice for the ends of a range; inherited by a subset for cross-validation.
     pub tell_ends: bool,
 }
 
@@ -58,16 +55,12 @@ impl Posterior {
         Posterior::stack(&examples, &none, &vec![false; examples.len()])
     }
 
-    /// Learns the densities where the physics has a density for some classes, and where some
-    /// classes have no examples. `examples`: per class; `physics`: per class and example, the
-    /// physics' ln density of that example in every class (n_f numbers); `in_physics`: per class,
-    /// whether the physics has a density for it. `None`: a class has neither density.
-    ///
-    /// The mixtures' weights are by expectation maximisation on held-out examples (stacking,
-    /// Wolpert 1992). The prior of the one weight of all classes counts as `few` examples that the
-    /// physics alone explains; it is the prior of each class's own weight, which counts as `few`
-    /// examples again. So the physics stands nearly alone at first, and keeps its weight as far as
-    /// it predicts the examples.
+    /// Learns the densities where only some classes have a density by the physics (`in_physics`),
+    /// and only some have examples. `physics`: per class and example, the physics' ln density of
+    /// that example in every class (n_f numbers). `None`: a class has neither density. The prior of
+    /// the one weight of all classes counts as `few` examples that the physics alone explains; that
+    /// weight, as `few` examples, is the prior of each class's own (stacking, Wolpert 1992). So the
+    /// physics keeps its weight as far as it predicts the examples.
     pub fn stack(
         examples: &[Option<Examples>],
         physics: &[Rows],
@@ -102,10 +95,8 @@ impl Posterior {
     }
 }
 
-/// The physics' mixture weight that maximises the likelihood of held-out examples times a prior, by
-/// expectation maximisation. `examples`: pairs of ln densities (learned, physics); `before`: the
-/// prior mean, which counts as `few` examples. An example that has no density by either counts
-/// against the physics.
+/// `examples`: pairs of ln densities (learned, physics); `before`: the prior mean, which counts as
+/// `few` examples. An example that has no density by either counts against the physics.
 fn share(before: f64, examples: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
     let mut share = 0.5 * before;
     for _ in 0..50 {
@@ -117,7 +108,6 @@ fn share(before: f64, examples: impl Iterator<Item = (f64, f64)> + Clone) -> f64
             }
             n += 1.0;
         }
-        // the mean of these probabilities, those of the prior included
         share = (sum / n).clamp(1e-6, 1.0);
     }
     share
@@ -128,8 +118,7 @@ fn mixed(learned: f64, physics: f64, share: f64) -> f64 {
     sum_of(learned + (1.0 - share).ln(), physics + share.ln())
 }
 
-/// All examples of a class but those of fold number `part` of `parts`, to which they belong in
-/// turn; `None`: none is left.
+/// All examples but those whose number modulo `parts` is `part`; `None`: none is left.
 fn without(class: &Examples, part: usize, parts: usize) -> Option<Examples> {
     let kept = class.features.iter().enumerate().filter(|(i, _)| i % parts != part);
     let features: Vec<DVector<f64>> = kept.map(|(_, x)| x.clone()).collect();
@@ -137,9 +126,8 @@ fn without(class: &Examples, part: usize, parts: usize) -> Option<Examples> {
     (!features.is_empty()).then(|| of(features))
 }
 
-/// Per class and example the ln density of that example in every class, learned without the
-/// example's fold; -infinity in classes of which no density could be learned. `physics`: only its
-/// shape is used (classes x examples x classes), which the result has, too.
+/// Per class and example the ln density in every class, learned without the example's fold;
+/// -infinity where none could be learned. `physics`: for its shape only, which the result has.
 fn unseen(examples: &[Option<Examples>], physics: &[Rows], parts: usize) -> Vec<Rows> {
     let mut unseen = physics.to_vec();
     for part in 0..parts {
@@ -157,10 +145,8 @@ fn unseen(examples: &[Option<Examples>], physics: &[Rows], parts: usize) -> Vec<
 }
 
 /// The one of `TEMPERATURES` with the largest mean ln posterior of held-out examples in their own
-/// class, with equal priors and all classes weighted equally; if examples are `scarce` the highest
-/// that is plausible, since the likeliest is too low as often as too high, and too low a
-/// temperature makes verdicts certain and wrong. `unseen`, `physics`: ln densities, classes x
-/// examples x classes.
+/// class, classes weighted equally; if examples are `scarce` the highest plausible one, since too
+/// low a one makes verdicts certain and wrong. `unseen`, `physics`: classes x examples x classes.
 fn temperature(scarce: bool, unseen: &[Rows], physics: &[Rows], physics_share: &[f64]) -> f64 {
     let mut weights = vec![0.0; unseen.len()];
     let score = |temperature: f64| -> f64 {
@@ -180,8 +166,7 @@ fn temperature(scarce: bool, unseen: &[Rows], physics: &[Rows], physics_share: &
         (0..unseen.len()).map(of_class).sum()
     };
 
-    // Times the mean number of examples of the labelled classes the scores are about ln
-    // likelihoods, which `PLAUSIBLE` refers to.
+    // times the mean number of labelled examples scores are about ln likelihoods (`PLAUSIBLE`)
     let labelled = unseen.iter().filter(|rows| !rows.is_empty()).count();
     let examples = unseen.iter().map(Vec::len).sum::<usize>() as f64 / labelled.max(1) as f64;
     let scores = TEMPERATURES.map(score).map(|score| score * examples);

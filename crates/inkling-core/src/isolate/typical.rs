@@ -15,7 +15,6 @@ use crate::model::student::next_exceeds;
 use crate::numbers::tuned::least_rate;
 use serde::{Deserialize, Serialize};
 
-/// What signals of every class usually leave beside their rings, and the bounds.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Typical {
     /// Principal directions of the misfits of all classes together; rows of N, orthonormal.
@@ -28,15 +27,13 @@ pub struct Typical {
 }
 
 impl Typical {
-    /// Mean square over the noise's of a misfit (N, in standard deviations of a sample's noise), in
-    /// which what is usual in class `k` counts less. `size`: amplitude of the ring over the healthy
-    /// one at the reference drive, each in units of its own noise, to which the usual misfit is
-    /// proportional.
+    /// Mean square of a misfit (N, in standard deviations of a sample's noise), in which what is
+    /// usual in class `k` counts less. `size`: amplitude of the ring over the healthy one at the
+    /// reference drive, each in units of its own noise; the usual misfit is proportional to it.
     pub fn misfit_of(&self, misfit: &[f64], size: f64, k: usize) -> f64 {
         let mut square = dot(misfit, misfit);
         for (direction, spread) in self.directions.iter().zip(&self.spread[k]) {
-            // Along a direction the variance is 1 + spread, so along² / (1 + spread) takes the
-            // place of along² (a rank-one update of the inverse covariance).
+            // along² / (1 + spread) for along²: a rank-one update of the inverse covariance
             let (along, spread) = (dot(direction, misfit), spread * size * size);
             square -= along * along * spread / (1.0 + spread);
         }
@@ -44,9 +41,8 @@ impl Typical {
     }
 }
 
-/// Upper bound, exceeded with the probability `least_rate`, on [`Typical::misfit_of`] of a further
-/// signal of a class. `misfits`: values of some of its signals, whose logarithms are taken for
-/// Gaussian. Infinity for fewer than two.
+/// Upper bound on [`Typical::misfit_of`] of a further signal of a class, exceeded with probability
+/// `least_rate`. `misfits`: of some signals, taken for lognormal; infinity if fewer than two.
 pub fn misfit_bound(misfits: &[f64]) -> f64 {
     let ln: Vec<f64> = misfits.iter().map(|v| v.max(f64::MIN_POSITIVE).ln()).collect();
     next_exceeds(&ln, least_rate()).exp()
