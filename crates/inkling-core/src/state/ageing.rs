@@ -1,15 +1,13 @@
-//! How far the channels of a head have moved apart: what most of them do is ageing, what one does
-//! is a fault.
+//! How far a head's channels have moved apart: what most do is ageing, what one does is a fault.
 //!
 //! In: for each channel of a sweep how far it has moved (`Channel::moved`): 4 numbers, in standard
 //! deviations of what healthy channels move by. Out: the covariance of these over the channels
 //! ([`Apart`]), and each channel's squared distance by it.
 //!
-//! A robust covariance is taken (`robust`): what fewer than half of the channels do hardly changes
-//! it. It is a full one, because ageing moves features together. Healthy channels that do not age
-//! have the covariance 1, and one that chance gives every other such head is taken for 1. A distance
-//! by the covariance of few channels is as rare as Hotelling's T² makes it; it is turned into the
-//! chi-squared that is as rare (`as_if_known`).
+//! The covariance is robust (`robust`): what fewer than half of the channels do hardly changes it.
+//! It is a full one, because ageing moves features together. Healthy channels that do not age have
+//! the covariance 1, and one that chance gives every other such head is taken for 1. A distance by
+//! that of few channels becomes the chi-squared that is as rare (`as_if_known`).
 
 use super::kind::Features;
 use super::process::DRIFTED;
@@ -36,7 +34,6 @@ const AGED: f64 = 4.0;
 /// Normal distributions would need .975 / .916; the numbers above were chosen with this one.
 const OF_WITHIN: f64 = 0.975 / 0.94;
 
-/// How far a head's channels have moved, or lie from all of them, as a covariance.
 pub struct Apart {
     /// The covariance's principal directions, in columns, and the variances along these, 1 or more.
     axes: Matrix4<f64>,
@@ -54,9 +51,8 @@ impl Apart {
         Apart { axes, variances, learned_from: None, each_its_own_way: false }
     }
 
-    /// Learns the covariance from what channels moved by, variances raised to 1. It is taken for 1
-    /// where channels are too few, and, where healthy channels surely move by that (`is_known`),
-    /// unless chance seldom leads to so large a variance.
+    /// Learns the covariance. It is taken for 1 where channels are too few, and, where healthy
+    /// channels surely move by that (`is_known`), unless chance seldom leads to so large a variance.
     pub fn learn(moved: &[Features], is_known: bool) -> Apart {
         let edge = by_chance(OFTEN, moved.len());
         let eigen = robust(moved).map(|of| of.symmetric_eigen());
@@ -74,15 +70,13 @@ impl Apart {
         }
     }
 
-    /// Variances of the four coordinates: how many times as far apart the channels lie as healthy
-    /// ones, squared.
+    /// How many times as far apart the channels lie as healthy ones, squared, by coordinate.
     pub fn wider(&self) -> Features {
         (self.axes * Matrix4::from_diagonal(&self.variances) * self.axes.transpose()).diagonal()
     }
 
-    /// Squared distance of what a channel moved by, as a chi-squared of four degrees of freedom.
-    /// `times`: the channel's past lies so many times as long ago as the others' pasts
-    /// (`Channel::times_as_long`), and so ageing moved it so many times as far.
+    /// As a chi-squared of four degrees of freedom. `times`: the channel's past lies so many times
+    /// as long ago as the others' (`Channel::times_as_long`): ageing moved it so many times as far.
     pub fn square(&self, moved: &Features, times: f64) -> f64 {
         let square = self.by_variances(moved, times);
         self.learned_from.map_or(square, |n| as_if_known(square, n))
@@ -94,7 +88,7 @@ impl Apart {
         self.by_variances(moved, times) < DRIFTED
     }
 
-    /// Squared Mahalanobis distance by the variances as they are. What they have beyond 1 is ageing.
+    /// Squared Mahalanobis distance; what the variances have beyond 1 is ageing.
     fn by_variances(&self, moved: &Features, times: f64) -> f64 {
         let along = self.axes.transpose() * moved;
         let of = |x: f64, v: f64| x * x / (1.0 + (v - 1.0) * times * times);
@@ -107,8 +101,7 @@ fn by_chance(c: f64, channels: usize) -> f64 {
     (1.0 + c / (channels.max(1) as f64).sqrt()).powi(2)
 }
 
-/// The factor by which chance overestimates the standard deviation of healthy channels' differences
-/// in about one of a hundred heads.
+/// Factor by which chance raises healthy channels' standard deviation in one of a hundred heads.
 pub fn rarely_apart(channels: usize) -> f64 {
     by_chance(RARELY, channels).sqrt()
 }

@@ -1,9 +1,8 @@
 //! What is known of one channel: where it lies from its head's level while it is healthy, where
 //! while it is faulty, and how probable it is that it is faulty now, in canonical coordinates.
 //!
-//! In: sweep by sweep a look, less the head's level, and what `level` puts it down to; pauses; and
-//! how far the channel has moved compared with the others. Out: the healthy and the faulty mean, and
-//! the probability of a fault.
+//! In: sweep by sweep a look, less the head's level, and what `level` puts it down to; pauses; how
+//! far the channel has moved beside others. Out: healthy and faulty mean, probability of a fault.
 //!
 //! When a day is over, the mean of its healthy looks is added to three means over about 4, 16 and 64
 //! days (`RUNG_DAYS`), as at most 1 / `between`² looks, because a channel differs by `between` from
@@ -34,9 +33,8 @@ impl Sum {
         Vector4::from(self.sum) / self.looks.max(f64::MIN_POSITIVE)
     }
 
-    /// Mean and variance, after these looks, of a channel that was expected about zero with the
-    /// variance `spread`. `noise`: of one look. Per coordinate, with n looks, the variance is 1 /
-    /// (1/spread + n/noise), and the mean that times sum / noise.
+    /// Of a channel expected about zero with the variance `spread`; `noise`: of one look. With n
+    /// looks the variance is 1 / (1/spread + n/noise), the mean that times sum / noise.
     pub fn posterior(&self, spread: &Features, noise: &Features) -> (Features, Features) {
         let shrunk = spread.zip_map(noise, |s2, v| s2 / (v + self.looks * s2));
         (shrunk.component_mul(&Vector4::from(self.sum)), shrunk.component_mul(noise))
@@ -71,8 +69,7 @@ pub struct Channel {
     pub faulty_days: f64,
     /// Probability that the channel is faulty before the next look.
     pub is_faulty: f64,
-    /// At least 1 while the channel is taken for faulty because its level has drifted, or lies apart
-    /// from all other channels': the squared distance over the bound for that distance. Else 0.
+    /// At least 1 while its level has drifted or lies apart: squared distance over bound. Else 0.
     pub off: f64,
 }
 
@@ -126,8 +123,7 @@ pub fn wide(spread: &Features) -> Features {
 }
 
 impl Channel {
-    /// Where the channel lies while it is healthy: the mean over the last days and today, which
-    /// counts as at most one day beside a past.
+    /// The mean over the last days and today, which counts as at most one day beside a past.
     pub fn healthy(&self) -> Sum {
         let (mut all, past) = (self.today, &self.past[USUAL]);
         if past.looks > 0.0 {
@@ -176,7 +172,6 @@ impl Channel {
             }
         }
 
-        // the spread of all channels, and the variance of the mean
         let all = if self.stays_faulty() { self.faulty } else { self.healthy() };
         if all.looks > 0.0 {
             let variance = spread + noise / all.looks;
@@ -195,17 +190,14 @@ impl Channel {
         self.is_faulty > 0.5 && self.knows_fault()
     }
 
-    /// Decides, after each sweep, whether the channel lies where a healthy one would:
+    /// Decides, after each sweep, whether the channel lies where a healthy one would. `squares`:
+    /// squared distances of what [`Channel::moved`] returns (`Apart::square`).
     ///
-    /// * A healthy channel that lies beyond a bound becomes faulty, at its present level. Its healthy
-    ///   level is then what it was long ago if it has drifted from there, or unknown.
-    /// * A faulty channel is taken for healthy again, at its present level, where it has moved no
-    ///   further than the others of its ageing head (`is_alike`); or where it has no known healthy
-    ///   level and lies within the bounds.
-    ///
-    /// `squares`: squared distances of what [`Channel::moved`] returns (`Apart::square`).
+    /// * A healthy channel beyond a bound becomes faulty, at its present level. Its healthy level is
+    ///   then what it was long ago if it has drifted from there, or unknown.
+    /// * A faulty channel becomes healthy, at its present level, where it has moved no further than
+    ///   the others of its ageing head (`is_alike`), or is within the bounds and knows no level.
     pub fn watch(&mut self, squares: [f64; RUNGS + 1], is_alike: bool) {
-        // the squared distances over their bounds: beyond 1 the channel drifts, or lies apart
         let drifted = squares[..RUNGS].iter().copied().fold(0.0, f64::max) / DRIFTED;
         let off = drifted.max(squares[RUNGS] / ODD_ONE);
         if self.stays_faulty() {

@@ -1,5 +1,4 @@
-//! One printhead: its level, and each of its channels from there, filtered sweep by sweep in the
-//! order of time.
+//! One printhead: its level, and its channels from there, filtered in the order of time.
 //!
 //! In: a sweep, that is, looks at many channels of the head within one stretch of time ([`Look`]).
 //! Out: what the sweep tells of the level ([`SweepOutcome`]), the channels' own levels and how far
@@ -40,19 +39,16 @@ pub struct OwnLevel {
     pub channel: u32,
     pub looks: f64,
     pub at: Features,
-    /// At least 1: the channel's level has drifted or lies apart, by this multiple of the bound. 0:
-    /// it has not.
+    /// At least 1: its level drifted or lies apart, by this multiple of the bound. 0: it did not.
     pub off: f64,
 }
 
-/// What is known of a printhead now; [`Head::sweep`] takes in what is heard of it next.
 #[derive(Clone, Debug)]
 pub struct Head {
     pub(super) kind: Kind,
     /// The level, what all channels have in common, and its covariance; both canonical.
     pub(super) level: Features,
     pub(super) covariance: Matrix4<f64>,
-    /// What is known of each channel that is followed, by its number.
     pub channels: BTreeMap<u32, Channel>,
     pub(super) within: Within,
     /// When the head was heard last, ns; `None`: not before the recording.
@@ -67,9 +63,8 @@ pub struct Head {
 }
 
 /// How far healthy looks lie off their own channels, canonical: noise, and what differs from drop to
-/// drop. A design does not know how much of healthy signals' differences lasts, so a head begins with
-/// nothing lasting, and learns by its looks how much is.
-/// head begins with nothing lasting, and its looks then tell how much is.
+/// drop. A design does not know how much of healthy signals' differences lasts, so a head begins
+/// with nothing lasting and learns by its looks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Within {
     /// Mean square, as a matrix, of looks' distances from the mean of their channel's looks before.
@@ -78,8 +73,7 @@ pub(super) struct Within {
 }
 
 impl Within {
-    /// Variance of one look about its channel: between the noise of the design and what healthy
-    /// signals differ by.
+    /// Of one look about its channel: between the design's noise and what healthy signals differ by.
     fn noise(&self, spread: &Features) -> Features {
         self.covariance.diagonal().zip_map(spread, |v, s2| v.clamp(1.0, 1.0 + s2))
     }
@@ -97,15 +91,13 @@ impl Within {
         spread.add_scalar(1.0) - self.noise(spread)
     }
 
-    /// Takes in one more look. `square`: an unbiased measurement of the covariance; `weight`: the
-    /// probability that the look is healthy.
+    /// `square`: unbiased measurement of the covariance; `weight`: probability of a healthy look.
     fn learn(&mut self, square: Matrix4<f64>, weight: f64) {
         self.looks = (self.looks + weight).min(process::most_within());
         self.covariance += (square - self.covariance) * (weight / self.looks);
     }
 }
 
-/// What one sweep over a head's channels tells of the head's level.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SweepOutcome {
     /// The level lies there: features from the base ring, and their standard deviations.
@@ -147,8 +139,8 @@ impl Head {
         self.heard_ns = self.heard_ns.filter(|heard_ns| *heard_ns < t_ns);
     }
 
-    /// Sets the level to what a window of the same recording says, before sweeps from `t_ns` on,
-    /// without a pause.
+    /// Sets the level by a window of the same recording, for sweeps from `t_ns` on: this is no
+    /// pause.
     pub fn begin_at(&mut self, at: &Features, t_ns: i64) {
         (self.level, self.heard_ns) = (self.kind.to * at, t_ns.checked_sub(1));
     }
@@ -198,8 +190,7 @@ impl Head {
         SweepOutcome::Strange { level: self.kind.from * explained.level }
     }
 
-    /// Lets the level's covariance grow by what it walks between two sweeps, however long that is,
-    /// and tells whether there was a pause.
+    /// Lets the level walk once, however long ago the last sweep was, and tells whether it paused.
     fn walk(&mut self, t_ns: i64) -> bool {
         let dt_ns = self.heard_ns.map_or(u64::MAX, |before| t_ns.abs_diff(before));
         self.heard_ns = Some(t_ns);
@@ -254,9 +245,8 @@ impl Head {
         Some(best)
     }
 
-    /// The level that explains a sweep, and how it got there. `None`: too few channels. `explain`
-    /// always finds a likeliest level; here it is asked whether the move is larger than this head can
-    /// make, and, if the level did more than walk, whether the channels have moved with it.
+    /// `None`: too few channels. `explain` always finds a likeliest level; here it is asked whether
+    /// this head can move so far, and whether the channels have moved with it.
     fn find(&mut self, looks: &[Look], no_rings: usize, paused: bool) -> Option<Explained> {
         if looks.is_empty() || self.channels.len().max(looks.len()) < FEWEST {
             return None;
@@ -287,8 +277,7 @@ impl Head {
         Some(of)
     }
 
-    /// Updates the level, then by each look the scatter about channels and the look's channel. Where
-    /// too few looks agree, level and scatter stay.
+    /// Updates the level, the scatter and the channels. If too few looks agree, the first two stay.
     fn learn(&mut self, t_ns: i64, looks: &[Look], of: &Explained) {
         let spread = self.kind.spread;
 
@@ -323,7 +312,6 @@ impl Head {
         }
     }
 
-    /// Compares the channels with how far all have moved apart (`Apart`, `Channel::watch`).
     fn watch(&mut self, looks: &[Look]) {
         let (spread, noise) = (self.kind.spread, self.noise());
 
@@ -368,7 +356,6 @@ impl Head {
         }
     }
 
-    /// Variance of one look about where its channel lies, canonical.
     fn noise(&self) -> Features {
         self.within.noise(&self.kind.spread)
     }
@@ -384,8 +371,7 @@ impl Head {
         self.within.lasting(spread).sum() / spread.sum().max(f64::MIN_POSITIVE)
     }
 
-    /// How many times as far the channels lie from each other as the design says, in the canonical
-    /// coordinate in which that is most.
+    /// How many times as far apart the channels lie as the design says, in the widest coordinate.
     pub fn wider(&self) -> f64 {
         self.wider.max().sqrt()
     }
@@ -419,8 +405,7 @@ impl Head {
     }
 }
 
-/// Squared distances beyond which a channel is compared with all channels of its head, in the order
-/// of [`Channel::moved`].
+/// Squared distances, as by [`Channel::moved`], beyond which channels are compared with all.
 const BOUNDS: [f64; RUNGS + 1] = [DRIFTED, DRIFTED, DRIFTED, ODD_ONE];
 /// Up to this value of `Head::wider` channels count as lying as the design says.
 const ALIKE: f64 = 1.01;

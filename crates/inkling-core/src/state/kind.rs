@@ -1,6 +1,5 @@
-//! How a kind of printhead scatters and moves, whatever one printhead of it does; and the canonical
-//! coordinates, in which the noise of one look has covariance 1 and healthy channels' spread is
-//! diagonal.
+//! How a kind of printhead scatters and moves; and the canonical coordinates, in which the noise of
+//! one look has covariance 1 and healthy channels' spread is diagonal.
 //!
 //! In: three covariances of features, from a design (`Judge::kind`): N of one look's noise, S of
 //! healthy channels, L of what moves all channels at once. Out: W with W N W' = 1 and W S W' =
@@ -13,7 +12,6 @@ use nalgebra::{Matrix4, Vector4};
 /// same in canonical coordinates, in standard deviations of one look's noise.
 pub type Features = Vector4<f64>;
 
-/// How a kind of head scatters and moves: what a design says of it.
 #[derive(Clone, Debug)]
 pub struct Kind {
     /// W, which leads from features to canonical coordinates.
@@ -30,8 +28,7 @@ pub struct Kind {
 }
 
 impl Kind {
-    /// From the covariances N, S and L of features, N at the reference drive. `ring` is 0 until the
-    /// caller sets it. `None`: `noise` is no covariance.
+    /// `noise` (N): at the reference drive; `None`: it is no covariance. `ring` begins as 0.
     pub fn new(noise: &Matrix4<f64>, spread: &Matrix4<f64>, leap: &Matrix4<f64>) -> Option<Kind> {
         let root = noise.cholesky()?.l();
         let inverse = root.try_inverse()?;

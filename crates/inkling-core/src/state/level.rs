@@ -7,9 +7,9 @@
 //!
 //! The density of a look given h is a sum of four hypotheses: its channel is healthy, has a new
 //! fault, has its old fault again, or was replaced. Expectation-maximisation alternates between (1)
-//! the probability of each hypothesis for each look, and with it how frequent faults are in this
-//! sweep ([`Odds`]), and (2) the h that is the mean of prior and looks, each weighted by its
-//! probability of being healthy. The formula stands in `docs/state.md` ("The model").
+//! the probability of each hypothesis for each look, with how frequent faults are in this sweep
+//! ([`Odds`]), and (2) the h that is the mean of prior and looks, weighted by their probability of
+//! being healthy (formula in `docs/state.md`, "The model").
 
 use super::channel::{Channel, Responsibility, wide};
 use super::kind::{Features, Kind};
@@ -30,7 +30,6 @@ pub enum Move {
 
 const MOVES: [Move; 3] = [Move::Walk, Move::Leap, Move::Strange];
 
-/// Where the level is expected: a Gaussian for each way in which it may have moved.
 #[derive(Clone, Debug)]
 pub struct Expected {
     pub level: Features,
@@ -45,9 +44,9 @@ struct Mode {
 }
 
 impl Expected {
-    /// `level`: after the last sweep; `covariance`: of its walk since then; `kind`: what a leap adds,
-    /// and what another head adds, which is as rare as two leaps; `paused`: a leap is as probable as
-    /// a walk. `None`: a covariance is not positive definite.
+    /// `covariance`: of the walk since the last sweep; `kind`: of what a leap adds, and of what
+    /// another head adds, which is as rare as two leaps; `paused`: a leap is as probable as a walk.
+    /// `None`: a covariance is not positive definite.
     pub fn new(
         level: Features,
         covariance: &Matrix4<f64>,
@@ -88,7 +87,7 @@ impl Expected {
 
 #[derive(Clone, Debug)]
 pub struct Member {
-    /// The look itself, from the base ring.
+    /// From the base ring.
     at: Features,
     /// The look, less where its channel lies from the level while it is healthy, or has the fault
     /// that it had before: for such a channel this scatters about the level.
@@ -121,7 +120,6 @@ impl Hypothesis {
         Hypothesis { weight: weight / det.sqrt(), precision: variance.map(|v| 1.0 / v) }
     }
 
-    /// Squared distance from the hypothesis's centre, in its own standard deviations.
     fn square(&self, off: &Features) -> f64 {
         self.precision.iter().zip(off.iter()).map(|(p, d)| p * d * d).sum()
     }
@@ -184,16 +182,14 @@ impl Member {
         }
     }
 
-    /// Whether the look lies as near to this level as the nearer three in four of healthy looks do,
-    /// for its own channel or for another one in its place.
+    /// Whether the look lies as near as three in four healthy ones, of its own channel or another.
     fn lies_near(&self, level: &Features) -> bool {
         let may_be_new = self.replaced.weight > 0.0;
         self.healthy.square(&(self.from_own - level)) < NEAR
             || may_be_new && self.replaced.square(&(self.at - level)) < NEAR
     }
 
-    /// What the look is put down to if the level lies there (the expectation step), and the look's
-    /// density given that level.
+    /// The expectation step: what the look is put down to at this level, and its density.
     fn weigh(&self, level: &Features, odds: &Odds) -> (Responsibility, f64) {
         let (own, fault, all) = (self.from_own - level, self.from_fault - level, self.at - level);
         let healthy = self.healthy.gaussian(&own);
@@ -251,7 +247,6 @@ impl Odds {
 const NEAR: f64 = 5.385;
 const OF_HEALTHY: f64 = 0.75;
 
-/// What the looks of a sweep say of the level.
 #[derive(Clone, Copy, Debug)]
 pub struct Evidence {
     /// Inverse variance of the level by these looks alone, coordinate by coordinate.
@@ -260,13 +255,12 @@ pub struct Evidence {
     pub sum: Features,
 }
 
-/// A level that explains a sweep.
 #[derive(Clone, Debug)]
 pub struct Explained {
     pub level: Features,
     pub by: Move,
     pub evidence: Evidence,
-    /// What each look of the sweep is put down to, in the order of the looks.
+    /// In the order of the looks.
     pub responsibilities: Vec<Responsibility>,
     /// About 1: the looks agree with the level as healthy looks do ([`alike`]); 0: none agrees.
     pub alike: f64,
@@ -281,9 +275,8 @@ const CONVERGED: f64 = 1e-2;
 /// The positions of up to so many looks are tried as beginnings.
 const BEGINNINGS: usize = 6;
 
-/// The likeliest level of a sweep. Expectation-maximisation begins where the level is expected.
-/// Unless most looks agree with what it finds, it begins at some looks and at the median of all
-/// looks, too, and the likeliest result counts.
+/// Begins where the level is expected. Unless most looks agree with what is found, it begins at
+/// some looks and at the median of all, too, and the likeliest result counts.
 pub fn explain(expected: &Expected, members: &[Member]) -> Explained {
     let first = converged(expected, members, expected.level);
     // "most": half-way between all looks and the share below which a level is not believed
@@ -310,7 +303,6 @@ pub fn alike(members: &[Member], level: &Features) -> f64 {
     near / (OF_HEALTHY * all.max(f64::MIN_POSITIVE))
 }
 
-/// Expectation-maximisation from one level on, and what it has found.
 fn converged(expected: &Expected, members: &[Member], mut level: Features) -> Explained {
     let mut odds = Odds::AS_THOUGHT;
     for _ in 0..STEPS {
@@ -350,7 +342,6 @@ fn improved(
     let odds = odds.improved(members, &responsibilities);
     let Evidence { precision, sum } = evidence(members, &responsibilities);
 
-    // the prior's precision is that of the moves by their shares
     let prior = expected.moves.iter().zip(expected.shares(level).0);
     let prior = prior.fold(Matrix4::zeros(), |all, (of, share)| all + of.precision * share);
 
@@ -361,7 +352,6 @@ fn improved(
     (level, odds)
 }
 
-/// What the looks say of the level.
 fn evidence(members: &[Member], by: &[Responsibility]) -> Evidence {
     let mut of = Evidence { precision: Vector4::zeros(), sum: Vector4::zeros() };
     for (member, r) in members.iter().zip(by) {

@@ -37,8 +37,7 @@ pub struct HeadMemory {
     pub level: [f64; 4],
     pub covariance: [[f64; 4]; 4],
     pub heard_ns: Option<i64>,
-    /// Covariance of looks about their channels, noise included, and its number of looks; 0: not
-    /// known yet.
+    /// Covariance of looks about their channels, noise included, and how many they are; 0: unknown.
     pub within: [[f64; 4]; 4],
     pub within_looks: f64,
     /// Covariance of the channels about the level, not below the design's spread; 0: not known.
