@@ -97,6 +97,7 @@ pub fn run_on(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
     let oscillator = args.plant == PlantArg::Oscillator;
     let most_samples = if oscillator { decay::MOST_SAMPLES } else { MOST_SAMPLES };
     let mut observer = Observer::new(labels.as_ref(), settings.input.rails, most_samples);
+    observer.whole_bursts = oscillator;
     let damaged = recordings.each(|pass| observer.take(pass))?;
     let data = observer.finish().ok_or_else(|| Failure::new(NO_BURSTS))?;
     let (rejected, other_sampling) = (observer.rejected, observer.other_sampling);

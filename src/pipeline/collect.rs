@@ -181,13 +181,15 @@ struct PeriodSignals {
 impl PeriodSignals {
     /// None yet, of this sample period, s. `n`: samples of the first signal, which decides how many are held: of
     /// long ones fewer, by the square of their length, and no more than fit into the bytes (4 per sample).
-    fn new(period_s: f64, n: usize, most_samples: usize) -> PeriodSignals {
+    fn new(period_s: f64, n: usize, most_samples: usize, whole_bursts: bool) -> PeriodSignals {
         let kept = n.min(most_samples);
         let wanted = MOST_SIGNALS * USUAL_SAMPLES.pow(2) / kept.max(1).pow(2);
         let wanted = wanted.clamp(FEWEST_SIGNALS, MOST_SIGNALS);
         let capacity = wanted.min(HELD_BYTES / (4 * kept.max(1)));
         let most_samples = most_samples.min(2 * kept);
-        PeriodSignals { period_s, most_samples, sampler: Sampler::new(period_s, capacity) }
+        let mut sampler = Sampler::new(period_s, capacity);
+        sampler.whole_bursts = whole_bursts;
+        PeriodSignals { period_s, most_samples, sampler }
     }
 }
 
@@ -202,6 +204,8 @@ pub struct Observer<'a> {
     first_period_s: Option<f64>,
     /// Samples that are taken of a longer signal.
     most_samples: usize,
+    /// Whether the signals of a burst are held together or not at all.
+    pub whole_bursts: bool,
     /// Number of signals that cannot be used; an unusable burst counts as one.
     pub rejected: u64,
     /// Number of signals that have another sample period than those held, or, after [`Observer::finish`], were
@@ -231,9 +235,10 @@ impl<'a> Observer<'a> {
                 if !visit::is_healthy(self.labels, burst, beside.channel) {
                     continue;
                 }
-                let most = self.most_samples;
-                let held =
-                    self.sampler.get_or_insert_with(|| PeriodSignals::new(period_s, n, most));
+                let (most, whole) = (self.most_samples, self.whole_bursts);
+                let held = self
+                    .sampler
+                    .get_or_insert_with(|| PeriodSignals::new(period_s, n, most, whole));
                 if !same_period(held.period_s, period_s) {
                     self.other_sampling += 1;
                     continue;

@@ -94,14 +94,14 @@ impl Extension {
             *own = own.clamp(usual - MOST_SHIFT, usual + MOST_SHIFT);
         }
         if !self.follows.is_empty() {
-            free_decay::add(&own, true, 0.0, -drive, signal);
-            free_decay::add(&usual, true, 0.0, drive, signal);
+            free_decay::add(&own, 0.0, -drive, signal);
+            free_decay::add(&usual, 0.0, drive, signal);
         }
 
         // the time since the previous actuation in signal lengths; infinite: there was none
         let since = beside.idle_s / (dt_s * signal.len() as f64);
         if self.previous_tail != 0.0 && since.is_finite() && since > 0.0 {
-            free_decay::add(&own, true, since, -drive * self.previous_tail, signal);
+            free_decay::add(&own, since, -drive * self.previous_tail, signal);
         }
     }
 

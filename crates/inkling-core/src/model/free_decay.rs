@@ -27,10 +27,9 @@ pub struct Tangent {
 }
 
 /// The motions that a decay is made of, e^{-sigma t} cos omega t, e^{-sigma t} sin omega t and
-/// e^{-lambda t} (0 unless `real`), sample by sample from time `shift` on; `n` samples per signal
-/// length. Each sample follows from the one before, so that exponentials and sines are computed
-/// only once.
-fn motions(theta: &Theta, real: bool, shift: f64, n: f64) -> impl Iterator<Item = [f64; 3]> {
+/// e^{-lambda t}, sample by sample from time `shift` on; `n` samples per signal length. Each sample
+/// follows from the one before, so that exponentials and sines are computed only once.
+fn motions(theta: &Theta, shift: f64, n: f64) -> impl Iterator<Item = [f64; 3]> {
     let (sigma, omega, lambda) = (theta[0].exp(), theta[1].exp(), theta[5].exp());
     let decay = (-sigma / n).exp();
     let (sin, cos) = (omega / n).sin_cos();
@@ -38,16 +37,16 @@ fn motions(theta: &Theta, real: bool, shift: f64, n: f64) -> impl Iterator<Item 
 
     let start = (-sigma * shift).exp();
     let (s0, c0) = (omega * shift).sin_cos();
-    let r = if real { (-lambda * shift).exp() } else { 0.0 };
+    let r = (-lambda * shift).exp();
     std::iter::successors(Some([start * c0, start * s0, r]), move |&[c, s, r]| {
         Some([decay * (c * cos - s * sin), decay * (s * cos + c * sin), r * fall])
     })
 }
 
 /// Adds `scale` times the decay of `theta` to `out`, from time `shift` on; `out` is taken to hold
-/// one signal length. `real`: whether the real pole's part is included.
-pub fn add(theta: &Theta, real: bool, shift: f64, scale: f64, out: &mut [f64]) {
-    let motions = motions(theta, real, shift, out.len() as f64);
+/// one signal length.
+pub fn add(theta: &Theta, shift: f64, scale: f64, out: &mut [f64]) {
+    let motions = motions(theta, shift, out.len() as f64);
     for (y, [c, s, r]) in out.iter_mut().zip(motions) {
         *y += scale * (theta[2] * c + theta[3] * s + theta[4] * r);
     }
@@ -57,14 +56,14 @@ impl Tangent {
     /// Computes decay and Jacobian at `theta`. `weak`: the amplitude c for the column dy/d(ln
     /// lambda) = -lambda t c e^{-lambda t}. A single signal hardly determines its own c, and with
     /// so noisy a regressor the column would bias the fit (errors in variables), so the caller
-    /// gives a c that rests on many signals. `real`: whether the real pole's part is included.
-    pub fn at(&mut self, theta: &Theta, weak: f64, real: bool, samples: usize) {
+    /// gives a c that rests on many signals.
+    pub fn at(&mut self, theta: &Theta, weak: f64, samples: usize) {
         let n = samples as f64;
         let (sigma, omega, lambda) = (theta[0].exp(), theta[1].exp(), theta[5].exp());
         let (a, b, c_real) = (theta[2], theta[3], theta[4]);
         self.y.resize(samples, 0.0);
         self.columns.iter_mut().for_each(|column| column.resize(samples, 0.0));
-        for (k, [c, s, r]) in (0..samples).zip(motions(theta, real, 0.0, n)) {
+        for (k, [c, s, r]) in (0..samples).zip(motions(theta, 0.0, n)) {
             let t = k as f64 / n;
             let pair = a * c + b * s;
             self.y[k] = pair + c_real * r;
@@ -84,16 +83,16 @@ mod tests {
     fn tangent_is_the_derivative_of_the_signal() {
         let theta = Theta::from([2.9_f64.ln(), 40.6_f64.ln(), 90.0, -40.0, 6.0, 3.7_f64.ln()]);
         let mut tangent = Tangent::default();
-        tangent.at(&theta, theta[4], true, 128);
+        tangent.at(&theta, theta[4], 128);
         let mut y = vec![0.0; 128];
-        add(&theta, true, 0.0, 1.0, &mut y);
+        add(&theta, 0.0, 1.0, &mut y);
         assert!(y.iter().zip(&tangent.y).all(|(y, z)| (y - z).abs() < 1e-9));
         for j in 0..ALL {
             let mut step = Theta::zeros();
             step[j] = 1e-6 * theta[j].abs().max(1.0);
             let (mut up, mut down) = (vec![0.0; 128], vec![0.0; 128]);
-            add(&(theta + step), true, 0.0, 1.0, &mut up);
-            add(&(theta - step), true, 0.0, 1.0, &mut down);
+            add(&(theta + step), 0.0, 1.0, &mut up);
+            add(&(theta - step), 0.0, 1.0, &mut down);
             for k in 0..128 {
                 let slope = (up[k] - down[k]) / (2.0 * step[j]);
                 assert!((slope - tangent.columns[j][k]).abs() < 1e-4, "{j} {k}");
@@ -105,9 +104,9 @@ mod tests {
     fn a_later_start_is_the_same_decay_later() {
         let theta = Theta::from([2.9_f64.ln(), 40.6_f64.ln(), 90.0, -40.0, 6.0, 3.7_f64.ln()]);
         let (mut all, mut later) = (vec![0.0; 128], vec![0.0; 64]);
-        add(&theta, true, 0.0, 1.0, &mut all);
+        add(&theta, 0.0, 1.0, &mut all);
         // 64 samples make the grid twice as coarse, so these are every second sample of the whole
-        add(&theta, true, 16.0 / 128.0, 1.0, &mut later);
+        add(&theta, 16.0 / 128.0, 1.0, &mut later);
         for k in 0..40 {
             assert!((later[k] - all[16 + 2 * k]).abs() < 1e-9);
         }

@@ -28,8 +28,7 @@ use std::f64::consts::PI;
 const STEPS: usize = 2;
 const RADIANS: f64 = 0.12;
 
-/// A term of the equation of motion; for an oscillator V is the displacement and q_n the velocity.
-/// Strengths refer to amplitudes at t_a and unit drive.
+/// A term of the equation of motion. Strengths refer to amplitudes at t_a and unit drive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Term {
     /// -k3 V^3 added to the compliance's restoring -V (Duffing). Strength: the relative change of
@@ -126,15 +125,12 @@ pub fn past(v: f64, at: f64) -> f64 {
     if at >= 0.0 { (v - at).max(0.0) } else { (v - at).min(0.0) }
 }
 
-/// A plant's equation of motion with its initial state at t_a. An oscillator x'' + d x' + b x = 0
-/// is a channel without a restrictor (a = g = 0): x is V, and x' is q_n.
+/// An ink channel's equation of motion with its initial state at t_a.
 #[derive(Clone, Copy, Debug)]
 pub struct Interior {
     decay: ObservedDecay,
     pub channel: InkChannel,
     pub state: [f64; 3],
-    /// Whether the output is an ink channel's flow; that of an oscillator is the displacement.
-    pub is_ink: bool,
 }
 
 impl Interior {
@@ -169,18 +165,7 @@ impl Interior {
         let x = m.lu().solve(&nalgebra::Vector3::new(y, dy, ddy + sum * y))?;
         let channel = InkChannel::of([a_rate, b_rate, g, d]);
         let is_channel = a_rate > 0.0 && b_rate > 0.0 && x.iter().all(|v| v.is_finite());
-        is_channel.then(|| Interior { decay: *decay, channel, state: x.into(), is_ink: true })
-    }
-
-    /// The oscillator whose displacement is `decay` but for its real pole.
-    pub fn oscillator(decay: &ObservedDecay) -> Interior {
-        let ObservedDecay { sigma, omega, a, b, .. } = *decay;
-        Interior {
-            decay: *decay,
-            channel: InkChannel::of([0.0, sigma * sigma + omega * omega, 0.0, 2.0 * sigma]),
-            state: [a, 0.0, -sigma * a + omega * b],
-            is_ink: false,
-        }
+        is_channel.then(|| Interior { decay: *decay, channel, state: x.into() })
     }
 
     /// What turns a strength into a coefficient: the amplitudes of the displacement V and of the
@@ -189,18 +174,16 @@ impl Interior {
         let ObservedDecay { sigma, omega, .. } = self.decay;
         // amplitude of a damped oscillation from its value and its derivative
         let envelope = |x: f64, dx: f64| x.hypot((dx + sigma * x) / omega);
-        let Interior { channel, state: [v, q_r, q_n], is_ink, .. } = *self;
+        let Interior { channel, state: [v, q_r, q_n], .. } = *self;
         let stiff = envelope(v, q_r + q_n);
         let damped = envelope(q_n, -channel.b_per_s2 * v - channel.d_per_s * q_n);
 
-        // Numerically; of an oscillator, which has no poles here (two of its rates are 0), it is
-        // 1/2; of a channel whose poles fail, .3 is a rough guess.
+        // numerically; of a channel whose poles fail, .3 is a rough guess
         let at = |d: f64| InkChannel { d_per_s: d, ..channel }.poles().map(|p| p.damping_per_s);
         let h = 1e-3 * channel.d_per_s;
         let slope = match (at(channel.d_per_s + h), at(channel.d_per_s - h)) {
             (Some(up), Some(down)) => (up - down) / (2.0 * h),
-            _ if is_ink => 0.3,
-            _ => 0.5,
+            _ => 0.3,
         };
         [stiff, damped, slope]
     }
@@ -219,7 +202,7 @@ impl Interior {
         let mut x = [v, q_r, q_n, 0.0];
         let mut out = Vec::with_capacity(samples);
         for sample in 0..samples {
-            out.push(if self.is_ink { x[1] + x[2] } else { x[0] });
+            out.push(x[1] + x[2]);
             for step in 0..steps {
                 let t = (sample * steps + step) as f64 * h;
                 x = runge_kutta(x, t, h, |x, t| self.slope(&strengths, x, t));
@@ -270,18 +253,7 @@ impl Interior {
     /// flow without the term, so the force is right to first order in e, and no integral equation
     /// has to be solved.
     fn memory_force(&self, e: f64, drive: f64, samples: usize) -> Vec<f64> {
-        // of an oscillator the velocity, by differences of the displacement
-        let flow: Vec<f64> = match self.is_ink {
-            true => self.nozzle_flow(drive, samples),
-            false => {
-                let y = self.decay(None, drive, samples);
-                let n = samples as f64;
-                let at = |k: usize| y[k.min(samples - 1)];
-                let slope = |k: usize| (at(k + 1) - at(k.saturating_sub(1))) * n / 2.0;
-                (0..samples).map(slope).collect()
-            }
-        };
-
+        let flow = self.nozzle_flow(drive, samples);
         let loss = self.channel.d_per_s;
         let h = 1.0 / samples as f64;
         let scale = 2.0 / PI.sqrt() / h.sqrt();
@@ -337,20 +309,14 @@ mod tests {
         for (k, y) in ink.decay(None, 1.5, 128).iter().enumerate() {
             assert!((y - 1.5 * linear(k as f64 / 128.0)).abs() < 2e-3, "{k}");
         }
-        let decay = ObservedDecay { c: 0.0, ..DECAY };
-        let oscillator = Interior::oscillator(&decay);
-        for (k, y) in oscillator.decay(None, 1.0, 128).iter().enumerate() {
-            let t = k as f64 / 128.0;
-            assert!((y - linear(t) + DECAY.c * (-DECAY.lambda * t).exp()).abs() < 2e-3, "{k}");
-        }
     }
 
     #[test]
     fn strength_of_cubic_stiffness_is_the_change_of_frequency() {
         // hardly damped, so that the frequency can be found by counting periods
-        let decay = ObservedDecay { sigma: 1e-3, omega: 60.0, c: 0.0, ..DECAY };
-        let oscillator = Interior::oscillator(&decay);
-        let y = oscillator.decay(Some((Term::CubicStiffness, 0.02)), 1.0, 4000);
+        let decay = ObservedDecay { sigma: 1e-3, omega: 60.0, lambda: 1.3e-3, c: 0.0, ..DECAY };
+        let ink = Interior::ink(&decay, 0.2).unwrap();
+        let y = ink.decay(Some((Term::CubicStiffness, 0.02)), 1.0, 4000);
         let crossings: Vec<f64> = (1..4000)
             .filter(|&k| y[k - 1] < 0.0 && y[k] >= 0.0)
             .map(|k| k as f64 - y[k] / (y[k] - y[k - 1]))
@@ -362,10 +328,10 @@ mod tests {
 
     #[test]
     fn strengths_of_drag_and_friction_are_the_change_of_damping_at_the_start() {
-        let decay = ObservedDecay { sigma: 0.5, omega: 300.0, c: 0.0, ..DECAY };
+        let decay = ObservedDecay { sigma: 0.5, omega: 300.0, lambda: 0.65, c: 0.0, ..DECAY };
+        let ink = Interior::ink(&decay, 0.2).unwrap();
         for term in [Term::QuadraticDrag, Term::DryFriction] {
-            let oscillator = Interior::oscillator(&decay);
-            let y = oscillator.decay(Some((term, 0.2)), 1.0, 8000);
+            let y = ink.decay(Some((term, 0.2)), 1.0, 8000);
             // amplitude over the first periods, by projection on the ring's frequency
             let amplitude = |from: usize| {
                 let (mut re, mut im) = (0.0, 0.0);

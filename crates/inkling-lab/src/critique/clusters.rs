@@ -270,7 +270,7 @@ mod tests {
         }
         data.bursts = BURSTS;
         let data = data.standardised();
-        let mut model = Model::fitted(&data, true, 2).unwrap();
+        let mut model = Model::fitted(&data, 2).unwrap();
         for of_channel in model.units.iter_mut().step_by(2) {
             of_channel[0] += moved[0];
             of_channel[1] += moved[1];

@@ -228,7 +228,7 @@ mod tests {
     fn tested(effect: Option<CauseId>, size: f64) -> (Vec<Candidate>, Model) {
         let run = Run { channels: 12, bursts: 4, effect, size, ..Run::default() };
         let data = draw(&run, 12);
-        let mut model = Model::fitted(&data, true, 1).unwrap();
+        let mut model = Model::fitted(&data, 1).unwrap();
         (test(&data, &mut model), model)
     }
 
@@ -280,7 +280,7 @@ mod tests {
             let keep = data.rows.iter().map(|r| r.beside.drive_v).fold(0.0, f64::max);
             let rows: Vec<bool> = data.rows.iter().map(|r| r.beside.drive_v == keep).collect();
             data = data.select(|i| rows[i]).standardised();
-            let mut model = Model::fitted(&data, true, 1).unwrap();
+            let mut model = Model::fitted(&data, 1).unwrap();
             accepted += test(&data, &mut model).iter().filter(|f| f.accepted()).count();
         }
         assert_eq!(accepted, 0);

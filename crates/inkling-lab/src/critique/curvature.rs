@@ -100,14 +100,14 @@ mod tests {
         let noise_var = 200.0;
         let mut linear =
             Linear { counts: vec![1.0; N], residual: vec![0.0; N], ..Linear::default() };
-        linear.tangent.at(&theta, 0.0, false, N);
+        linear.tangent.at(&theta, 0.0, N);
         let (gram, _) = free_products(&linear, &Vector5::repeat(1.0));
         let posterior = inverse(&(gram / noise_var + within.try_inverse().unwrap()));
         let beyond = posterior_mean(&theta, &linear, 1.0, &posterior, noise_var);
         let root = posterior.cholesky().unwrap().l();
         let decay = |theta: &Theta| {
             let mut y = vec![0.0; N];
-            add(theta, false, 0.0, 1.0, &mut y);
+            add(theta, 0.0, 1.0, &mut y);
             y
         };
         let (at, mut rng) = (decay(&theta), ChaCha8Rng::seed_from_u64(5));

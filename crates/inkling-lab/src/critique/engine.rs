@@ -1,6 +1,5 @@
-//! The critique of signals each of which is one ring, from observations to findings; and the choice between
-//! it and the critique of an oscillator's decays (`decay`). Ink channels always come here, an oscillator only
-//! where the critique of decays cannot use its recording.
+//! The critique of ink channels, each signal of which is one ring, from observations to findings; and the
+//! choice between it and the critique of an oscillator's decays (`decay`).
 //!
 //! In: [`Observations`] of healthy signals, counts. Out: an [`Outcome`]: the findings (`Critique`), which
 //! signals were left out, and the model that a design's extension is made from.
@@ -23,7 +22,7 @@ use super::adequacy::{self, Adequacy};
 use super::artefacts::{Artefacts, accepted};
 use super::candidate::Candidate;
 use super::candidates::{Scored, Setting};
-use super::catalogue::{CATALOGUE, CauseId, Entry, Needs};
+use super::catalogue::{CATALOGUE, CauseId, Entry};
 use super::extended::{self, OutlierCount};
 pub use super::extended::{Extended, NotExtended};
 use super::finding::{
@@ -45,8 +44,7 @@ const MOST_WHITENINGS: usize = 10;
 /// Correlation at lag 1 that may be left after whitening: about a tenth of the detection limit of a
 /// correlation in 200 signals of 128 samples (√20.9 standard errors of 1/√25 600).
 const NEARLY_WHITE: f64 = 0.003;
-/// Largest number of samples of a signal in this critique. An oscillator's signals are cut here, an ink
-/// channel's must be cut by whoever reads them.
+/// Longer signals of ink channels are cut to so many samples, by whoever reads them.
 pub const MOST_SAMPLES: usize = 512;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,44 +57,37 @@ pub enum Rings {
 
 /// Criticises the model of signals; the entry point of the whole room. `labelled`: labels said that all of
 /// them are healthy, so none is left out as an outlier. `stages` is called with the name of each step as it
-/// begins. Errors: too few or too short signals, or none that rings.
+/// begins. Errors: too few or too short signals, or none that rings; of an oscillator also those of `decay`.
 pub fn critique(
     all: &Observations,
     rings: Rings,
     labelled: bool,
     stages: &mut dyn FnMut(&str),
 ) -> Result<Outcome, CritiqueError> {
-    if rings == Rings::Oscillator && !all.is_empty() && all.samples >= FEWEST_SAMPLES {
-        if decay::can(all) {
-            return decay::critique(all, stages);
-        }
-        if all.samples > MOST_SAMPLES {
-            return critique(&all.first(MOST_SAMPLES), rings, labelled, stages);
-        }
-    }
-    of_signals(all, rings == Rings::InkChannel, labelled, stages)
-}
-
-/// All steps of the header. `real`: the ring has a real pole, as an ink channel's has; if not, the plant is
-/// an oscillator.
-fn of_signals(
-    all: &Observations,
-    real: bool,
-    labelled: bool,
-    stages: &mut dyn FnMut(&str),
-) -> Result<Outcome, CritiqueError> {
-    check_enough(all.len(), real)?;
+    check_enough(all.len(), rings)?;
     if all.samples < FEWEST_SAMPLES {
         return Err(CritiqueError::TooShort { samples: all.samples });
     }
+    match rings {
+        Rings::InkChannel => of_ink_channels(all, labelled, stages),
+        Rings::Oscillator => decay::critique(all, stages),
+    }
+}
+
+/// All steps of the header.
+fn of_ink_channels(
+    all: &Observations,
+    labelled: bool,
+    stages: &mut dyn FnMut(&str),
+) -> Result<Outcome, CritiqueError> {
     stages("fitting the baseline");
-    let Outliers { out: outlier, shape_surprise } = left_out(all, real, labelled)?;
+    let Outliers { out: outlier, shape_surprise } = left_out(all, labelled)?;
     let data = all.select(|i| !outlier[i]).standardised();
-    check_enough(data.len(), real)?;
+    check_enough(data.len(), Rings::InkChannel)?;
 
     // From here on `data` holds the white signals; `unwhitened` the original ones if their noise was
     // correlated.
-    let mut prepared = Prepared::of(data, real, stages)?;
+    let mut prepared = Prepared::of(data, stages)?;
     let selected = prepared.pick(stages);
     let avoid = prepared.random_tone();
     let Prepared { data, unwhitened, baseline, mut artefacts, .. } = prepared;
@@ -123,10 +114,7 @@ fn of_signals(
     let count = outlier.iter().filter(|o| **o).count();
     let outliers = OutlierCount { signals: count, all: all.len() };
     let verdict = Verdict::of(&mut causes, &left.unexplained);
-    let allowed = match real {
-        true => extended::check(&applied, outliers, &measured.gain, verdict),
-        false => Err(NotExtended::NoInkChannel),
-    };
+    let allowed = extended::check(&applied, outliers, &measured.gain, verdict);
     let mut remarks = unexplained(&selected.unnamed, &left);
     remarks.extend(not_worth(&causes, &measured.gain));
     remarks.extend(caveats(all, outliers, &allowed, causes.is_empty()));
@@ -138,7 +126,7 @@ fn of_signals(
         sentence: verdict.sentence(&causes, &left.unexplained, detection),
         equation: equation(&causes),
         causes,
-        not_testable: not_testable(&data, real),
+        not_testable: not_testable(&data),
         misfit: measured.misfit,
         gain: measured.gain,
         extended_model: None,
@@ -166,13 +154,10 @@ fn of_signals(
     Ok(Outcome { critique, outlier, extended })
 }
 
-/// Step 1. Outliers are looked for among ink channels' signals only. Signals that labels call healthy stay in,
-/// but `shape_surprise` still says whether a few of them have a misfit with a shape.
-fn left_out(all: &Observations, real: bool, labelled: bool) -> Result<Outliers, CritiqueError> {
-    let mut found = match real {
-        true => outliers(all, &Model::start(all, true).ok_or(CritiqueError::NoRing)?),
-        false => Outliers { out: vec![false; all.len()], shape_surprise: 0.0 },
-    };
+/// Step 1. Signals that labels call healthy stay in, but `shape_surprise` still says whether a few of them
+/// have a misfit with a shape.
+fn left_out(all: &Observations, labelled: bool) -> Result<Outliers, CritiqueError> {
+    let mut found = outliers(all, &Model::start(all).ok_or(CritiqueError::NoRing)?);
     if labelled {
         found.out.fill(false);
     }
@@ -180,8 +165,8 @@ fn left_out(all: &Observations, real: bool, labelled: bool) -> Result<Outliers, 
 }
 
 /// An error if there are too few signals.
-fn check_enough(found: usize, real: bool) -> Result<(), CritiqueError> {
-    let fewest = if real { FEWEST_SIGNALS } else { 1 };
+fn check_enough(found: usize, rings: Rings) -> Result<(), CritiqueError> {
+    let fewest = if rings == Rings::InkChannel { FEWEST_SIGNALS } else { 1 };
     (found >= fewest).then_some(()).ok_or(CritiqueError::TooFew { found })
 }
 
@@ -200,12 +185,8 @@ struct Prepared {
 
 impl Prepared {
     /// Fits the baseline, tests codes and noise, and whitens the signals if their noise is correlated.
-    fn of(
-        data: Observations,
-        real: bool,
-        stages: &mut dyn FnMut(&str),
-    ) -> Result<Prepared, CritiqueError> {
-        let mut baseline = Model::fitted(&data, real, 2).ok_or(CritiqueError::NoRing)?;
+    fn of(data: Observations, stages: &mut dyn FnMut(&str)) -> Result<Prepared, CritiqueError> {
+        let mut baseline = Model::fitted(&data, 2).ok_or(CritiqueError::NoRing)?;
 
         // codes first: what is accepted of them becomes part of the baseline (rails, lattice)
         stages("looking at codes and noise");
@@ -236,7 +217,7 @@ impl Prepared {
         let Prepared { data, artefacts, baseline, .. } = self;
         // Whitened samples are no codes of the converter any more, so samples that may be clipped are marked
         // as lost before.
-        let (unwhitened, real) = (codes::unclipped(data, &baseline), baseline.real);
+        let unwhitened = codes::unclipped(data, &baseline);
         let Artefacts { codes, mut noise, .. } = artefacts;
         // the estimate so far, and the correlation that the round before had still found
         let mut total = rho;
@@ -245,7 +226,7 @@ impl Prepared {
         let (data, baseline, again) = loop {
             total = total.clamp(-0.97, 0.97);
             let data = unwhitened.whitened(total);
-            let baseline = Model::fitted(&data, real, 2).ok_or(CritiqueError::NoRing)?;
+            let baseline = Model::fitted(&data, 2).ok_or(CritiqueError::NoRing)?;
             let again = ensemble::test(&data, &baseline);
             round += 1;
             let more = again.iter().find(|f| f.id == CauseId::CorrelatedNoise);
@@ -350,10 +331,10 @@ fn caveats(
     nothing_found: bool,
 ) -> Vec<String> {
     let mut remarks = left_out.remarks();
-    match allowed {
-        Ok(()) | Err(NotExtended::NoInkChannel) => {}
-        Err(_) if nothing_found => {}
-        Err(why) => remarks.push(format!("no extended design is written: {why}")),
+    if let Err(why) = allowed
+        && !nothing_found
+    {
+        remarks.push(format!("no extended design is written: {why}"));
     }
     if (all.len() as u64) < all.found {
         remarks.push(format!("{} signals were drawn from {}", all.len(), all.found));
@@ -376,11 +357,9 @@ fn all_evidence(artefacts: &Artefacts, selected: &Selected, ln_samples: f64) -> 
 }
 
 /// Causes of the catalogue that these data cannot test, with what they need.
-fn not_testable(data: &Observations, real: bool) -> Vec<NotTestable> {
-    // an oscillator needs no drive scan: its long decays go through all amplitudes by themselves
-    let asked = CATALOGUE.iter().filter(|e| real || e.needs != Needs::DriveScan);
+fn not_testable(data: &Observations) -> Vec<NotTestable> {
     let lacking = |e: &Entry| Some(NotTestable { id: e.id, needs: e.needs.lacking(data)?.into() });
-    asked.filter_map(lacking).collect()
+    CATALOGUE.iter().filter_map(lacking).collect()
 }
 
 /// Remarks on the misfit that is left, and on the candidate that fits best but cannot be named.

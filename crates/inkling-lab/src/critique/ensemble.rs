@@ -334,7 +334,7 @@ mod tests {
                 ..Run::default()
             };
             let data = draw(&run, seed);
-            let model = Model::fitted(&data, true, 2).unwrap();
+            let model = Model::fitted(&data, 2).unwrap();
             let found = test(&data, &model);
             let own = &found.iter().find(|f| f.id == CauseId::CorrelatedNoise).unwrap();
             assert!((own.value - rho).abs() < 3.5 * own.sd, "{rho}: {} +- {}", own.value, own.sd);

@@ -128,7 +128,7 @@ pub fn in_colour(mut causes: Vec<Applied>, setting: Setting) -> Result<Extended,
     if causes.is_empty() {
         return Err(NotExtended::NothingExpected);
     }
-    let mut model = Model::fitted(setting.data, true, 2).ok_or(NotExtended::Unfit)?;
+    let mut model = Model::fitted(setting.data, 2).ok_or(NotExtended::Unfit)?;
     causes.iter().for_each(|cause| apply(&mut model, cause, 1.0, setting));
     let refit = refit(model, causes, setting, 2, true);
     Ok(Extended::new(refit.model, &refit.causes, &setting.data.beside))

@@ -252,7 +252,7 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
     let split = TrainTestSplit::of(data, by_channel, by_time);
     let Some(TrainTestSplit { train, test, .. }) = split else { return measured };
     let part = Setting { data: &train, avoid: setting.avoid };
-    let Some(plain) = baseline(before.real, Some(before), part) else { return measured };
+    let Some(plain) = baseline(Some(before), part) else { return measured };
     let extended = with(&plain, causes, part);
 
     // judge both by the same fault, so that their AUCs can be compared
@@ -344,7 +344,7 @@ mod tests {
                 let spread = [[0.004, 0.06, 0.025], [0.02, 0.06, 0.025]][seed as usize % 2];
                 let data =
                     draw(&Run { channels: 12, bursts: 8, spread, ..Run::default() }, 700 + seed);
-                let model = Model::fitted(&data, true, 2).unwrap();
+                let model = Model::fitted(&data, 2).unwrap();
                 let setting = Setting { data: &data, avoid: &[] };
                 let measured = measure(&model, &[], setting);
                 let gain = measured.gain;

@@ -72,10 +72,10 @@ pub fn by_channel(units: impl Iterator<Item = usize>) -> Vec<Vec<usize>> {
     }
 }
 
-/// Fits the baseline, a model without causes, to a part. `real`: whether the ring has a real pole. `codes`: a
-/// model whose clipping and coarse step are taken over. `None`: nothing rings.
-pub fn baseline(real: bool, codes: Option<&Model>, part: Setting) -> Option<Model> {
-    let mut start = Model::start(part.data, real)?;
+/// Fits the baseline, a model without causes, to a part. `codes`: a model whose clipping and coarse step are
+/// taken over. `None`: nothing rings.
+pub fn baseline(codes: Option<&Model>, part: Setting) -> Option<Model> {
+    let mut start = Model::start(part.data)?;
     if let Some(codes) = codes {
         (start.rails, start.lattice) = (codes.rails.clone(), codes.lattice);
     }

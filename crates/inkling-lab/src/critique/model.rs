@@ -49,8 +49,6 @@ pub const RATIO_OF_RATES: f64 = 0.2;
 /// length), the amplitudes a, b, c (counts at mean drive), and a sixth one for the real pole.
 #[derive(Clone, Debug)]
 pub struct Model {
-    /// Whether there is a real pole (ink channel) or none (oscillator).
-    pub real: bool,
     /// Parameters of the mean channel. As [`Theta`], but the last one is ln lambda/sigma and not ln lambda: a
     /// change of the losses moves both poles by the same factor.
     pub mean: Theta,
@@ -250,7 +248,7 @@ impl Model {
         let theta = self.theta(i, data);
         let n = data.samples;
         let s = data.beside.drive[i];
-        out.tangent.at(&theta, self.mean[4], self.real, n);
+        out.tangent.at(&theta, self.mean[4], n);
         // The model holds ln lambda/sigma, so a step of ln sigma moves lambda, too: by the chain rule the
         // pole's column is added. It is computed with the mean amplitude of the real pole, because a single
         // signal's is mostly noise.
@@ -264,7 +262,7 @@ impl Model {
         let idle_s = data.rows[i].beside.idle_s;
         if idle_s.is_finite() && idle_s > 0.0 {
             let shift = idle_s / data.length_s();
-            free_decay::add(&theta, self.real, shift, 1.0, &mut out.tail);
+            free_decay::add(&theta, shift, 1.0, &mut out.tail);
         }
 
         // Sample by sample, measured minus the sum of decay, tail, shapes and rounding. Where a sample may be

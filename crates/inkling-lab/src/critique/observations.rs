@@ -2,8 +2,8 @@
 //!
 //! In: signals one by one, in any order, offered to a [`Sampler`]. Out: [`Observations`]: signals of one
 //! length, sorted by printhead, channel and time, as a matrix of rows x samples. The sampler keeps at most
-//! `capacity` signals, those with the lowest hashes of printhead, channel and time. So memory is bounded, the
-//! sample is random, and reruns agree.
+//! `capacity` signals, those with the lowest hashes of printhead, channel and time (without the channel, where
+//! bursts must stay whole). So memory is bounded, the sample is random, and reruns agree.
 
 use super::covariates::Covariates;
 use inkling_core::burst::Beside;
@@ -117,14 +117,6 @@ impl Observations {
     pub fn is_lost(&self, i: usize, k: usize) -> bool {
         self.lost.get(i * self.samples + k).is_some_and(|lost| *lost)
     }
-
-    pub fn first(&self, samples: usize) -> Observations {
-        let samples = samples.min(self.samples);
-        let y = (0..self.len()).flat_map(|i| self.signal(i)[..samples].iter().copied()).collect();
-        let lost =
-            self.lost.chunks(self.samples).flat_map(|lost| &lost[..samples]).copied().collect();
-        Observations { samples, y, lost, ..self.clone() }
-    }
 }
 
 /// The number of a key, from 0 in the order in which they first come.
@@ -144,6 +136,8 @@ struct Held {
 pub struct Sampler {
     dt_s: f64,
     capacity: usize,
+    /// Whether the signals of a burst are kept or dropped together, as an oscillator's must be.
+    pub whole_bursts: bool,
     /// Whether all samples of all signals offered so far are whole counts.
     integer: bool,
     printheads: BTreeMap<String, usize>,
@@ -158,6 +152,7 @@ impl Sampler {
         Sampler {
             dt_s,
             capacity: capacity.max(1),
+            whole_bursts: false,
             integer: true,
             printheads: BTreeMap::new(),
             heap: BinaryHeap::new(),
@@ -188,7 +183,9 @@ impl Sampler {
         self.found += 1;
         self.integer &= signal.iter().all(|y| y.fract() == 0.0);
         let mut key = beside.t_acq_ns.to_le_bytes().to_vec();
-        key.extend_from_slice(&beside.channel.to_le_bytes());
+        if !self.whole_bursts {
+            key.extend_from_slice(&beside.channel.to_le_bytes());
+        }
         key.extend_from_slice(printhead.as_bytes());
         let hash = xxh3_64(&key);
         let full = self.held.len() >= self.capacity;

@@ -27,6 +27,11 @@ pub enum CritiqueError {
         "no burst holds all {outputs} outputs of the oscillator: each of its decays must be one burst of all of them"
     )]
     NoCompleteBurst { outputs: usize },
+    #[error(
+        "these are signals of {printheads} printheads, and all outputs of an oscillator are one system: criticise \
+         one printhead at a time, by recordings of it alone or by --labels that name no other"
+    )]
+    SeveralPrintheads { printheads: usize },
     #[error("output {channel} of the oscillator never moves: record the others alone")]
     StillOutput { channel: u32 },
 }

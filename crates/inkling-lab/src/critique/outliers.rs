@@ -151,7 +151,7 @@ mod tests {
 
     fn left_out(run: &Run) -> Vec<bool> {
         let data = draw(run, 11);
-        let model = Model::start(&data, true).unwrap();
+        let model = Model::start(&data).unwrap();
         let out = outliers(&data, &model).out;
         let mut channels = vec![true; run.channels];
         for (row, out) in data.rows.iter().zip(out) {

@@ -220,7 +220,7 @@ mod tests {
 
     fn some() -> Vec<Signal> {
         let data = draw(&Run { channels: 8, bursts: 6, ..Run::default() }, 5);
-        let mut model = Model::start(&data, true).unwrap();
+        let mut model = Model::start(&data).unwrap();
         model.fit(&data, 2);
         signals(&model, &data, vec![population(&model, None); data.units])
     }

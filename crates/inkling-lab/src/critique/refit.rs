@@ -262,7 +262,7 @@ mod tests {
         ];
         for (effect, size) in effects {
             let data = draw(&Run { channels: 12, bursts: 8, effect, size, ..Run::default() }, 32);
-            let model = Model::fitted(&data, true, 2).unwrap();
+            let model = Model::fitted(&data, 2).unwrap();
             let setting = Setting { data: &data, avoid: &[] };
             for scatter in [false, true] {
                 let mut start = model.clone();

@@ -64,8 +64,8 @@ impl PoleSums {
 
 impl Model {
     /// The first model of these signals, fitted in so many `rounds`; `None` where nothing rings.
-    pub fn fitted(data: &Observations, real: bool, rounds: usize) -> Option<Model> {
-        let mut model = Model::start(data, real)?;
+    pub fn fitted(data: &Observations, rounds: usize) -> Option<Model> {
+        let mut model = Model::start(data)?;
         model.fit(data, rounds);
         Some(model)
     }
@@ -135,9 +135,7 @@ impl Model {
             signal.gram /= self.noise_var;
             signal.product /= self.noise_var;
         }
-        if self.real {
-            self.shift_lambda(of_pole.step(self.lambda_off(), self.noise_var));
-        }
+        self.shift_lambda(of_pole.step(self.lambda_off(), self.noise_var));
         signals
     }
 }

@@ -152,7 +152,7 @@ mod tests {
     #[test]
     fn no_step_is_kept_that_makes_a_signal_less_probable() {
         let data = draw(&Run { channels: 6, bursts: 4, ..Run::default() }, 31);
-        let mut fitted = Model::fitted(&data, true, 1).unwrap();
+        let mut fitted = Model::fitted(&data, 1).unwrap();
         let scale = fitted.scale();
         let precision = inverse(&scaled(&fitted.within, &scale));
         let (own, centre): (Own, Theta) = (|model, i| &mut model.each[i], Theta::zeros());

@@ -181,7 +181,7 @@ mod tests {
     #[test]
     fn two_halves_of_the_channels_say_what_all_say() {
         let data = draw(&Run { channels: 7, bursts: 3, ..Run::default() }, 33);
-        let model = Model::fitted(&data, true, 1).unwrap();
+        let model = Model::fitted(&data, 1).unwrap();
         let wholes = Part::of(&model, &data, 0..data.len());
         for (space, whole) in Space::of(&model, &data).into_iter().zip(wholes) {
             let near = |a: f64, b: f64, scale: f64| (a - b).abs() <= 1e-9 * scale.max(1.0);

@@ -25,9 +25,8 @@ const START_OVER_NOISE: f64 = 300.0;
 const MOST_DRIFT: f64 = 0.1;
 
 impl Model {
-    /// `real`: whether the ring has a real pole, as an ink channel's has. `None`: nothing rings in the
-    /// signals.
-    pub fn start(data: &Observations, real: bool) -> Option<Model> {
+    /// `None`: nothing rings in the signals.
+    pub fn start(data: &Observations) -> Option<Model> {
         let n = data.samples;
         let mut average = vec![0.0; n];
         let mut weight = 0.0;
@@ -37,14 +36,13 @@ impl Model {
             average.iter_mut().zip(data.signal(i)).for_each(|(a, &y)| *a += s * f64::from(y));
         }
         average.iter_mut().for_each(|a| *a /= weight);
-        let mut mean = first_guess(&average, real)?;
+        let mut mean = first_guess(&average)?;
         mean[5] = LAMBDA_OVER_SIGMA.ln(); // a model holds ln lambda/sigma, not ln lambda
         let amplitude = mean[2].hypot(mean[3]).max(f64::MIN_POSITIVE);
         // scatter of ln damping, ln frequency, a, b and c, wide enough for channels to move freely
         let sds = Vector5::from([0.5, 0.1, amplitude, amplitude, 0.3 * amplitude]);
         let wide = Matrix5::from_diagonal(&sds.map(|sd| sd * sd));
         let mut model = Model {
-            real,
             mean,
             between: wide,
             within: wide * 1e-6,
@@ -118,7 +116,7 @@ impl Model {
 /// an offset (which only keeps an offset of the signal from bending the ring) by linear least squares, then a
 /// refinement. `None`: the ring explains less than a tenth (`little`) of the signal's square about its mean.
 /// Its last element is ln lambda.
-fn first_guess(y: &[f64], real: bool) -> Option<Theta> {
+fn first_guess(y: &[f64]) -> Option<Theta> {
     let n = y.len();
     let mut best: Option<(f64, Theta)> = None;
     let most = std::f64::consts::PI * n as f64 * 0.9;
@@ -145,8 +143,7 @@ fn first_guess(y: &[f64], real: bool) -> Option<Theta> {
                     0 => (-sigma * t).exp() * (omega * t).cos(),
                     1 => (-sigma * t).exp() * (omega * t).sin(),
                     2 => 1.0,
-                    _ if real => (-LAMBDA_OVER_SIGMA * sigma * t).exp(),
-                    _ => 0.0,
+                    _ => (-LAMBDA_OVER_SIGMA * sigma * t).exp(),
                 }
             });
             let gram = columns.tr_mul(&columns) + DMatrix::identity(4, 4) * 1e-6;
@@ -159,17 +156,17 @@ fn first_guess(y: &[f64], real: bool) -> Option<Theta> {
         }
     }
     let (cost, theta) = best?;
-    let theta = refine(&theta, y, real);
+    let theta = refine(&theta, y);
     (cost < (1.0 - little()) * total && theta.iter().all(|v| v.is_finite())).then_some(theta)
 }
 
 /// Moves one ring and an offset, from `theta` and 0 on, to the nearest least squares of the signal y. Lambda
 /// stays at `LAMBDA_OVER_SIGMA` times the damping.
-fn refine(theta: &Theta, y: &[f64], real: bool) -> Theta {
+fn refine(theta: &Theta, y: &[f64]) -> Theta {
     let n = y.len();
     let cost = |(theta, offset): &(Theta, f64)| {
         let mut tangent = Tangent::default();
-        tangent.at(theta, theta[4], real, n);
+        tangent.at(theta, theta[4], n);
         let left = DVector::from_fn(n, |k, _| y[k] - tangent.y[k] - offset);
         (left.norm_squared(), (tangent, left))
     };

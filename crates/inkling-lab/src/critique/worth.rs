@@ -98,7 +98,7 @@ pub fn measure(
     };
     let split = split_of(data)?;
     let unwhitened = unwhitened.and_then(split_of);
-    let plain = baseline(before.real, Some(before), split.part(avoid))?;
+    let plain = baseline(Some(before), split.part(avoid))?;
     let extended = with(&plain, causes, split.part(avoid));
     let measuring =
         Measuring { before, causes, artefacts, split, unwhitened, plain, extended, avoid };
@@ -153,7 +153,7 @@ impl Measuring<'_> {
         if self.unwhitened.is_some() || rails.is_empty() && lattice.is_none() {
             return Vec::new();
         }
-        let naive = baseline(self.before.real, None, self.split.part(self.avoid));
+        let naive = baseline(None, self.split.part(self.avoid));
         let Some(naive) = naive else { return Vec::new() };
         let naive = ln(&self.split.test(&naive), &Noise::default());
         let sd = noise_var.sqrt();
@@ -200,7 +200,7 @@ impl Measuring<'_> {
     fn correlation(&self, ln_plain: &[f64]) -> Option<Step> {
         accepted(&self.artefacts.noise, CauseId::CorrelatedNoise)?;
         let split = self.unwhitened.as_ref()?;
-        let naive = baseline(self.before.real, None, split.part(&[]))?;
+        let naive = baseline(None, split.part(&[]))?;
         let naive: Vec<f64> =
             split.test(&naive).iter().map(Signal::ln_density_after_first).collect();
         Some(Step { id: CauseId::CorrelatedNoise, gains: differences(ln_plain, &naive) })

@@ -146,9 +146,7 @@ impl ScoreTests<'_> {
         let amplitude = self.model.amplitude();
         let along = |v| Direction::covariate(self.samples, which, v);
         let free = |own| std::array::from_fn(|j| if j == own { amplitude } else { 0.0 });
-        // an oscillator has no real pole, whose amplitude is the last one
-        let amplitudes = if self.model.real { 2..5 } else { 2..4 };
-        let ways = std::iter::once(plain).chain(amplitudes.map(free));
+        let ways = std::iter::once(plain).chain((2..5).map(free));
         let directions: Vec<Direction> = ways.map(along).collect();
         if let Some(tested) = self.nuisances.covariates.test(&directions) {
             best.value = tested.coefficients[0] * unit;
@@ -227,7 +225,7 @@ impl ScoreTests<'_> {
     /// have, at the first sample, the output and the first two derivatives that follow from the
     /// held state.
     fn grown_rates(&self, [stiffness, loss]: [usize; 2]) -> Option<[f64; ALL]> {
-        let interior = self.interior.filter(|of| of.is_ink)?;
+        let interior = self.interior?;
         let Interior { channel, state: [v, q_r, q_n], .. } = interior;
         let grown = |x: f64, h: f64, often: usize| (0..often).fold(x, |x, _| x * (1.0 + h));
         // parameters of the decay after all rates have grown by h
@@ -273,11 +271,9 @@ impl ScoreTests<'_> {
         present.flat_map(|which| self.on_each_parameter(which)).collect()
     }
 
-    /// Tests one covariate on each parameter but the real pole's rate (of an oscillator, also but its
-    /// amplitude), alone and beside the others;
-    /// whichever says more counts. In place of the pair's cosine and sine stand its amplitude and its
-    /// phase, along and across what both are in the mean. As for causes, the spread over bursts lowers what is of
-    /// interest.
+    /// Tests one covariate on each parameter but the real pole's rate, alone and beside the others; whichever
+    /// says more counts. In place of the pair's cosine and sine stand its amplitude and its phase, along and
+    /// across what both are in the mean. As for causes, the spread over bursts lowers what is of interest.
     fn on_each_parameter(&self, which: usize) -> Vec<ParameterTest> {
         let dof = self.dof(which == POSITION);
         let (a, b) = (self.model.mean[2], self.model.mean[3]);
@@ -291,8 +287,7 @@ impl ScoreTests<'_> {
             }
             Direction::covariate(self.samples, which, v)
         };
-        let parameters = if self.model.real { ALL - 1 } else { ALL - 2 };
-        let each: Vec<Direction> = (0..parameters).map(alone).collect();
+        let each: Vec<Direction> = (0..ALL - 1).map(alone).collect();
         // with the others free as well: what moves two parameters together is in their common scatter
         let together = self.nuisances.covariates.test(&each);
         let look = |(j, direction): (usize, &Direction)| {

@@ -152,7 +152,7 @@ impl ScoreTests<'_> {
     /// its cosine and sine are both free. The value is m; the standard error of ln m includes that of the
     /// held ratio of rates. If the slow mode is strong, the factor `loss` on its damping is searched as well.
     pub(super) fn slow_mode(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
-        let Interior { channel, .. } = self.interior.filter(|of| of.is_ink)?;
+        let Interior { channel, .. } = self.interior?;
         let n = self.samples;
         // `loss`: damping of the pair over the one that m predicts, while gamma² + w² stays the same
         let columns = |m: f64, loss: f64| {

@@ -97,24 +97,20 @@ impl<'a> ScoreTests<'a> {
             lambda: t[5].exp(),
             a: t[2],
             b: t[3],
-            c: if model.real { t[4] } else { 0.0 },
+            c: t[4],
         };
-        let interior = match model.real {
-            true => Interior::ink(&decay, RATIO_OF_RATES),
-            false => Some(Interior::oscillator(&decay)),
-        };
+        let interior = Interior::ink(&decay, RATIO_OF_RATES);
         let samples = data.samples;
         ScoreTests { model, data, avoid, nuisances, samples, decay, interior }
     }
 
     /// Tests all causes and rivals that the data can test, in the catalogue's order. An entry that
-    /// needs a drive scan is tested without one, too, but of ink channels it then gets an
-    /// objection.
+    /// needs a drive scan is tested without one, too, but then gets an objection.
     pub fn score_all(&self) -> Vec<Scored> {
         let lacks = |e: &Entry| e.needs.lacking(self.data).is_some();
         let scored = |e: &Entry| {
             let mut scored = self.score_one(e.id, None)?;
-            if self.model.real && lacks(e) {
+            if lacks(e) {
                 scored.objection = Some(Objection::NoDriveScan);
             }
             Some(scored)

@@ -155,7 +155,7 @@ impl ScoreTests<'_> {
             scored.objection = Some(Objection::UnphysicalSign);
         }
         // amplitudes inside an ink channel rest on a ratio of rates that is not known exactly
-        if id.by_amplitude() && inside.is_ink {
+        if id.by_amplitude() {
             scored.sd = scored.sd.hypot(interior() * scored.value);
         }
         Some(scored)
@@ -235,7 +235,7 @@ impl ScoreTests<'_> {
 
     fn ring(&self) -> Vec<f64> {
         let mut y = vec![0.0; self.samples];
-        free_decay::add(&self.model.decay(), self.model.real, 0.0, 1.0, &mut y);
+        free_decay::add(&self.model.decay(), 0.0, 1.0, &mut y);
         y
     }
 

@@ -1,17 +1,24 @@
 //! Few, long decays of one system, in the form in which the plant is fitted to them.
 //!
 //! In: observations, one row for each output (channel) of each burst. Out: [`Decays`]: complete bursts in the
-//! order of their times, every output divided by its largest deviation from its mean (which is not
-//! subtracted), the output with the largest variance first: it counts as the displacement.
+//! order of their times (of many a few), every output divided by its largest deviation from its mean (which
+//! is not subtracted), the output with the largest variance first: it counts as the displacement.
 
 use crate::critique::observations::Observations;
 use crate::critique::outcome::CritiqueError;
+
+/// Largest number of bursts that are looked at, spread over the recording.
+const MOST_BURSTS: usize = 32;
+/// Longer decays are cut to so many samples, by whoever reads them.
+pub const MOST_SAMPLES: usize = 32_768;
+/// Largest number of samples in all, for reasonable time.
+const MOST_IN_ALL: usize = 8 * MOST_SAMPLES;
 
 #[derive(Clone, Debug)]
 pub struct Decays {
     /// Sampling period, s.
     pub dt_s: f64,
-    /// Numbers of complete bursts, of outputs, and of samples of each.
+    /// Numbers of complete bursts that are looked at, of outputs, and of samples of each.
     pub bursts: usize,
     pub outputs: usize,
     pub samples: usize,
@@ -20,37 +27,46 @@ pub struct Decays {
     pub channels: Vec<u32>,
     /// What each output was divided by, in the unit of the recording ("counts").
     pub scale: Vec<f64>,
+    /// Number of all complete bursts.
+    pub whole: usize,
     /// Number of bursts in which an output is missing.
     pub incomplete: usize,
 }
 
 impl Decays {
-    /// `data`: of one system. Error: there are no complete bursts, or an output never moves.
+    /// Error: there are several printheads, or no complete bursts, or an output never moves.
     pub fn of(data: &Observations) -> Result<Decays, CritiqueError> {
+        if data.printheads.len() > 1 {
+            return Err(CritiqueError::SeveralPrintheads { printheads: data.printheads.len() });
+        }
         let mut channels: Vec<u32> = data.rows.iter().map(|r| r.beside.channel).collect();
         channels.sort_unstable();
         channels.dedup();
 
         // the row of each output in each burst
-        let n = data.samples;
         let mut bursts: Vec<Vec<Option<usize>>> = vec![vec![None; channels.len()]; data.bursts];
         for (i, row) in data.rows.iter().enumerate() {
             let output = channels.partition_point(|channel| *channel < row.beside.channel);
             bursts[row.burst][output] = Some(i);
         }
-        let mut whole: Vec<Vec<usize>> =
+        let mut all: Vec<Vec<usize>> =
             bursts.iter().filter_map(|b| b.iter().copied().collect()).collect();
-        whole.sort_by_key(|b| data.rows[b[0]].beside.t_acq_ns);
-        if whole.is_empty() {
+        all.sort_by_key(|b| data.rows[b[0]].beside.t_acq_ns);
+        if all.is_empty() {
             return Err(CritiqueError::NoCompleteBurst { outputs: channels.len() });
         }
+        // of so many outputs that already one burst has too many samples, each is cut
+        let n = data.samples.min(MOST_IN_ALL / channels.len());
+        let most = all.len().min(MOST_BURSTS).min(MOST_IN_ALL / (channels.len() * n));
+        let looked_at: Vec<&Vec<usize>> = (0..most).map(|k| &all[k * all.len() / most]).collect();
+        let signal = |i: usize| &data.signal(i)[..n];
 
         // of each output the largest deviation from its mean, and the sum of squares about it
         let spread = |o: usize| -> (f64, f64) {
-            let all = || whole.iter().flat_map(|b| data.signal(b[o])).map(|y| f64::from(*y));
-            let mean = all().sum::<f64>() / (n * whole.len()) as f64;
-            let largest = all().fold(0.0_f64, |m, y| m.max((y - mean).abs()));
-            (largest, all().map(|y| (y - mean).powi(2)).sum::<f64>())
+            let each = || looked_at.iter().flat_map(|b| signal(b[o])).map(|y| f64::from(*y));
+            let mean = each().sum::<f64>() / (n * most) as f64;
+            let largest = each().fold(0.0_f64, |m, y| m.max((y - mean).abs()));
+            (largest, each().map(|y| (y - mean).powi(2)).sum::<f64>())
         };
         let mut order: Vec<usize> = (0..channels.len()).collect();
         order.sort_by(|p, q| spread(*q).1.total_cmp(&spread(*p).1));
@@ -59,21 +75,22 @@ impl Decays {
             return Err(CritiqueError::StillOutput { channel: channels[order[still]] });
         }
 
-        let mut y = Vec::with_capacity(whole.len() * order.len() * n);
-        for burst in &whole {
+        let mut y = Vec::with_capacity(most * order.len() * n);
+        for burst in &looked_at {
             for (&o, s) in order.iter().zip(&scale) {
-                y.extend(data.signal(burst[o]).iter().map(|v| f64::from(*v) / s));
+                y.extend(signal(burst[o]).iter().map(|v| f64::from(*v) / s));
             }
         }
         Ok(Decays {
             dt_s: data.dt_s,
-            bursts: whole.len(),
+            bursts: most,
             outputs: order.len(),
             samples: n,
             y,
             channels: order.iter().map(|&o| channels[o]).collect(),
             scale,
-            incomplete: data.bursts - whole.len(),
+            whole: all.len(),
+            incomplete: data.bursts - all.len(),
         })
     }
 
@@ -119,6 +136,13 @@ mod tests {
         assert!(outputs(&rings, [0, 0]).is_ok());
         let apart = outputs(&rings, [0, 1_000_000_000]);
         assert!(matches!(apart, Err(CritiqueError::NoCompleteBurst { outputs: 2 })), "{apart:?}");
+        let mut sampler = Sampler::new(1e-3, usize::MAX);
+        for name in ["one", "other"] {
+            sampler.offer(name, Beside::alone(0, 0), &rings);
+        }
+        let several = Decays::of(&sampler.finish());
+        let two = matches!(several, Err(CritiqueError::SeveralPrintheads { printheads: 2 }));
+        assert!(two, "{several:?}");
         let still = outputs(&[3.0; 64], [0, 0]);
         assert!(matches!(still, Err(CritiqueError::StillOutput { channel: 1 })), "{still:?}");
     }

@@ -1,9 +1,9 @@
 //! The critique of few, long decays of one oscillator (a pendulum, a beam, a circuit).
 //!
-//! In: decays of one system, a few bursts of one or more outputs, in any unit. Out: the same [`Outcome`] as
-//! for a printhead, without an extended design. The trajectory itself is fitted (`fit`, `motion`): a damped
-//! oscillation for all outputs, then whatever terms the decays ask for (`selection`). There is no drive scan,
-//! but a long decay goes through all amplitudes.
+//! In: decays of one system, in bursts of one or more outputs, in any unit; a few of many are looked at.
+//! Out: the same [`Outcome`] as for a printhead, without an extended design. The trajectory itself is fitted
+//! (`fit`, `motion`): a damped oscillation for all outputs, then whatever terms the decays ask for
+//! (`selection`). There is no drive scan, but a long decay goes through all amplitudes.
 //!
 //! The steps of [`critique`]: scale the decays (`decays`); select terms; ask whether anything rings at all;
 //! measure the gain on held-out stretches (`gain`, `worth`); put causes into words (`words`); judge what is
@@ -43,18 +43,7 @@ use fit::sizes;
 use selection::Selected;
 use std::f64::consts::TAU;
 
-/// Largest number of bursts of one system; more are an ensemble of signals.
-pub const MOST_BURSTS: usize = 32;
-/// Longer decays are cut to so many samples, by whoever reads them.
-pub const MOST_SAMPLES: usize = 32_768;
-/// Largest number of samples in all, for reasonable time.
-const MOST_IN_ALL: usize = 8 * MOST_SAMPLES;
-
-pub fn can(data: &Observations) -> bool {
-    data.bursts <= MOST_BURSTS
-        && data.printheads.len() == 1
-        && data.len() * data.samples <= MOST_IN_ALL
-}
+pub use decays::MOST_SAMPLES;
 
 /// What is left of the misfit. `named`: some cause has a name.
 ///
@@ -124,8 +113,8 @@ fn unexplained(selected: &Selected, left: &Unexplained) -> Vec<String> {
     left.remarks().into_iter().chain(unnamed).collect()
 }
 
-/// Criticises the model of decays. `data` must pass [`can`]. `stages` is called with the name of each step as
-/// it begins. Error: nothing rings, or the bursts are no decays of one system.
+/// Criticises the model of decays. `stages` is called with the name of each step as it begins. Error: nothing
+/// rings, or the bursts are no decays of one system.
 pub fn critique(
     data: &Observations,
     stages: &mut dyn FnMut(&str),
@@ -155,6 +144,12 @@ pub fn critique(
         remarks.push(format!(
             "{} bursts were left out: not all outputs are in them",
             decays.incomplete
+        ));
+    }
+    if decays.bursts < decays.whole {
+        remarks.push(format!(
+            "{} of {} bursts were looked at, spread over the recording",
+            decays.bursts, decays.whole
         ));
     }
     let critique = Critique {

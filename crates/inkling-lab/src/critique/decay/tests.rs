@@ -62,6 +62,12 @@ const PLAIN: Truth = Truth {
 
 /// One decay of a random unit, phase and sampling, with the effects of `truth`.
 fn observed(truth: &Truth, seed: u64) -> Observations {
+    recorded(truth, seed, 1)
+}
+
+/// So many decays of one system of a random unit and sampling, each of a random phase, with the effects of
+/// `truth`.
+fn recorded(truth: &Truth, seed: u64, bursts: i64) -> Observations {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let per_swing = truth.per_swing * rng.random_range(0.8..1.25);
     let amplitude = 10f64.powf(rng.random_range(-1.0..3.0));
@@ -70,8 +76,6 @@ fn observed(truth: &Truth, seed: u64) -> Observations {
     let sigma = -truth.falls_to.ln() / n as f64;
     let drag = truth.drag * sigma * 3.0 * PI / (4.0 * omega);
     let friction = truth.friction * sigma * omega * FRAC_PI_2;
-    let phase = rng.random_range(0.0..TAU);
-    let (mut x, mut v) = (phase.cos(), omega * phase.sin());
     const STEPS: usize = 200;
     let h = 1.0 / STEPS as f64;
     let spring = |x: f64| match truth.sine {
@@ -80,24 +84,29 @@ fn observed(truth: &Truth, seed: u64) -> Observations {
     };
     let loss =
         |v: f64| -2.0 * sigma * v - drag * v.abs() * v - friction * (v / (1e-4 * omega)).tanh();
-    let phase2 = rng.random_range(0.0..TAU);
-    let mut previous: f64 = StandardNormal.sample(&mut rng);
-    let mut y = Vec::with_capacity(n);
-    for k in 0..n {
-        let white: f64 = StandardNormal.sample(&mut rng);
-        previous = truth.rho * previous + (1.0 - truth.rho * truth.rho).sqrt() * white;
-        let t = k as f64;
-        let second =
-            truth.second.0 * (-1.5 * sigma * t).exp() * (truth.second.1 * omega * t + phase2).cos();
-        y.push(amplitude * (x + second + truth.offset + truth.noise * previous));
-        for _ in 0..STEPS {
-            let middle = v + 0.5 * h * (spring(x) + loss(v));
-            x += h * middle;
-            v = middle + 0.5 * h * (spring(x) + loss(middle));
+    let mut sampler = Sampler::new(3.7e-3, bursts as usize);
+    for burst in 0..bursts {
+        let phase = rng.random_range(0.0..TAU);
+        let (mut x, mut v) = (phase.cos(), omega * phase.sin());
+        let phase2 = rng.random_range(0.0..TAU);
+        let mut previous: f64 = StandardNormal.sample(&mut rng);
+        let mut y = Vec::with_capacity(n);
+        for k in 0..n {
+            let white: f64 = StandardNormal.sample(&mut rng);
+            previous = truth.rho * previous + (1.0 - truth.rho * truth.rho).sqrt() * white;
+            let t = k as f64;
+            let second = truth.second.0
+                * (-1.5 * sigma * t).exp()
+                * (truth.second.1 * omega * t + phase2).cos();
+            y.push(amplitude * (x + second + truth.offset + truth.noise * previous));
+            for _ in 0..STEPS {
+                let middle = v + 0.5 * h * (spring(x) + loss(v));
+                x += h * middle;
+                v = middle + 0.5 * h * (spring(x) + loss(middle));
+            }
         }
+        sampler.offer("decay", Beside::alone(0, burst), &y);
     }
-    let mut sampler = Sampler::new(3.7e-3, 64);
-    sampler.offer("decay", Beside::alone(0, 0), &y);
     sampler.finish()
 }
 
@@ -157,6 +166,23 @@ fn causes_of_synthetic_decays_are_named_or_withheld() {
     }
     assert!(right * 100 >= 90 * all, "{right} of {all}: {report:?}");
     assert!(wrong * 100 <= 4 * all, "{wrong} of {all}: {report:?}");
+}
+
+/// Of many decays a few are looked at, spread over the recording, and it is said.
+#[test]
+fn of_many_decays_a_few_say_what_it_is() {
+    let truth = Truth { cubic: 0.08, swings: 12.0, ..PLAIN };
+    for (bursts, told) in [(20, false), (100, true)] {
+        let data = recorded(&truth, 5, bursts);
+        let of = critique(&data, &mut |_| {}).unwrap().critique;
+        assert_eq!(names(&of), ["cubic_stiffness"], "{bursts}: {}", of.sentence);
+        let remark = "32 of 100 bursts were looked at, spread over the recording";
+        assert_eq!(of.remarks.iter().any(|said| said == remark), told, "{:?}", of.remarks);
+    }
+    let first = |bursts: i64| recorded(&truth, 5, bursts);
+    let few = Decays::of(&first(100)).unwrap();
+    let last = few.series(31, 0)[0] * few.scale[0];
+    assert!((last - f64::from(first(100).signal(96)[0])).abs() < 1e-3 * few.scale[0]);
 }
 
 #[test]
