@@ -210,12 +210,11 @@ pub struct Drive {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FaultRange {
-    /// What a severity means, in words; the simulator does not use it.
+    /// What a severity means and what the fault changes, in words; the simulator does not use them.
     pub severity: Option<String>,
+    pub change: Option<String>,
     /// Lowest and highest severity, in the class's unit.
     pub range: [f64; 2],
-    /// What the fault changes, in words; if given, it must be what this program simulates.
-    pub change: Option<String>,
 }
 
 /// `[dataset]`: numbers of signals in the sets.
