@@ -32,7 +32,7 @@ pub fn run(critiques: &[String], truths: &[PathBuf], json: bool) -> Result<Exit,
         };
         let hidden = names(truth.effects.iter().map(|e| e.id.as_str()).collect());
         let causes = names(answer.causes.iter().map(|c| c.id.as_str()).collect());
-        let (outcome, verdict) = (blind.add(&answer, &truth).word(), &answer.verdict);
+        let (outcome, verdict) = (blind.add(&answer, &truth).word(), answer.verdict.as_str());
         lines.push(format!("{path}: {outcome} (hidden: {hidden}; said: {verdict}, {causes})"));
     }
     let mut out = std::io::stdout().lock();
@@ -63,7 +63,6 @@ fn read_truth(path: &Path) -> Result<Truth, Failure> {
     let none = |what: String| Failure::new(format!("{name}: is no truth: {what}"));
     let (truth, seal) = truth_file::read(path).map_err(Failure::new)?;
     let truth: Truth = serde_json::from_value(truth).map_err(|e| none(printable::of_parser(&e)))?;
-    truth.check().map_err(none)?;
     if seal == Seal::Missing {
         complain(&format!(
             "warning: {name}: not sealed: no truth.sha256 beside its directory, so nobody can tell \

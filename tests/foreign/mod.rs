@@ -182,7 +182,8 @@ impl Outcomes {
             let causes = &critique.causes;
             let named: Vec<_> =
                 causes.iter().map(|c| format!("{} ({:.1} DL)", c.id, c.strength_dl)).collect();
-            let (word, verdict, remarks) = (outcome.word(), &answer.verdict, &critique.remarks);
+            let (word, verdict, remarks) =
+                (outcome.word(), answer.verdict.as_str(), &critique.remarks);
             println!(
                 "{word} {family:?} {effect:?} x{strength} seed {seed}: {verdict} {named:?} {remarks:?}"
             );

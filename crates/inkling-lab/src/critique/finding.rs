@@ -6,34 +6,11 @@
 
 use super::catalogue::CauseId;
 use super::objection::{Objection, WhyNot};
+pub use crate::score::blind::Verdict;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
 pub const VERSION: u32 = 1;
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Verdict {
-    /// The model explains the data.
-    None,
-    /// Every cause is named; of several, one may be tied.
-    Named,
-    /// One discrepancy, and several causes that explain it equally well.
-    Tie,
-    /// The misfit is significant and nothing in the catalogue explains it.
-    Unknown,
-}
-
-impl Verdict {
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Verdict::None => "none",
-            Verdict::Named => "named",
-            Verdict::Tie => "tie",
-            Verdict::Unknown => "unknown",
-        }
-    }
-}
 
 #[derive(Clone, Debug, Serialize)]
 pub struct Critique {

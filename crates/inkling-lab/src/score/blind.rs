@@ -17,12 +17,34 @@
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The answer that a critique gives in its `critique.json`. `verdict`: `none` (nothing found),
-/// `named`, `tie`, or `unknown` (something that no cause in the catalogue explains); `causes`: what
-/// it names.
-#[derive(Clone, Debug, Default, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// The model explains the data.
+    None,
+    /// Every cause is named; of several, one may be tied.
+    Named,
+    /// One discrepancy, and several causes that explain it equally well.
+    Tie,
+    /// The misfit is significant and nothing in the catalogue explains it.
+    Unknown,
+}
+
+impl Verdict {
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Verdict::None => "none",
+            Verdict::Named => "named",
+            Verdict::Tie => "tie",
+            Verdict::Unknown => "unknown",
+        }
+    }
+}
+
+/// The answer that a critique gives in its `critique.json`, and what it names.
+#[derive(Clone, Debug, Deserialize)]
 pub struct CritiqueAnswer {
-    pub verdict: String,
+    pub verdict: Verdict,
     #[serde(default)]
     pub causes: Vec<NamedCause>,
 }
@@ -30,7 +52,7 @@ pub struct CritiqueAnswer {
 /// A cause that a critique names: its id in the catalogue, the size of its effect with a 95 %
 /// interval (in the unit of the effect's parameter), and the ids of causes that could not be told
 /// from it.
-#[derive(Clone, Debug, Default, Deserialize)]
+#[derive(Clone, Debug, Deserialize)]
 pub struct NamedCause {
     pub id: String,
     pub value: Option<f64>,
@@ -39,13 +61,41 @@ pub struct NamedCause {
     pub tied_with: Vec<String>,
 }
 
-/// The effects that a simulation hid in a recording, as its `truth.json` states them.
-/// `circumstances` are words for what is unusual but no effect, such as `heavy_tails`.
-#[derive(Clone, Debug, Default, Deserialize)]
+/// Circumstances that make a recording awkward without being an effect: a critique must not name them.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Circumstance {
+    /// The channels' frequencies scatter by this standard deviation, relative.
+    FrequencyScatter(f64),
+    /// Every signal's own frequency scatters by this standard deviation, relative.
+    BurstScatter(f64),
+    /// Some 6 % of the channels ring faultily all the time.
+    FaultyChannels,
+    /// The temperature rises linearly over the run, so that nobody can tell the two apart.
+    TemperatureFollowsTime,
+    /// The noise is Student's t with four degrees of freedom, of the same variance.
+    HeavyTails,
+}
+
+/// What is true of a recording: the contents of the sealed `truth.json`. Only the effects must be there where
+/// it is scored.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Truth {
+    #[serde(default)]
+    pub version: u32,
+    /// A random number, so that the truth cannot be guessed from its digest, which lies beside the recording.
+    #[serde(default)]
+    pub salt: String,
+    #[serde(default)]
+    pub seed: u64,
     pub effects: Vec<TrueEffect>,
     #[serde(default)]
-    pub circumstances: Vec<serde_json::Value>,
+    pub circumstances: Vec<Circumstance>,
+    /// Number of all signals, and of those of faulty channels.
+    #[serde(default)]
+    pub signals: usize,
+    #[serde(default)]
+    pub faulty_signals: usize,
 }
 
 /// One hidden effect: its id, whether the catalogue of causes has it, its size `value` in `unit`,
@@ -71,52 +121,13 @@ impl CritiqueAnswer {
     /// Refuses an answer that contradicts itself: inkling writes no such answer, and its score would mean
     /// nothing.
     pub fn check(&self) -> Result<(), String> {
-        match (self.verdict.as_str(), self.causes.len()) {
-            ("none", 0) | ("unknown", _) => {}
-            ("named" | "tie", n) if n > 0 => {}
-            ("none", n) => return Err(format!("its verdict is `none`, and it has {n} causes")),
-            ("named" | "tie", _) => {
-                return Err(format!("its verdict is `{}`, and it has no causes", self.verdict));
+        let (verdict, n) = (self.verdict.as_str(), self.causes.len());
+        match (self.verdict, n) {
+            (Verdict::None, 1..) | (Verdict::Named | Verdict::Tie, 0) => {
+                Err(format!("its verdict is `{verdict}`, and it has {n} causes"))
             }
-            (other, _) => {
-                let short: String = other.chars().take(60).collect();
-                return Err(format!(
-                    "its verdict is {short:?}: it must be none, named, tie or unknown"
-                ));
-            }
+            _ => Ok(()),
         }
-        for (i, cause) in self.causes.iter().enumerate() {
-            if cause.id.is_empty() {
-                return Err(format!("causes[{i}] has no id"));
-            }
-            if let Some([Some(low), Some(high)]) = cause.ci95
-                && low > high
-            {
-                return Err(format!("causes[{i}].ci95 = [{low:?}, {high:?}]: the lower one first"));
-            }
-        }
-        Ok(())
-    }
-}
-
-impl Truth {
-    /// Refuses effects without an id, and strengths that no effect can have.
-    pub fn check(&self) -> Result<(), String> {
-        for (i, effect) in self.effects.iter().enumerate() {
-            if effect.id.is_empty() {
-                return Err(format!("effects[{i}] has no id"));
-            }
-            if !(0.0..=1e9).contains(&effect.strength_dl) {
-                let strength = effect.strength_dl;
-                return Err(format!("effects[{i}].strength_dl = {strength:?}: give 0 to 1e9"));
-            }
-        }
-        Ok(())
-    }
-
-    /// Whether the recording has this circumstance.
-    fn has(&self, circumstance: &str) -> bool {
-        self.circumstances.iter().any(|c| c.as_str() == Some(circumstance))
     }
 }
 
@@ -165,14 +176,16 @@ fn names(cause: &NamedCause) -> BTreeSet<&str> {
 /// Compares a critique's answer with what was hidden in its recording. Causes beside the verdict
 /// `unknown` are only the nearest ones, and claim nothing.
 pub fn outcome(answer: &CritiqueAnswer, truth: &Truth) -> Outcome {
-    let claims = matches!(answer.verdict.as_str(), "named" | "tie");
+    let claims = matches!(answer.verdict, Verdict::Named | Verdict::Tie);
+
+    let is = |circumstance| truth.circumstances.contains(&circumstance);
 
     // Nothing is hidden: only the verdict `none` is right.
     if truth.effects.is_empty() {
-        return match answer.verdict.as_str() {
-            "none" => Outcome::Right,
+        return match answer.verdict {
+            Verdict::None => Outcome::Right,
             // the verdict points at the noise, which is unusual; a name would be false
-            "unknown" if truth.has("heavy_tails") => Outcome::Withheld,
+            Verdict::Unknown if is(Circumstance::HeavyTails) => Outcome::Withheld,
             _ => Outcome::Wrong,
         };
     }
@@ -180,21 +193,21 @@ pub fn outcome(answer: &CritiqueAnswer, truth: &Truth) -> Outcome {
     // Something is hidden, and nothing is named.
     if !claims {
         let outside = truth.effects.iter().all(|e| !e.in_catalogue);
-        return match (answer.verdict.as_str(), outside) {
-            ("unknown", true) => Outcome::Right,
-            ("unknown", false) => Outcome::Withheld,
+        return match (answer.verdict, outside) {
+            (Verdict::Unknown, true) => Outcome::Right,
+            (Verdict::Unknown, false) => Outcome::Withheld,
             _ => Outcome::Missed,
         };
     }
 
     // Something is named. Each group of causes is one claim: a cause with those tied with it.
-    let follows = truth.has("temperature_follows_time");
+    let follows = is(Circumstance::TemperatureFollowsTime);
     let (mut found, mut tied, mut wide) = (0, false, false);
     let mut wrong = false;
     // a verdict `tie` is about one discrepancy, so all its names are one group, however they are
     // written down
-    let mut groups: Vec<BTreeSet<&str>> = match answer.verdict.as_str() {
-        "tie" => vec![answer.causes.iter().flat_map(names).collect()],
+    let mut groups: Vec<BTreeSet<&str>> = match answer.verdict {
+        Verdict::Tie => vec![answer.causes.iter().flat_map(names).collect()],
         _ => answer.causes.iter().map(names).collect(),
     };
 
@@ -309,9 +322,10 @@ impl Blind {
         let outcome = outcome(answer, truth);
         let row = self.rows.entry((kind, ids.join(" + "), strength)).or_default();
         row.recordings += 1;
-        row.detected += u32::from(answer.verdict != "none");
+        row.detected += u32::from(answer.verdict != Verdict::None);
         *row.outcomes.entry(outcome).or_default() += 1;
-        if answer.verdict == "named" && matches!(outcome, Outcome::Right | Outcome::HonestTie) {
+        let named = answer.verdict == Verdict::Named;
+        if named && matches!(outcome, Outcome::Right | Outcome::HonestTie) {
             for inside in truth.effects.iter().filter_map(|effect| covered(answer, effect)) {
                 row.intervals += 1;
                 row.covered += u32::from(inside);
@@ -412,17 +426,17 @@ impl Blind {
 mod tests {
     use super::*;
 
-    fn answer(verdict: &str, causes: &[&[&str]]) -> CritiqueAnswer {
+    fn answer(verdict: Verdict, causes: &[&[&str]]) -> CritiqueAnswer {
         let causes = causes.iter().map(|names| NamedCause {
             id: names[0].to_owned(),
             value: Some(1.0),
             ci95: Some([Some(0.5), Some(1.5)]),
             tied_with: names[1..].iter().map(|n| (*n).to_owned()).collect(),
         });
-        CritiqueAnswer { verdict: verdict.to_owned(), causes: causes.collect() }
+        CritiqueAnswer { verdict, causes: causes.collect() }
     }
 
-    fn truth(ids: &[&str], ties: &[&str], circumstances: &[&str]) -> Truth {
+    fn truth(ids: &[&str], ties: &[&str], circumstances: &[Circumstance]) -> Truth {
         let effects = ids.iter().map(|id| TrueEffect {
             id: (*id).to_owned(),
             in_catalogue: !id.starts_with("outside"),
@@ -431,65 +445,56 @@ mod tests {
             ties: ties.iter().map(|t| (*t).to_owned()).collect(),
             ..TrueEffect::default()
         });
-        let circumstances = circumstances.iter().map(|c| serde_json::json!(c)).collect();
-        Truth { effects: effects.collect(), circumstances }
+        let circumstances = circumstances.to_vec();
+        Truth { effects: effects.collect(), circumstances, ..Truth::default() }
     }
 
     #[test]
     fn what_contradicts_itself_is_refused() {
-        for good in [answer("none", &[]), answer("unknown", &[]), answer("unknown", &[&["tone"]])] {
-            good.check().unwrap();
-        }
-        answer("tie", &[&["offset", "droop"]]).check().unwrap();
+        answer(Verdict::Unknown, &[&["tone"]]).check().unwrap();
         for (bad, word) in [
-            (answer("none", &[&["tone"]]), "none"),
-            (answer("named", &[]), "no causes"),
-            (answer("tie", &[]), "no causes"),
-            (answer("Named", &[&["tone"]]), "none, named, tie or unknown"),
-            (answer("", &[]), "none, named, tie or unknown"),
-            (answer("named", &[&[""]]), "no id"),
+            (answer(Verdict::None, &[&["tone"]]), "none"),
+            (answer(Verdict::Named, &[]), "0 causes"),
+            (answer(Verdict::Tie, &[]), "0 causes"),
         ] {
             let message = bad.check().unwrap_err();
             assert!(message.contains(word), "{message}");
         }
-        let mut swapped = answer("named", &[&["tone"]]);
-        swapped.causes[0].ci95 = Some([Some(1.5), Some(0.5)]);
-        assert!(swapped.check().unwrap_err().contains("causes[0].ci95"));
-        swapped.causes[0].ci95 = Some([None, Some(0.5)]);
-        swapped.check().unwrap();
-        truth(&["tone"], &[], &[]).check().unwrap();
-        assert!(truth(&[""], &[], &[]).check().is_err());
+        let unknown = serde_json::from_str::<CritiqueAnswer>(r#"{"verdict":"Named"}"#).unwrap_err();
+        assert!(unknown.to_string().contains("`named`"), "{unknown}");
     }
 
     #[test]
     fn every_outcome_has_its_rule() {
         use Outcome::*;
         let nothing = || truth(&[], &[], &[]);
-        let heavy = || truth(&[], &[], &["heavy_tails"]);
+        let heavy = || truth(&[], &[], &[Circumstance::HeavyTails]);
         let one = |id: &str| truth(&[id], &[], &[]);
         let droop = || truth(&["droop"], &["offset", "droop"], &[]);
         let both = || truth(&["tone", "ageing"], &[], &[]);
-        let aged = || truth(&["ageing"], &["ageing", "temperature"], &["temperature_follows_time"]);
+        let aged = || {
+            truth(&["ageing"], &["ageing", "temperature"], &[Circumstance::TemperatureFollowsTime])
+        };
         for (answer, truth, expected) in [
-            (answer("none", &[]), nothing(), Right),
-            (answer("unknown", &[]), nothing(), Wrong),
-            (answer("unknown", &[]), heavy(), Withheld),
-            (answer("named", &[&["tone"]]), heavy(), Wrong),
-            (answer("tie", &[&["ageing", "temperature"]]), nothing(), Wrong),
-            (answer("named", &[&["tone"]]), one("tone"), Right),
-            (answer("named", &[&["tone"], &["offset"]]), one("tone"), Wrong),
-            (answer("none", &[]), one("tone"), Missed),
-            (answer("unknown", &[&["tone"]]), one("tone"), Withheld),
-            (answer("tie", &[&["offset", "droop"]]), droop(), HonestTie),
-            (answer("tie", &[&["offset"], &["droop"]]), droop(), HonestTie),
-            (answer("tie", &[&["offset", "tone"]]), one("tone"), WideTie),
-            (answer("named", &[&["offset"]]), droop(), Wrong),
-            (answer("unknown", &[&["tone"]]), one("outside_x"), Right),
-            (answer("named", &[&["tone"]]), one("outside_x"), Wrong),
-            (answer("named", &[&["tone"]]), both(), Partly),
-            (answer("named", &[&["ageing"], &["tone"]]), both(), Right),
-            (answer("named", &[&["ageing"]]), aged(), Wrong),
-            (answer("tie", &[&["ageing", "temperature"]]), aged(), HonestTie),
+            (answer(Verdict::None, &[]), nothing(), Right),
+            (answer(Verdict::Unknown, &[]), nothing(), Wrong),
+            (answer(Verdict::Unknown, &[]), heavy(), Withheld),
+            (answer(Verdict::Named, &[&["tone"]]), heavy(), Wrong),
+            (answer(Verdict::Tie, &[&["ageing", "temperature"]]), nothing(), Wrong),
+            (answer(Verdict::Named, &[&["tone"]]), one("tone"), Right),
+            (answer(Verdict::Named, &[&["tone"], &["offset"]]), one("tone"), Wrong),
+            (answer(Verdict::None, &[]), one("tone"), Missed),
+            (answer(Verdict::Unknown, &[&["tone"]]), one("tone"), Withheld),
+            (answer(Verdict::Tie, &[&["offset", "droop"]]), droop(), HonestTie),
+            (answer(Verdict::Tie, &[&["offset"], &["droop"]]), droop(), HonestTie),
+            (answer(Verdict::Tie, &[&["offset", "tone"]]), one("tone"), WideTie),
+            (answer(Verdict::Named, &[&["offset"]]), droop(), Wrong),
+            (answer(Verdict::Unknown, &[&["tone"]]), one("outside_x"), Right),
+            (answer(Verdict::Named, &[&["tone"]]), one("outside_x"), Wrong),
+            (answer(Verdict::Named, &[&["tone"]]), both(), Partly),
+            (answer(Verdict::Named, &[&["ageing"], &["tone"]]), both(), Right),
+            (answer(Verdict::Named, &[&["ageing"]]), aged(), Wrong),
+            (answer(Verdict::Tie, &[&["ageing", "temperature"]]), aged(), HonestTie),
         ] {
             assert_eq!(outcome(&answer, &truth), expected, "{answer:?} {truth:?}");
         }
@@ -498,9 +503,9 @@ mod tests {
     #[test]
     fn counts_add_up_and_intervals_are_counted_once() {
         let mut blind = Blind::default();
-        blind.add(&answer("named", &[&["tone"]]), &truth(&["tone"], &[], &[]));
-        blind.add(&answer("none", &[]), &truth(&["tone"], &[], &[]));
-        blind.add(&answer("none", &[]), &truth(&[], &[], &[]));
+        blind.add(&answer(Verdict::Named, &[&["tone"]]), &truth(&["tone"], &[], &[]));
+        blind.add(&answer(Verdict::None, &[]), &truth(&["tone"], &[], &[]));
+        blind.add(&answer(Verdict::None, &[]), &truth(&[], &[], &[]));
         let row = blind.row(Kind::One, 4..=4);
         assert_eq!((row.recordings, row.detected, row.intervals, row.covered), (2, 1, 1, 1));
         assert!((row.share(&[Outcome::Missed]) - 0.5).abs() < 1e-12);

@@ -23,7 +23,7 @@ use super::scenario::{
     HiddenRun, Physics, PrintRun, Recorded, RecordingOptions, ScenarioError, require,
 };
 use super::simulated::{SimulatedRecording, healthy_everywhere, healthy_heads};
-use crate::score::blind::TrueEffect;
+use crate::score::blind::{Circumstance, TrueEffect, Truth};
 use effect::{Effect, Needs};
 use inkling_core::burst::Compression;
 use inkling_core::labels::{Channels, Label};
@@ -31,11 +31,8 @@ use rand::RngExt;
 use rand::seq::IndexedRandom;
 use rand_chacha::ChaCha8Rng;
 use run::{Acquisitions, Base};
-use serde::Serialize;
 use std::sync::Arc;
 use strength::{STRENGTHS_DL, Strength, Yardstick};
-
-pub use run::Circumstance;
 
 /// Smallest distance of a line (tone, mode) from the resonance and its multiples, relative to the resonance.
 const CLEAR_OF_HARMONICS: f64 = 0.12;
@@ -46,20 +43,6 @@ pub struct Plan {
     pub effects: Vec<(Effect, f64)>,
     /// What makes the recording awkward beside them.
     pub circumstances: Vec<Circumstance>,
-}
-
-/// What is true of a recording: the contents of the sealed file.
-#[derive(Clone, Debug, Serialize)]
-pub struct Truth {
-    pub version: u32,
-    /// A random number, so that the truth cannot be guessed from its digest, which lies beside the recording.
-    pub salt: String,
-    pub seed: u64,
-    pub effects: Vec<TrueEffect>,
-    pub circumstances: Vec<Circumstance>,
-    /// Number of all signals, and of those of faulty channels.
-    pub signals: usize,
-    pub faulty_signals: usize,
 }
 
 pub struct Hidden {

@@ -11,6 +11,7 @@
 
 use super::effect::{Acts, Conditions, Effect, Samples, stiffen, thin};
 use super::plant::{Equation, State};
+use crate::score::blind::Circumstance;
 use crate::simulate::burst_shape::{Acquired, digitise};
 use crate::simulate::draws::{Purpose, about_one, part, stream};
 use crate::simulate::print_run::{RECORDED_TEMPERATURE_SD_K, draw_level, time_ns};
@@ -21,7 +22,6 @@ use inkling_core::model::{InkChannel, faults};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{StandardNormal, StudentT};
-use serde::Serialize;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
@@ -29,22 +29,6 @@ use std::sync::Arc;
 const TAIL_DOF: f64 = 4.0;
 /// Half-widths of a recording's nominal rates and peak about the scenario's, relative.
 const BASE_SPREAD: Spread = Spread { a: 0.10, b: 0.10, g: 0.15, d: 0.15, gain: 0.15 };
-
-/// Circumstances that make a recording awkward without being an effect: a critique must not name them.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Circumstance {
-    /// The channels' frequencies scatter by this standard deviation, relative.
-    FrequencyScatter(f64),
-    /// Every signal's own frequency scatters by this standard deviation, relative.
-    BurstScatter(f64),
-    /// Some 6 % of the channels ring faultily all the time.
-    FaultyChannels,
-    /// The temperature rises linearly over the run, so that nobody can tell the two apart.
-    TemperatureFollowsTime,
-    /// The noise is Student's t with `TAIL_DOF` degrees of freedom, of the same variance.
-    HeavyTails,
-}
 
 /// The constants of one channel.
 #[derive(Clone, Copy, Debug)]

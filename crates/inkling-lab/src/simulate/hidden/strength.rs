@@ -327,8 +327,9 @@ impl Yardstick {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::score::blind::Circumstance;
     use crate::simulate::fixtures::{HIDDEN, HIDDEN_PLAIN, physics, replaced};
-    use crate::simulate::hidden::{effect, run::Circumstance};
+    use crate::simulate::hidden::effect;
 
     fn base(text: &str, circumstances: &[Circumstance], seed: u64) -> Base {
         let physics = physics(text);
