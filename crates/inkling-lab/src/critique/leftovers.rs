@@ -109,7 +109,7 @@ pub fn leave_out(artefacts: &mut Artefacts, chosen: Vec<Finding>) {
     all.extend(chosen);
     for f in artefacts.noise.iter_mut().filter(|f| f.accepted()) {
         if !Finding::of(f, &[]).is_beyond(&all) {
-            f.objection = Some(Objection::LeftByAStronger);
+            f.objection = Some(Objection::LeftByOthers);
         }
     }
 }
@@ -121,7 +121,7 @@ pub fn at_the_ring(of_noise: &mut [Candidate], model: &Model, length_s: f64) -> 
     let tone = of_noise.iter_mut().find(|f| f.id == CauseId::RandomTone && f.accepted());
     let near = |f: &&mut Candidate| (f.value - own_hz).abs() * length_s < 1.0;
     let Some(tone) = tone.filter(near) else { return false };
-    tone.objection = Some(Objection::LookedForLater);
+    tone.objection = Some(Objection::LeftByOthers);
     true
 }
 
@@ -131,7 +131,7 @@ pub fn at_the_ring_beside(of_noise: &mut [Candidate], chosen: &[Finding]) {
     let strongest = chosen.iter().map(|c| c.statistic).fold(0.0, f64::max);
     for f in of_noise.iter_mut().filter(|f| f.id == CauseId::RandomTone && f.accepted()) {
         if f.statistic <= little() * strongest {
-            f.objection = Some(Objection::LeftAtTheRing);
+            f.objection = Some(Objection::LeftByOthers);
         }
     }
 }
@@ -144,7 +144,7 @@ pub fn still_there(of_noise: &mut [Candidate], again: &[Candidate]) {
         let gone =
             f.id != CauseId::CorrelatedNoise && again.iter().any(|a| a.id == f.id && !a.accepted());
         if gone {
-            f.objection = Some(Objection::LeftInSignals);
+            f.objection = Some(Objection::LeftByOthers);
         }
     }
 }

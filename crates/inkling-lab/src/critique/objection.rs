@@ -32,15 +32,8 @@ pub enum Objection {
     // objections to findings in codes, noise and trigger
     #[error("codes are missing, but not those between the multiples of a step")]
     NoLattice,
-    #[error("what a stronger cause leaves")]
-    LeftByAStronger,
-    #[error("what other causes leave in single signals")]
-    LeftInSignals,
-    /// A random tone at the ring's frequency, before causes are selected.
-    #[error("it is looked for beside the causes")]
-    LookedForLater,
-    #[error("what bends the ring leaves so much at its frequency")]
-    LeftAtTheRing,
+    #[error("what other causes leave")]
+    LeftByOthers,
     /// A jitter whose bursts may vary as much across the shift in time as along it.
     #[error("bursts may differ as much in amplitude")]
     AnyDirection,
@@ -58,17 +51,11 @@ pub enum Objection {
     Undamped,
     #[error("it is no line of the spectrum")]
     NoLine,
-    #[error("it is too near to the frequency of the ring to be told from it")]
-    NearTheRing,
-    #[error("it lies on {0} times the frequency of the ring")]
+    /// The multiple may lie above half of the sampling rate, and its mirror image at the line.
+    #[error("it lies on {0} times the frequency of the ring, or its mirror image")]
     Multiple(i32),
-    /// Folded: the multiple lies above half of the sampling rate, and its alias lies at the line.
-    #[error("it lies on {0} times the frequency of the ring, folded")]
-    Folded(i32),
     #[error("it cannot be told from a line that is in the model")]
     KnownLine,
-    #[error("it does not oscillate")]
-    Overdamped,
     /// In a coloured misfit anything takes some of it: a line must take a tenth, another cause 3 %.
     #[error("it is little of what is left")]
     TooWeak,

@@ -76,7 +76,7 @@ fn line_objection(
             return Some(Objection::KnownLine);
         }
     }
-    (sigma * 0.5 > frequencies[0]).then_some(Objection::Overdamped)
+    (sigma * 0.5 > frequencies[0]).then_some(Objection::NoLine)
 }
 
 /// What else may ring at a line's frequency `omega`, rad per sample. `sigma`: the line's damping per sample;
@@ -92,18 +92,15 @@ fn place_objection(fit: &Fit, omega: f64, sigma: f64, width: f64) -> Option<Obje
     let swept = (fit.motion().frequency_ratio(largest) - 1.0).abs();
     let near_ring = resolution.max(sigma.abs() + fit.p[SIGMA].abs()).max(swept * own);
     if (omega - own).abs() < near_ring {
-        return Some(Objection::NearTheRing);
+        return Some(Objection::OwnLine);
     }
     for multiple in 2..=8 {
         let m = f64::from(multiple);
         // a harmonic is as wide as a line: a line that is no farther off than its own width may be either
         let near = (0.35 * resolution).max(harmonic() * m * own).max(swept * m * own).max(width);
-        if (omega - m * own).abs() < near {
-            return Some(Objection::Multiple(multiple));
-        }
         // the multiple may lie above half the sampling rate, and be seen at its mirror image
-        if (TAU - omega - m * own).abs() < near {
-            return Some(Objection::Folded(multiple));
+        if (omega - m * own).abs().min((TAU - omega - m * own).abs()) < near {
+            return Some(Objection::Multiple(multiple));
         }
     }
     None
