@@ -18,7 +18,7 @@ use super::report_page::write_text;
 use super::{output, results, score_critiques, scored};
 use inkling_core::design::IsolateSettings;
 use inkling_core::fault::{HEALTHY, category};
-use inkling_core::labels::{Channels, Label, Labels, RecordedSpans, Span};
+use inkling_core::labels::{Label, Labels, RecordedSpans, Span};
 use inkling_core::model::faults::Catalogue;
 use inkling_core::promise::Promise;
 use inkling_core::verdict::{Outcome, VerdictColumns};
@@ -31,7 +31,6 @@ use inkling_lab::score::episodes::{DetectedEpisode, EpisodeScore};
 use inkling_lab::score::severity::SeverityScore;
 use inkling_lab::score::{Prediction, Report, Score};
 use serde_json::json;
-use std::collections::HashMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -143,15 +142,14 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
 /// Compares verdicts with labels row by row. Its fields are sums that grow with each row.
 struct Scoring<'a> {
     labels: &'a Labels,
-    /// When the labelled faults began, for the delays of the curves.
-    onsets: Onsets,
     /// Confusion of detection and isolation, and calibration.
     score: Score,
     /// Errors of sizes by class, and by category for those of `ONE_QUANTITY`.
     severity: SeverityScore,
     of_categories: SeverityScore,
-    /// The score of episodes; `None`: no table of episodes was met yet.
-    episodes: Option<EpisodeScore<'a>>,
+    /// The score of episodes, and whether a table of episodes was met yet.
+    episodes: EpisodeScore<'a>,
+    has_episodes: bool,
     /// The curves of the page; `None`: no page is wanted.
     curves: Option<Curves>,
     /// The printheads, channels and times that were met, against which the labels are checked.
@@ -172,11 +170,11 @@ impl<'a> Scoring<'a> {
     fn new(labels: &'a Labels, with_curves: bool) -> Scoring<'a> {
         Scoring {
             labels,
-            onsets: onsets(labels),
             score: Score::default(),
             severity: SeverityScore::default(),
             of_categories: SeverityScore::default(),
-            episodes: None,
+            episodes: EpisodeScore::new(labels),
+            has_episodes: false,
             curves: with_curves.then(Curves::default),
             met: RecordedSpans::default(),
         }
@@ -199,7 +197,7 @@ impl<'a> Scoring<'a> {
         self.use_settings_of(path);
         let beside = episode_table::path_beside(path);
         if stored::is_file(&beside) {
-            let score = self.episodes.get_or_insert_with(|| EpisodeScore::new(self.labels));
+            self.has_episodes = true;
             for e in episode_table::read(&beside).map_err(Failure::new)? {
                 let detected = DetectedEpisode {
                     printhead: &e.printhead,
@@ -209,7 +207,7 @@ impl<'a> Scoring<'a> {
                     raised_at_ns: e.raised_at_ns,
                     began_at_ns: e.began_at_ns,
                 };
-                score.add_episode(detected, &self.score.categories);
+                self.episodes.add_episode(detected, &self.score.categories);
             }
         }
         Ok(())
@@ -250,12 +248,12 @@ impl<'a> Scoring<'a> {
         let truth = labels.at(printhead, channel, t_ns);
         let prediction = row.prediction();
         self.score.add(prediction, truth.map(|label| label.state.as_str()));
-        if let Some(episodes) = self.episodes.as_mut().filter(|_| has_episodes) {
-            episodes.add_signal(printhead, channel, t_ns, truth);
+        if has_episodes {
+            self.episodes.add_signal(printhead, channel, t_ns, truth);
         }
         let Some(label) = truth else { return };
         if let Some(curves) = &mut self.curves {
-            draw(curves, row, label, &prediction, &self.onsets);
+            draw(curves, row, label, &prediction, &mut self.episodes);
         }
         // sizes have the unit of their class, so one can only be compared if its class is the true
         // one
@@ -276,7 +274,7 @@ impl<'a> Scoring<'a> {
         Report {
             severity: self.severity.report(),
             severity_by_category: self.of_categories.report(),
-            episodes: self.episodes.as_ref().map(EpisodeScore::report),
+            episodes: self.has_episodes.then(|| self.episodes.report()),
             ..self.score.report()
         }
     }
@@ -358,45 +356,23 @@ fn promise(path: &Path) -> Result<Promise, Failure> {
     })
 }
 
-/// The onset of a fault, ns, by printhead, channels and start of each label that is a part of the
-/// fault. `None` as a time: the label has no start, and holds from ever.
-type Onsets = HashMap<(String, Channels, Option<i64>), Option<i64>>;
-
-/// The onsets of labelled faults. A fault that grows is labelled by several rows, so labels of
-/// faults that follow each other on the same channels without a gap are one fault, whatever their
-/// classes. A fault's onset is the start of its first label.
-fn onsets(labels: &Labels) -> Onsets {
-    let mut faulty: Vec<&Label> = labels.rows().iter().filter(|l| l.is_fault()).collect();
-    faulty.sort_by_key(|l| (&l.printhead, l.channel, l.from_ns));
-    let mut onsets = Onsets::new();
-    for labels in faulty.chunk_by(|a, b| (&a.printhead, a.channel) == (&b.printhead, b.channel)) {
-        // the onset of the fault at hand, and the latest end of its labels so far; `None`: unlimited
-        let (mut onset, mut end) = (labels[0].from_ns, labels[0].to_ns);
-        for label in labels {
-            (onset, end) = match end.is_none_or(|to| label.from_ns.is_none_or(|from| from <= to)) {
-                true => (onset, end.zip(label.to_ns).map(|(a, b)| a.max(b))),
-                false => (label.from_ns, label.to_ns),
-            };
-            onsets.insert((label.printhead.clone(), label.channel, label.from_ns), onset);
-        }
-    }
-    onsets
-}
-
-/// The onset of the fault that a label is a part of, ns; `None`: it has no start.
-fn onset(onsets: &Onsets, label: &Label) -> Option<i64> {
-    let key = (label.printhead.clone(), label.channel, label.from_ns);
-    onsets.get(&key).copied().unwrap_or(label.from_ns)
-}
-
-/// Adds a judged row with a label to the curves of the page.
-fn draw(curves: &mut Curves, row: &Row, label: &Label, prediction: &Prediction, onsets: &Onsets) {
+/// Adds a judged row with a label to the curves of the page. `faults`: knows which labels are one fault.
+fn draw(
+    curves: &mut Curves,
+    row: &Row,
+    label: &Label,
+    prediction: &Prediction,
+    faults: &mut EpisodeScore,
+) {
     let (c, place) = (row.c, row.place);
     // detection: the statistic over the threshold, and for a faulty signal the labelled fault that
     // it belongs to, since delays count from the fault's onset
     let is_healthy = label.state == HEALTHY;
-    let printhead = || c.printheads[c.printhead[place] as usize].clone();
-    let event = (!is_healthy).then(|| (printhead(), c.channel[place], onset(onsets, label)));
+    let event = (!is_healthy).then(|| {
+        let (printhead, channel) = (&c.printheads[c.printhead[place] as usize], c.channel[place]);
+        let fault = faults.fault_at(printhead, channel, c.acquired_at_ns[place]);
+        (printhead.clone(), channel, fault.map_or(label.from_ns, |fault| Some(fault.from_ns)))
+    });
     if let Some((statistic, threshold)) = c.statistic[place].zip(c.threshold[place]) {
         curves.add(f64::from(statistic) / f64::from(threshold), event);
     }
@@ -410,25 +386,5 @@ fn draw(curves: &mut Curves, row: &Row, label: &Label, prediction: &Prediction, 
     }
     if let (Some(stated), Some(size), true) = (c.severity[place], label.severity, is_right) {
         curves.add_severity(&label.state, size, stated.into());
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_fault_lasts_as_long_as_the_longest_of_its_labels() {
-        let label = |from_ns, to_ns| Label {
-            printhead: "p".into(),
-            channel: Channels::One(3),
-            from_ns: Some(from_ns),
-            to_ns: Some(to_ns),
-            state: "BN".into(),
-            severity: None,
-        };
-        let labels = [label(0, 100), label(10, 20), label(50, 60), label(101, 110)];
-        let onsets = onsets(&Labels::new(labels.to_vec()));
-        assert_eq!(labels.map(|label| onset(&onsets, &label).unwrap()), [0, 0, 0, 101]);
     }
 }
