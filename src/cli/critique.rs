@@ -123,15 +123,6 @@ pub fn run_on(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
     let mut outcome =
         engine::critique(&data, rings, labels.is_some(), &mut stages).map_err(Failure::new)?;
     outcome.critique.signals.rejected = left_out;
-    let signals = &outcome.critique.signals;
-    let (outliers, found) = (signals.outliers as u64, signals.found);
-    // without labels more than a tenth of outliers deserves a remark
-    if args.labels.is_none() && 10 * outliers > found {
-        outcome.critique.remarks.push(format!(
-            "{outliers} of {found} signals were left out as outliers, and what they hold is not explained \
-             here: if they are healthy, say so with --labels"
-        ));
-    }
 
     // 4. now that there is a result, that of an earlier run is removed; then the design is
     // extended, as only ink channels have designs, and only causes extend them
