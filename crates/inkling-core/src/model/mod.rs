@@ -7,8 +7,7 @@
 //! * The decay as one damped pair and one real pole, a *ring*: `ring`, its fit to a signal
 //!   (`ring_fit` with `ring_grid`, `ring_gauss_newton`, `ring_gram`), and `beside_ring` (what the
 //!   fit leaves).
-//! * For model critique: `free_decay` (the decay with its Jacobian) and `terms` (effects that (2-2)
-//!   lacks).
+//! * For model critique and the designs that it extends: `free_decay` (the decay with its Jacobian).
 //! * `row_layout`: how ring-downs are laid out in a row of numbers. The rest are tools.
 //!
 //! Quantities are in SI units at every signature that says nothing else.
@@ -36,7 +35,6 @@ mod ring_grid;
 pub mod row_layout;
 pub mod simd_math;
 pub mod student;
-pub mod terms;
 
 pub use actuation::{Actuation, Waveform};
 pub use geometry::Geometry;

@@ -9,7 +9,7 @@
 use super::covariates::{Covariates, IDLE, NEIGHBOURS, POSITION, TEMPERATURE, TIME};
 use super::observations::Observations;
 use super::tuned::{LAGS, PLACES, SETTLES};
-use inkling_core::model::terms::Term;
+use crate::critique::unmodelled::Term;
 use serde::Serialize;
 use std::fmt;
 
@@ -234,7 +234,7 @@ const WHOLE_COUNTS: InDecays = InDecays::Needs("many bursts of whole counts");
 ///
 /// To add a cause, add: its identifier and its row, here; its test, in the file of what it acts through
 /// (`candidates/shapes.rs`, `lines.rs` or `follows.rs`, `ensemble`, `jitter`, `codes`); if it acts in a way
-/// of its own, the arm of that way in `candidates/mod.rs`, or the term in `model/terms.rs`; a signal that has
+/// of its own, the arm of that way in `candidates/mod.rs`, or the term in `unmodelled.rs`; a signal that has
 /// it in `generator.rs`, for the tests; and a line of `docs/critique_assumptions.md`. Long decays (`decay/`)
 /// need nothing if the row's `in_decays` says what these lack.
 #[rustfmt::skip]

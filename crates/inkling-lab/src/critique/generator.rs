@@ -2,15 +2,15 @@
 //! `tests/hidden` and `tests/foreign`, by which the critique is judged, are other code.)
 //!
 //! In: [`Run`], the sizes and the planted effect; a seed. Out: [`Observations`] of whole counts. A signal is
-//! built in this order: the channel's ring, in closed form, or by the integrator of `terms.rs` for an effect
+//! built in this order: the channel's ring, in closed form, or by the integrator of `unmodelled.rs` for an effect
 //! in the equation of motion; then droop or the previous ring's tail; then offset, lines and a transient;
 //! then noise; then clipping, a coarse step, and rounding. The end of the file holds tests of the whole
 //! critique on such runs.
 
 use super::catalogue::CauseId;
 use super::observations::{Observations, Sampler};
+use crate::critique::unmodelled::{Interior, ObservedDecay, Term};
 use inkling_core::burst::Beside;
-use inkling_core::model::terms::{Interior, ObservedDecay, Term};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -33,7 +33,7 @@ pub struct Run {
     /// Its size, in most cases the catalogue's parameter in its unit. Tone, random tone and second mode have
     /// an amplitude in counts instead, a jitter a standard deviation in signal lengths, droop a rate per
     /// signal length, a low-pass a share of the first sample, and quadratic drag, dry friction, cubic
-    /// stiffness and half-order loss the strength of their term in `terms.rs` at unit drive.
+    /// stiffness and half-order loss the strength of their term in `unmodelled.rs` at unit drive.
     pub size: f64,
     /// Whether 3 % of the noise samples are five times as large.
     pub heavy: bool,

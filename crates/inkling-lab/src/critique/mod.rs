@@ -65,6 +65,7 @@ mod settle;
 mod space;
 mod start;
 pub mod tuned;
+mod unmodelled;
 mod verdict;
 mod waves;
 mod whiteness;

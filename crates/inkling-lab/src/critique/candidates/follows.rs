@@ -22,9 +22,9 @@ use crate::critique::chance::{HINT, ONCE_IN_100, surprise};
 use crate::critique::covariates::{COVARIATES, POSITION};
 use crate::critique::objection::Objection;
 use crate::critique::space::Direction;
+use crate::critique::unmodelled::Interior;
 use inkling_core::model::InkChannel;
 use inkling_core::model::free_decay::ALL;
-use inkling_core::model::terms::Interior;
 use std::f64::consts::TAU;
 
 /// Ways in which a covariate is tested on damping or frequency (`covariate_free`).

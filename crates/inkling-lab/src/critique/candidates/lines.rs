@@ -14,8 +14,8 @@ use crate::critique::chance::{maximum, width};
 use crate::critique::objection::Objection;
 use crate::critique::space::Direction;
 use crate::critique::tuned::{MENISCUS, least_mode, other_loss, shows_its_loss, split, tie};
+use crate::critique::unmodelled::Interior;
 use inkling_core::model::InkChannel;
-use inkling_core::model::terms::Interior;
 use inkling_core::numbers::tuned::little;
 use std::f64::consts::{PI, TAU};
 

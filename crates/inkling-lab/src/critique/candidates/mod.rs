@@ -31,8 +31,8 @@ use super::objection::Objection;
 use super::observations::Observations;
 use super::space::Direction;
 use crate::critique::tuned::tie;
+use crate::critique::unmodelled::{Interior, ObservedDecay};
 use inkling_core::model::free_decay::ALL;
-use inkling_core::model::terms::{Interior, ObservedDecay};
 
 /// What a relative change of the damping, of the frequency, and of all rates changes in a
 /// [`Model`]'s parameters where the interior state is not known. The real pole follows the damping,

@@ -13,7 +13,7 @@ use super::{Applied, LEAST_PERIODS, ScoreTests, Scored};
 use crate::critique::catalogue::{CauseId, RIVALS};
 use crate::critique::chance::{maximum, width};
 use crate::critique::space::Direction;
-use inkling_core::model::terms::lagging;
+use crate::critique::unmodelled::lagging;
 use std::f64::consts::{PI, TAU};
 
 /// Strength at which the search for a bend begins, and the largest one.

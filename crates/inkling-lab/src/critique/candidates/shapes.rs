@@ -16,8 +16,8 @@ use crate::critique::model::PATTERNS;
 use crate::critique::objection::Objection;
 use crate::critique::space::Direction;
 use crate::critique::tuned::{eta_floor, interior};
+use crate::critique::unmodelled::Term;
 use inkling_core::model::free_decay;
-use inkling_core::model::terms::Term;
 use nalgebra::{Matrix4, Vector4};
 use std::f64::consts::PI;
 

@@ -6,7 +6,7 @@
 //! place, a lag, or a rate of settling. Time counts in samples; displacements are in the scale of the decays.
 
 use crate::critique::catalogue::{CATALOGUE, CauseId, IN_DECAYS, RIVALS};
-use inkling_core::model::terms::{lagging, past};
+use crate::critique::unmodelled::{lagging, past};
 
 pub fn unnamed() -> impl Iterator<Item = CauseId> {
     RIVALS[..IN_DECAYS].iter().map(|rival| rival.id)

@@ -21,7 +21,7 @@
 //! V_n' = q_n,     s(V) the spring's force (V itself without a term); output q_r + q_n
 //! ```
 
-use super::InkChannel;
+use inkling_core::model::InkChannel;
 use std::f64::consts::PI;
 
 /// Smallest number of Runge-Kutta steps per sample, and largest phase advance per step, rad.
@@ -55,7 +55,7 @@ pub enum Term {
     Gap,
 }
 
-/// A free decay as it shows in the output: the y of [`super::free_decay`]; rates per signal length,
+/// A free decay as it shows in the output: the y of [`inkling_core::model::free_decay`]; rates per signal length,
 /// amplitudes a, b, c in counts at unit drive.
 #[derive(Clone, Copy, Debug)]
 pub struct ObservedDecay {
