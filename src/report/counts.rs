@@ -36,12 +36,6 @@ impl Tally {
         self.judged + self.rejected
     }
 
-    /// Number of signals that were not judged because no model fits them.
-    pub fn mismatched(&self) -> u64 {
-        let of = |reason| self.reasons.get(&reason).copied().unwrap_or_default();
-        of(Reason::DesignMismatch) + of(Reason::NoModel)
-    }
-
     /// The most frequent of the reasons for which signals were not judged.
     pub fn commonest_reason(&self) -> Option<Reason> {
         self.reasons.iter().max_by_key(|(_, n)| **n).map(|(reason, _)| *reason)

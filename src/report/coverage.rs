@@ -15,6 +15,7 @@ use super::night::{Span, last_night, whole};
 use super::source::{LostRecording, Source};
 use super::survey::{Head, Survey};
 use super::words::{counted, first_of, joined, of_some, percent, thousands};
+use inkling_core::verdict::Reason;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -306,16 +307,20 @@ fn by_counts(printhead: Option<&str>, tally: &Tally) -> String {
         return "no signal was found in it".into();
     }
     let of = printhead.map_or(String::new(), |name| format!(" of {name}"));
-    let why = tally.commonest_reason();
-    let why = why.map_or(String::new(), |reason| format!(": {}", reason.in_words()));
-    format!("{} of {} signals{of} were not judged{why}", thousands(n), thousands(all))
+    let reason = tally.commonest_reason();
+    let why = reason.map_or(String::new(), |reason| format!(": {}", reason.in_words()));
+    let advice = match reason {
+        Some(Reason::DesignMismatch) => "; `inkling train` on its own recordings makes a design",
+        _ => "",
+    };
+    format!("{} of {} signals{of} were not judged{why}{advice}", thousands(n), thousands(all))
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::fixtures::{NAMELESS, verdicts};
     use super::*;
-    use inkling_core::verdict::{Outcome, Reason};
+    use inkling_core::verdict::Outcome;
 
     /// A row of printhead `p`: recording, time, channel, and why it was not judged.
     type Looked = (usize, i64, u32, Option<Reason>);

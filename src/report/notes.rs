@@ -1,9 +1,9 @@
 //! What the reader should know before anything is cleaned, in sentences that stand at the top of
 //! the page and of the terminal's list.
 //!
-//! In: a survey, its faults and its recordings. Out: notes about printheads that no model fits,
-//! about printheads with so many faults at once that the cause is hardly the nozzles, and about
-//! recordings that overlap in time, whose signals count twice.
+//! In: a survey, its faults and its recordings. Out: notes about printheads with so many
+//! faults at once that the cause is hardly the nozzles, and about recordings that overlap in time,
+//! whose signals count twice.
 
 use super::counts::Tally;
 use super::fault::Fault;
@@ -17,26 +17,8 @@ const MOST_NAMED: usize = 3;
 
 /// All notes of a report.
 pub fn notes(survey: &Survey, faults: &[Fault], sources: &[Source]) -> Vec<String> {
-    let mut notes: Vec<String> = survey.heads.iter().filter_map(not_judged).collect();
-    notes.extend(survey.heads.iter().filter_map(|head| at_once(head, faults)));
-    notes.extend(overlaps(survey, sources));
-    notes
-}
-
-/// The note of a printhead more than half of whose signals, over all recordings, were not judged because no
-/// model fits them.
-fn not_judged(head: &Head) -> Option<String> {
-    let mismatched: u64 = head.tallies.values().map(Tally::mismatched).sum();
-    let all: u64 = head.tallies.values().map(Tally::signals).sum();
-    (2 * mismatched > all).then(|| {
-        format!(
-            "{}: {} of its {} were not judged, because no model fits it. Is the design of this \
-             printhead? `inkling train` on its own recordings makes one.",
-            head.name,
-            percent(mismatched, all),
-            counted(all, "signal")
-        )
-    })
+    let at_once = survey.heads.iter().filter_map(|head| at_once(head, faults));
+    at_once.chain(overlaps(survey, sources)).collect()
 }
 
 /// The note of a printhead of which so much looks faulty at once that what its channels share is the
