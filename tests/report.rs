@@ -593,6 +593,9 @@ fn hostile_names_are_inert_and_stay_names_in_the_table() {
     let name = "</title></svg><script src=x>alert('1')</script>\" onload=\"x\u{202e}\u{1b}[2J";
     let tables = Tables { house: &house, printhead: name };
     tables.write("a", 0, &[spell(1, 5, None)]);
+    // and one that nobody heard of late: what is not known of it stands beside its light
+    let silent = format!("{name} 2");
+    Tables { house: &house, printhead: &silent }.write("0", -2 * DAY_S, &[]);
     let pairs = "--set report.actions.blocked_nozzle=<b>wipe</b>";
     let told = house.run(&format!("report out -o r.html {pairs}")).exits(0).stdout();
     assert!(!told.contains(['\u{1b}', '\u{202e}']), "{told:?}");

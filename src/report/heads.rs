@@ -9,7 +9,7 @@ use super::light::Light;
 use super::survey::Head;
 use super::tables::LinkTargets;
 use super::words::{counted, percent};
-use inkling_lab::plot::page::name;
+use inkling_lab::plot::page::{escaped, name};
 use std::cmp::Reverse;
 
 /// Most printheads that get a light.
@@ -29,7 +29,7 @@ pub fn lights(report: &Report, drawn: &LinkTargets) -> String {
             Some(map) => format!("<a href=\"#m{map}\">{}</a>", name(&head.name)),
             None => name(&head.name),
         };
-        text += &format!("<span>{}{called}: {words}</span> ", light.dot());
+        text += &format!("<span>{}{called}: {}</span> ", light.dot(), escaped(words));
     }
     text += "</p>\n";
     if all.len() > MOST_LIGHTS {
