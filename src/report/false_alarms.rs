@@ -12,15 +12,10 @@
 //! from the scatter over channels, divided by the one that independent signals would have, and
 //! squared; by this factor the numbers of signals are divided before Wilson's interval.
 
-use super::counts::ChannelCount;
 use super::source::Source;
 use super::survey::Survey;
 use super::watch::BurstCounts;
 use inkling_lab::score::curves::wilson;
-use std::sync::Arc;
-
-/// Number of channels that are named as flagged most often.
-const MOST_NAMED: usize = 5;
 
 /// Counts of the signals outside of every episode, over all printheads and recordings.
 #[derive(Clone, Debug, Default)]
@@ -32,9 +27,6 @@ pub struct FalseAlarms {
     pub standard_error: f64,
     /// Least and greatest false-alarm rate that the recordings' thresholds were set for, if any was.
     pub promised: Option<(f64, f64)>,
-    /// At most `MOST_NAMED` channels without an episode, those with the largest shares of flagged signals
-    /// first.
-    pub often: Vec<(Arc<str>, ChannelCount)>,
 }
 
 impl FalseAlarms {
@@ -42,23 +34,14 @@ impl FalseAlarms {
     pub fn of(survey: &Survey, sources: &[Source]) -> FalseAlarms {
         // judged and flagged signals of each channel outside of its episodes
         let mut counts: Vec<(u64, u64)> = Vec::new();
-        let mut often: Vec<(Arc<str>, ChannelCount)> = Vec::new();
         for head in &survey.heads {
-            for channel in head.channels.iter().filter(|c| !c.is_watched()) {
-                counts.push((channel.judged, channel.flagged));
-                often.push((head.name.clone(), *channel));
-            }
+            let unwatched = head.channels.iter().filter(|channel| !channel.is_watched());
+            counts.extend(unwatched.map(|channel| (channel.judged, channel.flagged)));
             for watch in &head.watches {
                 let sum = |of: fn(&BurstCounts) -> u64| watch.outside.iter().map(of).sum();
                 counts.push((sum(|o| o.judged), sum(|o| o.flagged)));
             }
         }
-        often.retain(|(_, of)| of.flagged > 1);
-        often.sort_by(|(_, a), (_, b)| {
-            let share = |of: &ChannelCount| of.flagged as f64 / of.judged.max(1) as f64;
-            share(b).total_cmp(&share(a)).then(a.channel.cmp(&b.channel))
-        });
-        often.truncate(MOST_NAMED);
 
         let judged: u64 = counts.iter().map(|c| c.0).sum();
         let flagged: u64 = counts.iter().map(|c| c.1).sum();
@@ -70,7 +53,7 @@ impl FalseAlarms {
         let squares =
             counts.iter().map(|&(n, k)| (k as f64 - rate * n as f64).powi(2)).sum::<f64>();
         let standard_error = squares.sqrt() / judged.max(1) as f64;
-        FalseAlarms { judged, flagged, standard_error, promised: promised(sources), often }
+        FalseAlarms { judged, flagged, standard_error, promised: promised(sources) }
     }
 
     /// Share of flagged signals, with one signal added that counts as half flagged, so that it is not 0.
@@ -126,7 +109,6 @@ mod tests {
         let one = estimate(&|c, t| c == 3 && t < 400);
         assert_eq!((spread.flagged, one.flagged, spread.judged), (400, 400, 40_000));
         assert!(one.standard_error > 10.0 * spread.standard_error);
-        assert_eq!((one.often.len(), one.often[0].1.channel), (1, 3));
         // one of some hundred independent signals (Wilson): .0018 to .054
         assert!(one.interval()[0] < 0.002 && one.interval()[1] > 0.05);
     }

@@ -226,7 +226,7 @@ fn change(report: &Report, fault: &Fault) -> String {
     format!("<a href=\"#r{place}\">{head} channel {}</a>, {what}", story.channel)
 }
 
-/// The section of false alarms, with the channels that are flagged most often.
+/// The section of false alarms.
 fn false_alarms(f: &FalseAlarms) -> String {
     let per_million = |share: f64| thousands((1e6 * share).round() as u64);
     let [low, high] = f.interval().map(per_million);
@@ -240,23 +240,14 @@ fn false_alarms(f: &FalseAlarms) -> String {
             format!("; the thresholds are meant for {least} to {most}")
         }
     };
-    let text = format!(
+    format!(
         "<h2>False alarms</h2>\n<p>Outside of every episode {} of {} signals were flagged: {} of a million \
          (95 %: {low} to {high}, from the scatter over channels){meant}. Faults too short for an episode are \
          counted as false alarms here: it is an upper estimate.</p>\n",
         thousands(f.flagged),
         thousands(f.judged),
         per_million(f.flagged as f64 / f.judged.max(1) as f64),
-    );
-    if f.often.is_empty() {
-        return text;
-    }
-    let often = f.often.iter().map(|(printhead, of)| {
-        let [flagged, judged] = [of.flagged, of.judged].map(thousands);
-        [name(printhead), of.channel.to_string(), flagged, judged]
-    });
-    let often = table(["printhead", ">channel", ">flagged", ">judged"], often);
-    format!("{text}<p>Flagged most often without an episode:</p>\n{often}\n")
+    )
 }
 
 /// The section that explains words and classes. `glossary.txt` has lines of a word and of its meaning.
