@@ -12,7 +12,7 @@ use super::promised;
 use super::words::{counted, percent, thousands};
 use inkling_core::fault;
 use inkling_core::promise::Promise;
-use inkling_lab::plot::page::{name, page, table};
+use inkling_lab::plot::page::{Row, name, note, page, section, table};
 use inkling_lab::plot::{Axis, Figure, Mark, Series};
 use inkling_lab::score::Report;
 use inkling_lab::score::curves::{Curves, EventDelay, Operating, wilson};
@@ -233,26 +233,21 @@ fn confusion(curves: &Curves, body: &mut String) {
     };
     let mut words: Vec<&String> = words.into_iter().collect();
     words.sort_by_key(|word| (rank(word), *word));
-    *body += "<h2>What was said of what</h2>\n<p class=\"note\">Rows: true; columns: said. A category \
-              stands where the class was not certain enough.</p>\n<div class=\"wide\"><table><tr><th></th>";
-    words.iter().for_each(|word| {
-        *body += &format!("<th class=n>{}</th>", name(&word.replace('_', " ")));
-    });
-    *body += "</tr>\n";
-    for truth in truths {
-        *body += &format!("<tr><th>{}</th>", name(truth));
-        for word in &words {
-            let n = counts.get(&(truth.clone(), (*word).clone())).copied().unwrap_or(0);
-            let cell = match n {
-                0 => "·".into(),
-                n if truth == *word => format!("<b>{}</b>", thousands(n)),
-                n => thousands(n),
-            };
-            *body += &format!("<td class=n>{cell}</td>");
-        }
-        *body += "</tr>\n";
-    }
-    *body += "</table></div>\n";
+    let of_word = words.iter().map(|word| format!(">{}", name(&word.replace('_', " "))));
+    let heads: Vec<String> = [String::new()].into_iter().chain(of_word).collect();
+    let row = |truth: &String| {
+        let cell = |word: &&String| match counts.get(&(truth.clone(), (*word).clone())) {
+            None | Some(0) => "·".to_owned(),
+            Some(n) if truth == *word => format!("<b>{}</b>", thousands(*n)),
+            Some(n) => thousands(*n),
+        };
+        Row::from([name(truth)].into_iter().chain(words.iter().map(cell)))
+    };
+    let meaning =
+        "Rows: true; columns: said. A category stands where the class was not certain enough.";
+    let table = table("", &heads, truths.into_iter().map(row));
+    let part = format!("{}<div class=\"wide\">{table}</div>\n", note(meaning));
+    *body += &section("What was said of what", &part);
 }
 
 /// Adds the reliability diagram of the stated certainties, with 95 % intervals, and a table by class.
@@ -276,17 +271,14 @@ fn reliability(report: &Report, body: &mut String) {
             Series::new("", Mark::Bars, bars.collect()),
         ],
     );
-    *body += &format!(
-        "<h2>Reliability of certainties</h2>\n<p class=\"note\">Line: as it should be; bars: \
-         measured, 95 %.</p>\n{}",
-        drawn(&figure)
-    );
+    let meaning = note("Line: as it should be; bars: measured, 95 %.");
+    *body += &section("Reliability of certainties", &(meaning + &drawn(&figure)));
     let of_class = report.calibration.by_class.iter().map(|(class, c)| {
         let [stated, right, ece] = [c.certainty, c.right, c.ece].map(|v| format!("{v:.3}"));
         [name(class), thousands(c.signals), stated, right, ece]
     });
     let heads = ["said", ">signals", ">certainty stated", ">right", ">off by (ECE)"];
-    *body += &format!("{}\n", table(heads, of_class));
+    *body += &table("", &heads, of_class);
 }
 
 /// Adds the share of wrong classes against the share of signals that are kept, over all bounds.
@@ -308,11 +300,8 @@ fn risk(report: &Report, curves: &Curves, body: &mut String) {
             Series::new("", Mark::Dots, vec![(c.coverage, 1.0 - c.accuracy)]),
         ],
     );
-    *body += &format!(
-        "<h2>Risk against coverage</h2>\n<p class=\"note\">Line: other bounds on certainty; \
-         dot: the bound that was used.</p>\n{}",
-        drawn(&figure)
-    );
+    let meaning = note("Line: other bounds on certainty; dot: the bound that was used.");
+    *body += &section("Risk against coverage", &(meaning + &drawn(&figure)));
 }
 
 /// Adds a figure for each class: stated against true severities.

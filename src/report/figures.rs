@@ -14,8 +14,7 @@ use super::trend::Severities;
 use super::watch::Watch;
 use super::words::{clock, counted_as, signed};
 use inkling_core::model::faults::{Law, law};
-use inkling_lab::plot::page::escaped;
-use inkling_lab::plot::{Axis, Figure, Mark, Series};
+use inkling_lab::plot::{Axis, Figure, Mark, Series, page, unit_of_time};
 use std::collections::BTreeMap;
 
 /// Width and height of a figure, pixels.
@@ -50,8 +49,8 @@ fn trend(fault: &Fault, survey: &Survey) -> Option<String> {
     let last = bins.last().filter(|_| bins.len() >= LEAST_BINS)?.t_ns();
 
     // Means and bars, over the time since the onset.
-    let (scale, unit) = unit_of_time(last - from);
-    let at = |b: &Severities| (b.t_ns() - from) * scale;
+    let (scale, unit) = unit_of_time((last - from) / 1e9);
+    let at = |b: &Severities| (b.t_ns() - from) / 1e9 * scale;
     let means = bins.iter().map(|b| (at(b), b.mean())).collect();
     let half = |b: &Severities| b.standard_error().map(|error| 1.96 * error);
     let bars = bins
@@ -76,25 +75,16 @@ fn trend(fault: &Fault, survey: &Survey) -> Option<String> {
     let lowest = bins.iter().map(|b| b.mean()).fold(none, f64::min);
     let room = 0.08 * (highest - lowest);
     let figure = Figure::new(
-        plain(&format!("{} channel {}: {finding}", story.printhead, story.channel)),
+        format!("{} channel {}: {finding}", story.printhead, story.channel),
         Axis::new(&format!("{unit} since {} UTC (means, 95 %)", clock(story.began_at_ns))),
         Axis {
             range: (room > 0.0).then_some((lowest - 0.2 * room, highest + room)),
-            ..Axis::new(&plain(quantity))
+            ..Axis::new(quantity)
         },
         vec![Series::new("", Mark::Points, means), Series::new("", Mark::Bars, bars)],
     );
-    Some(drawn_as(&figure, &format!("{}; {} of {}", figure.title, quantity, what(story))))
-}
-
-/// The factor from ns to a unit that suits the time span, and the unit's name.
-fn unit_of_time(span_ns: f64) -> (f64, &'static str) {
-    match span_ns / 1e9 {
-        s if s < 300.0 => (1e-9, "s"),
-        s if s < 3.0 * 3600.0 => (1e-9 / 60.0, "minutes"),
-        s if s < 3.0 * 86_400.0 => (1e-9 / 3600.0, "hours"),
-        _ => (1e-9 / 86_400.0, "days"),
-    }
+    let alt = format!("{}; {quantity} of {}", figure.title, what(story));
+    Some(page::figure(&figure, SIZE, &alt))
 }
 
 /// Figures of healthy resonance and damping, against temperature where it was recorded.
@@ -127,10 +117,10 @@ fn quantity(
     let span = whole(points.iter().filter_map(|p| p.valid_from_ns).map(|t_ns| (t_ns, t_ns)));
     let origin = span.map(|(first, _)| first);
     let (scale, time_unit) =
-        unit_of_time(span.map_or(0.0, |(first, last)| last.saturating_sub(first) as f64));
+        unit_of_time(span.map_or(0.0, |(first, last)| last.saturating_sub(first) as f64 / 1e9));
     let x_of = |p: &ModelPoint| match with_temperature {
         true => p.temperature_c,
-        false => Some(p.valid_from_ns?.saturating_sub(origin?) as f64 * scale),
+        false => Some(p.valid_from_ns?.saturating_sub(origin?) as f64 / 1e9 * scale),
     };
 
     let mut changes: Vec<f64> = Vec::new();
@@ -139,7 +129,7 @@ fn quantity(
         changes.extend(per_kelvin(&own, of));
         let points: Vec<(f64, f64)> = own.iter().filter_map(|p| Some((x_of(p)?, of(p)))).collect();
         if !points.is_empty() && series.len() < MOST_HEADS {
-            series.push(Series::new(&plain(name), Mark::Dots, points));
+            series.push(Series::new(name, Mark::Dots, points));
         }
     }
     if series.iter().map(|s| s.points.len()).max().unwrap_or_default() < LEAST_DOTS {
@@ -169,22 +159,5 @@ fn quantity(
 
 /// A figure as HTML, with its title as the text for those who do not see it.
 pub fn drawn(figure: &Figure) -> String {
-    drawn_as(figure, &figure.title)
-}
-
-/// A figure as HTML, with `alt` as the text for those who do not see it, or that text and the error.
-fn drawn_as(figure: &Figure, alt: &str) -> String {
-    let alt = escaped(alt);
-    match figure.svg_of_size(SIZE) {
-        Ok(svg) => {
-            let named = format!("<svg role=\"img\" aria-label=\"{alt}\" ");
-            format!("<div class=\"wide\">{}</div>", svg.replacen("<svg ", &named, 1))
-        }
-        Err(e) => format!("<p>{alt}: {}</p>", escaped(&e.to_string())),
-    }
-}
-
-/// A text of at most 160 characters without control characters: SVG escapes markup, but lets these through.
-fn plain(text: &str) -> String {
-    text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).take(160).collect()
+    page::figure(figure, SIZE, &figure.title)
 }

@@ -19,7 +19,7 @@ use super::words::{clock, counted, first_of, of_some, percent, thousands};
 use super::{RecordingLine, Report, figures, heads, maps, tables};
 use inkling_core::fault;
 use inkling_core::verdict::Reason;
-use inkling_lab::plot::page::{escaped, name, page, table};
+use inkling_lab::plot::page::{escaped, list, name, note, page, section, table};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -38,7 +38,7 @@ pub fn html(report: &Report) -> String {
     for sentence in report.coverage.first().into_iter().chain(sentence(report, &open)) {
         body += &format!("<p class=\"sentence\">{}</p>\n", escaped(&sentence));
     }
-    body += &format!("<p class=\"note\">{}</p>\n", escaped(&basis(report)));
+    body += &note(&basis(report));
     for note in &report.notes {
         body += &format!("<p class=\"warn\"><b>Note.</b> {}</p>\n", escaped(note));
     }
@@ -59,29 +59,26 @@ pub fn html(report: &Report) -> String {
         Extent::NothingJudged | Extent::NoFaults => "<p>Nobody knows.</p>\n".into(),
     };
     let groups = report.groups.iter().take(MOST_GROUPS);
-    let groups = groups.map(|group| format!("<li>{}</li>\n", escaped(&group.sentence)));
-    let groups: String = groups.collect();
+    let groups = list(groups.map(|group| escaped(&group.sentence)));
     if !groups.is_empty() {
-        body += "<h3>Neighbours that may have failed together</h3>\n";
-        body += &format!("<ul>\n{groups}</ul>\n");
+        body += &format!("<h3>Neighbours that may have failed together</h3>\n{groups}");
     }
     if !over.is_empty() {
         body += "<h2>Over: healthy again, and did not come back</h2>\n";
         body += &tables::over(report, &over, &drawn);
     }
-    body += "<h2>Recordings and printheads</h2>\n<p class=\"note\">Of each printhead: channels with a fault \
-             episode, then the share of flagged signals.</p>\n";
+    body += "<h2>Recordings and printheads</h2>\n";
+    body += &note(
+        "Of each printhead: channels with a fault episode, then the share of flagged signals.",
+    );
     body += &tables::recordings(report);
     body += &maps;
     let anchored =
         |(place, figure): (&usize, &String)| format!("<div id=\"t{place}\">{figure}</div>");
     let trends: Vec<String> = trends.iter().map(anchored).collect();
     let drift = figures::drift(&report.drift);
-    for (title, figures) in [("Faults over time", trends), ("Drift of the healthy ring", drift)] {
-        if !figures.is_empty() {
-            body += &format!("<h2>{title}</h2>\n{}\n", figures.join("\n"));
-        }
-    }
+    body += &section("Faults over time", &trends.concat());
+    body += &section("Drift of the healthy ring", &drift.concat());
     body += &false_alarms(&report.false_alarms);
     body += &explained();
     page("Nozzle report", &body)
@@ -209,14 +206,10 @@ fn changed(report: &Report) -> String {
         (true, 0) => Some("Nothing, of what was judged.".to_owned()),
         (true, _) => Some(format!("Nothing, of what was judged: {still} as before.")),
     });
-    let items: String = items.iter().map(|item| format!("<li>{item}</li>\n")).collect();
-    format!(
-        "<h2>What changed since the night before</h2>\n<p class=\"note\">In {} from {} to {} UTC.</p>\n\
-         <ul>\n{items}</ul>\n",
-        counted(changes.recordings as u64, "recording"),
-        clock(changes.from_ns),
-        clock(changes.to_ns)
-    )
+    let recordings = counted(changes.recordings as u64, "recording");
+    let (from, to) = (clock(changes.from_ns), clock(changes.to_ns));
+    let when = note(&format!("In {recordings} from {from} to {to} UTC."));
+    section("What changed since the night before", &(when + &list(items)))
 }
 
 /// A changed fault, `black-2 channel 0, empty ink channel (EC)`, with a link to its row.
@@ -260,6 +253,6 @@ fn explained() -> String {
     format!(
         "<h2>What the words mean</h2>\n<dl>\n{}</dl>\n{}\n",
         words.collect::<String>(),
-        table(["class", "in words", "how bad is"], of_class)
+        table("", &["class", "in words", "how bad is"], of_class)
     )
 }

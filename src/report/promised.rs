@@ -76,7 +76,7 @@ pub fn html(promise: &Promise) -> String {
             [&*d.class, fault::in_words(&d.class), fault::quantity(&d.class)].map(name);
         [class, words, quantity, sizes(d), smallest(d), found(d)]
     });
-    text += &table(heads, of_class);
+    text += &table("", &heads, of_class);
     let (confused, apart) = confused(promise);
     text += &format!(
         "</div>\n<h3>Isolability: classes that are mistaken for each other</h3>\n<p class=\"note\">Of \
@@ -92,8 +92,7 @@ pub fn html(promise: &Promise) -> String {
             let mistaken = format!("{:.1} %", 100.0 * pair.mistaken);
             [classes, mistaken, format!("{:.0}°", pair.angle_degrees)]
         });
-        text += &table(["classes", ">mistaken", ">angle between what they do"], of_pair);
-        text.push('\n');
+        text += &table("", &["classes", ">mistaken", ">angle between what they do"], of_pair);
     }
     text
 }

@@ -11,7 +11,7 @@ use super::source::MOST_OF_DAMAGE;
 use super::words::{clock, counted, counted_as, percent, thousands};
 use super::{HeadCount, RecordingLine, Report};
 use inkling_core::episodes::share;
-use inkling_lab::plot::page::{escaped, name};
+use inkling_lab::plot::page::{Row, escaped, name, table};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -47,27 +47,23 @@ pub fn to_clean(report: &Report, list: &[&Fault], drawn: &LinkTargets) -> String
             "<input class=\"by\" type=\"radio\" name=\"by\" id=\"by{k}\"{checked}><label for=\"by{k}\">{words}</label>"
         );
     }
-    text += "<table class=\"list cards\"><tr class=\"head\"><th></th><th>channel</th><th>do</th><th>what</th>\
-             <th>since (UTC)</th><th>certainty</th></tr>\n";
     let by_place = ranks(shown, |f| (f.story.printhead.clone(), f.story.channel));
     let newest = ranks(shown, |f| std::cmp::Reverse(f.story.began_at_ns));
     let by_what = ranks(shown, |f| (f.story.category.is_none(), what(&f.story)));
-    for (k, fault) in shown.iter().enumerate() {
-        let order = [k, by_place[k], newest[k], by_what[k]];
-        text += &row(report, fault, drawn, Some(order));
-    }
-    text += "</table></div>\n";
-    text + &more(list)
+    let row = |(k, fault): (usize, &&Fault)| {
+        row(report, fault, drawn, Some([k, by_place[k], newest[k], by_what[k]]))
+    };
+    let heads = ["", "channel", "do", "what", "since (UTC)", "certainty"];
+    text + &table("list cards", &heads, shown.iter().enumerate().map(row))
+        + "</div>\n"
+        + &more(list)
 }
 
 /// The table of the faults that are over.
 pub fn over(report: &Report, list: &[&Fault], drawn: &LinkTargets) -> String {
-    let mut text = String::from(
-        "<table class=\"list cards\"><tr class=\"head\"><th></th><th>channel</th><th>healthy since (UTC)</th>\
-         <th>what it was</th><th>from (UTC)</th><th>certainty</th></tr>\n",
-    );
-    list.iter().take(MOST_FAULTS).for_each(|fault| text += &row(report, fault, drawn, None));
-    text + "</table>\n" + &more(list)
+    let heads = ["", "channel", "healthy since (UTC)", "what it was", "from (UTC)", "certainty"];
+    let rows = list.iter().take(MOST_FAULTS).map(|fault| row(report, fault, drawn, None));
+    table("list cards", &heads, rows) + &more(list)
 }
 
 /// The line below a list that was cut.
@@ -94,38 +90,34 @@ fn ranks<K: Ord>(list: &[&Fault], key: impl Fn(&Fault) -> K) -> Vec<usize> {
 
 /// A fault's row. `order`: its rank under each order of the cleaning list; `None` for a fault that
 /// is over, which has another third column and tells no trend.
-fn row(report: &Report, fault: &Fault, drawn: &LinkTargets, order: Option<[usize; 4]>) -> String {
-    let (s, light) = (&fault.story, Light::of(fault));
-    let place = place(report, fault);
-    let (style, third, cell, trend) = match order {
+fn row(report: &Report, fault: &Fault, drawn: &LinkTargets, order: Option<[usize; 4]>) -> Row {
+    let (s, light, place) = (&fault.story, Light::of(fault), place(report, fault));
+    let (style, third, trend) = match order {
         Some([a, b, c, d]) => {
-            let (action, urgency) = (escaped(&fault.action), fault.urgency);
-            let cell =
-                format!("<b>{action}</b><br><span class=\"small\">urgency {urgency:.2}</span>");
-            let style = format!(" style=\"--a:{a};--b:{b};--c:{c};--d:{d}\"");
-            (style, "do", cell, trend_in_words(s))
+            let action = format!("<b>{}</b>", escaped(&fault.action));
+            let third = action + &small(&format!("urgency {:.2}", fault.urgency));
+            (format!(" style=\"--a:{a};--b:{b};--c:{c};--d:{d}\""), third, trend_in_words(s))
         }
-        None => {
-            let ended = s.ended_at_ns.map(clock).unwrap_or_default();
-            (String::new(), "healthy since", ended, String::new())
-        }
+        None => (String::new(), s.ended_at_ns.map(clock).unwrap_or_default(), String::new()),
     };
     let more = [size(s), trend, forecast_in_words(s).unwrap_or_default()];
-    let more = more.iter().filter(|more| !more.is_empty());
-    let more = more.map(|more| format!("<br><span class=\"small\">{}</span>", escaped(more)));
-    format!(
-        "<tr id=\"r{place}\"{style}><td>{}{}</td><td data-l=\"channel\">{}</td><td data-l=\"{third}\">{cell}</td>\
-         <td data-l=\"what\">{}{}</td><td data-l=\"since\">{}<br><span class=\"small\">{}</span></td>\
-         <td data-l=\"certainty\">{}</td></tr>\n",
-        light.dot(),
-        light.word(),
-        whose(fault, place, drawn),
-        escaped(&what(s)),
-        more.collect::<String>(),
-        clock(s.began_at_ns),
-        escaped(&history(fault)),
-        s.certainty.map_or("–".into(), share),
-    )
+    let more = more.iter().filter(|more| !more.is_empty()).map(|more| small(more));
+    Row {
+        attributes: format!(" id=\"r{place}\"{style}"),
+        cells: vec![
+            light.dot() + light.word(),
+            whose(fault, place, drawn),
+            third,
+            escaped(&what(s)) + &more.collect::<String>(),
+            clock(s.began_at_ns) + &small(&history(fault)),
+            s.certainty.map_or("–".into(), share),
+        ],
+    }
+}
+
+/// A line of small print in a cell.
+fn small(text: &str) -> String {
+    format!("<br><span class=\"small\">{}</span>", escaped(text))
 }
 
 /// Index of a fault that is borrowed from the report (it is found by its address).
@@ -174,8 +166,8 @@ fn history(fault: &Fault) -> String {
 /// The cell of a recording's name, with its light; a short name is not broken over lines.
 fn name_cell(light: Light, text: &str) -> String {
     const SHORT: usize = 24;
-    let class = if text.chars().count() <= SHORT { " class=t" } else { "" };
-    format!("<td{class}>{}{}</td>", light.dot(), name(text))
+    let class = if text.chars().count() <= SHORT { "t" } else { "" };
+    format!("<span class=\"{class}\">{}{}</span>", light.dot(), name(text))
 }
 
 /// The light of a recording: grey if most of it was not judged, green if its data have no flaws.
@@ -191,45 +183,33 @@ fn light(line: &RecordingLine) -> Light {
 /// the number of faulty channels and the share of flagged signals.
 pub fn recordings(report: &Report) -> String {
     let (columns, left_out) = columns(report);
-    let mut text = String::from(
-        "<div class=\"wide\"><table class=\"cards\"><tr class=\"head\"><th>recording</th><th>from (UTC)</th><th class=n>judged</th>",
-    );
-    for column in &columns {
-        text += &format!("<th class=n>{}</th>", name(column));
-    }
-    text += "<th>data quality</th></tr>\n";
+    let of_heads = columns.iter().map(|column| format!(">{}", name(column)));
+    let heads = ["recording", "from (UTC)", ">judged"].map(str::to_owned).into_iter();
+    let heads: Vec<String> = heads.chain(of_heads).chain(["data quality".to_owned()]).collect();
     let from = report.recordings.len().saturating_sub(MOST_RECORDINGS);
-    for line in &report.recordings[from..] {
-        let of_head = |column: &Arc<str>| {
-            let cell = match line.heads.get(column) {
-                None => "–".into(),
-                Some(HeadCount { tally, .. }) if tally.judged == 0 => "not judged".into(),
-                Some(HeadCount { tally, faulty_channels }) => {
-                    format!("<b>{faulty_channels}</b> · {}", percent(tally.flagged, tally.judged))
-                }
-            };
-            format!("<td class=n data-l=\"{}\">{cell}</td>", name(column))
+    let judged = report.recordings[from..].iter().map(|line| {
+        let of_head = |column: &Arc<str>| match line.heads.get(column) {
+            None => "–".to_owned(),
+            Some(HeadCount { tally, .. }) if tally.judged == 0 => "not judged".into(),
+            Some(HeadCount { tally, faulty_channels }) => {
+                format!("<b>{faulty_channels}</b> · {}", percent(tally.flagged, tally.judged))
+            }
         };
-        text += &format!(
-            "<tr>{}<td class=t data-l=\"from\">{}</td><td class=n data-l=\"judged\">{}</td>{}\
-             <td data-l=\"data\">{}</td></tr>\n",
-            name_cell(light(line), &line.name),
-            line.span.map_or("–".into(), |(from, _)| clock(from)),
-            thousands(line.judged),
-            columns.iter().map(of_head).collect::<String>(),
-            if line.flaws.is_empty() { "whole".into() } else { escaped(&line.flaws) }
-        );
-    }
-    for lost in report.coverage.lost.iter().take(MOST_RECORDINGS) {
-        text += &format!(
-            "<tr>{}<td class=t data-l=\"from\">–</td><td class=n data-l=\"judged\">0</td>{}\
-             <td data-l=\"data\">not judged: {}</td></tr>\n",
-            name_cell(Light::Grey, &lost.name),
-            "<td class=n>–</td>".repeat(columns.len()),
-            escaped(&lost.why.chars().take(MOST_OF_DAMAGE).collect::<String>())
-        );
-    }
-    text += "</table></div>\n";
+        let begin = line.span.map_or("–".into(), |(from, _)| clock(from));
+        let begin = format!("<span class=\"t\">{begin}</span>");
+        let first = [name_cell(light(line), &line.name), begin, thousands(line.judged)];
+        let flaws = if line.flaws.is_empty() { "whole".into() } else { escaped(&line.flaws) };
+        Row::from(first.into_iter().chain(columns.iter().map(of_head)).chain([flaws]))
+    });
+    let lost = report.coverage.lost.iter().take(MOST_RECORDINGS).map(|lost| {
+        let why: String = lost.why.chars().take(MOST_OF_DAMAGE).collect();
+        let first = [name_cell(Light::Grey, &lost.name), "–".into(), "0".into()];
+        let nothing = columns.iter().map(|_| "–".to_owned());
+        let why = format!("not judged: {}", escaped(&why));
+        Row::from(first.into_iter().chain(nothing).chain([why]))
+    });
+    let table = table("cards", &heads, judged.chain(lost));
+    let mut text = format!("<div class=\"wide\">{table}</div>\n");
     if from > 0 {
         let before = thousands(from as u64);
         text += &format!("<p>The newest {MOST_RECORDINGS}; {before} before them.</p>\n");

@@ -1,8 +1,7 @@
 //! Figures: one set of axes with points and lines. This is the only place that uses `plotters`.
 //!
 //! In: a `Figure` (title, axes, series, thresholds). Out: with `write` an SVG, a PNG and the data as
-//! CSV under one name; with `svg` or `svg_of_size` an SVG document for a page. `draw` draws for SVG
-//! and PNG alike.
+//! CSV under one name; with `svg` an SVG document for a page. `draw` draws for SVG and PNG alike.
 //!
 //! Beside figures there are [`raster`], pictures made of cells, and [`page`], the page that figures
 //! stand on.
@@ -11,7 +10,7 @@ mod axis;
 pub mod page;
 pub mod raster;
 
-pub use axis::Axis;
+pub use axis::{Axis, unit_of_time};
 
 use axis::Scale;
 use plotters::coord::Shift;
@@ -22,8 +21,7 @@ use std::path::Path;
 use std::sync::Once;
 use thiserror::Error;
 
-/// A figure could not be drawn or written. `path`: the file, or the figure's title if it has no
-/// file.
+/// A figure could not be drawn or written to the file at `path`.
 #[derive(Debug, Error)]
 #[error("{path}: {message}")]
 pub struct PlotError {
@@ -81,8 +79,8 @@ impl Series {
     }
 }
 
-/// Width and height in pixels, unless `svg_of_size` is told others.
-const SIZE: (u32, u32) = (1000, 640);
+/// Width and height in pixels of a figure that is written.
+pub const SIZE: (u32, u32) = (1000, 640);
 const FONT: &str = "DejaVu Sans";
 /// Colours that can be told apart without colour vision, too (Okabe and Ito 2008), then darker ones.
 const COLOURS: [RGBColor; 10] = [
@@ -113,7 +111,7 @@ impl Figure {
     pub fn write(&self, dir: &Path, name: &str) -> Result<(), PlotError> {
         let files = [
             ("csv", Ok(self.csv().into_bytes())),
-            ("svg", self.document(SIZE).map(String::into_bytes)),
+            ("svg", self.svg(SIZE).map(String::into_bytes)),
             ("png", self.png()),
         ];
         for (extension, contents) in files {
@@ -134,20 +132,10 @@ impl Figure {
     }
 
     /// The figure as an SVG document of this width and height, pixels.
-    fn document(&self, size: (u32, u32)) -> Result<String, String> {
+    pub fn svg(&self, size: (u32, u32)) -> Result<String, String> {
         let mut text = String::new();
         self.draw(SVGBackend::with_string(&mut text, size).into_drawing_area())?;
         Ok(text)
-    }
-
-    /// The figure as an SVG document.
-    pub fn svg(&self) -> Result<String, PlotError> {
-        self.svg_of_size(SIZE)
-    }
-
-    /// The figure as an SVG document of this width and height, pixels.
-    pub fn svg_of_size(&self, size: (u32, u32)) -> Result<String, PlotError> {
-        self.document(size).map_err(|message| PlotError { path: self.title.clone(), message })
     }
 
     /// All points as rows `series,x,y`, and after them the thresholds, which have no y.
@@ -182,7 +170,7 @@ impl Figure {
 
         // The frame, the grid, then the series in their order, so that later ones lie above.
         let mut chart = ChartBuilder::on(&area)
-            .caption(&self.title, (FONT, 21))
+            .caption(shown(&self.title), (FONT, 21))
             .margin(14)
             .x_label_area_size(54)
             .y_label_area_size(names.fold(84, u32::max).min(320))
@@ -217,12 +205,12 @@ impl Figure {
             .bold_line_style(RGBColor(220, 220, 220))
             .label_style((FONT, 16))
             .axis_desc_style((FONT, 18))
-            .x_desc(&self.x.label)
-            .y_desc(&self.y.label)
+            .x_desc(shown(&self.x.label))
+            .y_desc(shown(&self.y.label))
             .x_labels(9)
             .y_labels(self.y.categories.len().max(8) + 2)
             .x_label_formatter(&|v| self.x.tick(*v))
-            .y_label_formatter(&|v| self.y.tick(*v))
+            .y_label_formatter(&|v| shown(&self.y.tick(*v)))
             .draw()
             .map_err(text::<B>)
     }
@@ -287,7 +275,7 @@ impl Figure {
         let is_seen = series.mark != Mark::Points
             || series.points.iter().any(|p| inside(&(self.x.at(p.0), self.y.at(p.1))));
         if named && is_seen && !series.name.is_empty() {
-            drawn.label(&series.name).legend(move |(x, y)| {
+            drawn.label(shown(&series.name)).legend(move |(x, y)| {
                 Rectangle::new([(x, y - 4), (x + 14, y + 4)], colour.filled())
             });
         }
@@ -309,7 +297,7 @@ impl Figure {
             chart
                 .draw_series(line)
                 .map_err(text::<B>)?
-                .label(what)
+                .label(shown(what))
                 .legend(move |(x, y)| PathElement::new([(x, y), (x + 14, y)], style));
         }
         Ok(())
@@ -320,6 +308,21 @@ type Chart<'a, B> = ChartContext<'a, B, Cartesian2d<Scale, Scale>>;
 
 /// From the lowest to the highest coordinate of the x axis, and of the y axis.
 type Ends = [Range<f64>; 2];
+
+/// A text as figures show it: at most 200 characters, all of them inert. SVG escapes markup, and lets others through.
+fn shown(text: &str) -> String {
+    text.chars().map(inert).take(200).collect()
+}
+
+/// The character, or the replacement character in place of one that controls something (a line end, too) or
+/// turns the direction of reading.
+fn inert(c: char) -> char {
+    match c {
+        '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}' => '\u{fffd}',
+        c if c.is_control() => '\u{fffd}',
+        c => c,
+    }
+}
 
 /// The words of a backend's error.
 fn text<B: DrawingBackend>(e: DrawingAreaErrorKind<B::ErrorType>) -> String {

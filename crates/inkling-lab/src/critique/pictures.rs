@@ -8,14 +8,17 @@
 use super::catalogue::CauseId;
 use super::digits::{short, significant};
 use super::finding::{Compared, CovariateFigure, Critique, Curve, Energies, Evidence};
-use crate::plot::page::escaped;
-use crate::plot::{Axis, Figure, Mark, Series};
+use crate::plot::{Axis, Figure, Mark, SIZE, Series, page, unit_of_time};
 
 /// Number of figures against covariates that are visible at once; others are folded away.
 const OPEN_COVARIATES: usize = 4;
 
 pub fn drawn(c: &Critique) -> String {
     let f = &c.figures;
+    let headed = |heading: &str, drawn: Option<Figure>| {
+        let drawn = drawn.map(with_room).map(|of| page::figure(&of, SIZE, &of.title));
+        page::section(heading, &drawn.unwrap_or_default())
+    };
     let mut page = headed("Misfit, measured minus simulated", mean_misfit(&f.mean_misfit, &f.unit));
     page += &headed("Spectrum of the misfit", spectrum(&f.spectrum, &f.unit));
 
@@ -37,20 +40,6 @@ pub fn drawn(c: &Critique) -> String {
     page + &headed("Detection", energies(&f.energies))
 }
 
-/// The markup of a figure under its heading, if it has one. A figure that cannot be drawn is replaced by its
-/// title and the error.
-fn headed(heading: &str, figure: Option<Figure>) -> String {
-    let Some(figure) = figure.map(plain) else { return String::new() };
-    let heading = match heading {
-        "" => String::new(),
-        text => format!("<h2>{text}</h2>\n"),
-    };
-    let drawn = figure.svg().unwrap_or_else(|e| {
-        format!("<p>{}: {}</p>", escaped(&figure.title), escaped(&e.to_string()))
-    });
-    format!("{heading}{drawn}\n")
-}
-
 /// Largest distance of a bin's mean (before the extension) from zero, over the half-width of its error bar.
 fn stands_out(c: &CovariateFigure) -> f64 {
     let Curve { y, low, high } = &c.means.before;
@@ -59,17 +48,8 @@ fn stands_out(c: &CovariateFigure) -> f64 {
     bins.map(|(y, bar)| (y / bar).abs()).fold(0.0, f64::max)
 }
 
-/// The figure with control characters replaced in its texts (drawing as SVG lets these pass), these texts cut
-/// to 200 characters, and room for its legend above the data.
-fn plain(mut figure: Figure) -> Figure {
-    let clean = |text: &mut String| {
-        *text =
-            text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).take(200).collect();
-    };
-    clean(&mut figure.title);
-    clean(&mut figure.x.label);
-    clean(&mut figure.y.label);
-    figure.y.categories.iter_mut().for_each(clean);
+/// The figure with room for its legend above the data.
+fn with_room(mut figure: Figure) -> Figure {
     let (low, high) = ends(figure.series.iter().flat_map(|s| &s.points).map(|p| p.1));
     if figure.y.categories.is_empty() && !figure.y.log && low < high {
         figure.y.range = Some((low - 0.05 * (high - low), high + 0.4 * (high - low)));
@@ -91,15 +71,6 @@ fn band(name: &str, x: &[f64], Curve { low, high, .. }: &Curve) -> Series {
 fn off_zero(Curve { low, high, .. }: &Curve) -> String {
     let off = low.iter().zip(high).filter(|(low, high)| **low > 0.0 || **high < 0.0).count();
     format!("{:.0} %", 100.0 * off as f64 / low.len().max(1) as f64)
-}
-
-/// A unit of time that suits times up to `longest_s`: the factor from seconds to it, and its name.
-fn unit_of_time(longest_s: f64) -> (f64, &'static str) {
-    match longest_s {
-        t if t < 2e-3 => (1e6, "µs"),
-        t if t < 2.0 => (1e3, "ms"),
-        _ => (1.0, "s"),
-    }
 }
 
 fn scaled(values: &[f64], by: f64) -> Vec<f64> {

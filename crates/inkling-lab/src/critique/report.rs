@@ -10,7 +10,7 @@ use super::finding::{
     Verdict,
 };
 use super::pictures;
-use crate::plot::page::{escaped, page, table};
+use crate::plot::page::{escaped, list, note, page, section, table};
 
 /// Explains the columns of the causes' table. The counts of recordings are those of `docs/hidden_effects.md`.
 const OF_CAUSES: &str = "Strength in DL, detection limits: 1 DL is the size at which a test of this one \
@@ -48,19 +48,14 @@ pub fn html(c: &Critique) -> String {
         note(in_words(c.verdict)),
         note(&used),
         causes(c),
-        list("What remains, and what would settle it", &c.remarks),
+        section("What remains, and what would settle it", &list(lines(&c.remarks))),
         equation(c),
         gain(&c.gain),
         pictures::drawn(c),
-        list("Not testable on these recordings", &grouped(&c.not_testable)),
+        section("Not testable on these recordings", &list(lines(&grouped(&c.not_testable)))),
         evidence(&c.evidence),
     ];
     page("Model critique", &parts.concat())
-}
-
-/// A paragraph in small print, escaped.
-fn note(text: &str) -> String {
-    format!("<p class=\"note\">{}</p>\n", escaped(text))
 }
 
 fn in_brackets([low, high]: [f64; 2]) -> String {
@@ -132,8 +127,8 @@ fn causes(c: &Critique) -> String {
     let sentences: Vec<String> = c.causes.iter().map(|cause| cause.sentence.clone()).collect();
     [
         format!("<h2>{title}</h2>\n{together}"),
-        table(heads, c.causes.iter().map(row)),
-        list("", &sentences),
+        table("", &heads, c.causes.iter().map(row)),
+        list(lines(&sentences)),
         note(OF_CAUSES),
     ]
     .concat()
@@ -145,16 +140,9 @@ fn explained_together(causes: &[Cause]) -> Option<f64> {
     (causes.len() > 1 && causes.iter().all(|c| c.explains == Some(first))).then_some(first)
 }
 
-/// A list of the lines that are not empty, escaped, under a heading if there is a `title`.
-fn list(title: &str, lines: &[String]) -> String {
-    let items: Vec<String> = (lines.iter().filter(|line| !line.is_empty()))
-        .map(|line| format!("<li>{}</li>\n", escaped(line)))
-        .collect();
-    match (items.is_empty(), title) {
-        (true, _) => String::new(),
-        (false, "") => format!("<ul>\n{}</ul>\n", items.concat()),
-        (false, title) => format!("<h2>{title}</h2><ul>\n{}</ul>\n", items.concat()),
-    }
+/// The lines that are not empty, escaped.
+fn lines(all: &[String]) -> impl Iterator<Item = String> {
+    all.iter().filter(|line| !line.is_empty()).map(|line| escaped(line))
 }
 
 fn equation(c: &Critique) -> String {
@@ -207,9 +195,12 @@ fn gain(gain: &Gain) -> String {
         note(&held_out(held)),
         note(&OF_GAIN.replace("FAULT_SD", &FAULT.to_string())),
         match one {
-            true => table(["", ">on these signals"], rows().map(|r| [name(r), cell(r, before)])),
+            true => {
+                table("", &["", ">on these signals"], rows().map(|r| [name(r), cell(r, before)]))
+            }
             false => table(
-                ["", ">before", ">after"],
+                "",
+                &["", ">before", ">after"],
                 rows().map(|r| [name(r), cell(r, before), cell(r, after)]),
             ),
         },
@@ -309,7 +300,7 @@ fn evidence(evidence: &[Evidence]) -> String {
         "<h2>All evidence</h2>\n{}<details><summary>Every candidate in every step of the selection</summary>{}\
          </details>\n",
         note(OF_EVIDENCE),
-        table(heads, evidence.iter().map(row))
+        table("", &heads, evidence.iter().map(row))
     )
 }
 

@@ -128,6 +128,18 @@ impl Axis {
     }
 }
 
+/// A unit that suits times up to `longest_s`: the factor from seconds to it, and its name.
+pub fn unit_of_time(longest_s: f64) -> (f64, &'static str) {
+    match longest_s {
+        t if t < 2e-3 => (1e6, "µs"),
+        t if t < 2.0 => (1e3, "ms"),
+        t if t < 300.0 => (1.0, "s"),
+        t if t < 3.0 * 3600.0 => (1.0 / 60.0, "minutes"),
+        t if t < 3.0 * 86_400.0 => (1.0 / 3600.0, "hours"),
+        _ => (1.0 / 86_400.0, "days"),
+    }
+}
+
 /// A range with ticks, both in coordinates, as `plotters` wants it.
 pub(super) struct Scale {
     low: f64,

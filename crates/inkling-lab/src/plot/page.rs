@@ -5,6 +5,8 @@
 //! anything, so whoever makes the body must put every text that does not come from this program
 //! through [`escaped`] or [`name`].
 
+use super::{Figure, inert};
+
 /// The style sheet, which is written into the page without its line ends.
 const STYLE: &str = include_str!("page.css");
 
@@ -23,21 +25,76 @@ pub fn page(title: &str, body: &str) -> String {
     )
 }
 
-/// A table as HTML. `heads`: with `>` before that of a column of numbers; `rows`: safe markup.
-pub fn table<const N: usize>(
-    heads: [&str; N],
-    rows: impl IntoIterator<Item = [String; N]>,
+/// A row of a table.
+pub struct Row {
+    /// Attributes of its tag, each with a space before it.
+    pub attributes: String,
+    /// Its cells, one for each head, which are safe markup.
+    pub cells: Vec<String>,
+}
+
+impl<C: IntoIterator<Item = String>> From<C> for Row {
+    fn from(cells: C) -> Row {
+        Row { attributes: String::new(), cells: cells.into_iter().collect() }
+    }
+}
+
+/// A table as HTML. `class`: how it looks; `heads`: safe markup without tags, with `>` before that of a column
+/// of numbers. Each cell knows its head, which a narrow screen shows beside it (class `cards`).
+pub fn table<R: Into<Row>>(
+    class: &str,
+    heads: &[impl AsRef<str>],
+    rows: impl IntoIterator<Item = R>,
 ) -> String {
-    let row = |tag: &str, cells: [String; N]| {
-        let cells = cells.into_iter().zip(heads).map(|(cell, head)| {
-            let class = if head.starts_with('>') { " class=n" } else { "" };
-            format!("<{tag}{class}>{cell}</{tag}>")
+    let column = heads.iter().map(AsRef::as_ref).map(|head: &str| match head.strip_prefix('>') {
+        Some(head) => (" class=n", head),
+        None => ("", head),
+    });
+    let columns: Vec<(&str, &str)> = column.collect();
+    let heads = columns.iter().map(|(class, head)| format!("<th{class}>{head}</th>"));
+    let row = |row: R| {
+        let Row { attributes, cells } = row.into();
+        let cells = cells.iter().zip(&columns).map(|(cell, (class, head))| match *head {
+            "" => format!("<td{class}>{cell}</td>"),
+            _ => format!("<td{class} data-l=\"{head}\">{cell}</td>"),
         });
-        format!("<tr>{}</tr>\n", cells.collect::<String>())
+        format!("<tr{attributes}>{}</tr>\n", cells.collect::<String>())
     };
-    let head = row("th", heads.map(|head| head.trim_start_matches('>').to_owned()));
-    let rows: String = rows.into_iter().map(|cells| row("td", cells)).collect();
-    format!("<table>{head}{rows}</table>")
+    let heads: String = heads.collect();
+    let rows: String = rows.into_iter().map(row).collect();
+    format!("<table class=\"{class}\"><tr class=\"head\">{heads}</tr>\n{rows}</table>\n")
+}
+
+/// A figure of this width and height, pixels. `alt`: what it shows, for those who do not see it; if it cannot be
+/// drawn, this stands there, with the error.
+pub fn figure(figure: &Figure, size: (u32, u32), alt: &str) -> String {
+    let alt = escaped(alt);
+    match figure.svg(size) {
+        Ok(svg) => {
+            let named = format!("<svg role=\"img\" aria-label=\"{alt}\" ");
+            format!("<div class=\"wide\">{}</div>\n", svg.replacen("<svg ", &named, 1))
+        }
+        Err(e) => format!("<p>{alt}: {}</p>\n", escaped(&e)),
+    }
+}
+
+/// A part of the page under its heading, without one if that is empty. Where the part is empty there is nothing.
+pub fn section(heading: &str, part: &str) -> String {
+    match (heading, part) {
+        ("", _) | (_, "") => part.to_owned(),
+        _ => format!("<h2>{heading}</h2>\n{part}"),
+    }
+}
+
+/// A list of items, which are safe markup; empty if there are none.
+pub fn list(items: impl IntoIterator<Item = String>) -> String {
+    let items: String = items.into_iter().map(|item| format!("<li>{item}</li>\n")).collect();
+    if items.is_empty() { items } else { format!("<ul>\n{items}</ul>\n") }
+}
+
+/// A paragraph in small print, escaped.
+pub fn note(text: &str) -> String {
+    format!("<p class=\"note\">{}</p>\n", escaped(text))
 }
 
 /// The first `most` of many names, with `between` between two of them: `a, b, and 3 more`.
@@ -61,11 +118,8 @@ pub fn escaped(text: &str) -> String {
             '>' => out.push_str("&gt;"),
             '"' => out.push_str("&quot;"),
             '\'' => out.push_str("&#39;"),
-            '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}' => {
-                out.push('\u{fffd}');
-            }
-            c if c.is_control() && c != '\n' => out.push('\u{fffd}'),
-            c => out.push(c),
+            '\n' => out.push(c),
+            c => out.push(inert(c)),
         }
     }
     out
