@@ -61,7 +61,7 @@ pub struct Args {
 pub fn run(args: Args) -> Result<Exit, Failure> {
     // settings, and the places of the results
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
-    effect::check(&args.set, &settings, Command::Identify { detects: args.detectability })?;
+    effect::check(&args.set, &settings, Command::Identify(args.detectability))?;
     outputs::check_file(&args.out, outputs::ResultFile::Models)?;
     let labels = args.labels.as_deref().map(labels_file::read).transpose()?;
     if let Some(dir) = &args.plot {

@@ -190,11 +190,9 @@ pub fn load(
 fn check(settings: &Settings, args: &Args, design: Option<&Design>) -> Result<(), Failure> {
     check_declared(settings, design)?;
     let classes = design.map(Design::class_names).unwrap_or_default();
-    let names = !classes.is_empty();
-    effect::check(&args.set, settings, Command::Replay { detects: design.is_none(), names })?;
-    effect::check_common_change(&args.set, settings, design)?;
+    effect::check(&args.set, settings, Command::Replay(design))?;
     check_threshold(settings, design)?;
-    if let Some(design) = design.filter(|_| names) {
+    if let Some(design) = design.filter(|_| !classes.is_empty()) {
         design.check_method(settings.isolate.method).map_err(Failure::usage)?;
     }
     settings.report.check_actions(classes.iter().map(String::as_str)).map_err(Failure::usage)?;
