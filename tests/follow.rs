@@ -318,13 +318,13 @@ fn what_cannot_be_followed_is_refused_with_what_to_do() {
     house.copy("print_run.mcap", "a.mcap");
     house.copy("print_run.mcap", "b.mcap");
     for (args, says) in [
-        ("a.mcap b.mcap", "one recording at a time"),
-        (".", "name the recording that is being written"),
-        ("*.mcap", "name the recording that is being written"),
+        ("a.mcap b.mcap", "name the one recording file that is being written"),
+        (".", "name the one recording file that is being written"),
+        ("*.mcap", "name the one recording file that is being written"),
+        ("s3://bucket/a.mcap", "name the one recording file that is being written"),
         ("a.mcap --dry-run", "--dry-run"),
         ("a.mcap --pace recorded", "the recorder sets the pace"),
         ("a.mcap --layout date", "--layout tree"),
-        ("s3://bucket/a.mcap", "follow the file that is uploaded"),
     ] {
         house.run(&format!("replay {args} --follow --out out")).exits(2).says(says);
     }

@@ -34,27 +34,24 @@ use std::time::Duration;
 pub fn check(settings: &Settings, dry_run: bool) -> Result<(), Failure> {
     let input = &settings.input;
     let why = match input.recordings.as_slice() {
-        _ if dry_run => "--dry-run does nothing, and --follow waits: leave one of them out".into(),
+        _ if dry_run => "--dry-run does nothing, and --follow waits: leave one of them out",
         _ if settings.replay.pace != Pace::Max => {
-            "the recorder sets the pace: leave --pace (replay.pace) out".into()
+            "the recorder sets the pace: leave --pace (replay.pace) out"
         }
         _ if settings.output.layout.is_by_day() => {
             "the day of the first burst is not known before it is written: choose --layout tree or flat"
-                .into()
         }
-        [one] if in_object_store(Path::new(one)) => {
-            format!("{one}: an object appears when it is complete: follow the file that is uploaded")
-        }
-        [one] if Path::new(one).is_dir() => {
-            format!("{one}: a directory: name the recording that is being written")
-        }
-        [one] if !Path::new(one).exists() && one.contains(['*', '?', '[', '{']) => {
-            format!("{one}: a pattern: name the recording that is being written")
-        }
-        [_] => return Ok(()),
-        several => format!("one recording at a time, not {}", several.len()),
+        [one] if is_one_file(one) => return Ok(()),
+        _ => "name the one recording file that is being written",
     };
     Err(Failure::usage(format!("--follow: {why}")))
+}
+
+/// Whether a name is that of a file, there already or not; an object in a store appears when it is complete.
+fn is_one_file(name: &str) -> bool {
+    let path = Path::new(name);
+    let is_pattern = !path.exists() && name.contains(['*', '?', '[', '{']);
+    !(is_pattern || path.is_dir() || in_object_store(path))
 }
 
 /// The recording times that a part may have. Shorter parts would be more files than anybody reads,

@@ -40,33 +40,13 @@ const COLUMNS: [&str; 10] = [
 /// Number of batches that are read ahead, of some 10 MB each.
 const READ_AHEAD: usize = 4;
 
-/// Endings of inkling's tables that hold no verdicts.
-const OTHERS: [&str; 2] = [".episodes.parquet", ".faults.parquet"];
-
 /// Finds the verdict tables that a command line names: files, directories or patterns. `what`: what
 /// is made of the tables (`a report`), for messages. A usage failure if a name is that of another
 /// kind of file.
 pub fn find(named: &[String], what: &str) -> Result<Vec<Input>, Failure> {
-    let ends = |endings: &[&str]| {
-        let name = named.iter().find(|name| endings.iter().any(|ending| name.ends_with(ending)));
-        name.map(|name| printable::cell(name))
-    };
-    if let Some(name) = ends(&[".mcap"]) {
-        return Err(Failure::usage(format!(
-            "{name}: is a recording, and {what} reads what `inkling replay {name} -o verdicts` writes: give that \
-             directory"
-        )));
-    }
-    if let Some(name) = ends(&OTHERS) {
-        return Err(Failure::usage(format!(
-            "{name}: is another table, and {what} reads verdicts and what lies beside them: give their \
-             directory, or *.verdicts.parquet"
-        )));
-    }
-
     // what was found is looked into, as a file may have any name
     let found = inputs::find_verdicts(named)?;
-    if let Some(Input { path, .. }) = found.iter().find(|input| !begins_as_a_table(&input.path)) {
+    if let Some(Input { path, .. }) = found.iter().find(|input| !may_hold_verdicts(&input.path)) {
         let name = printable::cell(&path.to_string_lossy());
         let instead = result_file::instead(path);
         return Err(Failure::usage(format!(
@@ -77,12 +57,16 @@ pub fn find(named: &[String], what: &str) -> Result<Vec<Input>, Failure> {
     Ok(found)
 }
 
-/// Whether a file may be a table. Damage is told when the file is read.
-fn begins_as_a_table(path: &Path) -> bool {
-    let is_named_so = path.extension().is_some_and(|ending| ending == "parquet");
-    is_named_so
-        || in_object_store(path)
-        || regular_file::start(path, 4).is_ok_and(|start| start == b"PAR1")
+/// Whether a file may be a table of verdicts, by its name or else by how it begins. Damage is told when the
+/// file is read.
+fn may_hold_verdicts(path: &Path) -> bool {
+    let name = path.to_string_lossy();
+    let is_named = |endings: &[&str]| endings.iter().any(|ending| name.ends_with(ending));
+    match () {
+        () if is_named(&[".mcap", ".episodes.parquet", ".faults.parquet"]) => false,
+        () if is_named(&[".parquet"]) || in_object_store(path) => true,
+        () => regular_file::start(path, 4).is_ok_and(|start| start == b"PAR1"),
+    }
 }
 
 /// A report, and messages about results that could not be read.

@@ -130,14 +130,9 @@ impl Args {
             let why = "rows are samples one after the other";
             return wrong(&format!("--resample has no effect with --period-s: {why}"));
         }
-        let numbers =
-            [("--temperature", values.temperature, 1000.0), ("--voltage", values.voltage, 1e5)];
-        for (option, value, most) in numbers {
-            if let Some(BurstValue::Constant(v)) = value
-                && !(-most..=most).contains(&v)
-            {
-                return Err(Failure::usage(format!("{option} {v}: give a number up to {most}")));
-            }
+        let no_number = |value| matches!(value, Some(BurstValue::Constant(v)) if !v.is_finite());
+        if no_number(values.temperature) || no_number(values.voltage) {
+            return wrong("--temperature, --voltage: give a finite number");
         }
         Ok(())
     }
