@@ -6,7 +6,6 @@ use inkling::burst::Acquisition;
 use inkling::io::baseline_file::BaselineFile;
 use inkling::io::block_reader::BlockReader;
 use inkling::io::burst_codec::BurstDecoder;
-use inkling::io::census::Census;
 use inkling::io::columnar::FileKind;
 use inkling::io::dialect::guess::guess;
 use inkling::io::journal::Journal;
@@ -88,7 +87,7 @@ fn foreign(path: &Path) {
     if let Ok(recording) = Recording::open(path, Limits::default()) {
         let mut reader = recording.reader().counting();
         read_all(&recording, &mut reader);
-        for topic in reader.census().map(Census::topics).unwrap_or_default() {
+        for topic in reader.topics() {
             if let (Some(written), Some(message)) = (topic.written(), &topic.first_message) {
                 drop(guess(&written, message, &[&topic.topic]));
             }

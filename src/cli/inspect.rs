@@ -134,7 +134,7 @@ fn one(
     });
     let damage = damage.map_err(|_| Failure::new("interrupted"))?;
     damage.into_iter().for_each(|damage| note(&mut contents.damage, damage));
-    let topics = topics::of(reader.census());
+    let topics = topics::of(reader.topics());
 
     // further damage is told by hashing the file, and by its statistics
     let digest = recording.digest().map_err(Failure::new)?;

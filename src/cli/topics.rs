@@ -10,7 +10,7 @@
 use super::progress::thousands;
 use super::report::printable;
 use crate::report::{Column, columns, three_digits};
-use inkling_io::census::{Census, MessageKind, TopicSummary};
+use inkling_io::census::{MessageKind, TopicSummary};
 use inkling_io::dialect::guess::{Proposal, guess};
 use inkling_io::printable as shown;
 use serde_json::{Value, json};
@@ -30,9 +30,8 @@ pub struct Topics {
     pub proposals: Vec<Proposal>,
 }
 
-/// The topics of a census, with proposals; none without a census.
-pub fn of(census: Option<Census>) -> Topics {
-    let topics = census.map(Census::topics).unwrap_or_default();
+/// The topics that a reader has counted, with proposals.
+pub fn of(topics: Vec<TopicSummary>) -> Topics {
     let proposals = proposals(&topics);
     Topics { topics, proposals }
 }

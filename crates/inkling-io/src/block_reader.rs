@@ -17,7 +17,7 @@
 use super::Limits;
 use super::block::{Block, BlockKind, ReadBlock};
 use super::burst_codec::{BurstDecoder, unread};
-use super::census::Census;
+use super::census::{Census, TopicSummary};
 use super::channels::{Channels, MessageKind, RecordError, Route};
 use super::chunk_loader::ChunkLoader;
 use super::damage::Damage;
@@ -52,10 +52,10 @@ pub struct BlockReader {
     /// The schemas and channels that the recording's summary defines ("upfront": before any block
     /// is read).
     upfront: Arc<Channels>,
-    /// The schemas and channels that blocks have defined so far. If the summary names all channels,
-    /// `met` is cleared before each block, so that a block gives the same result whichever worker
+    /// These, and what blocks have defined so far. If the summary names all channels, each block
+    /// begins with those of the summary alone, so that it gives the same result whichever worker
     /// reads it.
-    met: Arc<Channels>,
+    channels: Arc<Channels>,
     /// Whether the summary names all channels that have messages.
     known_upfront: bool,
     /// The empty name, for topics that name no printhead.
@@ -96,7 +96,7 @@ impl BlockReader {
             loader: ChunkLoader::new(source, limits),
             decoder: BurstDecoder::new(limits),
             dialects: DialectDecoder::new(limits),
-            met: Arc::new(upfront.without_any()),
+            channels: Arc::new(Channels::on_top_of(upfront.clone())),
             upfront,
             known_upfront,
             no_printhead: Arc::from(""),
@@ -108,8 +108,8 @@ impl BlockReader {
     /// The same reader, which also knows what the blocks that other readers read before have
     /// defined. This has an effect only if the summary does not name all channels.
     pub fn knowing(mut self, definitions: Option<&Definitions>) -> BlockReader {
-        if let Some(Definitions(met)) = definitions.filter(|_| !self.known_upfront) {
-            self.met = met.clone();
+        if let Some(Definitions(channels)) = definitions.filter(|_| !self.known_upfront) {
+            self.channels = channels.clone();
         }
         self
     }
@@ -117,19 +117,19 @@ impl BlockReader {
     /// What the blocks so far have defined, for a reader that goes on from here; `None` if the
     /// summary names all channels, so that nothing need be handed on.
     pub fn definitions(&self) -> Option<Definitions> {
-        (!self.known_upfront).then(|| Definitions(self.met.clone()))
+        (!self.known_upfront).then(|| Definitions(self.channels.clone()))
     }
 
-    /// The same reader, which also counts the messages of every channel; see [`BlockReader::census`].
+    /// The same reader, which also counts the messages of every channel; see [`BlockReader::topics`].
     pub fn counting(mut self) -> BlockReader {
         self.census = Some(Census::default());
         self
     }
 
-    /// Numbers of the dialects that read channels of the blocks so far (or of the last block, if the summary
-    /// names all channels).
+    /// Numbers of the dialects that read channels of the summary or of the blocks so far (or of the last
+    /// block, if the summary names all channels).
     pub(super) fn dialects_met(&self) -> Vec<usize> {
-        self.met.dialects_used()
+        self.channels.dialects_used()
     }
 
     /// How many channels that a dialect fits have had a message so far; 0 unless messages are counted.
@@ -137,9 +137,9 @@ impl BlockReader {
         self.census.as_ref().map_or(0, Census::foreign)
     }
 
-    /// What went by so far, if messages were counted.
-    pub fn census(self) -> Option<Census> {
-        self.census
+    /// The channels so far with the messages that went by; none if nothing was counted.
+    pub fn topics(self) -> Vec<TopicSummary> {
+        self.census.map(|census| census.topics(&self.channels)).unwrap_or_default()
     }
 
     /// Reads and decodes a whole block at once, as one piece.
@@ -158,7 +158,7 @@ impl BlockReader {
     /// if it has read them.
     pub fn load_read(&mut self, block: &Block, read: Option<ReadBlock>) {
         if self.known_upfront {
-            self.met = Arc::new(self.upfront.without_any());
+            self.channels = Arc::new(Channels::on_top_of(self.upfront.clone()));
         }
         let (records, damage) = match self.loader.load(block, read) {
             Ok(records) => (records, Vec::new()),
@@ -188,18 +188,13 @@ impl BlockReader {
                 break;
             };
             open.at = record.to;
-
-            // the census sees definitions also where they have no effect here
             let body = &open.records[record.from..record.to];
-            if let Some(census) = &mut self.census {
-                census.see_definition(record.opcode, body);
-            }
 
             // a message becomes at most one acquisition; definitions are learned
             let outcome = match record.opcode {
                 op::MESSAGE => match message_header(body) {
                     None => Err(RecordError::ShortMessage),
-                    Some(header) => self.route(header.channel_id).map(|to| {
+                    Some(header) => self.channels.route(header.channel_id).map(|to| {
                         let data = record.from + MESSAGE_HEADER..record.to;
                         if let Some(census) = &mut self.census {
                             census.see_message(header, &to.to, open.records.slice(data.clone()));
@@ -232,23 +227,15 @@ impl BlockReader {
     /// Learns a schema, unless the summary or an earlier block has defined the same id.
     fn define_schema(&mut self, body: &[u8]) -> Result<(), RecordError> {
         let schema = SchemaRecord::parse(body).ok_or(RecordError::Malformed("schema"))?;
-        let known = [&self.upfront, &self.met].into_iter().find_map(|of| of.known_schema(schema));
-        known.unwrap_or_else(|| Arc::make_mut(&mut self.met).define_schema(schema))
+        let known = self.channels.known_schema(schema);
+        known.unwrap_or_else(|| Arc::make_mut(&mut self.channels).define_schema(schema))
     }
 
     /// Learns a channel, in the same way as a schema.
     fn define_channel(&mut self, body: &[u8]) -> Result<(), RecordError> {
         let channel = ChannelRecord::parse(body).ok_or(RecordError::Malformed("channel"))?;
-        let known = [&self.upfront, &self.met].into_iter().find_map(|of| of.known_channel(channel));
-        known.unwrap_or_else(|| Arc::make_mut(&mut self.met).define_channel(channel))
-    }
-
-    /// Where a channel's messages go: by the summary's channels, else by those of the blocks.
-    fn route(&self, channel_id: u16) -> Result<Route, RecordError> {
-        match self.upfront.route_with(&self.met, channel_id) {
-            Err(RecordError::UnknownChannel(_)) => self.met.route_with(&self.upfront, channel_id),
-            known => known,
-        }
+        let known = self.channels.known_channel(channel);
+        known.unwrap_or_else(|| Arc::make_mut(&mut self.channels).define_channel(channel))
     }
 
     /// The acquisition that a message is; `None` if its channel carries no bursts. A message that
@@ -287,7 +274,7 @@ impl BlockReader {
         let too_large = open.block.bytes > self.loader.limits.record_bytes
             && open.block.kind == BlockKind::Messages;
         match head.filter(|_| too_large).and_then(message_header) {
-            Some(header) => match self.route(header.channel_id) {
+            Some(header) => match self.channels.route(header.channel_id) {
                 Ok(Route { to: MessageKind::Nothing, .. }) => {}
                 Ok(Route { printhead, .. }) => {
                     let log_time_ns = i64::try_from(header.log_time).unwrap_or(i64::MAX);

@@ -1,26 +1,24 @@
-//! Counts what there is in a recording, whoever wrote it: channels, schemas, sizes of messages and
-//! rates. `inkling inspect` shows these counts, and the proposal of a dialect (`dialect::guess`)
-//! begins with the schema and first message that the census keeps.
+//! Counts what there is in a recording, whoever wrote it: sizes of messages and rates. `inkling
+//! inspect` shows these counts, and the proposal of a dialect (`dialect::guess`) begins with the
+//! schema and the first message of a channel.
 //!
-//! In: records as a counting `BlockReader` meets them. Out: a [`TopicSummary`] for each MCAP
-//! channel, sorted by topic. Memory is bounded whatever the file: ids have 16 bits, and schemas and
-//! first messages are kept only up to the limits below. A topic has several channels if several
-//! programs wrote to it.
+//! In: messages as a counting `BlockReader` meets them. Out: a [`TopicSummary`] for each MCAP
+//! channel, sorted by topic. Memory is bounded whatever the file: ids have 16 bits, and first
+//! messages are kept only up to the limits below. A topic has several channels if several programs
+//! wrote to it.
 
 pub use super::channels::MessageKind;
+use super::channels::{Channel, Channels, KnownSchema};
 use super::dialect::plan::{ChannelDescription, Schema};
-use super::mcap_records::{ChannelRecord, MessageHeader, SchemaRecord, op};
+use super::mcap_records::MessageHeader;
 use bytes::Bytes;
 use std::collections::HashMap;
-use std::collections::hash_map::Entry;
 use std::sync::Arc;
 
-/// Most bytes of all schemas and first messages together that are kept.
+/// Most bytes of all first messages together that are kept.
 const MOST_KEPT_BYTES: usize = 64 << 20;
-/// Most bytes of one schema or first message that is kept.
+/// Most bytes of one first message that is kept, and of a schema that is told.
 const MOST_OF_ONE: usize = 1 << 20;
-/// Most bytes that are kept of a topic, a schema's name or an encoding.
-const MOST_NAME_BYTES: usize = 4096;
 
 /// The messages of one MCAP channel, counted, and how they are written.
 #[derive(Clone, Debug, Default)]
@@ -29,7 +27,7 @@ pub struct TopicSummary {
     pub message_encoding: String,
     pub schema_name: String,
     pub schema_encoding: String,
-    /// The whole schema, if it was small enough to be kept.
+    /// The whole schema, if it is small enough.
     pub schema: Option<Arc<Schema>>,
     /// Whether the channel has no schema, as channels of JSON may.
     pub without_schema: bool,
@@ -48,25 +46,21 @@ pub struct TopicSummary {
 
 /// Counts the messages of a recording, channel by channel.
 #[derive(Debug, Default)]
-pub struct Census {
-    schemas: HashMap<u16, SchemaSummary>,
-    /// The channels by id, each with the id of its schema.
-    channels: HashMap<u16, (u16, TopicSummary)>,
-    /// Bytes of the schemas and first messages that are kept.
+pub(super) struct Census {
+    /// By id; names and schema are still missing.
+    counted: HashMap<u16, TopicSummary>,
+    /// Bytes of the first messages that are kept.
     kept: usize,
 }
 
-/// A schema's name and encoding, and the whole schema if it was small enough to be kept.
-#[derive(Clone, Debug)]
-struct SchemaSummary {
-    name: String,
-    encoding: String,
-    whole: Option<Arc<Schema>>,
-}
-
 impl TopicSummary {
+    /// Of a channel that has had none so far.
+    fn without_messages() -> TopicSummary {
+        TopicSummary { smallest: u64::MAX, first_ns: u64::MAX, ..TopicSummary::default() }
+    }
+
     /// How the channel's messages are written, for whoever plans how to read them. `None`: the
-    /// schema was too large to be kept.
+    /// schema is too large.
     pub fn written(&self) -> Option<ChannelDescription<'_>> {
         // a channel without a schema is known as such
         let known = self.without_schema || self.schema.is_some();
@@ -84,48 +78,11 @@ impl TopicSummary {
     }
 }
 
-fn shortened(text: &str) -> String {
-    text[..text.floor_char_boundary(MOST_NAME_BYTES)].to_owned()
-}
-
 impl Census {
-    /// Takes note of a schema or a channel, if the record defines one. If an id is defined several
-    /// times, the first definition holds.
-    pub(super) fn see_definition(&mut self, opcode: u8, body: &[u8]) {
-        match opcode {
-            op::SCHEMA => {
-                let Some(schema) = SchemaRecord::parse(body) else { return };
-                let Entry::Vacant(new) = self.schemas.entry(schema.id) else { return };
-                let bytes = schema.data.len() + schema.name.len();
-                let keep = bytes <= MOST_OF_ONE && self.kept + bytes <= MOST_KEPT_BYTES;
-                let (name, encoding) = (shortened(schema.name), shortened(schema.encoding));
-                let whole = keep.then(|| {
-                    self.kept += bytes;
-                    let data = schema.data.to_vec();
-                    Arc::new(Schema { name: name.clone(), encoding: encoding.clone(), data })
-                });
-                new.insert(SchemaSummary { name, encoding, whole });
-            }
-            op::CHANNEL => {
-                let Some(channel) = ChannelRecord::parse(body) else { return };
-                let Entry::Vacant(new) = self.channels.entry(channel.id) else { return };
-                let summary = TopicSummary {
-                    topic: shortened(channel.topic),
-                    message_encoding: shortened(channel.message_encoding),
-                    without_schema: channel.schema_id == 0,
-                    smallest: u64::MAX,
-                    first_ns: u64::MAX,
-                    ..TopicSummary::default()
-                };
-                new.insert((channel.schema_id, summary));
-            }
-            _ => {}
-        }
-    }
-
     /// Counts a message.
     pub(super) fn see_message(&mut self, header: MessageHeader, to: &MessageKind, message: Bytes) {
-        let Some((_, summary)) = self.channels.get_mut(&header.channel_id) else { return };
+        let summary =
+            self.counted.entry(header.channel_id).or_insert_with(TopicSummary::without_messages);
         if summary.messages == 0 {
             summary.kind = to.clone();
             let bytes = message.len();
@@ -149,27 +106,34 @@ impl Census {
         let fits = |summary: &TopicSummary| {
             matches!(summary.kind, MessageKind::Foreign(_) | MessageKind::Unread(_))
         };
-        self.channels.values().filter(|(_, summary)| fits(summary)).count()
+        self.counted.values().filter(|summary| fits(summary)).count()
     }
 
-    /// A channel by its id, and the name of its schema. `None`: there is no channel with that id.
-    pub(super) fn channel(&self, id: u16) -> Option<(&TopicSummary, &str)> {
-        let (schema, summary) = self.channels.get(&id)?;
-        Some((summary, self.schemas.get(schema).map_or("", |schema| &schema.name)))
-    }
-
-    /// Summaries of all channels, in the order of their topics.
-    pub fn topics(self) -> Vec<TopicSummary> {
-        let mut channels: Vec<_> = self.channels.into_iter().collect();
-        channels.sort_unstable_by(|(a, (_, x)), (b, (_, y))| (&x.topic, a).cmp(&(&y.topic, b)));
-        let summary = |(_, (schema, mut summary)): (u16, (u16, TopicSummary))| {
-            if let Some(of) = self.schemas.get(&schema) {
-                summary.schema_name.clone_from(&of.name);
-                summary.schema_encoding.clone_from(&of.encoding);
-                summary.schema.clone_from(&of.whole);
-            }
-            summary
+    /// Summaries of all channels that are defined, in the order of their topics.
+    pub fn topics(mut self, channels: &Channels) -> Vec<TopicSummary> {
+        let summary = |id: u16| {
+            let (Channel { topic, message_encoding, schema_id, .. }, schema) =
+                channels.described(id)?;
+            let counted = self.counted.remove(&id).unwrap_or_else(TopicSummary::without_messages);
+            let schema_of = |of: fn(&Schema) -> &String| {
+                schema.map_or(String::new(), |schema| of(&schema.of).clone())
+            };
+            let small = |schema: &&KnownSchema| {
+                schema.whole && schema.of.data.len() + schema.of.name.len() <= MOST_OF_ONE
+            };
+            Some(TopicSummary {
+                topic: topic.clone(),
+                message_encoding: message_encoding.clone(),
+                schema_name: schema_of(|schema| &schema.name),
+                schema_encoding: schema_of(|schema| &schema.encoding),
+                schema: schema.filter(small).map(|schema| schema.of.clone()),
+                without_schema: *schema_id == 0,
+                ..counted
+            })
         };
-        channels.into_iter().map(summary).collect()
+        let mut topics: Vec<TopicSummary> = (0..=u16::MAX).filter_map(summary).collect();
+        // of channels with one topic the order of their ids stays
+        topics.sort_by(|a, b| a.topic.cmp(&b.topic));
+        topics
     }
 }

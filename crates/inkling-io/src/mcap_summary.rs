@@ -4,8 +4,7 @@
 //! In: the bytes of a recording. Out: a `Summary`: schemas, channels, statistics and chunk index.
 //! If one of them is missing or not sound, nothing of them is used, and that is damage.
 
-use super::census::{Census, MessageKind};
-use super::channels::{Channels, Route};
+use super::channels::{Channels, MessageKind, Route};
 use super::damage::Damage;
 use super::dialect::Dialects;
 use super::mcap_records::{
@@ -35,8 +34,6 @@ pub(super) struct Summary {
     pub(super) channels: Channels,
     /// The ids of the channels, each once, in the order of their definitions.
     channel_ids: Vec<u16>,
-    /// Names of the channels and their schemas.
-    census: Census,
     statistics: Option<Statistics>,
     chunks: Vec<ChunkSpan>,
     /// First byte after the data section.
@@ -114,10 +111,10 @@ impl Summary {
         let line = |text| printable::line(text, MOST_OF_A_NAME);
         let other = |&id: &u16| {
             let (channel, schema) =
-                self.census.channel(id).filter(|_| !self.channels.carries_bursts(id))?;
+                self.channels.described(id).filter(|_| !self.channels.carries_bursts(id))?;
             Some(OtherChannel {
                 topic: line(&channel.topic),
-                schema: line(schema),
+                schema: schema.map_or(String::new(), |schema| line(&schema.of.name)),
                 message_encoding: line(&channel.message_encoding),
                 messages: counts.and_then(|counts| counts.get(&id).copied()),
             })
@@ -164,7 +161,6 @@ impl Summary {
         while at < section.len() {
             let record = record_at(section, at)?;
             let body = &section[record.from..record.to];
-            self.census.see_definition(record.opcode, body);
             match record.opcode {
                 op::SCHEMA => self.channels.define_schema(SchemaRecord::parse(body)?).ok()?,
                 op::CHANNEL => {

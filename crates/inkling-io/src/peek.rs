@@ -6,7 +6,7 @@
 
 use super::block::Block;
 use super::block_reader::BlockReader;
-use super::census::{Census, MessageKind, TopicSummary};
+use super::census::{MessageKind, TopicSummary};
 use super::damage::RecordingError;
 use super::dialect::Dialects;
 use super::dialect::guess::guess;
@@ -70,7 +70,7 @@ impl Recording {
         used.numbers.extend(reader.dialects_met());
 
         // then each channel's first message is checked
-        for TopicSummary { topic, kind, first_message, .. } in &topics_of(reader) {
+        for TopicSummary { topic, kind, first_message, .. } in &reader.topics() {
             let checked = match (kind, first_message) {
                 (MessageKind::Unread(why), _) => Err(why.to_string()),
                 (MessageKind::Foreign(plan), Some(message)) => plan
@@ -103,7 +103,7 @@ impl Recording {
         if self.channels_known_upfront && self.others.is_empty() {
             return Vec::new();
         }
-        let topics = topics_of(self.peek(|block, _| block.index >= PEEKED_AT_ONCE));
+        let topics = self.peek(|block, _| block.index >= PEEKED_AT_ONCE).topics();
         // the schemas that a dialect reads on other topics: there a topic's pattern may be mistyped
         let read = |summary: &&TopicSummary| matches!(summary.kind, MessageKind::Foreign(_));
         let read: BTreeSet<&str> =
@@ -111,8 +111,7 @@ impl Recording {
         let unread = |summary: &TopicSummary| {
             let (written, message) = (summary.written()?, summary.first_message.as_ref()?);
             guess(&written, message, &[&summary.topic])?;
-            let fits =
-                dialects.of_topic(&summary.topic).any() || read.contains(&*summary.schema_name);
+            let fits = dialects.fit_topic(&summary.topic) || read.contains(&*summary.schema_name);
             let of_it = self.others.iter().find(|other| other.topic == summary.topic);
             Some(UnreadChannel {
                 topic: printable::line(&summary.topic, MOST_OF_A_NAME),
@@ -125,9 +124,4 @@ impl Recording {
         let nothing = topics.iter().filter(|summary| matches!(summary.kind, MessageKind::Nothing));
         nothing.filter_map(unread).collect()
     }
-}
-
-/// The channels that a reader has counted, with their first messages.
-fn topics_of(reader: BlockReader) -> Vec<TopicSummary> {
-    reader.census().map(Census::topics).unwrap_or_default()
 }

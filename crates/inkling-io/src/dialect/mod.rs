@@ -65,27 +65,6 @@ struct CompiledDialect {
     topic: GlobMatcher,
 }
 
-/// A set of dialects by their numbers, one bit each; the first dialect is the lowest bit.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct DialectSet(u64);
-
-impl DialectSet {
-    /// Whether at least one dialect is in the set.
-    pub fn any(self) -> bool {
-        self.0 != 0
-    }
-
-    /// The number of the first dialect in the set.
-    pub fn first(self) -> Option<usize> {
-        self.any().then(|| self.0.trailing_zeros() as usize)
-    }
-
-    /// The dialects that are in both sets.
-    pub fn and(self, other: DialectSet) -> DialectSet {
-        DialectSet(self.0 & other.0)
-    }
-}
-
 impl Dialects {
     /// Checks and compiles the dialects.
     pub fn new(dialects: &[Dialect]) -> Result<Dialects, String> {
@@ -119,21 +98,16 @@ impl Dialects {
         self.all.is_empty()
     }
 
-    /// The dialects whose pattern fits a topic.
-    pub fn of_topic(&self, topic: &str) -> DialectSet {
-        self.fitting(|fitting| fitting.topic.is_match(topic))
+    /// Whether at least one dialect's pattern fits a topic.
+    pub fn fit_topic(&self, topic: &str) -> bool {
+        self.all.iter().any(|fitting| fitting.topic.is_match(topic))
     }
 
-    /// The dialects that read messages with a schema of this name; `None`: without a schema.
-    pub fn of_schema(&self, name: Option<&str>) -> DialectSet {
-        self.fitting(|CompiledDialect { dialect, .. }| {
-            dialect.schema.is_none() || dialect.schema.as_deref() == name
-        })
-    }
-
-    fn fitting(&self, fits: impl Fn(&CompiledDialect) -> bool) -> DialectSet {
-        let bit = |(number, fitting)| u64::from(fits(fitting)) << number;
-        DialectSet(self.all.iter().enumerate().map(bit).sum())
+    /// The number of the first dialect that reads messages of a topic with a schema of this name; `None`:
+    /// without a schema.
+    pub fn first(&self, topic: &str, schema: Option<&str>) -> Option<usize> {
+        let has_schema = |of: &Dialect| of.schema.is_none() || of.schema.as_deref() == schema;
+        self.all.iter().position(|of| has_schema(&of.dialect) && of.topic.is_match(topic))
     }
 
     /// How a channel's messages are read by the dialect of this number.

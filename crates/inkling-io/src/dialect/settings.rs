@@ -10,7 +10,7 @@ use super::wanted::Slot;
 use inkling_core::burst::{Format, Layout};
 use serde::{Deserialize, Serialize, Serializer};
 
-/// At most so many dialects: a set of them is the bits of a u64 ([`super::DialectSet`]).
+/// At most so many dialects: each topic is compared with the pattern of each of them.
 pub const MOST_DIALECTS: usize = 64;
 /// At most so many field paths in the pattern of a printhead's name.
 pub const MOST_TEXTS: usize = 4;
