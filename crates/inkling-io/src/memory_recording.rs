@@ -2,25 +2,26 @@
 //! like files. The Python package uses it.
 //!
 //! In: bursts whose samples the caller holds. Out: a [`Recording`] that reads like the MCAP file
-//! that would hold these bursts, with messages outside chunks and a summary. That file exists only
-//! as `Pieces`: small buffers with everything but samples, and between them the bursts' own
-//! samples. So samples are copied only block by block as they are read.
+//! that would hold these bursts, with messages outside chunks. That file exists only as `Pieces`:
+//! small buffers with everything but samples, and between them the bursts' own samples. So samples
+//! are copied only block by block as they are read. What a summary would say is said to the
+//! [`Recording`] directly.
 
 use super::Limits;
-use super::burst_codec::{FILE_DESCRIPTOR_SET, MESSAGE_ENCODING, SCHEMA_NAME, encode, topic};
+use super::burst_codec::{MESSAGE_ENCODING, SCHEMA_NAME, encode, topic};
+use super::channels::Channels;
 use super::damage::RecordingError;
-use super::dialect::Dialects;
 use super::file_error::FileError;
-use super::mcap_records::{MAGIC, MESSAGE_HEADER, op};
+use super::mcap_records::{ChannelRecord, MAGIC, MESSAGE_HEADER, SchemaRecord, op};
 use super::pieces::Pieces;
 use super::recording::Recording;
 use super::source::Source;
 use bytes::Bytes;
 use inkling_core::burst::Burst;
-use std::collections::HashMap;
-use std::collections::hash_map::Entry;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 
 const SCHEMA_ID: u16 = 1;
 /// Key of the protobuf field `samples` (number 9, length-delimited). The field comes last in these
@@ -30,82 +31,60 @@ const SAMPLES_KEY: u8 = 9 << 3 | 2;
 /// A recording of these bursts. `label` stands where a file's path would. The ids of MCAP's
 /// channels have 16 bits and 0 is left out, so bursts of more than 65,535 printheads are refused.
 pub fn of_bursts(label: &str, bursts: &[Burst]) -> Result<Recording, RecordingError> {
+    let printheads: BTreeSet<&str> = bursts.iter().map(|burst| &*burst.printhead).collect();
+    let most = u16::MAX;
+    if printheads.len() > most.into() {
+        let what = format!("a recording holds {most} printheads at most; give fewer at once");
+        return Err(FileError::failed(Path::new(label), what).into());
+    }
+
+    // one schema, and a channel for each printhead
+    let ids: BTreeMap<&str, u16> = printheads.into_iter().zip(1..=most).collect();
+    let mut channels = Channels::default();
+    let (name, encoding) = (SCHEMA_NAME, MESSAGE_ENCODING);
+    let schema = SchemaRecord { id: SCHEMA_ID, name, encoding, data: &[] };
+    channels.define_schema(schema).expect("the only one");
+    for (printhead, &id) in &ids {
+        let (topic, message_encoding) = (&*topic(printhead), encoding);
+        let channel = ChannelRecord { id, schema_id: SCHEMA_ID, topic, message_encoding };
+        channels.define_channel(channel).expect("its id is its own");
+    }
+
+    // everything of a message up to the samples, then the samples themselves, not copied
     let mut pieces = Pieces::default();
     let mut small = Vec::from(MAGIC);
-    record(&mut small, op::HEADER, &[text(""), text("inkling")].concat());
-
-    // one schema, and a channel for each printhead: its id and its number of bursts
-    let mut channels: HashMap<&Arc<str>, (u16, u64)> = HashMap::new();
-    let mut definitions = Vec::new();
-    record(&mut definitions, op::SCHEMA, &schema());
+    begin(&mut small, op::HEADER, 0);
     for burst in bursts {
-        let number = channels.len() + 1;
-        let of_printhead = match channels.entry(&burst.printhead) {
-            Entry::Occupied(known) => known.into_mut(),
-            Entry::Vacant(new) => {
-                let id = u16::try_from(number).map_err(|_| {
-                    let most = u16::MAX;
-                    let what =
-                        format!("a recording holds {most} printheads at most; give fewer at once");
-                    FileError::failed(Path::new(label), what)
-                })?;
-                record(&mut definitions, op::CHANNEL, &channel(id, &burst.printhead));
-                new.insert((id, 0))
-            }
-        };
-        of_printhead.1 += 1;
-    }
-    small.extend(&definitions);
-
-    for burst in bursts {
-        // everything up to the samples, then the samples themselves, not copied
-        push_message(&mut small, channels[&burst.printhead].0, burst);
+        push_message(&mut small, ids[&*burst.printhead], burst);
         pieces.push(std::mem::take(&mut small).into());
         pieces.push(burst.samples.clone());
     }
-    // no checksum of the data section
-    record(&mut small, op::DATA_END, &[0; 4]);
-
-    // the summary names all channels, so that several readers can take the blocks side by side
-    let summary_start = pieces.bytes() + small.len() as u64;
-    small.extend(definitions);
-    record(&mut small, op::STATISTICS, &statistics(bursts.len() as u64, channels.values()));
-    // the footer: where the summary begins, no summary offsets, no checksum
-    let footer = [summary_start.to_le_bytes().as_slice(), &[0; 8 + 4]].concat();
-    record(&mut small, op::FOOTER, &footer);
-    small.extend(MAGIC);
-    pieces.push(small.into());
-    let source = Arc::new(Source::in_memory(pieces));
-    Recording::of_source(Path::new(label), source, Limits::default(), &Dialects::default())
-}
-
-fn record(out: &mut Vec<u8>, opcode: u8, body: &[u8]) {
-    begin(out, opcode, body.len() as u64);
-    out.extend(body);
+    let source = Source::in_memory(pieces);
+    Ok(Recording {
+        path: label.into(),
+        name: label.into(),
+        label: label.into(),
+        bytes: source.bytes(),
+        stamp: source.stamp_then(),
+        opening: Duration::ZERO,
+        expected: Some(bursts.len() as u64),
+        others: Vec::new(),
+        damage: Vec::new(),
+        source: Arc::new(source),
+        limits: Limits::default(),
+        growth: None,
+        channels: Arc::new(channels),
+        // so that several readers can take the blocks side by side
+        channels_known_upfront: true,
+        data_end: None,
+        disorder_ns: None,
+    })
 }
 
 /// Appends what stands before a record's body: opcode and length.
 fn begin(out: &mut Vec<u8>, opcode: u8, body_bytes: u64) {
     out.push(opcode);
     out.extend(body_bytes.to_le_bytes());
-}
-
-/// A text as MCAP has it: its length (32 bits), then its bytes.
-fn text(of: &str) -> Vec<u8> {
-    [&(of.len() as u32).to_le_bytes(), of.as_bytes()].concat()
-}
-
-fn schema() -> Vec<u8> {
-    let data_bytes = (FILE_DESCRIPTOR_SET.len() as u32).to_le_bytes();
-    let (name, encoding) = (text(SCHEMA_NAME), text(MESSAGE_ENCODING));
-    [&SCHEMA_ID.to_le_bytes(), &name[..], &encoding, &data_bytes, FILE_DESCRIPTOR_SET].concat()
-}
-
-fn channel(id: u16, printhead: &str) -> Vec<u8> {
-    let (topic, encoding) = (text(&topic(printhead)), text(MESSAGE_ENCODING));
-    let ids = [id.to_le_bytes(), SCHEMA_ID.to_le_bytes()].concat();
-    let no_metadata = [0; 4];
-    [&ids[..], &topic, &encoding, &no_metadata].concat()
 }
 
 /// Appends the message record of a burst up to its samples; the caller puts the samples behind it.
@@ -121,20 +100,6 @@ fn push_message(out: &mut Vec<u8>, channel: u16, burst: &Burst) {
     out.extend(log_time);
     out.extend(log_time);
     out.extend(message);
-}
-
-/// The body of the statistics record. Only the counts matter to readers here; the rest is 0.
-fn statistics<'a>(bursts: u64, channels: impl ExactSizeIterator<Item = &'a (u16, u64)>) -> Vec<u8> {
-    let mut body = bursts.to_le_bytes().to_vec();
-    body.extend(1u16.to_le_bytes()); // schemas
-    body.extend((channels.len() as u32).to_le_bytes());
-    body.extend([0; 4 + 4 + 4 + 8 + 8]); // attachments, metadata, chunks, first and last log time
-    body.extend((10 * channels.len() as u32).to_le_bytes());
-    for (id, messages) in channels {
-        body.extend(id.to_le_bytes());
-        body.extend(messages.to_le_bytes());
-    }
-    body
 }
 
 #[cfg(test)]

@@ -59,7 +59,7 @@ pub struct Recording {
     /// either way.
     pub channels_known_upfront: bool,
     /// First byte after the data section, if the file's end says so.
-    data_end: Option<u64>,
+    pub(super) data_end: Option<u64>,
     /// The greatest time by which a chunk begins before the end of one that precedes it in the file, by the
     /// chunk index and in log times, ns. `None`: the file does not say. Whoever sorts bursts by time must
     /// wait that long.
