@@ -17,14 +17,14 @@ use super::transfer::stamp_of;
 use crate::stamp::Stamp;
 use bytes::Bytes;
 use futures_util::FutureExt;
+use futures_util::future::{BoxFuture, Shared};
 use object_store::{GetOptions, GetRange, ObjectMeta, ObjectStore, ObjectStoreExt};
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 use std::io::{self, ErrorKind};
-use std::panic::AssertUnwindSafe;
 use std::path::Path;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use tokio::task::{self, AbortHandle};
+use std::sync::{Mutex, PoisonError};
+use tokio::task::AbortHandle;
 
 /// Bytes of one part, which is what one request asks for. Only the last part of an object is smaller.
 const PART_BYTES: u64 = 4 << 20;
@@ -40,16 +40,7 @@ pub struct Object {
     place: Place,
     /// What the server said of the object when it was opened.
     meta: ObjectMeta,
-    /// Shared with the tasks that fetch the parts.
-    parts: Arc<Parts>,
-}
-
-/// The parts, and how readers wait for a part that is on its way.
-#[derive(Debug, Default)]
-struct Parts {
-    cache: Mutex<PartCache>,
-    /// Wakes all waiting readers after a part arrived, failed or was let go of.
-    arrived: Condvar,
+    parts: Mutex<PartCache>,
 }
 
 /// The parts of an object that were read lately or are asked for, by their numbers in the object,
@@ -57,7 +48,7 @@ struct Parts {
 /// itself, so it can be tested without a server.
 #[derive(Debug, Default)]
 struct PartCache {
-    parts: BTreeMap<u64, Fetch>,
+    parts: BTreeMap<u64, Request>,
     /// The highest number that was read since the last jump. A jump is a read that lies more than
     /// [`MOST_AHEAD`] parts off, in either direction.
     furthest: u64,
@@ -67,50 +58,30 @@ struct PartCache {
     ahead: u64,
 }
 
-/// What has become of the request for a part.
+/// A request for a part, which runs in a task of its own.
 #[derive(Debug)]
-enum Fetch {
-    /// The request is under way; the handle can end it.
-    Coming(AbortHandle),
-    /// The request gave the whole part.
-    Here(Bytes),
-    /// The request's last try failed.
-    Failed(ErrorKind, String),
+struct Request {
+    /// Ends the task.
+    task: AbortHandle,
+    /// Any number of readers may wait for it.
+    answer: Shared<BoxFuture<'static, Answer>>,
 }
 
-impl Parts {
-    /// Locks the cache. A thread that panicked while it held the lock has left whole entries, so
-    /// its panic is ignored.
-    fn lock(&self) -> MutexGuard<'_, PartCache> {
-        self.cache.lock().unwrap_or_else(PoisonError::into_inner)
-    }
+/// The whole part, or why the request's last try failed. `Err(None)`: the request was ended.
+type Answer = Result<Bytes, Option<(ErrorKind, String)>>;
 
-    /// Begins a request in a task of its own. The task puts the answer into the cache as part
-    /// `number`, unless that part was let go of meanwhile, and wakes the readers. The caller holds
-    /// the lock of the cache until it has put the handle there.
+impl Request {
     fn begin(
-        self: &Arc<Self>,
-        number: u64,
         request: impl Future<Output = io::Result<Bytes>> + Send + 'static,
-    ) -> io::Result<AbortHandle> {
-        let parts = self.clone();
-        let task = runtime()?.spawn(async move {
-            // a panic becomes an answer, too: without one, readers would wait for ever
-            let part = match AssertUnwindSafe(request).catch_unwind().await {
-                Ok(Ok(bytes)) => Fetch::Here(bytes),
-                Ok(Err(e)) => Fetch::Failed(e.kind(), e.to_string()),
-                Err(_) => Fetch::Failed(ErrorKind::Other, "the request panicked".into()),
-            };
-            // only the task whose handle is in the cache may answer; a later request may have
-            // replaced it
-            if let Some(kept) = parts.lock().parts.get_mut(&number)
-                && matches!(kept, Fetch::Coming(of) if of.id() == task::id())
-            {
-                *kept = part;
-            }
-            parts.arrived.notify_all();
+    ) -> io::Result<Request> {
+        let task = runtime()?.spawn(request);
+        let abort = task.abort_handle();
+        let answer = task.map(|done| match done {
+            Ok(answer) => answer.map_err(|e| Some((e.kind(), e.to_string()))),
+            Err(e) if e.is_cancelled() => Err(None),
+            Err(_) => Err(Some((ErrorKind::Other, "the request panicked".into()))),
         });
-        Ok(task.abort_handle())
+        Ok(Request { task: abort, answer: answer.boxed().shared() })
     }
 }
 
@@ -119,7 +90,7 @@ impl Object {
     pub fn open(path: &Path) -> io::Result<Object> {
         let place = Place::of(path)?;
         let meta = runtime()?.block_on(async { place.store.head(&place.key).await });
-        Ok(Object { meta: meta.map_err(failed)?, place, parts: Arc::default() })
+        Ok(Object { meta: meta.map_err(failed)?, place, parts: Mutex::default() })
     }
 
     /// The object's size and time of change when it was opened.
@@ -164,40 +135,35 @@ impl Object {
     /// let go of meanwhile, because other readers want other parts, it is asked for anew, with all
     /// of its tries.
     fn part(&self, number: u64) -> io::Result<Bytes> {
-        let mut kept = self.parts.lock();
-        for wanted in kept.wanted(number, self.meta.size.div_ceil(PART_BYTES)) {
-            if let Entry::Vacant(free) = kept.parts.entry(wanted) {
-                free.insert(Fetch::Coming(self.ask(wanted)?));
-            }
-        }
-        kept.forget(number);
-        self.parts.arrived.notify_all(); // somebody may wait for what was let go of
-
-        // wait until the answer is there; waiting releases the lock
         loop {
-            match kept.parts.get(&number) {
-                Some(Fetch::Here(bytes)) => return Ok(bytes.clone()),
-                Some(Fetch::Coming(_)) => {
-                    let woken = self.parts.arrived.wait(kept);
-                    kept = woken.unwrap_or_else(PoisonError::into_inner);
-                }
-                Some(Fetch::Failed(kind, what)) => {
-                    let e = io::Error::new(*kind, what.clone());
-                    kept.parts.remove(&number); // asked for again, if anybody does
-                    return Err(e);
-                }
-                None => {
-                    // the part was let go of for another reader's parts
-                    let coming = self.ask(number)?;
-                    kept.parts.insert(number, Fetch::Coming(coming));
-                }
+            let answer = self.asked(number)?;
+            match runtime()?.block_on(answer) {
+                Ok(bytes) => return Ok(bytes),
+                Err(None) => {} // it was let go of for another reader's parts
+                Err(Some((kind, what))) => return Err(io::Error::new(kind, what)),
             }
         }
     }
 
+    /// Asks for a part and for those ahead of it, where that was not done before; gives the answer
+    /// to wait for.
+    fn asked(&self, number: u64) -> io::Result<Shared<BoxFuture<'static, Answer>>> {
+        // a thread that panicked while it held the lock has left whole entries
+        let mut kept = self.parts.lock().unwrap_or_else(PoisonError::into_inner);
+        // what a reader was told to have failed is asked for again
+        kept.parts.retain(|_, request| !matches!(request.answer.peek(), Some(Err(_))));
+        for wanted in kept.wanted(number, self.meta.size.div_ceil(PART_BYTES)) {
+            if let Entry::Vacant(free) = kept.parts.entry(wanted) {
+                free.insert(self.ask(wanted)?);
+            }
+        }
+        kept.forget(number);
+        Ok(kept.parts[&number].answer.clone())
+    }
+
     /// Begins the request for a part, on the condition that the object still has the tag that it
     /// had when it was opened.
-    fn ask(&self, number: u64) -> io::Result<AbortHandle> {
+    fn ask(&self, number: u64) -> io::Result<Request> {
         let from = number * PART_BYTES;
         let to = (from + PART_BYTES).min(self.meta.size);
         let options = GetOptions {
@@ -206,7 +172,7 @@ impl Object {
             ..GetOptions::default()
         };
         let (Place { store, key, .. }, e_tag) = (self.place.clone(), self.meta.e_tag.clone());
-        self.parts.begin(number, async move {
+        Request::begin(async move {
             let changed = || io::Error::new(ErrorKind::InvalidData, CHANGED);
             let answer = store.get_opts(&key, options).await.map_err(failed)?;
             // a server that knows no conditions may send another state all the same
@@ -243,8 +209,8 @@ impl PartCache {
             if furthest == number {
                 return;
             }
-            if let Some(Fetch::Coming(task)) = self.parts.remove(&furthest) {
-                task.abort();
+            if let Some(request) = self.parts.remove(&furthest) {
+                request.task.abort();
             }
         }
     }
@@ -253,11 +219,8 @@ impl PartCache {
 /// Requests that nobody waits for any more are ended.
 impl Drop for Object {
     fn drop(&mut self) {
-        for part in self.parts.lock().parts.values() {
-            if let Fetch::Coming(task) = part {
-                task.abort();
-            }
-        }
+        let kept = self.parts.get_mut().unwrap_or_else(PoisonError::into_inner);
+        kept.parts.values().for_each(|request| request.task.abort());
     }
 }
 
@@ -265,43 +228,37 @@ impl Drop for Object {
 mod tests {
     use super::*;
     use futures_util::future::pending;
+    use object_store::memory::InMemory;
+    use std::sync::Arc;
 
-    /// Waits until part `number` is no longer coming, and says whether its request failed.
-    fn has_failed(parts: &Parts, number: u64) -> bool {
-        let is_coming =
-            |kept: &mut PartCache| matches!(kept.parts.get(&number), Some(Fetch::Coming(_)));
-        let limit = std::time::Duration::from_secs(10);
-        let (kept, _) = parts.arrived.wait_timeout_while(parts.lock(), limit, is_coming).unwrap();
-        matches!(kept.parts.get(&number), Some(Fetch::Failed(..)))
+    #[test]
+    fn a_request_that_panics_has_failed_and_one_that_is_ended_has_no_answer() {
+        let answer = |request: Request| runtime().unwrap().block_on(request.answer);
+        let panics = Request::begin(async { panic!("a test's own panic") }).unwrap();
+        assert!(matches!(answer(panics), Err(Some((ErrorKind::Other, _)))));
+        let ended = Request::begin(pending()).unwrap();
+        ended.task.abort();
+        assert_eq!(answer(ended), Err(None));
     }
 
     #[test]
-    fn a_request_that_panics_has_failed() {
-        let parts = Arc::new(Parts::default());
-        let mut kept = parts.lock();
-        let coming = parts.begin(7, async { panic!("a test's own panic") }).unwrap();
-        kept.parts.insert(7, Fetch::Coming(coming));
-        drop(kept);
-        assert!(has_failed(&parts, 7));
-    }
-
-    #[test]
-    fn the_answer_to_a_request_that_was_let_go_of_is_dropped() {
-        let parts = Arc::new(Parts::default());
-        let mut kept = parts.lock();
-        let lost = || io::Error::from(ErrorKind::ConnectionReset);
-        let before = parts.begin(7, async move { Err(lost()) }).unwrap();
-        let gone = parts.begin(8, async move { Err(lost()) }).unwrap();
-        let newer = parts.begin(7, pending()).unwrap();
-        kept.parts.insert(7, Fetch::Coming(newer.clone()));
-        drop(kept);
-        while !(before.is_finished() && gone.is_finished()) {
-            std::thread::yield_now();
-        }
-        let kept = parts.lock();
-        assert!(matches!(kept.parts.get(&7), Some(Fetch::Coming(of)) if of.id() == newer.id()));
-        assert!(!kept.parts.contains_key(&8));
-        newer.abort();
+    fn a_part_that_was_let_go_of_is_asked_for_again_by_whoever_waits_for_it() {
+        let store = Arc::new(InMemory::new());
+        let place = Place { store: store.clone(), key: "a".into(), root: String::new() };
+        runtime().unwrap().block_on(store.put(&place.key, vec![7; 9].into())).unwrap();
+        let meta = runtime().unwrap().block_on(store.head(&place.key)).unwrap();
+        let object = Object { place, meta, parts: Mutex::default() };
+        object.parts.lock().unwrap().parts.insert(0, Request::begin(pending()).unwrap());
+        let mut buffer = [0; 9];
+        std::thread::scope(|scope| {
+            let reader = scope.spawn(|| object.read_at(0, &mut buffer));
+            while object.parts.lock().unwrap().parts[&0].answer.strong_count() < Some(2) {
+                std::thread::yield_now();
+            }
+            object.parts.lock().unwrap().parts.remove(&0).unwrap().task.abort();
+            reader.join().unwrap().unwrap();
+        });
+        assert_eq!(buffer, [7; 9]);
     }
 
     #[test]
@@ -319,9 +276,10 @@ mod tests {
     #[test]
     fn few_parts_are_kept_and_the_one_that_is_read_always() {
         let mut kept = PartCache::default();
-        kept.parts.insert(999, Fetch::Here(Bytes::new()));
+        let here = || Request::begin(async { Ok(Bytes::new()) }).unwrap();
+        kept.parts.insert(999, here());
         for number in 0..100 {
-            kept.parts.insert(number, Fetch::Here(Bytes::new()));
+            kept.parts.insert(number, here());
             kept.forget(number);
             assert!(kept.parts.len() <= MOST_KEPT && kept.parts.contains_key(&number));
         }
