@@ -256,10 +256,6 @@ pub struct ReplaySettings {
     pub pace: Pace,
     /// Number of workers per parallel stage; 0: as many as the machine has cores.
     pub threads: usize,
-    /// Number of workers of single stages; 0: `threads`.
-    pub readers: usize,
-    pub filters: usize,
-    pub isolators: usize,
 }
 
 impl Settings {
@@ -287,11 +283,7 @@ impl Settings {
             ));
         }
 
-        let ReplaySettings { threads, readers, filters, isolators, .. } = self.replay;
-        check("replay.threads", threads, ..=1024, "at most 1024")?;
-        check("replay.readers", readers, ..=1024, "at most 1024")?;
-        check("replay.filters", filters, ..=1024, "at most 1024")?;
-        check("replay.isolators", isolators, ..=1024, "at most 1024")?;
+        check("replay.threads", self.replay.threads, ..=1024, "at most 1024")?;
 
         // each room checks its own section; the error gets the section's name
         self.identify.grey_box.check().map_err(|e| format!("identify.grey_box.{e}"))?;

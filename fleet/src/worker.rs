@@ -127,7 +127,6 @@ impl Worker {
         let replay = &mut job.replay.settings.replay;
         // pace and threads are the executor's decision, not the client's
         (replay.pace, replay.threads) = (Pace::Max, self.threads);
-        (replay.readers, replay.filters, replay.isolators) = (0, 0, 0);
         let dialects = job.replay.settings.input.dialects();
         let loaded = Arc::new(Loaded { job, dialects });
         *last = Some((run.path().into(), loaded.clone()));

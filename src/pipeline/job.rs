@@ -43,13 +43,11 @@ impl Replay {
         self.design.as_ref().map(Design::fault_classes).unwrap_or_default()
     }
 
-    /// Number of workers of a stage: its own setting `of_stage`, if that is not 0, else `replay.threads`, else
-    /// the machine's cores.
-    pub(super) fn workers(&self, of_stage: usize) -> usize {
-        match (of_stage, self.settings.replay.threads) {
-            (0, 0) => cores(),
-            (0, threads) => threads,
-            (workers, _) => workers,
+    /// Number of workers of a stage that may have several: `replay.threads`, or the machine's cores.
+    pub(super) fn workers(&self) -> usize {
+        match self.settings.replay.threads {
+            0 => cores(),
+            threads => threads,
         }
     }
 }

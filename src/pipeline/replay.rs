@@ -150,7 +150,7 @@ impl<'a> Run<'a> {
         let reorder_ns = self.recording.disorder_ns.unwrap_or_default().max(USUAL_REORDER_NS);
         let reorder_ns = reorder_ns.min(MOST_REORDER_NS) as i64;
         let schedule = Schedule::new(self.replay.design.as_ref(), &self.replay.settings.isolate)?;
-        Ok(Learning::new(self.replay, schedule, reorder_ns, self.replay.workers(0)))
+        Ok(Learning::new(self.replay, schedule, reorder_ns, self.replay.workers()))
     }
 
     /// The reason for which windows cannot be learned while the signals flow, as far as it is known beforehand.

@@ -103,7 +103,7 @@ const WITHOUT_EFFECT: [(&str, &[&str]); 4] = [
     ("input", &["recordings", "design", "baseline"]),
     ("identify", &["labels"]),
     ("output", &["dir", "layout"]),
-    ("replay", &["pace", "threads", "readers", "filters", "isolators"]),
+    ("replay", &["pace", "threads"]),
 ];
 
 /// All settings but those that neither a verdict nor its summary depends on.

@@ -93,16 +93,6 @@ impl Run<'_> {
         Ok(Tables { episodes, table, rotating, rows })
     }
 
-    /// How many workers each stage that may have several gets: readers, filters and isolators.
-    fn workers(&self) -> [usize; 3] {
-        let Run { replay, recording, .. } = *self;
-        let stages = &replay.settings.replay;
-        // blocks may define channels of later ones, and a pace is that of one reader
-        let one_reader = self.pacer.is_some() || !recording.channels_known_upfront;
-        let readers = if one_reader { 1 } else { replay.workers(stages.readers) };
-        [readers, replay.workers(stages.filters), replay.workers(stages.isolators)]
-    }
-
     /// Connects the six stages, runs them, and waits for all of them. The writer runs on the caller's thread.
     pub fn through_stages<'m>(&self, models: Models<'m>) -> Result<StageResults<'m>> {
         let Run { replay, recording, control, .. } = *self;
@@ -117,11 +107,13 @@ impl Run<'_> {
         let following = is_followed.then(|| Heads::new(replay));
         let temperatures = TemperatureCheck::default();
         let mut deciding = JudgeAssignment { models, temperatures, following };
-        let [readers, filters, isolators] = self.workers();
+        let workers = replay.workers();
+        // blocks may define channels of later ones, and a pace is that of one reader
+        let one_reader = self.pacer.is_some() || !recording.channels_known_upfront;
+        let readers = if one_reader { 1 } else { workers };
 
         // 2. what the stages share
-        let in_flight =
-            InFlight::new(BLOCKS_PER_WORKER * (readers + filters + isolators), MOST_BYTES);
+        let in_flight = InFlight::new(BLOCKS_PER_WORKER * (readers + 2 * workers), MOST_BYTES);
         let queue = BlockQueue::new(recording, &in_flight, control);
         let (timings, pools) = (Timings::default(), BufferPools::default());
         // listed in this order
@@ -149,11 +141,11 @@ impl Run<'_> {
                 stages::identify(deciding, in_flight, clock, from_reader, to_filter)
             });
             let filter = move || stages::filter(rails, pools);
-            let from_filter = running.start_each("filter", filters, from_identify, filter);
+            let from_filter = running.start_each("filter", workers, from_identify, filter);
             let gate = move || move |batch| stages::gate(pools, batch);
             let from_gate = running.start_each("gate", 1, from_filter, gate);
             let isolate = move || stages::isolate(settings, pools);
-            let from_isolate = running.start_each("isolate", isolators, from_gate, isolate);
+            let from_isolate = running.start_each("isolate", workers, from_gate, isolate);
 
             // the writer, here
             let put = |judged: &mut JudgedBatch| {
