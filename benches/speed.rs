@@ -328,6 +328,7 @@ fn verdict_writer(bencher: Bencher) {
         };
         let mut writer = VerdictWriter::create(&path, options).expect("created");
         (0..ROWS / BATCH).for_each(|_| writer.write(&batch).expect("written"));
-        writer.finish("{}".into()).expect("finished");
+        let complete = writer.complete("{}".into()).expect("complete");
+        complete.name().expect("named");
     });
 }

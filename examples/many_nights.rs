@@ -54,5 +54,5 @@ fn copy(from: &Path, to: &Path, later_ns: i64, document: &Value) -> Result<(), B
         columns.acquired_at_ns.iter_mut().for_each(|t| *t += later_ns);
         writer.write(&columns.into())?;
     }
-    Ok(writer.finish(document.to_string())?)
+    Ok(writer.complete(document.to_string())?.name()?)
 }

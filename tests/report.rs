@@ -293,7 +293,7 @@ impl Tables<'_> {
             verdicts.write(&rows.into()).unwrap();
         }
         let document = format!("{{\"recording\":{{\"digest\":\"{name}\"}}}}");
-        verdicts.finish(document.clone()).unwrap();
+        verdicts.complete(document.clone()).unwrap().name().unwrap();
         let episode = |of: &Spell| Episode {
             printhead: self.printhead.into(),
             channel: of.channel,

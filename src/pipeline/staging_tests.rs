@@ -109,7 +109,7 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
     queue.finish().unwrap();
     episodes.finish().unwrap();
     let rows = writer.rows();
-    writer.finish("{}".into()).unwrap();
+    writer.complete("{}".into()).unwrap().name().unwrap();
     rows
 }
 

@@ -177,12 +177,6 @@ impl VerdictWriter {
         self.part.complete_buffered(file).map_err(TableError::io(&path))
     }
 
-    /// Completes the file and gives it its name.
-    pub fn finish(self, metadata_json: String) -> Result<(), TableError> {
-        let path = self.path();
-        self.complete(metadata_json)?.name().map_err(TableError::io(&path))
-    }
-
     fn path(&self) -> PathBuf {
         self.part.path().to_path_buf()
     }
@@ -364,7 +358,8 @@ pub(super) mod tests {
         }
         let rows = writer.rows();
         assert!(!path.exists(), "no name before it is complete");
-        writer.finish(r#"{"classes":["EC","AB1","my,own"]}"#.into()).unwrap();
+        let document = r#"{"classes":["EC","AB1","my,own"]}"#;
+        writer.complete(document.into()).unwrap().name().unwrap();
         rows as usize
     }
 
