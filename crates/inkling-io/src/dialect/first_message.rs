@@ -105,7 +105,7 @@ impl FirstMessage<'_> {
         }
     }
 
-    pub fn number(&self, path: &str) -> Option<Number> {
+    fn number(&self, path: &str) -> Option<Number> {
         let slot = Slot::SamplesPerChannel;
         self.values_at(path, slot)?.number(slot)
     }

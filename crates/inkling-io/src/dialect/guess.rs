@@ -48,13 +48,6 @@ const FIRST: Names = Names("first_channel channel_offset first_nozzle start_chan
 /// Names of the sample period in s.
 const PERIOD: Names =
     Names("period_s sample_period_s sample_period sampling_period period dt_s dt", "");
-/// Names of a period in another unit than s, with the seconds of that unit. A dialect has no unit, so the
-/// number is written into the block instead of the path.
-const PERIODS: [(&str, f64); 3] = [
-    ("period_ms dt_ms", 1e-3),
-    ("sample_period_us period_us dt_us", 1e-6),
-    ("sample_period_ns period_ns dt_ns", 1e-9),
-];
 const RATE: Names = Names(
     "rate_hz sample_rate_hz sampling_rate_hz sample_rate sampling_rate samplerate sampling_frequency \
      fs_hz fs rate",
@@ -153,36 +146,14 @@ impl Guess<'_> {
         self.say_named("voltage", &VOLTAGE, Slot::Voltage, "? in V");
     }
 
-    /// Writes the sample period: a field of a period or of a rate, else a number from a period in another
-    /// unit, else a question.
+    /// Writes the sample period: a field of a period or of a rate, else a question. A dialect has no unit, so
+    /// a period in another unit than s is a number that only a person can write.
     fn say_sampling(&mut self) {
-        if self.say_named("period_s", &PERIOD, Slot::Period, "? in seconds")
-            || self.say_named("rate_hz", &RATE, Slot::Rate, "? samples a second")
+        if !self.say_named("period_s", &PERIOD, Slot::Period, "? in seconds")
+            && !self.say_named("rate_hz", &RATE, Slot::Rate, "? samples a second")
         {
-            return;
-        }
-        let in_unit = |name: &str, unit_s: f64| {
-            let path = find(self.first.fields, &Names(name, ""), Slot::Period)?;
-            let n = self.first.number(&path)?.float();
-            Some((path, n * unit_s)).filter(|(_, s)| *s > 0.0 && s.is_finite())
-        };
-        let other = PERIODS
-            .iter()
-            .find_map(|(names, unit_s)| names.split(' ').find_map(|name| in_unit(name, *unit_s)));
-        match other {
-            Some((path, s)) => {
-                // nine digits: the conversion of the unit brings in more, which the message does not have
-                let s: f64 = format!("{s:.9e}").parse().unwrap_or(s);
-                self.say(
-                    "period_s",
-                    &format!("{s:e}"),
-                    &format!("? as {path} of the first message"),
-                );
-            }
-            None => {
-                let comment = "? not in the message: the sample period, s (or rate_hz)";
-                self.say("period_s", QUESTION, comment);
-            }
+            let comment = "? no field of it in s: the sample period, s (or rate_hz)";
+            self.say("period_s", QUESTION, comment);
         }
     }
 
