@@ -1,6 +1,5 @@
-//! Writes annotations: what a run found, as messages beside the recording in
-//! `<stem>.annotations.mcap` (`replay --annotate`). A viewer such as Foxglove shows these messages
-//! together with the recording.
+//! Writes what a run found as messages beside the recording, in `<stem>.annotations.mcap` (`replay
+//! --annotate`), for viewers such as Foxglove.
 //!
 //! In, from `src/cli/annotate.rs`: lines of a log (an episode was raised, or has ended), pictures
 //! of printheads as PNG, and states of single channels, each with its time in ns since 1970. Out:
@@ -55,7 +54,6 @@ pub fn path_beside(verdicts: &Path) -> PathBuf {
 }
 
 impl AnnotationWriter {
-    /// Begins a file under a provisional name beside `path`.
     pub fn create(path: &Path) -> Result<AnnotationWriter, RecordingError> {
         let options = mcap::WriteOptions::new().compression(Some(mcap::Compression::Lz4));
         Ok(AnnotationWriter { file: McapFile::create(path, options)? })
@@ -80,7 +78,6 @@ impl AnnotationWriter {
         self.write(LOG_TOPIC, "foxglove.Log", t_ns, &line.encode_to_vec())
     }
 
-    /// Writes a printhead's picture at a time, as PNG.
     pub fn image(
         &mut self,
         t_ns: i64,
@@ -109,8 +106,7 @@ impl AnnotationWriter {
         self.write(&topic, "inkling.ChannelState", t_ns, &message.encode_to_vec())
     }
 
-    /// Writes a message. The first message on a topic defines the topic. Once there are
-    /// `MOST_TOPICS` topics, messages on further topics are left out without an error.
+    /// Writes a message; the first one on a topic defines the topic.
     fn write(
         &mut self,
         topic: &str,
@@ -128,7 +124,6 @@ impl AnnotationWriter {
         self.file.write(topic, u64::try_from(t_ns).unwrap_or(0), data)
     }
 
-    /// Completes the file and gives it its name.
     pub fn finish(self) -> Result<(), RecordingError> {
         self.file.finish()
     }

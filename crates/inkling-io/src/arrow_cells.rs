@@ -66,7 +66,6 @@ pub fn is_list_of_lists(of: &DataType) -> bool {
     matches!(of, List(of) | LargeList(of) | FixedSizeList(of, _) if is_list(of.data_type()))
 }
 
-/// The list in a cell; `None` if the cell is null or no list.
 pub fn inside(array: &ArrayRef, row: usize) -> Option<ArrayRef> {
     match array.data_type() {
         _ if array.is_null(row) => None,
@@ -77,7 +76,6 @@ pub fn inside(array: &ArrayRef, row: usize) -> Option<ArrayRef> {
     }
 }
 
-/// A column of a table that anybody may have written.
 #[derive(Clone, Copy)]
 pub struct ReadColumn<'a> {
     pub name: &'static str,
@@ -93,12 +91,10 @@ impl ReadColumn<'_> {
         format!("column `{}` {what}", self.name)
     }
 
-    /// The error for a column of a type that cannot be read as what is asked for.
     fn unfit(self, array: &ArrayRef) -> String {
         self.wrong(format_args!("has type {}, which does not fit", array.data_type()))
     }
 
-    /// The error for a value that the type asked for cannot hold.
     fn out_of_range(self, value: impl Display) -> String {
         self.wrong(format_args!("has {value}, which is out of range"))
     }

@@ -25,7 +25,6 @@ use xxhash_rust::xxh3::xxh3_128;
 /// some 650.
 const MOST_BYTES: u64 = MOST_CHANNELS as u64 * 1024;
 
-/// A file of baselines, known by its content when it was read or written last.
 #[derive(Debug)]
 pub struct BaselineFile {
     path: PathBuf,
@@ -33,8 +32,7 @@ pub struct BaselineFile {
     hash: Option<u128>,
 }
 
-/// New baselines, complete on disk in a file beside the old one, which [`BaselineFile::replace`] gives the
-/// old one's name. If they are dropped before, that file is removed.
+/// New baselines, complete in a file beside the old one; dropping them removes that file.
 #[derive(Debug)]
 pub struct Prepared {
     file: CompleteFile,
@@ -95,15 +93,13 @@ impl BaselineFile {
         Ok((file, baselines))
     }
 
-    /// Prepares new baselines, and replaces the file by them at once.
     pub fn write(&mut self, baselines: &Memory) -> Result<(), FileError> {
         let prepared = self.prepare(baselines)?;
         self.replace(prepared)
     }
 
-    /// Writes new baselines to a file beside this one, which stays as it is. It is an error if this file is
-    /// no longer as it was read or written last, or if the new one could not be read again. What can fail for
-    /// want of room fails here, before the journal says that the recording is finished.
+    /// Writes new baselines to a file beside this one; what can fail for want of room fails here. It is an
+    /// error if this file has changed since, or if the new one could not be read again.
     pub fn prepare(&self, baselines: &Memory) -> Result<Prepared, FileError> {
         let channels = baselines.channels();
         if channels > MOST_CHANNELS {
@@ -130,7 +126,6 @@ impl BaselineFile {
         part_file::sync_directory_of(&self.path).map_err(failed)
     }
 
-    /// Fails if another run has replaced the file since it was read or written last.
     fn check_unchanged(&self) -> Result<(), FileError> {
         match self.bytes()?.as_deref().map(xxh3_128) == self.hash {
             true => Ok(()),
@@ -142,7 +137,6 @@ impl BaselineFile {
         }
     }
 
-    /// The file's bytes; `None`: there is no file.
     fn bytes(&self) -> Result<Option<Vec<u8>>, FileError> {
         let there = regular_file::if_there(regular_file::read(&self.path, MOST_BYTES));
         there.map_err(FileError::unread(&self.path))

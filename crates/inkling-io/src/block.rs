@@ -16,7 +16,6 @@ pub enum BlockKind {
 /// Where a block lies in the file. Its bytes are read later, by the worker that decodes it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Block {
-    /// Place among the blocks, from 0.
     pub index: u64,
     /// Offset of its first record in the file.
     pub offset: u64,

@@ -8,9 +8,8 @@
 //! Steps: `chunk_loader` reads, decompresses and verifies the block; its records are met one by
 //! one; a schema or channel record is learned; a message is routed by its channel (`channels.rs`)
 //! to `burst_codec` (our own messages), to `dialect::decoder` (messages of other loggers), or
-//! passed over. A chunk that has a checksum is used only after the checksum was verified (a
-//! checksum of 0 says that there is none). The bursts of a chunk share one buffer; no sample is
-//! copied.
+//! passed over. A chunk that has a checksum (other than 0) is used only after it was verified. The
+//! bursts of a chunk share one buffer; no sample is copied.
 //!
 //! Definitions in the recording's summary have precedence over those in blocks.
 
@@ -33,24 +32,20 @@ use inkling_core::verdict::Reason;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// A part of a block: what one call of [`BlockReader::next_piece`] gives.
 #[derive(Debug, Default)]
 pub struct Piece {
     pub acquisitions: Vec<Acquisition>,
     /// Damage of the block that was met up to here.
     pub damage: Vec<Damage>,
-    /// Whether the block has no further piece.
     pub last: bool,
 }
 
-/// Reads and decodes blocks. Each worker has one, and it keeps its buffers.
 #[derive(Debug)]
 pub struct BlockReader {
     loader: ChunkLoader,
     decoder: BurstDecoder,
     dialects: DialectDecoder,
-    /// The schemas and channels that the recording's summary defines ("upfront": before any block
-    /// is read).
+    /// The schemas and channels that the recording's summary defines.
     upfront: Arc<Channels>,
     /// These, and what blocks have defined so far. If the summary names all channels, each block
     /// begins with those of the summary alone, so that it gives the same result whichever worker
@@ -60,7 +55,6 @@ pub struct BlockReader {
     known_upfront: bool,
     /// The empty name, for topics that name no printhead.
     no_printhead: Arc<str>,
-    /// The block that was loaded and has further pieces.
     open: Option<OpenBlock>,
     /// Counts what goes by, if somebody asked for it.
     census: Option<Census>,
@@ -70,13 +64,11 @@ pub struct BlockReader {
 #[derive(Clone, Debug)]
 pub struct Definitions(Arc<Channels>);
 
-/// A loaded block, and how far it was read.
 #[derive(Debug)]
 struct OpenBlock {
     block: Block,
     /// Its records. They are whole, except the last one if the block was too large to be read.
     records: Bytes,
-    /// Where in `records` the next record begins.
     at: usize,
     /// Damage that was met and that no piece has told yet.
     damage: Vec<Damage>,
@@ -85,7 +77,6 @@ struct OpenBlock {
 }
 
 impl BlockReader {
-    /// `upfront`: what the summary defines; `known_upfront`: whether it names all channels.
     pub(super) fn new(
         source: Arc<Source>,
         limits: Limits,
@@ -142,7 +133,6 @@ impl BlockReader {
         self.census.map(|census| census.topics(&self.channels)).unwrap_or_default()
     }
 
-    /// Reads and decodes a whole block at once, as one piece.
     pub fn read(&mut self, block: &Block) -> Piece {
         self.load(block);
         self.next_piece(usize::MAX).unwrap_or_default()
@@ -190,7 +180,6 @@ impl BlockReader {
             open.at = record.to;
             let body = &open.records[record.from..record.to];
 
-            // a message becomes at most one acquisition; definitions are learned
             let outcome = match record.opcode {
                 op::MESSAGE => match message_header(body) {
                     None => Err(RecordError::ShortMessage),
@@ -265,10 +254,9 @@ impl BlockReader {
         }
     }
 
-    /// Handles a record that does not end in the buffer. There are two cases. A single message
-    /// larger than the limit: only its head was read, and it becomes an unusable acquisition
-    /// (`too_large`), whose printhead the head's channel tells. Or the record's length is wrong
-    /// (broken framing inside a chunk): the rest of the block is lost and becomes damage.
+    /// A record that does not end in the buffer is either a single message beyond the limit, of
+    /// which only the head was read (an unusable acquisition, `too_large`), or its length is wrong
+    /// (broken framing inside a chunk), and then the rest of the block is lost and becomes damage.
     fn read_unfinished(&mut self, open: &mut OpenBlock, piece: &mut Piece) {
         let head = open.records.get(open.at + RECORD_HEADER..);
         let too_large = open.block.bytes > self.loader.limits.record_bytes

@@ -8,16 +8,13 @@
 use bytes::{Bytes, BytesMut};
 use std::collections::VecDeque;
 
-/// The buffers that were given out, the oldest first; each can be taken again once nobody else
-/// holds it.
 #[derive(Debug, Default)]
 pub(super) struct Buffers {
     given: VecDeque<Bytes>,
 }
 
 impl Buffers {
-    /// Larger buffers are not kept for reuse: bounded memory is worth a few page faults for each
-    /// huge chunk.
+    /// Larger buffers are not kept: bounded memory is worth a few page faults for each huge chunk.
     const KEPT_BYTES: usize = 8 << 20;
     const KEPT: usize = 24;
 
@@ -25,10 +22,9 @@ impl Buffers {
     pub(super) fn take(&mut self, bytes: usize) -> BytesMut {
         // free buffers, the last one given out first: the processor's cache may still hold it
         let free = self.given.iter().enumerate().rev().filter(|(_, b)| b.is_unique());
-        // The smallest buffer that is large enough: a buffer that must grow is filled with zeros
-        // first, one of the same size costs nothing. Too small buffers come last; such a buffer is
-        // taken out of the list, and replaced below by a new one unless its capacity, which may
-        // exceed its length, suffices.
+        // The smallest buffer that is large enough, as growing one fills it with zeros first. Too
+        // small buffers come last; one is taken out, and replaced below unless its capacity, which
+        // may exceed its length, suffices.
         let free = free.min_by_key(|(_, b)| if b.len() < bytes { usize::MAX } else { b.len() });
         let free = free.map(|(i, _)| i).and_then(|i| self.given.remove(i));
         match free.and_then(|b| b.try_into_mut().ok()) {
@@ -40,7 +36,6 @@ impl Buffers {
         }
     }
 
-    /// Makes a filled buffer shareable, and remembers it if it is small enough.
     pub(super) fn freeze(&mut self, buffer: BytesMut) -> Bytes {
         let frozen = buffer.freeze();
         if frozen.len() <= Self::KEPT_BYTES {

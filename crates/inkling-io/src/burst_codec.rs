@@ -29,7 +29,6 @@ mod wire {
 /// The schema as every recording that we write carries it: the compiled `schemas/burst.proto`, with the
 /// schema of Timestamp that it imports.
 pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!("wire/burst.fds");
-/// The name of the schema by which our own messages are told from others.
 pub const SCHEMA_NAME: &str = "inkling.Burst";
 pub const MESSAGE_ENCODING: &str = "protobuf";
 
@@ -46,11 +45,9 @@ pub fn topic_printhead(topic: &str) -> Option<&str> {
     topic.strip_prefix("/printhead/")?.strip_suffix("/bursts")
 }
 
-/// Decodes bursts.
 #[derive(Debug)]
 pub struct BurstDecoder {
     limits: Limits,
-    /// The message that is being decoded.
     message: wire::Burst,
     names: PrintheadNames,
 }
@@ -62,9 +59,8 @@ pub(super) fn unread(log_time_ns: i64, topic_printhead: &Arc<str>, why: Reason) 
     UnusableBurst { t_acq_ns: log_time_ns, printhead, first_channel: 0, why }
 }
 
-/// Puts the printhead that a message names into the head. An empty name leaves the topic's
-/// printhead there. A name longer than `MOST_NAME_BYTES` is an error and leaves the topic's
-/// printhead, too.
+/// Puts the printhead that a message names into the head. An empty name, or one longer than
+/// `MOST_NAME_BYTES` (an error), leaves the topic's printhead there.
 pub(super) fn take_name(
     head: &mut UnusableBurst,
     name: &str,
@@ -80,16 +76,14 @@ pub(super) fn take_name(
 }
 
 impl BurstDecoder {
-    /// A decoder that refuses bursts beyond `limits` as `too_large`.
     pub fn new(limits: Limits) -> BurstDecoder {
         BurstDecoder { limits, message: wire::Burst::default(), names: PrintheadNames::default() }
     }
 
-    /// Decodes one message. The samples are not copied. `log_time_ns` and `topic_printhead` are
-    /// used where the message itself does not tell its time or its printhead. Where several things
-    /// are wrong with a burst, the reason is the first of: undecodable, too_large (the printhead's
-    /// name), unknown_format, unknown_layout, no_channels, bad_period, too_large (the numbers),
-    /// wrong_length.
+    /// The samples are not copied. `log_time_ns` and `topic_printhead` are used where the message
+    /// does not tell its own. Where several things are wrong, the reason is the first of:
+    /// undecodable, too_large (the printhead's name), unknown_format, unknown_layout, no_channels,
+    /// bad_period, too_large (the numbers), wrong_length.
     pub fn decode(
         &mut self,
         message: Bytes,
@@ -103,7 +97,6 @@ impl BurstDecoder {
         }
     }
 
-    /// The burst that a message holds, or why it cannot be used.
     fn burst(&mut self, message: Bytes, head: &mut UnusableBurst) -> Result<Burst, Reason> {
         self.message.clear();
         self.message.merge(message).map_err(|_| Reason::Undecodable)?;
@@ -209,10 +202,9 @@ pub fn encode(burst: &Burst) -> Vec<u8> {
     message.encode_to_vec()
 }
 
-/// Printhead names that were seen, so that a name that repeats is allocated once. The set is
-/// bounded: names longer than `NAME_BYTES` are never kept, and when `NAMES` are kept and another
-/// one comes, all are forgotten. So a recording with millions of names, or with huge ones, costs
-/// time and no memory.
+/// Printhead names that were seen, so that a name that repeats is allocated once. Names longer than
+/// `NAME_BYTES` are never kept, and all are forgotten when `NAMES` are kept and another comes, so
+/// that a hostile recording costs time and no memory.
 #[derive(Debug, Default)]
 pub(super) struct PrintheadNames(HashSet<Arc<str>>);
 
@@ -220,7 +212,6 @@ impl PrintheadNames {
     const NAMES: usize = 64;
     const NAME_BYTES: usize = 256;
 
-    /// The shared copy of a name, or a new copy if it is not kept.
     fn intern(&mut self, name: &str) -> Arc<str> {
         if let Some(known) = self.0.get(name) {
             return known.clone();

@@ -39,12 +39,10 @@ pub struct TopicSummary {
     /// The earliest and the latest log time, ns since 1970.
     pub first_ns: u64,
     pub last_ns: u64,
-    /// The first message, if it was small enough to be kept.
     pub first_message: Option<Bytes>,
     pub kind: MessageKind,
 }
 
-/// Counts the messages of a recording, channel by channel.
 #[derive(Debug, Default)]
 pub(super) struct Census {
     /// By id; names and schema are still missing.
@@ -59,10 +57,8 @@ impl TopicSummary {
         TopicSummary { smallest: u64::MAX, first_ns: u64::MAX, ..TopicSummary::default() }
     }
 
-    /// How the channel's messages are written, for whoever plans how to read them. `None`: the
-    /// schema is too large.
+    /// The channel for whoever plans how to read its messages. `None`: the schema is too large.
     pub fn written(&self) -> Option<ChannelDescription<'_>> {
-        // a channel without a schema is known as such
         let known = self.without_schema || self.schema.is_some();
         known.then(|| ChannelDescription {
             topic: &self.topic,
@@ -79,7 +75,6 @@ impl TopicSummary {
 }
 
 impl Census {
-    /// Counts a message.
     pub(super) fn see_message(&mut self, header: MessageHeader, to: &MessageKind, message: Bytes) {
         let summary =
             self.counted.entry(header.channel_id).or_insert_with(TopicSummary::without_messages);

@@ -135,7 +135,6 @@ fn shortened(text: &str) -> String {
 }
 
 impl Channels {
-    /// Nothing defined yet; `dialects` are those of the settings.
     pub(super) fn new(dialects: &Dialects) -> Channels {
         Channels { dialects: dialects.clone(), ..Channels::default() }
     }
@@ -153,7 +152,6 @@ impl Channels {
         self.before.as_ref().and_then(|of| of.channel(id)).or_else(|| self.channels.get(&id))
     }
 
-    /// The channel of an id, and its schema if it is defined.
     pub(super) fn described(&self, id: u16) -> Option<(&Channel, Option<&KnownSchema>)> {
         let channel = self.channel(id)?;
         Some((channel, self.schema(channel.schema_id).filter(|_| channel.schema_id != 0)))
@@ -197,8 +195,7 @@ impl Channels {
         Some(same.then_some(()).ok_or(RecordError::Redefined("schema", id)))
     }
 
-    /// What was defined before under the channel's id: `Ok` if it is the same channel as far as
-    /// routes depend on it, an error if it is another one. `None`: nothing was.
+    /// Does for a channel what `known_schema` does for a schema.
     pub(super) fn known_channel(
         &self,
         record: ChannelRecord<'_>,
@@ -240,8 +237,7 @@ impl Channels {
         Route { to, printhead: channel.printhead().map(Arc::from), dialect }
     }
 
-    /// What a dialect that fits makes of a channel's messages. If it cannot read the channel, no
-    /// further dialect is tried.
+    /// If the dialect that fits cannot read the channel, no further dialect is tried.
     fn foreign(
         &self,
         number: usize,
@@ -272,8 +268,7 @@ impl Channels {
         self.route(channel_id).is_ok_and(|route| !matches!(route.to, MessageKind::Nothing))
     }
 
-    /// The numbers of the dialects that read channels: one number for each such channel, in the order of the
-    /// channels' ids.
+    /// One number for each channel that a dialect reads, in the order of the channels' ids.
     pub(super) fn dialects_used(&self) -> Vec<usize> {
         (0..=u16::MAX).filter_map(|id| self.route(id).ok()?.dialect).collect()
     }

@@ -1,5 +1,4 @@
-//! Loads a block: reads its bytes, and gives the MCAP records in it. A block is what one worker
-//! decodes at a time: one chunk record of the file, or a run of records outside chunks.
+//! Loads a block: reads its bytes, and gives the MCAP records in it.
 //!
 //! In, from `block_reader.rs`, or from `scan.rs`, which tries whether a chunk verifies: a
 //! [`Block`], and its bytes if the digest's pass (`digest.rs`) has read them already. Out: the
@@ -18,7 +17,6 @@ use bytes::Bytes;
 use std::fmt;
 use std::sync::Arc;
 
-/// Loads blocks one after the other, into buffers that are used again.
 pub(super) struct ChunkLoader {
     source: Arc<Source>,
     pub(super) limits: Limits,
@@ -61,8 +59,7 @@ impl ChunkLoader {
     }
 
     /// The records of a block, or a sentence on why there are none. `read`: as many of its bytes as
-    /// [`bytes_to_read`] says, if they were read before; `None`: they are read here. Of a single
-    /// message beyond the limit only its head is returned.
+    /// [`bytes_to_read`] says, if they were read before.
     pub(super) fn load(&mut self, block: &Block, read: Option<ReadBlock>) -> Result<Bytes, String> {
         let ReadBlock { bytes: read, crc } = match read {
             Some(read) => read,

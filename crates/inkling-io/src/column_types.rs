@@ -49,8 +49,6 @@ pub fn times(ns: impl Iterator<Item = Option<i64>>, unit: TimestampUnit) -> Arra
     }
 }
 
-/// The Arrow type of a column of texts of which there are few different ones: a dictionary with
-/// keys of 32 bits.
 pub fn text() -> DataType {
     DataType::Dictionary(Box::new(DataType::Int32), Box::new(DataType::Utf8))
 }

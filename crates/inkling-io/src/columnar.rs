@@ -43,7 +43,6 @@ pub enum FileKind {
     Text,
 }
 
-/// The kind of a file that is to be a table, by its first bytes; text if they tell nothing.
 pub fn table_kind_of(path: &Path) -> Result<FileKind, FileError> {
     let start = regular_file::start(path, 8).map_err(unread(path))?;
     Ok(match start[..] {
@@ -62,14 +61,12 @@ pub fn table_kind_of(path: &Path) -> Result<FileKind, FileError> {
     })
 }
 
-/// Reads a Parquet or Arrow table whole. If a library panics on the file, that is an error, too.
 pub fn read(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table, FileError> {
     let whole = || read_batches(path, kind, columns);
     unpanicked(whole)
         .unwrap_or_else(|| Err(FileError::failed(path, "is damaged: it cannot be read")))
 }
 
-/// Opens a file, and checks the sizes that it claims before a library believes them.
 fn open(path: &Path, kind: FileKind) -> Result<Box<dyn RecordBatchReader>, FileError> {
     let damaged = |e: &dyn Display| {
         let what = printable::of_parser(&e);
@@ -99,7 +96,6 @@ fn open(path: &Path, kind: FileKind) -> Result<Box<dyn RecordBatchReader>, FileE
     })
 }
 
-/// Reads all rows of a table. Errors name the row, from 1.
 fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table, FileError> {
     let batches = open(path, kind)?;
     let schema = batches.schema();
@@ -152,7 +148,6 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
     }))
 }
 
-/// Whether the cells of the output columns are lists. Either all of them are, or none is.
 fn are_lists<'a>(
     path: &Path,
     chosen: &ChosenColumns,
@@ -175,7 +170,6 @@ fn are_lists<'a>(
     }
 }
 
-/// One row of a batch, with the columns that were chosen: what of the row becomes what.
 struct Row<'a> {
     chosen: &'a ChosenColumns,
     columns: &'a [ArrayRef],
@@ -223,7 +217,6 @@ fn with_unit(name: &str, of: &DataType) -> String {
 
 /// The samples of a row of lists, as a matrix without time, printhead and covariates.
 fn matrix<'a>(lists: impl Iterator<Item = &'a ArrayRef>, row: usize) -> Result<Matrix, String> {
-    // a list is a channel; the elements of a list of lists are channels each
     let mut channels: Vec<ArrayRef> = Vec::new();
     for list in lists {
         let of_row = inside(list, row).ok_or("no samples")?;
@@ -257,7 +250,6 @@ fn matrix<'a>(lists: impl Iterator<Item = &'a ArrayRef>, row: usize) -> Result<M
     matrix.ok_or_else(|| "too large for a burst".into())
 }
 
-/// A cell as a number; NaN where it is empty. The error names a type that is no number.
 fn number(array: &ArrayRef, row: usize) -> Result<f64, String> {
     let of = || printable::cell(&array.data_type().to_string());
     arrow_cells::number(array, row).ok_or_else(of)

@@ -22,7 +22,6 @@ use std::path::Path;
 /// Most bytes of CSV that are read; columns that nobody asks for count, too.
 const MOST_BYTES: u64 = 1 << 34;
 
-/// Reads a table of CSV.
 pub fn read(path: &Path, columns: &Columns) -> Result<Table, FileError> {
     let file = regular_file::open(path).map_err(unread(path))?;
     let mut file = BufReader::with_capacity(1 << 16, file);
@@ -38,7 +37,6 @@ fn delimiter(start: &[u8]) -> u8 {
     [b';', b'\t'].into_iter().find(|d| header.contains(d)).unwrap_or(b',')
 }
 
-/// Reads the header, chooses the columns, and reads rows until the input ends.
 fn read_from(
     input: impl Read,
     delimiter: u8,
@@ -57,7 +55,6 @@ fn read_from(
         return Err(FileError::failed(path, what));
     }
 
-    // which columns are read
     let decimal_comma = delimiter != b',';
     let chosen =
         choose(&header, columns, decimal_comma).map_err(|what| columns.refused(path, what))?;
@@ -86,7 +83,6 @@ fn read_from(
     rows.table(time).ok_or_else(|| FileError::failed(path, "a header and no rows"))
 }
 
-/// An error of the csv crate in words, with its line.
 fn csv_error(path: &Path, e: csv::Error) -> FileError {
     let line = e.position().map_or(1, csv::Position::line);
     let what = match e.into_kind() {
@@ -110,7 +106,6 @@ fn time_in(cell: &str) -> Option<i64> {
     zoned().or_else(|| plain("%Y-%m-%d %H:%M:%S%.f")).or_else(|| plain("%Y-%m-%dT%H:%M:%S%.f"))
 }
 
-/// Finds the columns of a CSV by the names in its first line.
 fn choose(
     header: &StringRecord,
     columns: &Columns,

@@ -17,11 +17,9 @@ pub struct Damage {
     /// End of the range, exclusive. Equal to `from_byte`: something is missing there, or the file
     /// was changed while it was read.
     pub to_byte: u64,
-    /// What is wrong, in words for the user.
     pub what: String,
 }
 
-/// Adds damage to a list, which never holds more than 10,000 entries whatever the file.
 pub fn note(list: &mut Vec<Damage>, damage: Damage) {
     // a hostile file may have damage at every byte
     const MOST: usize = 10_000;
@@ -38,7 +36,6 @@ pub fn note(list: &mut Vec<Damage>, damage: Damage) {
     }
 }
 
-/// Why a recording could not be read or written.
 #[derive(Debug, Error)]
 pub enum RecordingError {
     #[error(transparent)]

@@ -13,7 +13,6 @@ pub struct Decompressor {
 }
 
 impl Decompressor {
-    /// Fills `out` from `compressed`.
     pub fn decompress(
         &mut self,
         compression: &str,
@@ -30,7 +29,6 @@ impl Decompressor {
         }
     }
 
-    /// Decompresses zstd. The context is made with the first chunk.
     fn zstd(&mut self, compressed: &[u8], out: &mut [u8]) -> Result<(), String> {
         let failed = |e: std::io::Error| format!("zstd: {e}");
         let zstd = match &mut self.zstd {

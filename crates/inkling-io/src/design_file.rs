@@ -34,18 +34,15 @@ fn somebody() -> String {
     "another inkling".into()
 }
 
-/// Reads and checks a design. Also gives the digest of the file: `xxh3:` and 32 hexadecimal digits.
 pub fn read(path: &Path) -> Result<(Design, String), FileError> {
     let text = read_text(path)?;
     Ok((parse(path, &text)?, digest::of_bytes(&text)))
 }
 
-/// The bytes of a file that may be a design; larger files than `MOST_BYTES` are refused.
 pub fn read_text(path: &Path) -> Result<Vec<u8>, FileError> {
     regular_file::read(path, MOST_BYTES).map_err(FileError::unread(path))
 }
 
-/// The design that a text holds.
 pub fn parse(path: &Path, text: &[u8]) -> Result<Design, FileError> {
     let not = |what: String| {
         let what = result_file::instead_or(path, "design", &what);
@@ -76,7 +73,6 @@ pub fn write(path: &Path, design: &Design) -> Result<(), FileError> {
     write_text(path, &text)
 }
 
-/// Writes the text of a design, as [`text`] gives it.
 pub fn write_text(path: &Path, text: &[u8]) -> Result<(), FileError> {
     part_file::write(path, text).map_err(FileError::unwritten(path))
 }

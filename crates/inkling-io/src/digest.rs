@@ -40,7 +40,6 @@ pub fn of_bytes(bytes: &[u8]) -> String {
     in_words(xxh3_128(bytes))
 }
 
-/// The digest of any file.
 pub fn of_file<E: From<std::io::Error>>(
     path: &Path,
     mut check: impl FnMut(u64) -> Result<(), E>,
@@ -60,7 +59,6 @@ pub fn of_file<E: From<std::io::Error>>(
     Ok(in_words(xxh3.digest128()))
 }
 
-/// Reads a recording from its first byte to its last, and sums up all bytes on the way.
 pub struct Digester {
     path: PathBuf,
     source: Arc<Source>,
@@ -76,7 +74,6 @@ pub struct Digester {
 }
 
 impl Digester {
-    /// `data`: where the checksum of the data section ends, and what it is.
     pub(super) fn new(
         path: PathBuf,
         source: Arc<Source>,
@@ -112,7 +109,6 @@ impl Digester {
         Ok(Some(self.take(buffer, Some(block.kind))?))
     }
 
-    /// Reads and sums up everything before byte `to`, and keeps nothing of it.
     fn pass<E: From<RecordingError>>(
         &mut self,
         to: u64,
@@ -128,7 +124,6 @@ impl Digester {
         Ok(())
     }
 
-    /// Fills a buffer with the next bytes of the file and sums them up.
     fn take(
         &mut self,
         mut buffer: bytes::BytesMut,
@@ -163,7 +158,6 @@ impl Digester {
         Ok(ReadBlock { bytes: self.buffers.freeze(buffer), crc })
     }
 
-    /// Sums up the rest of the file, and gives its digest.
     pub fn finish<E: From<RecordingError>>(
         mut self,
         check: impl FnMut() -> Result<(), E>,
@@ -180,9 +174,8 @@ impl Digester {
     }
 }
 
-/// The records of a chunk without compression. They have a checksum of their own, which is a part
-/// of what the data section's checksum covers. CRC-32 of two adjacent ranges can be combined from
-/// those of the ranges, so these bytes are summed up once for both.
+/// The records of a chunk without compression have a checksum of their own. CRC-32 of adjacent
+/// ranges can be combined, so these bytes are summed up once for it and for the data section's.
 struct ChunkRecords {
     /// Where in the block the records lie.
     range: Range<usize>,
@@ -194,7 +187,6 @@ impl ChunkRecords {
         ChunkRecords { range, crc: crc32fast::Hasher::new() }
     }
 
-    /// Sums up the next part of the block.
     fn take(&mut self, part: &[u8], from: usize, all: &mut crc32fast::Hasher) {
         let Range { start, end } = self.range;
         let within = |at: usize| at.clamp(from, from + part.len()) - from;

@@ -45,7 +45,6 @@ static COLUMNS: [Column; 18] = [
     Column::required("explanation", Kind::Text).or_missing(),
 ];
 
-/// An episode table that is being written.
 pub struct EpisodeWriter {
     path: PathBuf,
     table: TableWriter,
@@ -56,7 +55,6 @@ pub struct EpisodeWriter {
 }
 
 impl EpisodeWriter {
-    /// Begins a table under a provisional name.
     pub fn create(
         path: &Path,
         unit: TimestampUnit,
@@ -78,7 +76,6 @@ impl EpisodeWriter {
         if self.waiting.len() >= BATCH_ROWS { self.flush() } else { Ok(()) }
     }
 
-    /// Hands the waiting episodes to the parquet crate.
     fn flush(&mut self) -> Result<(), TableError> {
         let batch = row_table::batch(&COLUMNS, self.schema.clone(), self.unit, &self.waiting)
             .map_err(TableError::columns(&self.path))?;
@@ -86,8 +83,7 @@ impl EpisodeWriter {
         self.table.write(&batch)
     }
 
-    /// Writes what is left, and the metadata document. The file is complete then, and still has a
-    /// provisional name.
+    /// The file is complete then, and still has a provisional name.
     pub fn complete(mut self, metadata_json: String) -> Result<CompleteFile, TableError> {
         self.flush()?;
         self.table.complete(metadata_json)

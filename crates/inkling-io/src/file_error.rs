@@ -32,12 +32,10 @@ impl FileError {
         |source| FileError::Write { path: path.into(), source }
     }
 
-    /// The file is not what it should be, by somebody's mistake.
     pub(super) fn mistaken(path: &Path, what: impl Into<String>) -> FileError {
         FileError::Mistaken { place: path.display().to_string(), what: what.into() }
     }
 
-    /// The file cannot be used, by nobody's mistake.
     pub(super) fn failed(path: &Path, what: impl Into<String>) -> FileError {
         FileError::Failed { place: path.display().to_string(), what: what.into() }
     }

@@ -55,12 +55,10 @@ impl Recording {
         Ok(recording)
     }
 
-    /// Whether the recording is followed and has not been closed.
     pub fn is_growing(&self) -> bool {
         self.growth.as_ref().is_some_and(|growth| !growth.closed)
     }
 
-    /// The next block, or damage in place of one.
     pub fn next_block<E: From<RecordingError>>(
         &self,
         blocks: &mut Blocks,
@@ -70,8 +68,7 @@ impl Recording {
             let over = self.growth.as_ref().is_none_or(|growth| *locked(&growth.over));
             match blocks.poll() {
                 Poll::Ready(found) => return Ok(found),
-                // `over` was read before the blocks were looked at, so nothing can have come in
-                // between
+                // `over` was read before the blocks were looked at, so nothing came in between
                 Poll::Pending if over => {
                     blocks.close();
                     return Ok(None);

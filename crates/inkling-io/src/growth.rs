@@ -37,7 +37,6 @@ pub(super) fn ends_early(ends: &mut VecDeque<u64>, at: u64, is_whole: bool) -> b
     }
 }
 
-/// The state of a followed recording.
 #[derive(Debug)]
 pub struct Growth {
     /// Set by the caller: the recording is to end where it is.
@@ -45,13 +44,11 @@ pub struct Growth {
     /// Whether the recording has ended, so that the file is not looked at any more.
     pub(super) over: Mutex<bool>,
     pub(super) ends: Arc<EarlyEnds>,
-    /// Whether this is the recording opened again as a whole ([`super::recording::Recording`]'s
-    /// `closed`).
+    /// Whether this is the recording opened again as a whole.
     pub(super) closed: bool,
 }
 
 impl Growth {
-    /// Whether the caller wants the recording to end where it is.
     pub(super) fn is_enough(&self) -> bool {
         self.enough.load(Ordering::Relaxed)
     }

@@ -23,7 +23,6 @@ use walkdir::WalkDir;
 #[derive(Debug, Error)]
 #[error("{message}")]
 pub struct InputsError {
-    /// The name that the error is about, for the account of a run.
     pub subject: String,
     message: String,
     /// Whether the name itself is wrong. A directory or a pattern that matches nothing is not,
@@ -32,12 +31,10 @@ pub struct InputsError {
 }
 
 impl InputsError {
-    /// The name is wrong.
     fn usage(subject: impl Display, message: String) -> InputsError {
         InputsError { is_usage: true, ..InputsError::failed(subject, message) }
     }
 
-    /// The name is right, and no file can be had by it.
     pub(super) fn failed(subject: impl Display, message: String) -> InputsError {
         InputsError { subject: subject.to_string(), message, is_usage: false }
     }
@@ -62,8 +59,7 @@ const WILDCARDS: [char; 4] = ['*', '?', '[', '{'];
 /// At most so many names of a directory are compared with a name that does not exist.
 const MOST_SIBLINGS: usize = 10_000;
 
-/// The end of an error about a missing file: `; did you mean night.mcap?`, if a file with a similar name lies
-/// there.
+/// The end of an error about a missing file, such as `; did you mean night.mcap?`.
 fn meant(path: &Path) -> String {
     let beside = path.parent().filter(|dir| !dir.as_os_str().is_empty());
     let there = std::fs::read_dir(beside.unwrap_or(Path::new("."))).into_iter().flatten();
@@ -93,9 +89,7 @@ pub struct FoundInputs {
     pub lost: Vec<InputsError>,
 }
 
-/// Finds recordings: files are taken as named, directories are searched for `*.mcap`, and patterns are
-/// matched. It is an error if one of the names stands for nothing, or if a directory below one cannot
-/// be searched.
+/// It is an error if a name stands for nothing, or if a directory below one cannot be searched.
 pub fn find_recordings(named: &[String]) -> Result<Vec<Input>, InputsError> {
     all_there(find_each_recording(named)?)
 }
@@ -111,20 +105,17 @@ pub fn find_verdicts(named: &[String]) -> Result<Vec<Input>, InputsError> {
     all_there(find(named, ".verdicts.parquet", "*.verdicts.parquet files")?)
 }
 
-/// Fails if a name stands for nothing.
 fn all_there(found: FoundInputs) -> Result<Vec<Input>, InputsError> {
     found.lost.into_iter().next().map_or(Ok(found.inputs), Err)
 }
 
-/// Finds the files of all names, in the order of the names. A file that is named twice, or by two
-/// symbolic links, is taken once. `ending`: how the names of files that a search finds must end; `what`:
-/// these files in words, for errors.
+/// A file that is named twice, or by two symbolic links, is taken once. `ending`: how the names of files
+/// that a search finds must end; `what`: these files in words, for errors.
 fn find(named: &[String], ending: &str, what: &'static str) -> Result<FoundInputs, InputsError> {
     let nothing = |searched: &str| format!("nothing found: searched {searched} for {what}");
     let mut all = FoundInputs::default();
     let mut seen = BTreeSet::new();
     for name in named {
-        // a name without a file is an error of its own, which is kept beside what other names give
         let mut found = find_one(name, ending).unwrap_or_else(FoundInputs::without);
         if found.inputs.is_empty() && found.lost.is_empty() {
             let message = match name.contains(WILDCARDS) && !Path::new(name).is_dir() {
@@ -143,7 +134,6 @@ fn find(named: &[String], ending: &str, what: &'static str) -> Result<FoundInput
         all.lost.append(&mut found.lost);
     }
 
-    // an error if there is no file at all: the first reason
     if !all.inputs.is_empty() {
         return Ok(all);
     }
@@ -151,9 +141,8 @@ fn find(named: &[String], ending: &str, what: &'static str) -> Result<FoundInput
     Err(first.unwrap_or_else(|| InputsError::failed("", nothing(""))))
 }
 
-/// Finds the files of one name. In this order the name is an object's, a directory, an existing
-/// file, a pattern. So an existing file is never taken for a pattern, even if its name has a `*` in
-/// it.
+/// A name is in this order an object's, a directory, an existing file, a pattern. So an existing
+/// file with a `*` in its name is never taken for a pattern.
 fn find_one(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
     let path = Path::new(name);
     if name.is_empty() {
@@ -222,13 +211,11 @@ fn find_objects(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
 }
 
 impl FoundInputs {
-    /// One file, as named.
     fn only(path: &Path) -> FoundInputs {
         let inputs = vec![Input { path: path.into(), below: PathBuf::new() }];
         FoundInputs { inputs, lost: Vec::new() }
     }
 
-    /// No file, and why.
     fn without(lost: InputsError) -> FoundInputs {
         FoundInputs { inputs: Vec::new(), lost: vec![lost] }
     }
@@ -237,7 +224,6 @@ impl FoundInputs {
 /// How the names of the files end that `replay --annotate` writes.
 const ANNOTATIONS: &str = ".annotations.mcap";
 
-/// Whether a file was written by `replay --annotate`.
 fn is_annotation(path: &Path) -> bool {
     name_ends(path, ANNOTATIONS) && matches!(ResultFile::of(path), Ok(Some(ResultFile::Recording)))
 }
@@ -251,7 +237,6 @@ fn input_below(root: &Path, path: &Path) -> Input {
     Input { path: path.to_path_buf(), below: below.to_path_buf() }
 }
 
-/// Finds the wanted files below `root`, sorted by name in each directory.
 fn search(root: &Path, depth: usize, wanted: impl Fn(&Path) -> bool) -> FoundInputs {
     let mut found = FoundInputs::default();
     let walk = WalkDir::new(root).follow_links(true).max_depth(depth);
@@ -279,7 +264,6 @@ fn search(root: &Path, depth: usize, wanted: impl Fn(&Path) -> bool) -> FoundInp
     found
 }
 
-/// A pattern of paths, ready for a search.
 struct Pattern {
     /// The directory that the pattern begins with, up to the first part with a wildcard.
     root: PathBuf,
@@ -315,7 +299,6 @@ fn pattern(text: &str) -> Result<Pattern, InputsError> {
     Ok(Pattern { root, depth, matcher })
 }
 
-/// Compiles a pattern; `*` does not match a `/`.
 fn glob(text: &str) -> Result<GlobMatcher, InputsError> {
     matcher(text).map_err(|what| InputsError::bad_pattern(text, what))
 }

@@ -38,7 +38,6 @@ pub fn check_file(bytes: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
-/// Checks a stream: messages that follow one another, each a head and a body.
 pub fn check_stream(mut bytes: &[u8]) -> Result<(), String> {
     let short = || "it ends within a message".to_owned();
     while !bytes.is_empty() {
@@ -58,13 +57,11 @@ pub fn check_stream(mut bytes: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
-/// The bytes that a claimed place and length mean; `None`: not all of them are there.
 fn part(bytes: &[u8], from: i64, length: i64) -> Option<&[u8]> {
     let from = usize::try_from(from).ok()?;
     bytes.get(from..from.checked_add(usize::try_from(length).ok()?)?)
 }
 
-/// Checks one message: its buffers must lie within `body`, and claim no more than they may.
 fn check_message(message: &[u8], body: &[u8]) -> Result<(), String> {
     let message: Message = root_as_message(message).map_err(|e| format!("a message: {e}"))?;
     if usize::try_from(message.bodyLength()).ok() != Some(body.len()) {
@@ -72,7 +69,6 @@ fn check_message(message: &[u8], body: &[u8]) -> Result<(), String> {
     }
     let of_dictionary = message.header_as_dictionary_batch().and_then(|d| d.data());
     let batch: Option<RecordBatch> = message.header_as_record_batch().or(of_dictionary);
-    // schemas and other messages have no buffers
     let Some(batch) = batch else { return Ok(()) };
 
     let mut all = 0i64;
@@ -83,8 +79,7 @@ fn check_message(message: &[u8], body: &[u8]) -> Result<(), String> {
         if batch.compression().is_none() {
             continue;
         }
-        // a compressed buffer begins with its uncompressed length (8 bytes); -1: it is stored as it
-        // is
+        // a compressed buffer begins with its uncompressed length (8 bytes); -1: stored as it is
         if let Some(length) = part.first_chunk().map(|n| i64::from_le_bytes(*n))
             && length != -1
         {

@@ -3,9 +3,8 @@
 //! their final names. By it a later run skips what is finished.
 //!
 //! In: lines of earlier runs, of which any may have been cut short by a power cut. Out: what the
-//! last line says of each result file ([`Journal::of_result`]) and of each recording
-//! ([`Journal::of_recording`]); `src/pipeline/resume.rs` decides by them. New lines are written by
-//! [`JournalWriter`].
+//! last line says of each result file and recording; `src/pipeline/resume.rs` decides by them. New
+//! lines are written by [`JournalWriter`].
 
 use super::objects;
 use super::regular_file::{self, if_there};
@@ -31,7 +30,6 @@ const MOST_LINE_BYTES: u64 = 4 << 20;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
-    /// There are no verdicts.
     Failed,
     /// The run ended before it looked at the recording.
     NotReached,
@@ -39,8 +37,7 @@ pub enum Outcome {
     NotJudged,
     /// It was judged, but some of it was damaged or rejected.
     Damaged,
-    /// It was judged, but no model could be learned from a window of signals that should have been healthy: a
-    /// warning.
+    /// A warning: no model could be learned from a window of signals that should have been healthy.
     WindowRefused,
     #[default]
     Judged,
@@ -52,7 +49,6 @@ impl Outcome {
     }
 }
 
-/// A recording as the journal knows it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Source {
     /// Its path, absolute and without links.
@@ -73,7 +69,6 @@ pub struct Source {
 /// What decides on verdicts besides the recording.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Means {
-    /// Version of the tables' columns.
     pub schema: u32,
     /// Digest of the file of the design; `None`: none was given.
     pub design: Option<String>,
@@ -83,9 +78,8 @@ pub struct Means {
     pub settings: Arc<Value>,
 }
 
-/// Digests of the file of baselines before and after a recording was judged; `None`: there was no
-/// file. Recordings form a chain by these: each must begin with the digest that the one before
-/// ended with.
+/// Digests of the file of baselines before and after a recording was judged; `None`: no file. Each
+/// recording must begin with the digest that the one before ended with.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Link {
     pub before: Option<String>,
@@ -100,7 +94,6 @@ pub struct Results {
     pub bytes: Vec<u64>,
 }
 
-/// A message about a recording, and how many messages of its kind there were.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CountedMessage {
     /// The text of the first of its kind.
@@ -108,7 +101,6 @@ pub struct CountedMessage {
     pub times: u64,
 }
 
-/// One line of the journal.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Entry {
     pub version: u32,
@@ -122,7 +114,6 @@ pub struct Entry {
     pub outcome: Outcome,
     /// `None`: another recording's results lie at this one's place, or the place is unknown.
     pub results: Option<Results>,
-    /// Why judging failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
     /// Counts of signals by outcome and so on, as in the recording's summary; null if it failed.
@@ -136,12 +127,10 @@ pub struct Entry {
     /// What the user should know although nothing is wrong.
     #[serde(default)]
     pub notes: Vec<CountedMessage>,
-    /// How long judging took.
     pub seconds: f64,
 }
 
 impl Entry {
-    /// An entry with the present time, which says only how the recording ended.
     pub fn new(recording: Source, by: Means, outcome: Outcome) -> Entry {
         Entry { version: VERSION, at: now(), recording, by, outcome, ..Entry::default() }
     }
@@ -155,8 +144,7 @@ pub struct Journal {
     by_path: HashMap<String, Arc<Entry>>,
     /// Lines that are no entries, or not whole.
     pub unreadable: u64,
-    /// Settings by their text: entries with the same settings share them, since a journal may have a million
-    /// lines.
+    /// Settings by their text: entries share them, since a journal may have a million lines.
     settings: HashMap<String, Arc<Value>>,
 }
 
@@ -182,9 +170,7 @@ impl Journal {
         }
     }
 
-    /// Takes an entry, which replaces earlier ones of the same recording or result.
     fn add(&mut self, mut entry: Entry) {
-        // most lines have the same settings
         let text = entry.by.settings.to_string();
         entry.by.settings = self.settings.entry(text).or_insert(entry.by.settings).clone();
         let entry = Arc::new(entry);
@@ -199,7 +185,6 @@ impl Journal {
         self.by_result.get(verdicts)
     }
 
-    /// The last entry of each recording, in no order.
     pub fn recordings(&self) -> impl Iterator<Item = &Entry> {
         self.by_path.values().map(Arc::as_ref)
     }
@@ -209,21 +194,18 @@ impl Journal {
     }
 }
 
-/// Appends to a journal. A line is safely on disk, or in the store, when [`JournalWriter::append`]
-/// returns.
+/// A line is safely on disk, or in the store, when [`JournalWriter::append`] returns.
 #[derive(Debug)]
 pub struct JournalWriter {
     file: File,
     pub path: PathBuf,
     /// Whether the last line was cut short, so that the next entry must begin with a line break.
     torn: bool,
-    /// Whether the file is a copy of an object. Objects cannot be appended to, so the copy is sent
-    /// anew as a whole with each line.
+    /// Objects cannot be appended to, so a copy is kept, and sent anew as a whole with each line.
     is_copy: bool,
 }
 
 impl JournalWriter {
-    /// Opens the journal of a directory; an empty journal is made if there is none.
     pub fn open(dir: &Path) -> io::Result<JournalWriter> {
         let path = dir.join(JOURNAL_NAME);
         let is_copy = objects::in_object_store(&path);
@@ -263,7 +245,6 @@ fn ends_with_a_line(file: &mut File) -> io::Result<bool> {
     Ok(last == *b"\n")
 }
 
-/// The time, RFC 3339, to the second.
 pub fn now() -> String {
     DateTime::<Utc>::from(SystemTime::now()).to_rfc3339_opts(SecondsFormat::Secs, true)
 }

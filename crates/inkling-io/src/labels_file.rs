@@ -24,7 +24,6 @@ const MOST_ROWS: usize = 1 << 22;
 /// Largest severity of drying (a factor of viscosity) and of added compliance (relative to the
 /// chamber's): far beyond what a channel can still ring with.
 const MOST_FACTOR: f64 = 1e3;
-/// Most bytes of a printhead's or a state's name.
 const LONGEST_NAME: usize = 1024;
 
 pub(super) const HEADER: [&str; 6] = ["printhead", "channel", "from", "to", "state", "severity"];
@@ -51,7 +50,6 @@ pub enum LabelSource<'a> {
 }
 
 impl LabelSource<'_> {
-    /// The name by which errors call the labels.
     pub fn name(&self) -> &Path {
         match self {
             LabelSource::File(path) => path,
@@ -60,7 +58,6 @@ impl LabelSource<'_> {
     }
 }
 
-/// Reads and checks labels. A state that `states` does not allow is an error.
 pub fn read_states(of: LabelSource, states: States) -> Result<Labels, FileError> {
     match of {
         LabelSource::Text(text) => parse_rows(of.name(), text.as_bytes(), states),
@@ -173,7 +170,6 @@ impl<'a> States<'a> {
     }
 }
 
-/// Parses a label from the six fields of a row, in the order of `HEADER`.
 pub(super) fn parse(
     [printhead, channel, from, to, state, severity]: [&str; 6],
 ) -> Result<Label, String> {
@@ -243,12 +239,10 @@ fn time(column: &str, text: &str) -> Result<Option<i64>, String> {
     })
 }
 
-/// A time in ns since 1970 as text.
 pub(super) fn rfc_3339(ns: i64) -> String {
     DateTime::from_timestamp_nanos(ns).to_rfc3339_opts(SecondsFormat::Nanos, true)
 }
 
-/// Writes labels as CSV, complete or not at all.
 pub fn write(path: &Path, labels: &[Label]) -> Result<(), FileError> {
     let time = |ns: Option<i64>| ns.map_or(String::new(), rfc_3339);
     let rows = labels.iter().map(|label| {
@@ -264,7 +258,6 @@ pub fn write(path: &Path, labels: &[Label]) -> Result<(), FileError> {
     write_rows(path, &HEADER, rows)
 }
 
-/// Writes a CSV with these columns.
 pub(super) fn write_rows<const N: usize>(
     path: &Path,
     header: &[&str],

@@ -51,12 +51,10 @@ pub struct PlacedRecording {
     pub source: Source,
     /// Path of the verdict table below the directory of results, with `/` between its parts.
     pub verdicts: String,
-    /// Names of the recording's printheads.
     pub printheads: Vec<String>,
 }
 
 impl PlacedRecording {
-    /// The place of a recording.
     pub fn new(layout: Layout, input: Input, day: impl FnOnce(&str) -> String) -> PlacedRecording {
         let absolute = || match in_object_store(&input.path) {
             true => input.path.clone(),
@@ -88,7 +86,6 @@ impl PlacedRecording {
         self.input.below.join(name).to_string_lossy().into_owned()
     }
 
-    /// Path of the verdict table, if results go to `out`.
     pub fn verdicts_in(&self, out: &Path) -> PathBuf {
         self.verdicts.split('/').fold(out.to_path_buf(), |path, part| path.join(part))
     }

@@ -6,11 +6,10 @@
 //! never trust a size, panic on bad input, or leave a half-written file under its final name (the
 //! journal alone is appended to, line by line).
 //!
-//! A recording passes through these files: `source` (bytes), `recording` (opens, finds the
-//! summary), `scan` (finds blocks), `block_reader` with `chunk_loader` and `channels` (blocks to
-//! messages), `burst_codec` or `dialect` (messages to bursts). Verdicts pass through
-//! `verdict_table` (writer), `verdict_chunk` and `column` (encoding), and come back by
-//! `verdict_reader`.
+//! A recording passes through `source` (bytes), `recording` (opens, finds the summary), `scan`
+//! (finds blocks), `block_reader` with `chunk_loader` and `channels` (blocks to messages),
+//! `burst_codec` or `dialect` (messages to bursts). Verdicts pass through `verdict_table` (writer),
+//! `verdict_chunk` and `column` (encoding), and come back by `verdict_reader`.
 //!
 //! ```text
 //! recordings  recording mcap_summary peek source scan block block_reader chunk_loader decompress
@@ -103,13 +102,11 @@ mod fixtures;
 #[cfg(test)]
 mod recording_tests;
 
-/// The largest pieces that a reader of recordings takes into memory, whatever a file claims: one
-/// record, one chunk or one burst at a time.
+/// The largest pieces that a reader of recordings takes into memory, whatever a file claims.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Bytes of the largest record that is read, compressed chunks included. The default is 1 MiB
-    /// more than `chunk_bytes`, because the record of a chunk without compression holds the chunk's
-    /// header, too.
+    /// The default is 1 MiB more than `chunk_bytes`, because the record of a chunk without
+    /// compression holds the chunk's header, too.
     pub record_bytes: u64,
     /// Bytes of the largest uncompressed chunk.
     pub chunk_bytes: u64,

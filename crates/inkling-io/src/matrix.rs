@@ -18,10 +18,8 @@ pub struct Matrix {
     pub samples: Bytes,
     /// When the acquisition began: the number in the table, in the table's own unit.
     pub time: Option<f64>,
-    /// The acquisition's printhead; `None`: the table does not say.
     pub printhead: Option<String>,
-    /// Values of the columns beside the samples (`Columns::beside`), in the order in which they
-    /// were asked for; NaN: the cell has no value.
+    /// Values of the columns `Columns::beside`, in the order asked for; NaN: the cell has no value.
     pub beside: Vec<f64>,
 }
 

@@ -20,14 +20,12 @@ type Writer = mcap::Writer<BufWriter<File>>;
 /// A protobuf schema: the message's full name, and the compiled FileDescriptorSet that defines it.
 pub(super) struct Schema(pub &'static str, pub &'static [u8]);
 
-/// A topic's channel id in the file, and how many messages it has so far.
 #[derive(Clone, Copy)]
 struct Channel {
     id: u16,
     messages: u32,
 }
 
-/// The file that is being written, and the topics that were defined in it.
 pub(super) struct McapFile {
     writer: Writer,
     part: PartFile,
@@ -36,7 +34,6 @@ pub(super) struct McapFile {
 }
 
 impl McapFile {
-    /// Begins a file under a provisional name beside `path`.
     pub fn create(path: &Path, options: mcap::WriteOptions) -> Result<McapFile, RecordingError> {
         let (part, file) = PartFile::create(path).map_err(FileError::unwritten(path))?;
         let writer = options
@@ -61,11 +58,9 @@ impl McapFile {
         id.map_err(|e| self.failed(e))
     }
 
-    /// Defines a topic, before its first message.
     pub fn add(&mut self, topic: &str, schema: Schema) -> Result<(), RecordingError> {
         let schema_id = self.define(schema)?;
         let no_metadata = BTreeMap::new();
-        // each topic is one channel
         let id = self.writer.add_channel(schema_id, topic, MESSAGE_ENCODING, &no_metadata);
         let id = id.map_err(|e| self.failed(e))?;
         self.channels.insert(topic.to_owned(), Channel { id, messages: 0 });
@@ -89,7 +84,6 @@ impl McapFile {
         self.writer.flush().map_err(|e| self.failed(e))
     }
 
-    /// Completes the file and gives it its name.
     pub fn finish(mut self) -> Result<(), RecordingError> {
         self.writer.finish().map_err(|e| self.failed(e))?;
         let McapFile { writer, part, path, .. } = self;

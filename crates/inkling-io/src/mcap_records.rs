@@ -17,7 +17,6 @@ pub const RECORD_HEADER: usize = 9;
 /// Bytes of the footer record: opcode, length, three fields.
 pub const FOOTER_BYTES: u64 = 9 + 20;
 
-/// What stands before a record's body: one byte of opcode and the body's length in 8 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RecordHeader {
     pub opcode: u8,
@@ -31,8 +30,7 @@ impl RecordHeader {
     }
 }
 
-/// The fields of a chunk before its records. Times are log times, ns since 1970; sizes are in
-/// bytes.
+/// Times are log times, ns since 1970.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ChunkHeader<'a> {
     pub start_time: u64,
@@ -81,7 +79,6 @@ impl SchemaRecord<'_> {
     }
 }
 
-/// The fields of a channel record, without its metadata.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ChannelRecord<'a> {
     pub id: u16,
@@ -117,7 +114,6 @@ fn text<'a>(rest: &mut &'a [u8]) -> Option<&'a str> {
 /// Bytes of a message before its data: channel, sequence, log time, publish time.
 pub const MESSAGE_HEADER: usize = 2 + 4 + 8 + 8;
 
-/// The fields of a message before its data.
 pub fn message_header(body: &[u8]) -> Option<MessageHeader> {
     let Ok(Record::Message { header: of, .. }) = parse_record(op::MESSAGE, body) else {
         return None;
@@ -142,7 +138,6 @@ pub struct ChunkSpan {
     /// 1970. Both are 0 for a chunk without messages, which `mcap_summary.rs` relies on.
     pub from_ns: u64,
     pub to_ns: u64,
-    /// Offset of the chunk record in the file.
     pub offset: u64,
 }
 

@@ -28,7 +28,6 @@ pub struct OtherChannel {
     pub messages: Option<u64>,
 }
 
-/// What the end of the file says of the whole: the contents of the footer and the summary section.
 #[derive(Debug, Default)]
 pub(super) struct Summary {
     pub(super) channels: Channels,
@@ -45,7 +44,6 @@ impl Summary {
         Summary { channels: Channels::new(dialects), ..Summary::default() }
     }
 
-    /// Reads the footer and the summary section.
     pub(super) fn read(source: &Source, dialects: &Dialects) -> Result<Summary, Damage> {
         /// The index of a file of 20 GB in chunks of 1 MiB takes a few MB.
         const MAX_SUMMARY_BYTES: u64 = 128 << 20;
@@ -105,7 +103,6 @@ impl Summary {
         })
     }
 
-    /// The first `MOST_NAMED` channels that carry no bursts.
     pub(super) fn others(&self) -> Vec<OtherChannel> {
         let counts = self.statistics.as_ref().map(|s| &s.channel_message_counts);
         let line = |text| printable::line(text, MOST_OF_A_NAME);
@@ -155,7 +152,6 @@ impl Summary {
         Some(bursts.map(|(_, n)| n).sum())
     }
 
-    /// Takes the records of the summary section into this summary.
     fn parse(&mut self, section: &[u8]) -> Option<()> {
         let mut at = 0;
         while at < section.len() {

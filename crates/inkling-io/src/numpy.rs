@@ -1,11 +1,10 @@
 //! Reads NumPy files (`.npy`, and `.npz`, a zip of several `.npy`) as bursts, for `inkling
 //! convert`.
 //!
-//! In: a file, and which arrays are what. The array of samples has the shape
-//! samples, channels × samples, or bursts × channels × samples, of any number type. Out: a
-//! [`Table`] whose bursts are read one after the other, each when it is asked for, so that memory
-//! holds one burst, whatever the size of the array. No size is trusted before as many bytes have
-//! been read.
+//! In: a file, and which arrays are what. The array of samples has the shape samples, channels ×
+//! samples, or bursts × channels × samples, of any number type. Out: a [`Table`] whose bursts are
+//! read one by one when they are asked for, so that memory holds one burst. No size is trusted
+//! before as many bytes have been read.
 //!
 //! Steps: find the array (by name in a `.npz`); parse its header (type, order, shape); read the
 //! arrays with one number for each burst (times, covariates) whole; then read the samples burst by
@@ -22,15 +21,12 @@ use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 use zip::ZipArchive;
 
-/// Most bytes of the text that says what an array is.
 const MOST_HEADER_BYTES: u64 = 1 << 20;
-/// Most numbers of an array that has one number for each burst: the times, or a covariate beside
-/// the samples.
+/// Most numbers of an array that has one number for each burst.
 const MOST_TIMES: usize = 1 << 22;
 /// A `.npy` begins with these bytes, then two of the version.
 const MAGIC: &[u8] = b"\x93NUMPY";
 
-/// What an array's header says of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Header {
     element: Element,
@@ -44,7 +40,6 @@ struct Header {
     unit: Option<&'static str>,
 }
 
-/// An array of samples that is read burst by burst.
 struct Bursts {
     /// The file, at the first number of the burst that is read next.
     input: Box<dyn Read>,
@@ -116,8 +111,7 @@ fn array(path: &Path, name: Option<&str>) -> Result<(Header, Box<dyn Read>), Fil
     Ok((header, input))
 }
 
-/// The name of the array of samples in a `.npz` where the user does not say it: the only array that
-/// is not in `beside`, which names all other arrays that are read.
+/// The array of samples where the user does not name it: the only one that is not in `beside`.
 fn only_one(path: &Path, beside: &[&String]) -> Result<String, FileError> {
     let names = names(path)?;
     let there = super::printable::line(&names.join(", "), 400);
@@ -202,8 +196,7 @@ impl Bursts {
             channels: self.channels as u32,
             samples_per_channel: self.samples as u32,
             format: samples.format,
-            // in column order the first axis changes fastest; in a single burst that is the axis of
-            // channels
+            // in column order the first axis changes fastest: in a single burst that of channels
             layout: if fortran { Layout::SampleMajor } else { Layout::ChannelMajor },
             samples: samples.bytes,
             ..Matrix::default()
@@ -211,8 +204,7 @@ impl Bursts {
     }
 }
 
-/// The numbers of an array of a `.npz` that has one axis or none, and the unit ([`Header::unit`])
-/// if they are dates.
+/// The array has one axis or none; the unit ([`Header::unit`]) is given if it has dates.
 fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<&'static str>), FileError> {
     let choice = |what: String| FileError::mistaken(path, what);
     if !is_zip(path)? {
@@ -288,7 +280,6 @@ fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, FileError> {
 }
 
 impl Header {
-    /// Reads the header of an array: magic bytes, version, length of the text, text.
     fn read(input: &mut impl Read) -> Result<Header, String> {
         let mut start = [0; 8];
         input.read_exact(&mut start).map_err(|_| "too short for a NumPy array")?;
@@ -311,7 +302,6 @@ impl Header {
     /// is a literal of Python; only the three keys are looked for.
     fn parse(text: &str) -> Result<Header, String> {
         let short = || super::printable::cell(text.trim());
-        // gives the text behind a key
         let after = |key: &str| {
             let at = text.find(&format!("'{key}'"))?;
             Some(text[at..].split_once(':')?.1.trim_start())

@@ -27,20 +27,16 @@ pub struct Doubt {
     pub sentence: String,
 }
 
-/// What a filled-in list says, as labels, and how many rows say something.
 #[derive(Clone, Debug, Default)]
 pub struct Outcomes {
     pub labels: Vec<Label>,
-    /// How many rows became labels, by their source.
     pub by_source: BTreeMap<String, usize>,
-    /// How many rows nobody has filled in.
     pub not_looked_at: usize,
     /// How many rows are less certain than was asked for.
     pub uncertain: usize,
 }
 
-/// Refuses to overwrite a list into which somebody has written anything, or a file that is no such
-/// list.
+/// Refuses to overwrite a list into which somebody has written, or a file that is no such list.
 pub fn check(path: &Path) -> Result<(), FileError> {
     if stored::exists(path) && !is_untouched(path).unwrap_or(false) {
         let what = "it is no list of doubts, or somebody has filled it in: give another name";
@@ -61,7 +57,6 @@ fn is_untouched(path: &Path) -> Result<bool, FileError> {
     Ok(untouched)
 }
 
-/// Writes doubts with empty states, to be filled in.
 pub fn write(path: &Path, doubts: &[Doubt]) -> Result<(), FileError> {
     check(path)?;
     let rows = doubts.iter().map(|doubt| {

@@ -14,8 +14,7 @@ use super::stored;
 use std::io::ErrorKind;
 use std::path::Path;
 
-/// Refuses a place where no results can be: it must be a directory, which may have to be made, or a prefix in
-/// an object store.
+/// The place must be a directory, which may have to be made, or a prefix in an object store.
 pub fn check_place(path: &Path) -> Result<(), FileError> {
     match in_object_store(path) {
         true => check_object(path),
@@ -23,7 +22,6 @@ pub fn check_place(path: &Path) -> Result<(), FileError> {
     }
 }
 
-/// Refuses a name in an object store that is invalid, or for which there are no credentials.
 fn check_object(path: &Path) -> Result<(), FileError> {
     objects::check(path).map_err(|e| FileError::failed(path, e.to_string()))
 }
@@ -48,8 +46,7 @@ pub fn check_directory(path: &Path) -> Result<(), FileError> {
     }
 }
 
-/// Refuses a name for a result of this kind if it is a directory, or a file that is no earlier
-/// result of this kind, or a file that cannot be looked into.
+/// Refuses a directory, and a file that is no earlier result of this kind or cannot be looked into.
 pub fn check_file(path: &Path, kind: ResultFile) -> Result<(), FileError> {
     if in_object_store(path) {
         return check_object(path);
@@ -113,9 +110,8 @@ pub fn check_beside(dir: &Path, begin: &str, is_earlier_run: bool) -> Result<(),
     }
 }
 
-/// Removes an earlier run's files from a directory in the given order. The caller names first the
-/// file that says that the others are complete, then all files that the new run might not write
-/// again.
+/// Removes an earlier run's files in the given order: the caller names first the file that says
+/// that the others are complete, then all files that the new run might not write again.
 pub fn remove_earlier(dir: &Path, names: &[&str]) -> Result<(), FileError> {
     for path in names.iter().map(|name| dir.join(name)) {
         stored::remove(&path).map_err(|e| {

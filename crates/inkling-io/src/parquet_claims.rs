@@ -77,7 +77,6 @@ const STATISTICS: Shape = Record(&[Bytes, Bytes, Number, Number, Bytes, Bytes, F
 /// `BoundingBox` of geospatial statistics.
 const BOX: Shape = Record(&[Double, Double, Double, Double, Double, Double, Double, Double]);
 const KEY_VALUE: Shape = Record(&[Bytes, Bytes]);
-/// `ColumnMetaData`.
 const COLUMN: Shape = Record(&[
     Number,
     List(&Number),
@@ -118,7 +117,6 @@ const FOOTER: &[Shape] = &[
     List(&Record(&[EMPTY])),
 ];
 
-/// Checks a file's metadata (the footer), of `bytes` bytes.
 pub fn footer(metadata: impl Read, bytes: u64) -> Result<(), ThriftError> {
     Walk::new(metadata, bytes).fields(FOOTER, 0)
 }

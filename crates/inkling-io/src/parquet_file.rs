@@ -2,11 +2,10 @@
 //! safely.
 //!
 //! In, from `columnar.rs` and `verdict_reader.rs`: an open file. Out: the crate's reader, which
-//! reads through [`ParquetFile`]. The crate's reader believes what a damaged file claims: it skips
-//! a claimed length as if it were there, for hours if the length is large (found by fuzzing;
-//! parquet 59). So three things are done: the footer's claims are checked, then the header of every
-//! page of every column (`parquet_claims.rs`), and reading at the end of the file is an error
-//! instead of no bytes.
+//! reads through [`ParquetFile`]. That reader skips a claimed length as if it were there, for hours
+//! if the length is large (found by fuzzing; parquet 59). So the claims of the footer and of every
+//! page's header are checked first (`parquet_claims.rs`), and reading at the end of the file is an
+//! error instead of no bytes.
 
 use super::parquet_claims;
 use super::thrift::ThriftError;
@@ -27,12 +26,10 @@ const FOOTER_BYTES: u64 = 8;
 /// Bytes of a page's header that are read at once; most headers are shorter.
 const PAGE_HEADER_BYTES: usize = 256;
 
-/// A file that the parquet crate reads from, once its claims were checked.
 #[derive(Debug)]
 pub struct ParquetFile(File);
 
 impl ParquetFile {
-    /// Checks the claims of the footer and of all pages' headers, and gives a reader of the file.
     pub fn open(
         file: File,
         options: ArrowReaderOptions,
@@ -45,8 +42,7 @@ impl ParquetFile {
         Ok(ParquetRecordBatchReaderBuilder::new_with_metadata(file, metadata))
     }
 
-    /// Checks the claims of the footer. If there is no footer, or it does not fit into the file,
-    /// the parquet crate says so itself.
+    /// If there is no footer, or it does not fit into the file, the parquet crate says so itself.
     fn check_footer(&self) -> io::Result<()> {
         let Some(Range { start, end }) = footer_of(&self.0)? else { return Ok(()) };
         let mut file = &self.0;
@@ -55,8 +51,7 @@ impl ParquetFile {
             .map_err(|_| io::Error::other("its footer contradicts itself"))
     }
 
-    /// Checks a column chunk: pages must follow one another from its first byte to its end, and
-    /// their values together must be no more than the footer says.
+    /// Pages must follow one another, and have together no more values than the footer says.
     fn check_column(&self, column: &ColumnChunkMetaData) -> io::Result<()> {
         let (start, bytes) = column.byte_range();
         let (mut at, end) = (start, start.saturating_add(bytes));
@@ -85,7 +80,6 @@ impl ParquetFile {
     }
 }
 
-/// The range of bytes in which a file's metadata lie.
 pub fn footer_of(mut file: &File) -> io::Result<Option<Range<u64>>> {
     let mut footer = [0; FOOTER_BYTES as usize];
     let Some(end) = file.len().checked_sub(FOOTER_BYTES) else { return Ok(None) };
@@ -123,8 +117,7 @@ impl ChunkReader for ParquetFile {
     }
 }
 
-/// A reader for which reading at the end of the file is an error. A plain file gives no bytes there, and the
-/// library goes on as if it had skipped what was claimed.
+/// A plain file gives no bytes at its end, and the library goes on as if it had skipped what was claimed.
 #[derive(Debug)]
 pub struct StrictReader(BufReader<File>);
 

@@ -28,10 +28,8 @@ const MOST_NAMES: u32 = 1000;
 /// Number of the next file that this process begins.
 static NUMBER: AtomicU64 = AtomicU64::new(0);
 
-/// A file that has no name yet.
 #[derive(Debug)]
 pub struct PartFile {
-    /// The name that the file is to have.
     path: PathBuf,
     place: Place,
     /// The thread, if any, that has the bytes flushed so far written to disk.
@@ -85,8 +83,7 @@ impl PartFile {
             let part = path.with_file_name(part);
             match File::create_new(&part) {
                 Ok(file) => {
-                    // if the file system knows no locks, files of killed runs stay until somebody removes
-                    // them
+                    // if the file system knows no locks, files of killed runs stay
                     let lock = file.try_lock().ok().and_then(|()| file.try_clone().ok());
                     let path = path.to_path_buf();
                     let place = Place::Beside { part, lock, finished: false };
@@ -104,8 +101,7 @@ impl PartFile {
         self.complete(file)?.name_on_disk()
     }
 
-    /// Has the bytes that were flushed so far written to disk by a thread, so that less is left to
-    /// wait for at the end.
+    /// Begins writing what was flushed so far to disk, so that less is left to wait for at the end.
     pub fn sync_early(&mut self) -> io::Result<()> {
         let Place::Beside { lock: Some(file), .. } = &self.place else { return Ok(()) };
         if self.syncing.as_ref().is_some_and(|thread| !thread.is_finished()) {
@@ -117,9 +113,8 @@ impl PartFile {
         Ok(())
     }
 
-    /// Waits for the thread of `sync_early`, if there is one, and gives its result. This result
-    /// must not be lost: the system reports a failed write once per open file, and the thread's
-    /// handle is the same open file, so nobody would hear of the failure again.
+    /// The result of `sync_early`'s thread must not be lost: the system reports a failed write once
+    /// per open file, and the thread's handle is the same open file.
     fn synced_early(&mut self) -> io::Result<()> {
         let Some(thread) = self.syncing.take() else { return Ok(()) };
         thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
@@ -142,7 +137,6 @@ impl PartFile {
     }
 }
 
-/// Writes a file of these bytes: complete under its name on disk, or not at all.
 pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     completed(path, bytes)?.name_on_disk()
 }

@@ -25,13 +25,11 @@ const MOST_BEGINNING_BYTES: u64 = 1 << 20;
 /// How a recording begins. While it grows it has no digest of the whole, but its first bytes stay the same.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Beginning {
-    /// How many bytes, from the first on, the digest covers.
     pub bytes: u64,
     pub digest: String,
 }
 
 impl Beginning {
-    /// The beginning of a recording as far as it is there, up to a bound.
     pub fn of(recording: &Recording) -> io::Result<Beginning> {
         Beginning::read(recording, recording.source.bytes().min(MOST_BEGINNING_BYTES))
     }
@@ -43,21 +41,18 @@ impl Beginning {
     }
 
     fn is_of(&self, recording: &Recording) -> io::Result<bool> {
-        // the size of the file now counts: a part may have seen more of the file than the recording
-        // at hand, which may end where it is whole
+        // the size of the file now counts, as a part may have seen more than the recording at hand
         let there = recording.source.stamp()?.bytes.min(MOST_BEGINNING_BYTES);
         Ok(self.bytes <= there && Beginning::read(recording, self.bytes)? == *self)
     }
 }
 
-/// The directory where the parts of a recording's table lie.
 #[derive(Clone, Debug)]
 pub struct PartTables {
     pub dir: PathBuf,
 }
 
 impl PartTables {
-    /// The parts that belong to a verdict table: those of `<stem>.verdicts.parquet` lie in `<stem>.parts/`.
     pub fn beside(verdicts: &Path) -> PartTables {
         PartTables { dir: stored::beside(verdicts, "parts") }
     }
@@ -105,13 +100,11 @@ impl PartTables {
     }
 }
 
-/// Whether a file is called like a part, such as `00001.parquet`.
 fn is_name(name: &str) -> bool {
     let number = name.strip_suffix(".parquet").unwrap_or_default();
     number.len() >= 5 && number.bytes().all(|b| b.is_ascii_digit())
 }
 
-/// Whether a file is a part of this recording's table, by its metadata.
 fn is_part_of(path: &Path, recording: &Recording) -> io::Result<bool> {
     if !fs::symlink_metadata(path)?.is_file() {
         return Ok(false); // parts are no links

@@ -15,7 +15,6 @@ use super::printable;
 use super::recording::Recording;
 use std::collections::BTreeSet;
 
-/// A channel whose messages look like bursts, and that nothing reads. `replay` warns of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UnreadChannel {
     pub topic: String,
@@ -44,10 +43,9 @@ const PEEKED_AT_ONCE: u64 = 16;
 const MOST_PEEKED_ROWS: usize = 32_768;
 
 impl Recording {
-    /// Which dialects read something of this recording; `dialects` is how many the settings have.
     /// Only the beginning is looked at: until each channel that a dialect reads has had a message
-    /// and, without a summary, every dialect has read something. It is an error if a path of a
-    /// dialect leads nowhere in the first message of a channel.
+    /// and, without a summary, each of the settings' `dialects` dialects has read something. It is
+    /// an error if a path leads nowhere in a channel's first message.
     pub fn dialects_used(&self, dialects: usize) -> Result<DialectsUsed, RecordingError> {
         let wrong = |what: String| RecordingError::Dialect { path: self.path.clone(), what };
         // a summary names all channels, and so all dialects that read something
@@ -57,7 +55,6 @@ impl Recording {
             return Ok(used);
         }
 
-        // the messages at the beginning, asked every 16 blocks whether they suffice
         let reader = self.peek(|block, reader| {
             if block.index == 0 || !block.index.is_multiple_of(PEEKED_AT_ONCE) {
                 return false;

@@ -7,7 +7,6 @@
 use bytes::Bytes;
 use std::io;
 
-/// The pieces of a file, one after the other.
 #[derive(Debug, Default)]
 pub struct Pieces {
     /// Each piece with the offset at which it begins; none is empty.
@@ -33,7 +32,6 @@ impl Pieces {
     /// Fills `buffer` with the bytes from `offset` on. It is an error if there are fewer bytes.
     pub fn read_at(&self, offset: u64, mut buffer: &mut [u8]) -> io::Result<()> {
         let ends_before = |(begins, piece): &(u64, Bytes)| begins + piece.len() as u64 <= offset;
-        // from the first piece that reaches beyond `offset`
         let mut at = offset;
         for (begins, piece) in &self.pieces[self.pieces.partition_point(ends_before)..] {
             if buffer.is_empty() {

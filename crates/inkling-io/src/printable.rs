@@ -14,7 +14,6 @@ pub fn cell(text: &str) -> String {
     line(text, MOST_OF_A_CELL)
 }
 
-/// The beginning of a text as one line, at most `most` characters (and `…` if it was cut).
 pub fn line(text: &str, most: usize) -> String {
     shown(text, most, moves)
 }
@@ -25,7 +24,6 @@ pub fn lines(text: &str, most: usize) -> String {
     shown(text, most, |c| c != '\n' && moves(c))
 }
 
-/// The beginning of a text, with a replacement character for each one that must not be shown.
 fn shown(text: &str, most: usize, is_odd: impl Fn(char) -> bool) -> String {
     let shown = |c: char| if is_odd(c) { '\u{fffd}' } else { c };
     let mut short: String = text.chars().take(most).map(shown).collect();

@@ -49,10 +49,8 @@ pub struct Recording {
     pub damage: Vec<Damage>,
     pub(super) source: Arc<Source>,
     pub(super) limits: Limits,
-    /// Set if the recording is followed while it is being written, or was when it was read; else
-    /// `None`.
+    /// Set if the recording is, or was, followed while it is being written.
     pub(super) growth: Option<Growth>,
-    /// Schemas and channels by the summary.
     pub(super) channels: Arc<Channels>,
     /// Whether the summary names every channel. Then any number of readers may take blocks in any
     /// order; otherwise one reader must take all blocks, in order. What a block gives is the same
@@ -87,7 +85,6 @@ impl Recording {
         Ok(recording)
     }
 
-    /// Opens the recording in a source whose magic bytes were checked already.
     pub(super) fn of_source(
         path: &Path,
         source: Arc<Source>,
@@ -139,7 +136,6 @@ impl Recording {
         }
     }
 
-    /// Whether the recording has a footer that could be read, and so an end.
     pub(super) fn is_indexed(&self) -> bool {
         self.data_end.is_some()
     }
@@ -174,8 +170,7 @@ impl Recording {
         })
     }
 
-    /// The damage if the recording was changed since it was opened: what was read may belong to no
-    /// one state of it. `None` if it was not changed, or is followed.
+    /// What was read of a recording that was changed meanwhile may belong to no one state of it.
     pub fn changed(&self) -> Option<Damage> {
         if self.growth.is_some() {
             return None; // a followed recording is read only as far as it is whole
@@ -193,8 +188,6 @@ impl Recording {
         Some(Damage { from_byte: self.bytes, to_byte: now.bytes.max(self.bytes), what })
     }
 
-    /// A digester, which computes the digest while it reads the blocks, so that every byte is read
-    /// once.
     pub fn digester(&self) -> Digester {
         // The DataEnd record is the last of the data section; its checksum does not cover itself.
         let data = self.data_end.and_then(|end| self.data_end_record(end));

@@ -20,7 +20,6 @@ pub const COMPACT_CHUNK_BYTES: u64 = 256 << 10;
 /// roughly by it, too.
 const MESSAGE_HEAD_BYTES: u64 = (RECORD_HEADER + MESSAGE_HEADER) as u64;
 
-/// How the file of a recording is laid out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WriterOptions {
     pub compression: Compression,
@@ -39,13 +38,11 @@ impl Default for WriterOptions {
 pub struct RecordingWriter {
     file: McapFile,
     chunk_bytes: Option<u64>,
-    /// Bytes, about, of the records in the chunk that is being filled; the first chunk begins with
-    /// the schema.
+    /// Bytes, about, of the records in the chunk that is being filled.
     in_chunk: u64,
 }
 
 impl RecordingWriter {
-    /// Begins a recording under a provisional name beside `path`.
     pub fn create(path: &Path, options: WriterOptions) -> Result<RecordingWriter, RecordingError> {
         let mut file = McapFile::create(path, mcap_options(options))?;
         file.define(SCHEMA)?;
@@ -70,7 +67,6 @@ impl RecordingWriter {
         self.file.write(&topic, log_time_ns, &message)
     }
 
-    /// Completes the recording and gives it its name.
     pub fn finish(self) -> Result<(), RecordingError> {
         self.file.finish()
     }

@@ -21,7 +21,6 @@ use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::path::Path;
 
-/// The kinds of files that inkling writes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ResultFile {
     Design,
@@ -86,7 +85,6 @@ impl ResultFile {
         ResultFile::of_file(regular_file::open(path)?)
     }
 
-    /// The kind of an opened file, which stands at its first byte.
     fn of_file(mut file: File) -> std::io::Result<Option<ResultFile>> {
         let mut head = Vec::new();
         file.by_ref().take(HEAD_BYTES).read_to_end(&mut head)?;
@@ -195,7 +193,6 @@ fn of_json(mut file: File) -> std::io::Result<Option<ResultFile>> {
     })
 }
 
-/// The footer of a Parquet file; empty if the file has none.
 fn footer(file: &mut File) -> std::io::Result<Vec<u8>> {
     let is_small = |of: &Range<u64>| of.start >= 4 && of.end - of.start <= MOST_FOOTER_BYTES;
     let Some(of) = footer_of(file)?.filter(is_small) else { return Ok(Vec::new()) };

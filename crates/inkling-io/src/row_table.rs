@@ -25,7 +25,6 @@ use std::io::BufWriter;
 use std::path::Path;
 use std::sync::Arc;
 
-/// A column of a table: its name, and what it may hold.
 #[derive(Clone, Copy, Debug)]
 pub struct Column {
     pub name: &'static str,
@@ -49,7 +48,6 @@ pub enum Kind {
 }
 
 impl Column {
-    /// A column that has a value in every row.
     pub const fn required(name: &'static str, kind: Kind) -> Column {
         Column { name, kind, nullable: false, may_be_missing: false }
     }
@@ -58,12 +56,10 @@ impl Column {
         Column { nullable: true, ..Column::required(name, kind) }
     }
 
-    /// The same column, marked as one that tables of other tools or earlier versions may lack.
     pub const fn or_missing(self) -> Column {
         Column { may_be_missing: true, ..self }
     }
 
-    /// The column's name and type in Arrow.
     fn field(&self, unit: TimestampUnit) -> Field {
         let data_type = match self.kind {
             Kind::Name => text(),
@@ -75,8 +71,7 @@ impl Column {
         Field::new(self.name, data_type, self.nullable)
     }
 
-    /// The cells that these rows have for the column, as an Arrow array. A value of the wrong type
-    /// becomes null; a count beyond u32 becomes the largest one.
+    /// A value of the wrong type becomes null; a count beyond u32 becomes the largest one.
     fn array(&self, rows: &[Value], unit: TimestampUnit) -> ArrayRef {
         let cells = rows.iter().map(|row| &row[self.name]);
         match self.kind {
@@ -98,7 +93,6 @@ impl Column {
         }
     }
 
-    /// The cells that were read, as JSON; null where a row has nothing.
     fn cells(&self, of: ReadColumn) -> Result<Vec<Value>, String> {
         fn json<T: Into<Value>>(cells: Vec<Option<T>>) -> Vec<Value> {
             cells.into_iter().map(Value::from).collect()
@@ -120,7 +114,6 @@ pub fn schema(columns: &[Column], unit: TimestampUnit) -> Schema {
     Schema::new(columns.iter().map(|column| column.field(unit)).collect::<Vec<_>>())
 }
 
-/// Rows as a batch that can be written.
 pub fn batch(
     columns: &[Column],
     schema: SchemaRef,
@@ -131,7 +124,6 @@ pub fn batch(
     RecordBatch::try_new(schema, arrays)
 }
 
-/// Items from the rows of a batch that was read.
 pub fn rows<T: DeserializeOwned>(
     columns: &[Column],
     batch: &RecordBatch,
@@ -155,14 +147,12 @@ pub fn rows<T: DeserializeOwned>(
     rows.into_iter().map(row).collect()
 }
 
-/// A table that is being written; the parquet crate encodes it.
 pub struct TableWriter {
     writer: ArrowWriter<BufWriter<File>>,
     part: PartFile,
 }
 
 impl TableWriter {
-    /// Begins a table under a provisional name beside `path`.
     pub fn create(path: &Path, schema: SchemaRef) -> Result<TableWriter, TableError> {
         let (part, file) = PartFile::create(path).map_err(TableError::io(path))?;
         let compression = Compression::ZSTD(ZstdLevel::default());
@@ -185,7 +175,6 @@ impl TableWriter {
     }
 }
 
-/// Writes a whole table of one batch, under its name.
 pub fn write(path: &Path, batch: &RecordBatch) -> Result<(), TableError> {
     let mut table = TableWriter::create(path, batch.schema())?;
     table.write(batch)?;

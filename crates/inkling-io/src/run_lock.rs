@@ -19,7 +19,6 @@ pub const LOCK_NAME: &str = ".inkling.lock";
 /// Most bytes of the file that are read; a million recordings take less.
 const MOST_BYTES: u64 = 1 << 30;
 
-/// The lock of a directory. It is held until this value is dropped or the process ends.
 #[derive(Debug)]
 pub struct RunLock {
     /// The open file that is locked; `None` in an object store.
@@ -70,8 +69,7 @@ impl RunLock {
         say(file, &text)
     }
 
-    /// Writes that the run came to its end, when the run has told of each recording what became of
-    /// it: the list of recordings is removed.
+    /// Removes the list of recordings: the run has told of each what became of it.
     pub fn over(mut self) {
         if let Some(file) = &mut self.file {
             let _ = say(file, &self.said); // if this fails, the run looks like one that was killed
@@ -79,7 +77,6 @@ impl RunLock {
     }
 }
 
-/// Replaces the text of the lock's file.
 fn say(file: &mut File, text: &str) -> std::io::Result<()> {
     file.set_len(0)?;
     file.rewind()?;
@@ -112,7 +109,6 @@ pub fn unfinished(dir: &Path) -> Option<Unfinished> {
     (!recordings.is_empty()).then_some(Unfinished { since, recordings })
 }
 
-/// What the holder of the lock wrote of itself, for an error.
 fn holder(file: &mut File) -> String {
     let mut said = String::new();
     let read = BufReader::new(file.take(200)).read_line(&mut said).is_ok();

@@ -1,5 +1,4 @@
-//! Puts decays that others recorded on a regular grid of times; `inkling convert` uses it for
-//! tables whose rows are samples.
+//! Puts decays that others recorded on a regular grid of times, for tables whose rows are samples.
 //!
 //! In, from `src/cli/convert`: the decays of a table, with times in the table's unit. Out:
 //! [`Sampled`], with every decay on one common sample period. A table that is not regularly sampled
@@ -38,7 +37,6 @@ pub struct Sampled {
     pub missing: usize,
 }
 
-/// Puts the decays of a table on one regular grid.
 pub fn sample(decays: Vec<Decay>, time: &str, resample: bool) -> Result<Sampled, String> {
     decays.iter().try_for_each(|decay| check(decay, time))?;
     let period = if resample { median_step } else { fitted_period };
@@ -81,7 +79,6 @@ fn grid(start: f64, period: f64, samples: usize) -> Vec<f64> {
     (0..samples).map(|k| start + k as f64 * period).collect()
 }
 
-/// An error about a decay, which is named by its burst and the line where it begins.
 fn refused(decay: &Decay, what: String) -> String {
     match decay.name.as_str() {
         "" => format!("the table: {what}"),
@@ -167,11 +164,9 @@ fn median_step(times: &[f64]) -> f64 {
 /// A decay whose samples stay as they are, moved to the nearest regular grid of this period.
 fn as_written(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, String> {
     let n = decay.times.len();
-    // the grid has the same mean as the times, so that a rounding error of the first time does not
-    // shift it
+    // the grid has the same mean as the times, so that no rounding of the first time shifts it
     let centre = decay.times.iter().sum::<f64>() / n as f64;
     let start = centre - period * (n as f64 - 1.0) / 2.0;
-    // how far a time lies from the grid, in sample periods
     let off = |k: usize| (decay.times[k] - start) / period - k as f64;
     let (mut worst, mut uneven) = (0, 0);
     for k in 0..n {
@@ -239,7 +234,6 @@ fn rounded(x: f64) -> f64 {
     format!("{x:.5e}").parse().unwrap_or(x)
 }
 
-/// Refuses a decay with more samples than a recording may hold.
 fn too_long(decay: &Decay, samples: usize) -> Result<(), String> {
     let what = format!(
         "{samples} samples; a recording holds {MOST_SAMPLES} per signal: cut the decay off earlier, \
@@ -248,9 +242,8 @@ fn too_long(decay: &Decay, samples: usize) -> Result<(), String> {
     if samples > MOST_SAMPLES { Err(refused(decay, what)) } else { Ok(()) }
 }
 
-/// A decay interpolated to a regular grid of this period, over the time that all its outputs cover:
-/// nothing is extrapolated. Missing cells are passed over, each output for itself. `so_far` counts
-/// the samples that have no written sample within 3 % of a period.
+/// A decay interpolated over the time that all its outputs cover: nothing is extrapolated. `so_far`
+/// counts the samples that have no written sample within 3 % of a period.
 fn resampled(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, String> {
     // 1. for each output its samples that are there; the grid spans what all outputs cover
     let mut known = Vec::new();

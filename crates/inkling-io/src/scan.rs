@@ -37,7 +37,6 @@ const MAX_FAILED_RESYNCS: usize = 256;
 /// Bytes that suffice for a chunk's header with a known compression.
 const CHUNK_HEADER_BYTES: usize = 64;
 
-/// Iterator over the blocks of a recording.
 #[derive(Debug)]
 pub struct Blocks {
     source: Arc<Source>,
@@ -48,19 +47,15 @@ pub struct Blocks {
     growing: Option<Arc<EarlyEnds>>,
     /// The next byte that is looked at: a record should begin here.
     at: u64,
-    /// No chunk that was not given out yet can begin before this byte, so a search for chunks
-    /// begins here. It may lie before `at`, inside a record that was stepped over although its
-    /// length may have been false.
+    /// A search for chunks begins here: no chunk that was not given out begins before. It may lie
+    /// before `at`, inside a record that was stepped over although its length may have been false.
     known_until: u64,
     /// Where the run under way begins; `None`: there is none.
     run_from: Option<u64>,
-    /// Whether the record that ends the data section was met.
     after_data_end: bool,
     /// Whether nothing further is given, except the run under way.
     done: bool,
-    /// Number of the next block.
     index: u64,
-    /// How many places were tried in vain after broken framing.
     failed_resyncs: usize,
     /// The bytes of the file that were read last, and the offset at which they begin.
     window: Vec<u8>,
@@ -90,7 +85,6 @@ enum Step {
 }
 
 impl Blocks {
-    /// The blocks of a whole file, from the first record on.
     pub(super) fn new(source: Arc<Source>, limits: Limits, data_end: Option<u64>) -> Blocks {
         Blocks {
             source,
@@ -109,7 +103,6 @@ impl Blocks {
         }
     }
 
-    /// The blocks of a recording that is being written.
     pub(super) fn growing(mut self, ends: Arc<EarlyEnds>) -> Blocks {
         self.growing = Some(ends);
         self
@@ -132,7 +125,6 @@ impl Blocks {
         self
     }
 
-    /// Where the scan ends: at the end of the data section, or of the file.
     fn end(&self) -> u64 {
         self.data_end.unwrap_or(self.source.bytes())
     }
@@ -184,7 +176,6 @@ impl Blocks {
         Ok((self.step_record(at, header, next)?, next))
     }
 
-    /// Looks at a record that is whole, from `at` to `next`; the kind decides.
     fn step_record(&mut self, at: u64, header: RecordHeader, next: u64) -> std::io::Result<Step> {
         let (end, growing) = (self.end(), self.growing.is_some());
         let RecordHeader { opcode, body_bytes } = header;
@@ -245,7 +236,6 @@ impl Blocks {
         })
     }
 
-    /// What to do at the end of the scan, where no record follows.
     fn step_at_end(&self) -> Step {
         match self.data_end {
             _ if self.growing.is_some() => Step::NotYet,
@@ -254,8 +244,7 @@ impl Blocks {
         }
     }
 
-    /// Looks at a chunk's header, which must fit into its record, as must the compressed bytes that
-    /// it claims.
+    /// A chunk's header, and the compressed bytes that it claims, must fit into its record.
     fn step_chunk(&mut self, body_at: u64, body_bytes: u64) -> std::io::Result<Step> {
         let record_bytes = body_bytes + RECORD_HEADER as u64;
         if record_bytes > self.limits.record_bytes {
@@ -302,7 +291,6 @@ impl Blocks {
             });
 
             if let Some(bytes) = found {
-                // the checksum decides
                 let kind = BlockKind::Chunk;
                 let block = Block { index: 0, offset: at, bytes, decompressed_bytes: 0, kind };
                 if loader.load(&block, None).is_ok() {
@@ -318,8 +306,7 @@ impl Blocks {
         Ok(None)
     }
 
-    /// Gives up the bytes from `self.at` on, and goes on at the next chunk that verifies; if there
-    /// is none, the recording ends. The damage is the range in between.
+    /// The damage is the range from `self.at` to the next chunk that verifies, or to the end.
     fn resync(&mut self, what: String) -> Damage {
         let from = self.known_until.max(MAGIC.len() as u64).min(self.at.saturating_add(1));
         let to_byte = match self.find_chunk(from) {
@@ -336,15 +323,13 @@ impl Blocks {
         Damage { from_byte, to_byte, what }
     }
 
-    /// Makes a block from `offset` to `to`, with the next number.
     fn block(&mut self, kind: BlockKind, offset: u64, to: u64) -> Block {
         let index = self.index;
         self.index += 1;
         Block { index, offset, bytes: to - offset, decompressed_bytes: 0, kind }
     }
 
-    /// The next block, or damage in its place; `None` at the end. It is pending only if the
-    /// recording is being written and nothing further is whole.
+    /// Pending only if the recording is being written and nothing further is whole.
     pub fn poll(&mut self) -> Poll<Option<Result<Block, Damage>>> {
         let run_bytes = RUN_BYTES.min(self.limits.record_bytes);
         let growing = self.growing.clone();

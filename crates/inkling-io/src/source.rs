@@ -31,7 +31,6 @@ enum Storage {
 }
 
 impl Source {
-    /// Opens a file or an object.
     pub fn open(path: &Path) -> io::Result<Source> {
         if in_object_store(path) {
             let object = Object::open(path)?;
@@ -65,7 +64,6 @@ impl Source {
         Ok((before, now))
     }
 
-    /// From now on only the first `bytes` bytes count.
     pub fn cut(&self, bytes: u64) {
         self.bytes.store(bytes, Ordering::Release);
     }
@@ -78,7 +76,6 @@ impl Source {
         }
     }
 
-    /// The source's size and time of change when it was opened.
     pub fn stamp_then(&self) -> Stamp {
         self.stamp
     }
@@ -117,13 +114,11 @@ fn is_same(a: &Metadata, b: &Metadata) -> io::Result<bool> {
     Ok(a.creation_time() == b.creation_time())
 }
 
-/// Fills a buffer from an offset, without moving a cursor.
 #[cfg(unix)]
 fn read_file_at(file: &File, offset: u64, buffer: &mut [u8]) -> io::Result<()> {
     std::os::unix::fs::FileExt::read_exact_at(file, buffer, offset)
 }
 
-/// Fills a buffer from an offset.
 #[cfg(windows)]
 fn read_file_at(file: &File, mut offset: u64, mut buffer: &mut [u8]) -> io::Result<()> {
     while !buffer.is_empty() {

@@ -27,7 +27,6 @@ impl Spline<'_> {
                 (y[i + 1] - y[i]) / (t[i + 1] - t[i]) - (y[i] - y[i - 1]) / (t[i] - t[i - 1]);
             upper[i] = (6.0 * slope / (t[i + 1] - t[i - 1]) - share * upper[i - 1]) / pivot;
         }
-        // and back substitution
         bend[n - 1] = 0.0;
         for i in (0..n - 1).rev() {
             bend[i] = bend[i] * bend[i + 1] + upper[i];

@@ -5,8 +5,7 @@ use serde::{Deserialize, Serialize};
 use std::fs::Metadata;
 use std::time::SystemTime;
 
-/// Size and time of change. Two inputs at the same path with equal stamps are taken for the same
-/// content.
+/// Two inputs at the same path with equal stamps are taken for the same content.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Stamp {
     pub bytes: u64,

@@ -39,7 +39,6 @@ fn hive(verdicts: &Path) -> Option<(&Path, &str)> {
     Some((kind.parent()?, name)).filter(|_| is_hive)
 }
 
-/// Size and time of change of a file or an object as it is now.
 pub fn stamp(path: &Path) -> io::Result<Stamp> {
     match in_object_store(path) {
         true => objects::stamp(path),

@@ -12,13 +12,10 @@ use super::{printable, stored};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
 
-/// Most bytes of a summary that is read: the models of a long recording and all damage that a
-/// summary lists take less.
+/// The models of a long recording and all damage that a summary lists take less.
 const MOST_BYTES: u64 = 64 << 20;
-/// The keys that a report needs of a recording.
 const OF_RECORDING: [&str; 6] =
     ["recording", "counts", "expected", "classes", "not_judged", "unread"];
-/// The keys that a report needs of each model.
 const OF_MODEL: [&str; 4] = ["printhead", "valid_from", "temperature_c", "poles"];
 
 /// The summary that belongs to a verdict table: `<stem>.verdicts.parquet` gives `<stem>.summary.json`.
@@ -26,7 +23,6 @@ pub fn path_beside(verdicts: &Path) -> PathBuf {
     stored::beside(verdicts, "summary.json")
 }
 
-/// Reads a summary.
 pub fn read(path: &Path) -> Result<Option<Value>, String> {
     let failed = |what: String| format!("{}: {what}", path.display());
     let there = if_there(regular_file::read(path, MOST_BYTES));
@@ -40,7 +36,6 @@ pub fn read(path: &Path) -> Result<Option<Value>, String> {
     }
 }
 
-/// The part that a report needs of a verdict table's metadata document (its JSON text).
 pub fn of_metadata(json: Option<&str>) -> Value {
     json.and_then(|json| serde_json::from_str(json).ok())
         .filter(Value::is_object)
@@ -48,13 +43,11 @@ pub fn of_metadata(json: Option<&str>) -> Value {
         .unwrap_or_default()
 }
 
-/// The part that a report needs of the metadata document of a verdict table on disk; its keys are
-/// null if there is none.
+/// Its keys are null if there is no metadata document.
 pub fn of_table(verdicts: &Path) -> Value {
     reported(document_of(verdicts))
 }
 
-/// The part of a summary that a report needs.
 fn reported(mut document: Value) -> Value {
     let mut kept: Map<String, Value> =
         OF_RECORDING.iter().map(|key| ((*key).to_owned(), taken(&mut document, key))).collect();
@@ -75,7 +68,6 @@ fn reported(mut document: Value) -> Value {
     Value::Object(kept)
 }
 
-/// Takes the value of a key out; null if there is none.
 fn taken(of: &mut Value, key: &str) -> Value {
     of.get_mut(key).map(Value::take).unwrap_or_default()
 }

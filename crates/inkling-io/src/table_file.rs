@@ -40,25 +40,21 @@ pub struct Columns {
     pub time: Option<String>,
     /// Columns of outputs, in the order of the channels. `None`: all columns that are nothing else.
     pub outputs: Option<Vec<String>>,
-    /// Column that tells the decays of a table apart: rows that have the same value here, and the same
-    /// printhead, are one decay.
+    /// Rows that have the same value here, and the same printhead, are one decay.
     pub burst: Option<String>,
-    /// What the user gave for the printhead. If the table has a column of this name, that column
-    /// holds each row's printhead; if not, this is the name of the printhead itself, and no column
-    /// is read for it.
+    /// The name of the column that holds each row's printhead, or, if there is no such column, of
+    /// the printhead itself.
     pub printhead: Option<String>,
     /// Columns with one value for each decay, such as the temperature.
     pub beside: Vec<String>,
-    /// Whether something else (`--period-s`) says the sample period, so that rows need no times:
-    /// then no column is taken for times unless `time` names one, whose first value in a decay says
-    /// when the decay began.
+    /// Whether something else (`--period-s`) says the sample period: then no column is taken for
+    /// times unless `time` names one, whose first value in a decay says when it began.
     pub rows_are_samples: bool,
 }
 
 impl Columns {
-    /// An error about the choice of columns. It is the user's mistake if the user named any column,
-    /// otherwise the table's fault. A printhead's name does not count, as it need not be a
-    /// column's.
+    /// A wrong choice is the user's mistake if the user named any column, otherwise the table's
+    /// fault. A printhead's name does not count, as it need not be a column's.
     pub(super) fn refused(&self, path: &Path, what: String) -> FileError {
         let Columns { time, outputs, burst, beside, .. } = self;
         match time.is_some() || outputs.is_some() || burst.is_some() || !beside.is_empty() {
@@ -68,8 +64,7 @@ impl Columns {
     }
 }
 
-/// One decay of a table, which becomes one burst: the rows of the same burst and printhead, in the table's
-/// order.
+/// The rows of the same burst and printhead, in the table's order.
 #[derive(Clone, Debug, Default)]
 pub struct Decay {
     /// The value of the burst column; empty if there is none.
@@ -103,22 +98,17 @@ impl Decay {
     }
 }
 
-/// The content of a file, whatever its format was.
 pub struct Table {
-    /// Name of the column of times, whose ending (such as `_ns`) says their unit ([`unit_ns`]). If
-    /// the type of an Arrow column or NumPy array says the unit, the reader has added the ending.
-    /// `None`: there are no times.
+    /// The name of the column of times, whose ending (such as `_ns`) says the unit ([`unit_ns`]);
+    /// the reader adds the ending if the array's type says the unit.
     pub time: Option<String>,
-    /// The first time of the first decay or burst: if no ending says the unit, the caller may guess
-    /// it by the size of this number.
+    /// The first time of the first decay or burst, by whose size the caller may guess the unit.
     pub first_time: Option<f64>,
-    /// Names of the columns of outputs, in the order of the channels; empty where channels have no names: in
-    /// a NumPy array, and in a column of several channels.
+    /// Names in the order of the channels; empty in a NumPy array and in a column of several channels.
     pub outputs: Vec<String>,
     pub content: Content,
 }
 
-/// A table consists of decays, whose samples have times of their own, or of whole bursts.
 pub enum Content {
     /// A table whose cells are numbers: its decays, in the order of their first rows.
     Decays(Vec<Decay>),
@@ -132,7 +122,6 @@ pub fn unit_ns(column: &str) -> Option<f64> {
     units.iter().find(|(end, _)| column.ends_with(end)).map(|(_, ns)| *ns)
 }
 
-/// Decays that are being gathered, row by row.
 pub(super) struct Rows<'a> {
     chosen: &'a ChosenColumns,
     decays: Vec<Decay>,
@@ -143,14 +132,11 @@ pub(super) struct Rows<'a> {
 }
 
 impl Rows<'_> {
-    /// No rows yet; `chosen` says which columns are read.
     pub fn new(chosen: &ChosenColumns) -> Rows<'_> {
         Rows { chosen, decays: Vec::new(), by_name: HashMap::new(), cells: 0 }
     }
 
-    /// Adds a row to the decay of its burst and printhead, or begins a decay with it. `line`: see
-    /// [`Decay::line`]; `cell` gives the number that the row has in a column. An error says in
-    /// words what is wrong with the row.
+    /// `line`: see [`Decay::line`]; `cell` gives the number that the row has in a column.
     pub fn add(
         &mut self,
         line: u64,
@@ -188,7 +174,6 @@ impl Rows<'_> {
             }
         };
 
-        // one time, and one sample for each output
         let decay = &mut decays[place];
         let time = match chosen.time {
             Some(c) => Some(cell(c)?)
@@ -203,7 +188,6 @@ impl Rows<'_> {
         Ok(())
     }
 
-    /// The table of all rows.
     pub fn table(self, time: Option<String>) -> Option<Table> {
         let first_time = self.decays.first()?.times.first().copied();
         let (outputs, content) = (self.chosen.output_names(), Content::Decays(self.decays));
@@ -213,7 +197,6 @@ impl Rows<'_> {
 
 /// Which columns are read, as indices among all columns of the table.
 pub(super) struct ChosenColumns {
-    /// Names of all columns.
     pub names: Vec<String>,
     pub time: Option<usize>,
     pub outputs: Vec<usize>,
@@ -228,7 +211,6 @@ impl ChosenColumns {
         format!("column {:?}: {what}", self.names[c])
     }
 
-    /// Names of the columns of outputs, in the order of the channels.
     pub fn output_names(&self) -> Vec<String> {
         self.outputs.iter().map(|&c| self.names[c].clone()).collect()
     }
@@ -282,8 +264,7 @@ pub(super) fn choose_columns(
     let mut used: Vec<usize> = all.copied().collect();
     used.sort_unstable();
     for (i, &c) in used.iter().enumerate() {
-        // columns that nobody named were not looked up by name: two of the same name would be two
-        // channels
+        // columns that nobody named: two of the same name would be two channels
         place(&names[c])?;
         if used.get(i + 1) == Some(&c) {
             let why = match columns.time.is_none() && time == Some(c) {

@@ -52,7 +52,6 @@ impl Shape {
     }
 }
 
-/// Why a record was not walked to its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ThriftError {
     /// More is claimed than may be: more elements, lists or maps nested too deep, flags in a list
@@ -68,12 +67,10 @@ pub struct Walk<R> {
     /// Elements that lists, sets and maps together may still claim.
     left: u64,
     read: u64,
-    /// The numbers that were asked for, as far as they were met.
     wanted: [Option<u32>; MOST_WANTED],
 }
 
 impl<R: Read> Walk<R> {
-    /// Begins a walk. All lists, sets and maps together may claim `elements` elements.
     pub fn new(bytes: R, elements: u64) -> Walk<R> {
         Walk { bytes, left: elements, read: 0, wanted: [None; MOST_WANTED] }
     }
@@ -82,14 +79,12 @@ impl<R: Read> Walk<R> {
         self.read
     }
 
-    /// A number that was asked for; `None` if the record has none there.
     pub fn wanted(&self, place: usize) -> Option<u32> {
         self.wanted[place]
     }
 
-    /// Walks the fields of a record. Each begins with a byte of its distance from the field before
-    /// and its type; a distance of 0 means that the field's number follows. A byte of 0 ends the
-    /// record.
+    /// Walks the fields of a record. A byte begins each; a distance of 0 in it means that the
+    /// field's number follows. A byte of 0 ends the record.
     pub fn fields(&mut self, shapes: &'static [Shape], depth: u8) -> Result<(), ThriftError> {
         if depth > MOST_DEPTH {
             return Err(ThriftError::Malformed);
@@ -104,22 +99,19 @@ impl<R: Read> Walk<R> {
                 0 => i16::try_from(zigzag(self.number()?)).map_err(|_| ThriftError::Malformed)?,
                 on => i16::checked_add(last, on.into()).ok_or(ThriftError::Malformed)?,
             };
-            // Numbers must increase: a field that comes twice could be read differently. In
-            // increasing order none comes twice, so no list of those that came need be kept.
+            // Numbers must increase, so that no field comes twice, which could be read differently.
             if field <= last {
                 return Err(ThriftError::Malformed);
             }
             last = field;
             match head & 0xf {
-                // a flag has its value in the type, and no byte of its own; a type that does not
-                // fit is refused in `value`
+                // a flag has its value in the type; a type that does not fit is refused in `value`
                 1 | 2 if shapes.get(field as usize - 1).is_none_or(|s| s.declared(1)) => {}
                 kind => self.value(kind, shapes.get(field as usize - 1), depth)?,
             }
         }
     }
 
-    /// Walks a value of a declared type, which must be that of the shape.
     fn value(
         &mut self,
         kind: u8,
@@ -148,7 +140,6 @@ impl<R: Read> Walk<R> {
         }
     }
 
-    /// Reads and keeps a number that is asked for.
     fn keep(&mut self, place: usize) -> Result<(), ThriftError> {
         let number =
             i32::try_from(zigzag(self.number()?)).map_err(|_| ThriftError::ClaimsTooMuch)?;
@@ -225,8 +216,7 @@ impl<R: Read> Walk<R> {
         Err(ThriftError::Malformed)
     }
 
-    /// Passes over bytes. A false length costs no memory: passing ends where the bytes do, with an
-    /// error.
+    /// A false length costs no memory: passing ends, with an error, where the bytes do.
     fn pass(&mut self, bytes: u64) -> Result<(), ThriftError> {
         match io::copy(&mut self.bytes.by_ref().take(bytes), &mut io::sink()) {
             Ok(passed) if passed == bytes => {

@@ -28,7 +28,6 @@ pub fn write(path: &Path, digest_path: &Path, truth: &impl Serialize) -> Result<
     Ok(())
 }
 
-/// SHA-256 in hexadecimal digits.
 fn digest(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -5,16 +5,14 @@ use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::sync::Once;
 
-/// Calls `read`, and gives its result; `None` if it panics. Nothing is printed of such a panic,
-/// since the caller makes an error in words of it. A panic of another thread is printed as ever.
-/// Calls must not be nested: the inner call would make the outer one's panics be printed again.
+/// `None` if `read` panics; nothing is printed of such a panic, since the caller makes an error of
+/// it. Calls must not be nested: the inner call would make the outer one's panics be printed again.
 pub fn unpanicked<T>(read: impl FnOnce() -> T) -> Option<T> {
     thread_local! {
         /// Whether panics of this thread are expected.
         static QUIET: Cell<bool> = const { Cell::new(false) };
     }
-    /// The panic hook is installed once for the process, and looks at the flag of the thread that
-    /// panics.
+    /// The hook is installed once for the process, and looks at the flag of the panicking thread.
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {
         let print = take_hook();

@@ -30,7 +30,6 @@ pub struct VerdictArrays {
 }
 
 impl VerdictArrays {
-    /// No verdicts yet; `options` decide on the schema.
     pub fn new(options: TableOptions) -> VerdictArrays {
         let schema = Arc::new(schema(&options));
         VerdictArrays { options, schema, batches: Vec::new(), rows: 0 }
@@ -54,7 +53,6 @@ impl VerdictArrays {
         self
     }
 
-    /// The cells that a batch has for a column: one arm for each kind of column.
     fn array(&self, column: &Column, described: ColumnDescPtr, of: &Verdicts) -> Result<ArrayRef> {
         Ok(match &column.cells {
             Cells::Time(_) | Cells::Channel(_) => {
@@ -109,7 +107,6 @@ impl VerdictArrays {
     }
 }
 
-/// Steps written out, number by number.
 impl Steps for Vec<i64> {
     fn push(&mut self, start: i64, step: i64, rows: usize) {
         self.extend((0..rows as i64).map(|row| start + step * row));

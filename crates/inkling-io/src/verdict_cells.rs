@@ -18,7 +18,6 @@ use parquet::arrow::arrow_writer::{ArrowColumnWriter, compute_leaves};
 use parquet::errors::{ParquetError, Result};
 use std::sync::Arc;
 
-/// Pushes times (in `unit`) or channels.
 pub fn push_steps(out: &mut impl Steps, column: &Column, of: &Verdicts, unit: TimestampUnit) {
     for part in &of.parts {
         match (&column.cells, part) {
@@ -94,7 +93,6 @@ enum RunKey {
     OfTest([u32; 2]),
 }
 
-/// Pushes a column part by part.
 fn by_runs<T: PartialEq>(
     of: &Verdicts,
     at: &CellsAt<T>,
@@ -116,7 +114,6 @@ fn by_runs<T: PartialEq>(
     })
 }
 
-/// Pushes a column of numbers that differ from row to row.
 pub fn push_numbers(out: &mut impl Numbers, column: &Column, of: &Verdicts) -> Result<()> {
     let (at, healthy) = match &column.cells {
         Cells::Statistic(at) => (at, Some(&of.tests.statistic)),

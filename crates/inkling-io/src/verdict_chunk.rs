@@ -1,5 +1,4 @@
-//! One column of the verdict table in a row group that is being filled; `verdict_table.rs` has one
-//! for each column.
+//! One column of the verdict table in a row group that is being filled.
 //!
 //! In: verdicts, batch by batch. Out: the column's encoded chunk, to be appended to the file. This
 //! file chooses by the column's kind which encoder of `column/` takes it; `verdict_cells.rs` does
@@ -25,7 +24,6 @@ pub enum Chunk {
 }
 
 impl Chunk {
-    /// The empty chunk of a column.
     pub fn new(
         column: &Column,
         of: ColumnDescPtr,
@@ -42,7 +40,6 @@ impl Chunk {
         }
     }
 
-    /// Appends the cells that a batch has for this column.
     pub fn push(&mut self, column: &Column, of: &Verdicts, options: &TableOptions) -> Result<()> {
         match self {
             Chunk::Runs(out) => verdict_cells::push_runs(out, column, of),
@@ -67,7 +64,6 @@ impl Chunk {
         }
     }
 
-    /// Encodes the chunk.
     pub fn close<W: Write + Send>(self, column: &Column) -> Result<Append<W>> {
         let pages = match self {
             // statistics stand where a query can skip row groups by them: time, printhead, numbers

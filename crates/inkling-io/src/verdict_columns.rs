@@ -22,7 +22,6 @@ pub struct TableOptions {
     pub recording: String,
     /// The names that the columns `fault` and `candidate` refer to; also the order of the weights.
     pub classes: Vec<String>,
-    /// The names that the column `category` refers to.
     pub categories: Vec<String>,
     pub weights: bool,
     pub timestamp_unit: TimestampUnit,
@@ -65,8 +64,7 @@ pub fn floats(options: &TableOptions) -> Encoding {
     }
 }
 
-/// The parquet crate's properties of the file, and of the one column that the crate encodes itself,
-/// the weights.
+/// The weights are the one column that the parquet crate encodes itself.
 pub fn properties(options: &TableOptions) -> WriterProperties {
     let weights = ColumnPath::new(["weights", "list", "element"].map(String::from).to_vec());
     WriterProperties::builder()

@@ -39,12 +39,10 @@ impl VerdictReader {
         VerdictReader::of_columns(path, None)
     }
 
-    /// Opens a table to read these columns only.
     pub fn open_columns(path: &Path, names: &[&str]) -> Result<VerdictReader, TableError> {
         VerdictReader::of_columns(path, Some(names))
     }
 
-    /// Opens a table to read these columns; `None`: all of them.
     fn of_columns(path: &Path, names: Option<&[&str]>) -> Result<VerdictReader, TableError> {
         let mut builder = open(path)?;
         if let Some(names) = names {
@@ -82,7 +80,6 @@ impl VerdictReader {
         &self.categories.list
     }
 
-    /// Converts a batch to verdict columns.
     fn columns(&mut self, batch: &RecordBatch) -> Result<VerdictColumns, String> {
         let mut columns = VerdictColumns::default();
         for Column { name, nullable, cells } in COLUMNS {
@@ -97,7 +94,6 @@ impl VerdictReader {
         Ok(columns)
     }
 
-    /// Reads one column into its place in `c`.
     fn read(
         &mut self,
         cells: &Cells,
@@ -146,7 +142,6 @@ pub fn document_of(path: &Path) -> serde_json::Value {
     open(path).map(|table| document(metadata_json(table.metadata()).as_deref())).unwrap_or_default()
 }
 
-/// The text of the metadata document; `None`: there is none.
 fn metadata_json(of: &ParquetMetaData) -> Option<String> {
     let entries = of.file_metadata().key_value_metadata()?;
     entries.iter().find(|entry| entry.key == METADATA_KEY)?.value.clone()
@@ -168,12 +163,10 @@ pub(super) fn open(
     undamaged(path, || ParquetFile::open(file, options))?.map_err(TableError::parquet(path))
 }
 
-/// Runs the Parquet reader.
 fn undamaged<T>(path: &Path, read: impl FnOnce() -> T) -> Result<T, TableError> {
     unpanicked(read).ok_or_else(|| TableError::damaged(path, ""))
 }
 
-/// The next rows of a table; `None`: there are no more.
 pub(super) fn next_batch(
     path: &Path,
     batches: &mut ParquetRecordBatchReader,
@@ -199,7 +192,6 @@ impl Names {
         names
     }
 
-    /// The index of a name; a new name gets the next index.
     fn key(&mut self, name: &str) -> Option<u16> {
         if let Some(&known) = self.index.get(name) {
             return Some(known);

@@ -44,8 +44,7 @@ const MOST_HELD_BYTES: usize = 128 << 20;
 pub enum TableError {
     #[error("{path}: {source}")]
     Io { path: PathBuf, source: io::Error },
-    /// The parquet crate cannot read or write the file. Its error stays the source, because a full
-    /// disk is recognised by it.
+    /// The parquet crate's error stays the source, because a full disk is recognised by it.
     #[error("{path}: {}", parquet_file::words(source))]
     Parquet { path: PathBuf, source: ParquetError },
     #[error("{path}: {what}")]
@@ -53,7 +52,6 @@ pub enum TableError {
 }
 
 impl TableError {
-    /// An error about a file's content, in words.
     pub(super) fn wrong(path: &Path, what: impl ToString) -> TableError {
         TableError::Wrong { path: path.into(), what: what.to_string() }
     }
@@ -64,12 +62,10 @@ impl TableError {
         TableError::wrong(path, what)
     }
 
-    /// The file cannot be read or written.
     pub(super) fn io(path: &Path) -> impl Fn(io::Error) -> TableError {
         |source| TableError::Io { path: path.into(), source }
     }
 
-    /// The parquet crate cannot read or write the file.
     pub(super) fn parquet(path: &Path) -> impl Fn(ParquetError) -> TableError {
         |source| TableError::Parquet { path: path.into(), source }
     }
@@ -80,10 +76,8 @@ impl TableError {
     }
 }
 
-/// The file that row groups are appended to.
 type Out = SerializedFileWriter<BufWriter<File>>;
 
-/// A verdict table that is being written.
 pub struct VerdictWriter {
     /// `None` after an append has failed, or while the file is in use here.
     file: Option<OutFile>,
@@ -98,12 +92,10 @@ pub struct VerdictWriter {
     rows: u64,
 }
 
-/// Where the file is, to which row groups are appended.
 enum OutFile {
     /// No thread writes: the file is at hand.
     Free(Box<Out>),
-    /// A thread has the file, and appends a row group that has ended, while the next one is being
-    /// filled.
+    /// A thread has the file, and appends the row group that ended last.
     Taken(JoinHandle<Result<Box<Out>, ParquetError>>),
 }
 
@@ -114,7 +106,6 @@ struct RowGroup {
 }
 
 impl VerdictWriter {
-    /// Begins a table under a provisional name beside `path`.
     pub fn create(path: &Path, options: TableOptions) -> Result<VerdictWriter, TableError> {
         let (part, file) = PartFile::create(path).map_err(TableError::io(path))?;
         let schema = Arc::new(schema(&options));
@@ -129,7 +120,6 @@ impl VerdictWriter {
         Ok(VerdictWriter { file, described, factory, part, options, group, groups, rows })
     }
 
-    /// Appends a batch of verdicts.
     pub fn write(&mut self, batch: &Verdicts) -> Result<(), TableError> {
         let path = self.path();
         let (failed, unfit) = (TableError::parquet(&path), TableError::columns(&path));
@@ -146,7 +136,6 @@ impl VerdictWriter {
                 .map_err(|e| unfit(ArrowError::InvalidArgumentError(e.to_string())))?;
         }
 
-        // is the row group full, by rows or by memory?
         group.rows += batch.len();
         self.rows += batch.len() as u64;
         let held = group.chunks.iter().map(Chunk::memory).sum::<usize>();
@@ -191,7 +180,6 @@ impl VerdictWriter {
         Ok(RowGroup { chunks: chunks.collect(), rows: 0 })
     }
 
-    /// Waits for the file until the row group before is in it.
     fn file(&mut self) -> Result<Box<Out>, ParquetError> {
         match self.file.take() {
             Some(OutFile::Free(file)) => Ok(file),
@@ -200,7 +188,6 @@ impl VerdictWriter {
         }
     }
 
-    /// Hands a full row group to a thread that encodes and appends it.
     fn end_group(&mut self, group: RowGroup) -> Result<(), ParquetError> {
         let mut file = self.file()?;
         self.part.sync_early()?;
@@ -214,7 +201,6 @@ impl VerdictWriter {
 }
 
 impl RowGroup {
-    /// Encodes the columns, side by side on `workers` threads, and appends them in order.
     fn append_to(
         self,
         file: &mut Out,
@@ -231,8 +217,7 @@ impl RowGroup {
     }
 }
 
-/// Refuses a batch whose vectors are not as long as its rows and runs say, so that a wrong batch is
-/// an error and no panic.
+/// A batch whose vectors are not as long as its rows and runs say is an error and no panic.
 fn check_lengths(batch: &Verdicts) -> Result<(), ArrowError> {
     let wrong = |what: String| Err(ArrowError::InvalidArgumentError(what));
     let (rows, lengths) = (batch.rows.len(), batch.rows.lengths());

@@ -12,12 +12,10 @@
 
 use super::bits;
 
-/// Values that are being encoded.
 #[derive(Debug)]
 pub struct Hybrid {
     /// Bits of a value, 32 at most.
     width: u8,
-    /// The pieces that are complete.
     out: Vec<u8>,
     /// The values after those of `out`, which wait to be packed.
     literals: Vec<u32>,
@@ -30,7 +28,6 @@ impl Hybrid {
     /// can announce. The parquet crate's own writer packs as many.
     const MOST_LITERALS: usize = 63 * 8;
 
-    /// Nothing yet; values will have `width` bits each.
     pub fn new(width: u8) -> Hybrid {
         Hybrid { width, out: Vec::new(), literals: Vec::new(), run: (0, 0) }
     }
@@ -61,8 +58,7 @@ impl Hybrid {
         }
     }
 
-    /// Ends the run under way. A long one is written as a run, after the values that wait; the
-    /// values of a short one join those that wait. Either way the order of values stays.
+    /// A long run is written as a run; the values of a short one join those that wait to be packed.
     fn end_run(&mut self) {
         let (value, mut times) = std::mem::take(&mut self.run);
         // Groups must be whole before a run is written. So a long run lends the values that the
@@ -86,9 +82,8 @@ impl Hybrid {
         }
     }
 
-    /// Writes the values that wait. Where they are no whole groups, the last group is filled up with zeros;
-    /// the format allows this only at the very end, so elsewhere this is called only when all groups are
-    /// whole.
+    /// Writes the values that wait. The last group may be filled up with zeros only at the very end, so
+    /// elsewhere this is called only when all groups are whole.
     fn pack(&mut self) {
         if self.literals.is_empty() {
             return;
@@ -99,7 +94,6 @@ impl Hybrid {
         bits::pack(self.literals.drain(..).map(u64::from), self.width, &mut self.out);
     }
 
-    /// The encoded values. If they end with a group, it may be filled up with zeros, which readers pass over.
     pub fn finish(mut self) -> Vec<u8> {
         self.end_run();
         self.pack();

@@ -19,7 +19,6 @@ use parquet::schema::types::ColumnDescPtr;
 /// A page is closed once it has so many rows: few enough that its values stay in the processor's cache.
 const PAGE_ROWS: u32 = 1 << 16;
 
-/// One nullable column of a row group, under way.
 #[derive(Debug)]
 pub struct NumberColumn {
     column: ColumnDescPtr,
@@ -38,7 +37,6 @@ pub struct NumberColumn {
 }
 
 impl Numbers for NumberColumn {
-    /// Only the levels learn of nulls: values hold no place for them.
     fn push_nulls(&mut self, rows: usize) -> Result<()> {
         self.levels.push(0, rows as u32); // rows of a row group at most
         self.nulls += rows as u64;
@@ -82,13 +80,11 @@ impl NumberColumn {
             + self.pages.iter().map(ClosedPage::memory).sum::<usize>()
     }
 
-    /// Counts rows that were added, and closes the page if it is full.
     fn go_on(&mut self, rows: usize) -> Result<()> {
         self.rows += rows as u32;
         if self.rows >= PAGE_ROWS { self.end_page() } else { Ok(()) }
     }
 
-    /// Encodes and compresses the page under way.
     fn end_page(&mut self) -> Result<()> {
         self.span = self.values.iter().fold(self.span, |span, &value| {
             Some(span.map_or((value, value), |(least, most)| (least.min(value), most.max(value))))
@@ -105,7 +101,6 @@ impl NumberColumn {
         Ok(())
     }
 
-    /// Encodes what is left, and gives the complete chunk with its statistics.
     pub fn close(mut self) -> Result<ColumnPages> {
         if self.rows > 0 {
             self.end_page()?;
@@ -124,8 +119,6 @@ impl NumberColumn {
     }
 }
 
-/// Appends the values in BYTE_STREAM_SPLIT: the first (lowest) bytes of all values, then all second
-/// bytes, and so on.
 fn split(values: &[f32], out: &mut Vec<u8>) {
     let from = out.len();
     out.resize(from + size_of_val(values), 0);

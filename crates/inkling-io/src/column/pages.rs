@@ -80,7 +80,6 @@ impl ClosedPage {
         })
     }
 
-    /// The page as one of the dictionary, in the form of the parquet crate.
     fn dictionary(self) -> CompressedPage {
         let ClosedPage { compressed: buf, raw_bytes, values: num_values } = self;
         let (encoding, is_sorted) = (Encoding::PLAIN, false);
@@ -90,7 +89,6 @@ impl ClosedPage {
         )
     }
 
-    /// The page as one of data, in the form of the parquet crate.
     fn data(self, encoding: Encoding) -> CompressedPage {
         let page = Page::DataPage {
             buf: self.compressed,
@@ -103,22 +101,18 @@ impl ClosedPage {
         CompressedPage::new(page, self.raw_bytes)
     }
 
-    /// Bytes held, which are those that will be written, but for the header.
     pub fn memory(&self) -> usize {
         self.compressed.len()
     }
 }
 
-/// All pages of a column chunk, which are written in this order: the dictionary, if there is one, then the
-/// data.
 pub struct ColumnPages {
     pub column: ColumnDescPtr,
     pub dictionary: Option<ClosedPage>,
     pub pages: Vec<ClosedPage>,
     /// Encoding of the data pages; a dictionary's is always PLAIN.
     pub encoding: Encoding,
-    /// What the footer says of the whole chunk (least and largest value, number of nulls); pages have none of
-    /// their own.
+    /// What the footer says of the whole chunk; pages have no statistics of their own.
     pub statistics: Option<Statistics>,
 }
 
@@ -158,7 +152,6 @@ impl ColumnPages {
             raw += at.uncompressed_size;
         }
 
-        // what the footer says of the chunk: sizes, places, encodings, statistics
         out.close()?;
         chunk = chunk
             .set_encodings(encodings)

@@ -20,7 +20,6 @@ use std::collections::HashMap;
 /// The key that stands for null in a run.
 const NULL: u32 = u32::MAX;
 
-/// One column of a row group, under way.
 #[derive(Debug)]
 pub struct RunColumn {
     column: ColumnDescPtr,
@@ -76,7 +75,6 @@ impl RunColumn {
 
     /// The key of a value (encoded PLAIN). A value that is not in the dictionary yet is added.
     pub fn key(&mut self, value: &[u8]) -> u32 {
-        // comparing with the last two keys is cheaper than hashing
         let is_it = |key: &&u32| self.dictionary.get(**key as usize).is_some_and(|v| v == value);
         if let Some(key) = self.recent.iter().find(is_it) {
             return *key;
@@ -91,7 +89,6 @@ impl RunColumn {
         key
     }
 
-    /// The next `rows` rows have the value of this key.
     pub fn push(&mut self, key: Option<u32>, rows: usize) -> Result<()> {
         match key {
             Some(key) => self.check(key)?,
@@ -101,7 +98,6 @@ impl RunColumn {
             None => {}
         }
 
-        // rows of the same key lengthen the last run
         let (next, more) = (key.unwrap_or(NULL), rows as u32); // rows of a row group at most
         match self.runs.last_mut() {
             Some(Run::Same { key, rows }) if *key == next => *rows += more,
@@ -112,8 +108,7 @@ impl RunColumn {
         Ok(())
     }
 
-    /// The next rows, one for each flag: the row has the second key where its flag is true, else
-    /// the first.
+    /// The next rows, one for each flag: the second key where it is true, else the first.
     pub fn push_either(&mut self, keys: [u32; 2], which: &[bool]) -> Result<()> {
         let Some(&first) = which.first() else { return Ok(()) };
         if which.iter().all(|&second| second == first) {
@@ -142,8 +137,7 @@ impl RunColumn {
         self.runs.len() * size_of::<Run>() + self.which.len() + self.dictionary.len() * 64
     }
 
-    /// Ends the column as Arrow data instead of a chunk: the key of each row, null where the row
-    /// is, and the dictionary's values. An Arrow dictionary array consists of these two.
+    /// Ends the column as the two parts of an Arrow dictionary array: keys by row, and values.
     pub fn keys(self) -> (Int32Array, Vec<Vec<u8>>) {
         let mut out = Int32Builder::with_capacity(self.rows as usize);
         let mut which = self.which.iter();
@@ -160,7 +154,6 @@ impl RunColumn {
         (out.finish(), self.dictionary)
     }
 
-    /// Encodes the chunk.
     pub fn close(self, statistics: bool) -> Result<ColumnPages> {
         // every key takes as many bits as the largest one, at least one bit
         let values = self.dictionary.len().max(1) as u32;
@@ -204,7 +197,6 @@ impl RunColumn {
         }
         let nullable = self.column.max_def_level() > 0;
         let keys = indices.finish();
-        // the width stands before the keys
         let encode = |out: &mut Vec<u8>| {
             out.push(width);
             out.extend(keys);
@@ -212,9 +204,8 @@ impl RunColumn {
         ClosedPage::new(nullable.then(|| levels.finish()), encode, self.rows)
     }
 
-    /// The least and the largest text in the dictionary, and how many rows are null. Values that no
-    /// row refers to count, so the bounds may be wider than the rows; readers may rely on bounds,
-    /// not on their being met.
+    /// Values that no row refers to count, so the bounds may be wider than the rows; readers may
+    /// rely on bounds, not on their being met.
     fn text_statistics(&self) -> Statistics {
         let nulls = self.runs.iter().map(|run| match *run {
             Run::Same { key: NULL, rows } => u64::from(rows),

@@ -17,13 +17,11 @@ const BLOCK: usize = 128;
 /// Parts of a block; each has its own width of bits.
 const PARTS: usize = 4;
 
-/// One column of a row group, under way.
 #[derive(Debug)]
 pub struct StepColumn {
     column: ColumnDescPtr,
     first: i64,
     last: i64,
-    /// The least and the largest number so far, for the statistics.
     span: (i64, i64),
     /// Differences that wait until they are a block.
     block: Vec<i64>,
@@ -37,7 +35,6 @@ impl Steps for StepColumn {
         // numbers between the ends of a run lie between them, so the ends suffice for the span
         let last = start.wrapping_add(step.wrapping_mul(more as i64));
         self.span = (self.span.0.min(start).min(last), self.span.1.max(start).max(last));
-        // one difference leads from the number before to this run, the others are `step`
         match self.rows {
             0 => self.first = start,
             _ => {
@@ -50,7 +47,6 @@ impl Steps for StepColumn {
 
         let mut left = more;
         while left > 0 {
-            // a whole block of equal steps is encoded at once
             if self.block.is_empty() && left >= BLOCK {
                 self.end_block_of([step; BLOCK].as_slice());
                 left -= BLOCK;
@@ -70,7 +66,6 @@ impl StepColumn {
         StepColumn { column, first: 0, last: 0, span: (i64::MAX, i64::MIN), block, blocks, rows: 0 }
     }
 
-    /// Bytes held, about.
     pub fn memory(&self) -> usize {
         self.blocks.len()
     }
@@ -114,7 +109,6 @@ impl StepColumn {
         if self.is_wide() { value } else { i64::from(value as i32) }
     }
 
-    /// Encodes the block under way if it is full; its memory is used again.
     fn end_full_block(&mut self) {
         if self.block.len() == BLOCK {
             let mut block = std::mem::take(&mut self.block);
@@ -146,8 +140,7 @@ impl StepColumn {
         self.blocks.extend(widths);
 
         for (part, width) in parts().zip(widths) {
-            // a part that is not full is filled up with zeros; parts without differences are left
-            // out
+            // a part that is not full is filled up with zeros; one without differences is left out
             let end = self.blocks.len() + BLOCK / PARTS * usize::from(width) / 8;
             bits::pack(part.iter().map(above), width, &mut self.blocks);
             self.blocks.resize(end, 0);

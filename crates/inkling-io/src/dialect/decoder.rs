@@ -27,7 +27,6 @@ pub struct Times {
     pub publish_ns: i64,
 }
 
-/// Decodes messages that dialects read.
 #[derive(Debug)]
 pub struct DialectDecoder {
     limits: Limits,
@@ -35,9 +34,8 @@ pub struct DialectDecoder {
 }
 
 /// The time that a number means, in ns since 1970. Usually whole numbers are nanoseconds and floats
-/// are seconds. Loggers also write milliseconds and microseconds, so if the usual unit gives a time
-/// over a year from the log time, the first other unit that gives a nearer one is taken; if none
-/// does, the usual unit holds. `None`: an i64 cannot hold it.
+/// are seconds. If that gives a time over a year from the log time, the first other unit that gives
+/// a nearer one is taken. `None`: an i64 cannot hold it.
 fn ns_of(number: Number, log_ns: i64) -> Option<i64> {
     let (usual, others) = match number {
         Number::Integer(_) => (1, [1_000, 1_000_000, 1_000_000_000]),
@@ -59,7 +57,6 @@ fn ns_of(number: Number, log_ns: i64) -> Option<i64> {
 const YEAR_NS: u64 = 366 * 86_400 * 1_000_000_000;
 
 impl DialectDecoder {
-    /// A decoder that refuses bursts beyond `limits` as `too_large`.
     pub fn new(limits: Limits) -> DialectDecoder {
         DialectDecoder { limits, names: PrintheadNames::default() }
     }
@@ -94,7 +91,6 @@ impl DialectDecoder {
         }
     }
 
-    /// The burst that the values of a message make, or why they make none.
     fn burst(
         &self,
         found: &mut ReadMessage,
@@ -192,10 +188,9 @@ struct ReadMessage<'a> {
 }
 
 impl ReadMessage<'_> {
-    /// What a missing value means: zero in protobuf, which leaves out fields that are zero; an
-    /// error in JSON, which leaves nothing out, and in a message that could not be decoded. (ROS
-    /// messages leave nothing out either; there only an element beyond the end of an array is
-    /// missing, and counts as zero.)
+    /// What a missing value means: zero in protobuf, which leaves out fields that are zero, and in
+    /// a ROS array that ends before the element; an error in JSON, and in a message that could not
+    /// be decoded.
     fn left_out<T>(&self, zero: T) -> Result<T, Reason> {
         match self.is_decoded && !self.plan.names_every_field() {
             true => Ok(zero),
@@ -216,12 +211,10 @@ impl ReadMessage<'_> {
         self.values.number(slot).map(Number::float).filter(|value| value.is_finite())
     }
 
-    /// Takes one number or several; none if the message has none.
     fn floats(&mut self, slot: Slot, channels: usize) -> Vec<f32> {
         self.values.take(slot).map_or(Vec::new(), |value| value.floats(channels))
     }
 
-    /// Takes the samples.
     fn samples(&mut self, most_bytes: u64) -> Result<Samples, Reason> {
         let format = self.plan.dialect.format;
         match self.values.take(Slot::Samples) {
@@ -234,7 +227,6 @@ impl ReadMessage<'_> {
     }
 }
 
-/// A number of channels or samples, or the number of a channel.
 fn count(number: Number) -> Result<u32, Reason> {
     match number.integer() {
         Some(i) if i >= 0 => u32::try_from(i).map_err(|_| Reason::TooLarge),

@@ -42,12 +42,10 @@ pub struct FieldInfo {
 }
 
 impl FieldInfo {
-    /// A field that is no list of lists.
     pub fn new(path: String, kind: Kind, list: bool, type_name: &str) -> FieldInfo {
         FieldInfo { path, kind, list, rows: None, type_name: type_name.to_owned() }
     }
 
-    /// Checks that the field can be what a slot asks for; the error says what it is and what is due.
     pub fn can_be(&self, slot: Slot) -> Result<(), String> {
         use Kind::*;
         let fits = match slot {
@@ -72,13 +70,11 @@ impl FieldInfo {
         matches!((self.kind, self.list), (Kind::Integer | Kind::Float, false))
     }
 
-    /// The type as it is shown, such as `float[]`.
     pub fn typed(&self) -> String {
         format!("{}{}", self.type_name, if self.list { "[]" } else { "" })
     }
 }
 
-/// The kinds of field that a slot takes, in words for errors.
 pub fn due(slot: Slot) -> &'static str {
     match slot {
         Slot::Samples => "bytes or an array of numbers",

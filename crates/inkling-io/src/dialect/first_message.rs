@@ -19,7 +19,6 @@ pub const MOST_MESSAGE_BYTES: usize = 1 << 20;
 /// because a number of one byte (in an array of int8) may become a float32 of four.
 const MOST_LOOKED_AT: u64 = MOST_MESSAGE_BYTES as u64 * 4;
 
-/// A field of the first message.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct ShownField {
     pub path: String,
@@ -38,13 +37,11 @@ pub struct MessageSamples {
     pub length: usize,
     /// If the field is a list of lists, how many inner lists it has.
     pub outer: Option<usize>,
-    /// The samples themselves, in the message's order.
     pub numbers: Vec<f64>,
     /// The guessed format of a field of bytes; `None` for arrays of numbers, whose type is known.
     pub format: Option<Format>,
 }
 
-/// The first message, how it is read, and its fields.
 pub struct FirstMessage<'a> {
     pub reading: Reading,
     pub message: &'a Bytes,
@@ -52,8 +49,6 @@ pub struct FirstMessage<'a> {
 }
 
 impl FirstMessage<'_> {
-    /// A field as the user is shown it: with its length if it has several elements, else with its
-    /// value.
     pub fn shown(&self, field: &FieldInfo) -> ShownField {
         let several = field.list || field.kind == Kind::Bytes;
         let samples = several.then(|| self.samples(field)).flatten();
@@ -116,7 +111,6 @@ impl FirstMessage<'_> {
         usize::try_from(n).ok().filter(|n| *n > 0)
     }
 
-    /// What the first message has at a path, as what the slot asks for.
     fn values_at(&self, path: &str, slot: Slot) -> Option<SlotValues> {
         self.reading.look(self.message, path, slot, MOST_LOOKED_AT)
     }

@@ -39,13 +39,11 @@ struct Names<'a>(&'a str, &'a str);
 
 const CHANNELS: Names =
     Names("channels n_channels num_channels channel_count nozzles rows nchannels", "");
-/// Names of the samples per channel.
 const COLUMNS: Names = Names(
     "samples_per_channel samples_per_signal n_samples num_samples sample_count columns cols n",
     "",
 );
 const FIRST: Names = Names("first_channel channel_offset first_nozzle start_channel first", "");
-/// Names of the sample period in s.
 const PERIOD: Names =
     Names("period_s sample_period_s sample_period sampling_period period dt_s dt", "");
 const RATE: Names = Names(
@@ -61,9 +59,8 @@ const TEMPERATURE: Names =
 const VOLTAGE: Names =
     Names("drive_voltage_v drive_voltage voltage_v voltage amplitude_v", "voltage volt volts");
 
-/// Proposes a dialect for a channel by its first message. `topics` are all topics that carry
-/// messages of the same kind; each must have as many parts as this one. `None`: nothing looks like
-/// bursts.
+/// `topics` are all topics that carry messages of the same kind; each must have as many parts as
+/// this one. `None`: nothing looks like bursts.
 pub fn guess(written: &ChannelDescription, message: &Bytes, topics: &[&str]) -> Option<Proposal> {
     let name = written.schema.map_or("", |schema| &schema.name);
     let own_name = name.rsplit(['.', '/']).next().unwrap_or_default();
@@ -73,7 +70,6 @@ pub fn guess(written: &ChannelDescription, message: &Bytes, topics: &[&str]) -> 
     let reading = Reading::of(written).ok()?;
     let fields = reading.fields(Some(message));
     let first = FirstMessage { reading, message, fields: &fields };
-    // the field with the most numbers is taken for the samples
     let (field, samples) = fields
         .iter()
         .filter(|field| field.can_be(Slot::Samples).is_ok())
@@ -91,7 +87,6 @@ pub fn guess(written: &ChannelDescription, message: &Bytes, topics: &[&str]) -> 
 
     let there = fields.iter().filter(|field| field.kind != Kind::Message).take(MOST_SHOWN);
     let fields = there.map(|field| first.shown(field)).collect();
-    // keys with a question mark as their value are open
     let open = |line: &str| {
         let (key, value) = line.split_once(" = ")?;
         value.starts_with(QUESTION).then(|| key.to_owned())
@@ -99,17 +94,14 @@ pub fn guess(written: &ChannelDescription, message: &Bytes, topics: &[&str]) -> 
     Some(Proposal { open: toml.lines().filter_map(open).collect(), toml, fields })
 }
 
-/// A block of settings that may fit a kind of messages, and what was seen of them.
 #[derive(Clone, Debug)]
 pub struct Proposal {
     pub toml: String,
-    /// The keys that only a person can fill in. They stand in the block with a question mark as their value.
     pub open: Vec<String>,
     /// The fields of the first message, for the user to choose from.
     pub fields: Vec<ShownField>,
 }
 
-/// A block that is being written.
 struct Guess<'a> {
     topic: &'a str,
     first: &'a FirstMessage<'a>,
@@ -172,9 +164,8 @@ impl Guess<'_> {
         }
     }
 
-    /// Writes a key; a comment with a question mark says what a person should check, another one
-    /// how the value follows from the samples. A value that nothing in the recording tells is a
-    /// question mark itself.
+    /// A question mark in a comment says what a person should check; one as the value says that
+    /// nothing in the recording tells it.
     fn say(&mut self, key: &str, value: &str, comment: &str) {
         let comment = if comment.is_empty() { String::new() } else { format!("  # {comment}") };
         let _ = writeln!(self.toml, "{key} = {value}{comment}");
@@ -267,7 +258,6 @@ impl Guess<'_> {
         lie.is_some_and(|lie| lie.channels == of.n)
     }
 
-    /// The field with one of these names, if its number divides the number of samples.
     fn divisor(&self, names: &Names, slot: Slot) -> Option<Divisor> {
         let path = find(self.first.fields, names, slot)?;
         let n = self.first.count(&path)?;
@@ -312,7 +302,6 @@ fn glob(first: &str, topics: &[&str]) -> (String, Option<usize>) {
 }
 
 impl Names<'_> {
-    /// The field with the likeliest name, by the last names of the paths.
     fn find<'f>(&self, fields: &[&'f FieldInfo]) -> Option<&'f FieldInfo> {
         let first = |is: &dyn Fn(&str) -> bool| {
             // the last name of a path is the field's own, without the messages around it
@@ -324,7 +313,6 @@ impl Names<'_> {
     }
 }
 
-/// The path of the likeliest field of such a name, among the fields that can be what the slot asks for.
 fn find(fields: &[FieldInfo], names: &Names, slot: Slot) -> Option<String> {
     let can_be = |field: &&FieldInfo| field.can_be(slot).is_ok();
     let fields: Vec<&FieldInfo> = fields.iter().filter(can_be).collect();

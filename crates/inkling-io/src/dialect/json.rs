@@ -32,8 +32,7 @@ pub fn walk(message: &[u8], wanted: &Wanted, values: &mut SlotValues) -> Result<
     }
 }
 
-/// Walks an object; `text` begins with its opening bracket. Gives the text behind its closing
-/// bracket.
+/// `text` begins with the object's opening bracket. Gives the text behind its closing bracket.
 fn object<'m>(
     text: &'m [u8],
     wanted: &Wanted,
@@ -48,7 +47,6 @@ fn object<'m>(
     Ok(members.rest)
 }
 
-/// The error for a value that is not what a dialect wants there.
 fn unfit(what: &str) -> ReadError {
     ReadError::Unfit(what.to_owned())
 }
@@ -70,7 +68,6 @@ struct Members<'m> {
 }
 
 impl<'m> Members<'m> {
-    /// `text` begins with the opening bracket.
     fn of(text: &'m [u8]) -> Members<'m> {
         let end = if text.starts_with(b"{") { b'}' } else { b']' };
         Members { rest: &text[1..], end, is_first: true }
@@ -94,7 +91,6 @@ impl<'m> Members<'m> {
         Ok(Some(Member { key, value: self.value()? }))
     }
 
-    /// Whether this byte comes next, after blanks; if so, it is passed over.
     fn passes(&mut self, byte: u8) -> bool {
         let text = self.rest.trim_ascii_start();
         let behind = text.strip_prefix(&[byte]);
@@ -121,17 +117,14 @@ impl<'m> Iterator for Members<'m> {
     }
 }
 
-/// The text that a JSON string is, without its quotes and escapes.
 fn text(quoted: &[u8]) -> Result<String, ReadError> {
     serde_json::from_slice(quoted).map_err(|_| ReadError::Malformed)
 }
 
-/// Takes the value of a wanted field, or walks into it. If a dialect wants one element of an array
-/// and the array has fewer, nothing is taken; if a dialect wants one value and there are several,
-/// the message does not fit.
+/// If a dialect wants one element of an array and the array has fewer, nothing is taken; if it
+/// wants one value and there are several, the message does not fit.
 fn take(field: &WantedField, value: &[u8], values: &mut SlotValues) -> Result<(), ReadError> {
     let name = &field.at.name;
-    // an index picks one element first
     let value = match (field.at.index, value[0]) {
         (None, _) => value,
         (Some(index), b'[') => match Members::of(value).nth(index as usize) {
@@ -228,8 +221,7 @@ fn numbers(array: &[u8], may_have_rows: bool, all: &mut Gathered) -> Result<(), 
     Ok(())
 }
 
-/// Gathers numbers with commas between them; gives how many there are. The text is known to be JSON, so
-/// commas can only stand between values here.
+/// Gives how many numbers there are. The text is known to be JSON, so commas only stand between values.
 fn row(text: &str, all: &mut Gathered) -> Result<usize, ReadError> {
     if text.trim().is_empty() {
         return Ok(0);
@@ -261,7 +253,6 @@ pub fn fields(message: &[u8]) -> Vec<FieldInfo> {
     found
 }
 
-/// Adds a value at a path to `found`, and all that is in it.
 fn list(value: &Json, path: &str, depth: usize, found: &mut Vec<FieldInfo>) {
     if found.len() >= MOST_FIELDS || depth > MOST_DEPTH {
         return;

@@ -22,10 +22,9 @@
 //! first_message
 //! ```
 //!
-//! All encodings share the middle: a schema of any encoding becomes a shape, in which paths are
-//! resolved, and all encodings find the same [`value::Value`]s in a message. So an encoding adds
-//! only two functions, one for its schemas and one that walks a message (JSON, which has no schema,
-//! one that walks and one that lists a message's fields).
+//! All encodings share the middle: a schema of any encoding becomes a shape, and all find the same
+//! [`value::Value`]s. So an encoding adds only two functions, one for its schemas and one that
+//! walks a message (for JSON, which has no schema, one that lists a message's fields).
 //!
 //! No size is taken from a message without a bound. A path that leads nowhere is an error when the
 //! recording is opened (in JSON, when its first message is read), so that nothing is judged by it.
@@ -58,7 +57,6 @@ pub struct Dialects {
     all: Arc<[CompiledDialect]>,
 }
 
-/// A dialect, and the compiled pattern that a topic must fit.
 #[derive(Debug)]
 struct CompiledDialect {
     dialect: Arc<Dialect>,
@@ -66,7 +64,6 @@ struct CompiledDialect {
 }
 
 impl Dialects {
-    /// Checks and compiles the dialects.
     pub fn new(dialects: &[Dialect]) -> Result<Dialects, String> {
         let key = |number: usize| format!("input.dialect[{number}]");
         if dialects.len() > MOST_DIALECTS {
@@ -98,7 +95,6 @@ impl Dialects {
         self.all.is_empty()
     }
 
-    /// Whether at least one dialect's pattern fits a topic.
     pub fn fit_topic(&self, topic: &str) -> bool {
         self.all.iter().any(|fitting| fitting.topic.is_match(topic))
     }
@@ -110,7 +106,6 @@ impl Dialects {
         self.all.iter().position(|of| has_schema(&of.dialect) && of.topic.is_match(topic))
     }
 
-    /// How a channel's messages are read by the dialect of this number.
     pub fn plan(&self, number: usize, written: &ChannelDescription) -> Result<Plan, String> {
         let fitting = &self.all[number];
         Plan::new(&fitting.dialect, written)
@@ -149,7 +144,6 @@ impl Dialects {
 pub struct IgnoredTopics(Vec<GlobMatcher>);
 
 impl IgnoredTopics {
-    /// Compiles the patterns; an error says what is wrong with one of them.
     pub fn new(patterns: &[String]) -> Result<IgnoredTopics, String> {
         patterns.iter().map(|pattern| matcher(pattern)).collect::<Result<_, _>>().map(IgnoredTopics)
     }

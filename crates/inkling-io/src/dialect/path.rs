@@ -15,7 +15,6 @@ const MOST_BYTES: usize = 512;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Step {
     pub name: String,
-    /// Which element, from 0; `None`: the path has no index.
     pub index: Option<u32>,
     /// The field's place among the fields of its message type, from 0, once a schema has resolved
     /// the path. JSON has no schema; there a field is known by its name alone, and this is 0.
@@ -28,7 +27,6 @@ pub struct Step {
 pub struct FieldPath(Vec<Step>);
 
 impl FieldPath {
-    /// The steps, from the message's root on.
     pub fn steps(&self) -> &[Step] {
         &self.0
     }
@@ -37,7 +35,6 @@ impl FieldPath {
 impl TryFrom<String> for FieldPath {
     type Error = String;
 
-    /// Parses a path. An error quotes it and says what is wrong.
     fn try_from(text: String) -> Result<FieldPath, String> {
         let wrong = |what: &str| {
             let text = crate::printable::cell(&text);
@@ -62,7 +59,6 @@ impl TryFrom<String> for FieldPath {
 }
 
 impl Step {
-    /// The same step with the place that a schema gave it.
     pub fn at(&self, place: usize) -> Step {
         Step { place, ..self.clone() }
     }
@@ -84,7 +80,6 @@ impl Step {
         }
     }
 
-    /// Parses a name, and perhaps a number in brackets.
     fn parse(text: &str) -> Option<Step> {
         let (name, index) = match text.split_once('[') {
             None => (text, None),

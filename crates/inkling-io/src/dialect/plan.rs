@@ -22,8 +22,7 @@ use bytes::Bytes;
 use inkling_core::burst::Format;
 use std::sync::Arc;
 
-/// A schema record of a recording: its name, its encoding (such as `protobuf`), and the schema
-/// itself.
+/// A schema record of a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Schema {
     pub name: String,
@@ -39,7 +38,6 @@ pub struct ChannelDescription<'a> {
     pub schema: Option<&'a Schema>,
 }
 
-/// How messages are encoded, and what their schema says of them.
 #[derive(Clone, Debug)]
 enum Encoding {
     Protobuf(Arc<Shape>),
@@ -72,7 +70,6 @@ impl Reading {
     /// Parses the schema of a channel; nothing is wanted of its messages yet.
     pub fn of(written: &ChannelDescription) -> Result<Reading, String> {
         let name = written.message_encoding;
-        // only JSON may be without a schema
         let schema =
             written.schema.ok_or_else(|| format!("messages of encoding {name} without a schema"));
         let ros = |flavour: Flavour, schema: &Schema| {
@@ -109,8 +106,7 @@ impl Reading {
         }
     }
 
-    /// Adds the field at a path to the wanted fields; gives a description of the field if there is
-    /// a schema, `None` in JSON.
+    /// Gives a description of the field if there is a schema, `None` in JSON.
     fn want(&mut self, path: &FieldPath, slot: Slot) -> Result<Option<FieldInfo>, String> {
         match self.encoding.shape() {
             Some(shape) => shape.want(&mut self.wanted, path, slot).map(Some),
@@ -121,7 +117,6 @@ impl Reading {
         }
     }
 
-    /// Finds the values of all wanted fields in one message.
     fn find(&self, message: &Bytes, most_bytes: u64) -> Result<SlotValues, ReadError> {
         let mut values = SlotValues::new(most_bytes);
         match &self.encoding {
@@ -134,7 +129,6 @@ impl Reading {
         Ok(values)
     }
 
-    /// The value that a message has at one path, as the slot takes it.
     pub fn look(
         &self,
         message: &Bytes,
@@ -148,7 +142,6 @@ impl Reading {
     }
 }
 
-/// A dialect resolved for one channel: everything that is needed to decode its messages.
 #[derive(Debug)]
 pub struct Plan {
     pub dialect: Arc<Dialect>,
@@ -158,7 +151,6 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Resolves a dialect's paths in a channel's schema.
     pub fn new(dialect: &Arc<Dialect>, written: &ChannelDescription) -> Result<Plan, String> {
         let mut reading = Reading::of(written)?;
         let name = name(dialect, written.topic)?;
@@ -178,8 +170,7 @@ impl Plan {
     pub fn find(&self, message: &Bytes, most_bytes: u64) -> Result<SlotValues, ReadError> {
         let mut values = self.reading.find(message, most_bytes)?;
         for number in self.dialect.numbers() {
-            // constants are values like those of the message, so that whoever reads them need not tell them
-            // apart
+            // constants are values like those of the message, so that nobody need tell them apart
             if let Source::Constant(x) = number.value {
                 values.set(number.slot, Value::Number(Number::Float(*x)));
             }
@@ -192,8 +183,7 @@ impl Plan {
         matches!(self.reading.encoding, Encoding::Json)
     }
 
-    /// Checks the paths of a JSON dialect against a message, since no schema can check them; the
-    /// error says which key is wrong.
+    /// Checks the paths of a JSON dialect against a message. The error says which key is wrong.
     pub fn check_message(&self, message: &Bytes, most_bytes: u64) -> Result<(), String> {
         if !self.names_every_field() {
             return Ok(());
@@ -224,7 +214,6 @@ impl Plan {
 }
 
 impl Key<'_, FieldPath> {
-    /// An error about a path, with the fields that exist.
     fn wrong(&self, what: &str, there: &[FieldInfo]) -> String {
         let Key { name, value, .. } = self;
         format!("{name} = \"{value}\": {what}; fields that exist: {}", listed(there))
@@ -243,8 +232,7 @@ fn check_format(format: Option<Format>, is_bytes: bool, type_name: &str) -> Resu
     }
 }
 
-/// Checks that the value which a JSON message has at a path can be what the slot takes; the error
-/// says what is wrong. It is the counterpart of `FieldInfo::can_be` for messages without a schema.
+/// The counterpart of `FieldInfo::can_be` for messages without a schema.
 fn check_value(slot: Slot, value: &Value, format: Option<Format>) -> Result<(), String> {
     let number = value.number();
     let fits = match (slot, value) {
@@ -270,7 +258,6 @@ pub(super) fn is_time(text: &str) -> bool {
     text.parse::<i64>().is_ok() || chrono::DateTime::parse_from_rfc3339(text).is_ok()
 }
 
-/// The pattern of a printhead's name with the topic's own parts put in.
 fn name(dialect: &Dialect, topic: &str) -> Result<Vec<Part>, String> {
     let parts: Vec<&str> = topic.trim_start_matches('/').split('/').collect();
     let put_in = |part: &Part| match part {

@@ -16,8 +16,7 @@ use prost::encoding::{DecodeContext, WireType, decode_key, decode_varint, skip_f
 use prost_reflect::{DescriptorPool, FieldDescriptor, Kind, MessageDescriptor};
 use std::collections::HashMap;
 
-/// The shape of the message type `name` of a FileDescriptorSet, with all types that it uses. The
-/// library panics on some sets that contradict themselves; such a set is an error here.
+/// The library panics on some sets that contradict themselves; such a set is an error here.
 pub fn shape(descriptors: &[u8], name: &str) -> Result<Shape, String> {
     let pool = unpanicked(|| DescriptorPool::decode(descriptors))
         .ok_or_else(|| format!("its schema {name} is a FileDescriptorSet that contradicts itself"))?
@@ -37,8 +36,7 @@ pub fn shape(descriptors: &[u8], name: &str) -> Result<Shape, String> {
     Ok(Shape { types })
 }
 
-/// Message types in the order of their numbers. A type has one number however often it is used, so types may
-/// contain themselves.
+/// A type has one number however often it is used, so types may contain themselves.
 #[derive(Default)]
 struct NumberedTypes {
     messages: Vec<MessageDescriptor>,
@@ -46,7 +44,6 @@ struct NumberedTypes {
 }
 
 impl NumberedTypes {
-    /// The number of a type. A type that was not met before gets the next number.
     fn number(&mut self, message: MessageDescriptor) -> usize {
         let next = self.messages.len();
         let number = *self.numbers.entry(message.full_name().to_owned()).or_insert(next);
@@ -96,14 +93,12 @@ pub fn walk(
     Walk { message, shape, values }.inside(0, message, wanted)
 }
 
-/// A message that is being walked. Wanted bytes become slices of `message` that share its memory.
 struct Walk<'m> {
     message: &'m Bytes,
     shape: &'m Shape,
     values: &'m mut SlotValues,
 }
 
-/// One occurrence of a field on the wire.
 struct WireValue<'m> {
     wire: WireType,
     /// The value's bytes, without the length that stands before them.
@@ -117,8 +112,7 @@ impl From<DecodeError> for ReadError {
 }
 
 impl Walk<'_> {
-    /// Walks the whole message, or a message within it. `number` is that of its type in the shape,
-    /// `bytes` are its bytes.
+    /// `number` is that of the message's type in the shape.
     fn inside(&mut self, number: usize, bytes: &[u8], wanted: &Wanted) -> Result<(), ReadError> {
         let fields = &self.shape.types[number].fields;
         // for each wanted field, how many elements of it came before: protobuf writes a list as a
@@ -126,7 +120,6 @@ impl Walk<'_> {
         let mut seen = vec![0u32; wanted.fields.len()];
         let mut rest = bytes;
         while !rest.is_empty() {
-            // the key tells the field's number and how long its value is; the value is cut out
             let (number, wire) = decode_key(&mut rest)?;
             let start = rest;
             skip_field(wire, number, &mut rest, DecodeContext::default())?;
@@ -146,7 +139,6 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// Takes one occurrence of a wanted field, or walks into it.
     fn take(
         &mut self,
         field: &Field,
@@ -178,7 +170,6 @@ impl Walk<'_> {
                 let text = str::from_utf8(piece.bytes).map_err(|_| ReadError::Malformed)?;
                 self.values.set(*slot, Value::Text(text.to_owned()));
             }
-            // bytes are samples or neighbours
             (Then::Take(slot), _) => {
                 let array = self.array(Element::U8, piece.bytes);
                 self.values.set(*slot, Value::Array(array));
@@ -188,8 +179,7 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// Takes one number, or the packed numbers of a list. A list may come packed or not, whatever the schema
-    /// says; readers must accept both.
+    /// A list may come packed or not, whatever the schema says; readers must accept both.
     fn numbers(
         &mut self,
         field: &Field,
@@ -214,8 +204,7 @@ impl Walk<'_> {
                 }
                 self.values.set(slot, Value::Gathered(all));
             }
-            // one number: the last one that is met, as protobuf has it, or the one that the index
-            // asks for
+            // the last number that is met, as protobuf has it, or the one that the index asks for
             (index, base) => {
                 while !bytes.is_empty() {
                     let number = next(base, &mut bytes)?;
@@ -235,7 +224,6 @@ impl Walk<'_> {
     }
 }
 
-/// How one element of a field is written on the wire.
 fn wire_type(base: Base) -> WireType {
     match base {
         Base::Number(element) if element.bytes() == 8 => WireType::SixtyFourBit,
@@ -246,7 +234,6 @@ fn wire_type(base: Base) -> WireType {
     }
 }
 
-/// Takes the next number off the front of `rest`.
 fn next(base: Base, rest: &mut &[u8]) -> Result<Number, ReadError> {
     if let Base::Number(element) = base {
         let (one, after) = rest.split_at_checked(element.bytes()).ok_or(ReadError::Malformed)?;

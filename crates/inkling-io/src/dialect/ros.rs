@@ -52,7 +52,6 @@ struct Walk<'m> {
     flavour: Flavour,
     message: &'m Bytes,
     values: &'m mut SlotValues,
-    /// The next byte that is read.
     at: usize,
     /// The byte from which alignment counts: the first one behind the encapsulation.
     origin: usize,
@@ -62,7 +61,6 @@ struct Walk<'m> {
 }
 
 impl Walk<'_> {
-    /// Walks a message whose type has this number: the whole message, or one inside it.
     fn message_of(&mut self, number: usize, wanted: &[WantedField]) -> Result<(), ReadError> {
         let of = &self.shape.types[number];
         if of.empty {
@@ -79,7 +77,6 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// Walks one field with all of its elements.
     fn field(&mut self, field: &Field, wanted: &[&WantedField]) -> Result<(), ReadError> {
         let count = match field.count {
             Count::One => 1,
@@ -116,7 +113,6 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// Walks one number, or an array of `count` numbers, which is passed over at once.
     fn numbers(
         &mut self,
         field: &Field,
@@ -150,14 +146,12 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// Keeps the value of a field that a slot takes.
     fn set(&mut self, wanted: &WantedField, value: Value) {
         if let Then::Take(slot) = wanted.then {
             self.values.set(slot, value);
         }
     }
 
-    /// A whole number of 4 bytes: a count, or the length of a text.
     fn u32(&mut self) -> Result<u32, ReadError> {
         let at = self.take(4, 4)?;
         let bytes = self.message[at].first_chunk().copied().ok_or(ReadError::Malformed)?;
@@ -177,7 +171,6 @@ impl Walk<'_> {
     /// the encoding aligns; gives their place. An error if the message ends before.
     fn take(&mut self, bytes: usize, align: usize) -> Result<Range<usize>, ReadError> {
         let align = align.min(self.widest);
-        // up to the next multiple of `align`
         let from = self.at + (self.at - self.origin).wrapping_neg() % align;
         let to = from.checked_add(bytes).filter(|to| *to <= self.message.len());
         self.at = to.ok_or(ReadError::Malformed)?;

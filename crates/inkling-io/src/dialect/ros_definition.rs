@@ -20,8 +20,7 @@ const MOST_BYTES: usize = 1 << 20;
 /// At most so many messages within messages, so that hostile text cannot overflow the stack.
 const MOST_DEPTH: usize = 64;
 
-/// Which of the two ROS the definition is of. They differ in builtin types, in alignment and in
-/// which messages take no bytes.
+/// The two ROS differ in builtin types, in alignment and in which messages take no bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Flavour {
     Ros1,
@@ -38,10 +37,8 @@ impl Flavour {
     }
 }
 
-/// The lines of each message, by the message's name.
 type LinesOfTypes<'t> = HashMap<String, Vec<&'t str>>;
 
-/// The shape of the message type `name`, with all types that it uses.
 pub fn shape(text: &[u8], name: &str, flavour: Flavour) -> Result<Shape, String> {
     if text.len() > MOST_BYTES {
         return Err(format!("its definition has {} bytes, too many", text.len()));
@@ -73,7 +70,6 @@ pub fn shape(text: &[u8], name: &str, flavour: Flavour) -> Result<Shape, String>
     Ok(Shape { types: parser.types })
 }
 
-/// The types so far.
 struct Parser<'t> {
     types: Vec<MessageType>,
     flavour: Flavour,
@@ -84,7 +80,6 @@ struct Parser<'t> {
 }
 
 impl Parser<'_> {
-    /// The number of a type.
     fn define(&mut self, name: &str, depth: usize) -> Result<usize, String> {
         match self.known.get(name) {
             Some(Some(number)) => return Ok(*number),
@@ -121,7 +116,6 @@ impl Parser<'_> {
         Ok(number)
     }
 
-    /// Parses the lines of a type and defines the types of its fields.
     fn fields(&mut self, name: &str, lines: &[&str], depth: usize) -> Result<Vec<Field>, String> {
         let mut fields = Vec::new();
         for line in lines {
@@ -158,9 +152,8 @@ fn short(name: &str) -> String {
     }
 }
 
-/// The full name of the message type that a field's type name `base` means within the message
-/// `within`. The order of the search: a type of the same package, one without a package, one of any
-/// other package.
+/// The full name that `base` means within the message `within`: a type of the same package, else
+/// one without a package, else one of any other package.
 fn resolve(base: &str, within: &str, written: &LinesOfTypes, flavour: Flavour) -> String {
     if base.contains('/') {
         return short(base);
@@ -196,7 +189,6 @@ fn builtin(name: &str, flavour: Flavour) -> Option<&'static [&'static str]> {
     })
 }
 
-/// A field as one line of a definition writes it.
 struct WrittenField<'t> {
     base: &'t str,
     count: Count,
@@ -224,7 +216,6 @@ impl<'t> WrittenField<'t> {
         if name.is_empty() {
             return Some(Err("no name"));
         }
-        // what else stands there is a default value
         let (base, count) = match type_name.split_once('[') {
             None => (type_name, Count::One),
             Some((base, count)) => match count.strip_suffix(']') {

@@ -24,7 +24,6 @@ pub struct Dialect {
     /// Name of the messages' schema; `None`: any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub schema: Option<String>,
-    /// Path to the samples: bytes, or an array of numbers.
     pub samples: FieldPath,
     /// Type of the samples where they are bytes; arrays of numbers have a type of their own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -56,8 +55,7 @@ pub struct Dialect {
     /// channels or one for each; NaN: there was no actuation before. `None`: not recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub idle: Option<Source>,
-    /// How many neighbours were actuated together with a channel, one number for all channels or one for
-    /// each; `None`: not recorded.
+    /// How many neighbours were actuated together with a channel: one number for all, or one for each.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub neighbours: Option<Source>,
 }
@@ -71,7 +69,6 @@ pub enum Source {
 }
 
 impl Source {
-    /// The default of `first_channel`.
     fn zero() -> Source {
         Source::Constant(0.0)
     }
@@ -107,8 +104,6 @@ impl TryFrom<WrittenSource> for Source {
     }
 }
 
-/// Where the time of a burst comes from: `log_time` or `publish_time` of the message in the recording, or a
-/// field.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum TimeSource {
@@ -121,7 +116,6 @@ pub enum TimeSource {
 impl TryFrom<String> for TimeSource {
     type Error = String;
 
-    /// `log_time`, `publish_time`, or else a path.
     fn try_from(text: String) -> Result<TimeSource, String> {
         match text.as_str() {
             "log_time" => Ok(TimeSource::LogTime),
@@ -149,7 +143,6 @@ pub struct Template {
     pub parts: Vec<Part>,
 }
 
-/// A piece of a printhead's pattern.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Part {
     Literal(String),
@@ -171,7 +164,6 @@ impl Template {
 impl TryFrom<String> for Template {
     type Error = String;
 
-    /// Parses a pattern: text in which each pair of braces holds `topic.N` or a path.
     fn try_from(text: String) -> Result<Template, String> {
         let (mut parts, mut rest) = (Vec::new(), text.as_str());
         while let Some((before, after)) = rest.split_once('{') {
@@ -242,8 +234,7 @@ impl Dialect {
         paths
     }
 
-    /// Checks what is wrong whatever the recording: constants out of range, and both or neither of period and
-    /// rate. The error names the key and says what to give.
+    /// Checks what is wrong whatever the recording. The error names the key and says what to give.
     pub fn check(&self) -> Result<(), String> {
         for Key { name, slot, value } in self.numbers() {
             let Source::Constant(x) = *value else { continue };
@@ -276,9 +267,8 @@ impl Dialect {
         }
     }
 
-    /// Whether every topic and schema that fits `other` also fits this dialect, so that `other`,
-    /// coming later, could never take effect. Only plain cases are noticed: equal patterns, and
-    /// patterns that fit every topic.
+    /// Whether `other`, coming later, could never take effect. Only plain cases are noticed: equal
+    /// patterns, and patterns that fit every topic.
     pub fn hides(&self, other: &Dialect) -> bool {
         let below_root = self.topic == "/**" && other.topic.starts_with('/');
         let all = self.topic == "**" || below_root;

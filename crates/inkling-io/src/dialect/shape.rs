@@ -81,8 +81,7 @@ impl Field {
 }
 
 impl Shape {
-    /// All fields with their paths, those within messages too, up to `MOST_FIELDS` fields and
-    /// `MOST_DEPTH` levels.
+    /// All fields, those within messages too, up to `MOST_FIELDS` and down to `MOST_DEPTH`.
     pub fn fields(&self) -> Vec<FieldInfo> {
         let mut found = Vec::new();
         self.list(0, "", 0, &mut found);
@@ -106,7 +105,6 @@ impl Shape {
         }
     }
 
-    /// Describes a field.
     fn info(&self, field: &Field, path: String, list: bool) -> FieldInfo {
         let kind = match field.base {
             Base::Number(Element::U8) if list => {
@@ -143,9 +141,8 @@ impl Shape {
         place.ok_or_else(|| format!("{} has no field \"{name}\"", of.name))
     }
 
-    /// Resolves a path and adds its field to the wanted fields; gives a description of the field.
-    /// An error says at which step the path ends, or why the field cannot be what the slot asks
-    /// for. A time that is a message adds its two fields instead.
+    /// The error says at which step the path ends, or why the field cannot be what the slot asks
+    /// for. Of a time that is a message its two fields are added instead.
     pub fn want(
         &self,
         wanted: &mut Wanted,
@@ -181,8 +178,7 @@ impl Shape {
         Ok(info)
     }
 
-    /// Adds the two fields of a message of seconds and nanoseconds, to which `way` leads, to the
-    /// wanted fields.
+    /// `way` leads to the message of seconds and nanoseconds.
     fn want_time(&self, wanted: &mut Wanted, way: &[Step], time: usize) -> Result<(), String> {
         let places = self.time_places(time).ok_or("is no time")?;
         for (place, slot) in places.into_iter().zip([Slot::Seconds, Slot::Nanoseconds]) {

@@ -29,7 +29,6 @@ pub enum Element {
 }
 
 impl Element {
-    /// Each type with its name in NumPy and in ROS.
     pub const NAMED: [(Element, &'static str, &'static str); 10] = [
         (Element::I8, "i1", "int8"),
         (Element::U8, "u1", "uint8"),
@@ -52,12 +51,10 @@ impl Element {
         }
     }
 
-    /// Reads the first number of `bytes`. `None`: there are fewer bytes than a number has.
     pub fn read(self, bytes: &[u8], big_endian: bool) -> Option<Number> {
         let mut eight = [0; 8];
         let of = bytes.get(..self.bytes())?;
         for (i, byte) in of.iter().enumerate() {
-            // to eight bytes, the lowest first
             eight[if big_endian { of.len() - 1 - i } else { i }] = *byte;
         }
         let bits = u64::from_le_bytes(eight);
@@ -91,7 +88,6 @@ pub enum Number {
 }
 
 impl Number {
-    /// Parses a text, as a whole number if possible. `None`: it is no number.
     pub fn parse(text: &str) -> Option<Number> {
         let whole = text.parse().map(Number::Integer);
         whole.or_else(|_| text.parse().map(Number::Float)).ok()
@@ -127,7 +123,6 @@ pub struct Gathered {
 }
 
 impl Gathered {
-    /// Begins with nothing; at most `most_bytes` bytes will be gathered.
     pub fn new(most_bytes: u64) -> Gathered {
         let most_bytes = usize::try_from(most_bytes).unwrap_or(usize::MAX);
         Gathered { bytes: Vec::new(), format: Format::S16Le, most_bytes, too_many: false }
@@ -161,7 +156,6 @@ impl Gathered {
     }
 }
 
-/// The samples in these bytes (little-endian) as numbers.
 pub fn samples(of: &[u8], format: Format) -> impl Iterator<Item = f64> {
     let element = match format {
         Format::S16Le => Element::I16,
@@ -192,7 +186,6 @@ impl Array {
         self.element.numbers(&self.bytes, self.big_endian)
     }
 
-    /// The array's numbers as samples.
     fn gathered(&self, most_bytes: u64) -> Gathered {
         let mut all = Gathered::new(most_bytes);
         self.numbers().for_each(|x| all.push(x));
@@ -200,7 +193,6 @@ impl Array {
     }
 }
 
-/// What was found at a path in a message.
 #[derive(Clone, Debug)]
 pub enum Value {
     Number(Number),
@@ -220,7 +212,6 @@ pub struct SlotValues {
 }
 
 impl SlotValues {
-    /// Begins with no values. `most_bytes` bounds the samples that are gathered.
     pub fn new(most_bytes: u64) -> SlotValues {
         SlotValues { values: BTreeMap::new(), most_bytes }
     }
@@ -229,18 +220,15 @@ impl SlotValues {
         self.values.insert(slot, value);
     }
 
-    /// Takes the value of a slot, which then has none.
     pub fn take(&mut self, slot: Slot) -> Option<Value> {
         self.values.remove(&slot)
     }
 
-    /// Takes the value of a slot as a number. `None`: there is none, or it is no number.
     pub fn number(&mut self, slot: Slot) -> Option<Number> {
         self.take(slot)?.number()
     }
 
-    /// Takes the numbers that a slot has so far, so that the caller can add further ones and set
-    /// the slot again.
+    /// Takes the numbers that a slot has so far, to be added to and set again.
     pub fn gathered(&mut self, slot: Slot) -> Gathered {
         match self.take(slot) {
             Some(Value::Gathered(all)) => all,
@@ -249,7 +237,6 @@ impl SlotValues {
         }
     }
 
-    /// Adds an array, or a further part of it, to a slot.
     pub fn append(&mut self, slot: Slot, array: Array) {
         let value = match self.values.contains_key(&slot) {
             false => Value::Array(array),
@@ -267,7 +254,6 @@ pub fn is_base64(text: &str) -> bool {
     BASE64.decode(text).is_ok()
 }
 
-/// The samples of a burst in their format.
 pub struct Samples {
     pub bytes: Bytes,
     pub format: Format,
@@ -285,9 +271,8 @@ impl Value {
         }
     }
 
-    /// The value as samples, without a copy where they lie in the message as a burst has them.
-    /// `format`: the format of samples that are bytes or base64 text; `None`: bytes are numbers of
-    /// one byte each. `None` as the result: the value cannot be samples.
+    /// The value as samples, not copied where they lie in the message as a burst has them. `format`
+    /// is that of bytes or base64 text; `None`: bytes are numbers of one byte each.
     pub fn samples(self, format: Option<Format>, most_bytes: u64) -> Option<Samples> {
         let whole = |bytes: Bytes, format| {
             let too_many = bytes.len() as u64 > most_bytes;

@@ -17,15 +17,14 @@ pub enum Slot {
     Rate,
     /// A time as one number or text.
     Time,
-    /// Whole seconds of a time that is a message of seconds and nanoseconds; the next slot has the
-    /// nanoseconds beyond them.
+    /// Whole seconds of a message of seconds and nanoseconds; the next slot has the nanoseconds.
     Seconds,
     Nanoseconds,
     Temperature,
     Voltage,
     /// s since the previous actuation.
     Idle,
-    /// How many neighbours fired with it.
+    /// How many neighbours were actuated with it.
     Neighbours,
     /// A piece of the printhead's name: the n-th path in its pattern, from 0.
     Text(u8),
@@ -44,7 +43,6 @@ pub struct Wanted {
     pub fields: Vec<WantedField>,
 }
 
-/// One step of a wanted path, and what is done where the walk meets it.
 #[derive(Clone, Debug)]
 pub struct WantedField {
     pub at: Step,
@@ -61,7 +59,6 @@ pub enum Then {
 }
 
 impl Wanted {
-    /// Adds a path, and the slot that its field fills.
     pub fn want(&mut self, path: &[Step], slot: Slot) {
         let [at, rest @ ..] = path else { return };
         if rest.is_empty() {

@@ -7,14 +7,12 @@ use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// The error that every function here returns.
 fn absent<T>() -> io::Result<T> {
     const WHAT: &str = "inkling was built without the feature object-store: cargo build --features object-store; or \
         copy it to a directory first (aws s3 sync, gcloud storage rsync, azcopy)";
     Err(io::Error::new(io::ErrorKind::Unsupported, WHAT))
 }
 
-/// An object of a store.
 #[derive(Debug)]
 pub enum Object {}
 
@@ -37,7 +35,6 @@ impl Object {
     }
 }
 
-/// Defines functions that take arguments of the given types, ignore them and return the error above.
 macro_rules! absent {
     ($($name:ident($($of:ty),*) -> $what:ty;)*) => {
         $(pub fn $name($(_: $of),*) -> io::Result<$what> {

@@ -37,9 +37,8 @@ pub use store::check;
 #[cfg(feature = "object-store")]
 pub use transfer::{fetch, list, remove, rename, send, stamp, temporary};
 
-/// Whether a path is a name in an object store, such as `s3://bucket/key`. `abfs` and `abfss`
-/// belong to Azure: they count as such names so that opening them can say how to write the name
-/// instead.
+/// `abfs` and `abfss` belong to Azure: they count as names in a store so that opening them can say
+/// how to write them.
 pub fn in_object_store(path: &Path) -> bool {
     let text = path.to_string_lossy();
     ["s3://", "s3a://", "gs://", "az://", "abfs://", "abfss://"]

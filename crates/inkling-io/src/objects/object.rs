@@ -43,9 +43,8 @@ pub struct Object {
     parts: Mutex<PartCache>,
 }
 
-/// The parts of an object that were read lately or are asked for, by their numbers in the object,
-/// from 0. This type decides which parts to ask for and which to let go of; it makes no request
-/// itself, so it can be tested without a server.
+/// The parts that were read lately or are asked for, by their numbers in the object, from 0. This
+/// type makes no request itself, so it can be tested without a server.
 #[derive(Debug, Default)]
 struct PartCache {
     parts: BTreeMap<u64, Request>,
@@ -58,10 +57,8 @@ struct PartCache {
     ahead: u64,
 }
 
-/// A request for a part, which runs in a task of its own.
 #[derive(Debug)]
 struct Request {
-    /// Ends the task.
     task: AbortHandle,
     /// Any number of readers may wait for it.
     answer: Shared<BoxFuture<'static, Answer>>,
@@ -86,21 +83,18 @@ impl Request {
 }
 
 impl Object {
-    /// Asks for the object's size and state.
     pub fn open(path: &Path) -> io::Result<Object> {
         let place = Place::of(path)?;
         let meta = runtime()?.block_on(async { place.store.head(&place.key).await });
         Ok(Object { meta: meta.map_err(failed)?, place, parts: Mutex::default() })
     }
 
-    /// The object's size and time of change when it was opened.
     pub fn stamp_then(&self) -> Stamp {
         stamp_of(&self.meta)
     }
 
-    /// The object's size and time of change now; asks the server. If the tag is another one than
-    /// when the object was opened, so is the content: then the stamp has no time, so that it
-    /// differs from the first stamp even if size and time are the same.
+    /// The stamp now; asks the server. If the tag is no longer that of the opened object, the stamp
+    /// has no time, so that it differs from the first stamp even if size and time are the same.
     pub fn stamp(&self) -> io::Result<Stamp> {
         let head = async { self.place.store.head(&self.place.key).await };
         let now = runtime()?.block_on(head).map_err(failed)?;
@@ -109,7 +103,6 @@ impl Object {
         Ok(if same { stamp } else { Stamp { modified_ns: None, ..stamp } })
     }
 
-    /// Fills `buffer` with the bytes from `offset` on.
     pub fn read_at(&self, offset: u64, buffer: &mut [u8]) -> io::Result<()> {
         let end = offset.checked_add(buffer.len() as u64).filter(|&end| end <= self.meta.size);
         let end = end.ok_or(ErrorKind::UnexpectedEof)?;
@@ -130,10 +123,9 @@ impl Object {
         Ok(())
     }
 
-    /// The bytes of one part; also asks for the parts ahead of it. It blocks until the part is here
-    /// or its last try has failed; how long tries go on is set in [`super::store`]. If the part is
-    /// let go of meanwhile, because other readers want other parts, it is asked for anew, with all
-    /// of its tries.
+    /// The bytes of one part; also asks for the parts ahead. It blocks until the part is here or
+    /// its last try has failed ([`super::store`]). If the part is let go of meanwhile for other
+    /// readers' parts, it is asked for anew, with all of its tries.
     fn part(&self, number: u64) -> io::Result<Bytes> {
         loop {
             let answer = self.asked(number)?;
@@ -161,8 +153,7 @@ impl Object {
         Ok(kept.parts[&number].answer.clone())
     }
 
-    /// Begins the request for a part, on the condition that the object still has the tag that it
-    /// had when it was opened.
+    /// Begins the request for a part, on the condition that the object's tag has not changed.
     fn ask(&self, number: u64) -> io::Result<Request> {
         let from = number * PART_BYTES;
         let to = (from + PART_BYTES).min(self.meta.size);
@@ -198,9 +189,8 @@ impl PartCache {
         number..(number + 1 + self.ahead).min(parts).max(number + 1)
     }
 
-    /// Lets go of parts until [`MOST_KEPT`] are left. First go those before part `number`, which is
-    /// being read, the furthest first (readers go forwards); then those after it, again the
-    /// furthest first. Requests that are under way are ended.
+    /// Lets go of parts until [`MOST_KEPT`] are left: first those before part `number`, which is
+    /// being read, then those after it, each the furthest first. Requests under way are ended.
     fn forget(&mut self, number: u64) {
         while self.parts.len() > MOST_KEPT {
             let before = |n: u64| number.saturating_sub(n); // 0 for those after it

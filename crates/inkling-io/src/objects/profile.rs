@@ -9,8 +9,7 @@ use std::path::PathBuf;
 /// A larger file counts as unreadable. Real ones have some kB.
 const MOST_BYTES: u64 = 1 << 20;
 
-/// What a profile says; `None` where it says nothing. It has no `Debug`, so that a secret cannot get into a
-/// message.
+/// It has no `Debug`, so that a secret cannot get into a message.
 #[derive(Clone, Default, PartialEq, Eq)]
 pub struct Profile {
     pub key: Option<String>,
@@ -37,7 +36,6 @@ impl Profile {
         profile
     }
 
-    /// Takes the keys of one section of an INI file.
     fn take(&mut self, text: &str, section: &str) {
         let mut ours = false;
         for line in text.lines().map(str::trim) {

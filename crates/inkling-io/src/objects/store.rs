@@ -31,7 +31,6 @@ const MOST_RETRIES: usize = 4;
 /// Characters of a library's error that are shown; a server may answer with a whole page.
 const MOST_WORDS: usize = 300;
 
-/// Where an object lies: a bucket's store and a key in it.
 #[derive(Clone, Debug)]
 pub struct Place {
     pub store: Arc<dyn ObjectStore>,
@@ -46,7 +45,6 @@ impl Place {
         let text = name.to_str().ok_or_else(|| wrong("its name is not UTF-8".into()))?;
         // on Windows a path that was put together has backslashes
         let text = if cfg!(windows) { text.replace('\\', "/") } else { text.to_owned() };
-        // the rest of the name is bucket and key
         let (scheme, rest) = text.split_once("://").unwrap_or_default();
         let (bucket, key) = rest.split_once('/').unwrap_or((rest, ""));
         if bucket.is_empty() {
@@ -86,18 +84,15 @@ fn store(scheme: &str, bucket: &str, root: &str) -> io::Result<Arc<dyn ObjectSto
     Ok(store)
 }
 
-/// Whether at least one of these environment variables is set and not empty.
 fn given(variables: &[&str]) -> bool {
     variables.iter().any(|name| std::env::var_os(name).is_some_and(|value| !value.is_empty()))
 }
 
-/// The error where nothing gives credentials; `remedy` is what to set.
 fn no_credentials(of: &str, remedy: &str) -> io::Error {
     let what = format!("no credentials for {of}: set {remedy}");
     io::Error::new(ErrorKind::PermissionDenied, what)
 }
 
-/// How often requests are tried, and for how long.
 fn retry() -> RetryConfig {
     RetryConfig { max_retries: MOST_RETRIES, retry_timeout: ALL_TRIES, ..RetryConfig::default() }
 }
@@ -216,8 +211,7 @@ fn azure(container: &str) -> io::Result<Arc<dyn ObjectStore>> {
     Ok(Arc::new(builder.build().map_err(failed)?))
 }
 
-/// The threads that all requests run on. Two are enough, because they only wait for the network; whoever
-/// reads blocks in a thread of its own.
+/// The threads of all requests. Two are enough, because they only wait for the network.
 pub fn runtime() -> io::Result<&'static Runtime> {
     static RUNTIME: LazyLock<io::Result<Runtime>> =
         LazyLock::new(|| Builder::new_multi_thread().worker_threads(2).enable_all().build());

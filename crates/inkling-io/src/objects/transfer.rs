@@ -13,8 +13,7 @@ use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use tokio::task::{JoinError, JoinSet};
 
-/// Bytes that one request sends: a larger object is sent in such parts (S3's multipart upload, which wants 5
-/// MiB a part at least).
+/// A larger object is sent in such parts (S3's multipart upload wants 5 MiB a part at least).
 const PART_BYTES: usize = 8 << 20;
 /// Parts on their way at once; with the bytes of a part this bounds the memory of sending.
 const MOST_PARTS: usize = 3;
@@ -23,7 +22,6 @@ pub fn stamp_of(meta: &ObjectMeta) -> Stamp {
     Stamp { bytes: meta.size, modified_ns: meta.last_modified.timestamp_nanos_opt() }
 }
 
-/// The size and the time of change of an object as it is now; asks the server.
 pub fn stamp(path: &Path) -> io::Result<Stamp> {
     let Place { store, key, .. } = Place::of(path)?;
     let meta = runtime()?.block_on(async { store.head(&key).await }).map_err(failed)?;
@@ -86,14 +84,12 @@ pub fn send(file: &File, path: &Path) -> io::Result<()> {
     })
 }
 
-/// The next bytes of a file: a whole part, fewer at its end, none behind it.
 fn next_part(file: &mut File) -> io::Result<Bytes> {
     let mut bytes = Vec::new();
     Read::by_ref(file).take(PART_BYTES as u64).read_to_end(&mut bytes)?;
     Ok(bytes.into())
 }
 
-/// Sends `first` and the rest of the file, some parts at once, and waits for all of them.
 async fn send_parts(
     upload: &mut dyn MultipartUpload,
     first: Bytes,
