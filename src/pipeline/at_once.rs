@@ -24,7 +24,6 @@ pub struct AtOnce {
     flagged: u64,
     /// The consecutive bad looks, up to the last one.
     row: Stretch,
-    /// The longest such row so far.
     longest: Stretch,
 }
 

@@ -24,7 +24,6 @@ use std::sync::{Arc, Mutex};
 /// Maximum number of rows in a batch: enough to make the cost of a queue negligible, few enough for memory.
 pub(super) const MOST_ROWS: usize = 32_768;
 
-/// The burst of an acquisition, if it can be used.
 pub(super) fn usable(acquisition: &Acquisition) -> Option<&Burst> {
     match acquisition {
         Acquisition::Usable(burst) => Some(burst),
@@ -59,10 +58,8 @@ pub struct AssignedJudge {
     pub own: Option<Arc<OwnChannels>>,
 }
 
-/// The slots of bursts whose sweep is over, each with what judges it.
 pub type AssignedJudges = Vec<(Slot, AssignedJudge)>;
 
-/// A batch for whose acquisitions the identify stage has found judges.
 #[derive(Debug)]
 pub struct AssignedBatch {
     pub read: ReadBatch,
@@ -82,7 +79,6 @@ impl AssignedBatch {
     }
 }
 
-/// A signal's detection statistics, or the reason why it has none.
 pub type Detected = Result<Detection, Reason>;
 
 /// A batch whose signals have their detection statistics.
@@ -92,17 +88,14 @@ pub struct FilteredBatch {
     pub statistic: Vec<Detected>,
 }
 
-/// A batch that went through the gate: every signal was tested, and found healthy or not.
 #[derive(Debug)]
 pub struct GatedBatch {
     pub filtered: FilteredBatch,
     pub tests: Tests,
 }
 
-/// The verdicts of a batch, ready to be written.
 #[derive(Debug, Default)]
 pub struct JudgedBatch {
-    /// As in its [`ReadBatch`].
     pub place: Place,
     pub leaves: Option<u64>,
     pub damage: Vec<Damage>,
@@ -127,7 +120,6 @@ pub struct FlaggedSignal {
     pub weights: Vec<f32>,
     /// ln damping and ln frequency of its ring, relative to the healthy model's.
     pub ring: Option<[f64; 2]>,
-    /// A description of a signal that belongs to no class, or may well belong to none.
     pub appearance: Option<Appearance>,
 }
 
@@ -143,7 +135,6 @@ impl<T: Default> BufferPool<T> {
         locked(&self.0).pop().unwrap_or_default()
     }
 
-    /// Gives a buffer back for the next taker; it is freed if enough are kept already.
     pub fn give(&self, buffer: T) {
         let mut kept = locked(&self.0);
         if kept.len() < Self::KEPT {

@@ -19,14 +19,12 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Digest of the baselines; `None`: there are none yet.
 type State = Option<String>;
 
-/// Index of the recording from which on recordings are judged. `links`: for each recording, in order, the baselines
-/// before and after it, if it was once judged; `first`: the first recording that is to be judged, or their number if
-/// none is; `now`: the baselines as they are. `None`: what is to be judged would meet baselines that other recordings
-/// have changed since. The index may be below `first`, where a run was killed before it wrote its baselines, or
-/// somebody put earlier ones back: then the chain is replayed from there.
+/// `links`: for each recording, in order, the baselines before and after it, if it was once judged; `first`: the
+/// first recording that is to be judged, or their number; `now`: the baselines as they are. `None`: what is to
+/// be judged would meet baselines that other recordings have changed since. The index may be below `first` if a
+/// run was killed before it wrote its baselines, or somebody put earlier ones back.
 pub fn resume_at(links: &[Option<Link>], first: usize, now: &State) -> Option<usize> {
     if links.iter().all(Option::is_none) {
         return Some(first); // nothing here rests on them yet
@@ -41,8 +39,7 @@ pub fn resume_at(links: &[Option<Link>], first: usize, now: &State) -> Option<us
     }
 }
 
-/// The baselines that a run from `at` on needs: those that the next judged recording met, or else those that the
-/// last one left. `None`: any.
+/// The baselines that the next judged recording met, or else the last one left. `None`: any.
 fn wanted(links: &[Option<Link>], at: usize) -> Option<&State> {
     let next = links[at..].iter().flatten().next().map(|link| &link.before);
     let last = links[..at].iter().rev().flatten().next().map(|link| &link.after);

@@ -20,7 +20,6 @@ use std::ops::Range;
 pub(super) struct ChannelStretches(pub Vec<Range<u32>>);
 
 impl ChannelStretches {
-    /// Adds a stretch of channels, joined with all those that it overlaps or touches.
     pub fn add(&mut self, channels: Range<u32>) {
         if self.hold(&channels) {
             return;
@@ -31,12 +30,10 @@ impl ChannelStretches {
         self.0.push(joined);
     }
 
-    /// Whether all of `channels` are in the set.
     pub fn hold(&self, channels: &Range<u32>) -> bool {
         self.0.iter().any(|s| s.start <= channels.start && channels.end <= s.end)
     }
 
-    /// Whether at least one of `channels` is in the set.
     pub fn overlap(&self, channels: &Range<u32>) -> bool {
         self.0.iter().any(|s| s.start < channels.end && channels.start < s.end)
     }
@@ -61,7 +58,6 @@ const MOST: u32 = 48;
 /// Maximum number of stretches that are kept apart; beyond, the holes between them count as channels.
 const MOST_STRETCHES: usize = 64;
 
-/// The channels of a printhead that were met so far, from which the subset of each turn follows.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ChannelSubset {
     pub(super) met: ChannelStretches,

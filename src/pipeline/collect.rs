@@ -30,19 +30,16 @@ const MOST_FAULTY: usize = 8_192;
 /// Maximum number of sets, one for each printhead and label.
 const MOST_SETS: usize = 512;
 
-/// Sample period, s, and samples of a burst's signals.
 fn sampling_of(burst: &Burst) -> (f64, usize) {
     (burst.sample_period_s, burst.samples_per_channel as usize)
 }
 
-/// Collects the signals of recordings by printhead and label.
 #[derive(Default)]
 pub struct Collector<'a> {
     /// `None`: every signal counts as healthy.
     labels: Option<&'a Labels>,
     rails: [f64; 2],
     sampling: Option<(f64, usize)>,
-    /// The same of the first burst of all, which may have no signal to collect.
     first: Option<(f64, usize)>,
     /// The samples of signals, by (label, printhead).
     sets: BTreeMap<(String, String), Reservoir>,
@@ -53,7 +50,6 @@ pub struct Collector<'a> {
 }
 
 impl<'a> Collector<'a> {
-    /// Begins to collect. `labels`: `None` if every signal counts as healthy; `rails`: the converter's, counts.
     pub fn new(labels: Option<&'a Labels>, rails: [f64; 2]) -> Collector<'a> {
         Collector { labels, rails, ..Collector::default() }
     }
@@ -79,8 +75,7 @@ impl<'a> Collector<'a> {
         Ok(lost.all_damage(pass.recording))
     }
 
-    /// Takes one signal, where it is to be collected. Returns what it counts under: its label, or the reason why
-    /// it was not collected. `signal`: a buffer.
+    /// Returns what the signal counts under: its label, or the reason why it was not collected.
     fn take_signal(&mut self, burst: &Burst, row: usize, signal: &mut Vec<f64>) -> &'a str {
         let beside = burst.beside(row);
         // what the labels say of this signal; without labels it is healthy
@@ -115,7 +110,6 @@ impl<'a> Collector<'a> {
         state
     }
 
-    /// Counts `n` signals under a label, or under the reason why they were not collected.
     fn count(&mut self, label: &str, n: u64) {
         match self.signals.get_mut(label) {
             Some(count) => *count += n,
@@ -152,8 +146,8 @@ impl<'a> Collector<'a> {
     }
 }
 
-/// Maximum bytes of signals that an [`Observer`] holds, as long as the first one, and maximum number of signals.
-/// The bytes never bind: even signals of 32,768 samples, the most, are `FEWEST_SIGNALS` in that many bytes.
+/// Most bytes and most signals that an [`Observer`] holds, if all signals are as long as the first. The bytes
+/// never bind: even of signals of 32,768 samples, the most, they hold `FEWEST_SIGNALS`.
 const HELD_BYTES: usize = 64 << 20;
 const MOST_SIGNALS: usize = 8192;
 /// Work per signal grows with the square of its samples: of signals longer than this fewer are held, down to
@@ -193,7 +187,6 @@ impl PeriodSignals {
     }
 }
 
-/// Collects what a critique looks at.
 #[derive(Default)]
 pub struct Observer<'a> {
     labels: Option<&'a Labels>,
@@ -208,8 +201,7 @@ pub struct Observer<'a> {
     pub whole_bursts: bool,
     /// Number of signals that cannot be used; an unusable burst counts as one.
     pub rejected: u64,
-    /// Number of signals that have another sample period than those held, or, after [`Observer::finish`], were
-    /// shorter than the common length and so were dropped.
+    /// Number of signals of another sample period or (known after [`Observer::finish`]) too short.
     pub other_sampling: u64,
     longest: usize,
     /// After [`Observer::finish`]: whether some signal was longer than what was taken of it.
@@ -217,7 +209,6 @@ pub struct Observer<'a> {
 }
 
 impl<'a> Observer<'a> {
-    /// Begins to collect. `most_samples`: how many samples of a longer signal are taken.
     pub fn new(labels: Option<&'a Labels>, rails: [f64; 2], most_samples: usize) -> Observer<'a> {
         Observer { labels, rails, most_samples, ..Observer::default() }
     }

@@ -25,22 +25,18 @@ use std::sync::Arc;
 
 const MOST_LISTED: usize = 1 << 14;
 
-/// Follows the rows of one recording, and writes the table of episodes.
 pub struct EpisodeTap<'a> {
     tracker: Tracker,
     /// Where somebody watches: a second tracker, which raises episodes at once.
     watched: Option<(&'a Watch<'a>, Tracker)>,
-    /// The table of episodes; `None`: episodes are only listed.
     table: Option<EpisodeWriter>,
     /// The models of the judges met so far, with which signals are compared, by number.
     models: BTreeMap<u16, Arc<HealthyModel>>,
     listed: Vec<Episode>,
 }
 
-/// The episodes of a recording, for the report and the summary.
 #[derive(Debug, Default)]
 pub struct EpisodeReport {
-    /// Numbers of episodes and of the signals that the trackers left out.
     pub counts: Counts,
     /// The episodes, at most `MOST_LISTED`, sorted by printhead, begin and channel.
     pub listed: Vec<Episode>,
@@ -49,8 +45,7 @@ pub struct EpisodeReport {
 }
 
 impl<'a> EpisodeTap<'a> {
-    /// A tap before the first row. `watch`: who is told at once. An error if the settings give priors of classes
-    /// that there are not.
+    /// `watch`: who is told at once. An error if the settings give priors of classes that there are not.
     pub fn create(
         replay: &Replay,
         watch: Option<&'a Watch<'a>>,
@@ -81,7 +76,6 @@ impl<'a> EpisodeTap<'a> {
         })
     }
 
-    /// Takes in a batch. What isolation says of its flagged signals is taken out of it.
     pub fn add(&mut self, judged: &mut JudgedBatch) -> Result<()> {
         for judge in &judged.judges {
             self.models.entry(judge.index).or_insert_with(|| judge.model.clone());
@@ -116,7 +110,6 @@ impl<'a> EpisodeTap<'a> {
             }
         }
 
-        // hand the bursts to the trackers, and take the episodes that ended with them
         for burst in bursts {
             self.look_at(burst, &c.printheads, &judged.own);
         }
@@ -157,8 +150,7 @@ impl<'a> EpisodeTap<'a> {
         }
     }
 
-    /// Hands a gathered burst to the trackers, and announces what it raises or ends. `printheads`: the names to
-    /// which indices refer; `own`: as in [`JudgedBatch::own`].
+    /// Announces what the burst raises or ends. `own`: as in [`JudgedBatch::own`].
     fn look_at(
         &mut self,
         burst: OpenBurst,
@@ -197,7 +189,6 @@ impl<'a> EpisodeTap<'a> {
     }
 }
 
-/// Adds episodes that have ended, or that are on at the end, to the list and to the table.
 fn list(
     listed: &mut Vec<Episode>,
     table: &mut Option<EpisodeWriter>,
@@ -211,7 +202,6 @@ fn list(
     }
 }
 
-/// A burst whose rows are being gathered.
 struct OpenBurst {
     /// What identifies the signal that would continue it.
     at: Id,

@@ -133,7 +133,6 @@ impl Run<'_> {
     }
 }
 
-/// Checks that every signal is a row, and each was either judged or rejected.
 fn check_rows(counts: &Counts, written: u64) -> Result<()> {
     let found = counts.signals;
     match counts.judged + counts.rejected.values().sum::<u64>() == found && written == found {
@@ -142,7 +141,6 @@ fn check_rows(counts: &Counts, written: u64) -> Result<()> {
     }
 }
 
-/// All damage of a recording, sorted by its place in the file.
 fn all_damage(
     recording: &Recording,
     of_scan: Vec<Damage>,
@@ -159,7 +157,6 @@ fn all_damage(
     damage
 }
 
-/// Completes the tables of episodes and verdicts, in this order. `document`, `of_episodes`: their metadata.
 fn complete_tables(
     verdicts: VerdictWriter,
     document: String,
@@ -175,7 +172,6 @@ fn complete_tables(
     })
 }
 
-/// Writes the summary, complete but not named yet, to lie beside the verdicts.
 fn complete_summary(verdicts: &Path, summary: &Document) -> Result<CompleteFile> {
     let path = summary_file::path_beside(verdicts);
     let failed = FileError::unwritten(&path);
@@ -184,8 +180,7 @@ fn complete_summary(verdicts: &Path, summary: &Document) -> Result<CompleteFile>
     Ok(part_file::completed(&path, text.as_bytes()).map_err(failed)?)
 }
 
-/// Gives the files their names. The files of an earlier run are removed before the first of these gets its
-/// name, so that tables of two runs never lie side by side.
+/// An earlier run's files are removed first, so that tables of two runs never lie side by side.
 fn name_all(files: Vec<CompleteFile>) -> Result<()> {
     let paths: Vec<PathBuf> = files.iter().map(|file| file.path().to_path_buf()).collect();
     // the last file, which says that all are there, is removed first

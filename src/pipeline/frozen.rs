@@ -5,8 +5,7 @@
 //! signals were the same bit by bit; of the oldest of the three only the *glance*, 16 bytes, is compared.
 //!
 //! Signals are not kept. Only if a glance is that of the signal before, which is rare, a weighted sum over all
-//! samples is computed, too; two different signals hardly have the same sum. The channel is frozen when two
-//! such sums in a row are equal.
+//! samples is computed, too. The channel is frozen when two such sums in a row are equal.
 
 use inkling_core::burst::Burst;
 use inkling_core::model::inner_product::dot;
@@ -23,13 +22,11 @@ pub struct Frozen {
     /// What is kept of the last signal of each row, by the first channel of the bursts: a logger divides
     /// channels into bursts always alike.
     last: HashMap<u32, Vec<LastLook>>,
-    /// Number of signals that `last` holds something of.
     watched: usize,
     channels: BTreeSet<u32>,
     sums: Sums,
 }
 
-/// Buffers for the weighted sum over a signal's samples, by which two signals are compared.
 #[derive(Debug, Default)]
 struct Sums {
     signal: Vec<f64>,
@@ -37,7 +34,6 @@ struct Sums {
     weights: Vec<f64>,
 }
 
-/// What is kept of a channel's last signal.
 #[derive(Clone, Copy, Debug, Default)]
 struct LastLook {
     t_ns: i64,
@@ -91,8 +87,7 @@ impl Frozen {
 }
 
 impl Sums {
-    /// The bits of the weighted sum of a row's samples. `None`: the row is not judged for another reason, or is
-    /// constant, which is a dead sensor line.
+    /// `None`: the row is not judged for another reason, or is constant, which is a dead sensor line.
     fn of(&mut self, burst: &Burst, row: usize, rails: [f64; 2]) -> Option<u64> {
         let samples = burst.samples_per_channel as usize;
         if self.weights.len() != samples {

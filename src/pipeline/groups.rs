@@ -6,18 +6,15 @@ use inkling_core::burst::Burst;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
-/// Identifies the signals that one model can judge.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct GroupKey {
     pub printhead: Arc<str>,
-    /// Number of samples per signal.
     pub samples: u32,
     /// ln of the sample period in s, in steps of 1e-6, so that rounding mostly changes nothing.
     period: i64,
 }
 
 impl GroupKey {
-    /// The group of a burst.
     pub fn of(burst: &Burst) -> GroupKey {
         GroupKey {
             printhead: burst.printhead.clone(),
@@ -27,8 +24,7 @@ impl GroupKey {
     }
 }
 
-/// The indices of groups in a list of those that somebody follows. A burst of the same group as the one before
-/// is found without hashing.
+/// A burst of the same group as the one before is found without hashing.
 #[derive(Debug, Default)]
 pub struct ByGroup {
     /// `None`: the group was met, and nobody follows it.
@@ -45,7 +41,6 @@ impl ByGroup {
         burst: &Burst,
         meet: impl FnOnce(&GroupKey) -> Option<usize>,
     ) -> Option<usize> {
-        // the usual case, a burst of the group before, needs no logarithm and no hash
         let period = burst.sample_period_s.to_bits();
         if let Some((key, of_period, last)) = &self.last
             && (*of_period, key.samples) == (period, burst.samples_per_channel)
@@ -68,8 +63,7 @@ impl ByGroup {
     }
 }
 
-/// What is kept of a printhead, made by `new` if it is met for the first time. `None`: it is new, and `most`
-/// printheads are kept already, which bounds memory.
+/// `None`: the printhead is new, and `most` are kept already, which bounds memory.
 pub fn of_printhead<'a, T>(
     kept: &'a mut BTreeMap<Arc<str>, T>,
     printhead: &Arc<str>,

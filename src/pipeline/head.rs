@@ -68,7 +68,6 @@ impl Judging<'_> {
 
 #[derive(Debug)]
 pub(super) struct Head {
-    /// What is known of the head and of each of its channels.
     state: State,
     /// The channels that were met before the open sweep, of which some are looked at; and the frozen ones.
     pub channels: ChannelSubset,
@@ -105,8 +104,7 @@ struct Looks {
 }
 
 impl Head {
-    /// Begins to follow a printhead at its first burst. `None`: its judge does not know enough for that
-    /// (another method than `sensitivity`, or an extension).
+    /// `None`: the judge does not know enough (another method than `sensitivity`, or an extension).
     pub fn meet(judge: &Arc<Judge>, burst: &Burst, by: &Judging) -> Option<Head> {
         let named = by.replay.design.as_ref().map(|design| design.reference_of(&burst.printhead));
         let memory = by.replay.baselines.as_ref();
@@ -179,7 +177,6 @@ impl Head {
         let own = is_remembered.then(|| self.own(by));
         let frozen = self.frozen.channels();
 
-        // the state takes the looks in; what is to be told at the end is noted
         let followed = self.state.channels.len();
         let outcome = self.state.sweep(t_ns, &looks, no_rings);
         by.room = (by.room + followed).saturating_sub(self.state.channels.len());
@@ -188,7 +185,6 @@ impl Head {
         let is_strange = matches!(outcome, SweepOutcome::Strange { .. });
         self.strange = if is_strange { self.strange.saturating_add(1) } else { 0 };
 
-        // who judges: the judge moved to the level, the judge as it was, or nobody
         let judge = match outcome {
             _ if all_frozen => Err(Reason::Frozen),
             SweepOutcome::Strange { level } if is_remembered || self.strange >= IN_A_ROW => {
@@ -208,7 +204,6 @@ impl Head {
         AssignedJudge { judge, own }
     }
 
-    /// Takes over the judge of a new window, unmoved, and finds where its ring lies from the base's.
     fn take_window(&mut self, judge: &Arc<Judge>) {
         self.judge.take(judge.clone());
         // The window's model tells where its ring is; the mean level in the window, taken instead, would add
@@ -219,13 +214,11 @@ impl Head {
         self.window_at = at.unwrap_or(self.window_at);
     }
 
-    /// Where the ring of the judge in use lies: its features from the base's ring.
     fn now_at(&self) -> Features {
         self.window_at + self.judge.by
     }
 
-    /// Looks at a subset of a sweep's channels, another one with each sweep. Frozen channels are only counted,
-    /// and signals that cannot be judged are passed over.
+    /// Frozen channels are only counted, and signals that cannot be judged are passed over.
     fn look(&mut self, sweep: &Sweep, by: &mut Judging) -> Looks {
         // `far`: whether a ring is fitted where the closed form does not tell
         let (at, judge, far) = (self.now_at(), self.judge.now.clone(), self.unknown < MOST_UNKNOWN);
@@ -261,9 +254,8 @@ impl Head {
         Looks { all_frozen: repeated > looks.len() + no_rings, rings: looks, no_rings }
     }
 
-    /// The channels' own levels, relative to the head's, and the basis by which signals are judged about them.
-    /// The basis costs time to make: it is kept until there are twice as many looks behind the scatter within
-    /// channels, or the channels' spread has changed by about a fifth.
+    /// The own levels relative to the head's. The basis costs time to make: it is kept until there are twice
+    /// as many looks behind the scatter within channels, or their spread has changed by about a fifth.
     fn own(&mut self, by: &Judging) -> (Arc<OwnBasis>, Vec<OwnLevel>) {
         let now = [self.state.looks_within(), self.state.wider()];
         let is_current =

@@ -13,14 +13,12 @@ use std::sync::Arc;
 /// Warned about is a printhead whose channels lie this many times as far from each other as the model's did.
 const MOST_SCATTER: f64 = 2.0;
 
-/// How all channels of a printhead moved together over a recording, as it is written to summary.json.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct HeadMovement {
     pub printhead: Arc<str>,
     /// Number of sweeps that were judged by a moved judge.
     pub bursts: u64,
-    /// The largest relative change of the level, each feature by itself, with its sign: 0.1 is 10 % more than
-    /// the base ring.
+    /// The largest change of the level from the base ring, with its sign: 0.1 is 10 % more.
     pub amplitude: f64,
     pub damping: f64,
     pub frequency: f64,
@@ -42,12 +40,10 @@ pub struct HeadMovement {
 }
 
 impl HeadMovement {
-    /// A printhead of which nothing is to be told yet.
     pub fn new(printhead: Arc<str>) -> HeadMovement {
         HeadMovement { printhead, scatter: 1.0, ..HeadMovement::default() }
     }
 
-    /// Whether there is anything to write to the summary.
     pub fn is_told(&self) -> bool {
         self.bursts > 0 || self.late > 0 || self.is_of_all_channels()
     }
@@ -69,7 +65,6 @@ impl HeadMovement {
         }
     }
 
-    /// Takes in how far a head's channels lie from each other in a sweep.
     pub fn note_scatter(&mut self, t_ns: i64, of: &Head) {
         self.scatter = self.scatter.max(of.wider());
         if of.surely_wider() > MOST_SCATTER {
@@ -84,7 +79,6 @@ impl HeadMovement {
         self.strange_at.get_or_insert(level.into());
     }
 
-    /// The warnings, one sentence each; none where nothing is to be warned about.
     pub fn warnings(&self, identify: &IdentifySettings) -> Vec<String> {
         let beyond = self.beyond_since_ns.map(|since_ns| {
             format!(
@@ -140,7 +134,6 @@ impl HeadMovement {
     }
 }
 
-/// A time in UTC, to the second, for warnings.
 pub(super) fn at(t_ns: i64) -> String {
     format!("{} UTC", clock(t_ns))
 }

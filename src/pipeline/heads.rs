@@ -35,7 +35,6 @@ pub struct Heads<'a> {
     judging: Judging<'a>,
 }
 
-/// A printhead that is followed, and the sweep over its channels that has not ended yet.
 #[derive(Debug)]
 struct Followed {
     /// The sweep that has not ended yet; `None`: the next burst begins one.
@@ -48,7 +47,6 @@ struct Followed {
 }
 
 impl<'a> Heads<'a> {
-    /// Begins with what is remembered of heads (`Replay::baselines`), and no burst.
     pub fn new(replay: &'a Replay) -> Heads<'a> {
         let remembered = replay.baselines.as_ref().map_or(0, Memory::channels);
         let judging = Judging {
@@ -71,8 +69,7 @@ impl<'a> Heads<'a> {
         }
     }
 
-    /// Takes a burst that was heard, and appends to `given` as [`Heads::hear`] does. `slot`: the burst's
-    /// place among those that wait; `judge`: the windows' one.
+    /// `slot`: the burst's place among those that wait; `judge`: the windows' one.
     pub fn take(
         &mut self,
         slot: Slot,
@@ -102,14 +99,12 @@ impl<'a> Heads<'a> {
         }
     }
 
-    /// Ends the recording: closes the sweeps that are still open.
     pub fn end(&mut self, given: &mut AssignedJudges) {
         for head in self.heads.iter_mut().flatten() {
             head.close(&mut self.judging, given);
         }
     }
 
-    /// Closes the sweeps that have lasted as long as one may, and tells the clock which are still open.
     fn close_overlong(&mut self, t_ns: i64, given: &mut AssignedJudges) {
         self.judging.clock.forget();
         for head in self.heads.iter_mut().flatten() {
@@ -212,9 +207,6 @@ impl Followed {
             && self.open.as_ref().is_some_and(|open| met.0.iter().all(|of| open.moment.hold(of)))
     }
 
-    /// Ends the open sweep: its bursts are judged about the level that the sweep shows, and about channels as
-    /// they were before it.
-    ///
     /// Channels that were new in the sweep are looked at from the next sweep on: whether they came before the
     /// burst that ended it depends on how a moment is divided into messages.
     fn close(&mut self, judging: &mut Judging, given: &mut AssignedJudges) {
@@ -229,7 +221,6 @@ impl Followed {
             }
         }
 
-        // judge the sweep, and only then add its channels to those that were met
         self.last = self.head.close(&sweep, judging);
         sweep.bursts().iter().for_each(|burst| self.head.channels.meet(channels(burst)));
         let last = &self.last;

@@ -9,7 +9,6 @@ use inkling_core::burst::Place;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Condvar, Mutex, PoisonError};
 
-/// What is in flight now.
 #[derive(Debug, Default)]
 struct State {
     blocks: usize,
@@ -26,7 +25,6 @@ pub struct InFlight {
     most_blocks: usize,
     most_bytes: u64,
     state: Mutex<State>,
-    /// Wakes readers that wait for room.
     changed: Condvar,
 }
 
@@ -54,7 +52,6 @@ impl InFlight {
         }
     }
 
-    /// Takes a block out, because it is written, or while it waits for later ones.
     pub fn leave(&self, bytes: u64) {
         let mut state = locked(&self.state);
         state.blocks -= 1;
@@ -69,7 +66,6 @@ impl InFlight {
         state.bytes += bytes;
     }
 
-    /// Ends all waiting for room: no block will be taken out any more.
     pub fn close(&self) {
         locked(&self.state).closed = true;
         self.changed.notify_all();
@@ -80,7 +76,6 @@ impl InFlight {
 #[derive(Debug)]
 pub struct InOrder<T> {
     waiting: BTreeMap<Place, T>,
-    /// The place whose turn it is.
     next: Place,
 }
 
@@ -89,7 +84,6 @@ impl<T> InOrder<T> {
         InOrder { waiting: BTreeMap::new(), next: Place::default() }
     }
 
-    /// Adds a batch that belongs at `place`.
     pub fn put(&mut self, place: Place, of: T) {
         self.waiting.insert(place, of);
     }
@@ -102,11 +96,9 @@ impl<T> InOrder<T> {
     }
 }
 
-/// A batch of which some bursts still wait for their judges.
 #[derive(Debug)]
 struct ParkedBatch {
     read: ReadBatch,
-    /// By acquisition, what judges it; `None`: not known yet.
     given: Vec<Option<AssignedJudge>>,
 }
 
@@ -139,8 +131,7 @@ impl<'a> ParkedBatches<'a> {
         self.waiting.push_back(ParkedBatch { read, given });
     }
 
-    /// Takes in what judges bursts that wait; drains `given`. Hands out the batches of which it is now known
-    /// what judges all their bursts.
+    /// Drains `given`. Hands out the batches of which it is now known what judges all their bursts.
     pub fn give(&mut self, given: &mut AssignedJudges) -> impl Iterator<Item = AssignedBatch> {
         for (slot, given) in given.drain(..) {
             // the batch still waits, since it needed this burst's judge

@@ -20,13 +20,11 @@ use inkling_core::isolate::Likeness;
 use inkling_core::verdict::{Appearance, Reason, Verdicts};
 use std::sync::Arc;
 
-/// The isolation of one worker, with its buffers.
 pub struct Isolator<'a> {
     settings: &'a Settings,
     pools: &'a BufferPools,
     /// Rings that were fitted to the signals of the batch at hand, and not taken yet.
     rings: Rings,
-    /// Buffers of the judge, and what it tells of the signal at hand beside the name.
     work: Workspace,
     deviations: Deviations,
 }
@@ -36,7 +34,6 @@ struct GatedBurst<'a> {
     judge: Result<&'a Judge, Reason>,
     own: Option<&'a OwnChannels>,
     statistic: &'a [Detected],
-    /// Index of its first signal among the batch's.
     first: usize,
     /// What identifies its first signal.
     id: Id,
@@ -53,7 +50,6 @@ struct Signal<'a> {
 }
 
 impl Signal<'_> {
-    /// Writes the signal per unit drive to `y`, N, counts.
     fn per_drive(&self, y: &mut Vec<f64>) {
         y.resize(self.burst.samples_per_channel as usize, 0.0);
         rings::per_drive(self.judge, self.burst, self.row, y);
@@ -126,7 +122,6 @@ impl<'a> Isolator<'a> {
         judged
     }
 
-    /// Makes the rows of one burst: of neighbouring healthy signals a run, of each other signal a row.
     fn judge_burst(&mut self, of: &GatedBurst, rows: &mut JudgedBatch) {
         // runs need nothing more, unless all signals are isolated or their rings asked for
         let isolates_all = |judge: &Judge| !self.settings.isolate.gate && judge.can_isolate();
@@ -163,7 +158,6 @@ impl<'a> Isolator<'a> {
         }
     }
 
-    /// Makes the row of one signal that was judged.
     fn judge_signal(&mut self, of: Signal, id: Id, rows: &mut JudgedBatch) {
         // 1. the name, where the judge knows classes; `work` holds what belongs to it
         self.work.forget();
@@ -202,7 +196,6 @@ impl<'a> Isolator<'a> {
     /// Names a signal's fault, where the method can: by its fitted ring (`posterior`), or by its deviation from
     /// what is expected. Results beside the name stay in `work`.
     fn isolate(&mut self, of: Signal) -> Option<Isolation> {
-        // what the judge is told beside the signal
         let Signal { burst, row, judge, .. } = of;
         let channel = burst.first_channel.saturating_add(row as u32);
         self.work.own = of.own.and_then(|own| own.of(channel));

@@ -38,7 +38,6 @@ impl Replay {
         self.design.as_ref().map(Design::class_names).unwrap_or_default()
     }
 
-    /// The design's fault classes with what they stand for; none without a design.
     pub fn fault_classes(&self) -> Vec<Class> {
         self.design.as_ref().map(Design::fault_classes).unwrap_or_default()
     }
@@ -59,7 +58,6 @@ pub struct Run<'a> {
     /// Path of the verdict table; `None`: its rows stay in memory, and episodes are only listed.
     pub verdicts: Option<&'a Path>,
     pub control: &'a Control,
-    /// Who is told while the recording is judged; `None`: nobody.
     pub watch: Option<&'a Watch<'a>>,
     /// Decides when bursts are handed on, over several passes through the recording; `None`: at once.
     pub pacer: Option<&'a Mutex<Pacer>>,
@@ -69,11 +67,9 @@ pub struct Run<'a> {
 pub struct Watch<'a> {
     /// Called when an episode was raised, or has changed.
     pub episode: &'a (dyn Fn(EpisodeEvent) + Sync),
-    /// Called with a sentence when there is something else to know.
     pub note: &'a (dyn Fn(&str) + Sync),
     /// Called with rows when they are written.
     pub rows: Option<&'a (dyn Fn(&Verdicts) + Sync)>,
-    /// With `--rotate`: how the table is closed part by part meanwhile.
     pub rotation: Option<Rotation<'a>>,
 }
 

@@ -41,13 +41,11 @@ const HELD_BYTES: usize = 64 << 20;
 /// Maximum bytes of samples in the waiting bursts of one printhead.
 const WAITING_BYTES: usize = 16 << 20;
 
-/// The learning of all groups of a recording, as far as it has come.
 #[derive(Debug)]
 pub struct Learning<'a> {
     pub(super) replay: &'a Replay,
     /// The reorder time, ns: a burst may be earlier by that much than bursts that came before it.
     reorder_ns: i64,
-    /// Number of threads that learn printheads, or read on ahead, side by side.
     pub workers: usize,
     pub schedule: Schedule<'a>,
     /// Index in `groups` by group; `None`: the group is judged without windows.
@@ -65,7 +63,6 @@ pub struct Learning<'a> {
     pub over: bool,
 }
 
-/// One group (a printhead at one sampling), as far as it is learned.
 #[derive(Debug)]
 pub(super) struct LearnedGroup {
     pub key: GroupKey,
@@ -84,7 +81,6 @@ pub(super) struct LearnedGroup {
     timeline: Timeline,
 }
 
-/// A window for which signals are still collected.
 #[derive(Debug)]
 pub(super) struct OpenWindow {
     pub window: Window,
@@ -123,7 +119,6 @@ impl<'a> Learning<'a> {
         }
     }
 
-    /// Takes the next burst of the recording, and learns from it and from the windows that are over by its time.
     pub fn take(&mut self, burst: &Burst) -> Result<()> {
         let t_ns = burst.t_acq_ns;
         self.latest_ns = self.latest_ns.max(t_ns);
@@ -133,7 +128,6 @@ impl<'a> Learning<'a> {
         if self.latest_ns >= self.due_ns { self.settle() } else { Ok(()) }
     }
 
-    /// Takes the next burst of a group that needs windows: it is learned from, or waits.
     fn take_of(&mut self, number: usize, burst: &Burst) -> Result<()> {
         let t_ns = burst.t_acq_ns;
         let group = &mut self.groups[number];
@@ -157,7 +151,6 @@ impl<'a> Learning<'a> {
         }
     }
 
-    /// Ends the recording: learns from all windows that are still open, if there are any.
     pub fn end(&mut self) -> Result<()> {
         if self.over {
             return Ok(());
@@ -177,8 +170,7 @@ impl<'a> Learning<'a> {
         self.schedule.refusals.sort_by_cached_key(order);
     }
 
-    /// The judge of a burst that was taken, or the reason why nobody judges it. `None`: that is not known yet. An
-    /// error: too many models, or a model of which no judge can be made.
+    /// `None`: that is not known yet. An error: too many models, or a model of which no judge can be made.
     pub fn judge_of(&mut self, burst: &Burst) -> Result<Option<Result<Arc<Judge>, Reason>>> {
         if !self.schedule.fits(burst) {
             self.schedule.note_sampling(burst);
@@ -231,7 +223,6 @@ impl<'a> Learning<'a> {
         })
     }
 
-    /// Learns from a burst in its turn: places the windows that begin up to it, and samples its signals.
     fn learn(&mut self, number: usize, burst: &Burst) -> Result<()> {
         let (replay, t_ns) = (self.replay, burst.t_acq_ns);
         let group = &mut self.groups[number];
@@ -268,8 +259,7 @@ impl<'a> Learning<'a> {
         }
     }
 
-    /// Places the bursts that waited long enough, learns from the windows that are over, and finds when there
-    /// is something to settle next.
+    /// Settles what is due: bursts that waited long enough, windows that are over; finds when to settle next.
     fn settle(&mut self) -> Result<()> {
         // 1. the bursts before which no earlier one can come any more
         let (latest_ns, reorder_ns) = (self.latest_ns, self.reorder_ns);

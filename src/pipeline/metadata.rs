@@ -18,11 +18,9 @@ use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
 use serde_json::{Map, Value, json};
 
-/// The metadata's document, to which the summary adds how the run went. Models are serialised directly: as JSON
-/// values, thousands of them would take much more memory.
+/// Models are serialised directly: as JSON values, thousands of them would take much more memory.
 #[derive(Serialize)]
 pub struct Document<'a> {
-    /// Everything but the models.
     #[serde(flatten)]
     pub of_run: Map<String, Value>,
     models: Vec<Model<'a>>,
@@ -83,7 +81,6 @@ pub fn of_part<'a>(
     Document { of_run, models: judges.map(model).collect() }
 }
 
-/// What the documents of recordings and of parts have in common.
 fn of(replay: &Replay, recording: Value) -> Map<String, Value> {
     let classes = replay.classes();
     let (category_names, _) = categories(&replay.fault_classes());
@@ -141,7 +138,6 @@ impl Serialize for Model<'_> {
         entry.serialize_entry("at_bounds", &id.at_bounds)?;
         entry.serialize_entry("convergence", &id.convergence)?;
         entry.serialize_entry("fit_percent", &id.fit_percent)?;
-        // number of signals and of channels that it was learned from
         entry.serialize_entry("signals", &m.n_signals)?;
         entry.serialize_entry("channels", &m.n_channels)?;
         entry.serialize_entry("threshold", &m.threshold)?;
@@ -150,7 +146,6 @@ impl Serialize for Model<'_> {
     }
 }
 
-/// A time in ns since the epoch, as RFC 3339.
 pub fn rfc3339(t_ns: i64) -> String {
     DateTime::from_timestamp_nanos(t_ns).to_rfc3339_opts(SecondsFormat::AutoSi, true)
 }

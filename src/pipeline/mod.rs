@@ -97,10 +97,8 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use thiserror::Error;
 
-/// What functions return that may fail; mostly by what ends the judging of a recording.
 type Result<T, E = PipelineError> = std::result::Result<T, E>;
 
-/// Why a recording could not be judged.
 #[derive(Debug, Error)]
 pub enum PipelineError {
     #[error(transparent)]
@@ -189,7 +187,6 @@ impl Control {
         self.stop.store(true, Ordering::Relaxed);
     }
 
-    /// Whether every stage is to end.
     pub fn interrupted(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }
@@ -210,7 +207,6 @@ impl Control {
         }
     }
 
-    /// An error if the run was interrupted.
     fn check(&self) -> Result<()> {
         if self.interrupted() { Err(PipelineError::Interrupted) } else { Ok(()) }
     }

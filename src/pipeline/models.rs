@@ -24,7 +24,6 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 
-/// Learns from what the stages read, where windows are not learned yet, and reads ahead where it must.
 #[derive(Debug)]
 pub struct Models<'a> {
     pub learning: Learning<'a>,
@@ -38,12 +37,10 @@ pub struct Models<'a> {
 }
 
 impl<'a> Models<'a> {
-    /// The models that `learning` has or will learn, of the recording of `pass`.
     pub fn new(learning: Learning<'a>, pass: Pass<'a>) -> Models<'a> {
         Models { learning, pass, position: ReadPosition::default(), seen: (0, 0), ahead: None }
     }
 
-    /// Takes the next batch of the recording, in its order, and learns from it unless that was done before.
     pub fn see(&mut self, read: &ReadBatch) -> Result<()> {
         let acquisitions = &read.batch.acquisitions;
         let before = if self.seen.0 == read.block.index { self.seen.1 } else { 0 };
@@ -83,7 +80,6 @@ impl<'a> Models<'a> {
     }
 }
 
-/// Learns from the usable bursts of a piece, in the order of their times.
 fn take(learning: &mut Learning, of: &[Acquisition]) -> Result<()> {
     let mut bursts: Vec<&Burst> = of.iter().filter_map(usable).collect();
     if !bursts.is_sorted_by_key(|burst| burst.t_acq_ns) {
@@ -92,7 +88,6 @@ fn take(learning: &mut Learning, of: &[Acquisition]) -> Result<()> {
     bursts.into_iter().try_for_each(|burst| learning.take(burst))
 }
 
-/// A position up to which a recording was read.
 #[derive(Clone, Debug, Default)]
 pub struct ReadPosition {
     /// The block that the last piece was part of; `None`: nothing was read yet.
@@ -134,7 +129,6 @@ pub struct ReadAhead<'a> {
     open: Option<LoadedBlock>,
 }
 
-/// A block that was read, with the reader that gives its pieces.
 #[derive(Debug)]
 struct LoadedBlock {
     block: Block,
@@ -156,7 +150,6 @@ impl LoadedBlock {
         self.first.take().or_else(|| self.reader.next_piece(MOST_ROWS))
     }
 
-    /// Passes over the next `n` acquisitions.
     fn skip(&mut self, mut n: usize) {
         self.taken = n;
         while n > 0
@@ -208,7 +201,6 @@ impl<'a> ReadAhead<'a> {
             }
             let Some(open) = &mut self.open else { return Ok(None) };
 
-            // hand out its next piece; at its end its reader is free for another block
             let Some(piece) = open.next_piece() else {
                 self.idle.extend(self.open.take().map(|open| open.reader));
                 continue;

@@ -22,7 +22,6 @@ const SURE_SDS: f64 = 4.0;
 
 #[derive(Debug)]
 pub(super) struct MovedJudge {
-    /// The judge as the window gave it.
     pub window: Arc<Judge>,
     /// The judge in use: the window's, or a moved one.
     pub now: Arc<Judge>,
@@ -85,7 +84,6 @@ pub(super) struct LevelHistory {
     stretches: VecDeque<Stretch>,
 }
 
-/// The levels of a sixteenth of a window's time.
 #[derive(Clone, Copy, Debug)]
 struct Stretch {
     from_ns: i64,
@@ -95,7 +93,6 @@ struct Stretch {
 }
 
 impl LevelHistory {
-    /// An empty history. `window_s`: length of a window, s (`identify.first`).
     pub(super) fn new(window_s: f64) -> LevelHistory {
         let window_ns = ((1e9 * window_s) as i64).max(STRETCHES);
         LevelHistory { window_ns, stretches: VecDeque::new() }

@@ -27,8 +27,7 @@ pub struct OwnLevels {
 }
 
 impl OwnLevels {
-    /// Judges again every signal of a batch whose channel's own level is known, and rejects those of frozen
-    /// channels. `statistic`: one entry per signal of the batch.
+    /// `statistic`: one entry per signal of the batch. Signals of frozen channels are rejected.
     pub fn judge(
         &mut self,
         batch: &AssignedBatch,

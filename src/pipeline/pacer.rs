@@ -23,7 +23,6 @@ pub struct PaceReport {
     pub behind: Duration,
 }
 
-/// The pace of one recording, over all passes through it.
 #[derive(Debug, Default)]
 pub struct Pacer {
     pace: Pace,
@@ -61,7 +60,6 @@ impl Pacer {
         Some(Duration::from_nanos(last.saturating_sub(origin).max(0) as u64))
     }
 
-    /// Waits until a batch is due. A batch that was handed on in an earlier pass is not waited for.
     pub fn wait_for(&mut self, batch: &SignalBatch, control: &Control) -> Result<()> {
         self.bursts += batch.acquisitions.len() as u64;
         let due = self.due(batch);

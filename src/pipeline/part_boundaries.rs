@@ -15,16 +15,13 @@ use std::sync::Arc;
 /// Maximum number of printheads whose times decide.
 const MOST_PRINTHEADS: usize = 1 << 16;
 
-/// When the part at hand began, which says where the next one begins.
 #[derive(Debug)]
 pub struct PartBoundaries {
-    /// Length of a part, ns of recording time.
     span_ns: i64,
     /// By printhead, t_a of its earliest burst in the part.
     first_ns: BTreeMap<Arc<str>, i64>,
 }
 
-/// The rows of a batch that belong to one part of the table.
 #[derive(Debug, PartialEq)]
 pub struct Section {
     pub parts: Vec<Part>,
@@ -38,8 +35,7 @@ impl PartBoundaries {
         PartBoundaries { span_ns, first_ns: BTreeMap::new() }
     }
 
-    /// Cuts a batch at the boundaries that lie in it. The first section, which may be empty, continues the
-    /// part at hand; each further section begins a part.
+    /// The first section, which may be empty, continues the part at hand; each further one begins a part.
     pub fn cut(&mut self, of: &Verdicts) -> Vec<Section> {
         let mut sections = Vec::new();
         let mut section = Section::empty();
@@ -82,7 +78,6 @@ impl Section {
     }
 }
 
-/// Whether a burst could not be decoded, so that only the log time of its message is known.
 fn is_undecoded(of: &Verdicts, part: &Part) -> bool {
     match part {
         Part::Healthy(_) => false,

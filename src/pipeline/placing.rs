@@ -12,7 +12,6 @@ use super::{PipelineError, Result};
 
 #[derive(Debug)]
 pub struct Placing {
-    /// Length of a window, ns.
     first_ns: i64,
     /// Time from the begin of a window to that of the next, ns; 0: there is only one window.
     every_ns: i64,
@@ -22,7 +21,6 @@ pub struct Placing {
     windows: usize,
 }
 
-/// A stretch of time without a pause.
 #[derive(Debug)]
 struct Run {
     /// Number of the last bin that held a burst; bins are spans of `every_ns` from time 0 on.
@@ -36,7 +34,6 @@ impl Placing {
         Placing { first_ns, every_ns, run: None, windows: 0 }
     }
 
-    /// The number of the bin that a time lies in; bins are as long as windows are apart.
     pub fn bin(&self, t_ns: i64) -> i64 {
         if self.every_ns > 0 { t_ns.div_euclid(self.every_ns) } else { 0 }
     }

@@ -24,7 +24,6 @@ const MOST_SCATTER: f64 = 0.5;
 /// would be found.
 const MOST_RATIO: f64 = 4.0;
 
-/// What a window adds to its printhead's timeline.
 #[derive(Debug)]
 pub enum Entry {
     /// The printhead's first window gave no model: the design's own judges until a window gives another.
@@ -33,8 +32,7 @@ pub enum Entry {
     Learned { from_ns: i64, model: Arc<HealthyModel>, reference_v: Option<f64> },
 }
 
-/// Checks that a window's signals agree with the model that was learned from them, as noise, or a mixture of
-/// healthy and faulty channels, does not. The error says why in words.
+/// Noise, or a mixture of healthy and faulty channels, does not agree. The error says why in words.
 fn agree_with(model: &HealthyModel) -> Result<(), String> {
     let fit = model.identification.fit_percent;
     // a fit that is no number is refused too
@@ -60,7 +58,6 @@ fn agree_with(model: &HealthyModel) -> Result<(), String> {
 /// Why a window gives no model, and whether that is a drift beyond the bounds of the settings.
 type NoModel = (String, bool);
 
-/// What a group's windows have given so far.
 #[derive(Debug)]
 pub struct Progress {
     /// The model from which drift is measured, and which passes on its temperature response and the tail of its
@@ -124,7 +121,6 @@ impl Progress {
         Some(Entry::Learned { from_ns, model, reference_v: self.reference_v })
     }
 
-    /// Learns a window's model from its sample, or says why it is refused.
     fn model(&mut self, replay: &Replay, sample: &Reservoir) -> Result<HealthyModel, NoModel> {
         let identify = &replay.settings.identify;
 

@@ -55,15 +55,12 @@ pub struct RecordingReport {
     pub digest: String,
     pub stamp: Stamp,
     pub tally: Tally,
-    /// All damage, sorted by its place in the file.
     pub damage: Vec<Damage>,
-    /// Healthy windows that gave no model.
     pub refusals: Vec<Refusal>,
     /// Printheads of which nothing was judged, or the recording itself, if less than half of it was.
     pub not_judged: Vec<NotJudged>,
     /// Topics that look like bursts and that nothing reads, if no dialect nearly fits them.
     pub unread: Vec<NotJudged>,
-    /// How printheads moved, for those of which there is something to tell.
     pub moved: Vec<HeadMovement>,
     /// Printheads, each with what to know about its verdicts.
     pub warnings: Vec<(Arc<str>, String)>,
@@ -92,7 +89,6 @@ impl RecordingReport {
         self.moved.iter().any(|of| *of.printhead == *printhead && of.is_of_all_channels())
     }
 
-    /// The outcome for the journal: the worst thing that happened.
     pub fn outcome(&self) -> Outcome {
         match self {
             _ if !self.not_judged.is_empty() => Outcome::NotJudged,
@@ -172,7 +168,6 @@ pub fn note_not_judged(
     report.not_judged = all;
 }
 
-/// The sentence about a topic that nobody reads.
 fn nobody_reads(of: UnreadChannel) -> NotJudged {
     let UnreadChannel { topic, schema, messages, by_dialect } = of;
     let messages = messages.map_or(String::new(), |n| format!("{n} "));
@@ -217,7 +212,6 @@ fn without_times(of: &Untimely, settings: &Settings) -> Option<NotJudged> {
     (2 * lost >= signals).then_some(NotJudged { printhead, topic: None, signals, judged, what })
 }
 
-/// The sentence about a printhead whose samples are not what they are taken for (`ring_look`).
 fn doubted((printhead, what): (String, String), tally: &Tally) -> NotJudged {
     let signals = tally.printheads.get(&*printhead).map_or(0, |head| head.signals);
     let what = format!(

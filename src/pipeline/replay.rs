@@ -30,7 +30,6 @@ use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-/// Judges one recording, and writes its verdicts to `verdicts` and the other results beside them.
 pub fn replay(
     replay: &Replay,
     recording: &Recording,
@@ -133,7 +132,6 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Judges the recording after passes that learn its models. `why`: the reason for that, for the report.
     pub fn judge_in_two_passes(&self, why: String, phases: &mut Phases) -> Result<RecordingReport> {
         let mut learning = self.learning()?;
         learning.learn_before(self.pass(), phases)?;
@@ -145,7 +143,6 @@ impl<'a> Run<'a> {
         Pass { recording: self.recording, control: self.control }
     }
 
-    /// The learning of models, before the first burst, with the design's models in its schedule.
     fn learning(&self) -> Result<Learning<'a>> {
         let reorder_ns = self.recording.disorder_ns.unwrap_or_default().max(USUAL_REORDER_NS);
         let reorder_ns = reorder_ns.min(MOST_REORDER_NS) as i64;
@@ -153,7 +150,6 @@ impl<'a> Run<'a> {
         Ok(Learning::new(self.replay, schedule, reorder_ns, self.replay.workers()))
     }
 
-    /// The reason for which windows cannot be learned while the signals flow, as far as it is known beforehand.
     fn why_two_passes(&self) -> Option<String> {
         let disorder_ns = self.recording.disorder_ns.unwrap_or_default();
         if !self.replay.knows_by_design() && disorder_ns > MOST_REORDER_NS {
@@ -191,7 +187,6 @@ const MOST_ANNOUNCED: usize = 1 << 20;
 pub struct EpisodeAnnouncer {
     /// By printhead and channel, the episodes as each was last announced.
     announced: HashMap<(Arc<str>, u32), Vec<Episode>>,
-    /// Number of episodes in `announced`, over all channels.
     number: usize,
 }
 
@@ -245,7 +240,6 @@ pub fn is_same(a: &Episode, b: &Episode) -> bool {
             || during(a, b.raised_at_ns) && during(b, a.raised_at_ns))
 }
 
-/// Category and fault that an episode is named with.
 fn name(of: &Episode) -> (Option<&str>, Option<&str>) {
     (of.category.as_deref(), of.fault.as_deref())
 }

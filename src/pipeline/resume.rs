@@ -26,10 +26,8 @@ use thiserror::Error;
 pub const TABLES_VERSION: u32 = 3;
 /// Maximum bytes of a summary that is read to learn whose it is.
 const MOST_SUMMARY_BYTES: u64 = 64 << 20;
-/// Maximum number of changed settings that are named one by one.
 const MOST_NAMED: usize = 3;
 
-/// Why a recording is judged.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum JudgeReason {
     #[error("new")]
@@ -59,7 +57,6 @@ pub enum JudgeReason {
     AfterAnother,
 }
 
-/// What is to be done with a recording.
 #[derive(Clone, Debug)]
 pub enum Decision {
     Judge(JudgeReason),
@@ -69,18 +66,13 @@ pub enum Decision {
         /// Whether the same content lies under another path or has another time of change, which is to be noted.
         moved: bool,
     },
-    /// Its results would lie where another recording's are, or where another file is; the reason in words.
     Refuse(String),
 }
 
-/// What the decisions over a batch have in common.
 pub struct Resume<'a> {
-    /// The directory of results.
     pub out: &'a Path,
     pub journal: &'a Journal,
-    /// What recordings are judged with now.
     pub means: &'a Means,
-    /// Whether `--baseline` is given.
     pub with_baselines: bool,
     pub force: bool,
     /// Compare the content, whatever the file's size and time of change say.
@@ -106,7 +98,6 @@ const WITHOUT_EFFECT: [(&str, &[&str]); 4] = [
     ("replay", &["pace", "threads"]),
 ];
 
-/// All settings but those that neither a verdict nor its summary depends on.
 pub fn effective(settings: &Settings) -> Value {
     let mut all = serde_json::to_value(settings).unwrap_or_default();
     all.as_object_mut().map(|sections| sections.remove("report"));
@@ -261,7 +252,6 @@ fn owner(entry: Option<&Arc<Entry>>, verdicts: &Path) -> Option<Source> {
     Some(Source { path: text("name")?, stamp, digest: text("digest"), ..Source::default() })
 }
 
-/// Why nothing is written where a recording's results are, in words.
 fn refusal(there: &Path, owner: Option<Source>) -> String {
     let whose = match owner {
         Some(of) => format!("the verdicts of another recording, {}", of.path),

@@ -26,7 +26,6 @@ const RINGS_WITHIN: [f64; 2] = [500.0, 2e6];
 /// Maximum number of printheads that are told of.
 const MOST_TOLD: usize = 8;
 
-/// What speaks against the layout, or else the sample period, of signals: printheads, each with a sentence.
 pub fn doubts(recording: &Recording) -> Vec<(String, String)> {
     let mut by_printhead: BTreeMap<String, Vec<Burst>> = BTreeMap::new();
     for burst in first_bursts(recording) {
@@ -39,7 +38,6 @@ pub fn doubts(recording: &Recording) -> Vec<(String, String)> {
     by_printhead.into_iter().filter_map(doubt).take(MOST_TOLD).collect()
 }
 
-/// The usable bursts at the beginning of a recording.
 fn first_bursts(recording: &Recording) -> Vec<Burst> {
     let (mut reader, mut all) = (recording.reader(), Vec::new());
     for block in recording.blocks().filter_map(Result::ok).take(MOST_BLOCKS) {
@@ -68,7 +66,6 @@ fn numbers(burst: &Burst) -> Vec<f64> {
 /// The doubt about a layout, if more than half of the bursts give it: they look like ring-downs laid out the other
 /// way, or their neighbouring samples are not alike at all.
 fn of_layout(bursts: &[Burst]) -> Option<String> {
-    // bursts that are noise as laid out, and those that look like ring-downs only if laid out the other way
     let (mut noisy, mut other_way) = (Vec::new(), Vec::new());
     for burst in bursts {
         let (all, channels) = (numbers(burst), burst.channels as usize);
@@ -107,7 +104,6 @@ fn of_layout(bursts: &[Burst]) -> Option<String> {
 fn of_period(bursts: &[Burst]) -> Option<String> {
     let burst = bursts.first()?;
     let (channels, samples) = (burst.channels as usize, burst.samples_per_channel as usize);
-    // the mean over the channels, whose noise is less than that of one
     let (mut row, mut mean) = (vec![0.0; samples], vec![0.0; samples]);
     for channel in 0..channels {
         burst.copy_signal(channel, &mut row);

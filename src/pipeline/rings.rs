@@ -13,13 +13,11 @@ use inkling_core::design::{Judge, JudgeKey};
 use inkling_core::model::ring_fit::{Fit, FitBuffers};
 use inkling_core::verdict::{Reason, unusable_signal};
 
-/// The buffers for one signal after the other.
 #[derive(Debug, Default)]
 pub(super) struct Deviations {
     pub rails: [f64; 2],
     /// The signal at hand, counts: as it was acquired, or its deviation.
     pub signal: Vec<f64>,
-    /// The expected signal, counts.
     expected: Vec<f64>,
     /// What `expected` was computed for: judge, drive and temperature, the latter two as bits.
     expected_of: Option<(JudgeKey, u64, Option<u64>)>,
@@ -31,7 +29,6 @@ impl Deviations {
         Deviations { rails, ..Deviations::default() }
     }
 
-    /// Copies a signal, counts.
     pub fn copy(&mut self, burst: &Burst, row: usize) -> &[f64] {
         self.signal.resize(burst.samples_per_channel as usize, 0.0);
         burst.copy_signal(row, &mut self.signal);
@@ -66,18 +63,15 @@ impl Deviations {
 /// The fitted rings of one batch; their memory is reused for the next.
 #[derive(Default)]
 pub struct Rings {
-    /// Buffers of the fits.
     products: FitBuffers,
     /// The fits that were not taken yet, in the order of the rows; `None`: the signal is no ring.
     pub fits: std::vec::IntoIter<Option<Fit>>,
 }
 
-/// A signal that is to be fitted.
 struct WaitingSignal<'a> {
     judge: &'a Judge,
     burst: &'a Burst,
     row: usize,
-    /// Its index among the fits.
     number: usize,
 }
 

@@ -19,25 +19,20 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Appends batches to the part at hand, and closes it when its span is over.
 pub struct PartWriter<'a> {
     rotation: Rotation<'a>,
     run: Run<'a>,
     /// As of the table.
     options: TableOptions,
-    /// Where the parts lie.
     tables: PartTables,
-    /// Says where the part at hand ends.
     boundaries: PartBoundaries,
     /// How the recording begins, as the first part noted it.
     begins: Option<Beginning>,
-    /// Number of parts that were closed.
     closed: u32,
     /// The part at hand; `None`: no row came since the last one was closed.
     open: Option<OpenPart>,
 }
 
-/// The part that is being written.
 struct OpenPart {
     writer: VerdictWriter,
     /// t_a of its earliest and of its latest burst, ns.
@@ -68,7 +63,6 @@ impl<'a> PartWriter<'a> {
         }
     }
 
-    /// Appends a batch, and closes the parts that end in it.
     pub fn write(&mut self, judged: &mut JudgedBatch) -> Result<()> {
         let sections = self.boundaries.cut(&judged.verdicts);
         // a section is written as the batch with only the section's rows listed: so no row is copied
@@ -85,7 +79,6 @@ impl<'a> PartWriter<'a> {
         Ok(())
     }
 
-    /// Appends a section of a batch to the part at hand, or begins one with it.
     fn append(&mut self, section: Section, judged: &mut JudgedBatch) -> Result<()> {
         let open = match &mut self.open {
             Some(open) => open,
@@ -105,7 +98,6 @@ impl<'a> PartWriter<'a> {
         Ok(open.writer.write(&judged.verdicts)?)
     }
 
-    /// Completes the part at hand, if there is one, and gives it its name.
     fn close(&mut self) -> Result<()> {
         let Some(OpenPart { writer, from_ns, to_ns, judges }) = self.open.take() else {
             return Ok(());
@@ -115,7 +107,6 @@ impl<'a> PartWriter<'a> {
         let failed = FileError::unwritten(&path);
         let part = ClosedPart { number, path: path.clone(), rows: writer.rows(), from_ns, to_ns };
 
-        // what the part says of itself: of which recording it is, and by which models it was judged
         let begins = match &mut self.begins {
             Some(begins) => &*begins,
             none => none.insert(Beginning::of(self.run.recording).map_err(failed)?),

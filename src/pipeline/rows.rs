@@ -21,7 +21,6 @@ pub fn intern(columns: &mut VerdictColumns, printhead: &Arc<str>) -> u32 {
     }) as u32
 }
 
-/// What identifies a signal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Id {
     /// Time of acquisition t_a, ns since the epoch.
@@ -31,9 +30,7 @@ pub struct Id {
     pub channel: u32,
 }
 
-/// What is said of a signal that was judged.
 pub struct Row<'a> {
-    /// The test that decided, its statistic and threshold.
     pub tested: Tested,
     /// Number of the model, its index in the metadata's list.
     pub model: u16,
@@ -47,7 +44,6 @@ pub struct Row<'a> {
     pub severity: Option<Severity>,
 }
 
-/// Adds the row of a signal that was rejected.
 pub fn push_rejected(columns: &mut VerdictColumns, id: Id, reason: Reason) {
     push(columns, id, Outcome::Rejected);
     columns.reason.push(Some(reason));
@@ -134,7 +130,6 @@ pub fn healthy_run(first: Id, signals: Range<usize>, judge: &Judge) -> Part {
     })
 }
 
-/// Begins a row with the columns in which no row is empty.
 fn push(columns: &mut VerdictColumns, id: Id, outcome: Outcome) {
     columns.acquired_at_ns.push(id.t_ns);
     columns.printhead.push(id.printhead);

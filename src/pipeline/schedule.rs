@@ -14,8 +14,7 @@ use inkling_core::design::{Design, HealthyModel, IsolateSettings, Judge};
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
-/// After so many new judges (or one for each group, if these are more) those that no burst asked for meanwhile
-/// are dropped.
+/// After so many new judges (or one for each group, if more) those that no burst asked for are dropped.
 const MANY_NEW: usize = 64;
 
 /// A healthy window that gave no model, and why; it stands in summary.json and is told on the terminal.
@@ -36,7 +35,6 @@ pub struct Refusal {
 pub struct Timeline(pub Vec<(i64, u16)>);
 
 impl Timeline {
-    /// Inserts a model at its place in time.
     pub fn enter(&mut self, from_ns: i64, number: u16) {
         // windows given as spans may end in any order
         let at = self.0.partition_point(|(before_ns, _)| *before_ns <= from_ns);
@@ -51,7 +49,6 @@ impl Timeline {
     }
 }
 
-/// A model of the schedule, with the judge made of it while bursts ask for it.
 #[derive(Debug)]
 struct ScheduledModel {
     model: Arc<HealthyModel>,
@@ -63,11 +60,9 @@ struct ScheduledModel {
     asked: bool,
 }
 
-/// All models of a run, with those of their judges that bursts ask for.
 #[derive(Debug)]
 pub struct Schedule<'a> {
     pub(super) design: Option<&'a Design>,
-    /// The design's model of all printheads together.
     pooled: Option<Arc<HealthyModel>>,
     settings: &'a IsolateSettings,
     /// The number of the design's own model by printhead; used for groups that need no windows.
@@ -77,8 +72,7 @@ pub struct Schedule<'a> {
     new: usize,
     /// The windows that gave no model; complete when the learning is over.
     pub refusals: Vec<Refusal>,
-    /// Sample period, s, and number of samples of the first burst of each printhead that does not fit the
-    /// design.
+    /// Sample period, s, and samples of the first burst of each printhead that does not fit the design.
     sampled_otherwise: BTreeMap<Arc<str>, (f64, u32)>,
 }
 
@@ -148,7 +142,6 @@ impl<'a> Schedule<'a> {
         Ok(new)
     }
 
-    /// The number of the design's own model of a printhead, if it has one.
     pub fn model_of(&self, printhead: &str) -> Option<u16> {
         self.by_name.get(printhead).copied()
     }
@@ -165,7 +158,6 @@ impl<'a> Schedule<'a> {
         self.design.is_none_or(|design| design.fits(burst.sample_period_s, samples))
     }
 
-    /// Remembers how the first burst of a printhead that does not fit the design is sampled.
     pub fn note_sampling(&mut self, burst: &Burst) {
         let sampled = (burst.sample_period_s, burst.samples_per_channel);
         of_printhead(&mut self.sampled_otherwise, &burst.printhead, MOST_GROUPS, || sampled);

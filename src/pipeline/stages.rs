@@ -47,7 +47,6 @@ pub struct BlockQueue<'a> {
 struct Queue {
     blocks: Blocks,
     damage: Vec<Damage>,
-    /// Hashes the file as it is read, so that it need not be read a second time.
     digester: Digester,
 }
 
@@ -108,7 +107,6 @@ pub fn read(
         let mut place = Place { block: block.index, piece: 0 };
         while let Some(piece) = reader.next_piece(pacer.as_ref().map_or(MOST_ROWS, |p| p.rows)) {
             control.check()?;
-            // the place, by block and piece, restores the recording's order later
             let batch = SignalBatch { place, acquisitions: piece.acquisitions };
             if let Some(pacer) = &mut pacer {
                 pacer.wait_for(&batch, control)?;
@@ -143,7 +141,6 @@ pub fn identify(
     let mut given = AssignedJudges::new();
     while let Some(read) = clock.receive(&input) {
         waiting.put(read.batch.place, read);
-        // several readers work, so batches arrive in any order; learning needs them in the recording's
         while let Some(read) = waiting.take(|read| read.leaves.is_some()) {
             // windows learn from the batch before the judges of its bursts are asked for
             deciding.models.see(&read)?;
@@ -229,7 +226,6 @@ pub fn filter(rails: [f64; 2], pools: &BufferPools) -> impl FnMut(AssignedBatch)
     let (mut statistics, mut levels) = (Statistics::new(rails), OwnLevels::default());
     move |assigned| {
         let mut statistic = pools.statistic.take();
-        // about the level of all channels first, then about a channel's own level, where that is known
         statistics.of(&assigned, &mut statistic);
         levels.judge(&assigned, &mut statistics, &mut statistic);
         FilteredBatch { assigned, statistic }

@@ -37,7 +37,6 @@ pub struct Statistics {
     along: Projections<3>,
     /// Projections that give the features, the phase free.
     features: Projections<4>,
-    /// Buffers: of projections, of deviations, of the f64 arithmetic, of distances from own levels, of fits.
     room: Room,
     deviations: Deviations,
     work: Workspace,
@@ -45,7 +44,6 @@ pub struct Statistics {
     products: FitBuffers,
 }
 
-/// A signal that still waits for its statistic.
 #[derive(Clone, Copy)]
 struct WaitingSignal<'a> {
     at: usize,
@@ -57,16 +55,13 @@ struct WaitingSignal<'a> {
 #[derive(Default)]
 struct LastCondition(Option<(JudgeKey, Condition)>);
 
-/// A burst to judge, with its place in the batch.
 struct PlacedBurst<'a> {
     judge: &'a Judge,
-    /// Index of its first signal in the batch.
     first: usize,
     burst: &'a Burst,
 }
 
 impl Statistics {
-    /// Empty buffers. `rails`: limits of the converter, counts.
     pub fn new(rails: [f64; 2]) -> Statistics {
         Statistics { deviations: Deviations::new(rails), ..Statistics::default() }
     }
@@ -130,10 +125,9 @@ impl Statistics {
         self.look_again(judge, unsettled, statistic);
     }
 
-    /// Computes in f64 the statistics that the lanes did not settle. With the method `sensitivity` there are
-    /// up to three steps, each for those signals for which the one before asks for more: the first look, to
-    /// first order; a fit with the phase held, for the distance along the ring; a fit with the phase free, for
-    /// the misfit beside the ring. Fits of many signals run side by side (`fit_all`).
+    /// With the method `sensitivity` there are up to three steps, each for the signals for which the one
+    /// before asks for more: a first look, to first order; a fit with the phase held, for the distance along
+    /// the ring; a fit with the phase free, for the misfit beside the ring.
     fn look_again(
         &mut self,
         judge: &Judge,

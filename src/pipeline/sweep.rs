@@ -62,7 +62,6 @@ impl SweepClock {
         self.earliest.is_some_and(|from| self.is_over(from, t_ns))
     }
 
-    /// Whether a sweep that began at this time and number of samples has lasted too long in either.
     pub fn is_over(&self, (from_ns, from_samples): (i64, u64), t_ns: i64) -> bool {
         t_ns.saturating_sub(from_ns) > MOST_NS
             || self.before.saturating_sub(from_samples) > MOST_SAMPLES
@@ -106,7 +105,6 @@ impl Sweep {
         Sweep::of(vec![(slot, burst.clone())], judge, burst.t_acq_ns, clock)
     }
 
-    /// A sweep of bursts that all lie in one moment, `t_ns`.
     fn of(bursts: Vec<(Slot, Burst)>, judge: Arc<Judge>, t_ns: i64, clock: &SweepClock) -> Sweep {
         let mut moment = ChannelStretches::default();
         bursts.iter().for_each(|(_, burst)| moment.add(channels(burst)));

@@ -22,7 +22,6 @@ pub struct Counts {
     /// Number of signals, judged or rejected, and so of rows; an unusable burst counts as one.
     pub signals: u64,
     pub judged: u64,
-    /// Rejected signals by reason.
     pub rejected: BTreeMap<&'static str, u64>,
     /// Flagged signals by class; `undecided` for those without one.
     pub faulty: BTreeMap<String, u64>,
@@ -46,7 +45,6 @@ pub struct PrintheadTally {
     known: (u32, u32),
 }
 
-/// Widens a span of time to hold `t_ns`.
 pub(super) fn widen((from_ns, to_ns): &mut (i64, i64), t_ns: i64) {
     (*from_ns, *to_ns) = (t_ns.min(*from_ns), t_ns.max(*to_ns));
 }
@@ -78,7 +76,6 @@ impl PrintheadTally {
 
 /// Maximum number of channels that are remembered one by one, over all printheads.
 const MOST_CHANNELS: usize = 1 << 20;
-/// Maximum number of printheads that are remembered by name.
 const MOST_PRINTHEADS: usize = 1 << 16;
 
 #[derive(Debug, Default)]
@@ -88,7 +85,6 @@ pub struct Tally {
     pub damage: Vec<Damage>,
     /// Names of the fault classes, to which indices in rows refer.
     classes: Vec<String>,
-    /// Number of channels remembered, over all printheads.
     remembered: usize,
 }
 

@@ -33,7 +33,6 @@ struct TemperatureRange {
 }
 
 impl TemperatureCheck {
-    /// Takes in a burst and the judge assigned to it.
     pub fn take(&mut self, judge: &Judge, burst: &Burst) {
         let Some(t) = burst.temperature_c.filter(|t| t.is_finite()) else { return };
         if judge.model.temperature_response.is_some() {
@@ -49,7 +48,6 @@ impl TemperatureCheck {
         }
     }
 
-    /// Drops the printheads whose level was followed.
     pub fn forget<'a>(&mut self, followed: impl Iterator<Item = &'a str>) {
         for printhead in followed {
             self.by_printhead.remove(printhead);

@@ -18,7 +18,6 @@ pub struct PhaseTiming {
     pub seconds: f64,
 }
 
-/// Adds up the durations of a recording's phases, and the duration of everything.
 #[derive(Debug)]
 pub struct Phases {
     started: Instant,
@@ -70,7 +69,6 @@ pub struct StageTiming {
     pub queue_fill: f64,
 }
 
-/// The timings of all stages; workers add theirs when they end.
 #[derive(Debug, Default)]
 pub struct Timings(Mutex<Vec<StageTiming>>);
 
@@ -85,7 +83,6 @@ impl Timings {
         Clock { timings: self, started: Instant::now(), of }
     }
 
-    /// The timings of the stages, with the average fill of their queues.
     pub fn stages(&self) -> Vec<StageTiming> {
         let mut stages = locked(&self.0).clone();
         for s in &mut stages {
@@ -122,7 +119,6 @@ impl Clock<'_> {
         self.blocked(|| out.send(of).is_ok())
     }
 
-    /// Runs something that waits for room, and counts its duration as blocked.
     pub fn blocked<T>(&mut self, wait: impl FnOnce() -> T) -> T {
         let from = Instant::now();
         let waited = wait();

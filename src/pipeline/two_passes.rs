@@ -23,7 +23,6 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 /// Maximum number of bins over all groups: about as many windows would be more than there are numbers (2^16).
 const MOST_BINS: usize = 1 << 18;
 
-/// What the first pass finds of the groups that need windows, by their index.
 #[derive(Default)]
 struct Survey {
     /// Times of the first and last burst in every bin that holds some ([`super::placing`]).
@@ -33,7 +32,6 @@ struct Survey {
 }
 
 impl Learning<'_> {
-    /// Learns from all windows of the recording. The time that the passes take is counted in `phases`.
     pub fn learn_before(&mut self, pass: Pass, phases: &mut Phases) -> Result<()> {
         let survey = phases.time("survey", || self.survey(pass))?;
         phases.time("windows", || {
@@ -73,7 +71,6 @@ impl Learning<'_> {
         }
     }
 
-    /// Places the windows of all groups: those of `identify.spans`, or else one that begins every so often.
     fn place_all(&mut self, survey: &Survey) -> Result<Vec<Window>> {
         let given = self.groups.iter_mut().flat_map(|group| group.open.drain(..));
         let mut windows: Vec<Window> = given.map(|open| open.window).collect();
@@ -102,7 +99,6 @@ impl Learning<'_> {
         let touches = |(&group, &(from, to)): (&usize, &(i64, i64))| {
             windows.iter().any(|w| w.group == group && from < w.to_ns && to >= w.from_ns)
         };
-        // the blocks that hold bursts of a window's group within the window's time
         let of_windows = survey.blocks.iter().filter(|(_, spans)| spans.iter().any(touches));
         let wanted: HashSet<u64> = of_windows.map(|(&block, _)| block).collect();
         let sample = |_, burst: &Burst| {

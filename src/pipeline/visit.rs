@@ -37,7 +37,6 @@ pub fn is_healthy(labels: Option<&Labels>, burst: &Burst, channel: u32) -> bool 
     })
 }
 
-/// A recording that is to be read outside the stages, and what may interrupt that.
 #[derive(Clone, Copy, Debug)]
 pub struct Pass<'a> {
     pub recording: &'a Recording,
@@ -69,8 +68,7 @@ impl Pass<'_> {
         Ok(lost)
     }
 
-    /// Calls `see` with the block index and every burst, usable or not, of the blocks that `want`
-    /// chooses by index, in file order. Returns what is damaged. `reader`: a reader of the recording.
+    /// Like [`Pass::bursts`], but `see` is also called with unusable bursts. Returns what is damaged.
     pub fn acquisitions(
         self,
         reader: &mut BlockReader,

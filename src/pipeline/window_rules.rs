@@ -88,7 +88,6 @@ impl Replay {
     }
 }
 
-/// Says how a recording's models came to be.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Identified {
     pub how: ModelSource,
@@ -97,7 +96,6 @@ pub struct Identified {
     pub why: Option<String>,
 }
 
-/// How the models of a recording came to be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ModelSource {

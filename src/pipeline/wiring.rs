@@ -1,5 +1,4 @@
-//! Runs the six stages side by side: starts their threads, connects them by bounded queues, and gathers their
-//! results.
+//! Runs the six stages side by side: starts threads, connects them by bounded queues, gathers their results.
 //!
 //! In: a run ([`Run`]) and the models, learned before or to be learned on the way ([`Models`]), from `replay`.
 //! Out: [`StageResults`], from which `finish` makes the report and completes the files.
@@ -34,7 +33,6 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::Ordering;
 use std::thread::{self, Scope, ScopedJoinHandle};
 
-/// Maximum number of batches in the queue between two stages.
 const QUEUE: usize = 4;
 /// Maximum number of blocks between reader and writer, per worker of a parallel stage: one at work, one
 /// waiting. More would only be further from the processor's caches.
@@ -116,7 +114,6 @@ impl Run<'_> {
         let in_flight = InFlight::new(BLOCKS_PER_WORKER * (readers + 2 * workers), MOST_BYTES);
         let queue = BlockQueue::new(recording, &in_flight, control);
         let (timings, pools) = (Timings::default(), BufferPools::default());
-        // listed in this order
         let names = ["reader", "identify", "filter", "gate", "isolate", "writer"];
         names.iter().for_each(|stage| timings.expect(stage));
         control.bytes_read.store(0, Ordering::Relaxed);
@@ -184,7 +181,6 @@ impl Run<'_> {
     }
 }
 
-/// The verdicts of a recording, in a file or in memory.
 pub enum Table {
     File(VerdictWriter),
     Arrays(VerdictArrays),
@@ -208,7 +204,6 @@ impl Table {
     }
 }
 
-/// What the writer stage appends to.
 struct Tables<'a> {
     episodes: EpisodeTap<'a>,
     table: Table,
@@ -217,8 +212,7 @@ struct Tables<'a> {
 }
 
 impl Tables<'_> {
-    /// Appends a batch to all tables. Episodes come first: they take what isolation says of flagged signals
-    /// out of the batch.
+    /// Episodes come first: they take what isolation says of flagged signals out of the batch.
     fn write(&mut self, judged: &mut JudgedBatch) -> Result<()> {
         if judged.verdicts.is_empty() {
             return Ok(());
@@ -235,7 +229,6 @@ impl Tables<'_> {
     }
 }
 
-/// The threads of the stages that were started, with their stages' names.
 struct RunningStages<'scope, 'env> {
     scope: &'scope Scope<'scope, 'env>,
     timings: &'scope Timings,
@@ -262,8 +255,7 @@ impl<'scope> RunningStages<'scope, '_> {
         self.stages.push((stage, self.scope.spawn(thread)));
     }
 
-    /// Starts the workers of a stage that turns each batch into one of the next stage by itself; `turn` makes
-    /// what turns them. Returns the queue of the turned batches.
+    /// `turn` makes what turns batches into those of the next stage. Returns the queue of the turned batches.
     fn start_each<A, B, T>(
         &mut self,
         stage: &'static str,
