@@ -1,9 +1,8 @@
 //! Whether the selected model is enough: tests of what it leaves, most of them made without the catalogue.
 //!
-//! In: the selected model with its causes, and what was found in codes and noise. Out: [`Adequacy`]: what is
-//! still significant, in words, what share of the misfit that is, and how large a share is allowed. The share
-//! is L / (L + E), where L is the largest statistic of what is still significant, and E the sum of the
-//! statistics of all that was found.
+//! In: the selected model with its causes, and what was found in codes and noise. Out: [`Adequacy`], which
+//! says in words what is still significant. Its share of the misfit is L / (L + E), where L is the largest
+//! statistic of what is still significant, and E the sum of the statistics of all that was found.
 //!
 //! Every test must be so surprising that all tests of its kind together pass by chance once in 1000
 //! (`without_a_name`). Where statistics of tests do not compare, twice the surprise stands for the statistic.
@@ -28,8 +27,7 @@ pub struct Adequacy {
     pub mentioned: Vec<CauseId>,
 }
 
-/// Tests what is left: odd signals, missing codes, rivals and free shapes of the mean, parameters that follow
-/// covariates, and the candidates that passed but were not named. `setting`: as of the selection.
+/// Tests what is left of the misfit. `setting`: as of the selection.
 pub fn check(selected: &Selected, artefacts: &Artefacts, setting: Setting) -> Adequacy {
     let mut applied: Vec<Applied> =
         selected.causes.iter().map(|c| c.candidate.form.clone()).collect();
@@ -45,7 +43,6 @@ pub fn check(selected: &Selected, artefacts: &Artefacts, setting: Setting) -> Ad
     let mut significant = of_artefacts(artefacts);
     significant.extend(of_the_mean(&tests, growth, applied.is_empty()));
     significant.extend(following_covariates(&tests, &owned_covariates(selected)));
-    // candidates of the selection's last step that passed but could not be named
     let mut mentioned = Vec::new();
     for s in &selected.unnamed {
         let s = judged_again(s, &tests);
@@ -104,7 +101,6 @@ fn of_the_mean(tests: &ScoreTests, growth: f64, alone: bool) -> Option<Significa
     has_shape.then(|| ("the mean misfit has a shape of its own".into(), 2.0 * local))
 }
 
-/// Parameters that follow a covariate which no cause owns.
 fn following_covariates(tests: &ScoreTests, owned: &[usize]) -> Vec<Significant> {
     let looks = tests.covariate_scan();
     let asked = without_a_name(looks.len() as f64);

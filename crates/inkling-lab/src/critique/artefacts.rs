@@ -14,8 +14,7 @@ pub fn accepted(found: &[Candidate], id: CauseId) -> Option<f64> {
 pub struct Artefacts {
     pub codes: Vec<Candidate>,
     pub noise: Vec<Candidate>,
-    /// `Outliers::shape_surprise`: -ln of the probability that noise gives such misfits to a few signals; 0: nothing
-    /// odd.
+    /// `Outliers::shape_surprise`; 0: nothing odd.
     pub odd_signals: f64,
 }
 

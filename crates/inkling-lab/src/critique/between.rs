@@ -7,13 +7,12 @@
 //!
 //! The method is a random-effects analysis of variance by Gram matrices. Each signal is a row with an
 //! indicator for each burst, the covariates, and its parameter x along the direction; rows are weighed, and
-//! channels' means taken out (`Sums`). Covariates that matter are projected out of the Gram matrix of the
-//! columns. The eigenvectors of the block of the indicators are independent contrasts between bursts. The
-//! score of one, its eigenvector times the products of indicators and x, has the variance w own + w² common,
-//! with its eigenvalue w; divided by sqrt(w) it is own + w common.
+//! channels' means taken out (`Sums`). The eigenvectors of the block of the indicators are independent
+//! contrasts between bursts. The score of one, its eigenvector times the products of indicators and x, has
+//! the variance w own + w² common, with its eigenvalue w; divided by sqrt(w) it is own + w common.
 //!
-//! A covariate that is constant over a burst costs one contrast, so it is taken out only where bursts follow
-//! it by more than chance: few contrasts tell little of a variance.
+//! A covariate that is constant over a burst costs one contrast, and few contrasts tell little of a variance;
+//! so it is taken out only where bursts follow it by more than chance.
 
 use super::chance::{ONCE_IN_100, maximum};
 use super::covariates::COVARIATES;
@@ -152,7 +151,6 @@ impl Sums {
             .collect();
         let between: f64 = each.iter().map(|c| c.value * c.value).sum();
 
-        // degrees of freedom and variance of single signals, beside channels, covariates and contrasts
         let free = self.signals as f64 - (self.channels + taken + each.len()) as f64;
         let own = (left[(last, last)] - between).max(1e-300) / free;
         (each.len().min(free as usize) >= FEWEST).then_some(Contrasts { each, own })

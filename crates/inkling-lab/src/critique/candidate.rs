@@ -1,8 +1,7 @@
 //! A candidate for a cause after its test, whatever it acts on: the mean signal, codes, noise, or a decay.
 //!
-//! In: a test's statistic. Out: whether the candidate can be the cause, its row of the evidence, and the
-//! cause that it becomes. Two things decide: its `surprise` must exceed `THRESHOLD`, and nothing may speak
-//! against it (`objection`).
+//! In: a test's statistic. Out: whether the candidate can be the cause (its `surprise` exceeds `THRESHOLD`,
+//! and no `objection` speaks against it), its row of the evidence, and the cause that it becomes.
 
 use super::catalogue::CauseId;
 use super::chance::{DETECTION_LIMIT, THRESHOLD, statistic_of, surprise};
@@ -90,13 +89,11 @@ impl<Form> Candidate<Form> {
         self.statistic - self.degrees as f64 * ln_samples
     }
 
-    /// The candidate as a cause, whose sentence is still to be written.
     pub fn cause(&self, delta_bic: f64) -> Cause {
         Cause::new(self.id, self.value, self.sd, self.strength_dl(), delta_bic)
     }
 
-    /// Its row of the evidence, before anything is accepted. `step`: number of causes that had entered
-    /// before.
+    /// `step`: number of causes that had entered before.
     pub fn evidence(&self, step: u32, ln_samples: f64) -> Evidence {
         let plain = |x: f64| surprise(x, self.degrees, self.tried, f64::INFINITY);
         Evidence {
@@ -126,7 +123,6 @@ pub struct Chosen<Form> {
 }
 
 impl<Form> Chosen<Form> {
-    /// The cause with those tied with it; its sentence is still to be written.
     pub fn cause(&self) -> Cause {
         Cause {
             tied_with: self.tied_with.clone(),

@@ -1,10 +1,9 @@
 //! The catalogue of causes: one row for each, with all that this room knows of a cause by its name; and the
-//! rivals without a name that compete with them. There is no algorithm here, only data and look-ups.
+//! rivals without a name that compete with them. There is no algorithm here.
 //!
 //! The other files read a row by [`CauseId::row`]: `candidates` and `decay` decide by `acts` and `in_decays`
-//! how a cause is tested, `search` and `selection` by `free` and `nests` what it costs and ties with, and the
-//! reports take the texts. Names, parameters and units are the contract's (`schemas/critique.md`): a change
-//! of them breaks the readers of the files.
+//! how a cause is tested, `search` and `selection` by `free` and `nests` what it costs and ties with. Names,
+//! parameters and units are the contract's (`schemas/critique.md`): changing them breaks readers of files.
 
 use super::covariates::{Covariates, IDLE, NEIGHBOURS, POSITION, TEMPERATURE, TIME};
 use super::observations::Observations;
@@ -55,7 +54,6 @@ pub enum CauseId {
     OwnShape,
 }
 
-/// A row of the catalogue, or of the rivals.
 #[derive(Clone, Copy, Debug)]
 pub struct Entry {
     pub id: CauseId,
@@ -69,7 +67,6 @@ pub struct Entry {
     pub words: &'static str,
     /// The term that it adds to y = s C e^{A t} x_a + e, or changes in it.
     pub equation: &'static str,
-    /// What it acts through, and so how it is tested.
     pub acts: Acts,
     /// Number of free parameters beside the coefficients of its shapes; each costs 2 where refitted models
     /// are compared.
@@ -120,7 +117,6 @@ pub enum Acts {
     Codes,
 }
 
-/// The shape that a cause adds to the mean signal.
 #[derive(Clone, Copy, Debug)]
 pub enum Shape {
     Constant,
@@ -144,7 +140,6 @@ pub enum Shape {
     Own,
 }
 
-/// A term in the equation of motion.
 #[derive(Clone, Copy, Debug)]
 pub struct Motion {
     pub term: Term,
@@ -230,8 +225,6 @@ const MANY_BURSTS: InDecays = InDecays::Needs("many bursts");
 const SEVERAL_TIMES: InDecays = InDecays::Needs("many bursts at several times");
 const WHOLE_COUNTS: InDecays = InDecays::Needs("many bursts of whole counts");
 
-/// All causes that have a name.
-///
 /// To add a cause, add: its identifier and its row, here; its test, in the file of what it acts through
 /// (`candidates/shapes.rs`, `lines.rs` or `follows.rs`, `ensemble`, `jitter`, `codes`); if it acts in a way
 /// of its own, the arm of that way in `candidates/mod.rs`, or the term in `unmodelled.rs`; a signal that has
@@ -333,9 +326,8 @@ const fn rival(id: CauseId, words: &'static str, shape: Shape) -> Entry {
     Entry { id, words, acts: Acts::Mean(shape), ..MOST }
 }
 
-/// What signals may hold that is not in the catalogue, and that would wrongly get the name of a cause that
-/// resembles it. Where a rival is clearly likelier, the misfit gets no name, and the reader is told what the
-/// misfit is like.
+/// What is not in the catalogue, and would wrongly get the name of a cause that resembles it. Where a rival
+/// is clearly likelier, the misfit gets no name, and the reader is told what the misfit is like.
 #[rustfmt::skip]
 pub static RIVALS: [Entry; 13] = [
     rival(CauseId::EvenSpring, "a spring of even order",
@@ -379,7 +371,6 @@ impl CauseId {
         self.row().class.is_some() && self.row().class == other.row().class
     }
 
-    /// The index of the covariate that it acts through.
     pub fn follows(self) -> Option<usize> {
         match self.row().acts {
             Acts::Rates { covariate, .. } | Acts::Gain { covariate } => Some(covariate),
@@ -405,7 +396,6 @@ impl fmt::Display for CauseId {
 }
 
 impl Needs {
-    /// What the data lack for a test, in words.
     pub fn lacking(self, data: &Observations) -> Option<&'static str> {
         let Covariates { present, drive_scan, idle, shared_bursts, .. } = data.beside;
         let (there, what) = match self {

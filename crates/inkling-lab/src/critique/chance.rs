@@ -86,8 +86,7 @@ pub fn interval_of<const N: usize>(drawn: &[[f64; N]], which: usize) -> Option<[
     interval(&mut drawn.iter().map(|of| of[which]).collect::<Vec<f64>>())
 }
 
-/// Where a function that is unimodal within `reach` of `near` is largest; by 18 steps of golden section,
-/// which leave 2e-4 of the interval.
+/// Where a function that is unimodal within `reach` of `near` is largest, by golden section.
 pub fn maximum(f: impl Fn(f64) -> f64, near: f64, reach: f64) -> f64 {
     let golden = 0.618_034;
     let (mut low, mut high) = (near - reach, near + reach);

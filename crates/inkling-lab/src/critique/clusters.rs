@@ -71,8 +71,7 @@ impl Additions {
     }
 }
 
-/// Score and information about a direction's size; the score's variance is the information, if signals are
-/// independent.
+/// The score's variance is the information, if signals are independent.
 #[derive(Clone, Copy, Default)]
 struct ScoreSum {
     score: f64,
@@ -85,7 +84,6 @@ impl ScoreSum {
         self.information += share * other.information;
     }
 
-    /// `present`: the direction is in the model already with size 1, and the score is about that.
     fn statistic(&self, present: bool) -> f64 {
         let score = if present { self.score + self.information } else { self.score };
         score * score / self.information
@@ -114,8 +112,7 @@ struct SignalSums {
 }
 
 impl Clusters<'_> {
-    /// The spread of a direction over bursts. `present`: the direction is in the model already, with size 1,
-    /// so scores are about that size.
+    /// `present`: the direction is in the model already, with size 1, so scores are about that size.
     pub fn spread(&self, direction: &Direction, present: bool) -> Spread {
         let stride = self.data.len().div_ceil(MOST);
         let mut change = Additions::none(self.data.samples);
@@ -213,7 +210,6 @@ impl Clusters<'_> {
     }
 }
 
-/// Judges how far the scores of bursts along parameters lie from what the direction's common size gives them.
 fn spread(bursts: &[Burst], present: bool) -> Spread {
     let dof = bursts.len() as f64 - FITTED;
     let (mut along, mut across) = (ScoreSum::default(), ScoreSum::default());

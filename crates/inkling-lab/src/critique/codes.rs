@@ -30,8 +30,7 @@ const FLOAT_DIGITS: f64 = 1e-6;
 /// Tests clipping (at the more surprising end) and a coarse step, and returns both candidates in this order.
 /// Writes what is accepted to the model.
 pub fn test(data: &Observations, model: &mut Model) -> Vec<Candidate> {
-    // how many samples have each code, in units of `unit`; floating-point values are told apart as far as
-    // their own digits go
+    // floating-point values are told apart as far as their own digits go
     let unit = if data.integer { 1.0 } else { FLOAT_DIGITS * model.amplitude() };
     let mut histogram: BTreeMap<i64, u64> = BTreeMap::new();
     for i in 0..data.len() {
@@ -96,8 +95,7 @@ fn clipping(
         }
     }
 
-    // if samples are clipped, the last code alone holds those that should lie beyond it: it must hold more
-    // than half of that number, and four (a rule of thumb)
+    // the last code must hold more than half of those that are missing beyond it, and four (a rule of thumb)
     let crowded = at_last as f64 > 4.0 + 0.5 * beyond;
     // only a share counts: the level is free, and scatter of the largest signals is not modelled
     let surprise: f64 = if crowded { clipped_share() * surprise } else { 0.0 };
@@ -122,9 +120,8 @@ fn met_often(histogram: &BTreeMap<i64, u64>, total: u64) -> Vec<i64> {
     histogram.range(low..=high.max(low)).map(|(&code, _)| code).collect()
 }
 
-/// Tests for a coarse step: codes that are never met although the model expects them often. The value is the
-/// step, the mean distance of the codes that are met. The step of floating-point samples is coarse if its
-/// rounding makes more than half of the noise.
+/// The value is the step, the mean distance of the codes that are met. The step of floating-point samples is
+/// coarse if its rounding makes more than half of the noise.
 fn lattice(
     data: &Observations,
     model: &mut Model,

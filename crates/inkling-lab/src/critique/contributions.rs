@@ -9,8 +9,7 @@
 //! variance v of the noise and the derivatives J of a signal by its FREE own parameters.
 //!
 //! V^-1 is applied by Woodbury's identity, with inverses of FREE x FREE matrices only: per signal for the
-//! scatter within channels (`Whitened`), then per channel for that between them (`Sums::close_channel`). The
-//! low-rank products that this takes off K are collected and subtracted many at a time, which is faster.
+//! scatter within channels (`Whitened`), then per channel for that between them (`Sums::close_channel`).
 
 use super::covariates::COVARIATES;
 use super::curvature::posterior_mean;
@@ -25,7 +24,6 @@ type Matrix6 = SMatrix<f64, ALL, ALL>;
 
 /// What so many signals, or channels, take off K is subtracted as one product; only the speed depends on it.
 const AT_A_TIME: usize = 64;
-/// Number of columns of K that a product is subtracted from at once; only the speed depends on it.
 const STRIP: usize = 64;
 /// What the scatter hides of shapes costs most of the time. So of larger sets only about so many signals
 /// (whole channels, evenly chosen) tell it, and stand for the others: an approximation.
@@ -41,7 +39,6 @@ pub fn dimension(samples: usize) -> usize {
 /// amplitude is not freed: it would swallow what is slow.
 const FREEDOM: [f64; FREE] = [100.0, 100.0, 100.0, 100.0, 1.0];
 
-/// The scatter between channels, widened until channels are as good as free.
 fn freed(between: &Matrix5) -> Matrix5 {
     Matrix5::from_fn(|i, j| between[(i, j)] * FREEDOM[i] * FREEDOM[j])
 }
@@ -104,9 +101,8 @@ impl Part {
         self
     }
 
-    /// Subtracts M M^T from K, where M has the collected `columns` of so many `rows` each, and empties the
-    /// collection; does nothing with less than `fewest` columns. The upper triangle is not needed, so the
-    /// product is made a strip of columns after the other.
+    /// Subtracts M M^T from K, where M has the collected `columns` of so many `rows` each; does nothing with
+    /// less than `fewest` columns. The upper triangle is not needed, so strips of columns are subtracted.
     fn take_off(&mut self, columns: &mut Vec<f64>, rows: usize, fewest: usize) {
         if columns.len() >= fewest * rows {
             let m = DMatrix::from_vec(rows, columns.len() / rows, std::mem::take(columns));
@@ -276,12 +272,11 @@ impl<'a> Sums<'a> {
         unit.is_multiple_of(self.stride) && self.patterns > 0
     }
 
-    /// Adds one signal to K, to g and to its channel's sums, with V the covariance of a signal about its
-    /// channel. `powers`: of its drive; `z`: its covariates.
+    /// Adds one signal to K, to g and to its channel's sums. `powers`: of its drive; `z`: its covariates.
     ///
     /// What an extension looks like in the signal is a Kronecker product: the powers of the drive times a
-    /// shape, or the covariates times J. So are the products of extensions. Those of shapes with each other
-    /// are left to `diagonal` (the noise) and to `hide_behind_signal` (the scatter).
+    /// shape, or the covariates times J. Products of shapes with each other are left to `diagonal` (the
+    /// noise) and to `hide_behind_signal` (the scatter).
     fn add_signal(
         &mut self,
         signal: &Whitened,
@@ -330,8 +325,7 @@ impl<'a> Sums<'a> {
         *info += h.fixed_view::<FREE, FREE>(0, 0);
     }
 
-    /// Collects what the scatter from burst to burst hides of shapes: the columns of L for each power of the
-    /// drive.
+    /// Collects what the scatter from burst to burst hides of shapes: L for each power of the drive.
     fn hide_behind_signal(&mut self, signal: &Whitened, powers: [f64; PATTERNS]) {
         let (shapes, scale) = (PATTERNS * self.data.samples, self.inflate);
         for column in signal.l.column_iter() {
@@ -369,7 +363,6 @@ impl<'a> Sums<'a> {
             self.part.take_off(&mut self.of_channels, shapes, AT_A_TIME * FREE);
         }
 
-        // all other rows of K are few: their product is subtracted at once
         let low = f.rows(shapes, d - shapes).into_owned();
         let mut block = self.part.k.view_mut((shapes, 0), (d - shapes, d));
         block.gemm(-1.0, &low, &f.transpose(), 1.0);

@@ -43,14 +43,12 @@ pub fn square_of(which: usize) -> Option<usize> {
     SQUARES.iter().find(|(of, _)| *of == which).map(|(_, square)| *square)
 }
 
-/// Covariates of all signals.
 #[derive(Clone, Debug, Default)]
 pub struct Covariates {
     /// Drive relative to the mean drive; 1 where it was not recorded.
     pub drive: Vec<f64>,
     /// Mean drive, V; `None` where too few signals have one.
     pub drive_mean_v: Option<f64>,
-    /// Standardised values, one row per signal.
     pub z: Vec<[f64; COVARIATES]>,
     /// Whether a covariate was recorded and varies; false for the squares.
     pub present: [bool; COVARIATES],
@@ -94,7 +92,6 @@ impl Covariates {
         [all().fold(f64::INFINITY, f64::min), all().fold(0.0, f64::max)]
     }
 
-    /// Standardises one covariate, whose values `of` returns, if enough are known and it varies.
     fn standardise(&mut self, which: usize, of: impl Fn(usize) -> f64) {
         let known: Vec<usize> = (0..self.z.len()).filter(|&i| of(i).is_finite()).collect();
         let count = known.len() as f64;
@@ -117,7 +114,6 @@ impl Covariates {
         }
     }
 
-    /// Standardises what was recorded beside the signals of so many bursts.
     pub fn of(recorded: &[Beside], bursts: usize) -> Covariates {
         let n = recorded.len().max(1) as f64;
         let enough = |count: usize| count as f64 >= (1.0 - little()) * n;

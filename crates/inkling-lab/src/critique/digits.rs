@@ -8,8 +8,7 @@ pub fn short(x: f64) -> String {
     significant(x, 4)
 }
 
-/// The number with so many significant digits, without trailing zeros; exponential below 1e-4 and from 1e6
-/// on.
+/// Without trailing zeros; exponential below 1e-4 and from 1e6 on.
 pub fn significant(x: f64, digits: i32) -> String {
     if !x.is_finite() {
         return "–".to_owned();
@@ -32,7 +31,6 @@ fn trimmed(text: &str) -> String {
     if text.contains('.') { cut.into() } else { text.into() }
 }
 
-/// A probability: two digits, and below 1e-16 only that it is below.
 pub fn chance(p: f64) -> String {
     if p < LEAST_P { "< 1e-16".to_owned() } else { significant(p, 2) }
 }

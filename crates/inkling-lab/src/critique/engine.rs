@@ -74,7 +74,6 @@ pub fn critique(
     }
 }
 
-/// All steps of the header.
 fn of_ink_channels(
     all: &Observations,
     labelled: bool,
@@ -85,8 +84,7 @@ fn of_ink_channels(
     let data = all.select(|i| !outlier[i]).standardised();
     check_enough(data.len(), Rings::InkChannel)?;
 
-    // From here on `data` holds the white signals; `unwhitened` the original ones if their noise was
-    // correlated.
+    // `data` are now the white signals, `unwhitened` the original ones if their noise was correlated
     let mut prepared = Prepared::of(data, stages)?;
     let selected = prepared.pick(stages);
     let avoid = prepared.random_tone();
@@ -108,7 +106,6 @@ fn of_ink_channels(
     let detection = measured.gain.detection();
     let figures = figures::draw(&baseline, &selected.fitted.model, &data, &measured.energies);
 
-    // decide the verdict, and whether a design may be extended
     let ln_samples = data.ln_samples();
     let mut causes = causes(&artefacts, &selected, detection == Detection::Better, ln_samples);
     let count = outlier.iter().filter(|o| **o).count();
@@ -164,7 +161,6 @@ fn left_out(all: &Observations, labelled: bool) -> Result<Outliers, CritiqueErro
     Ok(found)
 }
 
-/// An error if there are too few signals.
 fn check_enough(found: usize, rings: Rings) -> Result<(), CritiqueError> {
     let fewest = if rings == Rings::InkChannel { FEWEST_SIGNALS } else { 1 };
     (found >= fewest).then_some(()).ok_or(CritiqueError::TooFew { found })
@@ -184,7 +180,6 @@ struct Prepared {
 }
 
 impl Prepared {
-    /// Fits the baseline, tests codes and noise, and whitens the signals if their noise is correlated.
     fn of(data: Observations, stages: &mut dyn FnMut(&str)) -> Result<Prepared, CritiqueError> {
         let mut baseline = Model::fitted(&data, 2).ok_or(CritiqueError::NoRing)?;
 
@@ -242,9 +237,8 @@ impl Prepared {
             last = more;
         };
 
-        // The finding of correlated noise stays that of the first test, all others are those of the last one.
-        // Its value becomes the correlation that the noise had before the converter's rounding, which adds
-        // white noise of variance step²/12.
+        // The finding of correlated noise stays that of the first test. Its value becomes the correlation
+        // that the noise had before the converter's rounding, which adds white noise of variance step²/12.
         noise.retain(|f| f.id == CauseId::CorrelatedNoise);
         let step = accepted(&codes, CauseId::CoarseLsb).unwrap_or(1.0);
         let rounding = if unwhitened.integer { step * step / 12.0 } else { 0.0 };
@@ -282,7 +276,6 @@ impl Prepared {
         }
     }
 
-    /// Selects causes beside the random tone that is known so far.
     fn select(&self, stages: &mut dyn FnMut(&str)) -> Selected {
         let setting = Setting { data: &self.data, avoid: &self.random_tone() };
         selection::select(self.baseline.clone(), setting, self.artefacts.findings(), stages)
@@ -344,7 +337,6 @@ fn caveats(
 
 /// Rows of evidence of all tests: codes, noise and trigger first, then the selection's.
 fn all_evidence(artefacts: &Artefacts, selected: &Selected, ln_samples: f64) -> Vec<Evidence> {
-    // codes, noise and trigger are accepted by their significance alone
     let row = |found: &Candidate| Evidence {
         why_not: (!found.accepted()).then(|| found.why_not()),
         ..found.evidence(0, ln_samples)
@@ -356,13 +348,11 @@ fn all_evidence(artefacts: &Artefacts, selected: &Selected, ln_samples: f64) -> 
     evidence
 }
 
-/// Causes of the catalogue that these data cannot test, with what they need.
 fn not_testable(data: &Observations) -> Vec<NotTestable> {
     let lacking = |e: &Entry| Some(NotTestable { id: e.id, needs: e.needs.lacking(data)?.into() });
     CATALOGUE.iter().filter_map(lacking).collect()
 }
 
-/// Remarks on the misfit that is left, and on the candidate that fits best but cannot be named.
 fn unexplained(unnamed: &[Scored], left: &Adequacy) -> Vec<String> {
     let mut remarks = left.unexplained.remarks();
     if let Some(s) = unnamed.first().filter(|s| !left.mentioned.contains(&s.id)) {

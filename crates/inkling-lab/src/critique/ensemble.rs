@@ -40,8 +40,7 @@ struct Residual {
     expected: Vec<f64>,
 }
 
-/// Residuals of all signals, each freed of its tangent and of the mean misfit over all signals, at each
-/// sample a cubic in the drive if there is a drive scan, and a constant otherwise.
+/// Each is freed of its tangent and of the mean misfit of all: a cubic in the drive if there is a drive scan.
 fn residuals(model: &Model, data: &Observations) -> Vec<Residual> {
     let n = data.samples;
     let scale = model.scale();
@@ -107,8 +106,7 @@ fn mean_of(values: &[f64]) -> (f64, f64) {
 }
 
 /// Tests random tone (value: its frequency, Hz), correlated noise (rho at lag one) and heteroscedastic noise
-/// (the growth h, relative to the variance where the signal is 0), in this order. With less than `FEWEST`
-/// signals all three are untested.
+/// (the growth h), in this order; with less than `FEWEST` signals all three are untested.
 pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
     if data.len() < FEWEST {
         return [CauseId::RandomTone, CauseId::CorrelatedNoise, CauseId::HeteroscedasticNoise]
@@ -123,8 +121,7 @@ pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
     let mut rho = lag_one(&left, n, v);
 
     // A line correlates the noise, and correlated noise is a broad hump in the spectrum. So the line counts
-    // only if it is significant and stands out of its neighbourhood; the correlation is then measured without
-    // it. Otherwise the hump is the cause.
+    // only if it stands out of its neighbourhood; the correlation is then measured without it.
     let mut line_surprise = line.surprise;
     if line_surprise > 0.0 {
         left.iter_mut().for_each(|left| notch(left, line.omega, n));
@@ -143,7 +140,6 @@ pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
     vec![Candidate { surprise: line_surprise, ..tone }, rho, Candidate { surprise, ..growth }]
 }
 
-/// A property of the noise with its standard error; the normal deviate `z` tells how surely it is there.
 fn found(id: CauseId, z: f64, value: f64, sd: f64) -> Candidate {
     Candidate { value, sd, ..Candidate::plain(id, z * z, ()) }
 }
@@ -186,11 +182,9 @@ fn mean_power(left: &[Residual], v: f64, omega: f64) -> (f64, f64) {
     mean_of(&values)
 }
 
-/// The frequency with the largest mean power, and how significant that is. `v`: variance of the noise.
-///
-/// In white noise a periodogram is exponentially distributed, so the cube root of the mean over m signals is
-/// nearly normal. The largest of n independent frequencies is looked at, which adds ln n to the logarithm of
-/// its probability.
+/// `v`: variance of the noise. In white noise a periodogram is exponentially distributed, so the cube root of
+/// the mean over m signals is nearly normal. The largest of n independent frequencies is looked at, which
+/// adds ln n to the logarithm of its probability.
 fn pooled_line(left: &[Residual], n: usize, v: f64) -> Line {
     let ratio = |omega: f64| mean_power(left, v, omega);
     let m = left.len() as f64;
@@ -209,15 +203,13 @@ fn pooled_line(left: &[Residual], n: usize, v: f64) -> Line {
         }
     }
 
-    // The deviate is bounded by the spread over signals, since with heavy tails the exponential distribution
-    // is too optimistic.
+    // with heavy tails the exponential distribution is too optimistic, so the spread over signals bounds it
     let omega = maximum(|omega| ratio(omega).0, (best + 1) as f64 * step, step);
     let (r, se) = ratio(omega);
     let z = z_of(r).min((r - 1.0) / se.max(1e-9) * line_bound());
 
     // r - 1 is amplitude² N / (4 v), the signal-to-noise ratio s of one signal. By the Cramér-Rao bound the
-    // variance of the frequency is 6 / (s m) in (rad per signal length)²; 1 + 1/s widens it where the line is
-    // weak.
+    // variance of the frequency is 6 / (s m) in (rad per signal length)²; 1 + 1/s widens it for weak lines.
     let snr = (r - 1.0).max(1e-6);
     let var = 6.0 / (n as f64 * n as f64) / (snr * m) * (1.0 + 1.0 / snr) * (n * n) as f64;
     Line {
@@ -283,8 +275,7 @@ pub fn beneath_rounding(t: f64, left: f64, white: f64) -> f64 {
 }
 
 /// Estimates the growth h of the noise's variance v0 (1 + h x), where x is the squared expected sample over
-/// the largest one. For each signal the squared residuals are regressed on x; the slopes' mean and scatter
-/// over signals give h.
+/// the largest one, from the mean and scatter over signals of the slope of squared residuals on x.
 fn heteroscedastic(left: &[Residual], n: usize, v: f64) -> Candidate {
     let expected = || left.iter().flat_map(|l| &l.expected);
     let largest = expected().fold(1e-300_f64, |m, y| m.max(y.abs()));
@@ -293,8 +284,7 @@ fn heteroscedastic(left: &[Residual], n: usize, v: f64) -> Candidate {
     let centre = expected().map(x).sum::<f64>() / count;
     let spread = expected().map(|y| x(y) * x(y)).sum::<f64>() / count - centre * centre;
 
-    // Slope and level of w = u² / (v (1 - leverage)) against x less its mean. The leverage is the share of a
-    // sample's variance that the projection takes.
+    // The leverage is the share of a sample's variance that the projection takes.
     let (slopes, levels): (Vec<f64>, Vec<f64>) = left
         .iter()
         .map(|l| {

@@ -1,8 +1,7 @@
 //! The model with its causes, where it may become a design. In: the selected causes, how many
 //! signals were left out as outliers, and what the causes buy on held-out signals. Out:
-//! [`Extended`], from which the command line makes the extension of a design; or why there is none.
-//! A design must not learn from a mixture of healthy and faulty signals, nor detect worse than the
-//! one without its extension.
+//! [`Extended`], or why there is none: a design must not learn from a mixture of healthy and faulty
+//! signals, nor detect worse than the one without its extension.
 
 use super::candidates::{Applied, Setting};
 use super::catalogue::CauseId;
@@ -27,7 +26,6 @@ impl Extended {
     }
 }
 
-/// Why no design is made of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum NotExtended {
     #[error("the model is none of an ink channel")]
@@ -88,7 +86,6 @@ impl OutlierCount {
     }
 }
 
-/// Whether anything speaks against a design of a model with these causes.
 pub fn check(
     causes: &[Applied],
     left_out: OutlierCount,

@@ -2,10 +2,9 @@
 //! recorded covariate, before and after the extension.
 //!
 //! In: the baseline and the extended model, the signals that both were fitted to, and the histograms of
-//! `gain.rs`. Out: [`Figures`]. Three views are computed for each model in one pass over the signals
-//! (`residuals`): the mean residual at each sample with its standard error; the mean periodogram of single
-//! signals, with what white noise would have after the same fit; and each signal's amplitude, damping and
-//! frequency, which are then averaged in bins of each covariate (`against`).
+//! `gain.rs`. Out: [`Figures`]: the mean residual at each sample with its standard error; the mean
+//! periodogram of single signals, with what white noise would have after the same fit; and each signal's
+//! amplitude, damping and frequency, averaged in bins of each covariate (`against`).
 
 use super::covariates::{COVARIATES, IDLE, NAMES, POSITION, UNITS};
 use super::ensemble::project;
@@ -65,7 +64,6 @@ fn residuals(model: &Model, data: &Observations) -> Residuals {
     let every = data.len().div_ceil(MOST_SPECTRA).max(1);
     let scale = model.scale();
     let each = model.of_each(data, |i, linear| {
-        // amplitude, damping and frequency
         let unit = &model.units[data.rows[i].unit];
         let relative = about_channel(unit, &model.each[i], linear, &scale);
         let off = about_population(unit, &model.mean, &scale);
@@ -111,7 +109,6 @@ pub fn band_of_means(count: f64) -> [f64; 2] {
     [-1.96, 1.96].map(|z| (1.0 - third + z * third.sqrt()).powi(3).max(1e-3))
 }
 
-/// All figures of a critique, with the histograms `energies`.
 pub fn draw(before: &Model, after: &Model, data: &Observations, energies: &Energies) -> Figures {
     let (b, a) = (residuals(before, data), residuals(after, data));
     let n = data.samples;
@@ -143,8 +140,7 @@ fn against(
     [before, after]: [&Residuals; 2],
     data: &Observations,
 ) -> CovariateFigure {
-    // A signal that no actuation came before, or whose idle time was not recorded, has no place on the axis
-    // of idle times.
+    // without a known idle time, a signal has no place on the axis of idle times
     let known = |i: &usize| which != IDLE || data.rows[*i].beside.idle_s.is_finite();
     let mut order: Vec<usize> = (0..data.len()).filter(known).collect();
     order.sort_by(|p, q| data.beside.z[*p][which].total_cmp(&data.beside.z[*q][which]));
@@ -155,7 +151,6 @@ fn against(
         parameter: PARAMETERS[j].into(),
         ..CovariateFigure::default()
     };
-    // one bin per distinct value where there are few, else bins with equally many signals
     let alike = |p: &usize, q: &usize| data.beside.z[*p][which] == data.beside.z[*q][which];
     let size = order.len().div_ceil(BINS).max(1);
     let bins: Vec<&[usize]> = match order.chunk_by(alike).count() <= MOST_DISTINCT {

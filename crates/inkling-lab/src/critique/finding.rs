@@ -1,8 +1,7 @@
 //! The findings of a critique: plain data that is written to files. There is no algorithm here.
 //!
-//! `engine.rs` and `decay/mod.rs` fill them; the command line and `report.rs` only read them. `critique.json`
-//! is [`Critique`] serialised, without the fields marked `skip` (`schemas/critique.md`); the evidence and the
-//! figures go to tables of their own (`evidence.parquet`, `residuals.parquet`) and to the report.
+//! `engine.rs` and `decay/mod.rs` fill them. `critique.json` is [`Critique`] serialised, without the fields
+//! marked `skip` (`schemas/critique.md`); evidence and figures go to tables of their own and to the report.
 
 use super::catalogue::CauseId;
 use super::objection::{Objection, WhyNot};
@@ -181,9 +180,8 @@ impl Gain {
     }
 }
 
-/// Figures of one model on held-out signals; the first ones are those of [`Misfit`]. Intervals are 95 %, by
-/// resampling channels (of decays: stretches of time). What concerns detection is NaN where it was not
-/// measured.
+/// On held-out signals; the first figures are those of [`Misfit`]. Intervals are 95 %, by resampling channels
+/// (of decays: stretches of time). What concerns detection is NaN where it was not measured.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct GainFigures {
     pub chi2_per_dof: f64,

@@ -7,8 +7,7 @@
 //!    judged on the other channels in the two blocks between (with too few channels, the split is by time
 //!    alone; where every channel was heard once, by channel alone);
 //! 2. judge each held-out signal by its deviation from the population (`population.rs`): chi-squared of its
-//!    samples, and the squared Mahalanobis distance of its fitted parameters, which is the detection
-//!    statistic;
+//!    samples, and the squared Mahalanobis distance of its fitted parameters, the detection statistic;
 //! 3. learn the threshold of that statistic from the training signals;
 //! 4. plant a small fault, a change of ln damping, in each held-out signal, and compute the area under the
 //!    ROC curve (AUC) between faulty and healthy ones;
@@ -33,8 +32,7 @@ use std::iter::Sum;
 /// Of more signals than this only every second, third, .. is tested for whiteness.
 const MOST_WHITENED: usize = 2048;
 
-/// The gain on held-out signals, the baseline's misfit on all signals, and histograms of the detection
-/// statistic. With too few signals, gain and histograms are empty.
+/// With too few signals, gain and histograms are empty.
 #[derive(Default)]
 pub struct Measured {
     pub gain: Gain,
@@ -57,7 +55,6 @@ pub struct Squares {
 }
 
 impl Squares {
-    /// Chi-squared per sample, and NRMSE in per cent.
     pub fn chi2_and_nrmse(self) -> [f64; 2] {
         let share = self.misfit / self.signal.max(1e-300);
         [self.chi2 / self.samples.max(1.0), 100.0 * share.sqrt()]
@@ -96,9 +93,8 @@ impl Judged {
     }
 }
 
-/// Judges all signals about the population. `known`: the model was fitted to these very signals; each
-/// signal's channel is then left out of its population. `lags`: whether misfits are to be tested for
-/// whiteness.
+/// `known`: the model was fitted to these very signals; each signal's channel is then left out of its
+/// population. `lags`: whether misfits are to be tested for whiteness.
 fn judge(model: &Model, data: &Observations, known: bool, lags: bool) -> Vec<Judged> {
     let of_unit: Vec<Population> = match known {
         true => (0..model.units.len()).map(|unit| population(model, Some(unit))).collect(),
@@ -114,10 +110,9 @@ fn judge(model: &Model, data: &Observations, known: bool, lags: bool) -> Vec<Jud
             let spread = predictor.spread(i);
             let precision = inverse_or_zero(spread);
             let r = &linear.residual;
-            // Chi-squared is r0^T (v + J S J^T)^-1 r0, with the residual r0 about the population's mean, its
-            // Jacobian J, the noise variance v and the population's covariance S. To first order this is the
-            // minimum over the parameters of |r|²/v + about^T S^-1 about, reached at the most probable ones,
-            // where `linear` was computed.
+            // Chi-squared is r0^T (v + J S J^T)^-1 r0, with the residual r0 about the population's mean and
+            // the population's covariance S. To first order this is the minimum of |r|²/v + about^T S^-1 about
+            // over the parameters, reached at the most probable ones.
             let chi2 = dot(r, r) / v + about.dot(&(precision * about));
             let ridge = Matrix5::identity() * (1e-9 * gram.trace());
             let inverse = inverse_or_zero(gram + ridge);
@@ -140,7 +135,6 @@ fn auc(healthy: &[f64], faulty: &[f64]) -> f64 {
     let mut all: Vec<(f64, bool)> = healthy.iter().map(|v| (*v, false)).collect();
     all.extend(faulty.iter().map(|v| (*v, true)));
     all.sort_by(|p, q| p.0.total_cmp(&q.0));
-    // Mann and Whitney: count the healthy ones below each faulty one
     let (mut below, mut sum) = (0.0, 0.0);
     for (_, is_faulty) in all {
         if is_faulty {
@@ -152,11 +146,10 @@ fn auc(healthy: &[f64], faulty: &[f64]) -> f64 {
     sum / (healthy.len() as f64 * faulty.len() as f64).max(1.0)
 }
 
-/// The detection threshold, which a share `ALARMS` (1 %) of healthy signals of channels never heard before is
-/// expected to exceed. Because the scatter is known from few channels, their statistic is distributed as a
-/// multiple of F with (5, `known`) degrees of freedom, and not as a chi-squared. Its size comes from
-/// `of_left_out`, the statistics of training signals whose channel was left out. `units`: number of channels
-/// that the scatter is known from.
+/// The detection threshold, which a share `ALARMS` of healthy signals of channels never heard before is
+/// expected to exceed. Because the scatter is known from few channels, the statistic is a multiple of F, and
+/// not a chi-squared. Its size comes from `of_left_out`, the statistics of training signals whose channel was
+/// left out. `units`: number of channels that the scatter is known from.
 fn threshold(of_left_out: &[f64], units: usize) -> f64 {
     let q = FREE as f64;
     // degrees of freedom of the predictive t, under the inverse Wishart prior of weight SHRINKAGE
@@ -184,12 +177,10 @@ fn whiteness(judged: &[Judged]) -> f64 {
 struct HeldOutFigures {
     figures: GainFigures,
     healthy: Vec<f64>,
-    /// Area under the ROC curve in each resampling.
     aucs: Vec<f64>,
 }
 
-/// Figures of a model on held-out signals, with intervals. `known`: the signals that the model was fitted to,
-/// judged with their channels left out; `fault`: size of the planted fault.
+/// `known`: the signals that the model was fitted to, judged with their channels left out.
 fn figures(model: &Model, known: &[Judged], test: &Observations, fault: f64) -> HeldOutFigures {
     let of = |judged: &[Judged]| judged.iter().map(|j| j.statistic(0.0)).collect::<Vec<f64>>();
     let threshold = threshold(&of(known), model.units.len());
@@ -234,12 +225,10 @@ fn figures(model: &Model, known: &[Judged], test: &Observations, fault: f64) -> 
     HeldOutFigures { figures, healthy, aucs }
 }
 
-/// Measures what the causes buy. `before`: the baseline, fitted to all signals. `causes`: as found in all
-/// signals; they are fitted again to the training part. With too few signals only the misfit of `before` is
-/// measured.
+/// `before`: the baseline, fitted to all signals. `causes`: as found in all signals; they are fitted again to
+/// the training part. With too few signals only the misfit of `before` is measured.
 pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured {
     let data = setting.data;
-    // the baseline's misfit on all signals
     let all = judge(before, data, true, true);
     let squares: Squares = all.iter().map(|judged| judged.squares).sum();
     let [chi2_per_dof, nrmse_percent] = squares.chi2_and_nrmse();
@@ -286,16 +275,14 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
     measured
 }
 
-/// Standard deviation of a healthy signal's estimated ln damping about the population's mean. The signal in
-/// the middle of the rows stands for all.
+/// The signal in the middle of the rows stands for all.
 fn damping_sd(judged: &[Judged]) -> f64 {
     let typical = &judged[judged.len() / 2];
     typical.metric.try_inverse().map_or(0.1, |c| c[(0, 0)].max(0.0).sqrt())
 }
 
-/// Histograms of both models' detection statistic on held-out healthy signals, in the same 40 bins from 0 to
-/// the largest value, but at most to four times the larger threshold; the last bin also holds what lies
-/// beyond.
+/// Histograms of both models' detection statistic on held-out healthy signals, in the same 40 bins up to four
+/// times the larger threshold at most; the last bin also holds what lies beyond.
 fn energies(before: &HeldOutFigures, after: &HeldOutFigures) -> Energies {
     const BINS: usize = 40;
     let thresholds = [before, after].map(|of| of.figures.threshold);

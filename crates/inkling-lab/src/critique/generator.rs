@@ -1,11 +1,9 @@
 //! Simulates small recordings with one known effect, for the unit tests of this room. (The generators of
 //! `tests/hidden` and `tests/foreign`, by which the critique is judged, are other code.)
 //!
-//! In: [`Run`], the sizes and the planted effect; a seed. Out: [`Observations`] of whole counts. A signal is
-//! built in this order: the channel's ring, in closed form, or by the integrator of `unmodelled.rs` for an effect
-//! in the equation of motion; then droop or the previous ring's tail; then offset, lines and a transient;
-//! then noise; then clipping, a coarse step, and rounding. The end of the file holds tests of the whole
-//! critique on such runs.
+//! In: [`Run`], the sizes and the planted effect; a seed. Out: [`Observations`] of whole counts. The
+//! channel's ring is in closed form, or from the integrator of `unmodelled.rs` for an effect in the equation of
+//! motion. The end of the file holds tests of the whole critique on such runs.
 
 use super::catalogue::CauseId;
 use super::observations::{Observations, Sampler};
@@ -16,7 +14,6 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use std::f64::consts::TAU;
 
-/// Settings of a simulated run.
 #[derive(Clone, Debug)]
 pub struct Run {
     pub channels: usize,
@@ -28,7 +25,6 @@ pub struct Run {
     pub spread: [f64; 3],
     /// Relative standard deviation, from signal to signal, of the gain and of each of the amplitudes a, b, c.
     pub shot: f64,
-    /// The effect that is planted; `None`: nothing is.
     pub effect: Option<CauseId>,
     /// Its size, in most cases the catalogue's parameter in its unit. Tone, random tone and second mode have
     /// an amplitude in counts instead, a jitter a standard deviation in signal lengths, droop a rate per
@@ -65,9 +61,7 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
     let normal = |rng: &mut ChaCha8Rng| -> f64 { StandardNormal.sample(rng) };
     let n = run.samples;
     let mut sampler = Sampler::new(100e-6 / 128.0, usize::MAX);
-    // size of an effect: 0 unless it is the planted one
     let e = |id: CauseId| if run.effect == Some(id) { run.size } else { 0.0 };
-    // factors of each channel's stiffness, damping and gain
     let channels: Vec<[f64; 3]> = (0..run.channels)
         .map(|_| run.spread.map(|w| 1.0 + w * rng.random_range(-1.0..1.0)))
         .collect();
@@ -84,14 +78,12 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
         let neighbours = f64::from(rng.random_range(0..3_u8));
         let idle = 10f64.powf(rng.random_range(-4.3..-3.0));
         let position = channel as f64 / (run.channels - 1).max(1) as f64 - 0.5;
-        // what covariates do to damping, frequency and all rates
         let loss = d
             * (1.0 + e(CauseId::Temperature) * (temperature - 25.0))
             * (1.0 + e(CauseId::Ageing) * time);
         let clock = 1.0 + e(CauseId::ClockDrift) * time;
         let stiff = k.sqrt() * (1.0 + e(CauseId::PositionGradient) * position);
-        // The ring; rates per signal length, for signals of 128 samples those of the design (64.7 kHz, 100
-        // µs).
+        // rates per signal length, for signals of 128 samples those of the design (64.7 kHz, 100 µs)
         let scale = n as f64 / 128.0;
         let seen = ObservedDecay {
             sigma: 2.917 * loss * clock * scale,
@@ -115,7 +107,6 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
         };
         let phase = rng.random_range(0.0..TAU);
         let faulty = channel < run.faulty;
-        // an effect in the equation of motion is integrated, any other ring is in closed form
         let term = match run.effect {
             Some(CauseId::QuadraticDrag) => Some(Term::QuadraticDrag),
             Some(CauseId::DryFriction) => Some(Term::DryFriction),
@@ -139,7 +130,6 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
             }
             None => (0..n).map(|k| gain * at(k as f64 / n as f64 + shift)).collect(),
         };
-        // a faulty channel: more damping and a smaller amplitude
         if faulty {
             let sigma = 1.6 * seen.sigma;
             y = (0..n)
@@ -163,14 +153,12 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
                 y[k] = clean[k] - w * x;
             }
         }
-        // add the same ring as it is after the idle time
         if run.effect == Some(CauseId::PreviousTail) {
             let shift = idle / 100e-6;
             y.iter_mut().enumerate().for_each(|(k, y)| {
                 *y += run.size * gain * at(k as f64 / n as f64 + shift);
             });
         }
-        // what is added to every sample, then noise, then what the converter does
         let first = y[0];
         let mut previous = normal(&mut rng);
         for (k, y) in y.iter_mut().enumerate() {
@@ -225,13 +213,11 @@ pub fn assert_uniform(mut p: Vec<f64>) {
     }
 }
 
-/// The critique of an ink channel's signals.
 pub fn criticised(data: &Observations) -> super::finding::Critique {
     let rings = super::engine::Rings::InkChannel;
     super::engine::critique(data, rings, false, &mut |_| {}).unwrap().critique
 }
 
-/// Verdict and causes that the critique gives to a run.
 fn names(run: &Run, seed: u64) -> (super::finding::Verdict, Vec<super::finding::Cause>) {
     let critique = criticised(&draw(run, seed));
     (critique.verdict, critique.causes)

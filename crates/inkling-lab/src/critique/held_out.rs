@@ -8,7 +8,6 @@ use super::population::FEWEST_UNITS;
 use super::refit::{apply, refit};
 use std::collections::BTreeMap;
 
-/// Fewest signals that a model can be fitted to, or judged on.
 const FEWEST: usize = 8;
 /// Number of blocks of time, of equally many moments each.
 const BLOCKS: usize = 5;
@@ -35,10 +34,9 @@ pub struct TrainTestSplit {
 }
 
 impl TrainTestSplit {
-    /// Splits the signals. `by_channel`: every other channel is held out. `by_time`: the second and the
-    /// fourth of five blocks of time are, so that what drifts is judged between the times that it was learned
-    /// at. With both, signals of a held-out channel or time that are not both belong to neither part. `None`:
-    /// fewer than eight signals in a part.
+    /// `by_channel`: every other channel is held out. `by_time`: the second and the fourth of five blocks of
+    /// time are, so that drift is judged between the times that it was learned at. With both, signals of which
+    /// only channel or time is held out are in no part. `None`: fewer than eight signals in a part.
     pub fn of(data: &Observations, by_channel: bool, by_time: bool) -> Option<TrainTestSplit> {
         let held_out = held_out_by_time(data);
         let is_in = |test: bool, i: usize| {
@@ -83,7 +81,6 @@ pub fn baseline(codes: Option<&Model>, part: Setting) -> Option<Model> {
     Some(refit(start, Vec::new(), part, 2, true).model)
 }
 
-/// Fits the baseline `plain` of a part again, with causes that start at the given sizes and shapes.
 pub fn with(plain: &Model, causes: &[Applied], part: Setting) -> Model {
     let mut model = plain.clone();
     if causes.is_empty() {

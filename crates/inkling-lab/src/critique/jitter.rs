@@ -1,7 +1,5 @@
 //! Tests `trigger_jitter`: a shift in time that is common to all channels of a burst, which share the
-//! trigger.
-//!
-//! In: signals about a fitted model that holds the causes found so far. Out: one [`Candidate`].
+//! trigger. In: signals about a fitted model that holds the causes found so far. Out: one [`Candidate`].
 //!
 //! How the acquisition states of healthy signals scatter is not known, so a shift of one signal alone is
 //! healthy scatter, and bursts may have something in common without a jitter (for example a drive that
@@ -13,9 +11,7 @@
 //!    ratio `Excess::ratio`, which must be a hint). Variances are compared in radians of the ring, or in
 //!    multiples of the single signals' own scatter, whichever asks for more (`healthy_ratio`).
 //!
-//! The steps: (a) fit shift, gain, damping and frequency of each signal by least squares (`scattered`); (b)
-//! take out what follows the frequency; (c) form contrasts between bursts, free of channels' means and of
-//! covariates (`between.rs`); (d) compare likelihoods.
+//! Both are asked of contrasts between bursts, free of channels' means and of covariates (`between.rs`).
 
 use super::between::{Contrasts, Scatter, least};
 use super::candidate::Candidate;
@@ -30,8 +26,7 @@ use inkling_core::numbers::tuned::little;
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, Vector2, Vector4};
 use std::collections::BTreeMap;
 
-/// Largest number of signals (about), and of bursts, that are looked at; of more, every second burst or
-/// third, ..
+/// Largest number of signals (about), and of bursts; of more, every second burst or third, .. is looked at.
 const MOST: usize = 4096;
 const MOST_BURSTS: usize = 400;
 
@@ -131,7 +126,6 @@ fn centred(each: &[Scatter]) -> Vec<Vector4<f64>> {
     about_their_means(each.iter().map(|one| one.x).collect(), |i| each[i].unit)
 }
 
-/// Each vector relative to the mean of its group.
 fn about_their_means(
     mut of: Vec<Vector4<f64>>,
     group: impl Fn(usize) -> usize,
@@ -164,7 +158,6 @@ fn healthy_ratio(each: &[Scatter]) -> f64 {
     (beyond_noise(each, &of, 0) / beyond_noise(each, &of, 1)).max(1.0)
 }
 
-/// Contrasts between bursts along the shift and across it. `None`: too few are left.
 fn contrasts(each: &[Scatter]) -> Option<[Contrasts; 2]> {
     let centred = centred(each);
     let of = |direction| Contrasts::of(each, direction, beyond_noise(each, &centred, direction));
@@ -173,7 +166,6 @@ fn contrasts(each: &[Scatter]) -> Option<[Contrasts; 2]> {
 
 /// The variance of bursts along the shift, compared with none and with that across it.
 struct Excess {
-    /// Likelihood-ratio statistic of a variance along the shift against none.
     statistic: f64,
     /// Likelihood-ratio statistic of two free variances against two whose ratio is at most that of healthy
     /// bursts.
@@ -184,7 +176,6 @@ struct Excess {
 }
 
 impl Excess {
-    /// `most`: the largest ratio, along over across, that healthy bursts may have.
     fn of(along: &Contrasts, across: &Contrasts, most: f64) -> Excess {
         let best = least(|v| along.deviance(v));
         let best_across = least(|v| across.deviance(v));

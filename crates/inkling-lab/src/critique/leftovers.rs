@@ -2,11 +2,9 @@
 //! a strong cause leaves some misfit that the test of another may pick up.
 //!
 //! In: all findings with their likelihood-ratio statistics. Out: whether each is beyond what the others may
-//! leave; findings in noise and trigger that are not get an objection here.
-//!
-//! The rule ([`Finding::is_beyond`]): beside every other finding, a finding must have at least the share of
-//! the other's statistic that the other's model may leave to it (`leaves_to`: 0, .6, 3 or 10 %, the square of
-//! a relative error), and beside a stronger one also one detection limit.
+//! leave. The rule ([`Finding::is_beyond`]): beside every other finding, a finding must have at least the
+//! share of the other's statistic that the other's model may leave to it (`leaves_to`: 0, .6, 3 or 10 %, the
+//! square of a relative error), and beside a stronger one also one detection limit.
 
 use super::artefacts::Artefacts;
 use super::candidate::Candidate;
@@ -64,7 +62,6 @@ impl Finding {
         followed || collinear || self.id.by_amplitude() && other.id.by_amplitude()
     }
 
-    /// The share of this cause's statistic that its model may leave to another.
     fn leaves_to(&self, other: &Finding) -> f64 {
         use Shows::{ByACovariate, InCodes, InNoise, InTheMean};
         match (self.shows(), other.shows()) {
@@ -80,9 +77,8 @@ impl Finding {
         }
     }
 
-    /// Whether the cause is more than what each of these others may leave to it. Beside a stronger cause, it
-    /// must also reach one detection limit (times that cause's `growth`), unless it is in codes, or in noise
-    /// beside codes.
+    /// Beside a stronger cause, it must also reach one detection limit (times that cause's `growth`), unless
+    /// it is in codes, or in noise beside codes.
     pub fn is_beyond<'a>(&self, others: impl IntoIterator<Item = &'a Finding>) -> bool {
         others.into_iter().filter(|other| other.id != self.id).all(|other| {
             let chance = match (other.shows(), self.shows()) {
@@ -96,14 +92,12 @@ impl Finding {
 }
 
 impl Artefacts {
-    /// What was accepted, for the comparison with what other findings may leave.
     pub fn findings(&self) -> Vec<Finding> {
         self.accepted().map(|f| Finding::of(f, &[])).collect()
     }
 }
 
-/// Withdraws findings in noise and trigger that are no more than what another finding, or a cause in
-/// `chosen`, may leave.
+/// Withdraws findings in noise and trigger that are no more than what others, or `chosen` ones, may leave.
 pub fn leave_out(artefacts: &mut Artefacts, chosen: Vec<Finding>) {
     let mut all = artefacts.findings();
     all.extend(chosen);
@@ -136,8 +130,7 @@ pub fn at_the_ring_beside(of_noise: &mut [Candidate], chosen: &[Finding]) {
     }
 }
 
-/// Withdraws findings in noise that are not accepted any more in `again`, the tests with the causes in the
-/// model.
+/// Withdraws findings in noise that `again`, the tests with the causes in the model, does not accept.
 pub fn still_there(of_noise: &mut [Candidate], again: &[Candidate]) {
     for f in of_noise.iter_mut().filter(|f| f.accepted()) {
         // a correlation was taken out by whitening

@@ -41,7 +41,6 @@ pub fn means_of_groups<const N: usize>(
     sums.into_iter().map(|(sum, count)| sum / count.max(1.0)).collect()
 }
 
-/// The five free parameters in units of `scale`.
 pub fn free_part(theta: &Theta, scale: &Vector5) -> Vector5 {
     theta.fixed_rows::<FREE>(0).component_div(scale)
 }
@@ -51,7 +50,6 @@ pub fn scaled(m: &Matrix5, scale: &Vector5) -> Matrix5 {
     Matrix5::from_fn(|i, j| m[(i, j)] / (scale[i] * scale[j]))
 }
 
-/// Undoes `scaled`.
 pub fn unscaled(m: &Matrix5, scale: &Vector5) -> Matrix5 {
     Matrix5::from_fn(|i, j| m[(i, j)] * scale[i] * scale[j])
 }

@@ -7,10 +7,9 @@
 //! 2. `outliers` leaves odd signals out. The baseline, a mixed-effects model ([`model`], `settle`, `start`, `scatter`,
 //!    `matrices`), is fitted to single signals, never to an average alone.
 //! 3. `codes`, `ensemble` and, later, `jitter` (with `between`) test converter, noise and trigger (`artefacts`).
-//! 4. All causes that move the expected signal ([`catalogue`]) are tested at once, as directions in one space
-//!    of linear extensions (`space`, `contributions`, `curvature`, `nuisance`, `candidates`, `clusters`).
-//!    Those that compete are refitted (`refit`, `selection`), and one `search`, the same for all plants,
-//!    decides which of them enters.
+//! 4. All causes that move the expected signal ([`catalogue`]) are tested at once, as directions in one space of
+//!    linear extensions (`space`, `contributions`, `curvature`, `nuisance`, `candidates`, `clusters`). Those
+//!    that compete are refitted (`refit`, `selection`); one `search`, the same for all plants, picks the winner.
 //! 5. What is no more than what a stronger cause leaves is no cause (`leftovers`); what all causes leave is
 //!    tested without the catalogue (`adequacy`).
 //! 6. On signals that nothing was fitted to (`held_out`), `gain` measures misfit and detection, `worth` the

@@ -2,9 +2,8 @@
 //! about each signal.
 //!
 //! In: `Observations`. Out: `Model`, whose `Model::linearise` gives one signal's residual and Jacobian to
-//! every other file of this room. `start.rs` makes the first model, `settle.rs` moves channels and signals to
-//! their most probable parameters, `scatter.rs` estimates covariances, mean and noise (`Model::fit`), and
-//! `refit.rs` adds causes.
+//! every other file of this room. `start.rs` makes the first model, `settle.rs` moves channels and signals,
+//! `scatter.rs` estimates covariances, mean and noise (`Model::fit`), and `refit.rs` adds causes.
 //!
 //! The model expects of signal i, in counts at time t after t_a:
 //!
@@ -192,7 +191,6 @@ impl Model {
         step * waves.sum::<f64>()
     }
 
-    /// ln lambda/sigma of the model less the mean of its prior, ln of `LAMBDA_OVER_SIGMA`.
     pub fn lambda_off(&self) -> f64 {
         self.mean[5] - LAMBDA_OVER_SIGMA.ln()
     }
@@ -208,8 +206,7 @@ impl Model {
         theta
     }
 
-    /// Moves the mean and all channels by the same bounded step. One that is not finite is ignored: the data
-    /// did not determine it.
+    /// A step that is not finite is ignored: the data did not determine it.
     pub fn shift(&mut self, step: &[f64; ALL]) {
         if !step.iter().all(|v| v.is_finite()) {
             return;
@@ -221,8 +218,7 @@ impl Model {
         self.shift_lambda(step[ALL - 1]);
     }
 
-    /// Moves ln lambda/sigma of all channels by a bounded step, within `LAMBDA_BOUNDS`; ignores one that is
-    /// not finite.
+    /// By a bounded step, within `LAMBDA_BOUNDS`; one that is not finite is ignored.
     pub fn shift_lambda(&mut self, step: f64) {
         if !step.is_finite() {
             return;
@@ -242,21 +238,18 @@ impl Model {
         self.sampled(with_its_pole(theta))
     }
 
-    /// Writes residual and Jacobian of signal i to `out`, both in counts, that is, for the signal's own
-    /// drive. `out` is passed in so that its memory is used again.
+    /// Residual and Jacobian are in counts, for the signal's own drive. The memory of `out` is used again.
     pub fn linearise(&self, i: usize, data: &Observations, out: &mut Linear) {
         let theta = self.theta(i, data);
         let n = data.samples;
         let s = data.beside.drive[i];
         out.tangent.at(&theta, self.mean[4], n);
-        // The model holds ln lambda/sigma, so a step of ln sigma moves lambda, too: by the chain rule the
-        // pole's column is added. It is computed with the mean amplitude of the real pole, because a single
-        // signal's is mostly noise.
+        // A step of ln sigma moves lambda, too, so the pole's column is added: with the mean amplitude of the
+        // real pole, because a single signal's is mostly noise.
         let [of_damping, .., of_pole] = &mut out.tangent.columns;
         of_damping.iter_mut().zip(of_pole).for_each(|(damping, pole)| *damping += *pole);
 
-        // What the previous ring adds per unit of `tail_gain`: the same decay from the idle time on. Nothing
-        // where there was no actuation before (infinite), or none was recorded (NaN).
+        // nothing where there was no actuation before (infinite), or none was recorded (NaN)
         out.tail.clear();
         out.tail.resize(n, 0.0);
         let idle_s = data.rows[i].beside.idle_s;
@@ -265,8 +258,6 @@ impl Model {
             free_decay::add(&theta, shift, 1.0, &mut out.tail);
         }
 
-        // Sample by sample, measured minus the sum of decay, tail, shapes and rounding. Where a sample may be
-        // clipped, all of its numbers become 0.
         out.model.clear();
         out.residual.clear();
         out.counts.clear();
@@ -290,7 +281,6 @@ impl Model {
         }
     }
 
-    /// What `of` makes of each signal's row and its linearisation.
     pub fn of_each<T>(
         &self,
         data: &Observations,
@@ -304,8 +294,7 @@ impl Model {
         (0..data.len()).map(each).collect()
     }
 
-    /// Units that make the free parameters numbers of similar size: 1 for the two logarithms, the mean
-    /// channel's amplitude (counts) for a, b, c.
+    /// 1 for the two logarithms, the mean channel's amplitude (counts) for a, b, c.
     pub fn scale(&self) -> Vector5 {
         let a = self.amplitude();
         Vector5::from([1.0, 1.0, a, a, a])

@@ -1,8 +1,7 @@
 //! Likelihood-ratio tests of directions in the space of linear extensions, while other directions, the
 //! nuisance, are allowed to have any size.
 //!
-//! In: a [`Space`] (K and g) and the causes that are in the model. Out: [`Nuisance`], which tests further
-//! directions (`candidates`), takes joint steps (`refit.rs`), and takes causes out again to first order.
+//! In: a [`Space`] (K and g) and the causes in the model. Out: [`Nuisance`], which tests further directions.
 //!
 //! With nuisance directions U and tested directions T, the information of T after the nuisance is the Schur
 //! complement S = T^T K T - T^T K U (U^T K U)^-1 U^T K T, and its score h = T^T g - T^T K U (U^T K U)^-1 U^T
@@ -15,16 +14,13 @@ use super::tuned::ln_lambda_sd;
 use inkling_core::model::free_decay::ALL;
 use nalgebra::{DMatrix, DVector};
 
-/// Directions that may have any size while something else is tested: the six parameters of the mean channel
-/// (of which rate and amplitude of the real pole have priors), the causes that are in the model already, and
-/// the errors that the models of these causes may have.
+/// Directions that may have any size while something else is tested.
 #[derive(Clone, Debug)]
 pub struct Nuisance<'a> {
     space: &'a Space,
     /// The directions U: the `ALL` parameters of the mean channel, then the causes, then the errors of their
     /// models.
     directions: Vec<Direction>,
-    /// Where these directions have coefficients.
     places: Places,
     /// Pseudo-inverse of U^T K U, with the priors of the real pole.
     inverse: DMatrix<f64>,
@@ -51,7 +47,6 @@ impl<Of> Both<Of> {
     }
 }
 
-/// Result of the test of a direction, or of several together.
 #[derive(Clone, Debug)]
 pub struct Tested {
     /// h^T S^-1 h (module's doc): without effect chi-squared with as many degrees of freedom as directions.
@@ -62,8 +57,7 @@ pub struct Tested {
 }
 
 impl<'a> Nuisance<'a> {
-    /// `causes`: all directions of the nuisance beside the mean channel's parameters, which always belong to
-    /// it.
+    /// `causes`: all directions beside the mean channel's parameters, which always belong to the nuisance.
     pub fn new(space: &'a Space, causes: &[Direction]) -> Nuisance<'a> {
         // a mean parameter is that parameter by the covariate "one"
         let unit = |j| Direction::parameter(space.samples, ONE, j);
@@ -98,8 +92,7 @@ impl<'a> Nuisance<'a> {
         }
     }
 
-    /// Joint step that the data ask for of all directions beside the mean's parameters, in their order
-    /// (causes first), with its covariance.
+    /// Joint step that the data ask for of all directions beside the mean's parameters, with its covariance.
     pub fn causes(&self) -> (DVector<f64>, DMatrix<f64>) {
         let q = self.directions.len();
         let all = &self.inverse * &self.score;
@@ -109,8 +102,7 @@ impl<'a> Nuisance<'a> {
         )
     }
 
-    /// Joint step that the data ask for of the mean's parameters, with the causes of the nuisance free beside
-    /// them.
+    /// Joint step that the data ask for of the mean's parameters, with the causes of the nuisance free.
     pub fn mean_shift(&self) -> [f64; ALL] {
         let all = &self.inverse * &self.score;
         std::array::from_fn(|j| all[j])
@@ -126,8 +118,7 @@ impl<'a> Nuisance<'a> {
         self.test(directions).map_or(0.0, |tested| tested.statistic)
     }
 
-    /// Tests some directions together (formulas in the module's doc). `None`: the nuisance holds one of them
-    /// already, or one of them is a combination of the others.
+    /// `None`: the nuisance holds one of them already, or one of them is a combination of the others.
     pub fn test(&self, directions: &[Direction]) -> Option<Tested> {
         let q = directions.len();
         // S, the information of the directions after the nuisance
@@ -139,7 +130,6 @@ impl<'a> Nuisance<'a> {
         let raw = DMatrix::from_fn(q, q, |i, j| directions[i].dot(&k_times[j]));
         let gram = &raw - cross.tr_mul(&(&self.inverse * &cross));
 
-        // a direction of which the nuisance leaves nothing but rounding cannot be tested
         if (0..q).any(|i| gram[(i, i)] <= 1e-7 * raw[(i, i)] || gram[(i, i)] <= 0.0) {
             return None;
         }
@@ -158,9 +148,8 @@ impl<'a> Nuisance<'a> {
         })
     }
 
-    /// The part of an effect that the nuisance cannot stand in for: the sum x of the directions, each times
-    /// its coefficient, less its projection U (U^T K U)^-1 U^T K x on the nuisance. The score along this part
-    /// is the efficient score of x. `clusters.rs` asks which bursts and signals this part is seen in.
+    /// What the nuisance cannot stand in for: the sum x of the directions, each times its coefficient, less
+    /// its projection U (U^T K U)^-1 U^T K x. The score along this part is the efficient score of x.
     pub fn efficient(&self, directions: &[Direction], coefficients: &[f64]) -> Direction {
         // a block of the result may begin at the same index as another one: blocks add up
         let mut blocks = Vec::new();
@@ -180,9 +169,8 @@ impl<'a> Nuisance<'a> {
     }
 }
 
-/// Pseudo-inverse of a symmetric information matrix. The matrix is scaled to a unit diagonal first.
-/// Eigenvectors whose eigenvalue vanishes then are combinations of which the data say nothing: the inverse is
-/// 0 along them, so that no step is taken there.
+/// Pseudo-inverse of a symmetric information matrix, scaled to a unit diagonal first. It is 0 along
+/// combinations of which the data say nothing, so that no step is taken there.
 fn pseudo_inverse(m: &DMatrix<f64>) -> DMatrix<f64> {
     let n = m.nrows();
     let scale = DVector::from_fn(n, |i, _| m[(i, i)].max(1e-300).sqrt());

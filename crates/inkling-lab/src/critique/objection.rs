@@ -5,7 +5,6 @@
 use super::catalogue::CauseId;
 use thiserror::Error;
 
-/// Why a candidate cannot be the cause although it fits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum Objection {
     /// The data cannot test it; the words say what it needs.
@@ -51,7 +50,6 @@ pub enum Objection {
     Undamped,
     #[error("it is no line of the spectrum")]
     NoLine,
-    /// The multiple may lie above half of the sampling rate, and its mirror image at the line.
     #[error("it lies on {0} times the frequency of the ring, or its mirror image")]
     Multiple(i32),
     #[error("it cannot be told from a line that is in the model")]

@@ -24,11 +24,9 @@ pub struct Row {
 #[derive(Clone, Debug)]
 pub struct Observations {
     pub dt_s: f64,
-    /// Number of samples of each signal, N.
     pub samples: usize,
     /// Whether all samples that were offered are whole counts.
     pub integer: bool,
-    /// One row per signal, sorted by printhead, channel and time.
     pub rows: Vec<Row>,
     /// What was recorded beside the rows; whoever changes it must call [`Observations::standardised`].
     pub beside: Covariates,
@@ -207,8 +205,6 @@ impl Sampler {
         self.heap.push((hash, slot));
     }
 
-    /// Brings all signals to one length, sorts them by printhead, channel and time, and numbers channels and
-    /// bursts.
     pub fn finish(self) -> Observations {
         let samples = self.common_length();
         let mut held = self.held;

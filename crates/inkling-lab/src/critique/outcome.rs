@@ -9,7 +9,6 @@ use thiserror::Error;
 pub const FEWEST_SIGNALS: usize = 8;
 pub const FEWEST_SAMPLES: usize = 16;
 
-/// Why there is no critique.
 #[derive(Debug, Error)]
 pub enum CritiqueError {
     #[error(

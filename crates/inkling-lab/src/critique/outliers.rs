@@ -44,9 +44,8 @@ fn trend(data: &Observations, features: &[[f64; 3]], j: usize) -> f64 {
     if slopes.len() < FEWEST_SLOPES { 0.0 } else { median(&mut slopes) }
 }
 
-/// For each channel whether more than one of its signals, and more than a tenth of them, are `odd`: it counts
-/// as faulty at times. Its other signals may belong to a fault that begins or ends, and are not trusted
-/// either.
+/// For each channel whether more than one of its signals, and more than a tenth of them, are `odd`. Its other
+/// signals may belong to a fault that begins or ends, and are not trusted either.
 fn faulty_channels(data: &Observations, odd: &[bool]) -> Vec<bool> {
     let faulty = |rows: Range<usize>| {
         let (all, count) = (rows.len() as f64, odd[rows].iter().filter(|odd| **odd).count());
@@ -63,9 +62,8 @@ pub struct Outliers {
     pub shape_surprise: f64,
 }
 
-/// Of the signals that `some` selects, counts those whose misfit has a run of odd samples of one sign;
-/// returns -ln of the probability of so many if odd samples are independent, given how often they are odd in
-/// all signals. `sd`: root mean square of the typical misfit, counts.
+/// -ln of the probability of so many misfits, among those that `some` selects, with a run of odd samples of
+/// one sign, if odd samples are independent. `sd`: root mean square of the typical misfit, counts.
 fn shape_surprise(misfits: &[Vec<f64>], sd: f64, some: impl Fn(usize) -> bool) -> f64 {
     let sign = |x: &f64| if x.abs() > outlying() * sd { x.signum() as i32 } else { 0 };
     let signs: Vec<Vec<i32>> = misfits.iter().map(|r| r.iter().map(sign).collect()).collect();
@@ -84,7 +82,6 @@ fn shape_surprise(misfits: &[Vec<f64>], sd: f64, some: impl Fn(usize) -> bool) -
 struct SingleFits {
     /// ln damping, ln frequency and ln amplitude of each signal, without the trend along the head.
     features: Vec<[f64; 3]>,
-    /// What the fit leaves of each signal, counts.
     misfits: Vec<Vec<f64>>,
 }
 

@@ -1,9 +1,7 @@
 //! The pictures of a critique's page (`report.rs`).
 //!
-//! In: a [`Critique`] with its `figures` and its evidence. Out: SVG markup with headings: mean misfit,
-//! spectrum, one figure per covariate and parameter, evidence for each candidate, detection statistic. Each
-//! title is a sentence that says what the figure shows, computed from its numbers. A figure without numbers
-//! is left out.
+//! In: a [`Critique`] with its `figures` and its evidence. Out: SVG markup with headings. Each title is a
+//! sentence that says what the figure shows, computed from its numbers. A figure without numbers is left out.
 
 use super::catalogue::CauseId;
 use super::digits::{short, significant};
@@ -131,13 +129,11 @@ fn spectrum(s: &Compared, signals: &str) -> Option<Figure> {
     ))
 }
 
-/// Smallest and largest of the finite values; infinity and minus infinity if there are none.
 fn ends(values: impl Iterator<Item = f64>) -> (f64, f64) {
     let none = (f64::INFINITY, f64::NEG_INFINITY);
     values.filter(|v| v.is_finite()).fold(none, |(l, h), v| (l.min(v), h.max(v)))
 }
 
-/// Largest value minus smallest; 0 if there are none.
 fn range(values: &[f64]) -> f64 {
     let (low, high) = ends(values.iter().copied());
     (high - low).max(0.0)
@@ -156,10 +152,8 @@ pub(super) fn covariate(c: &CovariateFigure) -> Option<Figure> {
         unit => format!("{}, {unit}", c.covariate),
     };
     let centre = scaled(centre, by);
-    // ends of the horizontal axis
     let low = ends(centre.iter().copied()).0;
     let high = low + range(&centre);
-    // idle times over decades have a logarithmic axis
     let log = c.decades && low > 0.0 && high > WIDE * low;
     // the two bars of a bin, before and after, stand side by side
     let aside = |x: f64, sign: f64| match log {
@@ -194,8 +188,7 @@ const ASIDE: f64 = 0.008;
 /// Ratio of largest to smallest value from which on an axis of idle times is logarithmic.
 const WIDE: f64 = 30.0;
 
-/// Statistic over threshold of every candidate in the first step (against the baseline) and in the last one
-/// (after the extension).
+/// Statistic over threshold of every candidate in the first step (the baseline) and in the last one.
 fn evidence(evidence: &[Evidence]) -> Option<Figure> {
     // at least 0.001, which a logarithmic axis can show
     let ratio = |e: &Evidence| (e.statistic / e.threshold).max(1e-3);

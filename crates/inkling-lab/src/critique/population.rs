@@ -1,8 +1,6 @@
-//! Judges signals that a model was not fitted to: where the model expects their parameters beforehand (a
-//! Gaussian, the population), and where these are most probable once a signal was measured.
-//!
-//! In: a model that was fitted to other signals. Out: the [`Population`] that a signal's parameters are drawn
-//! from, and [`Predictor::most_probable`], the signal linearised at its most probable parameters.
+//! Judges signals that a model was not fitted to. In: a model that was fitted to other signals. Out: the
+//! [`Population`], a Gaussian that a signal's parameters are drawn from beforehand, and
+//! [`Predictor::most_probable`], the signal linearised at its most probable parameters once it was measured.
 //!
 //! For a channel that was never heard, the population is N(mean, between + within), with `between` shrunk
 //! because it is known from few channels (`population`); for one that was heard it is N(the channel's own
@@ -25,7 +23,6 @@ pub const SHRINKAGE: f64 = FREE as f64 + 1.0;
 const MOST_STEPS: usize = 6;
 const LEAST_STEP: f64 = 1e-3;
 
-/// Distribution of a signal's parameters.
 #[derive(Clone, Copy)]
 pub struct Population {
     shift: Vector5,
@@ -65,7 +62,6 @@ pub fn population(model: &Model, without: Option<usize>) -> Population {
     Population { shift, spread: floored(&(between + scaled(&model.within, &scale))) }
 }
 
-/// A signal linearised at its most probable parameters, given the population of its channel.
 pub struct MostProbable {
     pub linear: Linear,
     /// J^T J and J^T r there, not divided by the noise.
@@ -87,7 +83,6 @@ pub struct Predictor<'a> {
 }
 
 impl Predictor<'_> {
-    /// `of_unit`: the population of each channel of `data`.
     pub fn of<'a>(
         model: &Model,
         data: &'a Observations,
@@ -142,8 +137,7 @@ impl Population {
     pub fn of_channel(model: &Model, unit: usize, signals: f64) -> Population {
         let scale = model.scale();
         let shift = free_part(&(model.units[unit] - model.mean), &scale);
-        // The covariance is the scatter from burst to burst, and the posterior covariance of the channel's
-        // own parameters under the prior `between`; the noise of the fitted signals is neglected.
+        // the posterior covariance of the channel's own parameters neglects the noise of the fitted signals
         let within = floored(&scaled(&model.within, &scale));
         let of_within = inverse_or_zero(within) * signals;
         let of_between = inverse(&scaled(&model.between, &scale));

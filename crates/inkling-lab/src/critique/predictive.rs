@@ -6,11 +6,10 @@
 //! parameters; S: their covariance in the population. J is taken at the signal's most probable parameters,
 //! and f is extrapolated from there along J, since the output is not linear over per cents of frequency.
 //!
-//! `worth.rs` compares the densities of held-out signals with and without a cause: the difference is what the
-//! cause is worth, of whatever kind it is. A line of random phase becomes two more columns beside J, noise
-//! that grows with the signal changes D, and a jitter of the trigger couples the signals of a burst
-//! ([`ln_densities_with_jitter`]). `worth.rs` also fits the sizes of these three by the densities of training
-//! signals.
+//! `worth.rs` compares the densities of held-out signals with and without a cause. A line of random phase
+//! becomes two more columns beside J, noise that grows with the signal changes D, and a jitter of the trigger
+//! couples the signals of a burst ([`ln_densities_with_jitter`]). The sizes of these three are fitted by the
+//! densities of training signals.
 
 use super::matrices::{Matrix5, Vector5, floored};
 use super::model::Model;
@@ -21,7 +20,6 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
-/// How the noise differs from white noise.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Noise {
     /// How the variance grows with the signal; `None`: one variance for all samples.
@@ -55,18 +53,15 @@ pub struct Signal {
     /// Indices of its burst and of its channel among those of its set of signals.
     pub burst: usize,
     pub unit: usize,
-    /// The measured samples.
     pub y: Vec<f64>,
     /// The model's output at the signal's most probable parameters.
     pub expected: Vec<f64>,
     /// 1 for every sample that counts, 0 where it may be clipped.
     pub counts: Vec<f64>,
-    /// y - f: the measured samples less the model's output at the population's mean, which is extrapolated
-    /// from `expected` along the Jacobian.
+    /// The measured samples less f.
     off: DVector<f64>,
     /// Jacobian of the output by the parameters, at the most probable ones; N x FREE.
     tangent: DMatrix<f64>,
-    /// Covariance of the parameters in the population.
     spread: Matrix5,
     /// Derivative of the parameters by a shift in time, per signal length. It is that of the model's mean
     /// decay, for all signals.
@@ -103,8 +98,7 @@ impl Density {
     }
 }
 
-/// All signals of a set, with what the model expects of them. `of_unit`: the population of each channel of
-/// the set.
+/// `of_unit`: the population of each channel of the set.
 pub fn signals(model: &Model, data: &Observations, of_unit: Vec<Population>) -> Vec<Signal> {
     let mut predictor = Predictor::of(model, data, of_unit);
     let scale = model.scale();
@@ -148,8 +142,7 @@ impl Signal {
         let root = floored(spread).cholesky()?.l();
         let root = DMatrix::from_fn(FREE, FREE, |i, j| root[(i, j)]);
         let mut a = &self.tangent * root;
-        // a line of random phase has independent random amplitudes of its cosine and its sine: two more
-        // columns
+        // independent random amplitudes of the line's cosine and sine
         if let Some([omega, var]) = noise.tone {
             a = a.resize_horizontally(FREE + 2, 0.0);
             for k in 0..n {
@@ -167,9 +160,8 @@ impl Signal {
         self.density(noise, &self.spread, usize::MAX).map_or(f64::NAN, |d| d.ln(&self.off))
     }
 
-    /// ln p of all samples but the first, given the first one, in white noise: ln p of all less ln p of the
-    /// first. This can be compared with the density of the same signal after whitening, which loses the first
-    /// sample.
+    /// ln p of all samples but the first, given the first one, in white noise. This can be compared with the
+    /// density of the same signal after whitening, which loses the first sample.
     pub fn ln_density_after_first(&self) -> f64 {
         let plain = Noise::default();
         let first = self.density(&plain, &self.spread, 1).map_or(f64::NAN, |d| d.ln(&self.off));
@@ -179,12 +171,11 @@ impl Signal {
 
 /// ln p of each signal where the trigger shifts all signals of a burst by the same random time of the given
 /// `variance`, in squared signal lengths. The signals of a burst then have one joint density, the product of
-/// their densities integrated over the shift; each signal gets an equal share of its logarithm. `all`:
-/// signals with their bursts; `noise`: as found before the jitter.
+/// their densities integrated over the shift; each signal gets an equal share of its logarithm. `noise`: as
+/// found before the jitter.
 ///
 /// To second order in the shift d, ln of the product is `sum` + d score - d² information / 2. The integral
-/// over d ~ N(0, variance) adds (variance score² / grown - ln grown) / 2 with grown = 1 + variance
-/// information.
+/// over d ~ N(0, variance) adds (variance score² / grown - ln grown) / 2.
 pub fn ln_densities_with_jitter(all: &[Signal], noise: &Noise, variance: f64) -> Vec<f64> {
     let mut bursts: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     all.iter().enumerate().for_each(|(i, s)| bursts.entry(s.burst).or_default().push(i));
@@ -204,7 +195,6 @@ pub fn ln_densities_with_jitter(all: &[Signal], noise: &Noise, variance: f64) ->
             score += solved.dot(&signal.off);
             information += solved.dot(&along);
         }
-        // the shift is integrated out of the product of the signals' densities
         let grown = 1.0 + variance * information;
         sum += 0.5 * (variance * score * score / grown - grown.ln());
         members.iter().for_each(|i| ln[*i] = sum / members.len() as f64);

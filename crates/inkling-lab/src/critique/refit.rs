@@ -44,7 +44,6 @@ pub fn apply(model: &mut Model, applied: &Applied, sign: f64, setting: Setting) 
 /// change of theta per unit of covariate `which`.
 fn give_up(model: &mut Model, which: usize, mut by: Theta, Setting { data, .. }: Setting) {
     by[ALL - 1] = 0.0;
-    // the covariate's mean over its signals is taken off a channel, the rest off each signal
     let rows = data.rows.iter().zip(&data.beside.z);
     let means = means_of_groups(data.units, rows.map(|(row, z)| (row.unit, [z[which]].into())));
     let mean = |unit: usize| means[unit][0];
@@ -58,7 +57,6 @@ pub struct Refit {
     pub model: Model,
     /// The causes in `model`, in the order in which they entered.
     pub causes: Vec<Applied>,
-    /// The spaces about the model.
     pub spaces: Both<Space>,
 }
 
@@ -68,7 +66,6 @@ impl Both<Space> {
         Both { shapes, covariates }
     }
 
-    /// The nuisances: the causes, and the errors that their models may have.
     pub fn nuisances(&self, causes: &[Applied]) -> Both<Nuisance<'_>> {
         self.nuisances_beside(causes, causes)
     }
@@ -86,16 +83,14 @@ impl Both<Space> {
 }
 
 impl Refit {
-    /// Whether nothing speaks against the cause that entered last, if it is a shape, now that it was
-    /// refitted.
+    /// Whether nothing speaks against the cause that entered last, if it is a shape, after its refit.
     pub fn last_is_able(&self, setting: Setting) -> bool {
         self.causes.last().filter(|cause| cause.id.is_shape()).is_none_or(|_| {
             self.rescored(self.causes.len() - 1, setting).is_none_or(|scored| scored.able())
         })
     }
 
-    /// Tests one cause of the model again, with all others in the nuisance, and its shape searched near the
-    /// present one.
+    /// Tests a cause again, all others in the nuisance, and its shape searched near the present one.
     pub fn rescored(&self, index: usize, setting: Setting) -> Option<Scored> {
         let own = &self.causes[index];
         let mut others = self.causes.clone();
@@ -146,7 +141,6 @@ pub fn follow(
 ) {
     let mut nuisance = Nuisance::new(&spaces.shapes, &[]);
     let own = nuisance.mean_shift();
-    // take the old causes out of the score and put the new ones in
     for (causes, sign) in [(old, 1.0), (new, -1.0)] {
         for cause in causes {
             for (direction, c) in cause.directions.iter().zip(&cause.coefficients) {
@@ -158,9 +152,8 @@ pub fn follow(
     model.shift(&std::array::from_fn(|j| all[j] - (1.0 - stride) * own[j]));
 }
 
-/// Refits model and causes in rounds (module's doc) until -2 ln likelihood rests. `causes`: those that are in
-/// the model already (`apply`). `rounds`: fewest rounds. `scatter`: whether noise and scatter are estimated
-/// anew; of rivals, which are compared at the same ones, they are not.
+/// `causes`: those that are in the model already (`apply`). `rounds`: fewest rounds. `scatter`: whether noise
+/// and scatter are estimated anew; of rivals, which are compared at the same ones, they are not.
 pub fn refit(
     model: Model,
     causes: Vec<Applied>,
@@ -230,8 +223,7 @@ fn stepped(now: &Refit, setting: Setting, stride: f64) -> (Model, Vec<Applied>) 
         let q = cause.coefficients.len();
         let step = &steps.as_slice()[at..at + q];
         at += q;
-        // a shape may depend on its size, so it is searched anew; what follows a covariate takes the joint
-        // step
+        // a shape may depend on its size, so it is searched anew
         match cause.id.is_shape().then(|| now.rescored(index, setting)).flatten() {
             Some(anew) => *cause = part_way(cause, anew.form, stride),
             None => cause.coefficients.iter_mut().zip(step).for_each(|(c, s)| *c += stride * s),

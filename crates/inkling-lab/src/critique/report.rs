@@ -22,14 +22,12 @@ const OF_CAUSES: &str = "Strength in DL, detection limits: 1 DL is the size at w
     cause is there and not worth modelling. Matters for detection: yes where nozzle faults are found better with the extension, \
     and the cause is one that moves signals by themselves, not all of them alike.";
 
-/// Explains the rows of the gain's table.
 const OF_GAIN: &str = "Misfit: measured minus simulated. Chi² per degree of freedom: its mean square over \
     what noise and the scatter of channels allow. NRMSE: root of its mean square over the signal's. AUC, \
     area under the ROC curve: the chance that a signal with a small nozzle fault (damping off by FAULT_SD \
     standard deviations of healthy channels, put into held-out signals) looks more faulty than a healthy \
     one; 0.5 is guessing, 1 never wrong.";
 
-/// Explains the columns of the table of evidence.
 const OF_EVIDENCE: &str = "Step 0 asks every candidate alone, against the model as it \
     is; each further step asks again beside what was chosen before. Statistic: twice the gain in \
     log-likelihood. Threshold: what chance exceeds once in many recordings, all candidates together. p: \
@@ -269,7 +267,6 @@ pub fn grouped(not_testable: &[NotTestable]) -> Vec<String> {
     groups.into_iter().map(line).collect()
 }
 
-/// The table of all evidence, folded away.
 fn evidence(evidence: &[Evidence]) -> String {
     if evidence.is_empty() {
         return String::new();

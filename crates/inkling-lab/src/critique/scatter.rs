@@ -70,7 +70,6 @@ impl Model {
         Some(model)
     }
 
-    /// Alternates linearisation (`settle`) and 30 steps of EM, `rounds` times.
     pub fn fit(&mut self, data: &Observations, rounds: usize) {
         for _ in 0..rounds {
             self.settle(data);
@@ -78,7 +77,6 @@ impl Model {
         }
     }
 
-    /// Estimates all at the present linearisation; `steps`: number of EM steps.
     fn estimate_scatter(&mut self, data: &Observations, steps: usize) {
         let scale = self.scale();
         let signals = self.signals_and_noise(data, &scale);
@@ -115,7 +113,6 @@ impl Model {
             let columns = &linear.tangent.columns;
             let along = Vector5::from_fn(|j, _| dot(&columns[j], &columns[ALL - 1]) * scale[j]);
             let solved = ridge.cholesky().map(|c| [c.solve(&product), c.solve(&along)]);
-            // the square that is left per degree of freedom estimates the noise variance
             let [of_residual, of_along] = solved.unwrap_or_default();
             let explained = product.dot(&of_residual).min(square);
             of_pole.add(linear, &product, &along, &of_along);
@@ -144,8 +141,7 @@ impl Model {
 /// least-squares estimates, less that of their errors. `offset`: the point at which each channel is
 /// linearised, relative to the model's mean.
 fn moments(signals: &[OneSignal], offset: &[Vector5], units: usize) -> (Matrix5, Matrix5) {
-    // Estimates of single signals, with their error covariance. The ridge is a prior of standard deviation
-    // 0.1 about the channel, for what a signal does not determine.
+    // The ridge is a prior of standard deviation 0.1 about the channel, for what a signal does not determine.
     let estimates: Vec<(usize, Vector5, Matrix5)> = signals
         .iter()
         .map(|OneSignal { unit, gram, product }| {
@@ -189,7 +185,6 @@ impl Estimate {
         if !repeated {
             self.within = Matrix5::zeros();
         }
-        // information and score of each channel, its signals' own deviations integrated out
         let (precision_b, precision_w) = (inverse(&self.between), inverse(&self.within));
         let mut info = vec![Matrix5::zeros(); offset.len()];
         let mut score = vec![Vector5::zeros(); offset.len()];
@@ -202,8 +197,7 @@ impl Estimate {
             each.push((q, d));
         }
 
-        // E step, channels: the posterior of channel u is N(b, C) with C = (B^-1 + information)^-1 and b = C
-        // score
+        // E step, channels: the posterior is N(b, C) with C = (B^-1 + information)^-1 and b = C score
         let mut sum_b = Matrix5::zeros();
         let mut sum_w = Matrix5::zeros();
         let mut centre = Vector5::zeros();

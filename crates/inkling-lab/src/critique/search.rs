@@ -17,9 +17,7 @@ use super::tuned::tie;
 use std::ops::ControlFlow;
 
 pub trait System {
-    /// The model with the causes found so far.
     type Model;
-    /// The form of a candidate in the model.
     type Form: Clone;
     const MOST_CAUSES: u32;
     /// Whether a candidate that is tied with a cause in the model may enter beside it, or stands for the same
@@ -28,7 +26,6 @@ pub trait System {
     /// Name of the step in which candidates are tried.
     const TRYING: &'static str;
 
-    /// Tests all candidates about a model.
     fn tried(&self, now: &Self::Model) -> Vec<Candidate<Self::Form>>;
 
     /// Refits those candidates that compete, each in a model of its own beside the `chosen` causes in `now`.
@@ -49,7 +46,6 @@ pub trait System {
     ) -> ControlFlow<Self::Model, Self::Model>;
 }
 
-/// A candidate that was fitted beside all causes that are there already.
 pub struct Contender<Model, Form> {
     /// The candidate; its statistic compares this model with the one without it.
     pub candidate: Candidate<Form>,
@@ -79,7 +75,6 @@ impl<Model, Form> Round<Model, Form> {
         named.or_else(|| likeliest(false)).map(|(place, _)| place)
     }
 
-    /// Writes the outcome of the round into the evidence rows of this step.
     fn tell(&self, winner: usize, rows: &mut [Evidence], ln_samples: f64) {
         for (place, Contender { candidate, .. }) in self.contenders.iter().enumerate() {
             if let Some(row) = rows.iter_mut().find(|row| row.id == candidate.id) {
@@ -89,7 +84,6 @@ impl<Model, Form> Round<Model, Form> {
         }
     }
 
-    /// The winner's model, and the winner as a cause together with the contenders that are tied with it.
     fn won(mut self, winner: usize, ln_samples: f64) -> (Model, Chosen<Form>) {
         let Contender { candidate, model, penalised, .. } = self.contenders.remove(winner);
         let is_close = |r: &&Contender<Model, Form>| r.penalised - penalised < tie();

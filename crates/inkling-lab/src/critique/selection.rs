@@ -1,15 +1,13 @@
-//! Selects the causes that the signals of ink channels ask for: how candidates are tested and refitted in the
-//! forward selection of `search.rs`, and the backward elimination after each step and at the end.
+//! Selects the causes that the signals of ink channels ask for, by the forward selection of `search.rs`.
 //!
-//! In: signals (a `Setting`) and a fitted baseline. Out: [`Selected`], the refitted model with its causes,
-//! and what was tried on the way.
+//! In: signals (a `Setting`) and a fitted baseline. Out: [`Selected`], the refitted model with its causes, and
+//! what was tried on the way.
 //!
 //! The linear tests of all candidates (`candidates`) nominate; the most surprising accepted name is the
-//! benchmark, and at most five names and three rivals of its kind (shape, or covariate) are refitted beside
-//! it at fixed noise and scatter; the refitted -2 ln likelihood plus prices decides; the winner enters,
-//! everything is refitted with scatter, and causes that are no longer significant leave. At the end all
-//! causes are measured once more, and those leave that are no more than what stronger findings leave
-//! (`leftovers.rs`).
+//! benchmark, and at most five names and three rivals of its kind (shape, or covariate) are refitted beside it
+//! at fixed noise and scatter; the refitted -2 ln likelihood plus prices decides; the winner enters, everything
+//! is refitted with scatter, and causes that are no longer significant leave. At the end those leave that are
+//! no more than what stronger findings leave (`leftovers.rs`).
 
 use super::candidate::Chosen;
 use super::candidates::{Applied, ScoreTests, Scored, Setting};
@@ -76,8 +74,7 @@ impl System for Setting<'_> {
     const TIED_MAY_ENTER: bool = false;
     const TRYING: &'static str = "testing the catalogue";
 
-    /// Tests the catalogue and the rivals, except the causes that are in the model; the most surprising
-    /// first.
+    /// The most surprising first, without the causes that are in the model.
     fn tried(&self, now: &Refit) -> Vec<Scored> {
         let nuisances = now.spaces.nuisances(&now.causes);
         let mut scored = ScoreTests::new(&now.model, *self, &nuisances).score_all();
@@ -86,10 +83,9 @@ impl System for Setting<'_> {
         scored
     }
 
-    /// Refits the candidates that compete. A rival never enters the model; if it wins, the search ends. If
-    /// the likeliest rival is clearly better than the likeliest name, these two are compared once more, each
-    /// together with the named candidate that comes next beside it: where there are two causes, a rival may
-    /// take a part of both.
+    /// A rival never enters the model; if it wins, the search ends. If the likeliest rival is clearly better
+    /// than the likeliest name, these two are compared once more, each together with the named candidate that
+    /// comes next beside it: where there are two causes, a rival may take a part of both.
     fn round(
         &self,
         now: &Refit,
@@ -105,8 +101,7 @@ impl System for Setting<'_> {
         if let (Some(named), Some(unnamed)) = (place(true), place(false))
             && all[named].penalised > all[unnamed].penalised + tie()
         {
-            // Replace the difference of the two by that of the pairs; other rivals were not compared in
-            // pairs.
+            // other rivals were not compared in pairs
             let behind = with_the_next(&all[unnamed], *self) - with_the_next(&all[named], *self);
             all[unnamed].penalised = all[named].penalised + behind;
             let strongest = all[unnamed].candidate.id;
@@ -117,7 +112,6 @@ impl System for Setting<'_> {
         Round { contenders: all, least }
     }
 
-    /// Refits the model with noise and scatter free, and takes out causes that are no longer significant.
     fn settled(&self, now: Refit, chosen: &mut Vec<Chosen<Applied>>) -> ControlFlow<Refit, Refit> {
         let now = refit(now.model, now.causes, *self, 2, true);
         let kept = necessary(&now);
@@ -157,8 +151,7 @@ fn refitted(
     contenders
 }
 
-/// Penalised -2 ln likelihood of a contender together with the named candidate that explains most beside it, if
-/// one is accepted and improves it.
+/// Penalised -2 ln likelihood of a contender with the best named candidate beside it, if one improves it.
 fn with_the_next(contender: &Contender<Refit, Applied>, setting: Setting) -> f64 {
     let mut tried = setting.tried(&contender.model);
     tried.retain(Scored::has_name);
@@ -170,8 +163,7 @@ fn with_the_next(contender: &Contender<Refit, Applied>, setting: Setting) -> f64
     least.map_or(contender.penalised, |both| both.min(contender.penalised))
 }
 
-/// The model with one more cause, refitted with scatter and noise held; first the mean is shifted by what the
-/// cause takes away from it (`follow`).
+/// Refitted with scatter and noise held, after the mean is shifted by what the cause takes away (`follow`).
 fn with(now: &Refit, cause: &Applied, setting: Setting) -> Refit {
     let mut model = now.model.clone();
     let mut causes = now.causes.clone();
@@ -186,8 +178,7 @@ fn competes(s: &Scored, best: &Scored) -> bool {
     s.able() && s.id.is_shape() == best.id.is_shape() && s.surprise > HINT
 }
 
-/// Takes the causes that are not `kept` out of the model and of `chosen`, and refits the model with its
-/// scatter in `rounds` rounds at least.
+/// Takes the causes that are not `kept` out, and refits the model with its scatter in `rounds` rounds at least.
 fn without(
     now: Refit,
     chosen: &mut Vec<Chosen<Applied>>,
@@ -206,8 +197,7 @@ fn without(
     refit(model, causes, setting, rounds, true)
 }
 
-/// Replaces each cause's candidate by its final test beside all others in the model `last`, if it can be
-/// tested again.
+/// Replaces each candidate by its final test beside all others, if it can be tested again.
 fn measure(chosen: &mut [Chosen<Applied>], last: &Refit, setting: Setting) {
     for (index, cause) in chosen.iter_mut().enumerate() {
         if let Some(scored) = last.rescored(index, setting) {
@@ -226,8 +216,7 @@ fn necessary(now: &Refit) -> Vec<bool> {
         .map(|cause| {
             let (steps, covariance) = nuisances.of(cause.id).causes();
             let q = cause.coefficients.len();
-            // of a cause that follows a covariate, the effect itself must stay significant, not the
-            // acquisition state
+            // the effect itself must stay significant, not the acquisition state alone
             let own = if cause.id.is_shape() { q } else { 1 };
             let x = DVector::from_column_slice(&cause.coefficients[..own]) + steps.rows(at, own);
             let block = covariance.view((at, at), (own, own)).into_owned();

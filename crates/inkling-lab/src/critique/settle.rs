@@ -10,8 +10,7 @@ use inkling_core::model::inner_product::dot;
 use inkling_core::side_by_side::side_by_side;
 use std::ops::Range;
 
-/// Largest number of trial steps of a descent. Long rings whose frequency scatters by per cents need a dozen,
-/// since each step is bounded.
+/// Long rings whose frequency scatters by per cents need a dozen trial steps, since each is bounded.
 const STEPS: usize = 20;
 const DAMPING: Damping = Damping { first: 1e-4, down: 0.2, least: 1e-9, up: 20.0, most: 1e8 };
 
@@ -24,9 +23,8 @@ impl Model {
         }
     }
 
-    /// Moves every channel's parameters (`units`) to their most probable values, given all signals of the
-    /// channel together, the signals' present own deviations, and the prior N(mean, `between`). `steps`:
-    /// largest number of trial steps.
+    /// Given all signals of a channel together, the signals' present own deviations, and the prior N(mean,
+    /// `between`).
     pub fn fit_units(&mut self, data: &Observations, steps: usize) {
         let rows: Vec<Range<usize>> = data.channels().collect();
         let scale = self.scale();
@@ -63,10 +61,9 @@ impl Model {
         side_by_side(2, vec![0..count / 2, count / 2..count], half).concat()
     }
 
-    /// The most probable parameters of one channel, or one signal, by a damped Gauss-Newton descent of -2 ln
-    /// posterior = |residual|²/noise_var + (theta - centre)^T precision (theta - centre), from the present
-    /// parameters on. `of`: index of the channel or the signal; `rows`: the signals that tell about it. The
-    /// caller must store the result: the model is left at the point that was tried last.
+    /// The most probable parameters of one channel, or one signal, by a damped descent of -2 ln posterior =
+    /// |residual|²/noise_var + (theta - centre)^T precision (theta - centre). `of`: index of the channel or
+    /// the signal. The caller must store the result: the model is left at the point that was tried last.
     fn descend(&mut self, of: usize, rows: Range<usize>, descent: &Descent) -> Theta {
         let Descent { own, centre, scale, precision, .. } = descent;
         let off = |theta: &Theta| free_part(&(theta - centre), scale);
@@ -84,8 +81,7 @@ impl Model {
             let gradient = normal.product / noise_var - precision * off(theta);
             Some((gradient, normal.gram / noise_var + precision))
         };
-        // the steps of ln damping and ln frequency are clamped, since the linearisation says nothing of
-        // places far away
+        // steps are clamped, since the linearisation says nothing of places far away
         let step = |theta: &Theta, (gradient, hessian): &(Vector5, Matrix5), damping: f64| {
             let damped = hessian + Matrix5::from_diagonal(&(hessian.diagonal() * damping));
             let step = damped.cholesky()?.solve(gradient);
@@ -122,7 +118,6 @@ impl Model {
 /// Selects the parameters that a descent moves: those of a channel, or one signal's own deviation.
 type Own = fn(&mut Model, usize) -> &mut Theta;
 
-/// What a descent needs beside the model: the data, the parameters that move, their prior, and bounds.
 struct Descent<'a> {
     data: &'a Observations,
     own: Own,

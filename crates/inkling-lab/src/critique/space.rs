@@ -10,9 +10,8 @@
 //! * one column: the tail of the previous ring.
 //!
 //! A candidate is a [`Direction`], a vector x over these columns. Its likelihood-ratio statistic without
-//! nuisance is (x·g)² / (x·K x). In the first space, channels are as good as free; shapes are tested in it.
-//! In the second, they are drawn from the population with covariance `between`; what follows a covariate is
-//! tested in it, and K and g are 0 for all shapes.
+//! nuisance is (x·g)² / (x·K x). Shapes are tested in the first space, where channels are as good as free;
+//! what follows a covariate in the second, with scattered channels, where K and g are 0 for all shapes.
 
 use super::contributions::Part;
 use super::covariates::COVARIATES;
@@ -84,8 +83,7 @@ impl Direction {
         Direction(vec![(PATTERNS * samples + COVARIATES * ALL, vec![1.0])])
     }
 
-    /// Adds `by` times this direction to what a model adds. The index of a coefficient tells what it belongs
-    /// to.
+    /// Adds `by` times this direction; a coefficient's index tells what it belongs to.
     pub fn add_to(&self, added: &mut Additions, by: f64) {
         let n = added.shapes[0].len();
         for (at, v) in self.0.iter().flat_map(|(at, v)| (*at..).zip(v)) {
@@ -136,7 +134,6 @@ impl Space {
         both.map(|part| Space::about(model, data.samples, part))
     }
 
-    /// Completes the sums over all signals. `n`: samples of a signal.
     fn about(model: &Model, n: usize, part: Part) -> Space {
         let Part { mut k, g, mut deviance, diagonal } = part;
         // White noise links a sample of a shape to the same sample of other powers of the drive only.

@@ -19,13 +19,11 @@ use inkling_core::model::median::median;
 use inkling_core::numbers::tuned::little;
 use nalgebra::{DMatrix, DVector, Matrix3};
 
-/// Ratio of the ring's amplitude to the noise with which a fit starts.
 const START_OVER_NOISE: f64 = 300.0;
 /// Largest change of ln omega from its channel's that is searched for a signal.
 const MOST_DRIFT: f64 = 0.1;
 
 impl Model {
-    /// `None`: nothing rings in the signals.
     pub fn start(data: &Observations) -> Option<Model> {
         let n = data.samples;
         let mut average = vec![0.0; n];
@@ -68,13 +66,11 @@ impl Model {
     /// frequency, if it leaves less than half of the square that the channel's ring leaves. A descent alone
     /// would not find a ring of many oscillations whose phase has drifted by more than about a radian.
     fn nearest(&mut self, i: usize, data: &Observations) -> Theta {
-        // a step of ln omega turns the phase by half a radian while the ring lasts (1/sigma), or the signal
-        // (1) if that is shorter; at most eight steps to either side
+        // a step of ln omega turns the phase by half a radian while the ring or, if shorter, the signal lasts
         let step = 0.5 * self.mean[0].exp().max(1.0) / self.mean[1].exp();
         let steps = (MOST_DRIFT / step).min(8.0) as i32;
         let scale = self.scale();
-        // for a trial deviation: the square of the residual once the amplitudes a, b, c are fitted, and the
-        // deviation with these
+        // the square of the residual once the amplitudes a, b, c are fitted, and the deviation with these
         let mut linear = Linear::default();
         let mut left = |model: &mut Model, own: Theta| {
             model.each[i] = own;
@@ -112,10 +108,9 @@ impl Model {
     }
 }
 
-/// The best single ring of one signal y (counts): a grid over frequency and damping, with the amplitudes and
-/// an offset (which only keeps an offset of the signal from bending the ring) by linear least squares, then a
-/// refinement. `None`: the ring explains less than a tenth (`little`) of the signal's square about its mean.
-/// Its last element is ln lambda.
+/// The best single ring of one signal y (counts), by a grid over frequency and damping and a refinement. The
+/// offset only keeps an offset of the signal from bending the ring. `None`: the ring explains less than a
+/// tenth (`little`) of the signal's square about its mean. The last element is ln lambda.
 fn first_guess(y: &[f64]) -> Option<Theta> {
     let n = y.len();
     let mut best: Option<(f64, Theta)> = None;
@@ -127,8 +122,7 @@ fn first_guess(y: &[f64]) -> Option<Theta> {
         return None;
     }
 
-    // frequencies from 2 rad per signal length to 0.9 of half the sampling rate; the twelve with the largest
-    // power are tried
+    // frequencies up to 0.9 of half the sampling rate, of which the twelve with the largest power are tried
     let moved: Vec<f64> = y.iter().map(|v| v - mean).collect();
     let omegas = (0..).map(|k| 2.0 + 0.9 * f64::from(k)).take_while(|omega| *omega < most);
     let power = |omega: f64| (power_at(omega / n as f64, &moved), omega);

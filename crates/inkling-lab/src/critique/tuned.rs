@@ -1,6 +1,5 @@
 //! Tuned numbers: every number of the critique that decides something and follows from no definition,
-//! calculation or physics. Other files call each as a function of its name, for example `tie()`, so that a
-//! test can change it.
+//! calculation or physics. Each is called as a function, for example `tie()`, so that a test can change it.
 //!
 //! The brackets at the end of a number's comment say which recordings it was tuned on:
 //!

@@ -8,7 +8,6 @@ use super::catalogue::experiment;
 use super::finding::{Cause, Detection, Verdict};
 use super::words::capital;
 
-/// What the model with all causes does not explain.
 #[derive(Clone, Debug, Default)]
 pub struct Unexplained {
     /// What is significant in the misfit that is left, in words; the verdict's sentence tells the first.

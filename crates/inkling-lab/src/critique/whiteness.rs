@@ -1,8 +1,7 @@
 //! Whether a misfit is white noise: the test of Ljung and Box (sums of lagged products), with the exact
 //! moments for what a fit leaves.
 //!
-//! In: the residual of each signal, and an orthonormal basis Q (n samples x q) of what was fitted to it. Out:
-//! one p-value for all signals.
+//! In: each signal's residual, and an orthonormal basis Q (n x q) of what was fitted to it. Out: one p-value.
 //!
 //! A fit leaves u = M e of the noise e, with M = 1 - Q Q^T, and this correlates neighbouring samples even if
 //! e is white. So the autocorrelations a_l = u^T A_l u / u^T u at lag l (A_l: the shift by l samples,
@@ -30,8 +29,7 @@ pub struct Lags {
 }
 
 impl Lags {
-    /// `residual`: what a fit left of a signal, N samples; `q`: orthonormal columns that span those of the
-    /// fit.
+    /// `residual`: what a fit left, N samples; `q`: orthonormal columns that span those of the fit.
     pub fn of(mut residual: Vec<f64>, q: &DMatrix<f64>) -> Lags {
         project(q, &mut residual);
         let (u, n) = (residual, q.nrows());
@@ -57,8 +55,7 @@ impl Lags {
     }
 }
 
-/// p-value of white noise for all signals together. NaN without any signal, or if the covariance has no
-/// inverse.
+/// NaN without any signal, or if the covariance has no inverse.
 pub fn whiteness_p<'a>(mut all: impl Iterator<Item = &'a Lags>) -> f64 {
     let Some(first) = all.next() else { return f64::NAN };
     let (mut off, mut covariance) = (first.off.clone(), first.covariance.clone());

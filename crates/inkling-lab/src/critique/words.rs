@@ -40,7 +40,6 @@ pub fn not_worth(causes: &[Cause], gain: &Gain) -> Vec<String> {
     causes.iter().filter_map(line).collect()
 }
 
-/// The model's equation followed by the catalogue's term for each cause.
 pub fn equation(causes: &[Cause]) -> String {
     let terms: String = causes.iter().map(|c| format!(" {}", c.id.row().equation)).collect();
     format!("y = s C e^{{A t}} x_a + e{terms}")

@@ -55,13 +55,10 @@ impl TrainTestSplit {
     }
 }
 
-/// What all gains are measured with.
 struct Measuring<'a> {
     /// The baseline, fitted to all signals. It knows the clipping and the step of the codes.
     before: &'a Model,
-    /// Causes that move what is expected of a signal.
     causes: &'a [Applied],
-    /// What was found in codes, noise and trigger.
     artefacts: &'a Artefacts,
     split: TrainTestSplit,
     /// The same parts before whitening.
@@ -78,10 +75,8 @@ struct Step {
     gains: Vec<f64>,
 }
 
-/// Measures what all causes are worth, together and each. `before`, `causes`, `artefacts`: as of `Measuring`.
-/// `unwhitened`: the signals before correlated noise was made white. `setting`: the signals that the causes
-/// were found in. `None`: nothing was found, there are too few signals, or nothing rings in the training
-/// part.
+/// `before`, `causes`, `artefacts`: as of `Measuring`. `unwhitened`: the signals before correlated noise was
+/// made white. `None`: nothing was found, there are too few signals, or nothing rings in the training part.
 pub fn measure(
     before: &Model,
     causes: &[Applied],
@@ -111,15 +106,12 @@ impl Measuring<'_> {
         let extended = self.split.test(&self.extended);
         let (ln_plain, ln_extended) =
             (ln(&plain, &Noise::default()), ln(&extended, &Noise::default()));
-        // the causes that move what is expected: together, and each by leaving it out
         let mut all = differences(&ln_extended, &ln_plain);
         let mut steps = self.left_out(&ln_extended);
-        // codes, noise and trigger
         let mut beside = self.codes(&plain, &ln_plain);
         beside.extend(self.correlation(&ln_plain));
         beside.extend(self.noise(&extended, &ln_extended));
-        // The gains in `beside` add up, each being measured on top of those before it. `all` holds the others
-        // already.
+        // each gain in `beside` is measured on top of those before it
         for step in &beside {
             all.iter_mut().zip(&step.gains).for_each(|(sum, gain)| *sum += gain);
         }
@@ -129,8 +121,7 @@ impl Measuring<'_> {
         LogLikelihood { all: worth(&all), by_cause }
     }
 
-    /// Gain of each cause that moves what is expected. `ln_extended`: ln p of each held-out signal with all
-    /// of them.
+    /// `ln_extended`: ln p of each held-out signal with all causes that move what is expected.
     fn left_out(&self, ln_extended: &[f64]) -> Vec<Step> {
         let one = |index: usize| {
             let mut others = self.causes.to_vec();
@@ -142,10 +133,9 @@ impl Measuring<'_> {
         (0..self.causes.len()).map(one).collect()
     }
 
-    /// Gains of clipping and of a coarse step, against a baseline that knows of neither: what the fit gains,
-    /// since the naive baseline is bent by clipped or rounded samples; and what the knowledge adds to the
-    /// probability of the samples themselves. `plain`, `ln_plain`: the held-out signals, and ln p of each, by
-    /// the baseline that knows the codes. Whitened signals have no codes.
+    /// Gains of clipping and of a coarse step, against a baseline that knows of neither, so is bent by clipped
+    /// or rounded samples. `plain`, `ln_plain`: the held-out signals, and ln p of each, by the baseline that
+    /// knows the codes. Whitened signals have no codes.
     fn codes(&self, plain: &[Signal], ln_plain: &[f64]) -> Vec<Step> {
         let Model { rails, lattice, noise_var, .. } = self.before;
         let is = |id| accepted(&self.artefacts.codes, id);
@@ -174,10 +164,9 @@ impl Measuring<'_> {
     }
 
     /// What knowing the coarse step adds to ln p of each held-out signal. If a share e of codes lies off the
-    /// lattice `first` + multiples of `step`, a code on it is step (1 - e) times as probable as without that
-    /// knowledge, and one off it step e / (step - 1) times. e is estimated from the training signals. Samples
-    /// that may be clipped (`plain`: `counts` 0) are left out: their probability is that of all values beyond
-    /// the rail (`ln_clipped`).
+    /// lattice, a code on it is step (1 - e) times as probable as without that knowledge, and any other
+    /// step e / (step - 1) times. Samples that may be clipped (`plain`: `counts` 0) are left out: their
+    /// probability is that of all values beyond the rail (`ln_clipped`).
     fn ln_codes(&self, plain: &[Signal], [step, first]: [f64; 2]) -> Vec<f64> {
         let on = |y: &f32| (f64::from(*y) - first).rem_euclid(step) == 0.0;
         let TrainTestSplit { train, test, .. } = &self.split;
@@ -206,9 +195,8 @@ impl Measuring<'_> {
         Some(Step { id: CauseId::CorrelatedNoise, gains: differences(ln_plain, &naive) })
     }
 
-    /// Gains of growing noise, of a line of random phase and of the trigger's jitter, in this order, each on
-    /// top of those before it. `test`, `ln_extended`: the held-out signals, and ln p of each, by the extended
-    /// model in white noise.
+    /// Gains of growing noise, of a line of random phase and of the trigger's jitter, in this order, each on top
+    /// of those before. `ln_extended`: ln p of each held-out signal by the extended model in white noise.
     fn noise(&self, test: &[Signal], ln_extended: &[f64]) -> Vec<Step> {
         let is = |id| accepted(&self.artefacts.noise, id);
         let (growth, tone) = (is(CauseId::HeteroscedasticNoise), is(CauseId::RandomTone));
@@ -224,7 +212,6 @@ impl Measuring<'_> {
         let mean = squares.iter().sum::<f64>() / squares.len().max(1) as f64;
         let (mut noise, mut before, mut steps) =
             (Noise::default(), ln_extended.to_vec(), Vec::new());
-        // a size is fitted by maximising the likelihood of the training signals over its logarithm
         let sum = |ln: Vec<f64>| ln.into_iter().filter(|v| v.is_finite()).sum::<f64>();
         let fitted = |near: f64, of: &dyn Fn(f64) -> Vec<f64>| {
             maximum(|x| sum(of(x.exp())), near.max(1e-12).ln(), REACH).exp()
@@ -262,9 +249,8 @@ fn differences(with: &[f64], without: &[f64]) -> Vec<f64> {
 }
 
 impl Signal {
-    /// ln p of the samples that the density of the signal leaves out because they may be clipped. `sd`:
-    /// standard deviation of the noise, counts. About the expected value f, a sample at the rail has the
-    /// probability of all values from half a count before the rail on; any other has the normal density.
+    /// ln p of the samples that may be clipped. `sd`: of the noise, counts. A sample at the rail has the
+    /// probability of all values from half a count before it on; any other has the normal density.
     fn ln_clipped(&self, rails: &[Rail], sd: f64) -> f64 {
         let each = self.counts.iter().zip(self.y.iter().zip(&self.expected));
         each.filter(|(counts, _)| **counts == 0.0)
@@ -276,8 +262,7 @@ impl Signal {
     }
 }
 
-/// Mean gain per signal, and its 95 % interval by drawing channels anew (`by_channel`). `of`: the signals of
-/// the gains. Gains that are not finite are left out.
+/// Mean gain per signal, and its 95 % interval by drawing channels anew, over gains that are finite.
 fn worth(gains: &[f64], of: &[Signal]) -> Worth {
     let known = gains.iter().zip(of).filter(|(gain, _)| gain.is_finite());
     let (gains, units): (Vec<f64>, Vec<usize>) =

@@ -59,8 +59,7 @@ impl ScoreTests<'_> {
         }
     }
 
-    /// Tests a covariate that scales the amplitude. The value is the relative change per unit of
-    /// the covariate.
+    /// The value is the relative change of the amplitude per unit of the covariate.
     pub(super) fn gain(&self, id: CauseId, covariate: usize) -> Option<Scored> {
         let t = &self.model.mean;
         let v = [0.0, 0.0, t[2], t[3], t[4], 0.0];
@@ -116,13 +115,12 @@ impl ScoreTests<'_> {
         Some(Scored { surprise, value, sd, ..Scored::plain(id, statistic, form) })
     }
 
-    /// Tests a covariate on damping or frequency. The acquisition state may follow the covariate,
-    /// too; how far it does depends on what came before t_a. So the candidate is tested in three
-    /// ways: with the amplitudes of the decay unmoved; with the state of the interior unmoved; and
-    /// with the amplitudes free. The most significant way counts, with the degrees of freedom of that
-    /// way and at the price of three tries. The size is always estimated with the amplitudes free,
-    /// and must be 2.576 standard errors from 0. `interior`: how theta moves if the interior's state
-    /// does not; `unit`: as in `covariate`.
+    /// The acquisition state may follow the covariate, too, as far as what came before t_a lets it.
+    /// So the candidate is tested with the amplitudes of the decay unmoved, with the state of the
+    /// interior unmoved, and with the amplitudes free. The most significant way counts, with its
+    /// own degrees of freedom and at the price of three tries. The size is always estimated with
+    /// the amplitudes free, and must be 2.576 standard errors from 0. `interior`: how theta moves
+    /// if the interior's state does not.
     fn covariate_free(
         &self,
         id: CauseId,
@@ -142,7 +140,6 @@ impl ScoreTests<'_> {
         best.tried = WAYS;
         best.surprise = surprise(best.statistic, best.degrees, WAYS, dof);
 
-        // rates alone, with the amplitudes free to follow the covariate
         let amplitude = self.model.amplitude();
         let along = |v| Direction::covariate(self.samples, which, v);
         let free = |own| std::array::from_fn(|j| if j == own { amplitude } else { 0.0 });
@@ -188,9 +185,8 @@ impl ScoreTests<'_> {
 
     /// Corrects a statistic for a scatter of few channels that was estimated with the effect of
     /// their position still in it. Of n channels the statistic is (n - 1) R², where R² is the share
-    /// of the scatter that the position explains; it becomes t² = (n - 3) R²/(1 - R²), but not less
-    /// than it was. Other covariates than the position, and effects that are in the model, need no
-    /// correction.
+    /// of the scatter that the position explains; it becomes t² = (n - 3) R²/(1 - R²), if that is
+    /// more. Other covariates need no correction.
     fn against_rest(&self, which: usize, statistic: f64) -> f64 {
         // an effect that is in the model is no part of the scatter any more
         if which != POSITION || self.model.added.beta[POSITION].iter().any(|b| *b != 0.0) {
@@ -228,7 +224,6 @@ impl ScoreTests<'_> {
         let interior = self.interior?;
         let Interior { channel, state: [v, q_r, q_n], .. } = interior;
         let grown = |x: f64, h: f64, often: usize| (0..often).fold(x, |x, _| x * (1.0 + h));
-        // parameters of the decay after all rates have grown by h
         let at = |h: f64| -> Option<[f64; ALL]> {
             let c = InkChannel {
                 a_per_s2: grown(channel.a_per_s2, h, stiffness),
@@ -244,7 +239,6 @@ impl ScoreTests<'_> {
             let (dr, dn) = (-a * v - g * q_r, -b * v - d * q_n);
             let dy = dr + dn;
             let ddy = -(a + b) * y - g * dr - d * dn;
-            // amplitudes of the new decay that has this output and these derivatives
             let m = nalgebra::Matrix3::new(
                 1.0,
                 0.0,
@@ -265,7 +259,6 @@ impl ScoreTests<'_> {
         v.iter().all(|x| x.is_finite()).then_some(v)
     }
 
-    /// Tests every covariate on every parameter, one at a time.
     pub fn covariate_scan(&self) -> Vec<ParameterTest> {
         let present = (1..COVARIATES).filter(|which| self.data.beside.present[*which]);
         present.flat_map(|which| self.on_each_parameter(which)).collect()

@@ -40,9 +40,8 @@ fn is_slow(omega: f64) -> bool {
 }
 
 impl ScoreTests<'_> {
-    /// Tests a line; the value is the frequency in Hz. `pattern`: power of the drive; `dampings`: those that
-    /// are scanned (a single 0: the line stays undamped). With `near`, the frequency and damping of that form
-    /// are refined without a scan, and no objection is made.
+    /// The value is the frequency in Hz. `pattern`: power of the drive; `dampings`: those that are scanned (a
+    /// single 0: the line stays undamped). With `near`, that form is refined without a scan or an objection.
     pub(super) fn line(
         &self,
         id: CauseId,
@@ -59,7 +58,6 @@ impl ScoreTests<'_> {
         if omega == 0.0 {
             return None;
         }
-        // frequency and damping are refined in turn, the damping within .1 and 6 times the ring's
         for _ in 0..2 {
             omega = maximum(|x| test(x, gamma), omega, 0.5);
             if gamma > 0.0 {
@@ -118,7 +116,6 @@ impl ScoreTests<'_> {
         scan
     }
 
-    /// Whether what is at a frequency may be the ring's own doing, or a random tone that was found.
     fn is_own(&self, pattern: usize, omega: f64, gamma: f64) -> bool {
         let own = self.decay.omega;
         let within = |reach: f64, of: f64| (omega - of).abs() < reach;

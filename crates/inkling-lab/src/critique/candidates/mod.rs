@@ -2,9 +2,8 @@
 //! as directions in the space of linear extensions, with its likelihood-ratio test.
 //!
 //! In: a model, its signals, and the nuisances, i.e. what is allowed for before anything is tested:
-//! the mean's parameters and the causes that are in the model already. Out: [`Scored`], one per
-//! candidate: the best over its shape parameter (frequency, rate, strength), with its value in the
-//! catalogue's units.
+//! the mean's parameters and the causes in the model. Out: [`Scored`], one per candidate: the best
+//! over its shape parameter (frequency, rate, strength), with its value in the catalogue's units.
 //!
 //! A test has three steps: (1) write the cause as directions, i.e. as what it adds to the signals
 //! or to their parameters per unit of its size; (2) compute the statistic g^T K^-1 g beside the
@@ -61,7 +60,6 @@ impl Applied {
     }
 }
 
-/// A tested candidate, in the form in which it would enter the model.
 pub type Scored = Candidate<Applied>;
 
 /// The signals that causes are looked for in.
@@ -122,9 +120,8 @@ impl<'a> ScoreTests<'a> {
         all
     }
 
-    /// Tests one cause, judged by the spread over bursts where these have more in common than their
-    /// signals let expect. `near`: the form that the cause has in the model, near which its shape
-    /// is searched. `None`: it cannot be tested here.
+    /// `near`: the form that the cause has in the model, near which its shape is searched. `None`:
+    /// the cause cannot be tested here.
     pub fn score_one(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let mut scored = self.as_if_independent(id, near)?;
         if scored.surprise < HINT {
@@ -179,7 +176,6 @@ impl<'a> ScoreTests<'a> {
         }
     }
 
-    /// Degrees of freedom with which a scatter was estimated.
     fn dof(&self, of_channels: bool) -> f64 {
         let n = if of_channels { self.data.units } else { self.data.len() };
         (n as f64 - 3.0).max(1.0)

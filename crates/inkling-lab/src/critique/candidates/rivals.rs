@@ -42,7 +42,6 @@ fn settling(t: f64, rate: f64) -> f64 {
 }
 
 impl ScoreTests<'_> {
-    /// The most surprising of all but the free shape.
     pub fn likest_rival(&self) -> Option<Scored> {
         let bent = RIVALS.iter().filter(|rival| rival.id != CauseId::OwnShape);
         let all = bent.filter_map(|rival| self.score_one(rival.id, None));
@@ -70,7 +69,6 @@ impl ScoreTests<'_> {
 
     /// The most significant test over a rival's second number (kept as the form's `damping`): over all
     /// `seconds` of the catalogue, which are paid for as tries, or with `near` at the value that it had.
-    /// `score` tests the rival with a second number.
     pub(super) fn best_of(
         &self,
         id: CauseId,
@@ -91,10 +89,9 @@ impl ScoreTests<'_> {
         Some(best)
     }
 
-    /// Tests a ring seen through a curve, or with rates that follow time. `power`: as of `by_drive`;
-    /// `second`: lag of the gain in signal lengths, or how often a frequency settles within one. The value is
-    /// the strength e, the relative change at the first amplitude at unit drive (`whole`), or per signal
-    /// length for rates.
+    /// `power`: as of `by_drive`; `second`: lag of the gain in signal lengths, or how often a frequency
+    /// settles within one. The value is the strength e, the relative change at the first amplitude at unit
+    /// drive (`whole`), or per signal length for rates.
     pub(super) fn bent(
         &self,
         id: CauseId,
@@ -122,8 +119,7 @@ impl ScoreTests<'_> {
                     // y becomes y + e y²/whole, and y + e y³/whole²
                     CauseId::EvenSensor => e * y * y / whole,
                     CauseId::OddSensor => e * y * y * y / (whole * whole),
-                    // the gain becomes 1/(1 + e level/whole), 10 at most; the level follows the envelope with
-                    // a lag
+                    // the gain becomes 1/(1 + e level/whole), 10 at most; the level lags behind the envelope
                     CauseId::GainFollowsAmplitude => {
                         y / (1.0 + e * s * level[k] / whole).max(0.1) - y
                     }
@@ -169,7 +165,6 @@ impl ScoreTests<'_> {
         let n = self.samples as f64;
         let shapes = |omega: f64, sweep: f64| {
             Direction::waves(0, self.samples, |k| {
-                // `omega` is the frequency in the middle of the signal
                 let t = k as f64 / n - 0.5;
                 (1.0, omega * t + 0.5 * sweep * t * t)
             })
@@ -191,7 +186,6 @@ impl ScoreTests<'_> {
                 largest.max_by(|p, q| p.0.total_cmp(&q.0))?.1
             }
         };
-        // frequency and sweep rate are refined in turn
         for _ in 0..2 {
             best.0 = maximum(|omega| statistic(omega, best.1), best.0, STEP);
             best.1 = maximum(|sweep| statistic(best.0, sweep), best.1, 0.5 * SWEEP);
@@ -206,8 +200,7 @@ impl ScoreTests<'_> {
 
     /// Finds the parameter of a family that makes the likeliest shapes: the best of a grid, or where it was
     /// before (`near`), refined within `reach` and clamped to `low` and `high`. It becomes both the shape and
-    /// the value of the result. `shapes`: the directions of a parameter; `tried`: number of independent
-    /// shapes in the family, which is paid for.
+    /// the value of the result. `tried`: number of independent shapes in the family, which is paid for.
     pub(super) fn searched(
         &self,
         id: CauseId,

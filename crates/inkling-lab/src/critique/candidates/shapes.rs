@@ -2,12 +2,10 @@
 //! droop, the transient of a low-pass; and the scan for shapes that no cause of the catalogue has
 //! (`own_shape`).
 //!
-//! In: a fitted model with its signals ([`ScoreTests`]). Out: [`Scored`]. Most of these causes are not
-//! proportional to their strength e: what they add is e D(e), where the shape D(e) changes with e. `grown`
-//! finds the e of the largest likelihood. A shape that depends on the drive is decomposed into powers of the
-//! drive (`by_drive`), because the space of extensions has one shape for each power.
-//!
-//! Time is in signal lengths; drives are relative to the mean drive of the recording.
+//! In: a fitted model with its signals ([`ScoreTests`]). Out: [`Scored`]. Most of these causes add e D(e),
+//! where the shape D(e) changes with their strength e; `grown` finds the likeliest e. A shape that depends on
+//! the drive is decomposed into powers of the drive (`by_drive`), because the space of extensions has one
+//! shape for each power. Time is in signal lengths; drives are relative to the mean drive of the recording.
 
 use super::{Applied, ScoreTests, Scored};
 use crate::critique::catalogue::{CauseId, Motion};
@@ -75,8 +73,7 @@ impl ScoreTests<'_> {
         // An effect within two standard errors of none is small enough to be linear.
         let mut strength = linear.clamp(-most, most);
         if scored.statistic > 4.0 || near.is_some() {
-            // Try the strength of the linear test, and strengths a factor of 3 apart with its sign, of 5 with
-            // the other one; then refine the best one.
+            // trials are a factor of 3 apart with the sign of the linear test, of 5 with the other one
             let mut trials: Vec<f64> = vec![strength];
             match near {
                 Some(near) => trials.extend([near.shape, 0.7 * near.shape, 1.4 * near.shape]),
@@ -114,9 +111,8 @@ impl ScoreTests<'_> {
         Some(scored)
     }
 
-    /// Tests a term in the equation of motion. A strength is the relative change of frequency or damping that
-    /// the term causes at unit drive, or what [`Term`] says of it. `place`: the displacement at which a stop
-    /// begins, in amplitudes at unit drive.
+    /// A strength is the relative change of frequency or damping that the term causes at unit drive, or what
+    /// [`Term`] says of it. `place`: the displacement at which a stop begins, in amplitudes at unit drive.
     pub(super) fn motion(
         &self,
         id: CauseId,
@@ -140,8 +136,7 @@ impl ScoreTests<'_> {
 
         let mut scored = self.grown(id, strengths, shape, value, near)?;
         // The scatter of the acquisition state alone may look like a half-order loss up to `eta_floor`. So
-        // the statistic is reduced to that of the strength beyond the floor, half of the floor is added to
-        // the standard error, and the surprise allows for that scatter being estimated (Student's t).
+        // only the strength beyond that counts, and Student's t allows for that scatter being estimated.
         if term == Term::FractionalDamping && scored.value != 0.0 {
             let beyond = (scored.value.abs() - eta_floor()).max(0.0) / scored.value.abs();
             scored.statistic *= beyond * beyond;
@@ -175,10 +170,9 @@ impl ScoreTests<'_> {
         (0..4).map(node).collect()
     }
 
-    /// A shape that depends on the drive, decomposed into powers 0 to 3 of the drive. `added`: the shape at a
-    /// relative drive, N samples, counts, by its place among [`Self::nodes`] and the drive itself. With the
-    /// mean drive alone it is taken to scale as the drive to the power `power`. `None`: the shape is not
-    /// finite.
+    /// A shape decomposed into powers 0 to 3 of the drive. `added`: the shape at a relative drive, N samples,
+    /// counts, by its place among [`Self::nodes`] and the drive itself. With the mean drive alone it is taken
+    /// to scale as the drive to the power `power`. `None`: the shape is not finite.
     pub(super) fn by_drive(
         &self,
         power: i32,
@@ -251,9 +245,8 @@ impl ScoreTests<'_> {
         let (low, high) = ((4.0 * self.decay.sigma).max(6.0), 2.0 * n);
         let grid = (0..24).map(|i| (low * (high / low).powf(f64::from(i) / 23.0)).ln());
         let near = near.map(|near| near.shape.ln());
-        // All is in ln w. The reach of .12 is more than half of a step of the grid up to 512 samples (.16 to
-        // .22 at low = 6), so that no w is missed. Shapes of close rates are alike, so three independent ones
-        // are paid for.
+        // All is in ln w. The reach of .12 is more than half of a step of the grid up to 512 samples. Shapes
+        // of close rates are alike, so three independent ones are paid for.
         let within = (grid, 0.12, [low.ln(), high.ln()]);
         let mut scored = self.searched(id, 3.0, near, within, |x| vec![shape(x.exp())])?;
         let w = scored.value.exp();

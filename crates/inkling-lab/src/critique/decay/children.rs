@@ -48,9 +48,8 @@ pub fn misfit_power(misfit: &[f64], decays: &Decays) -> Vec<f64> {
     spectrum::total(centred.chunks(decays.samples).enumerate().map(scaled), 1.0)
 }
 
-/// Fits the damped oscillation that explains most, in white noise. It is searched beside an offset,
-/// so that it does not slow down to stand in for one. Then the offset is taken out, and the
-/// oscillation fitted once more.
+/// The damped oscillation that explains most, in white noise. It is searched beside an offset, so
+/// that it does not slow down to stand in for one, and then fitted without.
 pub fn baseline(decays: &Decays) -> Fit<'_> {
     let plain = Fit::zero(decays);
     let white = Noise::white(&vec![1.0; decays.outputs]);

@@ -7,7 +7,6 @@
 use crate::critique::observations::Observations;
 use crate::critique::outcome::CritiqueError;
 
-/// Largest number of bursts that are looked at, spread over the recording.
 const MOST_BURSTS: usize = 32;
 /// Longer decays are cut to so many samples, by whoever reads them.
 pub const MOST_SAMPLES: usize = 32_768;
@@ -16,7 +15,6 @@ const MOST_IN_ALL: usize = 8 * MOST_SAMPLES;
 
 #[derive(Clone, Debug)]
 pub struct Decays {
-    /// Sampling period, s.
     pub dt_s: f64,
     /// Numbers of complete bursts that are looked at, of outputs, and of samples of each.
     pub bursts: usize,
@@ -29,7 +27,6 @@ pub struct Decays {
     pub scale: Vec<f64>,
     /// Number of all complete bursts.
     pub whole: usize,
-    /// Number of bursts in which an output is missing.
     pub incomplete: usize,
 }
 
@@ -43,7 +40,6 @@ impl Decays {
         channels.sort_unstable();
         channels.dedup();
 
-        // the row of each output in each burst
         let mut bursts: Vec<Vec<Option<usize>>> = vec![vec![None; channels.len()]; data.bursts];
         for (i, row) in data.rows.iter().enumerate() {
             let output = channels.partition_point(|channel| *channel < row.beside.channel);
@@ -55,7 +51,6 @@ impl Decays {
         if all.is_empty() {
             return Err(CritiqueError::NoCompleteBurst { outputs: channels.len() });
         }
-        // of so many outputs that already one burst has too many samples, each is cut
         let n = data.samples.min(MOST_IN_ALL / channels.len());
         let most = all.len().min(MOST_BURSTS).min(MOST_IN_ALL / (channels.len() * n));
         let looked_at: Vec<&Vec<usize>> = (0..most).map(|k| &all[k * all.len() / most]).collect();

@@ -79,8 +79,7 @@ impl Colour {
         all
     }
 
-    /// Turns misfits into independent ones of unit variance; the first samples of a series have fewer before
-    /// them, and so are predicted by a lower order.
+    /// The first samples of a series have fewer before them, and so are predicted by a lower order.
     pub fn whiten(&self, series: &mut [f64]) {
         let raw = series.to_vec();
         for (k, w) in series.iter_mut().enumerate() {
@@ -146,7 +145,6 @@ pub struct Fit<'a> {
 }
 
 impl<'a> Fit<'a> {
-    /// The plain oscillator with all numbers 0, not compared with the decays yet.
     pub fn zero(decays: &'a Decays) -> Fit<'a> {
         let p = vec![0.0; plain_numbers(decays)];
         Fit { decays, terms: Vec::new(), p, cost: f64::INFINITY }
@@ -172,7 +170,6 @@ impl<'a> Fit<'a> {
         sizes(&self.misfit(), self.decays)
     }
 
-    /// The autoregression of each output's misfit.
     pub fn noise(&self) -> Noise {
         let Decays { outputs, .. } = *self.decays;
         let (misfit, share) = (self.misfit(), self.p.len() as f64 / outputs as f64);
@@ -239,7 +236,6 @@ impl<'a> Fit<'a> {
         self.steps(noise, self.decays.samples, MOST_STEPS)
     }
 
-    /// Descends by a few steps only, to compare starts.
     pub fn few_steps(&self, noise: &Noise) -> Fit<'a> {
         self.steps(noise, self.decays.samples, FEW_STEPS)
     }
@@ -278,8 +274,7 @@ impl<'a> Fit<'a> {
         Fit { p, cost, ..self.clone() }
     }
 
-    /// Fits a first stretch of so many samples, then ever longer ones (each by a half), then the whole, so
-    /// that a decay whose rates change is followed from swing to swing.
+    /// Fits a first stretch of so many samples, then ever longer ones (each by a half), then the whole.
     pub fn follow(&self, noise: &Noise, first: usize) -> Fit<'a> {
         let Decays { bursts, outputs, samples, .. } = *self.decays;
         let mut fit = self.clone();
@@ -303,8 +298,7 @@ fn cost(plant: &Plant, p: &[f64], noise: &Noise, measured: &[f64]) -> (f64, Vec<
     (if sum.is_finite() { sum } else { f64::INFINITY }, r)
 }
 
-/// J^T J and J^T r, with whitened derivatives J, summed series by series, since most numbers matter to one
-/// burst alone.
+/// J^T J and J^T r, summed series by series, since most numbers matter to one burst alone.
 fn normal(plant: &Plant, p: &[f64], noise: &Noise, r: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
     let numbers = p.len();
     let (mut gram, mut product) = (DMatrix::zeros(numbers, numbers), DVector::zeros(numbers));

@@ -3,10 +3,9 @@
 //!
 //! In, from `decay/mod.rs`: [`Selected`], the baseline (plain oscillation) and the extended model.
 //! Out: [`Misfit`], [`Gain`] and [`Figures`], as of an ink channel. Every third of some twenty
-//! stretches is held out (`stretches`); baseline and extended model are fitted to the others alone,
-//! and chi-squared, relative misfit and whiteness are told of the held-out ones. Intervals draw
-//! held-out stretches anew (bootstrap). Detection of faults is not measured: a single oscillator
-//! has no fault classes. The gain in likelihood is measured in `worth.rs`.
+//! stretches is held out (`stretches`); both models are fitted to the others alone, and judged on
+//! the held-out ones. Intervals draw held-out stretches anew (bootstrap). Detection of faults is
+//! not measured: a single oscillator has no fault classes.
 
 use super::decays::Decays;
 use super::fit::{Colour, Fit, sizes};
@@ -33,9 +32,8 @@ const LAGS: usize = 10;
 const UNIT: &str = "units of the recording";
 
 /// p-value of the misfit being white, over the samples (by their index in a series) that
-/// `looked_at` selects: as Ljung and Box, for each output and lag the squared sum of products over
-/// its variance, size^4 times their number, summed to a chi-squared. What a fit itself correlates
-/// is not allowed for; decays are long.
+/// `looked_at` selects: as Ljung and Box, by the squared correlations of each output. What a fit
+/// itself correlates is not allowed for; decays are long.
 pub fn whiteness(misfit: &[f64], decays: &Decays, looked_at: impl Fn(usize) -> bool) -> f64 {
     let sizes = sizes(misfit, decays);
     let (mut q, mut degrees) = (0.0, 0);
@@ -58,19 +56,16 @@ pub fn whiteness(misfit: &[f64], decays: &Decays, looked_at: impl Fn(usize) -> b
     (-surprise(q, degrees.max(3), 1.0, f64::INFINITY)).exp()
 }
 
-/// Number of parts that every series is cut into, to see whether what is left is spread evenly.
 const PARTS: usize = 32;
 
 /// Where what is left lies, if it is not spread evenly: the first sample of that part of a series
 /// (one of `PARTS`) in which, beyond what the samples before predict, more samples are large than
-/// chance puts there. The prediction is learned from the quieter half of all parts; learned from
-/// all, it would know the loud parts, too. `None`: chance explains the number of large samples in
-/// every part.
+/// chance puts there. The prediction is learned from the quieter half of all parts, else it would
+/// know the loud parts, too. `None`: chance explains every part.
 pub fn uneven(misfit: &[f64], decays: &Decays) -> Option<usize> {
     let length = decays.samples.div_ceil(PARTS);
     let power = |y: &[f64]| y.iter().map(|v| v * v).sum::<f64>() / y.len() as f64;
 
-    // whiten each output by the autoregression of its quieter parts
     let mut white = misfit.to_vec();
     for output in 0..decays.outputs {
         let parts = || decays.of_output(misfit, output).flat_map(|series| series.chunks(length));
@@ -81,7 +76,6 @@ pub fn uneven(misfit: &[f64], decays: &Decays) -> Option<usize> {
         of_output.for_each(|series| colour.whiten(series));
     }
 
-    // compare the number of large samples in each part with their share in all samples (Poisson)
     let large = |y: &[f64]| y.iter().filter(|w| w.abs() > ONCE_IN_100).count() as f64;
     let share = large(&white) / white.len() as f64;
     let parts = white.chunks(decays.samples).flat_map(|series| series.chunks(length).enumerate());
@@ -133,8 +127,7 @@ fn figures(decays: &Decays, misfit: &[f64], sds: &[f64]) -> GainFigures {
     }
 }
 
-/// Misfit of the baseline on all samples, in the noise that the final model leaves there; and what
-/// the extension buys on held-out stretches.
+/// `Misfit`: of the baseline on all samples, in the noise that the final model leaves there.
 pub fn measure(selected: &Selected) -> (Misfit, Gain) {
     let decays = selected.fit.decays;
     let n = decays.samples;
@@ -146,14 +139,12 @@ pub fn measure(selected: &Selected) -> (Misfit, Gain) {
     let whiteness_p = whiteness(&before, decays, |_| true);
     let misfit = Misfit { chi2_per_dof, nrmse_percent, whiteness_p };
 
-    // fit both models again, to the stretches between the held-out ones
     let stretches = Stretches::of(decays);
     let noise = stretches.noise(&sds);
     let anew = |fit: &Fit| fit.descend(&noise).misfit();
     let (plain, extended) = (anew(&selected.baseline), anew(&selected.fit));
 
-    // the noise of each output is what the extended model leaves in the stretches that it was
-    // fitted to
+    // each output's noise is what the extended model leaves where it was fitted
     let kept: Vec<f64> = (0..decays.outputs)
         .map(|output| {
             let samples = decays.of_output(&extended, output).flat_map(|r| r.iter().enumerate());
@@ -182,7 +173,6 @@ pub fn measure(selected: &Selected) -> (Misfit, Gain) {
     (misfit, gain)
 }
 
-/// Mean misfit of one output over the bursts, sample by sample, in the unit of the recording.
 fn mean_of(misfit: &[f64], decays: &Decays, output: usize) -> Vec<f64> {
     let mut mean = vec![0.0; decays.samples];
     let weight = decays.scale[output] / decays.bursts as f64;
@@ -192,16 +182,13 @@ fn mean_of(misfit: &[f64], decays: &Decays, output: usize) -> Vec<f64> {
     mean
 }
 
-/// All figures of a critique of decays: the mean misfit over time, its spectrum, and the misfit of
-/// frequency and damping against the amplitude. The first two are of the output whose misfit the
-/// extension reduces most.
+/// The mean misfit and its spectrum are of the output whose misfit the extension reduces most.
 pub fn draw(selected: &Selected) -> Figures {
     let decays = selected.fit.decays;
     let n = decays.samples;
     let before = selected.baseline.misfit();
     let after = selected.fit.misfit();
     let (large, small) = (sizes(&before, decays), sizes(&after, decays));
-    // the figures show the output whose misfit the extension reduces most
     let output = (0..decays.outputs)
         .max_by(|p, q| (large[*p] / small[*p]).total_cmp(&(large[*q] / small[*q])))
         .unwrap_or(0);
@@ -262,7 +249,6 @@ fn local(y: &[f64], omega: f64) -> Option<[f64; 5]> {
             let (s, c) = (omega * t).sin_cos();
             [c, s, t * c, t * s, 1.0][j]
         });
-        // least squares at the present frequency; the slopes then correct it
         let inverse = basis.tr_mul(&basis).try_inverse()?;
         let values = DVector::from_column_slice(y);
         let x = &inverse * basis.tr_mul(&values);
@@ -290,8 +276,7 @@ fn local(y: &[f64], omega: f64) -> Option<[f64; 5]> {
 type Stretch = (f64, [[f64; 3]; 2]);
 
 /// Misfit of the frequency and the damping of single stretches against their amplitude, in bins.
-/// `after`: the extended model's misfit. The plain oscillation has one frequency (its undamped one
-/// is taken) and one damping; what the extended model expects of a stretch is measured in the
+/// `after`: the extended model's misfit; what that model expects of a stretch is measured in the
 /// simulated stretch as in the real one. Only the first output is looked at, which counts as the
 /// displacement. Empty where less than three stretches tell something.
 fn against_amplitude(selected: &Selected, after: &[f64]) -> Vec<CovariateFigure> {
@@ -299,7 +284,6 @@ fn against_amplitude(selected: &Selected, after: &[f64]) -> Vec<CovariateFigure>
     const BINS: usize = 8;
     let n = decays.samples;
     let (sigma, omega) = (selected.baseline.p[SIGMA], selected.baseline.p[OMEGA]);
-    // four swings make a stretch
     let length = ((4.0 * TAU / omega).ceil() as usize).max(16);
     let noise = sizes(after, decays)[0];
     let mut points: Vec<Stretch> = Vec::new();
@@ -311,9 +295,8 @@ fn against_amplitude(selected: &Selected, after: &[f64]) -> Vec<CovariateFigure>
                 continue;
             };
             // Only what is well above the noise, and has a frequency, tells something. Of frequency
-            // and damping: what was measured less what the plain oscillation has, less what the
-            // extended model expects, and the standard deviation; all relative to the plain
-            // oscillation.
+            // and damping: the misfits of both models and the standard deviation, relative to the
+            // plain oscillation.
             if seen[0] > 5.0 * noise && seen[3] < 0.05 * omega {
                 let each = |j: usize, base: f64| {
                     let base_or = if base.abs() > 1e-9 { base } else { 1e-9 };
@@ -328,7 +311,6 @@ fn against_amplitude(selected: &Selected, after: &[f64]) -> Vec<CovariateFigure>
         }
     }
 
-    // bins of equally many stretches, by amplitude
     points.retain(|(a, of)| a.is_finite() && of.iter().flatten().all(|v| v.is_finite()));
     points.sort_by(|p, q| p.0.total_cmp(&q.0));
     if points.len() < 3 {

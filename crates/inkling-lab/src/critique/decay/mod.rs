@@ -1,14 +1,12 @@
 //! The critique of few, long decays of one oscillator (a pendulum, a beam, a circuit).
 //!
-//! In: decays of one system, in bursts of one or more outputs, in any unit; a few of many are looked at.
-//! Out: the same [`Outcome`] as for a printhead, without an extended design. The trajectory itself is fitted
+//! In: decays of one system, in bursts of one or more outputs, in any unit; a few of many are looked at. Out:
+//! the same [`Outcome`] as for a printhead, without an extended design. The trajectory itself is fitted
 //! (`fit`, `motion`): a damped oscillation for all outputs, then whatever terms the decays ask for
 //! (`selection`). There is no drive scan, but a long decay goes through all amplitudes.
 //!
-//! The steps of [`critique`]: scale the decays (`decays`); select terms; ask whether anything rings at all;
-//! measure the gain on held-out stretches (`gain`, `worth`); put causes into words (`words`); judge what is
-//! left (`left`); decide the verdict. In this folder *numbers* are the fitted parameters, a *series* is one
-//! output in one burst, a *line* is an added oscillation, and the *misfit* is measured minus simulated.
+//! In this folder *numbers* are the fitted parameters, a *series* is one output in one burst, a *line* is an
+//! added oscillation, and the *misfit* is measured minus simulated.
 
 mod children;
 mod decays;
@@ -100,7 +98,6 @@ fn not_white(p: f64, predictable: f64, misfit: &[f64], decays: &Decays) -> Strin
     )
 }
 
-/// Remarks on what is left, and on candidates that would explain a part of it but cannot be named.
 fn unexplained(selected: &Selected, left: &Unexplained) -> Vec<String> {
     let unnamed = selected.unnamed.iter().map(|t| {
         format!(
@@ -133,7 +130,6 @@ pub fn critique(
     let (misfit, gain) = gain::measure(&selected);
     let left = left(&selected, !causes.is_empty());
     let verdict = Verdict::of(&mut causes, &left);
-    // where nothing entered the model, the named candidate that explains most is told as the nearest
     if verdict == Verdict::Unknown && causes.is_empty() && selected.causes.is_empty() {
         causes.extend(nearest(&selected));
     }

@@ -43,7 +43,6 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// Whether the equation of motion is linear, whatever rates and sensors do.
     fn is_linear(&self) -> bool {
         [self.stiffness, self.drag, self.stick] == [0.0; 3] && !self.unnamed.has(&SPRINGS)
     }
@@ -110,9 +109,8 @@ impl Motion {
         [self.turn(0.5 * h), self.turn(h)]
     }
 
-    /// Writes x and x'/omega of `samples` samples, as the sensor shows them, to `out`. `start`:
-    /// both at sample 0. A motion that gets lost (`LOST`) is NaN from the next sample on, so that
-    /// its cost is infinite.
+    /// Writes x and x'/omega as the sensor shows them to `out`. `start`: both at sample 0. A motion
+    /// that gets lost (`LOST`) is NaN from the next sample on, so that its cost is infinite.
     pub fn run(&self, start: [f64; 2], samples: usize, out: &mut Vec<[f64; 2]>) {
         out.clear();
         self.moved(start, samples, out);
@@ -121,8 +119,7 @@ impl Motion {
         }
     }
 
-    /// The equation between sample `samples` and the next one, where rates follow time: with those
-    /// in the middle.
+    /// The equation between sample `samples` and the next one, with rates in the middle.
     fn after(&self, samples: usize) -> Motion {
         let time = samples as f64 + 0.5;
         let sigma = self.sigma + self.unnamed.loss_after(time);
@@ -189,7 +186,6 @@ impl Motion {
                 return (end, sign, false);
             }
 
-            // find the instant by false position (regula falsi), kept away from the ends
             let (mut low, mut high) = ((0.0, y[1] * sign), (left, end[1] * sign));
             for _ in 0..40 {
                 let at = low.0 + (high.0 - low.0) * (low.1 / (low.1 - high.1)).clamp(0.05, 0.95);
@@ -206,7 +202,6 @@ impl Motion {
             y = Vector2::new(part(y, sign, low.0)[0], 0.0);
             left -= low.0;
 
-            // the body rests if the spring is weaker than the friction, else it turns
             let spring = y[0] + self.beyond(y[0]) + self.unnamed.spring(y[0]);
             if spring.abs() <= self.stick {
                 return (y, sign, true);
@@ -217,8 +212,7 @@ impl Motion {
     }
 
     /// Frequency at an amplitude over that of the smallest motion, by harmonic balance (N. M.
-    /// Krylov and N. N. Bogoliubov): the square root of 2 times the mean of F(A cos phase) cos
-    /// phase / A over a swing. Rivals' springs are not included.
+    /// Krylov and N. N. Bogoliubov). Rivals' springs are not included.
     pub fn frequency_ratio(&self, amplitude: f64) -> f64 {
         const POINTS: usize = 64;
         let mut sum = 0.0;

@@ -48,7 +48,6 @@ fn line_objection(
     at: usize,
     covariance: &DMatrix<f64>,
 ) -> Option<Objection> {
-    // this line and those before it
     let lines: Vec<(usize, Vec<f64>)> = fit.lines().take_while(|(place, _)| *place <= at).collect();
     let ((_, frequencies), before) = lines.split_last()?;
     let sigma = fit.p[at];
@@ -62,7 +61,6 @@ fn line_objection(
         return Some(Objection::Undamped);
     }
 
-    // a line must lie clear of the ring, of its multiples, and of the lines before it
     let width = if line == Line::Mode { sigma } else { 0.0 };
     if let Some(objection) =
         frequencies.iter().find_map(|omega| place_objection(fit, *omega, sigma, width))

@@ -30,7 +30,6 @@ pub fn plain_numbers(decays: &Decays) -> usize {
     shares(decays) + 2 * (decays.outputs - 1)
 }
 
-/// Each term, with the index at which its numbers begin.
 pub fn placed(decays: &Decays, terms: &[Term]) -> impl Iterator<Item = (Term, usize)> {
     terms.iter().scan(plain_numbers(decays), |next, term| {
         let at = *next;
@@ -39,7 +38,6 @@ pub fn placed(decays: &Decays, terms: &[Term]) -> impl Iterator<Item = (Term, us
     })
 }
 
-/// The equation of motion; offsets and lines are no part of it.
 pub fn motion(decays: &Decays, terms: &[Term], p: &[f64]) -> Motion {
     let mut motion = Motion { sigma: p[SIGMA], omega: p[OMEGA], ..Motion::default() };
     for (term, at) in placed(decays, terms) {
@@ -56,7 +54,6 @@ pub fn motion(decays: &Decays, terms: &[Term], p: &[f64]) -> Motion {
     motion
 }
 
-/// Writes x and x'/omega of one burst, sample by sample, to `out`.
 pub fn path(motion: &Motion, p: &[f64], burst: usize, samples: usize, out: &mut Vec<[f64; 2]>) {
     let at = STARTS + 2 * burst;
     motion.run([p[at], p[at + 1]], samples, out);
@@ -221,7 +218,6 @@ impl<'a> Plant<'a> {
         columns
     }
 
-    /// Adds the columns of offsets, and of lines e^{-sigma t} (a cos omega t + b sin omega t).
     fn add_offsets_and_lines(&self, p: &[f64], columns: &mut Jacobian) {
         for (term, first) in placed(self.decays, self.terms) {
             match term {

@@ -2,10 +2,9 @@
 //!
 //! In: decays. Out: [`Selected`]. The search itself is that of all plants (`search.rs`); this file says:
 //!
-//! 1. `tried`: each term that may join is fitted beside the parent, which is the model so far (`candidates`).
-//!    All candidates are then fitted again and compared in the metric of the noise that the best of them
-//!    leaves (`judged`). A coefficient of the unphysical sign, or a line that is an alias of something else,
-//!    is an objection (`objections`).
+//! 1. `tried`: each term that may join is fitted beside the parent, which is the model so far (`candidates`),
+//!    and compared in the metric of the noise that the best candidate leaves (`judged`). A coefficient of the
+//!    unphysical sign, or a line that is an alias of something else, is an objection (`objections`).
 //! 2. `round`: candidates that passed compete by BIC.
 //! 3. `settled`: terms that are now superfluous go (`eliminate`), and a rival without a name gives way to a
 //!    named term that explains as much beside all others (`exchange`).
@@ -30,7 +29,6 @@ use inkling_core::side_by_side::{cores, side_by_side};
 use nalgebra::DMatrix;
 use std::ops::ControlFlow;
 
-/// A candidate; its statistic is measured in the noise that the best candidate leaves.
 pub type Tried<'a> = Candidate<Added<'a>>;
 
 pub struct Selected<'a> {
@@ -208,9 +206,8 @@ pub fn select<'a>(decays: &'a Decays, stages: &mut dyn FnMut(&str)) -> Selected<
     Selected { baseline, fit, noise, covariance, causes, evidence, unnamed, form_is_known }
 }
 
-/// Takes out causes that the newcomer makes superfluous, or gives the wrong sign, the weakest first. Measures
-/// the statistics of all others on the way: the rise of the cost if the cause is left out and all else fitted
-/// again.
+/// Takes out causes that the newcomer makes superfluous, or gives the wrong sign, the weakest first, and
+/// measures all others: how much the cost rises if the cause is left out and all else fitted again.
 fn eliminate<'a>(now: &mut Fit<'a>, causes: &mut Vec<Chosen<Added<'a>>>) {
     loop {
         let noise = now.noise();
@@ -243,7 +240,6 @@ fn margin(now: &Fit, noise: &Noise) -> f64 {
     if coloured { tie().max(left_to_shapes() * now.cost) } else { tie() }
 }
 
-/// Bayesian information criterion.
 fn criterion(fit: &Fit) -> f64 {
     fit.cost + fit.p.len() as f64 * fit.decays.ln_samples()
 }

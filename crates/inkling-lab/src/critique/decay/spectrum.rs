@@ -1,12 +1,9 @@
-//! Spectrum of the decays or of a fit's misfit, and its highest peaks.
-//!
-//! In: series of samples, all of one length. Out: the sum of their periodograms, and the angular frequencies
-//! of its highest peaks, rad per sample.
+//! Spectrum of the decays or of a fit's misfit, and its highest peaks. Series have one length; angular
+//! frequencies are in rad per sample.
 
 use std::f64::consts::PI;
 
-/// Fast Fourier transform in place (radix two, decimation in time); both parts have the same length, a power
-/// of two.
+/// Fast Fourier transform in place (radix two, decimation in time); the length is a power of two.
 fn transform(re: &mut [f64], im: &mut [f64]) {
     let n = re.len();
     // put the samples into bit-reversed order
@@ -23,7 +20,6 @@ fn transform(re: &mut [f64], im: &mut [f64]) {
             im.swap(i, j);
         }
     }
-    // butterflies of ever longer transforms
     let mut length = 2;
     while length <= n {
         let (sin, cos) = (-2.0 * PI / length as f64).sin_cos();
@@ -64,8 +60,7 @@ pub fn total<Series: AsRef<[f64]>>(all: impl Iterator<Item = Series>, weight: f6
 }
 
 /// Frequencies of at most `count` peaks of a spectrum, rad per sample, the highest first. `power`: at equal
-/// steps from 0 to pi, neither of which counts as a peak. Peaks that lie closer than `apart` to a higher one
-/// are left out.
+/// steps from 0 to pi, which do not count. Peaks closer than `apart` to a higher one are left out.
 pub fn peaks(power: &[f64], lowest: f64, apart: f64, count: usize) -> Vec<f64> {
     let step = PI / (power.len() - 1) as f64;
     let mut order: Vec<usize> = (1..power.len() - 1)

@@ -1,8 +1,7 @@
 //! Stretches of time that models of decays are not fitted to, but judged on: every third of some twenty, so
 //! that both parts hold large and small amplitudes.
 //!
-//! In: the length of decays. Out: which samples of every series are held out, as a predicate, as ranges, and
-//! as a [`Noise`] in which they count for nothing, so that a fit in that noise does not see them.
+//! Samples held out count for nothing in the [`Noise`] that `noise` makes, so a fit does not see them.
 
 use super::decays::Decays;
 use super::fit::Noise;
@@ -14,7 +13,6 @@ const EVERY: usize = 3;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Stretches {
-    /// Number of samples of a series, and of a stretch.
     samples: usize,
     pub length: usize,
 }
@@ -36,7 +34,6 @@ impl Stretches {
         parts.map(|part| part[0]..part[0] + part.len()).collect()
     }
 
-    /// White noise in which held-out samples count for nothing.
     pub fn noise(self, sds: &[f64]) -> Noise {
         let held_out = (0..self.samples).map(|k| self.is_held_out(k)).collect();
         Noise { held_out, ..Noise::white(sds) }

@@ -1,6 +1,5 @@
-//! The terms that may be added to the oscillator, one at a time, and what the other files ask of them: which
-//! cause of the catalogue a term stands for, how many numbers (parameters) it has, whether it may join
-//! others. `plant.rs` says what each adds.
+//! The terms that may be added to the oscillator, one at a time: the catalogue's cause of each, how many
+//! numbers (parameters) it has, and whether it may join others. `plant.rs` says what each adds.
 
 use super::decays::Decays;
 use super::motion::Form;
@@ -41,7 +40,6 @@ impl Line {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Term {
     Offset,
-    /// A spring that is not linear.
     Stiffness(Form),
     Drag,
     Friction,
@@ -86,7 +84,6 @@ impl Term {
         matches!(self, Term::Line(_))
     }
 
-    /// Number of independent frequencies at which it was looked for.
     pub fn places(self, decays: &Decays) -> f64 {
         if self.is_line() { decays.samples as f64 / 2.0 } else { 1.0 }
     }

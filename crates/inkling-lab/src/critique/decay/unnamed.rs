@@ -12,7 +12,6 @@ pub fn unnamed() -> impl Iterator<Item = CauseId> {
     RIVALS[..IN_DECAYS].iter().map(|rival| rival.id)
 }
 
-/// Rivals that bend the spring, that change rates with time, and that bend what the sensor shows.
 pub const SPRINGS: [CauseId; 3] =
     [CauseId::EvenSpring, CauseId::OneSidedSpring, CauseId::SpringWithGap];
 pub const RATES: [CauseId; 2] = [CauseId::LossFollowsTime, CauseId::FrequencyFollowsTime];
@@ -48,7 +47,6 @@ impl Strengths {
         self.0[Strengths::place(what)][..numbers.len()].copy_from_slice(numbers);
     }
 
-    /// A rival's numbers.
     fn of(&self, what: CauseId) -> [f64; 2] {
         self.0[Strengths::place(what)]
     }
@@ -62,7 +60,6 @@ impl Strengths {
         even * x * x + stop * past(x, place) - x.max(-gap.abs()).min(gap.abs()) * gap.signum()
     }
 
-    /// Whether some of these rivals are there.
     pub fn has(&self, some: &[CauseId]) -> bool {
         some.iter().any(|what| self.of(*what)[0] != 0.0)
     }
@@ -79,7 +76,6 @@ impl Strengths {
         slope * run
     }
 
-    /// Replaces the displacements of a path (x and x'/omega) by what the sensor shows of them.
     pub fn through_sensor(&self, path: &mut [[f64; 2]]) {
         let amplitudes = path.iter().map(|[x, u]| x.hypot(*u));
         let levels = lagging(amplitudes, self.of(CauseId::GainFollowsAmplitude)[1]);

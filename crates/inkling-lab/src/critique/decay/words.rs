@@ -60,7 +60,6 @@ fn value(selected: &Selected, index: usize) -> (f64, f64) {
     (of(&fit.p), variance.max(0.0).sqrt())
 }
 
-/// The output with the largest offset in counts.
 fn largest_offset(fit: &Fit) -> usize {
     let offsets = fit.offsets().unwrap_or_default();
     let largest = |p: &usize, q: &usize| offsets[*p].abs().total_cmp(&offsets[*q].abs());
@@ -97,7 +96,6 @@ pub fn causes(selected: &Selected) -> (Vec<Cause>, Vec<String>) {
         (chosen.candidate.value, chosen.candidate.sd) = value(selected, index);
         chosen.delta_bic = chosen.candidate.delta_bic(decays.ln_samples());
         let mut cause = chosen.cause();
-        // the strongest of several lines is the cause already: the others are remarks
         if found.iter().any(|c| c.id == id) {
             let size = digits::measured(cause.value, cause.ci95, &cause.unit);
             remarks.push(format!("one more {id}: {} = {size}", cause.parameter));
@@ -127,7 +125,6 @@ pub fn causes(selected: &Selected) -> (Vec<Cause>, Vec<String>) {
     (found, remarks)
 }
 
-/// The sentence of a cause, in words that suit a decay.
 fn sentence(cause: &Cause) -> String {
     let entry = cause.id.row();
     let words = match entry.in_decays {

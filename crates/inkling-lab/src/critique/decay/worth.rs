@@ -38,7 +38,6 @@ pub fn measure(selected: &Selected) -> Option<LogLikelihood> {
 }
 
 impl Judged {
-    /// Judges a model that was fitted to the stretches that are not held out.
     fn of(model: &Fit, stretches: Stretches) -> Judged {
         let decays = model.decays;
         let misfit = model.misfit();
@@ -52,7 +51,6 @@ impl Judged {
             })
             .collect();
 
-        // held-out samples are judged given all samples before them, fitted or not
         let mut all = Vec::new();
         for (i, series) in misfit.chunks(decays.samples).enumerate() {
             let ln = colours[i % decays.outputs].ln_densities(series);
