@@ -1,9 +1,8 @@
 //! Scores critiques against what a simulation hid in the recordings that were criticised.
 //!
 //! In: for each recording a `CritiqueAnswer` (from its `critique.json`) and a `Truth` (from its
-//! `truth.json`), from `inkling score --truth` and the tests of hidden effects. Out: a `Blind`,
-//! which counts how often an effect was detected, rightly named, tied, withheld, missed or wrongly
-//! named, by kind of truth, by effect and by strength.
+//! `truth.json`), from `inkling score --truth` and the tests of hidden effects. Out: a `Blind`, which counts
+//! outcomes by kind of truth, by effect and by strength.
 //!
 //! Words: a critique names *causes*; a simulation hides *effects*. A *tie* is a group of causes
 //! that the critique could not tell apart. The strength of an effect is in detection limits (DL):
@@ -41,7 +40,6 @@ impl Verdict {
     }
 }
 
-/// The answer that a critique gives in its `critique.json`, and what it names.
 #[derive(Clone, Debug, Deserialize)]
 pub struct CritiqueAnswer {
     pub verdict: Verdict,
@@ -49,9 +47,7 @@ pub struct CritiqueAnswer {
     pub causes: Vec<NamedCause>,
 }
 
-/// A cause that a critique names: its id in the catalogue, the size of its effect with a 95 %
-/// interval (in the unit of the effect's parameter), and the ids of causes that could not be told
-/// from it.
+/// Its size has a 95 % interval and is in the unit of the effect's parameter.
 #[derive(Clone, Debug, Deserialize)]
 pub struct NamedCause {
     pub id: String,
@@ -98,8 +94,7 @@ pub struct Truth {
     pub faulty_signals: usize,
 }
 
-/// One hidden effect: its id, whether the catalogue of causes has it, its size `value` in `unit`,
-/// and its strength in detection limits.
+/// Its size is `value` in `unit`; its strength is in detection limits.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct TrueEffect {
     pub id: String,
@@ -118,8 +113,7 @@ pub struct TrueEffect {
 }
 
 impl CritiqueAnswer {
-    /// Refuses an answer that contradicts itself: inkling writes no such answer, and its score would mean
-    /// nothing.
+    /// Refuses an answer that contradicts itself, since its score would mean nothing.
     pub fn check(&self) -> Result<(), String> {
         let (verdict, n) = (self.verdict.as_str(), self.causes.len());
         match (self.verdict, n) {
@@ -173,8 +167,7 @@ fn names(cause: &NamedCause) -> BTreeSet<&str> {
     cause.tied_with.iter().chain([&cause.id]).map(String::as_str).collect()
 }
 
-/// Compares a critique's answer with what was hidden in its recording. Causes beside the verdict
-/// `unknown` are only the nearest ones, and claim nothing.
+/// Causes beside the verdict `unknown` are only the nearest ones, and claim nothing.
 pub fn outcome(answer: &CritiqueAnswer, truth: &Truth) -> Outcome {
     let claims = matches!(answer.verdict, Verdict::Named | Verdict::Tie);
 
@@ -204,16 +197,14 @@ pub fn outcome(answer: &CritiqueAnswer, truth: &Truth) -> Outcome {
     let follows = is(Circumstance::TemperatureFollowsTime);
     let (mut found, mut tied, mut wide) = (0, false, false);
     let mut wrong = false;
-    // a verdict `tie` is about one discrepancy, so all its names are one group, however they are
-    // written down
+    // a verdict `tie` is about one discrepancy, so all its names are one group
     let mut groups: Vec<BTreeSet<&str>> = match answer.verdict {
         Verdict::Tie => vec![answer.causes.iter().flat_map(names).collect()],
         _ => answer.causes.iter().map(names).collect(),
     };
 
-    // Each group must hold the id of an effect that no other group is counted for. A group of one name is a
-    // plain name; a larger group is an honest or a wide tie. Small groups choose first: a name that stands
-    // alone leaves the other effects to those that are tied.
+    // Each group must hold the id of an effect that no other group is counted for. Small groups choose first:
+    // a name that stands alone leaves the other effects to those that are tied.
     groups.sort_by_key(BTreeSet::len);
     let mut hit = BTreeSet::new();
     for group in &groups {
@@ -233,7 +224,6 @@ pub fn outcome(answer: &CritiqueAnswer, truth: &Truth) -> Outcome {
         }
     }
 
-    // The worst that was found decides.
     match () {
         () if wrong => Outcome::Wrong,
         () if found < truth.effects.len() => Outcome::Partly,
@@ -251,7 +241,6 @@ fn covered(answer: &CritiqueAnswer, effect: &TrueEffect) -> Option<bool> {
     Some(low <= effect.value && effect.value <= high)
 }
 
-/// Counts of outcomes over some recordings.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Row {
     pub recordings: u32,
@@ -265,7 +254,6 @@ pub struct Row {
 }
 
 impl Row {
-    /// Number of recordings with this outcome.
     pub fn count(&self, outcome: Outcome) -> u32 {
         self.outcomes.get(&outcome).copied().unwrap_or(0)
     }
@@ -276,7 +264,6 @@ impl Row {
         f64::from(n) / f64::from(self.recordings)
     }
 
-    /// Adds the counts of other recordings.
     fn merge(&mut self, other: &Row) {
         self.recordings += other.recordings;
         self.detected += other.detected;
@@ -299,7 +286,6 @@ pub enum Kind {
     Outside,
 }
 
-/// Outcomes of critiques against truths.
 #[derive(Clone, Debug, Default)]
 pub struct Blind {
     /// Counts by kind, effects (`a + b` for two) and strength in detection limits, rounded; of two
@@ -308,7 +294,6 @@ pub struct Blind {
 }
 
 impl Blind {
-    /// Counts how the answer for one recording compares with its truth, and returns the outcome.
     pub fn add(&mut self, answer: &CritiqueAnswer, truth: &Truth) -> Outcome {
         let kind = match truth.effects.as_slice() {
             [] => Kind::Nothing,
@@ -334,7 +319,6 @@ impl Blind {
         outcome
     }
 
-    /// The counts of all recordings of a kind whose rounded strength lies in `strengths`.
     pub fn row(&self, kind: Kind, strengths: std::ops::RangeInclusive<u32>) -> Row {
         let mut sum = Row::default();
         let of = self.rows.iter().filter(|((k, _, s), _)| *k == kind && strengths.contains(s));
@@ -342,7 +326,6 @@ impl Blind {
         sum
     }
 
-    /// The counts of a kind by effect, of all strengths of at least `least_dl`.
     pub fn by_effect(&self, kind: Kind, least_dl: u32) -> BTreeMap<String, Row> {
         let mut rows: BTreeMap<String, Row> = BTreeMap::new();
         for ((k, id, strength), row) in &self.rows {
@@ -401,7 +384,6 @@ impl Blind {
         text
     }
 
-    /// The goals' rows and all rows as JSON.
     pub fn json(&self) -> serde_json::Value {
         let rows: Vec<serde_json::Value> = self
             .rows

@@ -1,18 +1,15 @@
 //! What a detector could do with other thresholds, and what certainty is worth: sums for the curves
 //! on the evaluation's page (`report::evaluation`).
 //!
-//! In: one labelled signal after another, from `inkling score`: its statistic over its threshold
-//! and whether it is faulty (`add`), how certain its candidate was and whether that was right
-//! (`add_certainty`), its true and stated severity, its true state and what was said. Out: points
-//! of ROC and DET (`operating`), delays against false alarms (`delays`), risk against coverage
-//! (`risk`), pairs of severities, a confusion.
+//! In: one labelled signal after another, from `inkling score`: its statistic over its threshold and
+//! whether it is faulty (`add`), how certain its candidate was and whether that was right, its true and
+//! stated severity, its true state and what was said. Out: points of ROC and DET (`operating`), delays
+//! against false alarms (`delays`), risk against coverage (`risk`), pairs of severities, a confusion.
 //!
-//! The idea: the ratio statistic / threshold is all that another threshold needs. With the
-//! threshold multiplied by a factor, those signals are flagged whose ratio exceeds the factor. So
-//! ratios are counted in 1600 bins of their logarithm, one per cent wide, and memory does not grow
-//! with signals. Of a labelled fault only the records of its ratio are kept, which say when it
-//! would first be flagged at any factor. A fault counts as one event: it is found when its first
-//! signal is flagged, and its other signals earn nothing more.
+//! The ratio statistic / threshold is all that another threshold needs: with the threshold multiplied by a
+//! factor, those signals are flagged whose ratio exceeds the factor. So ratios are counted in 1600 bins of
+//! their logarithm, and memory does not grow with signals. A fault counts as one event: it is found when
+//! its first signal is flagged, and its other signals earn nothing more.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -21,7 +18,6 @@ use std::sync::Arc;
 /// way; what lies beyond counts in the outermost bins.
 const LN_RANGE: f64 = 8.0;
 const BINS: usize = 1600;
-/// Number of bins of the certainty, from 0 to 1.
 const CERTAINTY_BINS: usize = 1000;
 /// Most pairs of severities of a class that are kept and drawn.
 const MOST_POINTS: usize = 1500;
@@ -46,8 +42,7 @@ pub struct Curves {
     pub confusion: BTreeMap<(String, String), u64>,
 }
 
-/// True and stated severities of one class. Of the pairs met, one in `every` is kept, so that those
-/// kept are spread evenly over all.
+/// One in `every` of the pairs met is kept, so that those kept are spread evenly over all.
 #[derive(Clone, Debug)]
 struct Points {
     every: u64,
@@ -55,9 +50,8 @@ struct Points {
     kept: Vec<(f64, f64)>,
 }
 
-/// The running maximum of the ratio over the bursts of one fault. A record is kept whenever the
-/// ratio is higher than ever before: the number of bursts before it, and the ratio. The first
-/// record above a factor is the burst at which that factor flags the fault first.
+/// The records of the ratio over the bursts of one fault: the number of bursts before, and the ratio. The
+/// first record above a factor is the burst at which that factor flags the fault first.
 #[derive(Clone, Debug, Default)]
 struct RunningMaximum {
     bursts: u32,
@@ -67,7 +61,6 @@ struct RunningMaximum {
 /// Rates of false alarms and misses if the threshold were multiplied by `factor`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Operating {
-    /// The threshold over the one that was used.
     pub factor: f64,
     /// Shares of the healthy, and of the faulty, signals.
     pub false_alarms: f64,
@@ -102,9 +95,8 @@ impl Default for Curves {
 }
 
 impl Curves {
-    /// Adds a signal whose truth is known. `ratio`: its statistic over its threshold; NaN is passed
-    /// over. `event`: the labelled fault that a faulty signal belongs to; `None`: the signal is
-    /// healthy. The signals of a fault must come in the order of time.
+    /// `ratio`: the signal's statistic over its threshold; NaN is passed over. `event`: the labelled fault
+    /// that it belongs to; `None`: it is healthy. The signals of a fault must come in the order of time.
     pub fn add(&mut self, ratio: f64, event: Option<Event>) {
         if ratio.is_nan() {
             return;
@@ -116,7 +108,6 @@ impl Curves {
             return;
         }
 
-        // Keep the ratio if it is a record of its fault.
         let maximum = self.events.entry(event).or_default();
         let highest = maximum.records.last().map_or(f32::NEG_INFINITY, |r| r.1);
         if ratio as f32 > highest {
@@ -157,17 +148,14 @@ impl Curves {
         }
     }
 
-    /// Counts a signal by its true state and the word that was predicted for it.
     pub fn add_confusion(&mut self, truth: &str, predicted: &str) {
         *self.confusion.entry((truth.to_owned(), predicted.to_owned())).or_default() += 1;
     }
 
-    /// Number of healthy signals.
     pub fn healthy(&self) -> u64 {
         self.healthy.iter().sum()
     }
 
-    /// Number of faulty signals.
     pub fn faulty(&self) -> u64 {
         self.faulty.iter().sum()
     }
@@ -177,9 +165,8 @@ impl Curves {
         self.events.len()
     }
 
-    /// Rates of false alarms and misses at every threshold where one of them changes, from the
-    /// highest threshold to the lowest: the points of ROC and DET. The thresholds are the lower
-    /// edges of bins.
+    /// Rates at every threshold where one of them changes, from the highest to the lowest: the points of
+    /// ROC and DET. The thresholds are the lower edges of bins.
     pub fn operating(&self) -> Vec<Operating> {
         let (healthy, faulty) = (self.healthy().max(1) as f64, self.faulty().max(1) as f64);
         let (mut alarms, mut hits) = (0u64, 0u64);
@@ -212,7 +199,6 @@ impl Curves {
     /// Area under the ROC curve: the probability that a faulty signal's ratio exceeds a healthy
     /// one's. Two signals of one bin count as a tie, which is half.
     pub fn area(&self) -> f64 {
-        // signals of one bin count as ties
         let (mut below, mut area) = (0.0, 0.0);
         for (h, f) in self.healthy.iter().zip(&self.faulty) {
             area += *f as f64 * (below + 0.5 * *h as f64);
@@ -221,8 +207,7 @@ impl Curves {
         area / (self.healthy().max(1) as f64 * self.faulty().max(1) as f64)
     }
 
-    /// Delays at some thresholds, each given as a factor on the threshold that was used. Ratios of
-    /// faults are compared exactly, those of healthy signals by bins.
+    /// `factors`: on the threshold that was used. Only ratios of faults are compared exactly.
     pub fn delays(&self, factors: &[f64]) -> Vec<EventDelay> {
         let healthy = self.healthy().max(1) as f64;
         let at = |&factor: &f64| {
@@ -233,7 +218,6 @@ impl Curves {
             }
             delays.sort_unstable();
             let alarms: u64 = self.healthy[above(factor)..].iter().sum();
-            // the delay of the n-th fault to be found, if so many are
             let within = |n: usize| delays.get(n.checked_sub(1)?).copied().map(f64::from);
             EventDelay {
                 factor,
@@ -260,7 +244,6 @@ impl Curves {
         .collect()
     }
 
-    /// Pairs of true and stated severity, by class.
     pub fn severities(&self) -> impl Iterator<Item = (&str, &[(f64, f64)])> {
         self.severities.iter().map(|(class, points)| (class.as_str(), points.kept.as_slice()))
     }
@@ -289,9 +272,8 @@ fn above(factor: f64) -> usize {
     (place(factor).ceil().max(0.0) as usize).min(BINS - 1)
 }
 
-/// 95 % interval of a share from `hits` among `n` independent signals (Wilson 1927). Both may be
-/// fractions, as for an effective number of signals. It is not empty where no or all signals are
-/// hits.
+/// 95 % interval of a share from `hits` among `n` independent signals (Wilson 1927). Both may be fractions,
+/// as for an effective number of signals.
 pub fn wilson(hits: f64, n: f64) -> [f64; 2] {
     const Z2: f64 = 1.96 * 1.96;
     let share = hits / n.max(1.0);

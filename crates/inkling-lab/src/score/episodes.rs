@@ -3,10 +3,7 @@
 //! over several bursts (`docs/episodes.md`).
 //!
 //! In, from `inkling score`: the labels, then the episodes of all recordings (`add_episode`), and
-//! then their judged signals (`add_signal`), both in any order. Out: an `EpisodesReport` with
-//! recall, false episodes and delays in bursts.
-//!
-//! The steps:
+//! then their judged signals (`add_signal`), both in any order. Out: an `EpisodesReport`. The steps:
 //! 1. Spans over which the label that applies to a channel names one fault class are merged into one
 //!    fault where they follow each other without a gap (`faults_of`). A growing fault is labelled
 //!    in such pieces, so the fault has its full size from the begin of its last label on.
@@ -21,9 +18,8 @@ use inkling_core::labels::{Channels, Label, Labels};
 use serde::Serialize;
 use std::collections::{BTreeMap, HashMap};
 
-/// An episode that inkling detected, to be compared with the labelled faults of its channel.
-/// `fault` is the class and `category` the category that the episode names, if any. `raised_at_ns`
-/// is when the evidence sufficed, `began_at_ns` the estimated onset.
+/// `fault` is the class and `category` the category that it names, if any. `raised_at_ns` is when
+/// the evidence sufficed, `began_at_ns` the estimated onset.
 #[derive(Clone, Copy, Debug)]
 pub struct DetectedEpisode<'a> {
     pub printhead: &'a str,
@@ -51,8 +47,7 @@ pub struct LabelledFault {
     first_detection: Option<FirstDetection>,
 }
 
-/// The episode that was raised first for a labelled fault, and whether it names the category and
-/// the class that the label says.
+/// Whether the episode names the category and the class that the label says.
 #[derive(Clone, Copy, Debug)]
 struct FirstDetection {
     raised_at_ns: i64,
@@ -60,7 +55,6 @@ struct FirstDetection {
     fault_right: bool,
 }
 
-/// Figures of the labelled faults of one state.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct StateEpisodes {
     pub faults: u64,
@@ -85,8 +79,7 @@ pub struct EpisodesReport {
     pub healthy_signals: u64,
     /// False episodes per million healthy signals.
     pub false_per_million: f64,
-    /// Median over the found faults of the judged bursts between the fault's full size and
-    /// `raised_at`; 0 if the episode was raised before.
+    /// As [`StateEpisodes::delay_bursts`].
     pub delay_bursts: Option<f64>,
     /// The same from the fault's onset on.
     pub delay_from_onset_bursts: Option<f64>,
@@ -102,8 +95,7 @@ pub struct EpisodesReport {
 #[derive(Clone, Debug)]
 pub struct EpisodeScore<'a> {
     labels: &'a Labels,
-    /// Labelled faults of the channels that were met, by printhead and channel; those of a channel
-    /// are made of its labels when the channel is first met.
+    /// By printhead and channel, for the channels that were met.
     faults: HashMap<String, HashMap<u32, Vec<LabelledFault>>>,
     false_episodes: u64,
     unlabelled: u64,
@@ -123,7 +115,6 @@ impl<'a> EpisodeScore<'a> {
         faults.iter().find(|fault| (fault.from_ns..fault.to_ns).contains(&t_ns))
     }
 
-    /// The labelled faults of a channel.
     fn faults_of(&mut self, printhead: &str, channel: u32) -> &mut [LabelledFault] {
         if !self.faults.contains_key(printhead) {
             self.faults.insert(printhead.to_owned(), HashMap::new());
@@ -133,14 +124,12 @@ impl<'a> EpisodeScore<'a> {
         channels.entry(channel).or_insert_with(|| faults_of(labels, printhead, channel))
     }
 
-    /// Adds a detected episode. The episodes of all recordings must come before any signal: a fault
-    /// may last over several recordings, and its signals count up to its first episode in any of
-    /// them. `categories`: which classes are of which category.
+    /// The episodes of all recordings must come before any signal: a fault may last over several
+    /// recordings, and its signals count up to its first episode in any of them.
     pub fn add_episode(&mut self, detected: DetectedEpisode, categories: &Categories) {
         let mut explained = false;
         for fault in self.faults_of(detected.printhead, detected.channel) {
-            // The episode and the fault must overlap: the episode may be raised after the fault is
-            // over, but not before the fault has begun, and must begin before the fault is over.
+            // the episode may be raised after the fault is over, but not before it has begun
             if detected.raised_at_ns < fault.from_ns || detected.began_at_ns >= fault.to_ns {
                 continue;
             }
@@ -161,8 +150,6 @@ impl<'a> EpisodeScore<'a> {
             return;
         }
 
-        // It finds no fault of its channel: the label at the time when it was raised says whether
-        // it is false.
         match self.labels.at(detected.printhead, detected.channel, detected.raised_at_ns) {
             Some(label) if label.state == fault::HEALTHY => self.false_episodes += 1,
             Some(_) => {} // of a fault that is labelled for all channels at once
@@ -215,7 +202,6 @@ impl<'a> EpisodeScore<'a> {
 }
 
 impl StateEpisodes {
-    /// The figures of these faults.
     fn of(faults: &[&LabelledFault]) -> StateEpisodes {
         let found = || faults.iter().filter_map(|fault| Some((fault, fault.first_detection?)));
         StateEpisodes {
@@ -228,10 +214,9 @@ impl StateEpisodes {
     }
 }
 
-/// The faults of a channel: of each span between two changes of its labels the row that applies is
-/// asked for, and a span that has the class of the fault just before it makes that fault longer,
-/// spans in between that labels ignore included. A row for all channels at once is about the
-/// printhead, not a fault of this channel.
+/// A span between two changes of a channel's labels that has the class of the fault just before it
+/// makes that fault longer, spans in between that labels ignore included. A row for all channels at
+/// once is about the printhead, not a fault of this channel.
 fn faults_of(labels: &Labels, printhead: &str, channel: u32) -> Vec<LabelledFault> {
     let mut faults: Vec<LabelledFault> = Vec::new();
     // whether the last fault lasts until the span that is looked at
@@ -263,7 +248,6 @@ fn faults_of(labels: &Labels, printhead: &str, channel: u32) -> Vec<LabelledFaul
     faults
 }
 
-/// The median; `None` of nothing.
 fn median(mut of: Vec<u64>) -> Option<f64> {
     of.sort_unstable();
     let (low, high) = (of.len().checked_sub(1)? / 2, of.len() / 2);

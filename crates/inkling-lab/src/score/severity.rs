@@ -1,10 +1,8 @@
 //! How well faults are sized: the stated severity and its standard deviation against the label's
 //! severity.
 //!
-//! In: one signal after another (`SeverityScore::add`), from `inkling score`, which keeps one score
-//! by class and one by category. Out: a `SeverityReport` for each class or category: root mean
-//! square error, R2 and the coverage of the 95 % intervals. Severities are in the unit of their
-//! class (`schemas/verdicts.md`). Only sums are kept.
+//! In: one signal after another (`SeverityScore::add`), from `inkling score`. Out: a `SeverityReport`
+//! for each class or category: root mean square error, R2 and the coverage of the 95 % intervals.
 
 use super::sums::named;
 use serde::Serialize;
@@ -24,7 +22,6 @@ pub struct SeverityReport {
     pub coverage95: Option<f64>,
 }
 
-/// Running sums of one class.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     n: u64,
@@ -38,7 +35,6 @@ struct Sums {
     covered: u64,
 }
 
-/// Sums that grow while rows come in.
 #[derive(Clone, Debug, Default)]
 pub struct SeverityScore {
     by_class: BTreeMap<String, Sums>,
@@ -54,8 +50,7 @@ impl SeverityScore {
         let sums = named(&mut self.by_class, class);
         sums.n += 1;
 
-        // Welford's update of the labels' mean and of their squares about it, which does not lose
-        // digits where the labels vary little.
+        // Welford's update does not lose digits where the labels vary little.
         let before = truth - sums.mean;
         sums.mean += before / sums.n as f64;
         sums.about_mean += before * (truth - sums.mean);
@@ -67,7 +62,6 @@ impl SeverityScore {
         }
     }
 
-    /// The figures of each class so far.
     pub fn report(&self) -> BTreeMap<String, SeverityReport> {
         let report = |s: &Sums| SeverityReport {
             signals: s.n,
