@@ -72,7 +72,6 @@ pub fn properties(options: &TableOptions) -> WriterProperties {
         .set_statistics_enabled(EnabledStatistics::Chunk)
         // the index of pages is of no use without statistics of each page
         .set_offset_index_disabled(true)
-        .set_max_row_group_row_count(Some(ROW_GROUP_ROWS))
         .set_column_dictionary_enabled(weights.clone(), false)
         .set_column_encoding(weights, floats(options))
         .build()
