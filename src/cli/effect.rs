@@ -1,4 +1,4 @@
-//! Refuses settings given by `--set` that cannot take effect, and says what decides on it: whoever sets
+//! Refuses settings given by `--set` that cannot take effect, and says what may decide on it: whoever sets
 //! something expects it to do something. Settings files are not checked in this way, as one file serves every
 //! command, and so holds settings that the command at hand does not read.
 //!
@@ -33,7 +33,7 @@ impl Command<'_> {
             Command::Replay(None) => "`inkling replay` without --design",
             Command::Replay(Some(_)) => "`inkling replay` by this design",
             Command::Train => "`inkling train`",
-            Command::Identify(false) => "`inkling identify`",
+            Command::Identify(false) => "`inkling identify` without --detectability",
             Command::Identify(true) => "`inkling identify --detectability`",
             Command::Critique => "`inkling critique`",
         }
@@ -54,25 +54,25 @@ impl Command<'_> {
 /// their `[detect]` is the design's if there is a design.
 pub fn check(set: &[String], settings: &Settings, command: Command) -> Result<(), Failure> {
     let Some(key) = keys(set).find(|key| !is_read(key, settings, command)) else { return Ok(()) };
-    // what decides, of the sections in which one setting decides whether another one is read
-    let all = serde_json::to_value(settings).unwrap_or_default();
-    let (input, detect, isolate) = (&all["input"], &all["detect"], &all["isolate"]);
-    let with = match key.split('.').next() {
-        Some("identify" | "detect" | "isolate") => format!(
-            " with detect.method = {}, detect.denominator = {}, detect.threshold = {}, isolate.method = {} and \
-             input.baseline = {}",
-            detect["method"],
-            detect["denominator"],
-            detect["threshold"],
-            isolate["method"],
-            input["baseline"]
-        ),
-        _ => String::new(),
+    // the settings that may decide whether this one is read; elsewhere the command alone decides
+    let deciding: &[&str] = match (key.split('.').next(), command) {
+        (Some("isolate"), _) if command.names() => &["isolate.method"],
+        (Some("detect"), Command::Replay(_) | Command::Train) => {
+            &["detect.method", "detect.denominator", "detect.threshold"]
+        }
+        _ if key == "identify.common_change" => &["detect.method", "input.baseline"],
+        _ => &[],
     };
+    let all = serde_json::to_value(settings).unwrap_or_default();
+    let value = |key: &&str| all.pointer(&format!("/{}", key.replace('.', "/"))).cloned();
+    let each = |key: &&str| format!("{key} = {}", value(key).unwrap_or_default());
+    let with = deciding.iter().map(each).collect::<Vec<_>>().join(", ");
     let command = command.in_words();
-    Err(Failure::usage(format!(
-        "--set {key}: has no effect here, on {command}{with}: leave it out, or change that"
-    )))
+    let what = match with.is_empty() {
+        true => format!("on {command}: leave it out"),
+        false => format!("on {command} with {with}: leave it out, or change one of these"),
+    };
+    Err(Failure::usage(format!("--set {key}: has no effect here, {what}")))
 }
 
 /// Whether a command reads a key. The order of the cases matters: the first that fits decides, and the last

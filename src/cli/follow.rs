@@ -42,7 +42,7 @@ pub fn check(settings: &Settings, dry_run: bool) -> Result<(), Failure> {
             "the day of the first burst is not known before it is written: choose --layout tree or flat"
         }
         [one] if is_one_file(one) => return Ok(()),
-        _ => "name the one recording file that is being written",
+        _ => "name the one recording file that is being written, on this machine",
     };
     Err(Failure::usage(format!("--follow: {why}")))
 }

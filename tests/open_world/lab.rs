@@ -5,6 +5,7 @@ use super::recording::{self, HEALTHY, Rows};
 use super::scatter::Scatter;
 use super::verdicts::{self, Episode, Verdict};
 use clap::ValueEnum;
+use inkling::io::design_file;
 use inkling::labels::known_states;
 use rand::seq::SliceRandom;
 use std::collections::BTreeSet;
@@ -132,7 +133,7 @@ impl Lab {
         let path = self.path("design.json");
         let mut design = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
         mutant(&mut design);
-        std::fs::write(&path, design.to_string()).unwrap();
+        design_file::write(&path, &serde_json::from_value(design).unwrap()).unwrap();
     }
 
     pub fn write(

@@ -208,6 +208,14 @@ impl Sampler {
     pub fn finish(self) -> Observations {
         let samples = self.common_length();
         let mut held = self.held;
+        // one burst more was begun than there is room for, unless a single one is all that there is
+        let cut = self.heap.peek().map(|(hash, _)| *hash);
+        let of_cut = |(hash, slot): &(u64, usize)| (Some(*hash) == cut).then_some(*slot);
+        let of_cut: BTreeSet<usize> = self.heap.iter().filter_map(of_cut).collect();
+        if self.whole_bursts && self.found > held.len() as u64 && of_cut.len() < held.len() {
+            let mut slot = 0..;
+            held.retain(|_| slot.next().is_some_and(|slot| !of_cut.contains(&slot)));
+        }
         held.retain(|h| h.y.len() >= samples);
         // a printhead may have none of the signals that are kept
         let kept: BTreeSet<usize> = held.iter().map(|h| h.printhead).collect();
@@ -270,6 +278,23 @@ mod tests {
         let forward = drawn(&mut (0..300));
         assert_eq!(forward.len(), 40);
         assert_eq!(forward, drawn(&mut (0..300).rev()));
+    }
+
+    /// Thirteen bursts of seven signals in room for forty: five are whole.
+    #[test]
+    fn bursts_that_are_held_are_whole() {
+        let mut sampler = Sampler::new(1e-6, 40);
+        sampler.whole_bursts = true;
+        for i in 0..13 * 7 {
+            sampler.offer("p", Beside::alone(i % 7, i64::from(i / 7)), &[1.0; 4]);
+        }
+        let held = sampler.finish();
+        assert_eq!((held.found, held.len(), held.bursts), (91, 35, 5));
+        // a single burst that is larger than the room is held in part
+        let mut sampler = Sampler::new(1e-6, 40);
+        sampler.whole_bursts = true;
+        (0..50).for_each(|i| sampler.offer("p", Beside::alone(i, 0), &[1.0; 4]));
+        assert_eq!(sampler.finish().len(), 40);
     }
 
     #[test]

@@ -31,6 +31,10 @@ pub enum CritiqueError {
          one printhead at a time, by recordings of it alone or by --labels that name no other"
     )]
     SeveralPrintheads { printheads: usize },
+    #[error(
+        "{outputs} channels are more than the {most} outputs that an oscillator may have: record or convert fewer"
+    )]
+    ManyOutputs { outputs: usize, most: usize },
     #[error("output {channel} of the oscillator never moves: record the others alone")]
     StillOutput { channel: u32 },
 }

@@ -180,6 +180,7 @@ pub(super) fn labels(physics: &Physics, options: &RecordingOptions, seed: u64) -
             let [first, rest @ ..] = &on[..] else { continue };
             let mut classes: Vec<&str> = on.iter().map(|fault| fault.class_at(from)).collect();
             classes.sort_unstable();
+            classes.dedup();
             labels.push(Label {
                 printhead: run.name(first.printhead),
                 channel: Channels::One(first.channel),

@@ -7,7 +7,9 @@
 use crate::critique::observations::Observations;
 use crate::critique::outcome::CritiqueError;
 
+/// The fit has two numbers for each burst and for each output, and its time grows with their cube.
 const MOST_BURSTS: usize = 32;
+const MOST_OUTPUTS: usize = 64;
 /// Longer decays are cut to so many samples, by whoever reads them.
 pub const MOST_SAMPLES: usize = 32_768;
 /// Largest number of samples in all, for reasonable time.
@@ -25,13 +27,13 @@ pub struct Decays {
     pub channels: Vec<u32>,
     /// What each output was divided by, in the unit of the recording ("counts").
     pub scale: Vec<f64>,
-    /// Number of all complete bursts.
-    pub whole: usize,
+    /// Whether all samples of all complete bursts are looked at.
+    pub whole: bool,
     pub incomplete: usize,
 }
 
 impl Decays {
-    /// Error: there are several printheads, or no complete bursts, or an output never moves.
+    /// Error: there are several printheads, too many outputs or no complete bursts, or an output never moves.
     pub fn of(data: &Observations) -> Result<Decays, CritiqueError> {
         if data.printheads.len() > 1 {
             return Err(CritiqueError::SeveralPrintheads { printheads: data.printheads.len() });
@@ -39,14 +41,18 @@ impl Decays {
         let mut channels: Vec<u32> = data.rows.iter().map(|r| r.beside.channel).collect();
         channels.sort_unstable();
         channels.dedup();
-
-        let mut bursts: Vec<Vec<Option<usize>>> = vec![vec![None; channels.len()]; data.bursts];
-        for (i, row) in data.rows.iter().enumerate() {
-            let output = channels.partition_point(|channel| *channel < row.beside.channel);
-            bursts[row.burst][output] = Some(i);
+        if channels.len() > MOST_OUTPUTS {
+            return Err(CritiqueError::ManyOutputs { outputs: channels.len(), most: MOST_OUTPUTS });
         }
-        let mut all: Vec<Vec<usize>> =
-            bursts.iter().filter_map(|b| b.iter().copied().collect()).collect();
+
+        // the rows of each burst, which come in the order of channels; of a repeated one the last counts
+        let mut all: Vec<Vec<usize>> = vec![Vec::new(); data.bursts];
+        for (i, row) in data.rows.iter().enumerate() {
+            let of = &mut all[row.burst];
+            of.pop_if(|last| data.rows[*last].beside.channel == row.beside.channel);
+            of.push(i);
+        }
+        all.retain(|of| of.len() == channels.len());
         all.sort_by_key(|b| data.rows[b[0]].beside.t_acq_ns);
         if all.is_empty() {
             return Err(CritiqueError::NoCompleteBurst { outputs: channels.len() });
@@ -84,7 +90,7 @@ impl Decays {
             y,
             channels: order.iter().map(|&o| channels[o]).collect(),
             scale,
-            whole: all.len(),
+            whole: most == all.len() && n == data.samples,
             incomplete: data.bursts - all.len(),
         })
     }

@@ -142,10 +142,13 @@ pub fn critique(
             decays.incomplete
         ));
     }
-    if decays.bursts < decays.whole {
+    if !decays.whole || data.found > data.len() as u64 {
         remarks.push(format!(
-            "{} of {} bursts were looked at, spread over the recording",
-            decays.bursts, decays.whole
+            "{} samples of each of {} signals were looked at, in {} bursts spread over the recording of {} signals",
+            decays.samples,
+            decays.bursts * decays.outputs,
+            decays.bursts,
+            data.found
         ));
     }
     let critique = Critique {

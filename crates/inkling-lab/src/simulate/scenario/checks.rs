@@ -6,7 +6,7 @@
 //! Comparisons are written such that NaN fails them.
 
 use super::{Classes, Dataset, Kind, Physics, PrintRun, RecordingOptions, Scenario, ScenarioError};
-use crate::simulate::dataset::CHANNELS_PER_BURST;
+use crate::simulate::dataset::{CHANNELS_PER_BURST, PRINTHEAD};
 use crate::simulate::print_run::{LEAST_FAULT_BURSTS, first_random_burst, step_at};
 use inkling_core::fault::{CLASSES, HEALTHY};
 use inkling_core::model::faults::{self, Law};
@@ -212,7 +212,11 @@ fn check_names(run: &PrintRun) -> Check {
     let unlike: HashSet<&String> = names.iter().collect();
     let why = format!("{} names, {} of them unlike", names.len(), unlike.len());
     let right = names.len() == run.printheads && unlike.len() == names.len();
-    require(right, "print_run.names", format!("{why}, for {} printheads", run.printheads))
+    require(right, "print_run.names", format!("{why}, for {} printheads", run.printheads))?;
+    // a burst without a name has its topic's, and `dataset` is the printhead of the sets
+    let usable = |name: &String| (1..=200).contains(&name.len()) && name != PRINTHEAD;
+    let why = format!("a name has 1 to 200 bytes, and is not {PRINTHEAD:?}");
+    require(names.iter().all(usable), "print_run.names", why)
 }
 
 /// Each listed fault must be possible in the run.
