@@ -32,7 +32,11 @@ fn a_setting_that_cannot_take_effect_is_refused_with_what_to_do() {
         (&train, "detect.decouple=[\"offset\"]", "residual-energy"),
         (&train, "detect.decouple=[\"sun\"]", "offset"),
         (&train, "output.dir=x", "`inkling train`"),
-        (&identify, "detect.oscillations=7", "has no effect here, on `inkling identify` with"),
+        (
+            &identify,
+            "detect.oscillations=7",
+            "has no effect here, on `inkling identify` without --detectability",
+        ),
         (&seeing, "detect.mu=2", "--detectability"),
     ] {
         house.run(&format!("{command} --set {set}")).exits(2).says(said);

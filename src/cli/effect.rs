@@ -56,7 +56,11 @@ pub fn check(set: &[String], settings: &Settings, command: Command) -> Result<()
     let Some(key) = keys(set).find(|key| !is_read(key, settings, command)) else { return Ok(()) };
     // the settings that may decide whether this one is read; elsewhere the command alone decides
     let deciding: &[&str] = match (key.split('.').next(), command) {
-        (Some("isolate"), _) if command.names() => &["isolate.method"],
+        (Some("isolate"), Command::Train) => &["isolate.method"],
+        (Some("isolate"), Command::Replay(_)) if command.names() => match key.split('.').nth(1) {
+            Some("signal" | "neighbours" | "priors") => &["isolate.method"],
+            _ => &[],
+        },
         (Some("detect"), Command::Replay(_) | Command::Train) => {
             &["detect.method", "detect.denominator", "detect.threshold"]
         }
