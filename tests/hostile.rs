@@ -4,6 +4,7 @@
 use crate::house::{Ended, House};
 use crate::pipeline::{bursts, rows, sample, slower, with_samples};
 use inkling::burst::Burst;
+use inkling::design::Design;
 use inkling::io::verdict_reader::VerdictReader;
 use inkling::verdict::Outcome;
 use serde_json::{Value, json};
@@ -186,6 +187,28 @@ fn hostile_printhead_names_move_no_cursor_and_huge_ones_are_rows() {
     assert!(!inspected.contains(['\u{1b}', '\0']));
 }
 
+/// Training ends with this look at what it made, and an executor of a fleet begins with it.
+#[test]
+fn a_design_with_numbers_that_no_filter_can_use_is_told_by_their_key() {
+    let good: Value =
+        serde_json::from_slice(&std::fs::read(sample("design.json")).unwrap()).unwrap();
+    let numerator = good["pooled"]["generator"]["numerator"].as_array().unwrap().len();
+    for (place, value, word) in [
+        ("/models/0/expected/3", json!(1e308), "`expected`"),
+        ("/models/0/generator/denominator/1", json!(-30.0), "unstable"),
+        ("/models/0/median_statistic", json!(1e-300), "`median_statistic`"),
+        ("/models/0/identification/poles/frequency_hz", json!(0), "frequency_hz`"),
+        ("/pooled/noise", json!(-17.0), "`noise`"),
+        ("/pooled/generator/numerator", json!(vec![0.0; numerator]), "lets nothing through"),
+    ] {
+        let mut design = good.clone();
+        *design.pointer_mut(place).unwrap_or_else(|| panic!("no {place}")) = value;
+        let design: Design = serde_json::from_value(design).unwrap();
+        let told = design.check().unwrap_err().to_string();
+        assert!(told.contains(word), "{place}: {told}");
+    }
+}
+
 #[test]
 fn a_design_that_was_changed_is_refused_and_one_that_was_indented_anew_is_not() {
     let house = House::new();
@@ -200,9 +223,9 @@ fn a_design_that_was_changed_is_refused_and_one_that_was_indented_anew_is_not() 
     newer["version"] = json!(99);
     for (design, exit, word) in [
         (of_noise, 2, "was changed"),
-        (without, 2, "was changed"),
+        (without, 2, "no checksum"),
         (newer, 2, "version 99"),
-        (json!([1]), 2, "not a design"),
+        (json!([1]), 2, "no JSON object"),
         (good, 0, ""),
     ] {
         house.write("edited.json", design.to_string());

@@ -186,7 +186,8 @@ impl BlockReader {
                     Some(header) => self.channels.route(header.channel_id).map(|to| {
                         let data = record.from + MESSAGE_HEADER..record.to;
                         if let Some(census) = &mut self.census {
-                            census.see_message(header, &to.to, open.records.slice(data.clone()));
+                            let message = open.records.slice(data.clone());
+                            census.see_message(header, &self.channels, &to.to, message);
                         }
                         if let Some(acquisition) = self.decode(to, header, &open.records, data) {
                             rows += acquisition.rows();

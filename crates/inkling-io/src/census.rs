@@ -45,16 +45,32 @@ pub struct TopicSummary {
 
 #[derive(Debug, Default)]
 pub(super) struct Census {
-    /// By id; names and schema are still missing.
+    /// By id, of channels that have had a message; described as they were at the first.
     counted: HashMap<u16, TopicSummary>,
     /// Bytes of the first messages that are kept.
     kept: usize,
 }
 
 impl TopicSummary {
-    /// Of a channel that has had none so far.
-    fn without_messages() -> TopicSummary {
-        TopicSummary { smallest: u64::MAX, first_ns: u64::MAX, ..TopicSummary::default() }
+    /// Of a channel that has had no message so far.
+    fn without_messages(channel: &Channel, schema: Option<&KnownSchema>) -> TopicSummary {
+        let name_of = |of: fn(&Schema) -> &String| {
+            schema.map_or(String::new(), |schema| of(&schema.of).clone())
+        };
+        let small = |schema: &&KnownSchema| {
+            schema.whole && schema.of.data.len() + schema.of.name.len() <= MOST_OF_ONE
+        };
+        TopicSummary {
+            topic: channel.topic.clone(),
+            message_encoding: channel.message_encoding.clone(),
+            schema_name: name_of(|schema| &schema.name),
+            schema_encoding: name_of(|schema| &schema.encoding),
+            schema: schema.filter(small).map(|schema| schema.of.clone()),
+            without_schema: channel.schema_id == 0,
+            smallest: u64::MAX,
+            first_ns: u64::MAX,
+            ..TopicSummary::default()
+        }
     }
 
     /// The channel for whoever plans how to read its messages. `None`: the schema is too large.
@@ -75,9 +91,17 @@ impl TopicSummary {
 }
 
 impl Census {
-    pub(super) fn see_message(&mut self, header: MessageHeader, to: &MessageKind, message: Bytes) {
-        let summary =
-            self.counted.entry(header.channel_id).or_insert_with(TopicSummary::without_messages);
+    /// `channels`: with the message's channel among them.
+    pub(super) fn see_message(
+        &mut self,
+        header: MessageHeader,
+        channels: &Channels,
+        to: &MessageKind,
+        message: Bytes,
+    ) {
+        let Some((channel, schema)) = channels.described(header.channel_id) else { return };
+        let new = || TopicSummary::without_messages(channel, schema);
+        let summary = self.counted.entry(header.channel_id).or_insert_with(new);
         if summary.messages == 0 {
             summary.kind = to.clone();
             let bytes = message.len();
@@ -104,27 +128,11 @@ impl Census {
         self.counted.values().filter(|summary| fits(summary)).count()
     }
 
-    /// Summaries of all channels that are defined, in the order of their topics.
+    /// Summaries of all channels that have messages or are defined, in the order of their topics.
     pub fn topics(mut self, channels: &Channels) -> Vec<TopicSummary> {
         let summary = |id: u16| {
-            let (Channel { topic, message_encoding, schema_id, .. }, schema) =
-                channels.described(id)?;
-            let counted = self.counted.remove(&id).unwrap_or_else(TopicSummary::without_messages);
-            let schema_of = |of: fn(&Schema) -> &String| {
-                schema.map_or(String::new(), |schema| of(&schema.of).clone())
-            };
-            let small = |schema: &&KnownSchema| {
-                schema.whole && schema.of.data.len() + schema.of.name.len() <= MOST_OF_ONE
-            };
-            Some(TopicSummary {
-                topic: topic.clone(),
-                message_encoding: message_encoding.clone(),
-                schema_name: schema_of(|schema| &schema.name),
-                schema_encoding: schema_of(|schema| &schema.encoding),
-                schema: schema.filter(small).map(|schema| schema.of.clone()),
-                without_schema: *schema_id == 0,
-                ..counted
-            })
+            let without = |(channel, schema)| TopicSummary::without_messages(channel, schema);
+            self.counted.remove(&id).or_else(|| channels.described(id).map(without))
         };
         let mut topics: Vec<TopicSummary> = (0..=u16::MAX).filter_map(summary).collect();
         // of channels with one topic the order of their ids stays

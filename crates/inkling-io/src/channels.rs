@@ -87,8 +87,9 @@ pub(super) struct Channels {
 
 /// Bytes of schemas that are kept.
 const MOST_KEPT_BYTES: usize = 64 << 20;
-/// Most bytes that are kept of a topic, of an encoding, and of the name of a schema that is not kept.
-const MOST_NAME_BYTES: usize = 4096;
+/// Most bytes that are kept of a topic, of an encoding, and of the name of a schema that is not kept, so that
+/// 65,536 channels and as many schemas stay small.
+const MOST_NAME_BYTES: usize = 512;
 
 #[derive(Clone, Debug)]
 pub(super) struct KnownSchema {
@@ -102,6 +103,8 @@ pub(super) struct Channel {
     pub schema_id: u16,
     pub topic: String,
     pub message_encoding: String,
+    /// Whether the topic was longer than what is kept of it; no dialect fits such a channel.
+    is_cut: bool,
     /// Made when it is asked for and the schema is known.
     route: OnceLock<Route>,
 }
@@ -115,11 +118,12 @@ impl KnownSchema {
 impl Channel {
     fn of(record: ChannelRecord<'_>) -> Channel {
         let ChannelRecord { schema_id, topic, message_encoding, .. } = record;
+        let is_cut = topic.len() > MOST_NAME_BYTES;
         let (topic, message_encoding) = (shortened(topic), shortened(message_encoding));
-        Channel { schema_id, topic, message_encoding, route: OnceLock::new() }
+        Channel { schema_id, topic, message_encoding, is_cut, route: OnceLock::new() }
     }
 
-    /// The printhead that the topic names. Long names are not taken, so that 65,536 channels stay small.
+    /// The printhead that the topic names; a long name is none.
     fn printhead(&self) -> Option<&str> {
         const MOST_BYTES: usize = 256;
         topic_printhead(&self.topic).filter(|name| name.len() <= MOST_BYTES)
@@ -201,7 +205,7 @@ impl Channels {
         record: ChannelRecord<'_>,
     ) -> Option<Result<(), RecordError>> {
         let (known, new) = (self.channel(record.id)?, Channel::of(record));
-        let fits = |of: &Channel| self.dialects.fit_topic(&of.topic);
+        let fits = |of: &Channel| !of.is_cut && self.dialects.fit_topic(&of.topic);
         let same_names =
             (&known.topic, &known.message_encoding) == (&new.topic, &new.message_encoding);
         let same = (known.schema_id, known.is_protobuf(), known.printhead())
@@ -227,7 +231,7 @@ impl Channels {
         let bursts = schema.is_some_and(KnownSchema::is_bursts);
         let own = bursts && channel.is_protobuf();
         let first = || self.dialects.first(&channel.topic, schema.map(|of| &*of.of.name));
-        let dialect = if own { None } else { first() };
+        let dialect = if own || channel.is_cut { None } else { first() };
         let to = match dialect {
             Some(number) => self.foreign(number, channel, schema),
             None if own => MessageKind::Bursts,
@@ -290,19 +294,29 @@ mod tests {
     }
 
     #[test]
-    fn schemas_are_kept_for_dialects_up_to_64_mib() {
+    fn schemas_are_kept_up_to_64_mib() {
         let data = vec![0; 20 << 20];
-        let kept = |dialects: &Dialects| {
-            let mut channels = Channels::new(dialects);
-            for id in 1..=5 {
-                let record =
-                    SchemaRecord { id, name: "acme.Wave", encoding: "protobuf", data: &data };
-                channels.define_schema(record).unwrap();
-            }
-            assert_eq!(channels.schemas.len(), 5, "known all the same");
-            channels.schemas.values().filter(|schema| schema.whole).count()
+        let mut channels = Channels::default();
+        for id in 1..=5 {
+            let record = SchemaRecord { id, name: "acme.Wave", encoding: "protobuf", data: &data };
+            channels.define_schema(record).unwrap();
+        }
+        assert_eq!(channels.schemas.len(), 5, "known all the same");
+        assert_eq!(channels.schemas.values().filter(|schema| schema.whole).count(), 3);
+    }
+
+    #[test]
+    fn no_dialect_fits_a_topic_of_which_only_a_part_is_kept() {
+        let becomes = |bytes: usize| {
+            let mut channels = Channels::new(&dialects("**", None));
+            let topic = format!("/{}", "a".repeat(bytes - 1));
+            let record =
+                ChannelRecord { id: 7, schema_id: 0, topic: &topic, message_encoding: "json" };
+            channels.define_channel(record).unwrap();
+            channels.route(7).unwrap().to
         };
-        assert_eq!(kept(&dialects("**", None)), 3);
+        assert!(matches!(becomes(MOST_NAME_BYTES), MessageKind::Foreign(_)));
+        assert!(matches!(becomes(MOST_NAME_BYTES + 1), MessageKind::Nothing));
     }
 
     #[test]

@@ -16,7 +16,7 @@ use serde_json::Value;
 use std::path::Path;
 
 /// Most bytes that are read. A design of 64 classes and 1000 printheads at 512 samples takes some 50 MB.
-const MOST_BYTES: u64 = 1 << 30;
+const MOST_BYTES: u64 = 1 << 28;
 
 /// What designs of every version say of themselves, so that one of another version can be refused by name.
 #[derive(Deserialize)]
@@ -50,12 +50,16 @@ pub fn parse(path: &Path, text: &[u8]) -> Result<Design, FileError> {
     };
     let of_parser = |e: serde_json::Error| not(printable::of_parser(&e));
     let mut all: Value = serde_json::from_slice(text).map_err(of_parser)?;
+    if !all.is_object() {
+        return Err(not("it is no JSON object".into()));
+    }
     let made = Origin::deserialize(&all).map_err(of_parser)?;
     if made.version != VERSION {
         return Err(not(other_version(made.version, &printable::cell(&made.made_by))));
     }
     let told = all.as_object_mut().and_then(|keys| keys.remove(CHECKSUM));
-    if told != Some(checksum(&mut all).into()) {
+    let told = told.ok_or_else(|| not("it has no checksum".into()))?;
+    if told != checksum(&mut all) {
         return Err(not("it was changed since it was made".into()));
     }
     serde_json::from_value(all).map_err(of_parser)

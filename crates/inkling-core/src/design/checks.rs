@@ -13,7 +13,7 @@ use crate::isolate::MAX_CLASSES;
 const MOST_GAIN: f64 = 1e6;
 
 impl Design {
-    pub(super) fn check(&self) -> Result<()> {
+    pub fn check(&self) -> Result<()> {
         let classes = self.classes.len();
         if classes > MAX_CLASSES {
             return Err(format!("{classes} fault classes: at most {MAX_CLASSES}").into());
