@@ -40,7 +40,7 @@ fn designs_of_former_versions_are_refused_by_their_version() {
             .run(&format!("replay sample_logs/print_run.mcap --design {}", design.display()))
             .exits(2)
             .says(&format!("design version {version}, made by inkling 0.1.0"))
-            .says("what made it reads it, or train again");
+            .says("the one that made it reads it, or train again");
     }
     assert!(house.files(".").is_empty());
 }

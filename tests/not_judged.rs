@@ -311,17 +311,26 @@ fn topics_that_nobody_reads_are_told() {
     let ignore = "--set input.ignore=[\"/heads/k-*/burst\"]";
     house.replay(&format!("night.mcap --config one.toml {ignore}")).exits(0);
     assert!(report(&house, "out", 0).page.contains("none needs care."));
-    // beside bursts of ours they may be anything that looks alike: a warning
-    let house = House::new();
-    let mut both = Messages::default();
-    both.add_bursts(&json, &heads()[6..]);
-    for burst in some(0, 6) {
-        let topic = burst_codec::topic(&burst.printhead);
-        both.add(&native(), &topic, 1, &burst_codec::encode(&burst));
+    // beside bursts of ours they may be anything that looks alike: a warning, also where one message is large
+    for times in [1, 60] {
+        let house = House::new();
+        let mut both = Messages::default();
+        let wide = heads()[6..].iter().map(|b| Burst {
+            channels: times * b.channels,
+            samples: b.samples.repeat(times as usize).into(),
+            idle_time_s: Vec::new(),
+            neighbours_fired: Default::default(),
+            ..b.clone()
+        });
+        both.add_bursts(&json, &wide.collect::<Vec<_>>());
+        for burst in some(0, 6) {
+            let topic = burst_codec::topic(&burst.printhead);
+            both.add(&native(), &topic, 1, &burst_codec::encode(&burst));
+        }
+        house.write("both.mcap", both.finish());
+        house.replay("both.mcap").exits(0).says("look like bursts, and nothing reads them");
+        report(&house, "out", 0).leads_with("Not judged. both: topic /heads/k-2/burst");
     }
-    house.write("both.mcap", both.finish());
-    house.replay("both.mcap").exits(0).says("look like bursts, and nothing reads them");
-    report(&house, "out", 0).leads_with("Not judged. both: topic /heads/k-2/burst");
 }
 
 /// As ours are written.

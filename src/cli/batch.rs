@@ -34,7 +34,7 @@ use std::path::{Path, PathBuf};
 
 const MOST_OF_AN_ERROR: usize = 2000;
 
-/// Most failures that are told one by one as they occur, over the whole run.
+/// Most complaints told one by one; lost names and annotations are extra.
 const MOST_FAILURES: usize = 10;
 
 /// A run over planned recordings, and what it needs.
@@ -44,17 +44,17 @@ pub struct Batch<'a> {
     /// The file of `--baseline`; `None`: there are no baselines.
     pub baseline_file: Option<BaselineFile>,
     pub journal: JournalWriter,
-    /// It begins with a row for each name that was given and not found.
+    /// At first its only rows are of names that were given and not found.
     pub account: Account,
     /// Whether to print one JSON line per recording and one for the run, instead of text.
     pub json: bool,
     pub timings: bool,
     pub annotate: bool,
-    /// Number of complaints about recordings so far.
+    /// Number of calls of `complain` so far.
     pub failures: usize,
 }
 
-/// Why the run stops before its last recording, or how its only recording failed.
+/// Why the run ends early, or how the single recording of a run of one failed.
 #[derive(Debug)]
 pub struct Stop {
     /// How the run ended, for `run.json`.

@@ -6,7 +6,7 @@
 //! that is not read. `replay` is checked once its design has been read, the other commands before they read a
 //! recording.
 //!
-//! [`is_read`] states what the code of the commands reads; who adds a setting, or reads one in another
+//! [`unread`] states what the code of the commands reads; who adds a setting, or reads one in another
 //! command, changes it there.
 
 use super::exit::Failure;
@@ -53,38 +53,31 @@ impl Command<'_> {
 /// of `set` applied, as the method that one key chooses decides whether another key is read; for `replay`
 /// their `[detect]` is the design's if there is a design.
 pub fn check(set: &[String], settings: &Settings, command: Command) -> Result<(), Failure> {
-    let Some(key) = keys(set).find(|key| !is_read(key, settings, command)) else { return Ok(()) };
-    // the settings that may decide whether this one is read; elsewhere the command alone decides
-    let deciding: &[&str] = match (key.split('.').next(), command) {
-        (Some("isolate"), Command::Train) => &["isolate.method"],
-        (Some("isolate"), Command::Replay(_)) if command.names() => match key.split('.').nth(1) {
-            Some("signal" | "neighbours" | "priors") => &["isolate.method"],
-            _ => &[],
-        },
-        (Some("detect"), Command::Replay(_) | Command::Train) => {
-            &["detect.method", "detect.denominator", "detect.threshold"]
-        }
-        _ if key == "identify.common_change" => &["detect.method", "input.baseline"],
-        _ => &[],
-    };
+    let mut unread = keys(set).filter_map(|key| Some((unread(&key, settings, command)?, key)));
+    let Some((decide, key)) = unread.next() else { return Ok(()) };
     let all = serde_json::to_value(settings).unwrap_or_default();
-    let value = |key: &&str| all.pointer(&format!("/{}", key.replace('.', "/"))).cloned();
+    let value = |key: &str| all.pointer(&format!("/{}", key.replace('.', "/"))).cloned();
     let each = |key: &&str| format!("{key} = {}", value(key).unwrap_or_default());
-    let with = deciding.iter().map(each).collect::<Vec<_>>().join(", ");
+    let with = decide.iter().map(each).collect::<Vec<_>>().join(" and ");
     let command = command.in_words();
-    let what = match with.is_empty() {
+    let what = match decide.is_empty() {
         true => format!("on {command}: leave it out"),
-        false => format!("on {command} with {with}: leave it out, or change one of these"),
+        false => format!("on {command} with {with}: leave it out, or change that"),
     };
     Err(Failure::usage(format!("--set {key}: has no effect here, {what}")))
 }
 
-/// Whether a command reads a key. The order of the cases matters: the first that fits decides, and the last
-/// ones are what is left of a section or of a command.
-fn is_read(key: &str, settings: &Settings, command: Command) -> bool {
+/// `None`: the command reads the key. Else the settings of which another value would have it read; none if the
+/// command or the design alone decides. The order of the cases matters: the first that fits decides, and the
+/// last ones are what is left of a section or of a command.
+fn unread(key: &str, settings: &Settings, command: Command) -> Option<&'static [&'static str]> {
     use Command::{Identify, Replay, Train};
     use Denominator::{Eigenvalues, Resonance, Searched};
     use IsolateMethod::{ModelMatching, Neighbours, Posterior, ResidualMatching};
+    const NO_SETTING: &[&str] = &[];
+    const BY_ISOLATION: &[&str] = &["isolate.method"];
+    const BY_DENOMINATOR: &[&str] = &["detect.denominator"];
+    let unless = |is_read: bool, decide| (!is_read).then_some(decide);
     // `section.name` decides, whatever follows it (`isolate.priors.SDN`); the name is empty where the key is
     // a whole section
     let (section, rest) = key.split_once('.').unwrap_or((key, ""));
@@ -92,21 +85,25 @@ fn is_read(key: &str, settings: &Settings, command: Command) -> bool {
     let (isolate, detect) = (settings.isolate.method, &settings.detect);
     let by_max = detect.threshold == ThresholdMethod::Max;
     match (section, name, command) {
-        ("isolate", _, _) if !command.names() => false,
+        ("isolate", _, _) if !command.names() => Some(NO_SETTING),
         // A replay has what came of these in its design; it compares `isolate.classes` with the design's itself.
         (
             "isolate",
             "matching_share" | "pulse_s" | "waveform" | "delay_s" | "guess_sd"
             | "unlabelled_classes" | "physics",
             Replay(_),
-        ) => false,
-        ("isolate", "signal", Replay(_)) => matches!(isolate, ResidualMatching | Neighbours),
-        ("isolate", "neighbours", Replay(_)) => isolate == Neighbours,
-        ("isolate", "priors", Replay(_)) => isolate == Posterior,
-        ("isolate", "matching_share", Train) => isolate == ModelMatching,
-        ("isolate", "waveform" | "pulse_s" | "delay_s", Train) => isolate == Posterior,
+        ) => Some(NO_SETTING),
+        ("isolate", "signal", Replay(_)) => {
+            unless(matches!(isolate, ResidualMatching | Neighbours), BY_ISOLATION)
+        }
+        ("isolate", "neighbours", Replay(_)) => unless(isolate == Neighbours, BY_ISOLATION),
+        ("isolate", "priors", Replay(_)) => unless(isolate == Posterior, BY_ISOLATION),
+        ("isolate", "matching_share", Train) => unless(isolate == ModelMatching, BY_ISOLATION),
+        ("isolate", "waveform" | "pulse_s" | "delay_s", Train) => {
+            unless(isolate == Posterior, BY_ISOLATION)
+        }
         // What only judging reads is accepted in training, so that all three commands can be given the same --set.
-        ("isolate", ..) => true,
+        ("isolate", ..) => None,
 
         (
             "detect",
@@ -116,41 +113,48 @@ fn is_read(key: &str, settings: &Settings, command: Command) -> bool {
             | "false_alarm_rate"
             | "confidence",
             Identify(detects),
-        ) => detects,
-        ("detect", _, Identify(_)) => false,
+        ) => unless(detects, NO_SETTING),
+        ("detect", _, Identify(_)) => Some(NO_SETTING),
         // with a design `replay` itself compares these settings with the design's, and accepts equal ones
-        ("detect", _, Replay(Some(_))) => true,
+        ("detect", _, Replay(Some(_))) => None,
         // Without labelled faults no filter can be learned from them. A filter then serves detection alone; in
         // training its residuals can also serve isolation, whatever detects.
-        ("detect", "denominator", Replay(_)) => detect.denominator == Resonance,
+        ("detect", "denominator", Replay(_)) => unless(detect.denominator == Resonance, NO_SETTING),
         ("detect", "oscillations" | "oscillations_of_ring" | "other_poles_per_s", Replay(_))
             if matches!(detect.method, DetectMethod::Sensitivity | DetectMethod::Practice) =>
         {
-            false
+            Some(&["detect.method"])
         }
         ("detect", "oscillations" | "oscillations_of_ring", _) => {
-            !matches!(detect.denominator, Eigenvalues | Searched)
+            unless(!matches!(detect.denominator, Eigenvalues | Searched), BY_DENOMINATOR)
         }
         // these filters are not made for one fault
-        ("detect", "fault", _) => !matches!(detect.denominator, Resonance | Searched),
-        ("detect", "mu", _) => by_max,
-        ("detect", "false_alarm_rate" | "confidence", _) => !by_max,
-        ("detect", ..) => true,
+        ("detect", "fault", _) => {
+            unless(!matches!(detect.denominator, Resonance | Searched), BY_DENOMINATOR)
+        }
+        ("detect", "mu", _) => unless(by_max, &["detect.threshold"]),
+        ("detect", "false_alarm_rate" | "confidence", _) => unless(!by_max, &["detect.threshold"]),
+        ("detect", ..) => None,
 
         // With --baseline what channels have in common is followed anyway. A common change is measured along the
         // sensitivities of the ring, and an extension's decay and covariates may hold it already. `false` only says
         // what then happens anyway, and passes.
-        ("identify", "common_change", Replay(by)) => {
-            let is_followed = detect.method == DetectMethod::Sensitivity
-                && by.is_none_or(|design| design.extension.is_none());
-            settings.input.baseline.is_empty() && (is_followed || !settings.identify.common_change)
+        ("identify", "common_change", Replay(_)) if !settings.input.baseline.is_empty() => {
+            Some(&["input.baseline"])
         }
-        ("report", "rows" | "pitch", Replay(_)) => false,
-        ("output", "weights", Replay(_)) => command.names(),
-        (_, _, Replay(_)) => true,
-        ("input", "" | "rails" | "dialect", _) => true,
-        ("identify", "" | "grey_box" | "geometry", _) => true,
-        ("identify", "least_agreeing", Identify(_)) => true,
-        _ => false,
+        ("identify", "common_change", Replay(_)) if !settings.identify.common_change => None,
+        ("identify", "common_change", Replay(Some(design))) if design.extension.is_some() => {
+            Some(NO_SETTING)
+        }
+        ("identify", "common_change", Replay(_)) => {
+            unless(detect.method == DetectMethod::Sensitivity, &["detect.method"])
+        }
+        ("report", "rows" | "pitch", Replay(_)) => Some(NO_SETTING),
+        ("output", "weights", Replay(_)) => unless(command.names(), NO_SETTING),
+        (_, _, Replay(_)) => None,
+        ("input", "" | "rails" | "dialect", _) => None,
+        ("identify", "" | "grey_box" | "geometry", _) => None,
+        ("identify", "least_agreeing", Identify(_)) => None,
+        _ => Some(NO_SETTING),
     }
 }

@@ -2,7 +2,7 @@
 //! their judge (`test`); from the isolator, what is to be said of a signal. Out: cells in the columns of
 //! `schemas/verdicts.md`, one function per kind of row: rejected, judged, and a run of healthy signals.
 //!
-//! All columns have the same length after each row: who pushes only some of them calls `fill_up`.
+//! After each row all columns but those of weights are equally long: `fill_up` adds the nulls.
 
 use super::batches::Detected;
 use inkling_core::design::{Isolation, Judge, Severity, Tested, Thresholds};
@@ -34,7 +34,7 @@ pub struct Row<'a> {
     pub tested: Tested,
     /// Number of the model, its index in the metadata's list.
     pub model: u16,
-    /// The name; `None`: the signal was not isolated.
+    /// `None`: the signal was not isolated, as healthy ones mostly are not.
     pub isolation: Option<&'a Isolation>,
     /// The weight of each class; `None`: not to be written.
     pub weights: Option<&'a [f64]>,
@@ -50,7 +50,7 @@ pub fn push_rejected(columns: &mut VerdictColumns, id: Id, reason: Reason) {
     columns.fill_up();
 }
 
-/// Adds the row of a signal that was judged. Without an isolation, a flagged signal is undecided.
+/// Adds the row of a signal that was judged. A flagged signal that nothing names is undecided.
 pub fn push_judged(columns: &mut VerdictColumns, id: Id, row: Row) {
     let Row { tested, model, isolation, weights, ring, severity } = row;
     // a flagged signal is faulty if isolation has named its class or category with certainty

@@ -17,8 +17,8 @@ use std::sync::Arc;
 
 /// Most bytes of all first messages together that are kept.
 const MOST_KEPT_BYTES: usize = 64 << 20;
-/// Most bytes of one first message that is kept, and of a schema that is told.
-const MOST_OF_ONE: usize = 1 << 20;
+/// Most bytes of a schema that is told.
+const MOST_SCHEMA_BYTES: usize = 1 << 20;
 
 /// The messages of one MCAP channel, counted, and how they are written.
 #[derive(Clone, Debug, Default)]
@@ -58,7 +58,7 @@ impl TopicSummary {
             schema.map_or(String::new(), |schema| of(&schema.of).clone())
         };
         let small = |schema: &&KnownSchema| {
-            schema.whole && schema.of.data.len() + schema.of.name.len() <= MOST_OF_ONE
+            schema.whole && schema.of.data.len() + schema.of.name.len() <= MOST_SCHEMA_BYTES
         };
         TopicSummary {
             topic: channel.topic.clone(),
@@ -105,7 +105,7 @@ impl Census {
         if summary.messages == 0 {
             summary.kind = to.clone();
             let bytes = message.len();
-            if bytes <= MOST_OF_ONE && self.kept + bytes <= MOST_KEPT_BYTES {
+            if self.kept + bytes <= MOST_KEPT_BYTES {
                 self.kept += bytes;
                 summary.first_message = Some(Bytes::copy_from_slice(&message));
             }

@@ -1,6 +1,6 @@
 //! Decides where below the directory of results the files of a recording go.
 //!
-//! In, from `src/cli` (`plan.rs`, `follow.rs`): the recordings that a command line means, and a
+//! In, from `src/cli` (`plan.rs`): the recordings that a command line means, and a
 //! [`Layout`]. Out: for each a [`PlacedRecording`] with the path of its verdict table; all other
 //! results lie beside that table ([`super::stored::beside`]). No two recordings may get the same
 //! place ([`refuse_shared`]).
@@ -47,7 +47,7 @@ impl Layout {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PlacedRecording {
     pub input: Input,
-    /// The recording as the journal will name it.
+    /// As the journal names it; `plan` stamps it.
     pub source: Source,
     /// Path of the verdict table below the directory of results, with `/` between its parts.
     pub verdicts: String,
@@ -91,7 +91,7 @@ impl PlacedRecording {
     }
 }
 
-/// Refuses two recordings that would have the same verdict table; to be called before anything is written.
+/// Refuses two recordings of one run with the same verdict table; those of earlier runs are up to `resume`.
 pub fn refuse_shared(placed: &[PlacedRecording]) -> Result<(), InputsError> {
     let mut taken: HashMap<&str, &PlacedRecording> = HashMap::new();
     for this in placed {

@@ -1,8 +1,8 @@
 //! Looks at the beginning of a recording: which dialects read something in it, and which channels
 //! look like bursts although nothing reads them.
 //!
-//! In: a [`Recording`], of which a few blocks are decoded. Out: [`DialectsUsed`] and
-//! [`UnreadChannel`]s, of which the user is told before anything is judged.
+//! In: a [`Recording`], of which a few blocks are decoded. Out: [`DialectsUsed`], to check settings
+//! before judging, and [`UnreadChannel`]s, told after it.
 
 use super::block::Block;
 use super::block_reader::BlockReader;
@@ -19,23 +19,24 @@ use std::collections::BTreeSet;
 pub struct UnreadChannel {
     pub topic: String,
     pub schema: String,
-    /// Number of messages by the statistics; `None`: the file does not say.
+    /// Messages by the statistics; `None`: the file does not say, or it has more than 64 such
+    /// topics.
     pub messages: Option<u64>,
     /// Whether a dialect would read the channel under another topic or schema name: then a name is
     /// probably mistyped.
     pub by_dialect: bool,
 }
 
-/// Which dialects a recording uses, by their numbers, which may come several times.
+/// Numbers of the dialects that fit channels of a recording, some of them twice.
 #[derive(Clone, Debug)]
 pub struct DialectsUsed {
     pub numbers: Vec<usize>,
-    /// Whether the recording can use no other dialects.
+    /// Whether the summary names all channels.
     pub all: bool,
 }
 
-/// Bytes of a recording after which the search for what dialects read gives up (roughly, to a
-/// block).
+/// Bytes after which the search for what dialects read gives up, asked every `PEEKED_AT_ONCE`
+/// blocks.
 const MOST_PEEKED_BYTES: u64 = 64 << 20;
 /// Blocks that are looked at in any case, because only a channel's first message says whether paths
 /// in JSON lead anywhere. After each further so many blocks it is asked whether that is enough.
@@ -45,7 +46,7 @@ const MOST_PEEKED_ROWS: usize = 32_768;
 impl Recording {
     /// Only the beginning is looked at: until each channel that a dialect reads has had a message
     /// and, without a summary, each of the settings' `dialects` dialects has read something. It is
-    /// an error if a path leads nowhere in a channel's first message.
+    /// an error if a dialect cannot read a channel that it fits.
     pub fn dialects_used(&self, dialects: usize) -> Result<DialectsUsed, RecordingError> {
         let wrong = |what: String| RecordingError::Dialect { path: self.path.clone(), what };
         // a summary names all channels, and so all dialects that read something

@@ -2,7 +2,8 @@
 //! give numbers whose squares are not finite, or a filter that is unstable.
 //!
 //! In: the design. Out: an error with the key of the first such number. A design from a file needs
-//! no check, since a checksum says that it is what training wrote (`inkling-io`'s `design_file`).
+//! no check, since a checksum says that it is what training wrote (`inkling-io`'s `design_file`);
+//! one that a fleet's executor is sent has none, and is checked.
 
 use super::{Design, HealthyModel, Result};
 use crate::identify::grey_box::Identification;

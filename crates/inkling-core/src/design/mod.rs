@@ -122,7 +122,7 @@ pub fn other_version(version: u32, made_by: &str) -> String {
         false => "as does a newer inkling",
     };
     format!(
-        "design version {version}, made by {made_by}: inkling {ours} reads version {VERSION} here; what made it reads it, {then}"
+        "design version {version}, made by {made_by}: this is inkling {ours}, which reads version {VERSION}; the one that made it reads it, {then}"
     )
 }
 

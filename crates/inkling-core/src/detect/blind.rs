@@ -1,7 +1,7 @@
 //! Where a filter's zeros make it blind: the frequencies that it hardly lets into the residual, so
 //! that a fault which shows there alone is missed. thesis §3-2-1.
 //!
-//! In: a filter. Out: ranges of frequencies, Hz, in which the gain |N L / alpha| is small.
+//! In, from `detectable`: a filter. Out: ranges, Hz, in which the gain |N L / alpha| is small.
 
 use nalgebra::Complex;
 
@@ -18,7 +18,7 @@ pub fn blind_ranges(
         let at = |p: &[f64]| {
             p.iter().fold(Complex::new(0.0, 0.0), |v, &c| v * z + Complex::new(c, 0.0)).norm()
         };
-        // a marginal pair's gain has no bound: the denominator is kept away from 0
+        // an undamped pair's gain has no bound: the grid or this floor sets it
         at(&generator.numerator) / at(&generator.denominator).max(1e-6)
     };
     let gains: Vec<f64> = (0..steps).map(gain).collect();

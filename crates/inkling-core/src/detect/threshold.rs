@@ -1,8 +1,9 @@
-//! The threshold on a detection statistic, learned from signals that are all known to be healthy.
+//! The threshold on a detection statistic, learned from signals that are all taken for healthy.
 //!
 //! In: the statistics of healthy training signals (*energies*, after the thesis; only their order
 //! and ratios matter), and the channel that each came from. Out: a [`Threshold`], above which a
-//! signal counts as faulty. Signals of which some may be faulty go to [`super::contamination`].
+//! signal counts as faulty. By default, windows, of which some signals may be faulty, go to
+//! [`super::contamination`].
 //!
 //! [`max`] is thesis (3-4), mu times the largest energy. Departs: that grows with the number of
 //! training signals. So the default is [`quantile`]: the energy that healthy signals exceed at a
@@ -25,7 +26,7 @@ const MIN_SIGNALS: usize = 20;
 /// the number expected beyond the threshold, and half of all signals at most (this bound wins).
 const MIN_TAIL: usize = 50;
 const MAX_TAIL: usize = 5000;
-/// A window's threshold that is raised over its estimate by more than this hides small faults.
+/// A window's threshold of more than this many times its estimate hides small faults.
 const WIDE: f64 = 2.0;
 /// The channels are too few if the upper end of the posterior exceeds its median by this factor.
 const MAX_FACTOR: f64 = 1e3;
@@ -42,7 +43,7 @@ pub enum Method {
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Threshold {
-    /// The threshold, counts²·s for a residual energy. A signal is healthy up to and including it.
+    /// The threshold, in the statistic's unit (`DetectMethod`). A signal on it is still healthy.
     pub value: f64,
     pub method: Method,
     /// Factor mu of (3-4); with method `max` only.
@@ -52,8 +53,8 @@ pub struct Threshold {
     pub confidence: Option<f64>,
     pub n_signals: usize,
     pub n_channels: usize,
-    /// The number of independent signals that would say as much about the tail; with method `window`
-    /// the estimated number of healthy signals.
+    /// All signals, counted as independent ones by which of them lie in the tail; with method `window`
+    /// the estimated number of healthy ones.
     pub n_effective: f64,
     /// Number of signals to which the tail was fitted; 0 with methods `max` and `window`.
     pub n_tail: usize,
@@ -131,7 +132,7 @@ pub fn max(energies: &[f64], channels: &[u32], mu: f64) -> Result<Threshold, Det
 
 /// The energy that at most `false_alarm_rate` (up to .25) of healthy signals exceed, with the
 /// probability `confidence` (.5 to .999). `channels`: of each of the 20 or more energies, numbered over
-/// all printheads. An error if the posterior is so wide that the bound tells nothing.
+/// all printheads. An error for energies that are none, or if the bound tells nothing.
 pub fn quantile(
     energies: &[f64],
     channels: &[u32],

@@ -1,7 +1,7 @@
 //! The class of a channel's fault, from the posteriors of one burst after another.
 //!
-//! In: isolation's posterior weight of each class for each flagged signal of an episode; what the
-//! weights lack to 1 is the weight of no class. Out: the filtered weights.
+//! In: of each flagged signal, also before the episode is certain, isolation's weight of each class;
+//! what they lack to 1 is that of no class. Out: the filtered weights.
 //!
 //! It is the forward filter of a hidden Markov model (Rabiner 1989). A fault may pass through other
 //! classes as it grows, so from one flagged look to the next it becomes any class with a small
@@ -13,8 +13,8 @@
 //! ```
 //!
 //! over the sum of all w'. p / q is the look's likelihood but for a factor that all classes share.
-//! e (`least_rate`) is the probability that a look says nothing of the class. The looks of one
-//! channel share its own deviation: the power makes `looks_per_one` of them count as one.
+//! e (`least_rate`) is the probability that a look says nothing of the class. One channel's looks are
+//! wrong alike: by the power, `looks_per_one` of them count as one look.
 
 use super::tuned;
 use crate::numbers::tuned::least_rate;
@@ -31,8 +31,8 @@ impl ClassFilter {
         ClassFilter { weights: priors.to_vec(), none: lacking(priors.iter().copied()) }
     }
 
-    /// Updates the weights by one look. `posterior`: of each class, under the same `priors`; empty: the
-    /// look is of none. One of another length, or with a weight that is not finite, is ignored.
+    /// Updates the weights by one look. `posterior`: weights that isolation gave by these `priors`;
+    /// empty: of no class. One of another length, or with a weight that is not finite, is ignored.
     pub fn look(&mut self, posterior: &[f32], priors: &[f64]) {
         let n = self.weights.len();
         if posterior.len() != n && !posterior.is_empty() || posterior.iter().any(|w| !w.is_finite())

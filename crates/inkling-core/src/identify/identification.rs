@@ -23,7 +23,7 @@ pub struct Identification {
     pub poles: Poles,
     /// p2, p1, p0 of the observable polynomial s^3 + p2 s^2 + p1 s + p0, in 1/s, 1/s², 1/s³.
     pub cubic: [f64; 3],
-    /// x_a at the reference drive, counts·s and counts; V_r = V_n, as y does not tell them apart.
+    /// x_a = (V_r, V_n, V_r', V_n') at the reference drive, counts·s and counts; V_r = V_n is set.
     pub acquisition_state: [f64; 4],
     /// The output and its derivatives y, y', y'' at t_a: counts, counts/s, counts/s².
     pub output_state: [f64; 3],
@@ -33,7 +33,7 @@ pub struct Identification {
     pub misfit_rms: f64,
     pub convergence: Convergence,
     pub iterations: usize,
-    /// Number of starts whose search ended at the same optimum, and number of starts tried.
+    /// Starts of the first search: those that ended at the best optimum, and those tried.
     pub starts_agreeing: usize,
     pub starts: usize,
     pub uncertainty: Uncertainty,
@@ -56,7 +56,7 @@ impl Identification {
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Scatter {
-    /// Standard deviation over signals beyond the noise, relative.
+    /// Both: standard deviation over signals beyond the noise, relative.
     pub damping_sd: f64,
     pub frequency_sd: f64,
     /// Standard error of the mean over channels, relative; 0 where there are too few channels.

@@ -1,8 +1,8 @@
 //! Simulates sets of signals, each signal from another channel. In: `[dataset]`. Out: the recordings `train`,
 //! `test`, `calibration` as bursts of one printhead, and a label per faulty channel.
 //!
-//! After thesis §4-1: a set holds healthy signals and equally many of each fault class, shuffled, and
-//! training and test set are drawn separately. The steps: draw the truth of each signal (class and severity),
+//! After thesis §4-1: training and test set, drawn separately, hold healthy signals and as many of one fault
+//! class as of another, shuffled. The steps: draw the truth of each signal (class and severity),
 //! number the channels on from set to set (so that one labels file covers all sets), and, when a burst is
 //! asked for, sense one signal for each truth. [`super::thesis_form`] makes its sets here, too.
 
@@ -43,7 +43,7 @@ impl Truth {
 pub(super) struct Set {
     /// Stem of the recording's file name.
     pub stem: &'static str,
-    /// The set's random streams (`draws::part`).
+    /// Number of its random streams (`draws::part`).
     pub part: u32,
     /// The truth of each signal.
     pub truths: Vec<Truth>,
