@@ -315,7 +315,8 @@ fn topics_that_nobody_reads_are_told() {
     for times in [1, 60] {
         let house = House::new();
         let mut both = Messages::default();
-        let wide = heads()[6..].iter().map(|b| Burst {
+        let kept = heads();
+        let wide = kept[6..].iter().map(|b| Burst {
             channels: times * b.channels,
             samples: b.samples.repeat(times as usize).into(),
             idle_time_s: Vec::new(),
