@@ -1,7 +1,7 @@
 //! What others rely on: settings, schemas, the shipped sample.
 
 use crate::house::{House, between, root, shipped, shipped_json};
-use crate::pipeline::{bursts, rows, sample};
+use crate::recorded::{bursts, rows, sample};
 use inkling::settings::Settings;
 use std::collections::BTreeSet;
 use std::path::Path;

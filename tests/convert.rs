@@ -1,7 +1,7 @@
 //! Tables become recordings: regular ones as they are, others refused with what to do.
 
 use crate::house::{House, root};
-use crate::pipeline::{bursts, signal};
+use crate::recorded::{bursts, signal};
 
 #[test]
 fn a_table_becomes_bursts_of_its_decays_and_outputs() {

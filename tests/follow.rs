@@ -3,7 +3,7 @@
 #![cfg(unix)]
 
 use crate::house::{HANGS, House, signal};
-use crate::pipeline::{bursts, sample, write};
+use crate::recorded::{bursts, sample, write};
 use inkling::burst::Burst;
 use inkling::episodes::Episode;
 use inkling::io::recording_writer::{Compression, WriterOptions};

@@ -1,7 +1,7 @@
 //! What former versions wrote is read, judged again, or refused with a sentence, as `docs/versions.md` promises.
 
 use crate::house::{House, root, shipped};
-use crate::pipeline::sample;
+use crate::recorded::sample;
 use inkling::design::{Design, VERSION};
 use inkling::io::design_file;
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;

@@ -2,7 +2,7 @@
 //! rows with a reason or a message and the contract's exit status; nothing unfinished gets a name.
 
 use crate::house::{Ended, House};
-use crate::pipeline::{bursts, rows, sample, slower, with_samples};
+use crate::recorded::{bursts, rows, sample, slower, with_samples};
 use inkling::burst::Burst;
 use inkling::design::Design;
 use inkling::io::verdict_reader::VerdictReader;

@@ -1,12 +1,11 @@
 //! A fresh directory and the inkling command in it.
 
-use crate::pipeline::{Verdicts, sample, verdicts, write};
+use crate::recorded::{Verdicts, sample, verdicts, write};
 use inkling::burst::Burst;
 use inkling::episodes::Episode;
 use inkling::io::recording_writer::WriterOptions;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 /// What takes longer than this hangs. Nothing else is asserted of times.
@@ -46,20 +45,6 @@ pub fn between<'a>(text: &'a str, from: &str, to: &str) -> &'a str {
 /// The physical scenario.
 pub fn physics() -> toml::Table {
     shipped("sample_logs/scenarios/physics.toml").parse().unwrap()
-}
-
-/// Does all of it on two threads.
-pub fn on_two_threads<T: Sync>(all: &[T], work: impl Fn(&T) + Sync) {
-    let next = AtomicUsize::new(0);
-    let works = || {
-        while let Some(one) = all.get(next.fetch_add(1, Ordering::Relaxed)) {
-            work(one);
-        }
-    };
-    std::thread::scope(|scope| {
-        scope.spawn(works);
-        works();
-    });
 }
 
 pub struct House {

@@ -3,13 +3,13 @@
 
 use crate::dialects::writers::{self, Messages};
 use crate::house::House;
-use crate::pipeline::{self, bursts, counts, rows, with_signals};
+use crate::recorded::{self, bursts, counts, rows, with_signals};
 use inkling::burst::{Burst, Format, Layout};
 use serde_json::{Value, json};
 use std::path::Path;
 
 fn sample() -> Vec<Burst> {
-    bursts(&pipeline::sample("print_run.mcap"))
+    bursts(&recorded::sample("print_run.mcap"))
 }
 
 /// The sample's bursts as messages in JSON.

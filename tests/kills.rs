@@ -5,7 +5,7 @@
 use crate::house::{House, signal, wait_until};
 use crate::nights::{journal, on_day, results, some};
 use crate::not_judged::report;
-use crate::pipeline::sample;
+use crate::recorded::sample;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::process::{Child, Command, Stdio};

@@ -2,7 +2,7 @@
 //! tells of each class.
 
 use crate::house::{House, shipped, shipped_json};
-use crate::pipeline::{bursts, with_samples, write};
+use crate::recorded::{bursts, with_samples, write};
 use inkling::burst::Burst;
 use inkling::io::recording_writer::WriterOptions;
 use std::collections::BTreeSet;

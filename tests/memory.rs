@@ -5,7 +5,7 @@
 
 use crate::house::{House, shipped};
 use crate::nights::some;
-use crate::pipeline::{sample, write};
+use crate::recorded::{sample, write};
 use inkling::burst::Burst;
 use inkling::io::dialect::Dialects;
 use inkling::io::journal::Journal;

@@ -5,8 +5,8 @@
 use crate::house::{House, root};
 use crate::memory::{alone, by_design, most_of};
 use crate::nights::some;
-use crate::pipeline::{sample, write};
 use crate::readers::{self, READERS};
+use crate::recorded::{sample, write};
 use inkling::io::Limits;
 use inkling::io::burst_codec::encode;
 use inkling::io::recording::Recording;

@@ -3,7 +3,7 @@
 
 use crate::house::House;
 use crate::not_judged::report;
-use crate::pipeline::{bursts, sample};
+use crate::recorded::{bursts, sample};
 use inkling::burst::Burst;
 use serde_json::Value;
 use std::collections::BTreeMap;

@@ -4,7 +4,7 @@
 use crate::dialects::writers::{Messages, Written, json, write as write_foreign};
 use crate::house::{House, between};
 use crate::nights::{days_later, sampled_otherwise, some};
-use crate::pipeline::{rows, with_samples};
+use crate::recorded::{rows, with_samples};
 use crate::report::deadened;
 use inkling::burst::Burst;
 use inkling::io::burst_codec;

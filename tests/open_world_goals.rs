@@ -1,6 +1,5 @@
-//! What must hold in an open world, on sets that are small enough for every test run: rates on fixed
-//! seeds, each bound widened by what chance alone makes of it. `examples/open_world.rs` prints the
-//! same tables at any size.
+//! What must hold in an open world, rates on fixed seeds, each bound widened by what chance alone
+//! makes of it.
 
 use crate::house::root;
 use crate::open_world::broken::Broken;

@@ -1,83 +1,16 @@
 //! Verdicts do not depend on threads, file order, chunking, compression, layout or burst shape; a
 //! fault that grows slowly is not learned as healthy; bad bursts are rows.
 
-use crate::house::{House, root};
-use inkling::burst::{Acquisition, Burst, Format, Layout};
+use crate::house::House;
+use crate::recorded::{
+    AS_RECORDED, Acquired, SAMPLE_MAJOR_FLOATS, bursts, counts, sample, slower, table_rows,
+    with_samples, with_signals, write,
+};
+use inkling::burst::{Burst, Layout};
 use inkling::episodes::Episode;
-use inkling::io::Limits;
-use inkling::io::recording::Recording;
-use inkling::io::recording_writer::{Compression, RecordingWriter, WriterOptions};
-use inkling::io::verdict_reader::VerdictReader;
-use inkling::verdict::VerdictColumns;
+use inkling::io::recording_writer::{Compression, WriterOptions};
 use serde_json::Value;
-use std::collections::BTreeMap;
-use std::path::Path;
 use std::sync::OnceLock;
-
-pub fn sample(name: &str) -> std::path::PathBuf {
-    root().join("sample_logs").join(name)
-}
-
-pub fn bursts(path: &Path) -> Vec<Burst> {
-    let recording = Recording::open(path, Limits::default()).unwrap();
-    let mut reader = recording.reader();
-    let blocks: Vec<_> = recording.blocks().map(Result::unwrap).collect();
-    blocks
-        .iter()
-        .flat_map(|block| reader.read(block).acquisitions)
-        .map(|acquisition| match acquisition {
-            Acquisition::Usable(burst) => burst,
-            Acquisition::Unusable(u) => panic!("unusable: {u:?}"),
-        })
-        .collect()
-}
-
-pub fn write(path: &Path, bursts: &[Burst], options: WriterOptions) {
-    let mut writer = RecordingWriter::create(path, options).unwrap();
-    for (i, burst) in bursts.iter().enumerate() {
-        writer.write(burst, 1_000_000_000 + i as u64).unwrap(); // log time says nothing
-    }
-    writer.finish().unwrap();
-}
-
-/// When and of which channel a signal was acquired: time, printhead, channel.
-pub type Acquired = (i64, String, u32);
-
-/// What is said of each signal.
-pub type Verdicts = BTreeMap<Acquired, String>;
-
-/// The rows of a table in their order: of which signal, what is said of it, and by which model.
-pub fn table_rows(path: &Path) -> Vec<(Acquired, String, Option<u16>)> {
-    let row = |c: &VerdictColumns, i: usize| {
-        let printhead = c.printheads[c.printhead[i] as usize].to_string();
-        let said = format!(
-            "{:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?}",
-            c.outcome[i],
-            c.category[i],
-            c.fault[i],
-            c.candidate[i],
-            c.certainty[i],
-            c.statistic[i],
-            c.threshold[i],
-            c.test[i],
-            c.misfit[i],
-            c.severity[i],
-            c.severity_sd[i],
-            c.reason[i]
-        );
-        ((c.acquired_at_ns[i], printhead, c.channel[i]), said, c.model[i])
-    };
-    let batches = VerdictReader::open(path).unwrap().map(Result::unwrap);
-    batches.flat_map(|c| (0..c.len()).map(|i| row(&c, i)).collect::<Vec<_>>()).collect()
-}
-
-pub fn verdicts(path: &Path) -> Verdicts {
-    let mut verdicts = Verdicts::new();
-    for (of, said, _) in table_rows(path) {
-        assert!(verdicts.insert(of, said).is_none(), "a signal has two rows");
-    }
-    verdicts
-}
 
 /// A design that was trained where the ink's temperature varies: by it the sample's heads stand still.
 fn design_that_knows_temperature(house: &House) -> &'static str {
@@ -167,42 +100,8 @@ fn verdicts_and_episodes_do_not_depend_on_how_the_recording_was_written() {
     assert!(counts["signals_too_late"].as_u64().unwrap() > 1000, "{counts}");
 }
 
-pub fn signal(burst: &Burst, row: usize) -> Vec<f64> {
-    let mut y = vec![0.0; burst.samples_per_channel as usize];
-    burst.copy_signal(row, &mut y);
-    y
-}
-
-pub fn rows(burst: &Burst) -> Vec<Vec<f64>> {
-    (0..burst.channels as usize).map(|row| signal(burst, row)).collect()
-}
-
-/// The burst with other signals, of as many samples, and in another form.
-pub fn with_signals(burst: &Burst, signals: &[Vec<f32>], (format, layout): Form) -> Burst {
-    let of = Burst::of(signals, burst.sample_period_s, format, layout);
-    Burst { format, layout, channels: of.channels, samples: of.samples, ..burst.clone() }
-}
-
-type Form = (Format, Layout);
-pub const AS_RECORDED: Form = (Format::S16Le, Layout::ChannelMajor);
-pub const SAMPLE_MAJOR_FLOATS: Form = (Format::F32Le, Layout::SampleMajor);
-
-/// The burst with other samples, in counts: `other` knows the row, the number of a sample, and what it was.
-pub fn with_samples(burst: &Burst, other: impl Fn(usize, usize, f64) -> f64) -> Burst {
-    let count = |row: usize, k: usize, y: &f64| other(row, k, *y).round() as f32;
-    let of = |(row, y): (usize, &Vec<f64>)| {
-        y.iter().enumerate().map(|(k, y)| count(row, k, y)).collect()
-    };
-    let signals: Vec<Vec<f32>> = rows(burst).iter().enumerate().map(of).collect();
-    with_signals(burst, &signals, AS_RECORDED)
-}
-
 fn sample_major_floats(burst: &Burst) -> Burst {
     with_signals(burst, &counts(burst), SAMPLE_MAJOR_FLOATS)
-}
-
-pub fn counts(burst: &Burst) -> Vec<Vec<f32>> {
-    rows(burst).iter().map(|y| y.iter().map(|y| *y as f32).collect()).collect()
 }
 
 /// Bursts of at most so many channels each, with one covariate value for all of a burst or one for each channel.
@@ -386,12 +285,6 @@ fn unknown_printhead_is_judged_by_the_pooled_model_if_it_agrees() {
 
     house.record("differs.mcap", &strangers.iter().map(slower).collect::<Vec<_>>());
     house.replay("differs.mcap").exits(4).says("design_mismatch");
-}
-
-/// Rings a quarter as long: another resonance, the same sampling.
-pub fn slower(burst: &Burst) -> Burst {
-    let rows = rows(burst);
-    with_samples(burst, |row, k, _| rows[row][k * 3 / 4])
 }
 
 #[test]

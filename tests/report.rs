@@ -3,8 +3,7 @@
 
 use crate::house::{House, between, shipped};
 use crate::nights::days_later;
-use crate::open_world::verdicts::{batches, cells, texts};
-use crate::pipeline::{bursts, sample, with_samples};
+use crate::recorded::{batches, bursts, cells, sample, texts, with_samples};
 use crate::several::fault;
 use arrow_array::RecordBatch;
 use arrow_array::types::{Float32Type, TimestampNanosecondType, UInt32Type};

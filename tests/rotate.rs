@@ -4,7 +4,7 @@
 
 use crate::follow::{Follower, Growing, WRITTEN, in_order, tables_are_those_of_a_replay};
 use crate::house::{House, wait_until};
-use crate::pipeline::{Acquired, bursts, sample, table_rows};
+use crate::recorded::{Acquired, bursts, sample, table_rows};
 use inkling::io::inputs;
 use inkling::io::recording_writer::Compression;
 use inkling::io::verdict_reader::VerdictReader;

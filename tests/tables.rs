@@ -3,7 +3,7 @@
 
 use crate::house::House;
 use crate::nights::some;
-use crate::open_world::verdicts::{self, cells};
+use crate::recorded::{self, cells};
 use arrow_array::RecordBatch;
 use arrow_array::types::Float32Type;
 use parquet::file::reader::{FileReader, SerializedFileReader};
@@ -12,12 +12,12 @@ use std::collections::BTreeSet;
 use std::fs::File;
 
 fn batches(house: &House, name: &str) -> Vec<RecordBatch> {
-    verdicts::batches(&house.path(name))
+    recorded::batches(&house.path(name))
 }
 
 fn texts(batches: &[RecordBatch], name: &str) -> Vec<Option<String>> {
     has(batches, name);
-    batches.iter().flat_map(|batch| verdicts::texts(batch, name)).collect()
+    batches.iter().flat_map(|batch| recorded::texts(batch, name)).collect()
 }
 
 fn numbers(batches: &[RecordBatch], name: &str) -> Vec<Option<f32>> {

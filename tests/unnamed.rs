@@ -1,7 +1,7 @@
 //! Oscillators whose effect the catalogue does not hold, but something near it: the critique may not give that name. Beside
 //! them what the catalogue does hold, which must have its name.
 //!
-//! `UNNAMED=9200000 cargo test --release -- --ignored --nocapture unnamed_table` prints what is said of seeds of one's own.
+//! `UNNAMED=9200000 cargo test --release --test rates -- --ignored --nocapture unnamed_table` prints what is said of seeds of one's own.
 
 use clap::ValueEnum;
 use inkling::burst::Beside;

@@ -3,7 +3,7 @@
 use super::{judged, native};
 use crate::house::House;
 use crate::nights::some;
-use crate::pipeline::{rows, signal};
+use crate::recorded::{rows, signal};
 use arrow_array::builder::{Int16Builder, ListBuilder};
 use arrow_array::types::Int8Type;
 use arrow_array::{
@@ -219,7 +219,7 @@ fn each_row_of_lists_may_name_its_printhead() {
     columns.extend(["t_ns", "samples"].map(|name| (name, listed[name].clone())));
     house.write("t.arrow", arrow_file(&RecordBatch::try_from_iter(columns).unwrap()));
     house.ok("convert t.arrow -o t.mcap --time t_ns --period-s 1e-6 --printhead head");
-    let made = crate::pipeline::bursts(&house.path("t.mcap"));
+    let made = crate::recorded::bursts(&house.path("t.mcap"));
     let of: Vec<&str> = made.iter().take(4).map(|burst| &*burst.printhead).collect();
     assert_eq!(
         of,

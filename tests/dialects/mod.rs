@@ -6,7 +6,7 @@ pub mod writers;
 
 use crate::house::{Ended, House};
 use crate::nights::some;
-use crate::pipeline::{sample, verdicts};
+use crate::recorded::{sample, verdicts};
 use inkling::burst::Burst;
 use inkling::io::dialect::guess::guess;
 use inkling::io::dialect::plan::ChannelDescription as OfChannel;
@@ -184,7 +184,7 @@ fn a_dialect_that_cannot_take_effect_says_what_there_is() {
 #[test]
 fn a_dialect_serves_training_too() {
     let house = House::new();
-    let bursts = crate::pipeline::bursts(&sample("train.mcap"));
+    let bursts = crate::recorded::bursts(&sample("train.mcap"));
     house.record("ours.mcap", &bursts);
     writers::write(&house.path("theirs.mcap"), &bursts, &ros1());
     house.write("s.toml", ROS);

@@ -3,7 +3,7 @@
 //!
 //! The table, on seeds of one's own (first seed, recordings; a part of the set: `null`, `large` of
 //! ten times as many signals, `effects`, `outside`):
-//! `INKLING_FOREIGN="500000 340 null" cargo test --release -- --ignored --nocapture foreign_table`
+//! `INKLING_FOREIGN="500000 340 null" cargo test --release --test rates -- --ignored --nocapture foreign_table`
 
 mod effect;
 mod healthy;
@@ -11,7 +11,7 @@ mod plant;
 #[cfg(feature = "ablation")]
 mod prices;
 
-use crate::house::on_two_threads;
+use crate::on_two_threads;
 use clap::ValueEnum;
 use effect::{Effect, Hidden, Place};
 use healthy::{Family, Signal, normal};

@@ -3,7 +3,7 @@
 
 use super::{Case, FIRST_SEED, effect_of};
 use crate::house::House;
-use crate::pipeline::with_samples;
+use crate::recorded::with_samples;
 use inkling::burst::Burst;
 use inkling::io::verdict_reader::VerdictReader;
 

@@ -2,13 +2,14 @@
 //! recordings alone, the truth is opened afterwards. Rates over fixed seeds, never a retry.
 //!
 //! The full set, with its table in Markdown (docs/hidden_effects.md):
-//! `cargo test --release -- --ignored --nocapture hidden_full`
+//! `cargo test --release --test rates -- --ignored --nocapture hidden_full`
 
 mod extended;
 mod plants;
 
-use crate::house::{House, on_two_threads};
-use crate::pipeline::{bursts, write};
+use crate::house::House;
+use crate::on_two_threads;
+use crate::recorded::{bursts, write};
 use inkling::burst::Burst;
 use inkling::score::blind::{Blind, CritiqueAnswer, Kind, Outcome, Truth};
 use inkling::simulate::Scenario;

@@ -2,12 +2,7 @@
 //! has labelled. Generators and measurements are written from the contract and from (2-2)'s shape
 //! alone; they know nothing of how inkling judges, and share no constant with its simulator.
 //!
-//! `tests/open_world_goals.rs` asserts on small sets what must be true in every test run.
-//! `examples/open_world.rs` prints the same tables at any size:
-//!
-//! ```sh
-//! cargo run --release --example open_world -- --help
-//! ```
+//! `tests/open_world_goals.rs` asserts what must be true.
 
 pub mod broken;
 pub mod chance;

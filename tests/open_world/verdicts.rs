@@ -1,11 +1,9 @@
 //! Verdict tables read as any user's tool would: by the contract's columns.
 
-use arrow_array::cast::AsArray;
-use arrow_array::types::{ArrowPrimitiveType, Float32Type, TimestampNanosecondType, UInt32Type};
-use arrow_array::{Array, RecordBatch};
+use crate::recorded::{batches, cells, texts};
+use arrow_array::RecordBatch;
+use arrow_array::types::{Float32Type, TimestampNanosecondType, UInt32Type};
 use clap::ValueEnum;
-use parquet::arrow::arrow_reader::{ArrowReaderOptions, ParquetRecordBatchReaderBuilder};
-use std::fs::File;
 use std::path::Path;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -103,28 +101,6 @@ fn episodes_of_batch(batch: &RecordBatch) -> Vec<Episode> {
 /// In the recording's order.
 pub fn read(path: &Path) -> Vec<Verdict> {
     batches(path).iter().flat_map(of_batch).collect()
-}
-
-/// As programs that know nothing of Arrow read them: texts are texts.
-pub fn batches(path: &Path) -> Vec<RecordBatch> {
-    let file = File::open(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
-    let plain = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
-    let batches = ParquetRecordBatchReaderBuilder::try_new_with_options(file, plain).unwrap();
-    batches.build().unwrap().map(Result::unwrap).collect()
-}
-
-/// Of a column that may be missing.
-pub fn texts(batch: &RecordBatch, name: &str) -> Vec<Option<String>> {
-    let column = batch.column_by_name(name).map(|c| c.as_string::<i32>());
-    (0..batch.num_rows())
-        .map(|i| column.filter(|c| c.is_valid(i)).map(|c| c.value(i).to_owned()))
-        .collect()
-}
-
-/// Likewise of numbers and times.
-pub fn cells<T: ArrowPrimitiveType>(batch: &RecordBatch, name: &str) -> Vec<Option<T::Native>> {
-    let column = batch.column_by_name(name).map(|c| c.as_primitive::<T>());
-    (0..batch.num_rows()).map(|i| column.filter(|c| c.is_valid(i)).map(|c| c.value(i))).collect()
 }
 
 /// What one of the contract's words says.
