@@ -337,7 +337,7 @@ fn each_outside_crate_has_one_door() {
         ("clap_mangen", &["cli"]),
         ("indicatif", &["cli"]),
         ("httparse", &["cli"]),
-        ("ctrlc", &["cli"]),
+        ("signal_hook", &["cli"]),
         ("mcap", &["io"]),
         ("parquet", &["io"]),
         ("arrow_array", &["io"]),

@@ -42,7 +42,7 @@ pub struct Args {
     /// Only signals that it says are healthy; without it, those that agree with the majority
     #[arg(long, value_name = "CSV")]
     labels: Option<PathBuf>,
-    /// Directory for a plot of measured against simulated per printhead (SVG, PNG, CSV)
+    /// Directory for a plot of measured against simulated per printhead (SVG, CSV)
     #[arg(long, value_name = "DIR")]
     plot: Option<PathBuf>,
     /// Also which faults a filter of method I can see, and where it is blind

@@ -104,8 +104,7 @@ pub fn handle_interrupts(takes: impl Fn(&Control) -> bool + Send + 'static) -> A
     let control = Arc::new(Control::default());
     let handle = control.clone();
     ONCE.call_once(|| {
-        // without a handler Ctrl-C still ends the run; only the .part file is left behind
-        let _ = ctrlc::set_handler(move || {
+        at_each_request_to_end(move || {
             if takes(&handle) {
                 return;
             }
@@ -117,6 +116,21 @@ pub fn handle_interrupts(takes: impl Fn(&Control) -> bool + Send + 'static) -> A
         });
     });
     control
+}
+
+/// Calls `then`, on a thread of its own, whenever Ctrl-C or another program asks this one to end. Where there
+/// are no signals, or no handler can be installed, the request ends the process itself, and a `.part` file
+/// stays behind.
+fn at_each_request_to_end(then: impl Fn() + Send + 'static) {
+    #[cfg(unix)]
+    {
+        use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+        if let Ok(mut signals) = signal_hook::iterator::Signals::new([SIGINT, SIGTERM, SIGHUP]) {
+            std::thread::spawn(move || signals.forever().for_each(|_| then()));
+        }
+    }
+    #[cfg(not(unix))]
+    drop(then);
 }
 
 /// Shows the progress through the current recording and, if there are several, through all of them.

@@ -26,7 +26,7 @@ use std::path::PathBuf;
 Without recordings on simulated data: signals of the thesis's form, its drying experiment, and faults by \
 its model (2-2). With recordings and labels on these, divided by channel: each is tested on once, by what \
 was learned on others. Writes tables.md (tables, and which of the thesis's conclusions held), tables.json \
-and the figures (SVG, PNG, and their data as CSV).")]
+and the figures (SVG, and their data as CSV).")]
 pub struct Args {
     /// Files, directories (searched for *.mcap) or glob patterns; none: simulated data
     #[arg(requires = "labels")]

@@ -1,7 +1,7 @@
 //! Figures: one set of axes with points and lines. This is the only place that uses `plotters`.
 //!
-//! In: a `Figure` (title, axes, series, thresholds). Out: with `write` an SVG, a PNG and the data as
-//! CSV under one name; with `svg` an SVG document for a page. `draw` draws for SVG and PNG alike.
+//! In: a `Figure` (title, axes, series, thresholds). Out: with `write` an SVG and the data as CSV under
+//! one name; with `svg` an SVG document for a page.
 //!
 //! Beside figures there are [`raster`], pictures made of cells, and [`page`], the page that figures
 //! stand on.
@@ -15,10 +15,8 @@ pub use axis::{Axis, unit_of_time};
 use axis::Scale;
 use plotters::coord::Shift;
 use plotters::prelude::*;
-use plotters::style::{FontStyle, register_font};
 use std::ops::Range;
 use std::path::Path;
-use std::sync::Once;
 use thiserror::Error;
 
 /// A figure could not be drawn or written to the file at `path`.
@@ -107,13 +105,10 @@ impl Figure {
         Figure::new(title, Axis::new("time since acquisition began, µs"), Axis::new(y), series)
     }
 
-    /// Writes `<name>.svg`, `<name>.png` and `<name>.csv` into `dir`.
+    /// Writes `<name>.svg` and `<name>.csv` into `dir`.
     pub fn write(&self, dir: &Path, name: &str) -> Result<(), PlotError> {
-        let files = [
-            ("csv", Ok(self.csv().into_bytes())),
-            ("svg", self.svg(SIZE).map(String::into_bytes)),
-            ("png", self.png()),
-        ];
+        let files =
+            [("csv", Ok(self.csv().into_bytes())), ("svg", self.svg(SIZE).map(String::into_bytes))];
         for (extension, contents) in files {
             let path = dir.join(format!("{name}.{extension}"));
             contents
@@ -121,14 +116,6 @@ impl Figure {
                 .map_err(|message| PlotError { path: path.display().to_string(), message })?;
         }
         Ok(())
-    }
-
-    /// The figure as the bytes of a PNG file.
-    fn png(&self) -> Result<Vec<u8>, String> {
-        let (width, height) = SIZE;
-        let mut pixels = vec![0; 3 * (width * height) as usize];
-        self.draw(BitMapBackend::with_buffer(&mut pixels, SIZE).into_drawing_area())?;
-        raster::encode(width, height, |of| of.set_color(png::ColorType::Rgb), &pixels)
     }
 
     /// The figure as an SVG document of this width and height, pixels.
@@ -150,14 +137,8 @@ impl Figure {
         text
     }
 
-    /// Draws the figure with whatever backend the area has.
-    fn draw<B: DrawingBackend>(&self, area: DrawingArea<B, Shift>) -> Result<(), String> {
-        static ONCE: Once = Once::new();
-        ONCE.call_once(|| {
-            // the bytes are those of a valid font: a failure would show below as a missing font
-            let _ = register_font(FONT, FontStyle::Normal, dejavu::sans::regular());
-        });
-        area.fill(&WHITE).map_err(text::<B>)?;
+    fn draw(&self, area: DrawingArea<SVGBackend, Shift>) -> Result<(), String> {
+        area.fill(&WHITE).map_err(text)?;
 
         // The axes: ranges hold all points and thresholds, unless the figure fixes them.
         let points = || self.series.iter().flat_map(|s| s.points.iter());
@@ -175,7 +156,7 @@ impl Figure {
             .x_label_area_size(54)
             .y_label_area_size(names.fold(84, u32::max).min(320))
             .build_cartesian_2d(x, y)
-            .map_err(text::<B>)?;
+            .map_err(text)?;
         self.draw_mesh(&mut chart)?;
         for (series, colour) in self.series.iter().zip(self.colours()) {
             self.draw_series(&mut chart, &ends, series, colour)?;
@@ -192,13 +173,13 @@ impl Figure {
                 .border_style(RGBColor(200, 200, 200))
                 .label_font((FONT, 16))
                 .draw()
-                .map_err(text::<B>)?;
+                .map_err(text)?;
         }
-        area.present().map_err(text::<B>)
+        area.present().map_err(text)
     }
 
     /// Draws the grid, the ticks and the labels of the axes.
-    fn draw_mesh<B: DrawingBackend>(&self, chart: &mut Chart<B>) -> Result<(), String> {
+    fn draw_mesh(&self, chart: &mut Chart) -> Result<(), String> {
         chart
             .configure_mesh()
             .light_line_style(RGBColor(240, 240, 240))
@@ -212,7 +193,7 @@ impl Figure {
             .x_label_formatter(&|v| self.x.tick(*v))
             .y_label_formatter(&|v| shown(&self.y.tick(*v)))
             .draw()
-            .map_err(text::<B>)
+            .map_err(text)
     }
 
     /// The colour of each series: one of its own, or, if every other series is a band, the same for
@@ -232,9 +213,9 @@ impl Figure {
 
     /// Draws one series, and puts it into the legend where that tells something. Points and dots
     /// outside the axes are not drawn.
-    fn draw_series<B: DrawingBackend>(
+    fn draw_series(
         &self,
-        chart: &mut Chart<B>,
+        chart: &mut Chart,
         ends: &Ends,
         series: &Series,
         colour: RGBColor,
@@ -263,12 +244,12 @@ impl Figure {
                     .filter(|at| series.mark == Mark::Bars && inside(at));
                 chart
                     .draw_series(middles.map(|at| Circle::new(at, 4, colour.filled())))
-                    .map_err(text::<B>)?;
+                    .map_err(text)?;
                 let style = colour.stroke_width(2);
                 chart.draw_series(bars.iter().map(|bar| PathElement::new(bar.to_vec(), style)))
             }
         };
-        let drawn = drawn.map_err(text::<B>)?;
+        let drawn = drawn.map_err(text)?;
         // on an axis of categories the names stand on the axis, so no legend repeats them, but for dots
         let named = self.y.categories.is_empty() || series.mark == Mark::Dots;
         // points that all lie outside the axes need no legend either
@@ -283,11 +264,7 @@ impl Figure {
     }
 
     /// Draws the vertical lines, dashed, over the whole height.
-    fn draw_thresholds<B: DrawingBackend>(
-        &self,
-        chart: &mut Chart<B>,
-        ends: &Ends,
-    ) -> Result<(), String> {
+    fn draw_thresholds(&self, chart: &mut Chart, ends: &Ends) -> Result<(), String> {
         for (k, (x, what)) in self.thresholds.iter().enumerate() {
             // several thresholds belong to the series one by one, and have the colours of these; a
             // single one is red
@@ -296,7 +273,7 @@ impl Figure {
             let line = DashedLineSeries::new([(x, ends[1].start), (x, ends[1].end)], 8, 5, style);
             chart
                 .draw_series(line)
-                .map_err(text::<B>)?
+                .map_err(text)?
                 .label(shown(what))
                 .legend(move |(x, y)| PathElement::new([(x, y), (x + 14, y)], style));
         }
@@ -304,7 +281,7 @@ impl Figure {
     }
 }
 
-type Chart<'a, B> = ChartContext<'a, B, Cartesian2d<Scale, Scale>>;
+type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<Scale, Scale>>;
 
 /// From the lowest to the highest coordinate of the x axis, and of the y axis.
 type Ends = [Range<f64>; 2];
@@ -324,8 +301,8 @@ fn inert(c: char) -> char {
     }
 }
 
-/// The words of a backend's error.
-fn text<B: DrawingBackend>(e: DrawingAreaErrorKind<B::ErrorType>) -> String {
+/// The words of the backend's error.
+fn text(e: DrawingAreaErrorKind<std::io::Error>) -> String {
     e.to_string()
 }
 
@@ -334,7 +311,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_figure_is_three_files_and_its_csv_holds_the_data() {
+    fn a_figure_is_two_files_and_its_csv_holds_the_data() {
         let dir = tempfile::tempdir().unwrap();
         let line = |name: &str, mark| Series {
             name: name.into(),
@@ -350,7 +327,6 @@ mod tests {
         };
         figure.write(dir.path(), "squares").unwrap();
         let read = |e: &str| std::fs::read(dir.path().join(format!("squares.{e}"))).unwrap();
-        assert_eq!(&read("png")[1..4], b"PNG");
         let svg = String::from_utf8(read("svg")).unwrap();
         assert!(svg.contains("squares grow") && svg.contains("counts"));
         let csv = String::from_utf8(read("csv")).unwrap();

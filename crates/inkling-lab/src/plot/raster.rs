@@ -1,8 +1,7 @@
 //! Pictures made of cells in few colours, for the maps of the report.
 //!
 //! In: cells, row by row, each an index into a palette. Out: an indexed PNG as bytes, or as a
-//! `data:` address that stands in a page, so that the page needs no file beside it. `encode` is
-//! also what writes the PNG of a figure.
+//! `data:` address that stands in a page, so that the page needs no file beside it.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -36,39 +35,24 @@ impl Raster<'_> {
         let pair = |cells: &[u8]| cells[0] << 4 | cells.get(1).copied().unwrap_or(0);
         let rows = self.cells.chunks(self.width as usize);
         let packed: Vec<u8> = rows.flat_map(|row| row.chunks(2).map(pair)).collect();
-        let indexed = |of: &mut Encoder| {
-            of.set_color(png::ColorType::Indexed);
-            of.set_depth(png::BitDepth::Four);
-            of.set_palette(self.palette.concat());
-            of.set_compression(png::Compression::High);
-            of.set_filter(png::Filter::NoFilter);
-        };
-        encode(self.width, self.height, indexed, &packed)
+        let mut bytes = Vec::new();
+        let mut encoder = png::Encoder::new(&mut bytes, self.width, self.height);
+        encoder.set_color(png::ColorType::Indexed);
+        encoder.set_depth(png::BitDepth::Four);
+        encoder.set_palette(self.palette.concat());
+        encoder.set_compression(png::Compression::High);
+        encoder.set_filter(png::Filter::NoFilter);
+        let written = encoder
+            .write_header()
+            .and_then(|mut writer| writer.write_image_data(&packed).and_then(|()| writer.finish()));
+        written.map_err(|e| e.to_string())?;
+        Ok(bytes)
     }
 
     /// The picture as an address for the `src` or `href` of an image, `data:image/png;base64,...`
     pub fn address(&self) -> Result<String, String> {
         Ok(format!("data:image/png;base64,{}", STANDARD.encode(self.png()?)))
     }
-}
-
-type Encoder<'a> = png::Encoder<'a, &'a mut Vec<u8>>;
-
-/// The bytes of a PNG file. `set`: tells the encoder how `pixels` are arranged.
-pub(super) fn encode(
-    width: u32,
-    height: u32,
-    set: impl FnOnce(&mut Encoder),
-    pixels: &[u8],
-) -> Result<Vec<u8>, String> {
-    let mut bytes = Vec::new();
-    let mut encoder = png::Encoder::new(&mut bytes, width, height);
-    set(&mut encoder);
-    let written = encoder
-        .write_header()
-        .and_then(|mut writer| writer.write_image_data(pixels).and_then(|()| writer.finish()));
-    written.map_err(|e| e.to_string())?;
-    Ok(bytes)
 }
 
 #[cfg(test)]

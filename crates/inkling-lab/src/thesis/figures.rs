@@ -1,7 +1,7 @@
 //! The figures of the thesis, drawn from the signals of one part: 2-2, 3-2, 3-3, 3-5, 4-1 to 4-4.
 //!
 //! In: a seed (`simulated`) or a part of a user's recordings (`recorded`), from `thesis::write`.
-//! Out: for each figure an SVG, a PNG and a CSV in a directory. The filter, the model and the weights
+//! Out: for each figure an SVG and a CSV in a directory. The filter, the model and the weights
 //! are those of the thesis's own design, learned from the part. Every title is a sentence made of the
 //! numbers that its figure shows. Figs. 4-1 and 4-2 are in `key_figures`.
 
@@ -64,8 +64,8 @@ const NAMES: [&str; 8] = [
 pub fn forget(dir: &Path) {
     let key_numbers = ["fig_4-1", "fig_4-2"].into_iter().flat_map(key_figures::names);
     for name in NAMES.map(str::to_owned).into_iter().chain(key_numbers) {
-        // each figure has its data and its pixels beside it
-        for extension in ["svg", "png", "csv"] {
+        // each figure has its data beside it
+        for extension in ["svg", "csv"] {
             // a file that is not there needs no removal
             let _ = std::fs::remove_file(dir.join(format!("{name}.{extension}")));
         }
