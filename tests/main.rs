@@ -32,7 +32,6 @@ mod promised; // what a design promises is what a replay does
 mod readers; // everything that reads what others wrote, for mutations and fuzzing
 mod readme; // every command of README and book as printed; their links and paths lead somewhere
 mod report; // the report: stories over recordings, onsets, hostile names, what is missing
-mod rotate; // parts of a table whose recording is being written: whole, in order, gone at its end
 mod several; // faults at once, and faults that grow
 mod tables; // tables as others read them: whose a row is, rings, reasons, metadata once
 mod thesis_tables; // the thesis's methods by settings; its chapter 4 on own recordings

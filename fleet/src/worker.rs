@@ -8,7 +8,6 @@ use inkling::cli::judge::{Judged, NotJudged};
 use inkling::io::Limits;
 use inkling::io::dialect::Dialects;
 use inkling::io::layout::PlacedRecording;
-use inkling::io::part_tables::PartTables;
 use inkling::io::recording::Recording;
 use inkling::pipeline::{self, Control, PipelineError, Replay};
 use inkling::settings::Pace;
@@ -201,8 +200,6 @@ impl Worker {
         let control = Control::default();
         let report =
             watched(run, at, &control, || pipeline::replay(replay, &recording, staged, &control))?;
-        // parts of a run that followed this recording and was killed; what stays only takes up room
-        let _ = PartTables::beside(&item.verdicts_in(run.out())).remove_of(&recording);
         let job = &loaded.job;
         Ok(Judged::of(report, item, &job.means, &job.out, job.detail))
     }

@@ -395,8 +395,8 @@ impl Batch<'_> {
     }
 }
 
-/// The files of a recording, without the parts that `--rotate` writes: its annotations, then the
-/// files without which it is not finished (verdicts, episodes and, last, the summary).
+/// The files of a recording: its annotations, then the files without which it is not finished (verdicts,
+/// episodes and, last, the summary).
 fn results_of(verdicts: &Path) -> impl DoubleEndedIterator<Item = PathBuf> {
     std::iter::once(annotation_writer::path_beside(verdicts)).chain(resume::files(verdicts))
 }

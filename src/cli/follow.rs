@@ -1,20 +1,18 @@
 //! `inkling replay --follow`: judges a recording while it is being written, and tells episodes as
-//! they are raised. With `--rotate SPAN` it also tells parts of the verdict table as they are
-//! closed, which can be read meanwhile.
+//! they are raised.
 //!
-//! In: the options and settings, which are checked here for `replay` ([`check`],
-//! [`check_rotation`]). Out: [`FollowJudge`], the judge that `batch` asks for the only recording of
-//! the run. It hands functions to `pipeline::follow`, which calls them with episodes, rows and
-//! parts as the recording grows; they print, and tell the live view (`live`). When the recording is
-//! closed, its files are those of any replay.
+//! In: the settings, which are checked here for `replay` ([`check`]). Out: [`FollowJudge`], the judge
+//! that is asked for the only recording of the run. It hands functions to `pipeline::follow`, which
+//! calls them with episodes and rows as the recording grows; they print, and tell the live view
+//! (`live`). When the recording is closed, its files are those of any replay.
 
 use super::exit::{Failure, unless_reader_gone};
 use super::judge::{Judge, Judged, NotJudged, Run};
 use super::live::Live;
 use super::output;
-use super::progress::{Progress, handle_interrupts, thousands};
+use super::progress::{Progress, handle_interrupts};
 use super::report::{printable, printable_path};
-use crate::pipeline::{self, ClosedPart, Control, EpisodeEvent, Rotation, Watch, rfc3339};
+use crate::pipeline::{self, Control, EpisodeEvent, Watch};
 use crate::report::clock;
 use crate::settings::{Pace, Settings};
 use inkling_core::verdict::Verdicts;
@@ -24,11 +22,9 @@ use inkling_io::recording::Recording;
 use inkling_io::{Limits, printable};
 use serde_json::json;
 use std::net::SocketAddr;
-use std::ops::RangeInclusive;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::time::Duration;
 
 /// Refuses settings that cannot take effect on a recording that is being written, with what to do instead.
 pub fn check(settings: &Settings, dry_run: bool) -> Result<(), Failure> {
@@ -54,35 +50,6 @@ fn is_one_file(name: &str) -> bool {
     !(is_pattern || path.is_dir() || in_object_store(path))
 }
 
-/// The recording times that a part may have. Shorter parts would be more files than anybody reads,
-/// and no recording reaches the end of a longer part.
-const SPANS: RangeInclusive<Duration> =
-    Duration::from_secs(1)..=Duration::from_secs(366 * 24 * 3600);
-
-/// Reads a time span such as `10min` or `1h 30min`.
-pub fn span(text: &str) -> Result<Duration, String> {
-    let such = "give a span of recording time such as 10min or 1h";
-    let span = humantime::parse_duration(text).map_err(|e| format!("{e}; {such}"))?;
-    let is_good = SPANS.contains(&span);
-    is_good.then_some(span).ok_or_else(|| format!("a part is of 1s to 366days; {such}"))
-}
-
-/// Refuses `--rotate` where there can be no parts, with what to do instead. `out`: the directory of
-/// results.
-pub fn check_rotation(rotate: Option<Duration>, follow: bool, out: &Path) -> Result<(), Failure> {
-    let why = match rotate {
-        Some(_) if !follow => {
-            "parts are closed while a recording is being written: add --follow; without it the table \
-             is there when the run ends"
-        }
-        Some(_) if in_object_store(out) => {
-            "parts are files that go when the recording is closed: give a directory by --out"
-        }
-        _ => return Ok(()),
-    };
-    Err(Failure::usage(format!("--rotate: {why}")))
-}
-
 /// A control for which the first Ctrl-C means that the recording is to be judged as far as it goes, and later
 /// ones interrupt.
 pub fn until_enough() -> Arc<Control> {
@@ -93,8 +60,6 @@ pub fn until_enough() -> Arc<Control> {
 pub struct FollowJudge {
     /// Whether events are told as JSON lines.
     pub json: bool,
-    /// Recording time after which a part of the table is closed (`--rotate`).
-    pub rotate: Option<Duration>,
     /// The live view, if there is one.
     pub live: Option<Arc<Live>>,
 }
@@ -129,10 +94,8 @@ impl Judge for FollowJudge {
             state().for_each(|state| state.begin_again());
         };
         let rows = |of: &Verdicts| state().for_each(|state| state.take_rows(of));
-        let closed = |part: &ClosedPart| print(tell_part(label, part, self.json));
-        let rotation = self.rotate.map(|every| Rotation { every, closed: &closed });
         let rows: Option<&(dyn Fn(&Verdicts) + Sync)> = self.live.is_some().then_some(&rows);
-        let watch = Watch { episode: &episode, note: &note, rows, rotation };
+        let watch = Watch { episode: &episode, note: &note, rows };
 
         // judge until the recording is closed or Ctrl-C says that it is enough (`until_enough`)
         let report = run.progress.during(label, None, run.control, || {
@@ -172,40 +135,4 @@ fn tell(recording: &str, event: EpisodeEvent, json: bool) -> std::io::Result<()>
         format!("{raised}  {head:<20}  {mark}{explanation}")
     };
     output::tell(json, || output::episode_event(recording, event), text)
-}
-
-/// Tells a part when it is closed.
-fn tell_part(recording: &str, part: &ClosedPart, json: bool) -> std::io::Result<()> {
-    let ClosedPart { number, path, rows, from_ns, to_ns } = part;
-    let path = path.to_string_lossy();
-    let document = || {
-        json!({
-            "event": "part",
-            "recording": recording,
-            "number": number,
-            "file": path,
-            "rows": rows,
-            "from": rfc3339(*from_ns),
-            "to": rfc3339(*to_ns),
-        })
-    };
-    output::tell(json, document, || {
-        let ([from, to], path) = ([*from_ns, *to_ns].map(clock), printable_path(&path));
-        format!("{to}  part {number}, {} rows since {from}: {path}", thousands(*rows))
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn spans_are_of_a_second_to_a_year() {
-        assert_eq!(span("10min"), Ok(Duration::from_secs(600)));
-        assert_eq!(span("1h 30min"), Ok(Duration::from_secs(5400)));
-        for bad in ["", "0", "0s", "999ms", "367days", "9999999years", "10", "soon", "-5min"] {
-            let words = span(bad).unwrap_err();
-            assert!(words.contains("10min"), "{bad}: {words}");
-        }
-    }
 }

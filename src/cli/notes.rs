@@ -109,18 +109,15 @@ pub fn warnings(report: &RecordingReport) -> Vec<CountedMessage> {
     counted(refused.chain(warned).chain(unread))
 }
 
-/// Messages about what does not affect the verdicts that there are: parts that could not be
-/// removed, and a recording that was judged before it was closed.
+/// Messages about what does not affect the verdicts that there are: a recording that was judged before it was
+/// closed.
 pub fn notes(report: &RecordingReport) -> Vec<CountedMessage> {
-    let left = report.parts_left.iter().map(|e| {
-        format!("parts of its table, written while it was followed, could not be removed: {e}")
-    });
     let cut_off = report.cut_off.then(|| {
         "the recording was not closed: it is judged as far as it was complete; replay it when its recorder has \
          closed it"
             .to_owned()
     });
-    counted(left.chain(cut_off).map(|what| (String::new(), what)))
+    counted(cut_off.into_iter().map(|what| (String::new(), what)))
 }
 
 /// Sentences about parts of which nothing, or less than half, could be judged.

@@ -19,7 +19,6 @@ use inkling_io::damage::Damage;
 use inkling_io::episode_table::EpisodeWriter;
 use inkling_io::file_error::FileError;
 use inkling_io::part_file::{self, CompleteFile};
-use inkling_io::part_tables::PartTables;
 use inkling_io::recording::Recording;
 use inkling_io::verdict_table::VerdictWriter;
 use inkling_io::{labels_file, stored, summary_file};
@@ -95,7 +94,6 @@ impl Run<'_> {
             baselines: results.memory,
             cut_off: recording.is_cut_off(),
             arrays: None,
-            parts_left: None,
         };
         // that many channels are flagged at once is told only of printheads without such a warning
         for (name, of) in &report.tally.printheads {
@@ -126,8 +124,6 @@ impl Run<'_> {
         if let Some(verdicts) = verdicts {
             files.push(complete_summary(verdicts, &document)?);
             name_all(files)?;
-            // parts of the table that were closed meanwhile are no longer needed
-            report.parts_left = PartTables::beside(verdicts).remove_of(recording).err();
         }
         Ok(report)
     }

@@ -13,9 +13,8 @@ use inkling_core::state::Memory;
 use inkling_core::verdict::Verdicts;
 use inkling_io::recording::Recording;
 use serde::{Deserialize, Serialize};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Mutex;
-use std::time::Duration;
 
 /// What a run of replay has in common over its recordings; as JSON all that another process needs for it.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -70,7 +69,6 @@ pub struct Watch<'a> {
     pub note: &'a (dyn Fn(&str) + Sync),
     /// Called with rows when they are written.
     pub rows: Option<&'a (dyn Fn(&Verdicts) + Sync)>,
-    pub rotation: Option<Rotation<'a>>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -84,23 +82,4 @@ pub enum EpisodeEvent<'a> {
     Ended(&'a Episode),
     /// It was announced, but the finished table has no such episode.
     Withdrawn(&'a Episode),
-}
-
-#[derive(Clone, Copy)]
-pub struct Rotation<'a> {
-    pub every: Duration,
-    /// Called when a part is complete and has its name.
-    pub closed: &'a (dyn Fn(&ClosedPart) + Sync),
-}
-
-/// A closed part of the table, which can be read.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ClosedPart {
-    /// Counted from 1.
-    pub number: u32,
-    pub path: PathBuf,
-    pub rows: u64,
-    /// t_a of its earliest and of its latest burst, ns.
-    pub from_ns: i64,
-    pub to_ns: i64,
 }

@@ -1,18 +1,16 @@
 //! Makes the document that goes with the verdicts, in the Parquet file's metadata and in summary.json
 //! (`schemas/verdicts.md` explains its keys).
 //!
-//! In: from `finish`, a finished recording with its counts and models ([`document`]); or from `rotation`, a part
-//! of the table while the recording is being written ([`of_part`]). Out: a [`Document`], which is serialised to
-//! JSON.
+//! In: from `finish`, a finished recording with its counts and models ([`document`]). Out: a [`Document`], which is
+//! serialised to JSON.
 
-use super::job::{ClosedPart, Replay};
+use super::job::Replay;
 use super::resume::effective;
 use super::schedule::Schedule;
 use super::tally::Counts;
 use chrono::{DateTime, SecondsFormat};
-use inkling_core::design::{HealthyModel, Judge};
+use inkling_core::design::HealthyModel;
 use inkling_core::fault::categories;
-use inkling_io::part_tables::{Beginning, PART_KEY};
 use inkling_io::recording::Recording;
 use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
@@ -50,35 +48,10 @@ pub fn document<'a>(
     let recording = json!({"name": recording.name, "bytes": recording.bytes, "digest": digest});
     let mut of_run = of(replay, recording);
     of_run.insert("counts".into(), json!(counts));
-    let model = |(number, (of, reference_v))| Model { number, of, reference_v, with_poles: true };
+    let model = |(number, (of, reference_v))| Model { number, of, reference_v };
     // the schedule bounds their number
     let models = (0..=u16::MAX).zip(schedule.models()).map(model);
     Document { of_run, models: models.collect() }
-}
-
-/// The document of a part of the table while the recording is still being written: without counts and digest,
-/// and with how the recording begins instead. `judges`: those of the part's signals.
-pub fn of_part<'a>(
-    replay: &Replay,
-    recording: &Recording,
-    begins: &Beginning,
-    judges: impl Iterator<Item = &'a Judge>,
-    part: &ClosedPart,
-) -> Document<'a> {
-    let recording = json!({"name": recording.name, "begins": begins, "complete": false});
-    let model = |judge: &'a Judge| {
-        let Judge { index, model, reference_v, .. } = judge;
-        Model { number: *index, of: model, reference_v: *reference_v, with_poles: false }
-    };
-    let mut of_run = of(replay, recording);
-    let of_part = json!({
-        "number": part.number,
-        "rows": part.rows,
-        "from": rfc3339(part.from_ns),
-        "to": rfc3339(part.to_ns),
-    });
-    of_run.insert(PART_KEY.into(), of_part);
-    Document { of_run, models: judges.map(model).collect() }
 }
 
 fn of(replay: &Replay, recording: Value) -> Map<String, Value> {
@@ -107,8 +80,6 @@ struct Model<'a> {
     of: &'a HealthyModel,
     /// Drive voltage at which it expects its signals, V.
     reference_v: Option<f64>,
-    /// Whether its poles are written; a moved judge's would be those of one burst.
-    with_poles: bool,
 }
 
 impl Serialize for Model<'_> {
@@ -122,9 +93,7 @@ impl Serialize for Model<'_> {
         // a, b, g and d of thesis (2-2)
         entry.serialize_entry("parameters", &id.channel)?;
         entry.serialize_entry("cubic", &id.cubic)?;
-        if self.with_poles {
-            entry.serialize_entry("poles", &id.poles)?;
-        }
+        entry.serialize_entry("poles", &id.poles)?;
         entry.serialize_entry("acquisition_state", &id.acquisition_state)?;
         entry.serialize_entry("drive_voltage_v", &self.reference_v)?;
         entry.serialize_entry("temperature_c", &m.temperature_c)?;

@@ -27,7 +27,7 @@
 //!                  where the head is: heads head sweep channel_subset frozen moved_judge
 //!   3 FD filter    statistics  rings (deviations)  own_levels
 //!   5 isolate      isolator  rings (fits)  rows
-//!   6 writer       episodes  tally  at_once  rotation part_boundaries (--rotate)
+//!   6 writer       episodes  tally  at_once
 //! warnings         head_movement temperature_check at_once ring_look
 //! other passes     visit (bursts of a recording)  collect (signals to learn from)
 //! many recordings  resume (what is finished)  chain (--baseline: in which order)
@@ -56,7 +56,6 @@ mod models;
 mod moved_judge;
 mod own_levels;
 pub mod pacer;
-mod part_boundaries;
 mod placing;
 mod progress;
 mod recording_report;
@@ -64,7 +63,6 @@ pub mod replay;
 pub mod resume;
 pub mod ring_look;
 mod rings;
-mod rotation;
 mod rows;
 pub mod schedule;
 mod stages;
@@ -80,7 +78,7 @@ pub mod visit;
 pub mod window_rules;
 mod wiring;
 
-pub use job::{ClosedPart, EpisodeEvent, Replay, Rotation, Watch};
+pub use job::{EpisodeEvent, Replay, Watch};
 pub use metadata::rfc3339;
 pub use recording_report::RecordingReport;
 pub use replay::{follow, is_same, judge, replay};
@@ -115,11 +113,6 @@ pub enum PipelineError {
         and_damaged(damage)
     )]
     NoBursts { recording: String, others: Vec<OtherChannel>, damage: Vec<Damage> },
-    #[error(
-        "{path} is no part of this recording's verdicts: another's, or another program's; it was left as it \
-         is. Move it away, or give another --out"
-    )]
-    PartTaken { path: std::path::PathBuf },
     #[error("interrupted; no finished file was written for the recording at hand")]
     Interrupted,
     #[error(

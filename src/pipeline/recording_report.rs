@@ -79,8 +79,6 @@ pub struct RecordingReport {
     /// Whether following the recording was ended while nobody had closed it.
     pub cut_off: bool,
     pub arrays: Option<VerdictArrays>,
-    /// Why parts of the table that were closed while the recording was followed could not be removed.
-    pub parts_left: Option<std::io::Error>,
 }
 
 impl RecordingReport {

@@ -20,7 +20,7 @@ use super::timings::Phases;
 use super::visit::Pass;
 use super::window_rules::Identified;
 use super::wiring::StageResults;
-use super::{Control, PipelineError, Result, locked, rotation};
+use super::{Control, PipelineError, Result, locked};
 use crate::settings::Pace;
 use inkling_core::episodes::Episode;
 use inkling_io::recording::Recording;
@@ -71,19 +71,15 @@ pub fn follow(
     let pacer = None; // the recorder sets the pace
     let run =
         Run { replay, recording, verdicts: Some(verdicts), control, watch: Some(once), pacer };
-    let report = followed(run, verdicts)?;
+    let report = followed(run)?;
     let mut announcer = announcer.into_inner().unwrap_or_else(PoisonError::into_inner);
     announcer.settle(&report.episodes, watch.episode);
     Ok(report)
 }
 
 /// Judges a recording while it grows. Where its models need two passes, waits and judges it again.
-fn followed(run: Run, verdicts: &Path) -> Result<RecordingReport> {
+fn followed(run: Run) -> Result<RecordingReport> {
     let Run { recording, control, .. } = run;
-    let is_rotated = run.watch.is_some_and(|watch| watch.rotation.is_some());
-    if is_rotated {
-        rotation::make_room(verdicts, recording)?;
-    }
     let mut phases = Phases::new(recording.opening);
     let why = match run.judge(&mut phases) {
         Err(e @ PipelineError::NeedsTwoPasses(_)) => {
@@ -100,9 +96,6 @@ fn followed(run: Run, verdicts: &Path) -> Result<RecordingReport> {
     // the end of the stages has made readers stop waiting for more: allow that again
     control.abandoned.store(false, Ordering::Relaxed);
     run.watch.iter().for_each(|watch| (watch.note)(&why));
-    if is_rotated {
-        rotation::remove(verdicts, recording)?; // what is in them is judged again
-    }
     phases.time("wait", || {
         let mut blocks = recording.blocks();
         while control.next_block(recording, &mut blocks)?.is_some() {}

@@ -13,7 +13,6 @@ use super::heads::Heads;
 use super::in_flight::InFlight;
 use super::job::Run;
 use super::models::Models;
-use super::rotation::PartWriter;
 use super::schedule::Schedule;
 use super::stages::{self, BlockQueue, JudgeAssignment};
 use super::tally::Tally;
@@ -78,17 +77,12 @@ impl Run<'_> {
         // without a path, the rows stay in memory
         let Some(verdicts) = self.verdicts else {
             let table = Table::Arrays(VerdictArrays::new(options));
-            return Ok(Tables { episodes, table, rotating: None, rows: None });
+            return Ok(Tables { episodes, table, rows: None });
         };
 
-        // parts are only written of a recording that is still growing
-        let rotation = self.watch.and_then(|watch| watch.rotation);
-        let rotating = rotation
-            .filter(|_| self.recording.is_growing())
-            .map(|of| PartWriter::new(of, *self, verdicts, options.clone()));
         let table = Table::File(VerdictWriter::create(verdicts, options)?);
         let rows = self.watch.and_then(|watch| watch.rows);
-        Ok(Tables { episodes, table, rotating, rows })
+        Ok(Tables { episodes, table, rows })
     }
 
     /// Connects the six stages, runs them, and waits for all of them. The writer runs on the caller's thread.
@@ -207,7 +201,6 @@ impl Table {
 struct Tables<'a> {
     episodes: EpisodeTap<'a>,
     table: Table,
-    rotating: Option<PartWriter<'a>>,
     rows: Option<&'a (dyn Fn(&Verdicts) + Sync)>,
 }
 
@@ -222,10 +215,7 @@ impl Tables<'_> {
         if let Some(rows) = self.rows {
             rows(&judged.verdicts);
         }
-        match &mut self.rotating {
-            Some(rotating) => rotating.write(judged),
-            None => Ok(()),
-        }
+        Ok(())
     }
 }
 

@@ -9,7 +9,7 @@ mod columns;
 mod judged;
 
 pub use columns::{COLUMNS, Cells, CellsAt, Column, VerdictColumns};
-pub use judged::{HealthyRun, OfBurst, Part, Tests, Verdicts};
+pub use judged::{HealthyRun, Part, Tests, Verdicts};
 
 use serde::Serialize;
 use std::sync::Arc;

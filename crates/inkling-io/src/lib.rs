@@ -16,7 +16,7 @@
 //!             mcap_records channels burst_codec dialect followed growth digest census damage;
 //!             written by recording_writer mcap_file memory_recording
 //! results     verdict_* column column_types row_table episode_table summary_file annotation_writer
-//!             part_tables baseline_file result_file
+//!             baseline_file result_file
 //! foreign     table_file csv_table columnar plain_columns arrow_cells numpy sampling spline matrix;
 //!             made safe by parquet_* thrift ipc_sizes unpanicked
 //! people      labels_file outcomes_file
@@ -66,7 +66,6 @@ pub mod outputs;
 mod parquet_claims;
 mod parquet_file;
 pub mod part_file;
-pub mod part_tables;
 pub mod peek;
 mod pieces;
 pub mod plain_columns;

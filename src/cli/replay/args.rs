@@ -1,9 +1,7 @@
 //! The options of `inkling replay` ([`Args`]), as the command line gives them.
 
-use crate::cli::follow;
 use crate::settings::Pace;
 use std::path::PathBuf;
-use std::time::Duration;
 
 /// The values of `--preset`.
 pub const PRESETS: [&str; 1] = ["thesis"];
@@ -30,8 +28,6 @@ pub const PRESETS: [&str; 1] = ["thesis"];
       while it is being written: faults as they are found
   inkling replay now.mcap --design design.json --follow --serve 127.0.0.1:8080
       and a page of it in a browser, /metrics for Prometheus, /faults.json
-  inkling replay now.mcap --design design.json --follow --rotate 10min
-      and every ten minutes a table of the rows so far, to be opened by others
 
 Where recordings are named, ./pipeline.toml is not read unless --config names it.")]
 pub struct Args {
@@ -94,10 +90,6 @@ pub struct Args {
     /// or Ctrl-C; then write what any replay of it would
     #[arg(long)]
     pub(super) follow: bool,
-    /// With --follow: put the rows also into parts, `<stem>.parts/00001.parquet` and so on, each closed after so
-    /// much recording time (10min, 1h) and from then on a table; they go when the recording is closed
-    #[arg(long, value_name = "SPAN", value_parser = follow::span)]
-    pub(super) rotate: Option<Duration>,
     /// With --follow: a page of what is known so far at http://ADDRESS/ (127.0.0.1:8080), /metrics for Prometheus and
     /// /faults.json; other machines are served with a token alone
     #[arg(long, value_name = "ADDRESS")]

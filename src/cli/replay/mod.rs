@@ -64,7 +64,6 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     if args.follow {
         follow::check(&settings, args.dry_run)?;
     }
-    follow::check_rotation(args.rotate, args.follow, &out)?;
     let serve = live::check(args.serve.as_deref(), args.serve_token.as_deref(), args.follow)?;
     let NamedRecordings { placed, lost, dialects } = named_recordings(&args, &settings, &out)?;
     let (replay, baseline_file, means) = settings::load(settings, design, &args)?;
@@ -123,7 +122,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     let live = serve.map(|port| live::start(port, followed, &control)).transpose()?;
     live.iter()
         .try_for_each(|live| follow::tell_address(live.port.address, args.json, &progress))?;
-    let mut following = FollowJudge { json: args.json, rotate: args.rotate, live };
+    let mut following = FollowJudge { json: args.json, live };
     // a single recording is reported in full, and no table over all recordings follows
     let alone = planned.len() == 1 && lost.is_empty();
     account.rows = lost;

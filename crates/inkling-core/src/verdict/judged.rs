@@ -61,13 +61,6 @@ pub enum Part {
     Rows(Range<usize>),
 }
 
-#[derive(Clone, Debug, PartialEq)]
-pub struct OfBurst {
-    pub t_ns: i64,
-    pub printhead: u32,
-    pub part: Part,
-}
-
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Verdicts {
     pub parts: Vec<Part>,
@@ -87,30 +80,6 @@ impl Verdicts {
 
     pub fn is_empty(&self) -> bool {
         self.parts.is_empty()
-    }
-
-    /// The same parts in the same order, divided so that none is of more than one burst.
-    pub fn by_burst(&self) -> Vec<OfBurst> {
-        let c = &self.rows;
-        let burst = |row: &usize| (c.acquired_at_ns[*row], c.printhead[*row]);
-        let mut all = Vec::with_capacity(self.parts.len());
-        for part in &self.parts {
-            match part {
-                Part::Healthy(HealthyRun { t_ns, printhead, .. }) => {
-                    let (t_ns, printhead) = (*t_ns, *printhead);
-                    all.push(OfBurst { t_ns, printhead, part: part.clone() });
-                }
-                Part::Rows(rows) => {
-                    let rows: Vec<usize> = rows.clone().collect();
-                    all.extend(rows.chunk_by(|a, b| burst(a) == burst(b)).map(|rows| {
-                        let (t_ns, printhead) = burst(&rows[0]);
-                        let part = Part::Rows(rows[0]..rows[0] + rows.len());
-                        OfBurst { t_ns, printhead, part }
-                    }));
-                }
-            }
-        }
-        all
     }
 
     /// Adds the rows that were pushed to `rows` since the last call to the parts.
