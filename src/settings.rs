@@ -5,8 +5,10 @@
 //! `pipeline.toml` at the top of the repository explains each key with its unit and its reason.
 
 mod layers;
+mod removed;
 
 pub use layers::{Preset, keys};
+pub use removed::option as removed_option;
 
 use crate::report::ReportSettings;
 use inkling_core::design::{DetectSettings, IsolateSettings};

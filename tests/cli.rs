@@ -27,7 +27,6 @@ fn a_setting_that_cannot_take_effect_is_refused_with_what_to_do() {
         (&replay, "detect.fault=EC", "detect.denominator = \"resonance\""),
         (&replay, "detect.denominator=eigenvalues", "without --design"),
         (&replay, "detect.oscillations=7", "detect.method = \"sensitivity\""),
-        (&replay, "report.rows=2", "`inkling replay`"),
         (&train, "identify.first=5", "`inkling train`"),
         (&train, "detect.decouple=[\"offset\"]", "residual-energy"),
         (&train, "detect.decouple=[\"sun\"]", "offset"),

@@ -28,6 +28,9 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("thesis -o c --seeds x", 2, "'x'"),
     ("simulate {R} -o s --seed x", 2, "'x'"),
     ("generate completions fsh", 2, "'fish'"),
+    // what is no longer there
+    ("train {T} --labels {L} -o d.json --outcomes x.csv", 2, "the file of `--labels`"),
+    ("report {O} -o r.html --set report.rows=2", 2, "the map shows neighbours"),
     // what is not given
     ("report", 2, "--output"),
     ("train {T} -o d.json", 2, "--labels"),

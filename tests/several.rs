@@ -85,28 +85,6 @@ fn two_faults_at_once_are_found_and_not_given_a_third_name() {
     );
     assert!(all == 12 * 60 && 10 * third <= all && 50 * third_but_the_twin <= all);
     assert!((all * 3 / 10..all * 7 / 10).contains(&one_of_them));
-
-    // what has no name is looked at, and what was found is learned
-    house.run("report out --doubts doubts.csv").exits(0);
-    let doubts = house.text("doubts.csv");
-    let lines: Vec<&str> = doubts.lines().collect();
-    assert!(lines.len() >= 3 && lines[0].ends_with("source,certainty,sentence"), "{doubts}");
-    let filled = doubts.replacen(",,,,", ",twofold,,drop watcher,.9", 2);
-    house.write("found.csv", filled);
-    let faulty: String =
-        (0..pairs.len()).map(|k| format!("cyan-1,{},,,ignore,\n", 4 * k)).collect();
-    let header = "printhead,channel,from,to,state,severity\n*,*,,,healthy,\n";
-    house.write("labels.csv", format!("{header}{faulty}"));
-    let train = "train two/print_run.mcap --labels labels.csv --outcomes found.csv -o own.json";
-    house.run(train).exits(2).says("twofold").says("nobody has declared");
-    let unwatched = lines.len() - 3;
-    house
-        .run(&format!("{train} --new-class twofold"))
-        .exits(0)
-        .says(&format!("2 by drop watcher; 0 too uncertain to teach, {unwatched} not looked at"));
-    let classes = house.read_json("own.json")["classes"].clone();
-    assert!(classes.as_array().unwrap().iter().any(|class| class["name"] == "twofold"));
-    house.run("report out --doubts found.csv").exits(2).says("somebody has filled it in");
 }
 
 /// What a fault does to amplitude and phase depends on what the channel rings from.

@@ -98,8 +98,7 @@ pub fn learn(
 ) -> Result<TrainedDesign, Failure> {
     let settings = Settings::load(None, None, set)?;
     effect::check(set, &settings, effect::Command::Train)?;
-    let lesson =
-        TrainingInput { recordings, labels, outcomes: None, new_class, settings: &settings };
+    let lesson = TrainingInput { recordings, labels, new_class, settings: &settings };
     let (mut learned, mut warnings) = with_messages(train::learn(lesson))?;
     warnings.append(&mut learned.warnings);
     Ok(TrainedDesign { warnings, ..learned })

@@ -149,7 +149,6 @@ fn unread(key: &str, settings: &Settings, command: Command) -> Option<&'static [
         ("identify", "common_change", Replay(_)) => {
             unless(detect.method == DetectMethod::Sensitivity, &["detect.method"])
         }
-        ("report", "rows" | "pitch", Replay(_)) => Some(NO_SETTING),
         ("output", "weights", Replay(_)) => unless(command.names(), NO_SETTING),
         (_, _, Replay(_)) => None,
         ("input", "" | "rails" | "dialect", _) => None,

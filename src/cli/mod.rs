@@ -58,6 +58,8 @@ mod thesis;
 mod topics;
 mod train;
 
+use crate::settings::removed_option;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Arg, Command, CommandFactory, Parser, Subcommand};
 use exit::{Exit, Failure};
 use std::ffi::OsString;
@@ -155,12 +157,25 @@ fn with_negative_numbers(command: Command) -> Command {
     command.mut_subcommands(with_negative_numbers)
 }
 
+/// The error in one line if it is about an option that earlier versions had: what to use instead.
+fn with_what_instead(e: clap::Error) -> clap::Error {
+    let Some(ContextValue::String(option)) = e.get(ContextKind::InvalidArg) else { return e };
+    match removed_option(option).filter(|_| e.kind() == ErrorKind::UnknownArgument) {
+        Some(instead) => {
+            let what = format!("{option} is no longer there: {instead}\n");
+            clap::Error::raw(ErrorKind::UnknownArgument, what)
+        }
+        None => e,
+    }
+}
+
 /// Parses a command line. The error is a message about wrong usage, or the help that was asked for.
 fn parse<C: Parser>(
     args: impl IntoIterator<Item = impl Into<OsString> + Clone>,
 ) -> Result<C, clap::Error> {
     let command = with_negative_numbers(C::command());
-    command.try_get_matches_from(args).and_then(|mut of| C::from_arg_matches_mut(&mut of))
+    let parsed = command.try_get_matches_from(args);
+    parsed.and_then(|mut of| C::from_arg_matches_mut(&mut of)).map_err(with_what_instead)
 }
 
 /// Parses a command line. The error is the exit status after help or a message about wrong usage has been

@@ -5,8 +5,7 @@
 //!
 //! The results are read by `results`, and the faults found and worded by `crate::report`; here the
 //! options are checked and the files written. With `--changes-since` the text or JSON is about what
-//! is new (`changes_since`), with `--doubts` a list of faults without a name is written for whoever
-//! looks at the drops.
+//! is new (`changes_since`).
 
 use super::changes_since::{ChangesSince, EarlierRun, as_json};
 use super::exit::{Exit, Failure};
@@ -17,7 +16,6 @@ use crate::report::{self, Fault, Report};
 use crate::settings::Settings;
 use inkling_core::verdict::Reason;
 use inkling_io::column_types::TimestampUnit;
-use inkling_io::outcomes_file::{self, Doubt};
 use inkling_io::outputs::{self, ResultFile};
 use inkling_io::row_table::{self, Column, Kind};
 use inkling_io::verdict_table::TableError;
@@ -37,12 +35,10 @@ const MOST_TOLD: usize = 10;
       all recordings below verdicts/, one night or a year; beside it
       report.faults.parquet
   inkling report verdicts/2026-03-* -o march.html --config pipeline.toml
-      with [report.actions] and the nozzles' places as pipeline.toml has them
+      with [report.actions] as pipeline.toml has them
   inkling report verdicts/ --changes-since last.json
       one mail's worth: what is new, worse, cured, not judged since the run
       whose run.json was kept as last.json
-  inkling report verdicts/ -o report.html --doubts doubts.csv
-      with a list of what has no name, for whoever looks at the drops
   inkling report verdicts/ -o report.html \\
       --set report.actions.dried_nozzle=\"spit 2000 drops\"
 
@@ -53,15 +49,12 @@ pub struct Args {
     #[arg(required = true)]
     out: Vec<String>,
     /// The page; its table of faults goes beside it
-    #[arg(short, long, value_name = "FILE", required_unless_present_any = ["changes_since", "json", "doubts"])]
+    #[arg(short, long, value_name = "FILE", required_unless_present_any = ["changes_since", "json"])]
     output: Option<PathBuf>,
     /// Tell what is new, worse, cured and not judged in the recordings that an earlier run did not have, instead of
     /// what is to be cleaned: its run.json, or the directory where that lies
     #[arg(long, value_name = "RUN")]
     changes_since: Option<PathBuf>,
-    /// Also a list of the open faults that have no name, to be looked at; filled in, it goes to `train --outcomes`
-    #[arg(long, value_name = "CSV")]
-    doubts: Option<PathBuf>,
     /// What is told as JSON
     #[arg(long)]
     json: bool,
@@ -85,7 +78,6 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let declared = settings.isolate.classes.into_keys().collect::<Vec<_>>();
     let settings = settings.report;
     let page = args.output.as_deref().map(Page::at).transpose()?;
-    args.doubts.as_deref().map_or(Ok(()), outcomes_file::check)?;
 
     // 2. read; names and files are checked before the verdicts are read, which may take long
     let found = results::find(&args.out, "a report")?;
@@ -110,30 +102,11 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let since = since.transpose()?;
     // 4. files first, then stdout
     page.iter().try_for_each(|page| page.write(&read.report))?;
-    if let Some(path) = &args.doubts {
-        outcomes_file::write(path, &doubts(&read.report))?;
-    }
     match args.json {
         true => tell_json(&read, since.as_ref(), page.as_ref())?,
         false => tell(&read, since.as_ref(), page.as_ref())?,
     }
     Ok(if read.failed.is_empty() { Exit::Done } else { Exit::Incomplete })
-}
-
-/// The open faults without a class, as a list for somebody who looks at the drops. A doubt's span
-/// goes from the begin of the fault's last episode to its end, or to the end of the last recording.
-fn doubts(report: &Report) -> Vec<Doubt> {
-    let last_ns = report.recordings.iter().filter_map(|line| line.span).map(|span| span.1).max();
-    let unnamed = |fault: &&Fault| fault.is_open() && fault.story.fault.is_none();
-    let doubt = |Fault { story, sentence, .. }: &Fault| Doubt {
-        printhead: story.printhead.to_string(),
-        channel: story.channel,
-        from_ns: story.last_began_at_ns,
-        // the end of a label is exclusive
-        to_ns: story.ended_at_ns.or(last_ns).map(|ns| ns.saturating_add(1)),
-        sentence: sentence.clone(),
-    };
-    report.faults.iter().filter(unnamed).map(doubt).collect()
 }
 
 /// The files of the result: the page, and the table of faults beside it.

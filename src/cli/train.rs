@@ -28,7 +28,6 @@ use inkling_core::labels::{Label, Labels};
 use inkling_core::model::ring_down::Poles;
 use inkling_core::model::row_layout::RowLayout;
 use inkling_io::labels_file::{self, LabelSource, States};
-use inkling_io::outcomes_file::{self, Outcomes};
 use inkling_io::{design_file, outputs};
 use serde_json::json;
 use std::io::Write;
@@ -39,8 +38,6 @@ use std::path::{Path, PathBuf};
   inkling train library.mcap --labels labels.csv -o design.json
   inkling train logs/ --labels labels.csv -o design.json \\
       --set detect.false_alarm_rate=1e-3
-  inkling train logs/ --labels labels.csv --outcomes doubts.csv -o design.json
-      with what a drop watcher found where a report had doubts
   inkling train logs/ --labels labels.csv --new-class Stecker -o design.json
       a class of your own, beside those that the physics knows
 
@@ -56,9 +53,6 @@ pub struct Args {
     /// What is true of the channels
     #[arg(long, value_name = "CSV")]
     labels: PathBuf,
-    /// What somebody found where `report --doubts` had doubts: labels with a source and a certainty, which beat the others
-    #[arg(long, value_name = "CSV")]
-    outcomes: Option<PathBuf>,
     /// Where the design goes
     #[arg(short, long, value_name = "DESIGN")]
     out: PathBuf,
@@ -88,7 +82,6 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let learned = learn(TrainingInput {
         recordings: RecordingSource::Named(&args.recordings),
         labels: LabelSource::File(&args.labels),
-        outcomes: args.outcomes.as_deref(),
         new_class: &args.new_class,
         settings: &settings,
     })?;
@@ -108,8 +101,6 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
 pub struct TrainingInput<'a> {
     pub recordings: RecordingSource<'a>,
     pub labels: LabelSource<'a>,
-    /// The file of what somebody found where a report had doubts (`--outcomes`).
-    pub outcomes: Option<&'a Path>,
     pub new_class: &'a [String],
     pub settings: &'a Settings,
 }
@@ -120,8 +111,6 @@ pub struct TrainedDesign {
     /// For each labelled class, how many of its signals are detected, and how they would be named.
     pub reviews: Vec<ClassReview>,
     pub warnings: Vec<String>,
-    /// What was read from the file of outcomes; `None`: none was given.
-    pub outcomes: Option<Outcomes>,
     /// A sentence about rows of the labels that cover no signal; `None` if there are none.
     pub unused: Option<String>,
     /// Whether something was damaged or could not be used.
@@ -134,20 +123,14 @@ pub struct TrainedDesign {
 /// A usage failure if the labels or the settings are wrong, if too few signals are
 /// healthy, or if a class would never be named; else a failure.
 pub fn learn(lesson: TrainingInput) -> Result<TrainedDesign, Failure> {
-    let TrainingInput { recordings, labels: written, outcomes: found_in, new_class, settings } =
-        lesson;
+    let TrainingInput { recordings, labels: written, new_class, settings } = lesson;
 
     // 1. labels are checked twice: their states before the recordings are read, their printheads
     // and times after that, against what the recordings hold
-    let (labels, outcomes) = labels(written, found_in, new_class, settings)?;
+    let labels = labels(written, new_class, settings)?;
     let Collected { set, met, incomplete, .. } = collected(recordings, settings, Some(&labels))?;
     labels_file::check(written.name(), &labels, &met)?;
-    let mut unused = met.unused(&labels);
-    if let Some((path, found)) = found_in.zip(outcomes.as_ref()) {
-        let found = Labels::new(found.labels.clone());
-        labels_file::check(path, &found, &met)?;
-        unused = unused.or(met.unused(&found));
-    }
+    let unused = met.unused(&labels);
     let path = written.name().display();
     if set.healthy.is_empty() {
         let found = set.signals.iter().map(|(label, n)| format!("{n} {}", printable(label)));
@@ -171,7 +154,7 @@ pub fn learn(lesson: TrainingInput) -> Result<TrainedDesign, Failure> {
     let reviews = design.review_classes(&set, grey_box, &settings.isolate).map_err(Failure::new)?;
     refuse_never_named(&reviews, written.name())?;
     warnings.extend(reviews.iter().filter(|class| class.is_hardly_detected()).map(hardly_detected));
-    Ok(TrainedDesign { design, reviews, warnings, outcomes, unused, incomplete })
+    Ok(TrainedDesign { design, reviews, warnings, unused, incomplete })
 }
 
 /// Refuses healthy signals that do not look like ring-downs: nothing can be learned from noise, or
@@ -201,15 +184,14 @@ fn refuse_no_rings(printhead: &str, signals: &SignalSet) -> Result<(), Failure> 
     )))
 }
 
-/// Reads labels and outcomes, and puts both into one list of labels. Their states must be known or
-/// declared (`--new-class`, `isolate.classes`, `isolate.physics`); classes that the settings group
-/// under one name get that name, as the design knows them by it.
+/// Reads labels. Their states must be known or declared (`--new-class`, `isolate.classes`,
+/// `isolate.physics`); classes that the settings group under one name get that name, as the design
+/// knows them by it.
 fn labels(
     written: LabelSource,
-    outcomes: Option<&Path>,
     new_class: &[String],
     settings: &Settings,
-) -> Result<(Labels, Option<Outcomes>), Failure> {
+) -> Result<Labels, Failure> {
     let isolate = &settings.isolate;
     let own = isolate.classes.keys().map(String::as_str).chain(isolate.physics.own_classes());
 
@@ -227,14 +209,7 @@ fn labels(
     }
     let declared: Vec<&str> = own.chain(new_class.iter().map(String::as_str)).collect();
     let states = States::Declared(&declared);
-
-    // an outcome whose certainty lies below that of a name (`isolate.certainty`) teaches nothing
-    let mut rows = labels_file::read_states(written, states)?.rows().to_vec();
-    let least = isolate.certainty;
-    let outcomes = outcomes.map(|path| outcomes_file::read(path, least, states)).transpose()?;
-    // where two rows of equal width cover a signal the later one counts: outcomes beat labels
-    rows.extend(outcomes.iter().flat_map(|outcomes| outcomes.labels.clone()));
-    let labels = Labels::new(rows);
+    let labels = labels_file::read_states(written, states)?;
 
     // a new class without a label is probably misspelt
     let unused = |name: &&String| !labels.rows().iter().any(|row| row.state == **name);
@@ -250,7 +225,7 @@ fn labels(
         state: settings.isolate.name_of(&row.state).to_owned(),
         ..row.clone()
     };
-    Ok((Labels::new(labels.rows().iter().map(named).collect()), outcomes))
+    Ok(Labels::new(labels.rows().iter().map(named).collect()))
 }
 
 /// A failure of training. Too few healthy signals are blamed on the labels.
@@ -320,19 +295,12 @@ fn document(args: &Args, learned: &TrainedDesign) -> serde_json::Value {
 
 /// Prints the result: counts of signals, the classes, the pooled model and its threshold.
 fn tell(args: &Args, learned: &TrainedDesign) -> std::io::Result<()> {
-    let TrainedDesign { design, reviews, outcomes, unused, .. } = learned;
+    let TrainedDesign { design, reviews, unused, .. } = learned;
     let mut out = output::report();
     let (models, classes) = (design.models.len() + 1, design.classes.len());
     writeln!(out, "{}: {models} models, {classes} classes", args.out.display())?;
     for (label, n) in &design.signals {
         writeln!(out, "  {:>10} {}", thousands(*n), printable(label))?;
-    }
-    if let Some(Outcomes { by_source, not_looked_at, uncertain, .. }) = outcomes {
-        let taught = by_source.iter().map(|(source, n)| format!("{n} by {}", printable(source)));
-        let taught = taught.collect::<Vec<_>>().join(", ");
-        let taught = if taught.is_empty() { "none".into() } else { taught };
-        let rest = format!("{uncertain} too uncertain to teach, {not_looked_at} not looked at");
-        writeln!(out, "  outcomes: {taught}; {rest}")?;
     }
     if let Some(unused) = unused {
         writeln!(out, "  labels: {}", inkling_io::printable::line(unused, 400))?;

@@ -1,14 +1,14 @@
 //! The cleaning list on a terminal, which `report` and `replay` print.
 //!
 //! In: a [`Report`]. Out: text: what was not judged and the notes, then one line for each channel
-//! to clean, most urgent first, then groups of neighbours and channels that are healthy again.
+//! to clean, most urgent first, then channels that are healthy again.
 
 use super::coverage::Extent;
 use super::words::{Column, clock, columns, counted, counted_as, joined};
 use super::{Fault, Report, certain_trend, forecast_in_words, size, trend_in_words, what};
 use std::io::{self, Write};
 
-/// Most lines of the list, of the notes, and of the groups.
+/// Most lines of the list, and of the notes.
 const MOST_LISTED: usize = 40;
 /// Most channels that are named as healthy again.
 const MOST_OVER: usize = 8;
@@ -42,9 +42,6 @@ pub fn print(
     }
     if open.len() > MOST_LISTED {
         writeln!(out, "  and {} channels more", open.len() - MOST_LISTED)?;
-    }
-    for group in report.groups.iter().take(MOST_LISTED) {
-        writeln!(out, "  perhaps together: {}", printable(&group.sentence, 400))?;
     }
     if over > 0 {
         let name = |fault: &Fault| {

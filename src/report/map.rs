@@ -1,13 +1,12 @@
 //! A printhead as a picture: channels across, time down. `survey` fills the map while verdicts are
 //! read, and `maps` draws it.
 //!
-//! In: two codes of each verdict, in any order: its class ([`class`]) and how large its statistic
-//! is ([`level`]). Out: a [`HeadMap`], and of each code a [`Picture`]; the size of both is bounded,
-//! however long the recordings are.
+//! In: a code of each verdict, in any order ([`class`]). Out: a [`HeadMap`], and of it a
+//! [`Picture`]; the size of both is bounded, however long the recordings are.
 //!
 //! The steps: bursts fall into rows, bins of time whose width doubles when there would be too many
-//! (`TimeBins`). A cell pools the verdicts of one channel in one row and keeps the largest of
-//! each code, so that a single bad burst stays visible however much is pooled. `HeadMap::picture`
+//! (`TimeBins`). A cell pools the verdicts of one channel in one row and keeps the largest
+//! code, so that a single bad burst stays visible however much is pooled. `HeadMap::picture`
 //! puts channels in order, pools neighbouring channels where there are too many columns, and shows
 //! longer times without bursts as a pause.
 
@@ -16,12 +15,12 @@ use super::night::{Span, whole};
 
 /// Most rows of a map; where bursts would need more, rows become twice as long ([`TimeBins`]).
 const MOST_ROWS: usize = 360;
-/// Most cells of a map, which bounds its memory: each cell takes two bytes.
+/// Most cells of a map, which bounds its memory: each cell takes one byte.
 const MOST_CELLS: usize = 1 << 20;
 /// Most columns of a picture; a printhead with more channels has several channels in each column.
 const MOST_COLUMNS: usize = 1200;
 
-/// Codes of a cell in the map of classes, of which the larger one of two is shown. Categories have their
+/// Codes of a cell, of which the larger one of two is shown. Categories have their
 /// codes in the order in which the survey lists them: a larger one is not worse.
 pub mod class {
     pub const GAP: u8 = 0;
@@ -35,29 +34,13 @@ pub mod class {
     pub const CATEGORIES: u8 = 8;
 }
 
-/// Lower limits of the levels of statistic over threshold; below the first one lies [`ratio::LOWEST`].
-pub const LEVELS: [f32; 9] = [0.25, 0.5, 0.75, 1.0, 1.5, 2.5, 5.0, 10.0, 30.0];
-
-/// Codes of a cell in the map of statistics; those of the [`LEVELS`] follow [`ratio::LOWEST`]. What was
-/// rejected has no statistic, so any signal that was judged is shown before it.
-pub mod ratio {
-    pub const GAP: u8 = 0;
-    pub const REJECTED: u8 = 1;
-    pub const LOWEST: u8 = 2;
-}
-
-/// The code, in the map of statistics, of a statistic over its threshold.
-pub fn level(ratio: f32) -> u8 {
-    ratio::LOWEST + LEVELS.iter().map(|from| u8::from(ratio >= *from)).sum::<u8>()
-}
-
 /// A row of a map: the cells of one bin of time, by the index of the channel in the survey's list.
 #[derive(Clone, Debug, Default)]
 pub struct Cells {
     /// Times of the first and the last burst in the row.
     span: Option<Span>,
-    /// The codes of each channel, of its class and of its statistic ([`Shows`] is the index); a gap is 0.
-    shown: Vec<[u8; 2]>,
+    /// The code of each channel.
+    shown: Vec<u8>,
 }
 
 impl Pooled for Cells {
@@ -65,33 +48,25 @@ impl Pooled for Cells {
 
     fn pool(&mut self, other: Cells) {
         self.span = whole(self.span.into_iter().chain(other.span));
-        for (place, [class, ratio]) in other.shown.into_iter().enumerate() {
-            self.mark(place, class, ratio);
+        for (place, code) in other.shown.into_iter().enumerate() {
+            self.mark(place, code);
         }
     }
 }
 
 impl Cells {
-    /// Puts a verdict's codes into the cell of the channel with the index `place`, unless larger ones are
+    /// Puts a verdict's code into the cell of the channel with the index `place`, unless a larger one is
     /// there.
-    pub fn mark(&mut self, place: usize, class: u8, ratio: u8) {
+    pub fn mark(&mut self, place: usize, code: u8) {
         if place >= self.shown.len() {
-            self.shown.resize(place + 1, [class::GAP, ratio::GAP]);
+            self.shown.resize(place + 1, class::GAP);
         }
-        let [was_class, was_ratio] = self.shown[place];
-        self.shown[place] = [was_class.max(class), was_ratio.max(ratio)];
+        self.shown[place] = self.shown[place].max(code);
     }
 }
 
 /// The cells of one printhead, in rows of time that hold at least one burst.
 pub type HeadMap = TimeBins<Cells>;
-
-/// What a picture shows; the number of a variant is the index in `Cells::shown`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Shows {
-    Class,
-    Ratio,
-}
 
 /// A map as it is drawn.
 #[derive(Clone, Debug)]
@@ -122,7 +97,7 @@ impl HeadMap {
 
     /// The map as it is drawn. `channels`: the channel number that belongs to each index of [`Cells::mark`].
     /// A pixel is the largest code of the channels in its column.
-    pub fn picture(&self, channels: &[u32], shows: Shows) -> Picture {
+    pub fn picture(&self, channels: &[u32]) -> Picture {
         let mut order: Vec<usize> = (0..channels.len()).collect();
         order.sort_by_key(|&place| channels[place]);
         let per = channels.len().div_ceil(MOST_COLUMNS).max(1);
@@ -136,8 +111,8 @@ impl HeadMap {
             let cells = line.and_then(|_| rows.next());
             let of = cells.map_or(&[][..], |cells| &cells.shown);
             let worst = |places: &[usize]| {
-                let codes = places.iter().filter_map(|&p| Some(of.get(p)?[shows as usize]));
-                codes.max().unwrap_or(0)
+                let codes = places.iter().filter_map(|&place| of.get(place));
+                codes.max().copied().unwrap_or(class::GAP)
             };
             pixels.extend(order.chunks(per).map(worst));
         }
@@ -196,27 +171,25 @@ mod tests {
             for channel in 0..8 {
                 let bad = burst == 1234 && channel == 3;
                 let class = if bad { class::FLAGGED } else { class::HEALTHY };
-                row.mark(channel, class, level(if bad { 20.0 } else { 0.3 }));
+                row.mark(channel, class);
             }
         }
         let channels = [10, 11, 12, 13, 14, 15, 16, 17];
-        let picture = map.picture(&channels, Shows::Class);
+        let picture = map.picture(&channels);
         assert_eq!(picture.pixels.iter().filter(|p| **p == class::FLAGGED).count(), 1);
         assert_eq!(picture.lines.iter().filter(|l| l.is_none()).count(), 1);
         assert!((180..=361).contains(&picture.lines.len()), "{}", picture.lines.len());
         let at = picture.line_of(1234 * 1_000_000_000) * 8 + picture.column_of(13);
         assert_eq!(picture.pixels[at], class::FLAGGED);
-        let ratio = map.picture(&channels, Shows::Ratio);
-        assert_eq!(ratio.pixels[at], level(20.0));
-        assert_eq!(ratio.pixels.iter().filter(|p| **p == ratio::GAP).count(), 8, "the pause");
+        assert_eq!(picture.pixels.iter().filter(|p| **p == class::GAP).count(), 8, "the pause");
     }
 
     #[test]
     fn a_channel_that_was_not_measured_is_a_gap() {
         let mut map = HeadMap::default();
-        map.row(0).mark(0, class::HEALTHY, level(0.1));
-        map.row(5_000_000_000).mark(1, class::REJECTED, ratio::REJECTED);
-        let picture = map.picture(&[5, 2], Shows::Class);
+        map.row(0).mark(0, class::HEALTHY);
+        map.row(5_000_000_000).mark(1, class::REJECTED);
+        let picture = map.picture(&[5, 2]);
         assert_eq!(picture.columns, [2, 5]);
         assert_eq!(picture.pixels, [class::GAP, class::HEALTHY, class::REJECTED, class::GAP]);
     }

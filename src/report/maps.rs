@@ -1,17 +1,16 @@
 //! Maps of printheads as figures: the picture of a [`Head`] within SVG axes, with frames around
 //! episodes and a key of the colours.
 //!
-//! In: a printhead with its map (`map::HeadMap`) and its faults. Out: HTML for the page (`maps`,
+//! In: a printhead with its map (`map::HeadMap`) and its faults. Out: HTML for the page (`map`,
 //! `key`), or PNG images along the recording (`waterfalls`, for `replay --annotate`).
 //!
-//! Of each printhead there are two maps: of classes (what each channel was found to be) and of
-//! statistics (the detection statistic over its threshold). The cells are codes of `map`, and a
-//! code is the index of its colour in `CLASS_COLOURS` or `RATIO_COLOURS`. A map is drawn as an
+//! A map shows what each channel was found to be. The cells are codes of `map`, and a code is the
+//! index of its colour in `COLOURS`. A map is drawn as an
 //! embedded PNG with one pixel for each cell, enlarged by the browser without smoothing; axes,
 //! frames and letters are SVG above it.
 
 use super::fault::{Fault, what};
-use super::map::{LEVELS, Picture, Shows, class, level};
+use super::map::{Picture, class};
 use super::night::{Span, whole};
 use super::survey::Head;
 use super::words::{clock, counted, first_of, percent};
@@ -20,30 +19,23 @@ use inkling_lab::plot::page::{escaped, name, shortened};
 use inkling_lab::plot::raster::{Colour, Raster};
 use std::collections::BTreeSet;
 
-/// Colours of the map of classes by code, which people with colour blindness can tell apart, too
+/// Colours of the map by code, which people with colour blindness can tell apart, too
 /// (Okabe and Ito 2008): gap, healthy, rejected, flagged, dried, blocked, air, empty, then own
 /// categories, the last colour for all further ones.
-const CLASS_COLOURS: [Colour; 12] = rgb([
-    0xffffff, 0xdfe7ee, 0x969696, 0xf0e442, 0x0072b2, 0x000000, 0x56b4e9, 0xd55e00, 0x009e73,
-    0xcc79a7, 0xe69f00, 0x78501a,
-]);
-/// Colours of the map of statistics by code: gap, rejected, below the threshold, above it.
-const RATIO_COLOURS: [Colour; 12] = rgb([
-    0xffffff, 0x969696, 0xf4f7fa, 0xe4ebf2, 0xcedae6, 0xb2c5d8, 0xfee391, 0xfec44f, 0xfe9929,
-    0xec7014, 0xbe4603, 0x5c1e04,
-]);
-
-/// Colours from 0xrrggbb.
-const fn rgb(hex: [u32; 12]) -> [Colour; 12] {
-    let mut colours = [[0; 3]; 12];
-    let mut k = 0;
-    while k < hex.len() {
-        let [_, red, green, blue] = hex[k].to_be_bytes();
-        colours[k] = [red, green, blue];
-        k += 1;
-    }
-    colours
-}
+const COLOURS: [Colour; 12] = [
+    [0xff, 0xff, 0xff],
+    [0xdf, 0xe7, 0xee],
+    [0x96, 0x96, 0x96],
+    [0xf0, 0xe4, 0x42],
+    [0x00, 0x72, 0xb2],
+    [0x00, 0x00, 0x00],
+    [0x56, 0xb4, 0xe9],
+    [0xd5, 0x5e, 0x00],
+    [0x00, 0x9e, 0x73],
+    [0xcc, 0x79, 0xa7],
+    [0xe6, 0x9f, 0x00],
+    [0x78, 0x50, 0x1a],
+];
 
 /// Letters of the survey's first categories, the known ones; own categories have numbers.
 const LETTERS: [&str; 4] = ["D", "B", "A", "E"];
@@ -77,32 +69,26 @@ struct Map<'a> {
     faults: &'a [&'a Fault],
     categories: &'a [String],
     picture: Picture,
-    shows: Shows,
     height: f64,
 }
 
-/// Both maps of a printhead; empty if it has none. `faults`: of all printheads; `categories`: the survey's.
-pub fn maps(head: &Head, faults: &[Fault], categories: &[String]) -> Result<String, String> {
+/// The map of a printhead; empty if it has none. `faults`: of all printheads; `categories`: the survey's.
+pub fn map(head: &Head, faults: &[Fault], categories: &[String]) -> Result<String, String> {
+    let Some(picture) = head.picture() else { return Ok(String::new()) };
     let of_head = |fault: &&Fault| fault.story.printhead == head.name;
     let faults: Vec<&Fault> = faults.iter().filter(of_head).collect();
-    let mut text = String::new();
-    for (shows, colours) in [(Shows::Class, &CLASS_COLOURS), (Shows::Ratio, &RATIO_COLOURS)] {
-        let Some(picture) = head.picture(shows) else { return Ok(String::new()) };
-        let height = (picture.lines.len() as f64 * 6.0).clamp(120.0, 380.0);
-        let faults = &faults;
-        text += &Map { head, faults, categories, picture, shows, height }.figure(colours)?;
-    }
-    Ok(text)
+    let height = (picture.lines.len() as f64 * 6.0).clamp(120.0, 380.0);
+    Map { head, faults: &faults, categories, picture, height }.figure()
 }
 
 impl Map<'_> {
-    /// The map as SVG: the cells as an embedded image, axes, and marks over the map of classes.
-    fn figure(&self, colours: &[Colour]) -> Result<String, String> {
+    /// The map as SVG: the cells as an embedded image, axes, and marks of the episodes.
+    fn figure(&self) -> Result<String, String> {
         let (picture, height) = (&self.picture, self.height);
         let raster = Raster {
             width: picture.columns.len() as u32,
             height: picture.lines.len() as u32,
-            palette: colours,
+            palette: &COLOURS,
             cells: &picture.pixels,
         };
         let address = raster.address()?;
@@ -120,9 +106,7 @@ impl Map<'_> {
          stroke=\"#888\"/>\n"
         );
         self.axes(&mut svg);
-        if self.shows == Shows::Class {
-            self.marks(&mut svg);
-        }
+        self.marks(&mut svg);
         svg += "</svg></div>\n";
         Ok(svg)
     }
@@ -138,12 +122,6 @@ impl Map<'_> {
     fn title(&self) -> String {
         let Map { head, faults, .. } = self;
         let name = shortened(&head.name, 24);
-        if self.shows == Shows::Ratio {
-            let beyond = self.share(|code| code >= level(1.0));
-            return format!(
-                "{name}: detection statistic over threshold, {beyond} of the cells beyond 1"
-            );
-        }
         let failed: BTreeSet<u32> = faults.iter().map(|f| f.story.channel).collect();
         let open = faults.iter().filter(|f| f.is_open()).count();
         let channels = counted(head.channels.len() as u64, "channel");
@@ -262,22 +240,11 @@ impl Map<'_> {
 
     /// A description of the picture, for those who do not see it.
     fn in_words(&self) -> String {
-        let Map { head, faults, picture, shows, .. } = self;
+        let Map { head, faults, picture, .. } = self;
         let (from, to) = whole(picture.lines.iter().copied().flatten()).unwrap_or_default();
         let pauses = picture.lines.iter().filter(|line| line.is_none()).count() as u64;
-        let (what_it_shows, cells) = match shows {
-            Shows::Class => {
-                let [flagged, rejected] =
-                    [self.share(|p| p >= class::FLAGGED), self.share(|p| p == class::REJECTED)];
-                let cells = format!("{flagged} hold a flagged signal, {rejected} a rejected one");
-                ("what each channel was found to be", cells)
-            }
-            Shows::Ratio => {
-                let beyond = self.share(|code| code >= level(1.0));
-                let cells = format!("{beyond} reach beyond the threshold");
-                ("detection statistic over its threshold", cells)
-            }
-        };
+        let [flagged, rejected] =
+            [self.share(|p| p >= class::FLAGGED), self.share(|p| p == class::REJECTED)];
         let of_fault = |f: &&Fault| format!("channel {} ({})", f.story.channel, what(&f.story));
         let named: Vec<String> = faults.iter().map(of_fault).collect();
         let faults = match named.is_empty() {
@@ -285,7 +252,8 @@ impl Map<'_> {
             false => format!("Faults: {}", first_of(&named, MOST_IN_WORDS, ", ")),
         };
         format!(
-            "{}, {what_it_shows}: {} across, {} to {} down, {}. Of its cells {cells}. {faults}.",
+            "{}, what each channel was found to be: {} across, {} to {} down, {}. Of its cells {flagged} hold a \
+             flagged signal, {rejected} a rejected one. {faults}.",
             head.name,
             counted(head.channels.len() as u64, "channel"),
             clock(from),
@@ -328,13 +296,13 @@ const WATERFALL: usize = 64;
 /// Least width of such a picture, pixels: viewers blur small images when they enlarge these.
 const LEAST_WIDTH: usize = 480;
 
-/// The map of classes as it looked at each time. For each line of bursts `each` gets the time of its last
+/// The map as it looked at each time. For each line of bursts `each` gets the time of its last
 /// burst, ns, and a PNG of that line at the bottom and the 63 lines before it above.
 pub fn waterfalls<E: From<String>>(
     head: &Head,
     mut each: impl FnMut(i64, Vec<u8>) -> Result<(), E>,
 ) -> Result<(), E> {
-    let Some(picture) = head.picture(Shows::Class) else { return Ok(()) };
+    let Some(picture) = head.picture() else { return Ok(()) };
     let columns = picture.columns.len();
     // each cell becomes `scale` x `high` pixels
     let scale = LEAST_WIDTH.div_ceil(columns).max(1);
@@ -351,7 +319,7 @@ pub fn waterfalls<E: From<String>>(
         let raster = Raster {
             width: (columns * scale) as u32,
             height: (WATERFALL * high) as u32,
-            palette: &CLASS_COLOURS,
+            palette: &COLOURS,
             cells: &cells,
         };
         each(*to_ns, raster.png()?)?;
@@ -359,7 +327,7 @@ pub fn waterfalls<E: From<String>>(
     Ok(())
 }
 
-/// The key of the colours of both maps, as HTML.
+/// The key of the colours, as HTML.
 pub fn key(categories: &[String]) -> String {
     let patch = |([red, green, blue], words): (&Colour, String)| {
         format!(
@@ -376,20 +344,10 @@ pub fn key(categories: &[String]) -> String {
         };
         format!("{words} ({})", letter(Some(category), None, categories))
     };
-    let of_level = |(k, from): (usize, &f32)| match LEVELS.get(k + 1) {
-        Some(to) => format!("{from} to {to}"),
-        None => format!("{from} and more"),
-    };
 
     // the words of each code, in the order of the codes
     let classes = ["not measured", "healthy", "rejected", "flagged, of no certain category"];
     let classes = classes.into_iter().map(str::to_owned);
     let classes = classes.chain(categories.iter().enumerate().take(most).map(of_category));
-    let ratios = ["not measured".into(), "rejected".into(), format!("below {}", LEVELS[0])];
-    let ratios = ratios.into_iter().chain(LEVELS.iter().enumerate().map(of_level));
-    format!(
-        "<p>Class: {}</p>\n<p>Statistic over threshold: {}</p>\n",
-        CLASS_COLOURS.iter().zip(classes).map(patch).collect::<String>(),
-        RATIO_COLOURS.iter().zip(ratios).map(patch).collect::<String>()
-    )
+    format!("<p>{}</p>\n", COLOURS.iter().zip(classes).map(patch).collect::<String>())
 }

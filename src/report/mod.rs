@@ -12,7 +12,7 @@
 //! 2. `coverage` and `false_alarms` say what was judged, and how well.
 //! 3. `story` links the episodes of each channel into one story per fault; `trend` says whether the
 //!    fault grows. `fault` makes an entry of the cleaning list of each story.
-//! 4. `neighbours`, `notes`, `changes` and `drift` look over channels, printheads and nights.
+//! 4. `notes`, `changes` and `drift` look over channels, printheads and nights.
 //! 5. `page` writes all that with `heads`, `tables`, `maps` and `figures`.
 //!
 //! `evaluation` and `promised` are other pages made by the same means, for the verb `score`.
@@ -33,7 +33,6 @@ mod light;
 mod list;
 mod map;
 mod maps;
-mod neighbours;
 mod night;
 mod notes;
 mod page;
@@ -63,7 +62,6 @@ use counts::Tally;
 use coverage::Coverage;
 use drift::ModelPoint;
 use false_alarms::FalseAlarms;
-use neighbours::Group;
 use night::{Span, whole};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -103,8 +101,6 @@ pub struct Report {
     pub recordings: Vec<RecordingLine>,
     /// The faults of all channels, the most urgent first.
     pub faults: Vec<Fault>,
-    /// Neighbouring channels that may have failed together.
-    pub groups: Vec<Group>,
     /// Sentences that the reader should know before anything is cleaned.
     pub notes: Vec<String>,
     /// What was judged, and what was not.
@@ -140,12 +136,11 @@ impl Report {
         fault::sort(&mut faults);
 
         // What is told over channels and recordings.
-        let groups = neighbours::groups(&faults, &survey.heads, &settings);
         let notes = notes::notes(&survey, &faults, sources);
         let mut recordings = lines(sources, &survey);
         recordings.sort_by_cached_key(|line| (line.span.map(|span| span.0), line.name.clone()));
         let drift = drift::points(sources);
-        Report { recordings, faults, groups, notes, coverage, false_alarms, drift, survey }
+        Report { recordings, faults, notes, coverage, false_alarms, drift, survey }
     }
 
     /// The last faults of channels that are healthy again and need no cleaning.

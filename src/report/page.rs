@@ -25,8 +25,6 @@ use std::sync::Arc;
 
 /// Once all maps together have more bytes than this no further one is drawn: the page is to be mailed.
 const MOST_MAP_BYTES: usize = 3_500_000;
-/// Most groups of neighbours that are listed.
-const MOST_GROUPS: usize = 30;
 /// Most channels that are listed for each kind of change, and most printheads that were not judged.
 const MOST_CHANGES: usize = 12;
 
@@ -58,11 +56,6 @@ pub fn html(report: &Report) -> String {
         }
         Extent::NothingJudged | Extent::NoFaults => "<p>Nobody knows.</p>\n".into(),
     };
-    let groups = report.groups.iter().take(MOST_GROUPS);
-    let groups = list(groups.map(|group| escaped(&group.sentence)));
-    if !groups.is_empty() {
-        body += &format!("<h3>Neighbours that may have failed together</h3>\n{groups}");
-    }
     if !over.is_empty() {
         body += "<h2>Over: healthy again, and did not come back</h2>\n";
         body += &tables::over(report, &over, &drawn);
@@ -162,14 +155,14 @@ fn draw_maps(report: &Report) -> (String, BTreeMap<Arc<str>, usize>) {
     for head in report.survey.heads_with_signals() {
         let drawn = match body.len() - before {
             bytes if bytes > MOST_MAP_BYTES => Ok(String::new()),
-            _ => maps::maps(head, &report.faults, &report.survey.categories),
+            _ => maps::map(head, &report.faults, &report.survey.categories),
         };
         match drawn {
-            Ok(maps) if maps.is_empty() => left_out += 1,
-            Ok(maps) => {
+            Ok(map) if map.is_empty() => left_out += 1,
+            Ok(map) => {
                 let number = drawn_of.len();
                 drawn_of.insert(head.name.clone(), number);
-                body += &format!("<h3 id=\"m{number}\">{}</h3>\n{maps}\n", name(&head.name));
+                body += &format!("<h3 id=\"m{number}\">{}</h3>\n{map}\n", name(&head.name));
             }
             Err(e) => body += &format!("<p>{}: {}</p>\n", name(&head.name), escaped(&e)),
         }

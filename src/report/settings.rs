@@ -1,12 +1,9 @@
-//! The section `[report]` of `pipeline.toml`: what to do for each category of fault, and how the
-//! nozzles lie. `fault` asks for the action, `neighbours` for the rows and the pitch.
+//! The section `[report]` of `pipeline.toml`: what to do for each category of fault. `fault` asks for
+//! the action.
 
-use inkling_core::ranges::check;
 use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Most rows of nozzles of a printhead.
-const MOST_ROWS: u32 = 256;
 /// Most characters of an action.
 const LONGEST_ACTION: usize = 200;
 
@@ -14,10 +11,6 @@ const LONGEST_ACTION: usize = 200;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ReportSettings {
-    /// Number of rows of nozzles: channel c lies in row c mod `rows`, at place c / `rows` of it.
-    pub rows: u32,
-    /// Distance from a nozzle to the next one in its row, µm; 0 if it is not known.
-    pub pitch: f64,
     /// What to do, by category of the fault, or by reason if no category is certain.
     #[serde(deserialize_with = "over_defaults")]
     pub actions: BTreeMap<String, String>,
@@ -25,7 +18,7 @@ pub struct ReportSettings {
 
 impl Default for ReportSettings {
     fn default() -> ReportSettings {
-        ReportSettings { rows: 1, pitch: 0.0, actions: default_actions() }
+        ReportSettings { actions: default_actions() }
     }
 }
 
@@ -52,10 +45,8 @@ fn over_defaults<'de, D: Deserializer<'de>>(d: D) -> Result<BTreeMap<String, Str
 }
 
 impl ReportSettings {
-    /// Checks the ranges of the values; the error names the key that is wrong.
+    /// Checks the length of each action; the error names the key that is wrong.
     pub fn check(&self) -> Result<(), String> {
-        check("rows", self.rows, 1..=MOST_ROWS, &format!("1 to {MOST_ROWS}"))?;
-        check("pitch", self.pitch, 0.0..=1e6, "micrometres, 0 (not known) to 1e6")?;
         for (of, action) in &self.actions {
             let letters = action.chars().count();
             if action.trim().is_empty() || letters > LONGEST_ACTION {

@@ -11,7 +11,7 @@
 //! healthy.
 
 use super::counts::{ChannelCount, Tally};
-use super::map::{HeadMap, Picture, Shows, class, level, ratio};
+use super::map::{HeadMap, Picture, class};
 use super::night::whole;
 use super::watch::{DISTANCE, Size, Spell, Watch};
 use inkling_core::episodes::Episode;
@@ -175,9 +175,9 @@ impl Survey {
 
 impl Head {
     /// The picture of the printhead's map; `None` if it has no map, or an empty one.
-    pub fn picture(&self, shows: Shows) -> Option<Picture> {
+    pub fn picture(&self) -> Option<Picture> {
         let channels: Vec<u32> = self.channels.iter().map(|c| c.channel).collect();
-        Some(self.map.as_ref()?.picture(&channels, shows)).filter(|of| !of.pixels.is_empty())
+        Some(self.map.as_ref()?.picture(&channels)).filter(|of| !of.pixels.is_empty())
     }
 
     /// The recording with the latest signal of the printhead, and its counts.
@@ -246,8 +246,7 @@ impl Head {
             let why = c.reason[row].filter(|_| !is_judged);
             why.into_iter().for_each(|why| *tally.reasons.entry(why).or_default() += 1);
             if let Some(cells) = &mut cells {
-                let (class, ratio) = shown(c, row, codes);
-                cells.mark(place, class, ratio);
+                cells.mark(place, shown(c, row, codes));
             }
             // an unusable burst may have any time
             if !why.is_some_and(Reason::is_of_burst) {
@@ -288,18 +287,15 @@ fn sized<'a>(c: &VerdictColumns, row: usize, classes: &'a [String]) -> Option<Si
     over.filter(|_| class.is_none() && is_ring).map(|size| Size { quantity: DISTANCE, size })
 }
 
-/// The codes of a row on both maps.
-fn shown(c: &VerdictColumns, row: usize, codes: &[u8]) -> (u8, u8) {
+/// The code of a row on the map.
+fn shown(c: &VerdictColumns, row: usize, codes: &[u8]) -> u8 {
     let named = || c.category[row].and_then(|k| codes.get(usize::from(k))).copied();
-    let class = match c.outcome[row] {
+    match c.outcome[row] {
         Outcome::Healthy => class::HEALTHY,
-        Outcome::Rejected => return (class::REJECTED, ratio::REJECTED),
+        Outcome::Rejected => class::REJECTED,
         Outcome::Undecided => class::FLAGGED,
         Outcome::Faulty => named().unwrap_or(class::FLAGGED),
-    };
-    let over = c.statistic[row].zip(c.threshold[row]).map(|(s, t)| s / t);
-    let ratio = over.filter(|r| !r.is_nan()).map_or(ratio::LOWEST, level);
-    (class, ratio)
+    }
 }
 
 #[cfg(test)]

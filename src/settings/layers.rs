@@ -10,7 +10,7 @@
 //! user's overrides ([`Settings::kept_by_design`]). Unknown keys are refused. Relative paths in a
 //! file are relative to that file, those of the later layers to the working directory.
 
-use super::Settings;
+use super::{Settings, removed};
 use inkling_core::detect::THESIS_OSCILLATIONS_OF_RING;
 use inkling_io::file_error::FileError;
 use inkling_io::objects::in_object_store;
@@ -63,6 +63,7 @@ impl Settings {
             ([], None) => "settings".into(),
             (pairs, _) => format!("settings with --set {}", pairs.join(" ")),
         };
+        removed::setting(&table).map_or(Ok(()), |what| Err(mistaken(&place, what)))?;
         let mut settings =
             Settings::deserialize(table).map_err(|e| mistaken(&place, printable::of_parser(&e)))?;
         if let Some(geometry) = &settings.identify.geometry {
@@ -98,6 +99,8 @@ fn read_file(path: &Path) -> Result<(Table, Option<String>), FileError> {
         mistaken(path.display().to_string(), what)
     };
     let mut table = text.parse::<Table>().map_err(no_settings)?;
+    let no_longer = |what| Err(mistaken(path.display().to_string(), what));
+    removed::setting(&table).map_or(Ok(()), no_longer)?;
     let settings = Settings::deserialize(table.clone()).map_err(no_settings)?;
     root(&mut table, path.parent().unwrap_or(Path::new(".")));
     Ok((table, settings.check().err()))

@@ -4,8 +4,7 @@
 //! In: a CSV with the columns of `HEADER` in any order; further columns are ignored. A row says:
 //! from `from` to `to` this channel of this printhead was in this state, with this severity. Out:
 //! [`Labels`] of `inkling-core`, which finds the row that holds for a signal. Any mistake in a row
-//! is an error that names its line. `outcomes_file.rs` reads and writes its CSV by the same
-//! functions.
+//! is an error that names its line.
 
 use super::file_error::{FileError, line_of};
 use super::regular_file::{self, BoundedRecords};
@@ -26,7 +25,7 @@ const MOST_ROWS: usize = 1 << 22;
 const MOST_FACTOR: f64 = 1e3;
 const LONGEST_NAME: usize = 1024;
 
-pub(super) const HEADER: [&str; 6] = ["printhead", "channel", "from", "to", "state", "severity"];
+const HEADER: [&str; 6] = ["printhead", "channel", "from", "to", "state", "severity"];
 
 /// Which states labels may have beside `healthy`, `ignore` and the classes of the thesis.
 #[derive(Clone, Copy, Debug)]
@@ -75,7 +74,7 @@ pub fn check(path: &Path, labels: &Labels, met: &RecordedSpans) -> Result<(), Fi
 
 fn parse_rows(path: &Path, from: impl Read, states: States) -> Result<Labels, FileError> {
     let mut rows = Vec::new();
-    each_row(path, from, [], |fields, []| {
+    each_row(path, from, |fields| {
         let label = parse(fields)?;
         // checking compares with many names, and most rows have the state of the row before
         if rows.last().is_none_or(|before: &Label| before.state != label.state) {
@@ -87,13 +86,11 @@ fn parse_rows(path: &Path, from: impl Read, states: States) -> Result<Labels, Fi
     Ok(Labels::new(rows))
 }
 
-/// Calls `take` with the fields of every row: those of the columns `HEADER`, in its order, and
-/// those of the columns `more`, which are empty if the file has no such columns.
-pub(super) fn each_row<const M: usize>(
+/// Calls `take` with the fields of every row, those of the columns `HEADER` in its order.
+fn each_row(
     path: &Path,
     from: impl Read,
-    more: [&str; M],
-    mut take: impl FnMut([&str; HEADER.len()], [&str; M]) -> Result<(), String>,
+    mut take: impl FnMut([&str; HEADER.len()]) -> Result<(), String>,
 ) -> Result<(), FileError> {
     let failed = |source: csv::Error| match source.kind() {
         csv::ErrorKind::Utf8 { .. } => {
@@ -118,7 +115,6 @@ pub(super) fn each_row<const M: usize>(
             FileError::mistaken(path, format!("no column `{column}`; labels begin with {columns}"))
         })?;
     }
-    let more = more.map(place);
     let mut record = csv::StringRecord::new();
     let mut rows = 0;
     while csv.read_record(&mut record).map_err(failed)? {
@@ -130,15 +126,14 @@ pub(super) fn each_row<const M: usize>(
             let what = format!("more than {MOST_ROWS} rows: cut the file into several");
             return Err(mistaken(what));
         }
-        let field = |place: usize| record.get(place).unwrap_or("");
-        take(places.map(field), more.map(|place| place.map_or("", field))).map_err(mistaken)?;
+        take(places.map(|place| record.get(place).unwrap_or(""))).map_err(mistaken)?;
     }
     Ok(())
 }
 
 impl<'a> States<'a> {
     /// Refuses a state that labels may not have; the error says what was probably meant.
-    pub(super) fn check(self, state: &str) -> Result<(), String> {
+    fn check(self, state: &str) -> Result<(), String> {
         let own: &[&'a str] = match self {
             States::Any => &[],
             States::Declared(own) => own,
@@ -170,9 +165,7 @@ impl<'a> States<'a> {
     }
 }
 
-pub(super) fn parse(
-    [printhead, channel, from, to, state, severity]: [&str; 6],
-) -> Result<Label, String> {
+fn parse([printhead, channel, from, to, state, severity]: [&str; 6]) -> Result<Label, String> {
     if printhead.len() > LONGEST_NAME {
         return Err(too_long("printhead", printhead));
     }
@@ -239,13 +232,13 @@ fn time(column: &str, text: &str) -> Result<Option<i64>, String> {
     })
 }
 
-pub(super) fn rfc_3339(ns: i64) -> String {
+fn rfc_3339(ns: i64) -> String {
     DateTime::from_timestamp_nanos(ns).to_rfc3339_opts(SecondsFormat::Nanos, true)
 }
 
 pub fn write(path: &Path, labels: &[Label]) -> Result<(), FileError> {
     let time = |ns: Option<i64>| ns.map_or(String::new(), rfc_3339);
-    let rows = labels.iter().map(|label| {
+    let row = |label: &Label| {
         [
             label.printhead.clone(),
             label.channel.to_string(),
@@ -254,19 +247,11 @@ pub fn write(path: &Path, labels: &[Label]) -> Result<(), FileError> {
             label.state.clone(),
             label.severity.map_or(String::new(), |s| s.to_string()),
         ]
-    });
-    write_rows(path, &HEADER, rows)
-}
-
-pub(super) fn write_rows<const N: usize>(
-    path: &Path,
-    header: &[&str],
-    rows: impl Iterator<Item = [String; N]>,
-) -> Result<(), FileError> {
+    };
     let failed = FileError::unwritten(path);
     let mut text = csv::Writer::from_writer(Vec::new());
-    text.write_record(header).map_err(|e| failed(e.into()))?;
-    for row in rows {
+    text.write_record(HEADER).map_err(|e| failed(e.into()))?;
+    for row in labels.iter().map(row) {
         text.write_record(row).map_err(|e| failed(e.into()))?;
     }
     let bytes = text.into_inner().map_err(|e| failed(e.into_error()))?;

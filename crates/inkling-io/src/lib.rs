@@ -19,7 +19,7 @@
 //!             baseline_file result_file
 //! foreign     table_file csv_table columnar plain_columns arrow_cells numpy sampling spline matrix;
 //!             made safe by parquet_* thrift ipc_sizes unpanicked
-//! people      labels_file outcomes_file
+//! people      labels_file
 //! made by other verbs than replay  design_file truth_file
 //! places      inputs outputs layout journal run_lock part_file stored objects regular_file stamp
 //!             pieces buffers
@@ -61,7 +61,6 @@ mod mcap_summary;
 pub mod memory_recording;
 pub mod numpy;
 pub mod objects;
-pub mod outcomes_file;
 pub mod outputs;
 mod parquet_claims;
 mod parquet_file;

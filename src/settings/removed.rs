@@ -1,0 +1,56 @@
+//! What is no longer there: options and settings that earlier versions had, each with what to use
+//! instead. It is told until version 0.3.
+//!
+//! In: the name of an option that the command line does not know, or a table of settings. Out: what
+//! to use instead, if an earlier version had it.
+
+use toml::{Table, Value};
+
+/// Options of any verb, and what to use instead.
+const OPTIONS: [(&str, &str); 2] = [
+    (
+        "--doubts",
+        "the page and `--json` list what has no name; write what you found into the labels",
+    ),
+    ("--outcomes", "write what you found into the file of `--labels`: later rows win"),
+];
+
+/// Settings by their dotted keys, or values of a setting as `key=value`, and what to use instead.
+const SETTINGS: [(&str, &str); 2] = [
+    ("report.rows", "leave it out: the map shows neighbours that fail together"),
+    ("report.pitch", "leave it out: the map shows neighbours that fail together"),
+];
+
+/// What to use instead of an option, `--doubts`.
+pub fn option(name: &str) -> Option<&'static str> {
+    OPTIONS.iter().find(|(removed, _)| *removed == name).map(|(_, instead)| *instead)
+}
+
+/// The first setting in a table that is no longer there, and what to use instead, in words.
+pub fn setting(of: &Table) -> Option<String> {
+    let is_in = |(removed, _): &&(&str, &str)| {
+        let (key, value) = removed.split_once('=').unwrap_or((removed, ""));
+        let found = key.split('.').try_fold(None::<&Value>, |at, part| {
+            let next = at.map_or(of.get(part), |section| section.get(part));
+            next.map(Some)
+        });
+        let found = found.flatten();
+        found.is_some_and(|found| value.is_empty() || found.as_str() == Some(value))
+    };
+    let (removed, instead) = SETTINGS.iter().find(is_in)?;
+    Some(format!("{removed} is no longer there: {instead}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_no_longer_there_is_told_with_what_to_use_instead() {
+        let told = |text: &str| setting(&text.parse().unwrap());
+        assert!(told("[report]\nrows = 2").is_some_and(|said| said.starts_with("report.rows is")));
+        assert_eq!(told("[report]\n[detect]\nrows = 2"), None);
+        assert_eq!(told("report = 3"), None);
+        assert_eq!(option("--output"), None);
+    }
+}
