@@ -7,10 +7,9 @@ mod recorded; // bursts, recordings and tables: read, written, changed
 mod cli; // process boundary: exit codes, hints in messages
 mod contracts; // pipeline.toml = defaults, schemas = code, sample_logs regenerate and retrain
 mod convert; // tables become recordings
-mod dialects; // recordings of others: any encoding, arrays and tables; paths that lead nowhere; hostile schemas
+mod dialects; // recordings of others: any encoding, tables; paths that lead nowhere; hostile schemas
 mod floors; // imports go down only
 mod follow; // recordings that are being written: told as they grow, tables as of a replay
-mod former; // what former versions wrote: read, judged again, or refused by its version
 mod hostile; // absurd recordings, covariates, names, designs, places to write to: rows and words, no panic
 mod inspect; // messages of other loggers: fields, layouts by the samples, questions; what is laid out wrongly
 mod kills; // killed, locked, out of room, changed while read: nothing mixed, nothing half, the rest judged

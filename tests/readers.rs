@@ -10,9 +10,9 @@ use inkling::io::columnar::FileKind;
 use inkling::io::dialect::guess::guess;
 use inkling::io::journal::Journal;
 use inkling::io::recording::Recording;
-use inkling::io::table_file::{Columns, Content, Table};
+use inkling::io::table_file::Columns;
 use inkling::io::verdict_reader::VerdictReader;
-use inkling::io::{Limits, columnar, csv_table, design_file, episode_table, labels_file, numpy};
+use inkling::io::{Limits, columnar, csv_table, design_file, episode_table, labels_file};
 use inkling::settings::Settings;
 use std::path::Path;
 use std::sync::Arc;
@@ -20,23 +20,15 @@ use std::sync::Arc;
 /// Reads a file; of the journal it is `journal.jsonl` in a directory of its own.
 pub type Reader = fn(&Path);
 
-pub const READERS: [(&str, Reader); 12] = [
+pub const READERS: [(&str, Reader); 11] = [
     ("burst", burst),
     ("recording", recording),
     ("foreign", foreign),
-    ("array", |path| {
-        if let Ok(Table { content: Content::Bursts(bursts), .. }) =
-            numpy::read(path, &Columns::default())
-        {
-            bursts.take_while(Result::is_ok).for_each(drop);
-        }
-    }),
     ("table", |path| {
         let columns = Columns::default();
         match columnar::table_kind_of(path) {
             Ok(FileKind::Text) | Err(_) => drop(csv_table::read(path, &columns)),
-            Ok(FileKind::Numpy) => {}
-            Ok(kind) => drop(columnar::read(path, kind, &columns)),
+            Ok(FileKind::Parquet) => drop(columnar::read(path, &columns)),
         }
     }),
     ("labels", |path| drop(labels_file::read(path))),

@@ -86,8 +86,8 @@ impl EarlierRun {
     /// the recording and the same design, labels and settings. The time alone does not tell, as it
     /// is kept to the second.
     fn has_results(&self, name: &str) -> bool {
-        // whether the row is of the results that lie there now; without a time (a `run.json` of an
-        // earlier version) or a journal it is taken for that
+        // whether the row is of the results that lie there now; without a time or a journal it
+        // is taken for that
         let same = |then: &Row| {
             self.now.get(name).zip(then.judged_at.as_ref()).is_none_or(|(now, at)| {
                 *at == now.at

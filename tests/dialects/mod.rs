@@ -1,7 +1,7 @@
 //! Recordings of others are judged as ours are, or it is said what is wrong and what there is.
 
-mod arrays;
 mod hostile;
+mod tables;
 pub mod writers;
 
 use crate::house::{Ended, House};

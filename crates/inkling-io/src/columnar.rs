@@ -1,13 +1,13 @@
-//! Reads Parquet and Arrow IPC tables, as other programs write them, for `inkling convert`.
+//! Reads Parquet tables, as other programs write them, for `inkling convert`.
 //!
-//! In: a file, its kind, and which columns are what. Out: a [`Table`]. If the
+//! In: a file, and which columns are what. Out: a [`Table`]. If the
 //! cells of the output columns are numbers, a row is an instant, and rows are gathered to decays as
 //! from CSV. If the cells are lists, a row is a burst: its lists are the channels in the order of
 //! the columns, and of a list of lists every inner list is a channel. The result then consists of
 //! [`Matrix`]es (channels x samples).
 //!
-//! Files may be hostile: claimed sizes are checked before a library allocates by them (`ipc_sizes`,
-//! `parquet_file`), and a panic of a library becomes an error.
+//! Files may be hostile: claimed sizes are checked before a library allocates by them
+//! (`parquet_file`), and a panic of a library becomes an error.
 
 use super::arrow_cells::{self, counted, inside, is_list, is_list_of_lists, unit};
 use super::file_error::FileError;
@@ -16,20 +16,15 @@ use super::mcap_records::MAGIC;
 use super::parquet_file::{self, ParquetFile};
 use super::table_file::{ChosenColumns, Columns, Content, Rows, Table, choose_columns, unread};
 use super::unpanicked::unpanicked;
-use super::{Limits, ipc_sizes, printable, regular_file, result_file};
+use super::{Limits, printable, regular_file, result_file};
 use arrow_array::cast::AsArray;
-use arrow_array::{Array, ArrayRef, RecordBatchReader};
-use arrow_ipc::reader::{FileReader, StreamReader};
+use arrow_array::{Array, ArrayRef, RecordBatchReader as _};
 use arrow_schema::{DataType, TimeUnit};
-use parquet::arrow::arrow_reader::ArrowReaderOptions;
-use std::fmt::Display;
-use std::io::Cursor;
+use parquet::arrow::arrow_reader::{ArrowReaderOptions, ParquetRecordBatchReader};
 use std::path::Path;
 
-/// Rows of a Parquet file that are read at once; Arrow files have batches of their own.
+/// Rows that are read at once.
 const BATCH_ROWS: usize = 4096;
-/// Most bytes of an Arrow IPC file, because it is checked as a whole.
-const MOST_IPC_BYTES: u64 = 1 << 30;
 /// Most bytes of the samples of all bursts that are held in memory.
 const MOST_SAMPLES_BYTES: usize = 1 << 27;
 
@@ -37,9 +32,6 @@ const MOST_SAMPLES_BYTES: usize = 1 << 27;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FileKind {
     Parquet,
-    ArrowFile,
-    ArrowStream,
-    Numpy,
     Text,
 }
 
@@ -47,57 +39,42 @@ pub fn table_kind_of(path: &Path) -> Result<FileKind, FileError> {
     let start = regular_file::start(path, 8).map_err(unread(path))?;
     Ok(match start[..] {
         [b'P', b'A', b'R', b'1', ..] => FileKind::Parquet,
-        [b'A', b'R', b'R', b'O', b'W', b'1', ..] => FileKind::ArrowFile,
-        // a stream begins with the bytes that stand before each of its messages
-        [0xff, 0xff, 0xff, 0xff, ..] => FileKind::ArrowStream,
-        [0x93, b'N', b'U', b'M', b'P', b'Y', ..] | [b'P', b'K', 3, 4, ..] => FileKind::Numpy,
+        // arrays of NumPy (alone, and several in a zip) and Arrow's own files, whose streams begin with
+        // the bytes that stand before each of their messages
+        [0x93, b'N', b'U', b'M', b'P', b'Y', ..]
+        | [b'P', b'K', 3, 4, ..]
+        | [b'A', b'R', b'R', b'O', b'W', b'1', ..]
+        | [0xff, 0xff, 0xff, 0xff, ..] => {
+            let what = "no table: in Python, `import inkling` takes arrays; or export it as CSV or Parquet";
+            return Err(FileError::mistaken(path, what));
+        }
         _ if start.starts_with(b"{") || start.starts_with(MAGIC) => {
             let instead = result_file::instead(path);
-            let what =
-                format!("no table{instead}; CSV, Parquet, Arrow IPC, .npy and .npz are converted");
+            let what = format!("no table{instead}; CSV and Parquet are converted");
             return Err(FileError::mistaken(path, what));
         }
         _ => FileKind::Text,
     })
 }
 
-pub fn read(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table, FileError> {
-    let whole = || read_batches(path, kind, columns);
+pub fn read(path: &Path, columns: &Columns) -> Result<Table, FileError> {
+    let whole = || read_batches(path, columns);
     unpanicked(whole)
         .unwrap_or_else(|| Err(FileError::failed(path, "is damaged: it cannot be read")))
 }
 
-fn open(path: &Path, kind: FileKind) -> Result<Box<dyn RecordBatchReader>, FileError> {
-    let damaged = |e: &dyn Display| {
-        let what = printable::of_parser(&e);
-        FileError::failed(path, format!("cannot be read: {what}"))
-    };
-    // a file of Arrow IPC is read as a whole and checked before the library sees it
-    let ipc = |check: fn(&[u8]) -> Result<(), String>| {
-        let bytes = regular_file::read(path, MOST_IPC_BYTES).map_err(unread(path))?;
-        check(&bytes).map_err(|e| damaged(&e))?;
-        Ok(Cursor::new(bytes))
-    };
-    Ok(match kind {
-        FileKind::ArrowFile => {
-            let bytes = ipc(ipc_sizes::check_file)?;
-            Box::new(FileReader::try_new(bytes, None).map_err(|e| damaged(&e))?)
-        }
-        FileKind::ArrowStream => {
-            let bytes = ipc(ipc_sizes::check_stream)?;
-            Box::new(StreamReader::try_new(bytes, None).map_err(|e| damaged(&e))?)
-        }
-        _ => {
-            let file = regular_file::open(path).map_err(unread(path))?;
-            let reader = ParquetFile::open(file, ArrowReaderOptions::new())
-                .and_then(|builder| builder.with_batch_size(BATCH_ROWS).build());
-            Box::new(reader.map_err(|e| damaged(&parquet_file::words(&e)))?)
-        }
-    })
+fn open(path: &Path) -> Result<ParquetRecordBatchReader, FileError> {
+    let file = regular_file::open(path).map_err(unread(path))?;
+    ParquetFile::open(file, ArrowReaderOptions::new())
+        .and_then(|builder| builder.with_batch_size(BATCH_ROWS).build())
+        .map_err(|e| {
+            let what = printable::of_parser(&parquet_file::words(&e));
+            FileError::failed(path, format!("cannot be read: {what}"))
+        })
 }
 
-fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table, FileError> {
-    let batches = open(path, kind)?;
+fn read_batches(path: &Path, columns: &Columns) -> Result<Table, FileError> {
+    let batches = open(path)?;
     let schema = batches.schema();
     let names: Vec<String> = schema.fields().iter().map(|field| field.name().clone()).collect();
     let chosen = choose_columns(names, columns).map_err(|what| columns.refused(path, what))?;
@@ -121,7 +98,7 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
                 }),
                 true => row.burst().and_then(|burst| {
                     held += burst.samples.len();
-                    bursts.push(Ok(burst));
+                    bursts.push(burst);
                     let most = MOST_SAMPLES_BYTES;
                     let too_many =
                         || format!("more than {most} bytes of samples; cut it into several");
@@ -141,10 +118,10 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
     let outputs = if several { Vec::new() } else { chosen.output_names() };
     // `rows` gives no table if it is empty; then the table is that of the bursts
     Ok(rows.table(time.clone()).unwrap_or_else(|| Table {
-        first_time: bursts.iter().flatten().find_map(|burst: &Matrix| burst.time),
+        first_time: bursts.iter().find_map(|burst: &Matrix| burst.time),
         time,
         outputs,
-        content: Content::Bursts(Box::new(bursts.into_iter())),
+        content: Content::Bursts(bursts),
     }))
 }
 
@@ -281,7 +258,7 @@ mod tests {
     use crate::fixtures::place;
     use arrow_array::builder::{Int16Builder, ListBuilder};
     use arrow_array::{RecordBatch, TimestampSecondArray};
-    use arrow_ipc::writer::StreamWriter;
+    use parquet::arrow::ArrowWriter;
     use std::sync::Arc;
 
     /// A time column named so, whose type says seconds, and a list of two channels.
@@ -295,12 +272,12 @@ mod tests {
         let times: ArrayRef = Arc::new(TimestampSecondArray::from(vec![1_767_000_000]));
         let columns = [(time, times), ("samples", Arc::new(lists.finish()))];
         let batch = RecordBatch::try_from_iter(columns).unwrap();
-        let (_dir, path) = place("t.arrows");
+        let (_dir, path) = place("t.parquet");
         let file = std::fs::File::create(&path).unwrap();
-        let mut writer = StreamWriter::try_new(file, &batch.schema()).unwrap();
+        let mut writer = ArrowWriter::try_new(file, batch.schema(), None).unwrap();
         writer.write(&batch).unwrap();
-        writer.finish().unwrap();
-        read(&path, FileKind::ArrowStream, &Columns::default()).unwrap()
+        writer.close().unwrap();
+        read(&path, &Columns::default()).unwrap()
     }
 
     #[test]

@@ -10,7 +10,7 @@
 
 use super::file_error::FileError;
 use super::{digest, part_file, printable, regular_file, result_file};
-use inkling_core::design::{Design, VERSION, other_version};
+use inkling_core::design::{Design, VERSION};
 use serde::Deserialize;
 use serde_json::Value;
 use std::path::Path;
@@ -18,21 +18,14 @@ use std::path::Path;
 /// Most bytes that are read. A design of 64 classes and 1000 printheads at 512 samples takes some 50 MB.
 const MOST_BYTES: u64 = 1 << 28;
 
-/// What designs of every version say of themselves, so that one of another version can be refused by name.
+/// What designs of every version say of themselves.
 #[derive(Deserialize)]
 struct Origin {
     version: u32,
-    #[serde(default = "somebody")]
-    made_by: String,
 }
 
 /// The key of the checksum in the file.
 const CHECKSUM: &str = "checksum";
-
-/// Who made a design that does not say it.
-fn somebody() -> String {
-    "another inkling".into()
-}
 
 pub fn read(path: &Path) -> Result<(Design, String), FileError> {
     let text = read_text(path)?;
@@ -53,9 +46,13 @@ pub fn parse(path: &Path, text: &[u8]) -> Result<Design, FileError> {
     if !all.is_object() {
         return Err(not("it is no JSON object".into()));
     }
-    let made = Origin::deserialize(&all).map_err(of_parser)?;
-    if made.version != VERSION {
-        return Err(not(other_version(made.version, &printable::cell(&made.made_by))));
+    let Origin { version } = Origin::deserialize(&all).map_err(of_parser)?;
+    if version != VERSION {
+        let whose = match version < VERSION {
+            true => "an unreleased version: train again",
+            false => "a newer inkling",
+        };
+        return Err(not(format!("design version {version}, made by {whose}; {VERSION} is read")));
     }
     let told = all.as_object_mut().and_then(|keys| keys.remove(CHECKSUM));
     let told = told.ok_or_else(|| not("it has no checksum".into()))?;

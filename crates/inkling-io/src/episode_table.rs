@@ -22,10 +22,9 @@ const BATCH_ROWS: usize = 8192;
 /// A table with more rows is refused: no run writes so many episodes.
 const MOST_ROWS: usize = 1 << 24;
 
-/// The columns in the table's order. Their names are those of [`Episode`]'s fields; `or_missing`
-/// marks columns that a table may lack when it is read.
+/// The columns in the table's order. Their names are those of [`Episode`]'s fields.
 static COLUMNS: [Column; 18] = [
-    Column::required("recording", Kind::Name).or_missing(),
+    Column::required("recording", Kind::Name),
     Column::required("printhead", Kind::Name),
     Column::required("channel", Kind::Count),
     Column::nullable("category", Kind::Name),
@@ -34,15 +33,15 @@ static COLUMNS: [Column; 18] = [
     Column::required("began_at", Kind::Time),
     Column::nullable("ended_at", Kind::Time),
     Column::required("bursts", Kind::Count),
-    Column::nullable("certainty", Kind::Number).or_missing(),
-    Column::nullable("severity_first", Kind::Number).or_missing(),
-    Column::nullable("severity_max", Kind::Number).or_missing(),
-    Column::nullable("severity_last", Kind::Number).or_missing(),
-    Column::nullable("severity_sd", Kind::Number).or_missing(),
-    Column::nullable("resonance_hz", Kind::Number).or_missing(),
-    Column::nullable("damping_per_s", Kind::Number).or_missing(),
-    Column::nullable("reason", Kind::Name).or_missing(),
-    Column::required("explanation", Kind::Text).or_missing(),
+    Column::nullable("certainty", Kind::Number),
+    Column::nullable("severity_first", Kind::Number),
+    Column::nullable("severity_max", Kind::Number),
+    Column::nullable("severity_last", Kind::Number),
+    Column::nullable("severity_sd", Kind::Number),
+    Column::nullable("resonance_hz", Kind::Number),
+    Column::nullable("damping_per_s", Kind::Number),
+    Column::nullable("reason", Kind::Name),
+    Column::required("explanation", Kind::Text),
 ];
 
 pub struct EpisodeWriter {
@@ -95,8 +94,7 @@ pub fn path_beside(verdicts: &Path) -> PathBuf {
     stored::beside(verdicts, "episodes.parquet")
 }
 
-/// The rows of an episode table that this program wrote, or that another tool wrote anew (such a
-/// tool may drop the columns that are marked `or_missing`).
+/// The rows of an episode table that this program wrote, or that another tool wrote anew.
 pub fn read(path: &Path) -> Result<Vec<Episode>, TableError> {
     let batches = open(path)?.with_batch_size(BATCH_ROWS).build();
     let mut batches = batches.map_err(TableError::parquet(path))?;

@@ -21,7 +21,7 @@ use std::time::SystemTime;
 
 /// Name of the file in the directory of results.
 pub const JOURNAL_NAME: &str = "journal.jsonl";
-/// Version of a line. A line of another version is read as far as it is alike.
+/// Version of a line. Of a line of another version nothing is known: its recording is judged again.
 pub const VERSION: u32 = 2;
 /// Most bytes of a line that is read as one; settings with a thousand priors take far less.
 const MOST_LINE_BYTES: u64 = 4 << 20;
@@ -125,7 +125,6 @@ pub struct Entry {
     /// What else the user was warned of.
     pub warnings: Vec<CountedMessage>,
     /// What the user should know although nothing is wrong.
-    #[serde(default)]
     pub notes: Vec<CountedMessage>,
     pub seconds: f64,
 }
@@ -142,7 +141,7 @@ pub struct Journal {
     /// By the path of the verdict table below the directory.
     by_result: HashMap<String, Arc<Entry>>,
     by_path: HashMap<String, Arc<Entry>>,
-    /// Lines that are no entries, or not whole.
+    /// Lines that are no entries, not whole, or of another version.
     pub unreadable: u64,
     /// Settings by their text: entries share them, since a journal may have a million lines.
     settings: HashMap<String, Arc<Value>>,
@@ -163,9 +162,9 @@ impl Journal {
             if n == 0 {
                 return Ok(journal);
             }
-            match serde_json::from_slice(&line) {
-                Ok(entry) => journal.add(entry),
-                Err(_) => journal.unreadable += u64::from(!line.trim_ascii().is_empty()),
+            match serde_json::from_slice::<Entry>(&line) {
+                Ok(entry) if entry.version == VERSION => journal.add(entry),
+                _ => journal.unreadable += u64::from(!line.trim_ascii().is_empty()),
             }
         }
     }
@@ -276,12 +275,14 @@ mod tests {
             writer.append(&entry(path, verdicts)).unwrap();
         }
         writer.append(&entry("/4", None)).unwrap();
+        let unreleased = Entry { version: 1, ..entry("/1", Some("b")) };
+        writer.append(&unreleased).unwrap();
         writer.file.write_all(b"{\"version\":1,\"at\":\"20").unwrap();
         drop(writer);
         JournalWriter::open(dir.path()).unwrap().append(&entry("/5", Some("e"))).unwrap();
 
         let journal = Journal::read(dir.path()).unwrap();
-        assert_eq!(journal.unreadable, 1);
+        assert_eq!(journal.unreadable, 2);
         assert_eq!(journal.of_result("a").unwrap().recording.path, "/3");
         assert_eq!(journal.of_result("b").unwrap().results.as_ref().unwrap().bytes, [1, 2, 3]);
         assert_eq!(journal.of_recording("/1").unwrap().results.as_ref().unwrap().verdicts, "a");

@@ -1,4 +1,4 @@
-//! Reads and writes all files of inkling: recordings, tables and arrays in, verdicts and labels in
+//! Reads and writes all files of inkling: recordings and tables in, verdicts and labels in
 //! and out, on disks and in object stores.
 //!
 //! In: files that anybody may have written, cut short or damaged. Out: bursts, labels and verdicts
@@ -17,8 +17,8 @@
 //!             written by recording_writer mcap_file memory_recording
 //! results     verdict_* column column_types row_table episode_table summary_file annotation_writer
 //!             baseline_file result_file
-//! foreign     table_file csv_table columnar plain_columns arrow_cells numpy sampling spline matrix;
-//!             made safe by parquet_* thrift ipc_sizes unpanicked
+//! foreign     table_file csv_table columnar plain_columns arrow_cells sampling spline matrix;
+//!             made safe by parquet_* thrift unpanicked
 //! people      labels_file
 //! made by other verbs than replay  design_file truth_file
 //! places      inputs outputs layout journal run_lock part_file stored objects regular_file stamp
@@ -50,7 +50,6 @@ pub mod file_error;
 mod followed;
 pub mod growth;
 pub mod inputs;
-mod ipc_sizes;
 pub mod journal;
 pub mod labels_file;
 pub mod layout;
@@ -59,7 +58,6 @@ mod mcap_file;
 mod mcap_records;
 mod mcap_summary;
 pub mod memory_recording;
-pub mod numpy;
 pub mod objects;
 pub mod outputs;
 mod parquet_claims;

@@ -1,20 +1,18 @@
-//! One acquisition out of a table or an array, before it has a printhead and a time in ns: what the
-//! readers of foreign tables (`columnar.rs`, `numpy.rs`) hand to `inkling convert`, which makes a
-//! burst of it.
+//! One acquisition out of a table, before it has a printhead and a time in ns: what the readers of
+//! foreign tables hand to `inkling convert`, which makes a burst of it.
 
 use super::Limits;
 use super::dialect::value::Gathered;
 use bytes::Bytes;
-use inkling_core::burst::{Format, Layout};
+use inkling_core::burst::Format;
 
-/// The samples of an acquisition, channels × samples, encoded as in a burst, with what the table
-/// says beside them.
+/// The samples of an acquisition, channels × samples, encoded as in a burst, channel after channel,
+/// with what the table says beside them.
 #[derive(Clone, Debug, Default)]
 pub struct Matrix {
     pub channels: u32,
     pub samples_per_channel: u32,
     pub format: Format,
-    pub layout: Layout,
     pub samples: Bytes,
     /// When the acquisition began: the number in the table, in the table's own unit.
     pub time: Option<f64>,

@@ -30,8 +30,6 @@ pub struct Column {
     pub name: &'static str,
     kind: Kind,
     nullable: bool,
-    /// Whether a table is also read if it lacks this column, or has nulls in it.
-    may_be_missing: bool,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -49,15 +47,11 @@ pub enum Kind {
 
 impl Column {
     pub const fn required(name: &'static str, kind: Kind) -> Column {
-        Column { name, kind, nullable: false, may_be_missing: false }
+        Column { name, kind, nullable: false }
     }
 
     pub const fn nullable(name: &'static str, kind: Kind) -> Column {
         Column { nullable: true, ..Column::required(name, kind) }
-    }
-
-    pub const fn or_missing(self) -> Column {
-        Column { may_be_missing: true, ..self }
     }
 
     fn field(&self, unit: TimestampUnit) -> Field {
@@ -103,7 +97,7 @@ impl Column {
             Kind::Time => json(of.times()?),
             Kind::Number => json(of.numbers()?),
         };
-        match cells.iter().any(Value::is_null) && !self.nullable && !self.may_be_missing {
+        match cells.iter().any(Value::is_null) && !self.nullable {
             true => Err(of.has_null()),
             false => Ok(cells),
         }
@@ -130,12 +124,8 @@ pub fn rows<T: DeserializeOwned>(
 ) -> Result<Vec<T>, String> {
     let mut rows = vec![Map::new(); batch.num_rows()];
     for column @ Column { name, .. } in columns {
-        let Some(array) = batch.column_by_name(name) else {
-            match column.may_be_missing {
-                true => continue,
-                false => return Err(format!("column `{name}` is missing")),
-            }
-        };
+        let array = batch.column_by_name(name);
+        let array = array.ok_or_else(|| format!("column `{name}` is missing"))?;
         for (row, cell) in rows.iter_mut().zip(column.cells(ReadColumn { name, array })?) {
             // a field without a value is left out, and serde takes its default
             if !cell.is_null() {

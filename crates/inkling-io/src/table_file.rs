@@ -1,6 +1,6 @@
 //! The tables of other programs, of which `inkling convert` makes recordings: which of their columns
-//! are what, and how rows are gathered to decays. `csv_table.rs` reads CSV, `columnar.rs` Parquet
-//! and Arrow, `numpy.rs` arrays, all into [`Table`].
+//! are what, and how rows are gathered to decays. `csv_table.rs` reads CSV and
+//! `columnar.rs` Parquet, both into [`Table`].
 //!
 //! In: the names of a table's columns and what the user says of them ([`Columns`]), then its rows.
 //! Out: a [`Table`] of decays. A decay has the times of its samples (in the table's unit) and one
@@ -32,7 +32,7 @@ pub(super) fn unread(path: &Path) -> impl Fn(io::Error) -> FileError {
     }
 }
 
-/// Which columns of a table are what, by name; of a `.npz`, which arrays.
+/// Which columns of a table are what, by name.
 #[derive(Clone, Debug, Default)]
 pub struct Columns {
     /// Column of times. `None`: the first column that is none of `burst`, `printhead` and `beside`,
@@ -100,11 +100,11 @@ impl Decay {
 
 pub struct Table {
     /// The name of the column of times, whose ending (such as `_ns`) says the unit ([`unit_ns`]);
-    /// the reader adds the ending if the array's type says the unit.
+    /// the reader adds the ending if the column's type says the unit.
     pub time: Option<String>,
     /// The first time of the first decay or burst, by whose size the caller may guess the unit.
     pub first_time: Option<f64>,
-    /// Names in the order of the channels; empty in a NumPy array and in a column of several channels.
+    /// Names in the order of the channels; empty where a column holds several channels.
     pub outputs: Vec<String>,
     pub content: Content,
 }
@@ -112,8 +112,8 @@ pub struct Table {
 pub enum Content {
     /// A table whose cells are numbers: its decays, in the order of their first rows.
     Decays(Vec<Decay>),
-    /// An array, or a table whose cells are lists: its bursts, one after the other.
-    Bursts(Box<dyn Iterator<Item = Result<Matrix, FileError>>>),
+    /// A table whose cells are lists: its bursts, one after the other.
+    Bursts(Vec<Matrix>),
 }
 
 /// The unit of a column of times in ns (1e9 for `_s`), if the ending of the column's name says one.

@@ -85,7 +85,7 @@ impl VerdictReader {
         for Column { name, nullable, cells } in COLUMNS {
             match batch.column_by_name(name) {
                 Some(array) => self.read(cells, ReadColumn { name, array }, &mut columns)?,
-                // tables of other tools, and of version 1, may lack the column
+                // tables of other tools may lack the column
                 None if *nullable || matches!(cells, Cells::Recording) => {}
                 None => return Err(format!("column `{name}` is missing")),
             }

@@ -20,26 +20,22 @@ pub const SOME_START: &str = "2025-01-01T08:00:00Z";
   inkling convert pendulum.csv --resample -o pendulum.mcap
   inkling convert night.parquet --burst drop --period-s 5e-7 --printhead K1 \\
       -o night.mcap
-  inkling convert K1_20261101T0800.npy --period-s 5e-7 --start name \\
+  inkling convert K1_20261101T0800.parquet --period-s 5e-7 --start name \\
       --every 0.02 -o K1.mcap
-  inkling convert heads.npz --outputs K1 --time t --period-s dt \\
-      --temperature 31.5 -o K1.mcap
 
-A table (CSV with comma, semicolon or tab; Parquet; Arrow IPC): time is in seconds, unless its \
+A table (CSV with comma, semicolon or tab; Parquet): time is in seconds, unless its \
 column's name ends in _ms, _us or _ns, its type says so, or they are so large that they count from \
 1970; times of 1979 and later, and such as 2026-11-01T08:00:00Z, are UTC. Each output \
 becomes a channel (in the order of --outputs), each value of --burst a burst; --printhead may name a \
 column. Sampling must be \
 regular, but for the rounding of written times; --resample interpolates (cubic spline) to the \
 usual sample period. With --period-s rows are samples one after the other, and --time is when a \
-burst begins. A cell that is a list holds a channel's samples: each row is a burst. An array \
-(.npy; .npz): samples, channels x samples, or bursts x channels x samples. In a .npz --time, \
---period-s, --temperature, --voltage may name further arrays, one number a burst or one for all. \
-Samples are stored as int16 where all of a burst are such, else as float32. A critique takes all \
+burst begins. A cell that is a list holds a channel's samples: each row is a burst. Arrays are \
+judged from Python (import inkling). Samples are stored as int16 where all of a burst are such, else as float32. A critique takes all \
 outputs of one recording as one system: what is independent becomes recordings of its own \
 (--outputs).")]
 pub struct Args {
-    /// Table or array: CSV, Parquet, Arrow IPC, .npy, .npz
+    /// Table: CSV, Parquet
     pub table: PathBuf,
     /// Recording to write
     #[arg(short, long, value_name = "RECORDING")]
@@ -47,7 +43,7 @@ pub struct Args {
     /// Column of time [default: the first]
     #[arg(long, value_name = "COLUMN")]
     pub time: Option<String>,
-    /// Columns of outputs [default: the rest]; of a .npz the array of samples
+    /// Columns of outputs [default: the rest]
     #[arg(long, value_name = "COLUMN,...", value_delimiter = ',')]
     pub outputs: Option<Vec<String>>,
     /// Column that tells decays apart, where the table holds several

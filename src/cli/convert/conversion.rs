@@ -13,7 +13,7 @@ use super::args::{Args, BurstValue, BurstValues, LONGEST_NAME, SOME_START};
 use super::burst_clock::BurstClock;
 use super::input_bursts::{InputBursts, TimeUnit};
 use bytes::Bytes;
-use inkling_core::burst::Burst;
+use inkling_core::burst::{Burst, Layout};
 use inkling_io::matrix::Matrix;
 use inkling_io::sampling::Sampled;
 use serde::Serialize;
@@ -148,7 +148,7 @@ impl<'a> Conversion<'a> {
             samples_per_channel: samples,
             sample_period_s: period_s,
             format: matrix.format,
-            layout: matrix.layout,
+            layout: Layout::ChannelMajor,
             temperature_c: measured(self.values.temperature),
             drive_voltage_v: measured(self.values.voltage),
             idle_time_s: Vec::new(),

@@ -1,9 +1,8 @@
-//! Opens a table or an array, reads its bursts, and finds the unit of its times.
+//! Reads the bursts of a table, and finds the unit of its times.
 //!
-//! In: the options and the kind of the file. Out: an iterator over matrices of samples, one per
-//! burst ([`InputBursts`]). There are two forms. Where rows are bursts (cells that are lists,
-//! arrays), the matrices are read one after another. Where rows are samples (a decay per burst),
-//! the table is read whole, and its times must lie on a regular grid, give the sample period, and
+//! In: the options and the kind of the file. Out: matrices of samples, one per burst
+//! ([`InputBursts`]). There are two forms. Where cells are lists, rows are bursts. Where rows are
+//! samples (a decay per burst), their times must lie on a regular grid, give the sample period, and
 //! may be resampled.
 
 use super::super::exit::Failure;
@@ -11,13 +10,12 @@ use super::args::Args;
 use inkling_io::columnar::{self, FileKind};
 use inkling_io::csv_table;
 use inkling_io::matrix::Matrix;
-use inkling_io::numpy;
 use inkling_io::sampling::{self, Sampled};
 use inkling_io::table_file::{self, Columns, Content, Decay, Table};
 
-/// The bursts of a table or an array, and what is to be told about it.
+/// The bursts of a table, and what is to be told about it.
 pub struct InputBursts {
-    pub matrices: Box<dyn Iterator<Item = Result<Matrix, Failure>>>,
+    pub matrices: Vec<Matrix>,
     pub unit: TimeUnit,
     /// The sample period, s, if the table's own times give it.
     pub period_s: Option<f64>,
@@ -29,8 +27,8 @@ pub struct InputBursts {
 }
 
 impl InputBursts {
-    /// Opens a table or an array. Rows of a table are samples, or whole bursts if its cells are lists. `beside`:
-    /// columns that are read beside the samples; of a .npz they are further arrays.
+    /// Reads a table. Its rows are samples, or whole bursts if its cells are lists. `beside`: columns that
+    /// are read beside the samples.
     pub fn open(args: &Args, kind: FileKind, beside: &[String]) -> Result<InputBursts, Failure> {
         let columns = Columns {
             time: args.time.clone(),
@@ -44,15 +42,7 @@ impl InputBursts {
         // 1. read the file by its kind
         let table = match kind {
             FileKind::Text => csv_table::read(&args.table, &columns)?,
-            FileKind::Numpy if args.burst.is_some() || args.resample => {
-                let what = "--burst and --resample are of tables, not of arrays";
-                return Err(Failure::usage(what));
-            }
-            FileKind::Numpy if args.outputs.as_ref().is_some_and(|names| names.len() != 1) => {
-                return Err(Failure::usage("--outputs: one array of a .npz"));
-            }
-            FileKind::Numpy => numpy::read(&args.table, &columns)?,
-            kind => columnar::read(&args.table, kind, &columns)?,
+            FileKind::Parquet => columnar::read(&args.table, &columns)?,
         };
 
         // 2. the unit of its times; rows that are bursts need nothing more
@@ -63,8 +53,7 @@ impl InputBursts {
             Content::Bursts(_) if args.resample => {
                 return Err(Failure::usage("--resample has no effect: each row is a burst"));
             }
-            Content::Bursts(bursts) => {
-                let matrices = Box::new(bursts.map(|burst| burst.map_err(Failure::from)));
+            Content::Bursts(matrices) => {
                 let (period_s, missing, sampled) = (None, 0, None);
                 return Ok(InputBursts { matrices, unit, period_s, missing, outputs, sampled });
             }
@@ -84,7 +73,6 @@ impl InputBursts {
         let matrices = decays.map(matrix).collect::<Result<Vec<Matrix>, Failure>>()?;
         let period_s = args.period_s.is_none().then_some(sampled.period * unit.ns / 1e9);
         let missing = if args.resample { 0 } else { sampled.missing };
-        let matrices = Box::new(matrices.into_iter().map(Ok));
         let sampled = Some(sampled).filter(|_| period_s.is_some());
         Ok(InputBursts { matrices, unit, period_s, missing, outputs, sampled })
     }

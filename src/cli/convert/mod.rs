@@ -1,8 +1,7 @@
-//! `inkling convert`: makes a recording of bursts from a table or an array.
+//! `inkling convert`: makes a recording of bursts from a table.
 //!
-//! In: a table (CSV, Parquet, Arrow IPC) or an array (.npy, .npz), and the options (`args`). Out: a
-//! recording, and what had to be assumed. `input_bursts` opens the file and gives one matrix of
-//! samples per burst; `conversion` makes a burst of each; `burst_clock` gives each burst its time.
+//! In: a table (CSV, Parquet), and the options (`args`). Out: a recording, and what had to be
+//! assumed. `input_bursts` reads the file and gives one matrix of samples per burst; `conversion` makes a burst of each; `burst_clock` gives each burst its time.
 
 mod args;
 mod burst_clock;
@@ -18,8 +17,7 @@ use inkling_io::{columnar, outputs};
 use input_bursts::InputBursts;
 use serde_json::json;
 
-/// Checks the options, then converts burst by burst, so that an array need not fit into memory. What was
-/// assumed is told at the end.
+/// Checks the options, then converts burst by burst. What was assumed is told at the end.
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let start_ns = args.start_ns()?;
     let values = args.values();
@@ -31,7 +29,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let mut writer =
         RecordingWriter::create(&args.out, WriterOptions::default()).map_err(Failure::new)?;
     for matrix in input.matrices {
-        let burst = conversion.burst(matrix?)?;
+        let burst = conversion.burst(matrix)?;
         writer.write(&burst, burst.t_acq_ns as u64).map_err(Failure::new)?;
     }
     writer.finish().map_err(Failure::new)?;

@@ -114,18 +114,6 @@ pub struct Design {
     curves: OnceLock<Arc<FaultCurves>>,
 }
 
-/// The error of a design of another version in words, with what to do (`docs/versions.md`).
-pub fn other_version(version: u32, made_by: &str) -> String {
-    let ours = env!("CARGO_PKG_VERSION");
-    let then = match version < VERSION {
-        true => "or train again on the recordings and labels that it was learned from",
-        false => "as does a newer inkling",
-    };
-    format!(
-        "design version {version}, made by {made_by}: this is inkling {ours}, which reads version {VERSION}; the one that made it reads it, {then}"
-    )
-}
-
 impl Design {
     pub fn model_of(&self, printhead: &str) -> Option<&HealthyModel> {
         self.models.iter().find(|m| m.printhead.as_deref() == Some(printhead))

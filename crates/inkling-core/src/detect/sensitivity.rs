@@ -45,8 +45,7 @@ pub struct Sensitivity {
     pub mean: [f64; 3],
     pub spread: [[f64; 3]; 3],
     pub noise: [[f64; 3]; 3],
-    /// Share of `spread` that counts in the metric, above 0 and at most 1. An older design lacks it.
-    #[serde(default = "tuned::spread_counts")]
+    /// Share of `spread` that counts in the metric, above 0 and at most 1.
     pub share: f64,
 }
 

@@ -63,9 +63,7 @@ pub struct Channel {
     /// The looks at the fault that the channel has, or had last: about the last `of_beginning`.
     pub faulty: Sum,
     /// How many looks that fault has had since it began.
-    #[serde(default)]
     pub faulty_looks: f64,
-    #[serde(default)]
     pub faulty_days: f64,
     /// Probability that the channel is faulty before the next look.
     pub is_faulty: f64,

@@ -1,11 +1,11 @@
 //! What is remembered of printheads from one recording to the next: the file of `--baseline`, JSON.
 //!
-//! In: the states of all heads at the end of a recording, or a file of this or an earlier release,
-//! which is checked, since anybody may have written it. Out: the file's content, or the state that a
+//! In: the states of all heads at the end of a recording, or a file, which is checked, since anybody
+//! may have written it. Out: the file's content, or the state that a
 //! head begins with. In the file positions are features relative to a ring, so that a memory holds
 //! for a model that scatters otherwise, too.
 
-use super::channel::{Channel, RUNGS, Sum};
+use super::channel::{Channel, Sum};
 use super::head::{Head, Within};
 use super::kind::{Features, Kind, at_least};
 use nalgebra::{Matrix4, Vector4};
@@ -58,15 +58,11 @@ impl Memory {
         }
         let of_parser = |e: serde_json::Error| e.to_string();
         let Head { version } = serde_json::from_slice(text).map_err(of_parser)?;
-        let memory = match version {
-            1 => first_version::read(text),
-            2 => second_version::read(text),
-            VERSION => serde_json::from_slice::<Memory>(text),
-            other => {
-                return Err(format!("version {other}: this inkling reads versions 1 to {VERSION}"));
-            }
-        };
-        let memory = memory.map_err(of_parser)?;
+        if version != VERSION {
+            let whose = if version < VERSION { "an unreleased version" } else { "a newer inkling" };
+            return Err(format!("state version {version}, made by {whose}: {VERSION} is read"));
+        }
+        let memory: Memory = serde_json::from_slice(text).map_err(of_parser)?;
         memory.check()?;
         Ok(memory)
     }
@@ -171,72 +167,5 @@ impl Head {
             spread: rows(&kind.covariance_from(&spread)),
             channels: channels.map(|(k, of)| (*k, mapped(of, &kind.from))).collect(),
         }
-    }
-}
-
-/// Files of version 2, which hold one level of each channel's past: it is taken for all rungs.
-mod second_version {
-    use super::{Memory, RUNGS, VERSION};
-    use serde_json::{Value, json};
-
-    pub fn read(text: &[u8]) -> Result<Memory, serde_json::Error> {
-        let mut of: Value = serde_json::from_slice(text)?;
-        of["version"] = json!(VERSION);
-        let heads =
-            of["printheads"].as_object_mut().into_iter().flat_map(|heads| heads.values_mut());
-        let channels = heads.filter_map(|head| {
-            // the file does not name the directions of its scatter within channels
-            (head["within"], head["within_looks"]) = (json!(vec![[0.0; 4]; 4]), json!(0.0));
-            head["spread"] = json!(vec![[0.0; 4]; 4]);
-            head["channels"].as_object_mut()
-        });
-        for channel in channels.flat_map(|of| of.values_mut()) {
-            channel["past"] = json!(vec![channel["past"].clone(); RUNGS]);
-            channel["off"] = json!(0.0);
-        }
-        serde_json::from_value(of)
-    }
-}
-
-/// Files of version 1, which hold the mean of each channel's healthy signals: taken for all rungs.
-mod first_version {
-    use super::{Channel, HeadMemory, Memory, RUNGS, Sum, rows};
-    use nalgebra::Matrix4;
-    use serde::Deserialize;
-    use std::collections::BTreeMap;
-
-    #[derive(Deserialize)]
-    struct Baselines {
-        design: Option<String>,
-        printheads: BTreeMap<String, Printhead>,
-    }
-
-    #[derive(Deserialize)]
-    struct Printhead {
-        channels: BTreeMap<u32, Baseline>,
-    }
-
-    #[derive(Deserialize)]
-    struct Baseline {
-        signals: f64,
-        features: [f64; 4],
-    }
-
-    /// Variance of the level, which says next to nothing: a file of version 1 holds none.
-    const UNSURE: f64 = 0.01;
-
-    pub fn read(text: &[u8]) -> Result<Memory, serde_json::Error> {
-        let of: Baselines = serde_json::from_slice(text)?;
-        let channel = |(k, of): (u32, Baseline)| {
-            let past = Sum { looks: of.signals, sum: of.features.map(|f| f * of.signals) };
-            (k, Channel { past: [past; RUNGS], ..Channel::default() })
-        };
-        let head = |(name, of): (String, Printhead)| {
-            let covariance = rows(&Matrix4::from_diagonal_element(UNSURE));
-            let channels = of.channels.into_iter().map(channel).collect();
-            (name, HeadMemory { covariance, channels, ..HeadMemory::default() })
-        };
-        let printheads = of.printheads.into_iter().map(head).collect();
-        Ok(Memory { printheads, ..Memory::new(of.design) })
     }
 }

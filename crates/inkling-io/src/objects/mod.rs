@@ -2,7 +2,6 @@
 //! `gs://bucket/key` or `az://container/key` instead of a path of the file system.
 //!
 //! ```text
-//! profile   keys and region from the AWS tools' own files
 //! store     which server a name means and which credentials open it; errors in words
 //! object    one object, read by ranges ahead of whoever reads
 //! transfer  whole objects: listed, fetched, sent, removed, renamed
@@ -21,8 +20,6 @@ use std::path::Path;
 mod absent;
 #[cfg(feature = "object-store")]
 mod object;
-#[cfg(feature = "object-store")]
-mod profile;
 #[cfg(feature = "object-store")]
 mod store;
 #[cfg(feature = "object-store")]

@@ -6,7 +6,6 @@
 //! ask the network for a role of the machine. Errors of the libraries hold addresses, and those may
 //! hold signatures, so every error is put into words of our own ([`failed`]).
 
-use super::profile::Profile;
 use object_store::aws::AmazonS3Builder;
 use object_store::azure::MicrosoftAzureBuilder;
 use object_store::gcp::GoogleCloudStorageBuilder;
@@ -113,46 +112,30 @@ fn plain(variables: &[&str]) -> bool {
     variables.iter().any(plain)
 }
 
-/// S3: credentials of the environment first, else of the AWS tools' profile, else other means that the
-/// environment names.
+/// S3: credentials of the environment.
 fn s3(bucket: &str) -> io::Result<Arc<dyn ObjectStore>> {
-    /// By any of these the crate finds credentials itself, or needs none.
-    const OTHERS: &[&str] = &[
+    const ANY: &[&str] = &[
+        "AWS_ACCESS_KEY_ID",
         "AWS_WEB_IDENTITY_TOKEN_FILE",
         "AWS_CONTAINER_CREDENTIALS_RELATIVE_URI",
         "AWS_CONTAINER_CREDENTIALS_FULL_URI",
         "AWS_METADATA_ENDPOINT",
         "AWS_SKIP_SIGNATURE",
     ];
-    let endpoints = ["AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL", "AWS_ENDPOINT"];
-    let mut builder = AmazonS3Builder::from_env()
+    if !given(ANY) {
+        let remedy = "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY (of a profile: `aws configure export-credentials \
+            --profile NAME --format env` prints the variables); on a machine with a role \
+            AWS_METADATA_ENDPOINT=http://169.254.169.254; of a public bucket AWS_SKIP_SIGNATURE=true";
+        return Err(no_credentials("S3", remedy));
+    }
+    let builder = AmazonS3Builder::from_env()
         .with_bucket_name(bucket)
         .with_retry(retry())
-        .with_client_options(client(plain(&endpoints)));
-    let profile = Profile::read();
-    if let Some(region) = profile.region.filter(|_| !given(&["AWS_REGION", "AWS_DEFAULT_REGION"])) {
-        builder = builder.with_region(region);
-    }
-    // keys of the environment take precedence over those of files, as with the AWS tools
-    if !given(&["AWS_ACCESS_KEY_ID"]) {
-        builder = match (profile.key, profile.secret) {
-            (Some(key), Some(secret)) => {
-                let builder = builder.with_access_key_id(key).with_secret_access_key(secret);
-                match profile.token {
-                    Some(token) => builder.with_token(token),
-                    None => builder,
-                }
-            }
-            _ if given(OTHERS) => builder,
-            _ => {
-                let remedy = "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_PROFILE to one of ~/.aws/credentials \
-                    with keys (`aws configure export-credentials --format env` prints the variables of any other); on \
-                    a machine with a role AWS_METADATA_ENDPOINT=http://169.254.169.254; of a public bucket \
-                    AWS_SKIP_SIGNATURE=true";
-                return Err(no_credentials("S3", remedy));
-            }
-        };
-    }
+        .with_client_options(client(plain(&[
+            "AWS_ENDPOINT_URL_S3",
+            "AWS_ENDPOINT_URL",
+            "AWS_ENDPOINT",
+        ])));
     Ok(Arc::new(builder.build().map_err(failed)?))
 }
 

@@ -1,4 +1,4 @@
-//! The same signals as CSV, Parquet, Arrow IPC and NumPy have the verdicts of a recording.
+//! The same signals as CSV and Parquet have the verdicts of a recording.
 
 use super::{judged, native};
 use crate::house::House;
@@ -9,18 +9,15 @@ use arrow_array::types::Int8Type;
 use arrow_array::{
     ArrayRef, DictionaryArray, Float64Array, Int32Array, Int64Array, RecordBatch, StringArray,
 };
-use arrow_ipc::writer::{FileWriter, StreamWriter};
 use inkling::burst::Burst;
 use std::fmt::Write as _;
-use std::io::Write as _;
 use std::sync::Arc;
-use zip::CompressionMethod::{self, Deflated, Stored};
 
 /// 2025-01-01T08:00:00Z, as the file's name says.
 const START_NS: i64 = 1_735_718_400_000_000_000;
 const EVERY_NS: i64 = 500_000_000;
 
-/// All that an array can say.
+/// All that a table can say.
 fn bursts() -> Vec<Burst> {
     let plain = |(i, burst): (usize, Burst)| Burst {
         t_acq_ns: START_NS + i as i64 * EVERY_NS,
@@ -38,37 +35,6 @@ fn bursts() -> Vec<Burst> {
         |b: &Burst| b.channels == first.channels && b.sample_period_s == first.sample_period_s;
     assert!(rest.iter().all(same));
     bursts
-}
-
-/// Of format 1.0, as numpy.save writes it.
-fn npy(descr: &str, shape: &str, numbers: &[u8]) -> Vec<u8> {
-    let mut text =
-        format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}").into_bytes();
-    while !(text.len() + 11).is_multiple_of(64) {
-        text.push(b' ');
-    }
-    text.push(b'\n');
-    let mut out = b"\x93NUMPY\x01\x00".to_vec();
-    out.extend((text.len() as u16).to_le_bytes());
-    out.extend(text);
-    out.extend(numbers);
-    out
-}
-
-fn npz(members: &[(&str, Vec<u8>)], method: CompressionMethod) -> Vec<u8> {
-    let mut zip = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
-    let options = zip::write::SimpleFileOptions::default().compression_method(method);
-    for (name, bytes) in members {
-        zip.start_file(format!("{name}.npy"), options).unwrap();
-        zip.write_all(bytes).unwrap();
-    }
-    zip.finish().unwrap().into_inner()
-}
-
-fn samples_of(bursts: &[Burst]) -> (Vec<u8>, String) {
-    let bytes = bursts.iter().flat_map(|burst| burst.samples.to_vec()).collect();
-    let (c, n) = (bursts[0].channels, bursts[0].samples_per_channel);
-    (bytes, format!("({}, {c}, {n})", bursts.len()))
 }
 
 /// A row is an instant, its columns channels; long.
@@ -135,56 +101,23 @@ fn parquet(batch: &RecordBatch) -> Vec<u8> {
     writer.into_inner().unwrap()
 }
 
-fn arrow_file(batch: &RecordBatch) -> Vec<u8> {
-    let mut writer = FileWriter::try_new(Vec::new(), &batch.schema()).unwrap();
-    writer.write(batch).unwrap();
-    writer.into_inner().unwrap()
-}
-
-fn arrow_stream(batch: &RecordBatch) -> Vec<u8> {
-    let mut writer = StreamWriter::try_new(Vec::new(), &batch.schema()).unwrap();
-    writer.write(batch).unwrap();
-    writer.into_inner().unwrap()
-}
-
 #[test]
-fn the_same_signals_as_tables_and_arrays_have_the_same_verdicts() {
+fn the_same_signals_as_tables_have_the_same_verdicts() {
     let house = House::new();
     let bursts = bursts();
     let expected = native(&house, &bursts);
     assert!(expected.values().any(|said| said.starts_with("Faulty")), "nothing faulty to compare");
     let period = bursts[0].sample_period_s;
-    let (samples, shape) = samples_of(&bursts);
-    let floats: Vec<u8> = samples
-        .chunks(2)
-        .flat_map(|b| f64::from(i16::from_le_bytes([b[0], b[1]])).to_be_bytes())
-        .collect();
-    let numbers = |of: Vec<f64>| of.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
-    let times: Vec<u8> = bursts.iter().flat_map(|b| b.t_acq_ns.to_le_bytes()).collect();
-    let members = [
-        ("K1", npy("<i2", &shape, &samples)),
-        ("t", npy("<M8[ns]", &format!("({},)", bursts.len()), &times)),
-        ("dt", npy("<f8", "()", &numbers(vec![period]))),
-        ("temp", npy("<f8", &format!("({},)", bursts.len()), &numbers(vec![31.5; bursts.len()]))),
-    ];
     let every = "--start 2025-01-01T08:00:00Z --every 0.5";
     let named = "--start name --every 0.5";
     let of_rows = format!("--burst drop --temperature temp --voltage 20 --period-s {period}");
-    let plain = format!("--temperature 31.5 --voltage 20 --period-s {period}");
-    let of_npz = "--outputs K1 --time t --period-s dt --temperature temp --voltage 20".to_owned();
     let timed_rows = "--burst drop --time t --temperature 31.5 --voltage 20".to_owned();
     let of_lists = format!("--time t_ns --temperature 31.5 --voltage volts --period-s {period}");
-    let all: [(&str, Vec<u8>, String); 10] = [
+    let all: [(&str, Vec<u8>, String); 4] = [
         ("comma.csv", long_csv(&bursts, ',').into(), format!("{of_rows} {every}")),
         ("20250101T080000.csv", long_csv(&bursts, ';').into(), format!("{of_rows} {named}")),
-        ("2025-01-01_08-00.npy", npy("<i2", &shape, &samples), format!("{plain} {named}")),
-        ("big.npy", npy(">f8", &shape, &floats), format!("{plain} {every}")),
-        ("stored.npz", npz(&members, Stored), of_npz.clone()),
-        ("deflated.npz", npz(&members, Deflated), of_npz),
-        ("rows.parquet", parquet(&timed(&bursts)), timed_rows.clone()),
-        ("rows.arrow", arrow_file(&timed(&bursts)), timed_rows),
-        ("lists.parquet", parquet(&listed(&bursts)), of_lists.clone()),
-        ("lists.arrows", arrow_stream(&listed(&bursts)), of_lists),
+        ("rows.parquet", parquet(&timed(&bursts)), timed_rows),
+        ("lists.parquet", parquet(&listed(&bursts)), of_lists),
     ];
     for (name, bytes, options) in all {
         house.write(name, bytes);
@@ -217,8 +150,8 @@ fn each_row_of_lists_may_name_its_printhead() {
         names.map(|n| Some(n).filter(|n| !n.is_empty())).collect();
     let mut columns: Vec<(&str, ArrayRef)> = vec![("head", Arc::new(heads))];
     columns.extend(["t_ns", "samples"].map(|name| (name, listed[name].clone())));
-    house.write("t.arrow", arrow_file(&RecordBatch::try_from_iter(columns).unwrap()));
-    house.ok("convert t.arrow -o t.mcap --time t_ns --period-s 1e-6 --printhead head");
+    house.write("t.parquet", parquet(&RecordBatch::try_from_iter(columns).unwrap()));
+    house.ok("convert t.parquet -o t.mcap --time t_ns --period-s 1e-6 --printhead head");
     let made = crate::recorded::bursts(&house.path("t.mcap"));
     let of: Vec<&str> = made.iter().take(4).map(|burst| &*burst.printhead).collect();
     assert_eq!(
@@ -232,56 +165,41 @@ fn each_row_of_lists_may_name_its_printhead() {
 fn chunks_are_compact() {
     use inkling::io::{Limits, recording::Recording};
     let house = House::new();
-    let bursts = bursts();
-    let (samples, shape) = samples_of(&bursts);
-    let shape = shape.replacen("(40", "(4000", 1);
-    house.write("r.npy", npy("<i2", &shape, &samples.repeat(100)));
-    house.ok("convert r.npy -o r.mcap --period-s 1e-6");
+    let bursts = vec![bursts(); 100].concat();
+    house.write("r.parquet", parquet(&listed(&bursts)));
+    house.ok("convert r.parquet -o r.mcap --outputs samples --period-s 1e-6");
     let recording = Recording::open(&house.path("r.mcap"), Limits::default()).unwrap();
     let sizes: Vec<u64> = recording.blocks().map(|block| block.unwrap().bytes).collect();
     assert!(sizes.len() > 4 && sizes.iter().all(|n| *n <= 256 << 10), "{sizes:?}");
 }
 
 #[test]
-fn bad_arrays_are_refused_and_leave_no_recording() {
+fn bad_tables_are_refused_and_leave_no_recording() {
     let house = House::new();
-    let whole = npy("<i2", "(2, 3, 4)", &[1; 48]);
     let names = RecordBatch::try_from_iter([
         ("t", Arc::new(Float64Array::from(vec![0.0, 1.0])) as ArrayRef),
         ("who", Arc::new(StringArray::from(vec!["a", "b"])) as ArrayRef),
     ]);
-    let cases: [(&str, Vec<u8>, &str, i32, &str); 19] = [
-        ("a.npy", whole.clone(), "", 2, "--period-s"),
-        ("a.npy", whole.clone(), "--period-s 0", 2, "more than 0"),
-        ("a.npy", whole.clone(), "--period-s dt", 2, "without one named \"dt\""),
-        ("a.npy", whole.clone(), "--period-s 1 --burst b", 2, "of tables"),
-        ("a.npy", whole.clone(), "--period-s 1 --first-channel 4294967295", 2, "have no numbers"),
-        ("a.npy", whole.clone(), "--period-s 1 --start name", 2, "no time such as"),
-        ("a.npy", whole[..whole.len() - 1].to_vec(), "--period-s 1", 1, "ends within its array"),
-        ("a.npy", [whole.clone(), vec![0]].concat(), "--period-s 1", 1, "behind its array"),
-        ("a.npy", npy("<i2", "(2, 3, 4, 5)", &[]), "--period-s 1", 1, "4 axes"),
-        ("a.npy", npy("<i2", "(99999999, 3)", &[]), "--period-s 1", 1, "99999999 channels"),
-        ("a.npy", npy("<i2", "(0, 3)", &[]), "--period-s 1", 1, "without a number"),
-        ("a.npy", npy("<c8", "(2, 3)", &[]), "--period-s 1", 1, "c8"),
-        ("a.npy", npy("<i2", "(65536, 65536, 65536)", &[]), "--period-s 1", 1, "at most"),
+    let lists = parquet(&listed(&bursts()[..2]));
+    let elsewhere = "`import inkling` takes arrays; or export it as CSV or Parquet";
+    let cases: [(&str, Vec<u8>, &str, i32, &str); 11] = [
+        ("a.parquet", lists.clone(), "--outputs samples --time t_ns", 2, "--period-s"),
+        ("a.parquet", lists.clone(), "--period-s 0", 2, "more than 0"),
+        ("a.parquet", lists.clone(), "--period-s dt", 2, "no column \"dt\"; there are t_ns"),
         (
-            "a.npz",
-            npz(&[("x", whole.clone()), ("y", whole.clone())], Stored),
-            "--period-s 1",
-            1,
-            "there are x, y",
-        ),
-        (
-            "a.npz",
-            npz(&[("x", whole.clone())], Deflated),
-            "--outputs z --period-s 1",
+            "a.parquet",
+            lists,
+            "--outputs samples --period-s 1 --first-channel 4294967295",
             2,
-            "there are x",
+            "have no numbers",
         ),
-        ("a.npz", b"PK\x03\x04 and nothing".to_vec(), "--period-s 1", 1, "no .npz"),
         ("a.parquet", b"PAR1 and nothing".to_vec(), "", 1, "cannot be read"),
-        ("a.arrow", b"ARROW1\0\0 and nothing".to_vec(), "", 1, "cannot be read"),
         ("a.parquet", parquet(&names.unwrap()), "", 1, "column \"who\": values of type Utf8"),
+        ("a.csv", b"t,y\n0,1\n".to_vec(), "--period-s 1 --start name", 2, "no time such as"),
+        ("a.npy", b"\x93NUMPY\x01\x00".to_vec(), "", 2, elsewhere),
+        ("a.npz", b"PK\x03\x04".to_vec(), "", 2, elsewhere),
+        ("a.arrow", b"ARROW1\0\0".to_vec(), "", 2, elsewhere),
+        ("a.arrows", vec![0xff; 4], "", 2, elsewhere),
     ];
     for (name, bytes, options, code, says) in cases {
         house.write(name, bytes);
