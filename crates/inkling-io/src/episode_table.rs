@@ -169,12 +169,6 @@ mod tests {
     }
 
     #[test]
-    fn path_lies_beside_the_verdicts() {
-        let path = path_beside(Path::new("out/night.verdicts.parquet"));
-        assert_eq!(path, Path::new("out/night.episodes.parquet"));
-    }
-
-    #[test]
     fn schema_is_the_documented_one() {
         let page = include_str!("../../../schemas/episodes.md");
         is_documented(page, &row_table::schema(&COLUMNS, TimestampUnit::Ns));

@@ -85,7 +85,6 @@ mod thrift;
 pub mod truth_file;
 pub mod unpanicked;
 pub mod verdict_arrays;
-mod verdict_cells;
 mod verdict_chunk;
 mod verdict_columns;
 pub mod verdict_reader;

@@ -124,23 +124,7 @@ pub fn remove_earlier(dir: &Path, names: &[&str]) -> Result<(), FileError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fixtures::{assert_refused, names, place};
-
-    #[test]
-    fn an_earlier_result_is_replaced_and_nothing_else_is() {
-        let (_dir, path) = place("there");
-        let check = |content: &str, kind| {
-            std::fs::write(&path, content).unwrap();
-            check_file(&path, kind)
-        };
-        check("{\"models\": []}", ResultFile::Models).unwrap();
-        let told = "is there already, and is no page that inkling made";
-        assert_refused(check("{\"models\": []}", ResultFile::Page), &[told]);
-        assert!(check("somebody's", ResultFile::Models).is_err());
-        check("", ResultFile::Page).unwrap(); // nothing is lost
-        let device = check_file(Path::new("/dev/null"), ResultFile::Page);
-        assert_refused(device, &["/dev/null: cannot be looked into"]);
-    }
+    use crate::fixtures::{assert_refused, names};
 
     #[test]
     fn what_does_not_say_who_made_it_is_known_by_what_lies_beside_it() {

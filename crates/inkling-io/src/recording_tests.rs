@@ -7,7 +7,7 @@ use super::burst_codec::encode;
 use super::damage::{Damage, RecordingError};
 use super::dialect::Dialects;
 use super::file_error::FileError;
-use super::fixtures::{assert_refused, names, place};
+use super::fixtures::{assert_refused, place};
 use super::mcap_records::MESSAGE_HEADER;
 use super::recording::Recording;
 use super::recording_writer::{Compression, RecordingWriter, WriterOptions};
@@ -181,50 +181,6 @@ fn a_recording_without_summary_or_checksums_reads_the_same_but_cannot_say_what_i
         let recording = open(&path);
         assert_eq!((recording.expected, recording.channels_known_upfront), (None, false));
     }
-}
-
-#[test]
-fn blocks_may_be_read_in_any_order_by_any_reader_when_channels_are_known_upfront() {
-    let (_dir, path) = place("r.mcap");
-    write(&path, 40, WriterOptions { compression: Compression::Zstd, chunk_bytes: Some(300) });
-    let (recording, blocks) = (open(&path), blocks(&path));
-    assert!(blocks.len() > 5);
-    assert!(blocks.iter().enumerate().all(|(i, b)| b.index == i as u64));
-    let mut pieces: Vec<Vec<String>> = Vec::new();
-    for block in blocks.iter().rev() {
-        let piece = recording.reader().read(block);
-        assert!(piece.damage.is_empty() && piece.last);
-        pieces.push(texts_of(&piece.acquisitions));
-    }
-    assert_eq!(pieces.into_iter().rev().flatten().collect::<Vec<_>>(), texts(40));
-}
-
-#[test]
-fn pieces_of_a_block_are_the_block() {
-    let (_dir, path) = place("r.mcap");
-    write(&path, 20, WriterOptions::default());
-    let recording = open(&path);
-    let mut reader = recording.reader();
-    let mut found = Vec::new();
-    reader.load(&blocks(&path)[0]);
-    while let Some(piece) = reader.next_piece(6) {
-        let rows: usize = piece.acquisitions.iter().map(Acquisition::rows).sum();
-        assert!(rows == 6 || piece.last);
-        found.extend(piece.acquisitions);
-    }
-    assert_eq!(texts_of(&found), texts(20));
-    assert!(reader.next_piece(6).is_none());
-}
-
-#[test]
-fn a_recording_has_its_name_only_when_finished() {
-    let (dir, path) = place("r.mcap");
-    let mut writer = RecordingWriter::create(&path, WriterOptions::default()).unwrap();
-    writer.write(&burst(0), 0).unwrap();
-    let under_way = names(dir.path()).join(" ");
-    assert!(under_way.starts_with(".r.mcap.") && under_way.ends_with(".part"), "{under_way}");
-    drop(writer);
-    assert!(names(dir.path()).is_empty());
 }
 
 #[test]

@@ -54,12 +54,10 @@ const MOST_LINE_BYTES: u64 = 4 << 20;
 
 /// Kinds of JSON, each with keys that tell it. The first kind whose keys are all there is taken, so
 /// a kind with few keys stands after those that have the same keys and more.
-const BY_KEYS: [(ResultFile, &[&str]); 9] = [
+const BY_KEYS: [(ResultFile, &[&str]); 8] = [
     (ResultFile::Design, &["version", "sample_period_s", "pooled"]),
     (ResultFile::Critique, &["version", "verdict", "causes"]),
     (ResultFile::Chapter, &["version", "rounds", "conclusions"]),
-    // of a version before 2
-    (ResultFile::Chapter, &["seeds", "confusions"]),
     (ResultFile::Account, &["version", "totals", "recordings"]),
     (ResultFile::Journal, &["version", "recording", "outcome", "by"]),
     (ResultFile::Summary, &["version", "recording", "counts", "settings"]),
@@ -211,7 +209,7 @@ mod tests {
     #[test]
     fn a_file_says_what_it_is_and_those_of_others_say_nothing() {
         let (_dir, path) = place("there");
-        let page = inkling_lab::plot::page::page("a", "b");
+        let page = "<html><head><meta name=\"generator\" content=\"inkling\"><title>a</title>";
         let parquet = |footer: &[u8]| {
             [b"PAR1", footer, &(footer.len() as u32).to_le_bytes(), b"PAR1"].concat()
         };
@@ -229,7 +227,7 @@ mod tests {
             (br#"{"models": []}"#, Some(Models)),
             (br#"{"version": 2, "design": null, "printheads": {}}"#, Some(Baselines)),
             (br#"{"version": 1, "verdict": "none", "causes": []}"#, Some(Critique)),
-            (br#"{"seeds": [1], "values": {}, "confusions": {}}"#, Some(Chapter)),
+            (br#"{"version": 2, "rounds": 1, "conclusions": {}}"#, Some(Chapter)),
             (br#"{"version": 2, "totals": {}, "by": 1, "recordings": []}"#, Some(Account)),
             (journal, Some(Journal)),
             (br#"{"version":2,"recor"#, Some(Journal)),

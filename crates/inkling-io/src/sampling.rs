@@ -342,20 +342,6 @@ mod tests {
     }
 
     #[test]
-    fn gaps_in_a_grid_are_filled_and_what_was_measured_stays() {
-        let kept = |k: &i32| k % 7 != 3;
-        let times: Vec<f64> = (0..199).filter(kept).map(|k| 5.0 + f64::from(k) / 6.0).collect();
-        let sampled = sample(vec![decay(times, |t| (1.1 * t).sin())], "t", true).unwrap();
-        assert!((sampled.period * 6.0 - 1.0).abs() < 1e-9);
-        let y = &sampled.decays[0].outputs[0];
-        assert_eq!((y.len(), sampled.interpolated), (199, (0..199).filter(|k| !kept(k)).count()));
-        for (k, y) in y.iter().enumerate() {
-            let error = (y - (1.1 * (5.0 + k as f64 / 6.0)).sin()).abs();
-            assert!(error < if kept(&(k as i32)) { 1e-12 } else { 2e-3 }, "{k}: {error}");
-        }
-    }
-
-    #[test]
     fn a_spline_through_a_straight_line_is_the_line_and_misses_nothing_missing() {
         let mut decay = decay(vec![0.0, 0.7, 2.0, 3.1, 4.0, 5.2, 6.0], |t| 3.0 - 2.0 * t);
         decay.outputs[0][2] = f64::NAN;

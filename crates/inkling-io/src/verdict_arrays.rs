@@ -2,23 +2,19 @@
 //! caller in this process, instead of a file. The Python package takes them.
 //!
 //! In, from the pipeline's write stage: verdicts, batch by batch in the recording's order, and at
-//! the end the metadata document. Out: record batches with the table's schema. The cells come from
-//! the same functions as those of the file (`verdict_cells.rs`), so both say the same.
+//! the end the metadata document. Out: record batches with the table's schema.
 
-use super::column::{Numbers, RunColumn, Steps, text, text_of};
-use super::column_types::{TimestampUnit, times};
-use super::verdict_cells::{push_numbers, push_runs, push_steps, weights};
-use super::verdict_columns::{TableOptions, columns, dictionary, schema};
-use super::verdict_table::METADATA_KEY;
-use arrow_array::builder::Float32Builder;
+use super::column_types::times;
+use super::verdict_columns::{TableOptions, columns, names, schema, weight_field};
+use super::verdict_table::{METADATA_KEY, check_lengths};
+use arrow_array::types::Int32Type;
 use arrow_array::{
-    ArrayRef, DictionaryArray, Float32Array, RecordBatch, StringArray, UInt16Array, UInt32Array,
+    ArrayRef, DictionaryArray, FixedSizeListArray, Float32Array, Int32Array, RecordBatch,
+    StringArray, UInt16Array, UInt32Array,
 };
+use arrow_buffer::NullBuffer;
 use arrow_schema::{ArrowError, SchemaRef};
-use inkling_core::verdict::{Cells, Column, Verdicts};
-use parquet::arrow::ArrowSchemaConverter;
-use parquet::errors::{ParquetError, Result};
-use parquet::schema::types::ColumnDescPtr;
+use inkling_core::verdict::{Cells, Column, VerdictColumns, Verdicts};
 use std::sync::Arc;
 
 #[derive(Debug)]
@@ -37,12 +33,12 @@ impl VerdictArrays {
 
     /// Appends a batch of verdicts. An error means that its columns do not fit each other.
     pub fn write(&mut self, of: &Verdicts) -> Result<(), ArrowError> {
-        let failed = |e: ParquetError| ArrowError::InvalidArgumentError(e.to_string());
-        let described = ArrowSchemaConverter::new().convert(&self.schema).map_err(failed)?;
-        let array = |(k, column)| self.array(column, described.column(k), of).map_err(failed);
-        let arrays = columns(&self.options).enumerate().map(array).collect::<Result<_, _>>()?;
+        check_lengths(of)?;
+        let rows = of.spelled_out();
+        let array = |column| array(column, &rows, &self.options);
+        let arrays = columns(&self.options).map(array).collect::<Result<_, _>>()?;
         self.batches.push(RecordBatch::try_new(self.schema.clone(), arrays)?);
-        self.rows += of.len() as u64;
+        self.rows += rows.len() as u64;
         Ok(())
     }
 
@@ -52,86 +48,58 @@ impl VerdictArrays {
         self.schema = Arc::new(self.schema.as_ref().clone().with_metadata(metadata));
         self
     }
-
-    fn array(&self, column: &Column, described: ColumnDescPtr, of: &Verdicts) -> Result<ArrayRef> {
-        Ok(match &column.cells {
-            Cells::Time(_) | Cells::Channel(_) => {
-                // times stay ns here; they are converted to the table's unit with the whole array
-                let mut steps = Vec::with_capacity(of.len());
-                push_steps(&mut steps, column, of, TimestampUnit::Ns);
-                match &column.cells {
-                    Cells::Time(_) => {
-                        times(steps.into_iter().map(Some), self.options.timestamp_unit)
-                    }
-                    _ => Arc::new(steps.into_iter().map(|k| k as u32).collect::<UInt32Array>()),
-                }
-            }
-            Cells::Statistic(_) | Cells::Misfit(_) | Cells::Number(_) => {
-                let mut numbers = Float32Builder::with_capacity(of.len());
-                push_numbers(&mut numbers, column, of)?;
-                Arc::new(numbers.finish())
-            }
-            Cells::Weights => Arc::new(weights(of, self.options.classes.len())?),
-            cells => {
-                // the keys of runs become the keys of an Arrow dictionary; names of printheads are those of
-                // the batch
-                let known = match cells {
-                    Cells::Printhead(_) => of.rows.printheads.iter().map(|p| text(p)).collect(),
-                    _ => dictionary(column, &self.options),
-                };
-                let mut runs = RunColumn::new(described, known.into_iter());
-                push_runs(&mut runs, column, of)?;
-                let (keys, values) = runs.keys();
-                let value = |key: Option<i32>| key.map(|key| &values[key as usize][..]);
-                match cells {
-                    Cells::Model(_) => {
-                        // as Parquet has no 16-bit integers, the dictionary holds 32 bits; the low
-                        // two bytes count
-                        let model = |of: &[u8]| of.first_chunk().map(|of| u16::from_le_bytes(*of));
-                        let models = keys.iter().map(|key| value(key).and_then(model));
-                        Arc::new(models.collect::<UInt16Array>())
-                    }
-                    Cells::Threshold(_) => {
-                        let number = |of: &[u8]| of.first_chunk().map(|of| f32::from_le_bytes(*of));
-                        let numbers = keys.iter().map(|key| value(key).and_then(number));
-                        Arc::new(numbers.collect::<Float32Array>())
-                    }
-                    _ => {
-                        let texts = values.iter().map(|of| text_of(of));
-                        let texts = Arc::new(StringArray::from_iter_values(texts));
-                        Arc::new(DictionaryArray::try_new(keys, texts)?)
-                    }
-                }
-            }
-        })
-    }
 }
 
-impl Steps for Vec<i64> {
-    fn push(&mut self, start: i64, step: i64, rows: usize) {
-        self.extend((0..rows as i64).map(|row| start + step * row));
-    }
-}
-
-/// Numbers that are NaN become null, as in the file.
-impl Numbers for Float32Builder {
-    fn push(&mut self, of: &[f32]) -> Result<()> {
-        match of.iter().any(|v| v.is_nan()) {
-            false => self.append_slice(of),
-            true => self.extend(of.iter().map(|v| (!v.is_nan()).then_some(*v))),
+fn array(
+    column: &Column,
+    rows: &VerdictColumns,
+    options: &TableOptions,
+) -> Result<ArrayRef, ArrowError> {
+    Ok(match &column.cells {
+        Cells::Time(at) => times(at.of(rows).iter().copied().map(Some), options.timestamp_unit),
+        Cells::Channel(at) => Arc::new(UInt32Array::from(at.of(rows).to_vec())),
+        Cells::Model(at) => Arc::new(UInt16Array::from(at.of(rows).to_vec())),
+        Cells::Statistic(at) | Cells::Threshold(at) | Cells::Misfit(at) | Cells::Number(at) => {
+            // NaN becomes null, as in the file
+            let numbers = at.of(rows).iter().map(|number| number.filter(|v| !v.is_nan()));
+            Arc::new(numbers.collect::<Float32Array>())
         }
-        Ok(())
-    }
+        Cells::Weights => Arc::new(weights(rows, options.classes.len())?),
+        cells => {
+            let names = match cells {
+                Cells::Printhead(_) => rows.printheads.iter().map(|name| &**name).collect(),
+                _ => names(column, options),
+            };
+            let key = |row| cells.key(rows, row).map(|key| key as i32);
+            let keys: Int32Array = (0..rows.len()).map(key).collect();
+            let names = Arc::new(StringArray::from(names));
+            Arc::new(DictionaryArray::<Int32Type>::try_new(keys, names)?)
+        }
+    })
+}
 
-    fn push_nulls(&mut self, rows: usize) -> Result<()> {
-        self.append_nulls(rows);
-        Ok(())
+/// The weights of all rows as lists of `classes` numbers, null where a row has none: its signal is
+/// healthy, was rejected or was not named. An error if a row's weights lie beyond the columns'.
+pub fn weights(rows: &VerdictColumns, classes: usize) -> Result<FixedSizeListArray, ArrowError> {
+    let mut values = Vec::with_capacity(rows.len() * classes);
+    for start in &rows.weights_start {
+        let Some(start) = start.map(|start| start as usize) else {
+            values.resize(values.len() + classes, 0.0);
+            continue;
+        };
+        let of_row = rows.weights.get(start..start + classes);
+        let beyond = || ArrowError::InvalidArgumentError("weights beyond the last one".into());
+        values.extend_from_slice(of_row.ok_or_else(beyond)?);
     }
+    let valid = rows.weights_start.iter().map(Option::is_some).collect::<Vec<bool>>();
+    let (values, valid) = (Arc::new(Float32Array::from(values)), Some(NullBuffer::from(valid)));
+    FixedSizeListArray::try_new(weight_field(), classes as i32, values, valid)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::column_types::TimestampUnit;
     use crate::fixtures::place;
     use crate::verdict_table::tests::{options, rows_and_runs, write};
     use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;

@@ -3,7 +3,6 @@
 //! and `schemas/verdicts.md`. The writer of the file (`verdict_table.rs`) and that of arrays
 //! (`verdict_arrays.rs`) both follow this.
 
-use super::column;
 use super::column_types::{TimestampUnit, text, time};
 use arrow_schema::{DataType, Field, Schema};
 use inkling_core::verdict::{COLUMNS, Cells, Column, Outcome, Reason, Test};
@@ -77,16 +76,15 @@ pub fn properties(options: &TableOptions) -> WriterProperties {
         .build()
 }
 
-/// For a column that is kept as runs: the values that are known before there are any rows, encoded
-/// PLAIN. The key of a value is its place in this list, as `verdict_cells.rs` relies on. Columns
-/// whose values come with the rows begin empty.
-pub fn dictionary(column: &Column, options: &TableOptions) -> Vec<Vec<u8>> {
-    let texts = |of: &[String]| of.iter().map(|v| column::text(v)).collect();
+/// The names that the keys of a column refer to ([`Cells::key`]), as far as they are known before
+/// there are any rows: all but those of printheads.
+pub fn names<'a>(column: &Column, options: &'a TableOptions) -> Vec<&'a str> {
+    let texts = |of: &'a [String]| of.iter().map(String::as_str).collect();
     match column.cells {
-        Cells::Recording => vec![column::text(&options.recording)],
-        Cells::Outcome(_) => Outcome::ALL.map(|o| column::text(o.as_str())).to_vec(),
-        Cells::Test(_) => Test::ALL.map(|t| column::text(t.as_str())).to_vec(),
-        Cells::Reason(_) => Reason::ALL.map(|r| column::text(r.as_str())).to_vec(),
+        Cells::Recording => vec![&options.recording],
+        Cells::Outcome(_) => Outcome::ALL.map(Outcome::as_str).to_vec(),
+        Cells::Test(_) => Test::ALL.map(Test::as_str).to_vec(),
+        Cells::Reason(_) => Reason::ALL.map(Reason::as_str).to_vec(),
         Cells::Category(_) => texts(&options.categories),
         Cells::Class(_) => texts(&options.classes),
         _ => Vec::new(),

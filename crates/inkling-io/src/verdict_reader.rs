@@ -207,7 +207,7 @@ impl Names {
 pub(super) mod tests {
     use super::*;
     use crate::fixtures::{assert_refused, place};
-    use crate::verdict_table::tests::{options, rows, write as write_verdicts};
+    use crate::verdict_table::tests::options;
     use crate::verdict_table::{TableOptions, TimestampUnit};
     use arrow_array::{
         ArrayRef, Int64Array, StringArray, StringViewArray, TimestampMicrosecondArray,
@@ -342,13 +342,5 @@ pub(super) mod tests {
         refused("severity", Some(Arc::new(StringArray::from(vec!["a", "b"]))));
         std::fs::write(&path, "not parquet").unwrap();
         assert!(matches!(VerdictReader::open(&path), Err(TableError::Parquet { .. })));
-    }
-
-    #[test]
-    fn a_table_of_no_rows_reads_as_no_rows() {
-        let (_dir, path) = place("t.parquet");
-        write_verdicts(&path, options(true, TimestampUnit::Ns), &[rows(0, 0, &[]).into()]);
-        let (batches, _) = read_all(VerdictReader::open(&path).unwrap());
-        assert_eq!(batches.iter().map(VerdictColumns::len).sum::<usize>(), 0);
     }
 }

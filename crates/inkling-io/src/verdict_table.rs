@@ -218,7 +218,7 @@ impl RowGroup {
 }
 
 /// A batch whose vectors are not as long as its rows and runs say is an error and no panic.
-fn check_lengths(batch: &Verdicts) -> Result<(), ArrowError> {
+pub(super) fn check_lengths(batch: &Verdicts) -> Result<(), ArrowError> {
     let wrong = |what: String| Err(ArrowError::InvalidArgumentError(what));
     let (rows, lengths) = (batch.rows.len(), batch.rows.lengths());
     if lengths.iter().any(|&n| n != rows) {
@@ -247,7 +247,7 @@ pub(super) mod tests {
     use inkling_core::verdict::{
         COLUMNS, Cells, HealthyRun, Outcome, Reason, Test, VerdictColumns,
     };
-    use rand::{RngExt, SeedableRng};
+    use rand::RngExt;
     use rand_chacha::ChaCha8Rng;
 
     pub(crate) fn options(weights: bool, timestamp_unit: TimestampUnit) -> TableOptions {
@@ -376,55 +376,6 @@ pub(super) mod tests {
         let (dir, path) = place("r.verdicts.parquet");
         drop(VerdictWriter::create(&path, options(false, TimestampUnit::Ns)).unwrap());
         assert!(names(dir.path()).is_empty());
-    }
-
-    /// A run as the rows that it stands for.
-    fn spelled_out(run: &HealthyRun, tests: &Tests, printheads: &[Arc<str>]) -> VerdictColumns {
-        let mut c = VerdictColumns { printheads: printheads.to_vec(), ..Default::default() };
-        for (channel, signal) in (run.first_channel..).zip(run.signals.clone()) {
-            let beside = tests.beside[signal];
-            let misfit = tests.misfit[signal];
-            c.acquired_at_ns.push(run.t_ns);
-            c.printhead.push(run.printhead);
-            c.channel.push(channel);
-            c.outcome.push(Outcome::Healthy);
-            c.statistic.push(Some(tests.statistic[signal]));
-            c.threshold.push(Some(if beside { run.beside } else { run.threshold }));
-            c.test.push(Some(if beside { Test::Misfit } else { run.along }));
-            c.misfit.push((!misfit.is_nan()).then_some(misfit));
-            c.model.push(Some(run.model));
-            c.fill_up();
-        }
-        c
-    }
-
-    #[test]
-    fn property_runs_of_healthy_signals_are_the_rows_that_they_stand_for() {
-        let mut rng = ChaCha8Rng::seed_from_u64(15);
-        let (_dir, path) = place("r.verdicts.parquet");
-        for with_weights in [false, true] {
-            let batches: Vec<Verdicts> = (0..30).map(|k| rows_and_runs(&mut rng, k)).collect();
-            let one_by_one = batches.iter().flat_map(|of| {
-                of.parts.iter().map(|part| match part {
-                    Part::Healthy(run) => spelled_out(run, &of.tests, &of.rows.printheads).into(),
-                    Part::Rows(_) => Verdicts {
-                        parts: vec![part.clone()],
-                        rows: of.rows.clone(),
-                        ..Default::default()
-                    },
-                })
-            });
-            let [runs, one_by_one] = [batches.clone(), one_by_one.collect()].map(|of| {
-                let rows = write(&path, options(with_weights, TimestampUnit::Us), &of);
-                let (found, lists) = read_all(VerdictReader::open(&path).unwrap());
-                std::fs::remove_file(&path).unwrap();
-                let texts = row_texts(&found, &lists);
-                assert_eq!(texts.len(), rows);
-                texts
-            });
-            assert!(runs.len() > 1000);
-            assert_eq!(runs, one_by_one);
-        }
     }
 
     #[test]

@@ -6,7 +6,8 @@
 //! of a cell, the variant of [`Cells`], and the column's name in the file. Their meaning stands in
 //! `schemas/verdicts.md`.
 
-use super::{Outcome, Reason, Test};
+use super::{HealthyRun, Outcome, Reason, Test};
+use std::ops::Range;
 use std::sync::Arc;
 
 pub struct Column {
@@ -45,6 +46,40 @@ pub enum Cells {
 pub struct CellsAt<T: 'static> {
     cells: fn(&VerdictColumns) -> &[T],
     vec: fn(&mut VerdictColumns) -> &mut Vec<T>,
+}
+
+impl Cells {
+    /// A cell as a number, where a cell is a name or repeats over many rows: the place of the name
+    /// in its list ([`Outcome::ALL`], the run's classes, and so on), or the bits of a threshold.
+    /// `None`: it is null, or the cells are of another kind.
+    pub fn key(&self, of: &VerdictColumns, row: usize) -> Option<u32> {
+        match self {
+            Cells::Recording => Some(0),
+            Cells::Printhead(at) => Some(at.of(of)[row]),
+            Cells::Outcome(at) => Some(at.of(of)[row] as u32),
+            Cells::Category(at) | Cells::Class(at) | Cells::Model(at) => {
+                at.of(of)[row].map(u32::from)
+            }
+            Cells::Test(at) => at.of(of)[row].map(|test| test as u32),
+            Cells::Reason(at) => at.of(of)[row].map(|reason| reason as u32),
+            Cells::Threshold(at) => at.of(of)[row].map(f32::to_bits),
+            _ => None,
+        }
+    }
+
+    /// The keys of the signals of a run: of those that the first test decided, and of those that
+    /// the second did.
+    pub fn keys_of_run(&self, run: &HealthyRun) -> [Option<u32>; 2] {
+        match self {
+            Cells::Recording => [Some(0); 2],
+            Cells::Printhead(_) => [Some(run.printhead); 2],
+            Cells::Outcome(_) => [Some(Outcome::Healthy as u32); 2],
+            Cells::Model(_) => [Some(run.model.into()); 2],
+            Cells::Test(_) => [run.along, Test::Misfit].map(|test| Some(test as u32)),
+            Cells::Threshold(_) => [run.threshold, run.beside].map(|value| Some(value.to_bits())),
+            _ => [None; 2],
+        }
+    }
 }
 
 impl<T> CellsAt<T> {
@@ -99,6 +134,13 @@ macro_rules! columns {
             pub fn fill_up(&mut self) {
                 let rows = self.len();
                 $(self.$nullable.resize(rows, None);)*
+            }
+
+            /// Appends these rows of other columns, but for their weights.
+            pub fn extend(&mut self, of: &VerdictColumns, rows: Range<usize>) {
+                self.$first.extend_from_slice(&of.$first[rows.clone()]);
+                $(self.$required.extend_from_slice(&of.$required[rows.clone()]);)*
+                $(self.$nullable.extend_from_slice(&of.$nullable[rows.clone()]);)*
             }
 
             pub fn lengths(&self) -> Vec<usize> {

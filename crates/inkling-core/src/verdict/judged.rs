@@ -5,7 +5,7 @@
 //! and ranges of rows in the recording's order. The signals of a run differ in their channel number,
 //! which counts up by one, and in what stands in [`Tests`]; all else stands once.
 
-use super::{Test, VerdictColumns};
+use super::{Outcome, Test, VerdictColumns};
 use std::ops::Range;
 
 /// What the tests found, one entry per signal of the batch, whatever became of it.
@@ -54,6 +54,25 @@ pub struct HealthyRun {
     pub beside: f32,
 }
 
+impl HealthyRun {
+    fn spell_out(&self, tests: &Tests, to: &mut VerdictColumns) {
+        for (k, signal) in (0u32..).zip(self.signals.clone()) {
+            let (beside, misfit) = (tests.beside[signal], tests.misfit[signal]);
+            to.acquired_at_ns.push(self.t_ns);
+            to.printhead.push(self.printhead);
+            to.channel.push(self.first_channel + k);
+            to.outcome.push(Outcome::Healthy);
+            to.statistic.push(Some(tests.statistic[signal]));
+            to.threshold.push(Some(if beside { self.beside } else { self.threshold }));
+            to.test.push(Some(if beside { Test::Misfit } else { self.along }));
+            to.misfit.push(Some(misfit).filter(|misfit| !misfit.is_nan()));
+            to.model.push(Some(self.model));
+            to.fill_up();
+        }
+        to.weights_start.resize(to.len(), None);
+    }
+}
+
 #[derive(Clone, Debug, PartialEq)]
 pub enum Part {
     Healthy(HealthyRun),
@@ -80,6 +99,24 @@ impl Verdicts {
 
     pub fn is_empty(&self) -> bool {
         self.parts.is_empty()
+    }
+
+    /// All rows in their order, the signals of a run each as a row of its own.
+    pub fn spelled_out(&self) -> VerdictColumns {
+        let (rows, printheads) = (&self.rows, self.rows.printheads.clone());
+        let weights = rows.weights.clone();
+        let mut all = VerdictColumns { printheads, weights, ..VerdictColumns::default() };
+        for part in &self.parts {
+            match part {
+                Part::Healthy(run) => run.spell_out(&self.tests, &mut all),
+                Part::Rows(range) => {
+                    all.extend(rows, range.clone());
+                    let start = |row: usize| rows.weights_start.get(row).copied().flatten();
+                    all.weights_start.extend(range.clone().map(start));
+                }
+            }
+        }
+        all
     }
 
     /// Adds the rows that were pushed to `rows` since the last call to the parts.

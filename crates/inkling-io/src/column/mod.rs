@@ -25,35 +25,20 @@ mod pages;
 mod runs;
 mod steps;
 
-use parquet::errors::Result;
-
-/// Takes whole numbers that mostly go on by equal steps.
-pub trait Steps {
-    /// The next `rows` rows: `start`, `start` + `step`, and so on.
-    fn push(&mut self, start: i64, step: i64, rows: usize);
-}
-
-/// Takes numbers that differ from row to row, or are mostly null.
-pub trait Numbers {
-    /// The next rows; NaN is null.
-    fn push(&mut self, of: &[f32]) -> Result<()>;
-
-    fn push_nulls(&mut self, rows: usize) -> Result<()>;
-}
-
 pub use numbers::NumberColumn;
-pub use runs::{RunColumn, text, text_of};
+pub use runs::{RunColumn, text};
 pub use steps::StepColumn;
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use arrow_array::cast::AsArray;
-    use arrow_array::types::{Float32Type, Int64Type, UInt32Type};
+    use arrow_array::types::{Float32Type, Int32Type, Int64Type, UInt32Type};
     use arrow_array::{Array, ArrayRef, RecordBatch};
     use bytes::Bytes;
     use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
     use parquet::basic::Encoding;
+    use parquet::errors::Result;
     use parquet::file::statistics::Statistics;
     use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
     use parquet::schema::parser::parse_message_type;
@@ -68,7 +53,7 @@ mod tests {
     fn read_back(
         schema: &str,
         column: impl FnOnce(ColumnDescPtr, &mut Group) -> Result<()>,
-    ) -> (Vec<ArrayRef>, Statistics) {
+    ) -> (Vec<ArrayRef>, Option<Statistics>) {
         let schema = Arc::new(parse_message_type(schema).unwrap());
         let mut file = SerializedFileWriter::new(Vec::new(), schema, Default::default()).unwrap();
         let of = file.schema_descr().column(0);
@@ -77,7 +62,7 @@ mod tests {
         group.close().unwrap();
         let bytes = Bytes::from(file.into_inner().unwrap());
         let reader = ParquetRecordBatchReaderBuilder::try_new(bytes).unwrap();
-        let statistics = reader.metadata().row_group(0).column(0).statistics().unwrap().clone();
+        let statistics = reader.metadata().row_group(0).column(0).statistics().cloned();
         let batches = reader.with_batch_size(1000).build().unwrap();
         let first = |batch: RecordBatch| batch.column(0).clone();
         (batches.map(|batch| first(batch.unwrap())).collect(), statistics)
@@ -108,7 +93,7 @@ mod tests {
             });
             let found = found.iter().flat_map(|a| a.as_primitive::<Int64Type>().values().to_vec());
             assert_eq!(found.collect::<Vec<_>>(), expected, "round {round}");
-            let Statistics::Int64(of) = statistics else { panic!("of another type") };
+            let Some(Statistics::Int64(of)) = statistics else { panic!("of another type") };
             assert_eq!(of.min_opt(), expected.iter().min());
             assert_eq!(of.max_opt(), expected.iter().max());
         }
@@ -132,7 +117,7 @@ mod tests {
             });
             let found = found.iter().flat_map(|a| a.as_primitive::<UInt32Type>().values().to_vec());
             assert_eq!(found.collect::<Vec<_>>(), expected, "round {round}");
-            let Statistics::Int32(of) = statistics else { panic!("of another type") };
+            let Some(Statistics::Int32(of)) = statistics else { panic!("of another type") };
             assert_eq!(of.min_opt().map(|v| *v as u32), expected.iter().min().copied());
             assert_eq!(of.max_opt().map(|v| *v as u32), expected.iter().max().copied());
         }
@@ -165,12 +150,44 @@ mod tests {
             let found: Vec<Option<f32>> =
                 found.iter().flat_map(|a| a.as_primitive::<Float32Type>().iter()).collect();
             assert_eq!(found, expected);
-            let Statistics::Float(of) = statistics else { panic!("of another type") };
+            let Some(Statistics::Float(of)) = statistics else { panic!("of another type") };
             let numbers = || expected.iter().flatten().copied();
             assert_eq!(of.min_opt().copied(), numbers().reduce(f32::min));
             assert_eq!(of.max_opt().copied(), numbers().reduce(f32::max));
             let nulls = expected.iter().filter(|v| v.is_none()).count() as u64;
             assert_eq!(of.null_count_opt(), Some(nulls));
+        }
+    }
+
+    /// Dictionaries of 1 to 2^18 values, so keys of all widths up to 18 bits.
+    #[test]
+    fn property_runs_of_few_and_of_many_values_are_read_back() {
+        let mut rng = ChaCha8Rng::seed_from_u64(8);
+        for round in 0..40 {
+            let most = 1i32 << (round % 19);
+            let longest = [1, 3, 9, 40, 5000][round % 5];
+            let mut expected: Vec<Option<i32>> = Vec::new();
+            let (found, _) = read_back("message m { optional int32 k; }", |of, group| {
+                let values = (0..most).map(|value| value.to_le_bytes().to_vec());
+                let mut column = RunColumn::new(of, values);
+                for _ in 0..rng.random_range(1..60) {
+                    let rows = rng.random_range(1..=longest);
+                    let value = rng.random_range(0..most);
+                    if rng.random_bool(0.3) {
+                        let which: Vec<bool> = (0..rows).map(|_| rng.random_bool(0.4)).collect();
+                        column.push_either([0, value as u32], &which)?;
+                        expected.extend(which.iter().map(|&of| Some(value * i32::from(of))));
+                        continue;
+                    }
+                    let value = Some(value).filter(|_| rng.random_bool(0.8));
+                    column.push(value.map(|value| value as u32), rows)?;
+                    expected.extend(std::iter::repeat_n(value, rows));
+                }
+                column.close(false)?.append_to(group)
+            });
+            let found: Vec<Option<i32>> =
+                found.iter().flat_map(|a| a.as_primitive::<Int32Type>().iter()).collect();
+            assert_eq!(found, expected, "round {round}");
         }
     }
 
@@ -182,7 +199,7 @@ mod tests {
             column.close()?.append_to(group)
         });
         assert_eq!(found[0].null_count(), 3);
-        let Statistics::Float(of) = statistics else { panic!("of another type") };
+        let Some(Statistics::Float(of)) = statistics else { panic!("of another type") };
         assert_eq!((of.min_opt(), of.null_count_opt()), (None, Some(3)));
     }
 }

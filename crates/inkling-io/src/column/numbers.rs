@@ -8,7 +8,6 @@
 //! significance resemble each other, so they compress well), or PLAIN for readers that do not know
 //! it.
 
-use super::Numbers;
 use super::hybrid::Hybrid;
 use super::pages::{ClosedPage, ColumnPages};
 use parquet::basic::Encoding;
@@ -36,29 +35,6 @@ pub struct NumberColumn {
     pages: Vec<ClosedPage>,
 }
 
-impl Numbers for NumberColumn {
-    fn push_nulls(&mut self, rows: usize) -> Result<()> {
-        self.levels.push(0, rows as u32); // rows of a row group at most
-        self.nulls += rows as u64;
-        self.go_on(rows)
-    }
-
-    fn push(&mut self, of: &[f32]) -> Result<()> {
-        // stretches of numbers and stretches of NaN in turns
-        for run in of.chunk_by(|p, q| p.is_nan() == q.is_nan()) {
-            match run[0].is_nan() {
-                true => self.push_nulls(run.len())?,
-                false => {
-                    self.levels.push(1, run.len() as u32);
-                    self.values.extend(run);
-                    self.go_on(run.len())?;
-                }
-            }
-        }
-        Ok(())
-    }
-}
-
 impl NumberColumn {
     /// A column without rows. `encoding`: BYTE_STREAM_SPLIT or PLAIN.
     pub fn new(column: ColumnDescPtr, encoding: Encoding) -> NumberColumn {
@@ -72,6 +48,28 @@ impl NumberColumn {
             span: None,
             pages: Vec::new(),
         }
+    }
+
+    pub fn push_nulls(&mut self, rows: usize) -> Result<()> {
+        self.levels.push(0, rows as u32); // rows of a row group at most
+        self.nulls += rows as u64;
+        self.go_on(rows)
+    }
+
+    /// The next rows; NaN is null.
+    pub fn push(&mut self, of: &[f32]) -> Result<()> {
+        // stretches of numbers and stretches of NaN in turns
+        for run in of.chunk_by(|p, q| p.is_nan() == q.is_nan()) {
+            match run[0].is_nan() {
+                true => self.push_nulls(run.len())?,
+                false => {
+                    self.levels.push(1, run.len() as u32);
+                    self.values.extend(run);
+                    self.go_on(run.len())?;
+                }
+            }
+        }
+        Ok(())
     }
 
     /// Bytes held, about: values and pages; the levels are small beside them and are not counted.

@@ -2,15 +2,12 @@
 //! distinct value stands once in a dictionary; rows are keys (indices) into it.
 //!
 //! In: keys with a number of rows each, from `verdict_chunk.rs`. Out: a dictionary page and one
-//! data page (RLE_DICTIONARY), or the keys as an Arrow array. Until the row group ends, a run of
-//! rows is one [`Run`]. Where two values take turns row by row, such as the test that decided, runs
+//! data page (RLE_DICTIONARY). Until the row group ends, a run of rows is one [`Run`]. Where two values take turns row by row, such as the test that decided, runs
 //! of single rows would be many, so a run of "either of two keys" is kept, with one flag for each
 //! row.
 
 use super::hybrid::Hybrid;
 use super::pages::{ClosedPage, ColumnPages};
-use arrow_array::Int32Array;
-use arrow_array::builder::Int32Builder;
 use parquet::basic::Encoding;
 use parquet::errors::{ParquetError, Result};
 use parquet::file::statistics::Statistics;
@@ -48,11 +45,6 @@ enum Run {
 pub fn text(value: &str) -> Vec<u8> {
     let length = value.len() as u32; // names are far shorter
     [&length.to_le_bytes(), value.as_bytes()].concat()
-}
-
-/// The text that [`text`] encoded; empty if `value` is no such encoding.
-pub fn text_of(value: &[u8]) -> &str {
-    value.get(size_of::<u32>()..).and_then(|of| str::from_utf8(of).ok()).unwrap_or_default()
 }
 
 impl RunColumn {
@@ -135,23 +127,6 @@ impl RunColumn {
     /// Bytes held, about: a value of the dictionary is counted as 64 bytes.
     pub fn memory(&self) -> usize {
         self.runs.len() * size_of::<Run>() + self.which.len() + self.dictionary.len() * 64
-    }
-
-    /// Ends the column as the two parts of an Arrow dictionary array: keys by row, and values.
-    pub fn keys(self) -> (Int32Array, Vec<Vec<u8>>) {
-        let mut out = Int32Builder::with_capacity(self.rows as usize);
-        let mut which = self.which.iter();
-        for run in self.runs {
-            match run {
-                Run::Same { key: NULL, rows } => out.append_nulls(rows as usize),
-                Run::Same { key, rows } => out.append_value_n(key as i32, rows as usize),
-                Run::Either { keys, rows } => {
-                    let which = which.by_ref().take(rows as usize);
-                    out.extend(which.map(|&second| Some(keys[usize::from(second)] as i32)));
-                }
-            }
-        }
-        (out.finish(), self.dictionary)
     }
 
     pub fn close(self, statistics: bool) -> Result<ColumnPages> {

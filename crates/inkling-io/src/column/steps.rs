@@ -1,13 +1,13 @@
 //! Encodes a required column of whole numbers that mostly go on by equal steps: times and channels.
 //!
-//! In: `start`, `step`, `rows`, by [`Steps::push`]. Out: one page in DELTA_BINARY_PACKED: the first
+//! In: `start`, `step`, `rows`, by [`StepColumn::push`]. Out: one page in DELTA_BINARY_PACKED: the first
 //! number, then the differences from each number to the next, in blocks of 128. A block is its
 //! least difference, then four widths in bits, then four parts of 32 numbers: how far each
 //! difference lies above the least one, packed in its part's width. In a block of equal steps all
 //! lie 0 above, which takes no bits, so the block takes a few bytes.
 
+use super::bits;
 use super::pages::{ClosedPage, ColumnPages};
-use super::{Steps, bits};
 use parquet::basic::{Encoding, Type};
 use parquet::errors::Result;
 use parquet::file::statistics::Statistics;
@@ -29,8 +29,14 @@ pub struct StepColumn {
     rows: u32,
 }
 
-impl Steps for StepColumn {
-    fn push(&mut self, start: i64, step: i64, rows: usize) {
+impl StepColumn {
+    pub fn new(column: ColumnDescPtr) -> StepColumn {
+        let (block, blocks) = (Vec::with_capacity(BLOCK), Vec::new());
+        StepColumn { column, first: 0, last: 0, span: (i64::MAX, i64::MIN), block, blocks, rows: 0 }
+    }
+
+    /// The next `rows` rows: `start`, `start` + `step`, and so on.
+    pub fn push(&mut self, start: i64, step: i64, rows: usize) {
         let Some(more) = rows.checked_sub(1) else { return };
         // numbers between the ends of a run lie between them, so the ends suffice for the span
         let last = start.wrapping_add(step.wrapping_mul(more as i64));
@@ -57,13 +63,6 @@ impl Steps for StepColumn {
                 left -= some;
             }
         }
-    }
-}
-
-impl StepColumn {
-    pub fn new(column: ColumnDescPtr) -> StepColumn {
-        let (block, blocks) = (Vec::with_capacity(BLOCK), Vec::new());
-        StepColumn { column, first: 0, last: 0, span: (i64::MAX, i64::MIN), block, blocks, rows: 0 }
     }
 
     pub fn memory(&self) -> usize {

@@ -68,23 +68,6 @@ fn later_beats_earlier_and_narrower_beats_wider() {
 }
 
 #[test]
-fn states_that_nobody_declared_are_refused_with_the_nearest_names() {
-    let (_dir, path) = place("labels.csv");
-    let declared = |state: &str| {
-        std::fs::write(&path, format!("{HEADER}\np,1,,,ignore,\np,1,,,{state},\n")).unwrap();
-        read_states(LabelSource::File(&path), States::Declared(&["Verstopfung"]))
-    };
-    declared("Verstopfung").unwrap();
-    for (state, says) in [
-        ("Verstopfug", "did you mean Verstopfung?"),
-        ("unknown", "there are healthy, ignore, EC"),
-        ("SDM", "did you mean SDN"),
-    ] {
-        assert_refused(declared(state), &[says, "line 3", "--new-class"]);
-    }
-}
-
-#[test]
 fn bad_rows_are_named_by_line() {
     for (row, word) in [
         ("p,x,,,healthy,", "channel"),
