@@ -11,7 +11,7 @@ mod judged;
 pub use columns::{COLUMNS, Cells, CellsAt, Column, VerdictColumns};
 pub use judged::{HealthyRun, Part, Tests, Verdicts};
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// An enum with the names that tables write: lines `Variant "name";` or `Variant "name" "words";`.
@@ -102,7 +102,7 @@ impl Appearance {
 
 named! {
     /// Why a signal was rejected, or why a faulty one is undecided.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
     #[serde(rename_all = "snake_case")]
     Reason {
         // of a signal, or of a whole burst (`is_of_burst`): rejected

@@ -3,18 +3,18 @@
 //! In: a file, and which columns are what. Out: a [`Table`]. If the
 //! cells of the output columns are numbers, a row is an instant, and rows are gathered to decays as
 //! from CSV. If the cells are lists, a row is a burst: its lists are the channels in the order of
-//! the columns, and of a list of lists every inner list is a channel. The result then consists of
-//! [`Matrix`]es (channels x samples).
+//! the columns, and of a list of lists every inner list is a channel.
 //!
 //! Files may be hostile: claimed sizes are checked before a library allocates by them
 //! (`parquet_file`), and a panic of a library becomes an error.
 
 use super::arrow_cells::{self, counted, inside, is_list, is_list_of_lists, unit};
 use super::file_error::FileError;
-use super::matrix::Matrix;
 use super::mcap_records::MAGIC;
 use super::parquet_file::{self, ParquetFile};
-use super::table_file::{ChosenColumns, Columns, Content, Rows, Table, choose_columns, unread};
+use super::table_file::{
+    ChosenColumns, Columns, Decay, MOST_CELLS, Rows, Table, choose_columns, unread,
+};
 use super::unpanicked::unpanicked;
 use super::{Limits, printable, regular_file, result_file};
 use arrow_array::cast::AsArray;
@@ -25,8 +25,6 @@ use std::path::Path;
 
 /// Rows that are read at once.
 const BATCH_ROWS: usize = 4096;
-/// Most bytes of the samples of all bursts that are held in memory.
-const MOST_SAMPLES_BYTES: usize = 1 << 27;
 
 /// What kind of table a file is, by its first bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -96,13 +94,12 @@ fn read_batches(path: &Path, columns: &Columns) -> Result<Table, FileError> {
                     let printhead = row.name(chosen.printhead, "printhead")?;
                     rows.add(line, &burst, &printhead, |c| row.number(c))
                 }),
-                true => row.burst().and_then(|burst| {
-                    held += burst.samples.len();
+                true => row.burst(line).and_then(|burst| {
+                    held += burst.outputs.iter().map(Vec::len).sum::<usize>();
                     bursts.push(burst);
-                    let most = MOST_SAMPLES_BYTES;
                     let too_many =
-                        || format!("more than {most} bytes of samples; cut it into several");
-                    (held <= most).then_some(()).ok_or_else(too_many)
+                        || format!("more than {MOST_CELLS} samples; cut the table into several");
+                    (held <= MOST_CELLS).then_some(()).ok_or_else(too_many)
                 }),
             };
             added.map_err(|what| FileError::failed(path, format!("row {line}: {what}")))?;
@@ -118,10 +115,10 @@ fn read_batches(path: &Path, columns: &Columns) -> Result<Table, FileError> {
     let outputs = if several { Vec::new() } else { chosen.output_names() };
     // `rows` gives no table if it is empty; then the table is that of the bursts
     Ok(rows.table(time.clone()).unwrap_or_else(|| Table {
-        first_time: bursts.iter().find_map(|burst: &Matrix| burst.time),
         time,
         outputs,
-        content: Content::Bursts(bursts),
+        decays: bursts,
+        rows_are_bursts: true,
     }))
 }
 
@@ -167,15 +164,14 @@ impl Row<'_> {
     }
 
     /// The burst of a row whose cells are lists.
-    fn burst(&self) -> Result<Matrix, String> {
+    fn burst(&self, line: u64) -> Result<Decay, String> {
         let chosen = self.chosen;
-        let matrix = matrix(chosen.outputs.iter().map(|&c| &self.columns[c]), self.row)?;
+        let outputs = channels(chosen.outputs.iter().map(|&c| &self.columns[c]), self.row)?;
         let cell = |c: usize| self.number(c).map_err(|what| chosen.of_column(c, &what));
-        let time = chosen.time.map(cell).transpose()?;
+        let times = chosen.time.into_iter().map(cell).collect::<Result<_, _>>()?;
         let printhead = self.name(chosen.printhead, "printhead")?;
         let beside = chosen.beside.iter().map(|&c| cell(c)).collect::<Result<_, _>>()?;
-        let printhead = Some(printhead).filter(|name| !name.is_empty());
-        Ok(Matrix { time, printhead, beside, ..matrix })
+        Ok(Decay { name: String::new(), printhead, line, times, outputs, beside })
     }
 }
 
@@ -192,8 +188,11 @@ fn with_unit(name: &str, of: &DataType) -> String {
     if name.ends_with(end) { name.to_owned() } else { format!("{name}{end}") }
 }
 
-/// The samples of a row of lists, as a matrix without time, printhead and covariates.
-fn matrix<'a>(lists: impl Iterator<Item = &'a ArrayRef>, row: usize) -> Result<Matrix, String> {
+/// The samples of a row of lists, channel by channel.
+fn channels<'a>(
+    lists: impl Iterator<Item = &'a ArrayRef>,
+    row: usize,
+) -> Result<Vec<Vec<f64>>, String> {
     let mut channels: Vec<ArrayRef> = Vec::new();
     for list in lists {
         let of_row = inside(list, row).ok_or("no samples")?;
@@ -216,15 +215,11 @@ fn matrix<'a>(lists: impl Iterator<Item = &'a ArrayRef>, row: usize) -> Result<M
         return Err(format!("{} channels of {n} samples: too large for a burst", channels.len()));
     }
 
-    let mut numbers = Vec::with_capacity(channels.len() * n);
-    for channel in channels.iter().map(counted) {
-        for k in 0..n {
-            let x = number(&channel, k).map_err(|of| format!("lists of {of}, not of numbers"))?;
-            numbers.push(x);
-        }
-    }
-    let matrix = Matrix::of(channels.len(), n, numbers.into_iter());
-    matrix.ok_or_else(|| "too large for a burst".into())
+    let sample = |channel: &ArrayRef, k: usize| {
+        number(channel, k).map_err(|of| format!("lists of {of}, not of numbers"))
+    };
+    let channels = channels.iter().map(counted);
+    channels.map(|channel| (0..n).map(|k| sample(&channel, k)).collect()).collect()
 }
 
 fn number(array: &ArrayRef, row: usize) -> Result<f64, String> {

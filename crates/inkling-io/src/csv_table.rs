@@ -153,16 +153,14 @@ fn unquoted(cell: &str) -> &str {
 
 #[cfg(test)]
 mod tests {
-    use super::super::table_file::{Content, Decay};
+    use super::super::table_file::Decay;
     use super::*;
     use crate::fixtures::assert_refused;
 
     fn table(text: &[u8], columns: &Columns) -> Result<(Table, Vec<Decay>), FileError> {
         let mut table = read_from(text, delimiter(text), Path::new("t.csv"), columns)?;
-        match std::mem::replace(&mut table.content, Content::Decays(Vec::new())) {
-            Content::Decays(decays) => Ok((table, decays)),
-            Content::Bursts(_) => panic!("rows, not bursts"),
-        }
+        let decays = std::mem::take(&mut table.decays);
+        Ok((table, decays))
     }
 
     /// The table of this text by its usual columns.
@@ -183,7 +181,7 @@ mod tests {
     #[test]
     fn the_first_column_is_time_and_the_rest_are_outputs() {
         let (t, decays) = plain("t,a,b\n0,1,2\n1,3,4\n").unwrap();
-        assert_eq!((t.time.as_deref(), t.first_time), (Some("t"), Some(0.0)));
+        assert_eq!(t.time.as_deref(), Some("t"));
         assert_eq!(t.outputs, ["a", "b"]);
         assert_eq!(decays.len(), 1);
         assert_eq!(decays[0].times, [0.0, 1.0]);

@@ -17,7 +17,7 @@
 //!             written by recording_writer mcap_file memory_recording
 //! results     verdict_* column column_types row_table episode_table summary_file annotation_writer
 //!             baseline_file result_file
-//! foreign     table_file csv_table columnar plain_columns arrow_cells sampling spline matrix;
+//! foreign     table_file csv_table columnar plain_columns arrow_cells sampling spline;
 //!             made safe by parquet_* thrift unpanicked
 //! people      labels_file
 //! made by other verbs than replay  design_file truth_file
@@ -53,7 +53,6 @@ pub mod inputs;
 pub mod journal;
 pub mod labels_file;
 pub mod layout;
-pub mod matrix;
 mod mcap_file;
 mod mcap_records;
 mod mcap_summary;

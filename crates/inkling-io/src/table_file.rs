@@ -8,9 +8,9 @@
 //! become the burst's channels. Rows with the same burst and printhead are one decay. Nothing is
 //! moved to a regular grid here: `sampling.rs` does that.
 
+use super::dialect::value::Gathered;
 use super::file_error::FileError;
-use super::matrix::Matrix;
-use super::printable;
+use super::{Limits, printable};
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::io;
@@ -20,8 +20,8 @@ use std::path::Path;
 pub(super) const LONGEST_NAME: usize = 256;
 /// Most characters of the list of a table's columns in an error.
 const MOST_NAMED: usize = 400;
-/// Most cells of times and outputs that are held in memory.
-const MOST_CELLS: usize = 1 << 25;
+/// Most cells of times and outputs, or samples in lists, that are held in memory.
+pub(super) const MOST_CELLS: usize = 1 << 25;
 
 /// The error for a table that cannot be read. A file that is not there is the mistake of whoever
 /// named it; other failures are nobody's.
@@ -64,7 +64,7 @@ impl Columns {
     }
 }
 
-/// The rows of the same burst and printhead, in the table's order.
+/// The rows of the same burst and printhead, in the table's order, or one row whose cells are lists.
 #[derive(Clone, Debug, Default)]
 pub struct Decay {
     /// The value of the burst column; empty if there is none.
@@ -74,27 +74,22 @@ pub struct Decay {
     /// Where the decay's first row stands: the line of a CSV file, otherwise the number of the row,
     /// from 1 on.
     pub line: u64,
-    /// Times of the samples, in the unit of the column of times; dates in CSV count from 1970.
+    /// Times of the samples, in the unit of the column of times; dates in CSV count from 1970. Of a
+    /// row of lists only when it began; without a column of times the numbers of the rows.
     pub times: Vec<f64>,
-    /// The samples of each output, as many as `times`; NaN: missing.
+    /// The samples of each output; NaN: missing.
     pub outputs: Vec<Vec<f64>>,
     /// Values of the columns of [`Columns::beside`] in the decay's first row; NaN: missing.
     pub beside: Vec<f64>,
 }
 
 impl Decay {
-    /// The decay as channels × samples, one channel for each output. Of the times only the first is
-    /// kept, as the time when the decay began; `has_time`: `times` are times, not numbers of rows.
-    /// `None`: more samples than a burst may have.
-    pub fn matrix(self, has_time: bool) -> Option<Matrix> {
-        let numbers = self.outputs.iter().flatten().copied();
-        let matrix = Matrix::of(self.outputs.len(), self.times.len(), numbers)?;
-        Some(Matrix {
-            time: self.times.first().copied().filter(|_| has_time),
-            printhead: Some(self.printhead).filter(|name| !name.is_empty()),
-            beside: self.beside,
-            ..matrix
-        })
+    /// The samples as a burst has them, channel after channel: int16 if all of them are, else
+    /// float32. `None`: more bytes than a burst may have.
+    pub fn samples(&self) -> Option<Gathered> {
+        let mut all = Gathered::new(Limits::default().samples_bytes);
+        self.outputs.iter().flatten().for_each(|y| all.push(*y));
+        (!all.too_many).then_some(all)
     }
 }
 
@@ -102,18 +97,19 @@ pub struct Table {
     /// The name of the column of times, whose ending (such as `_ns`) says the unit ([`unit_ns`]);
     /// the reader adds the ending if the column's type says the unit.
     pub time: Option<String>,
-    /// The first time of the first decay or burst, by whose size the caller may guess the unit.
-    pub first_time: Option<f64>,
     /// Names in the order of the channels; empty where a column holds several channels.
     pub outputs: Vec<String>,
-    pub content: Content,
+    /// In the order of their first rows.
+    pub decays: Vec<Decay>,
+    /// Whether cells are lists, so that each row is a burst by itself.
+    pub rows_are_bursts: bool,
 }
 
-pub enum Content {
-    /// A table whose cells are numbers: its decays, in the order of their first rows.
-    Decays(Vec<Decay>),
-    /// A table whose cells are lists: its bursts, one after the other.
-    Bursts(Vec<Matrix>),
+impl Table {
+    /// The first time of the first decay, by whose size the caller may guess the unit.
+    pub fn first_time(&self) -> Option<f64> {
+        self.time.as_ref().and(self.decays.first()?.times.first().copied())
+    }
 }
 
 /// The unit of a column of times in ns (1e9 for `_s`), if the ending of the column's name says one.
@@ -189,9 +185,8 @@ impl Rows<'_> {
     }
 
     pub fn table(self, time: Option<String>) -> Option<Table> {
-        let first_time = self.decays.first()?.times.first().copied();
-        let (outputs, content) = (self.chosen.output_names(), Content::Decays(self.decays));
-        Some(Table { first_time: first_time.filter(|_| time.is_some()), time, outputs, content })
+        let (outputs, decays) = (self.chosen.output_names(), self.decays);
+        (!decays.is_empty()).then_some(Table { time, outputs, decays, rows_are_bursts: false })
     }
 }
 

@@ -204,11 +204,9 @@ impl Names {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+mod tests {
     use super::*;
     use crate::fixtures::{assert_refused, place};
-    use crate::verdict_table::tests::options;
-    use crate::verdict_table::{TableOptions, TimestampUnit};
     use arrow_array::{
         ArrayRef, Int64Array, StringArray, StringViewArray, TimestampMicrosecondArray,
     };
@@ -217,46 +215,6 @@ pub(super) mod tests {
     use parquet::arrow::arrow_writer::{ArrowWriter, ArrowWriterOptions};
     use parquet::file::properties::WriterProperties;
     use std::fs::File;
-
-    pub(crate) fn read_all(mut reader: VerdictReader) -> (Vec<VerdictColumns>, TableOptions) {
-        let rows = reader.by_ref().map(Result::unwrap).collect();
-        let lists = TableOptions {
-            recording: "r.mcap".into(),
-            classes: reader.classes().to_vec(),
-            categories: reader.categories().to_vec(),
-            ..options(false, TimestampUnit::Ns)
-        };
-        (rows, lists)
-    }
-
-    /// Rows as text, with names in place of indices.
-    pub(crate) fn row_texts(batches: &[VerdictColumns], lists: &TableOptions) -> Vec<String> {
-        let row = |c: &VerdictColumns, i: usize| {
-            let name = |list: &[String], of: Option<u16>| of.map(|k| list[k as usize].clone());
-            let text = |column: &Column| match &column.cells {
-                Cells::Recording => String::new(),
-                Cells::Time(at) => at.of(c)[i].to_string(),
-                Cells::Printhead(at) => c.printheads[at.of(c)[i] as usize].to_string(),
-                Cells::Channel(at) => at.of(c)[i].to_string(),
-                Cells::Outcome(at) => format!("{:?}", at.of(c)[i]),
-                Cells::Category(at) => format!("{:?}", name(&lists.categories, at.of(c)[i])),
-                Cells::Class(at) => format!("{:?}", name(&lists.classes, at.of(c)[i])),
-                Cells::Test(at) => format!("{:?}", at.of(c)[i]),
-                Cells::Reason(at) => format!("{:?}", at.of(c)[i]),
-                Cells::Model(at) => format!("{:?}", at.of(c)[i]),
-                Cells::Statistic(at)
-                | Cells::Threshold(at)
-                | Cells::Misfit(at)
-                | Cells::Number(at) => format!("{:?}", at.of(c)[i]),
-                Cells::Weights => {
-                    let start = c.weights_start.get(i).copied().flatten().map(|s| s as usize);
-                    format!("weights {:?}", start.map(|s| &c.weights[s..s + 3]))
-                }
-            };
-            COLUMNS.iter().map(text).collect::<Vec<_>>().join(" ")
-        };
-        batches.iter().flat_map(|c| (0..c.len()).map(|i| row(c, i))).collect()
-    }
 
     type Columns = Vec<(&'static str, ArrayRef)>;
 
@@ -291,13 +249,13 @@ pub(super) mod tests {
     fn a_table_rewritten_by_another_tool_reads_the_same() {
         let (_dir, path) = place("t.parquet");
         write(&path, rewritten(), ArrowWriterOptions::new());
-        let (batches, lists) = read_all(VerdictReader::open(&path).unwrap());
-        let c = &batches[0];
+        let mut reader = VerdictReader::open(&path).unwrap();
+        let c = reader.next().unwrap().unwrap();
         assert_eq!(c.acquired_at_ns, [1000, -2000]);
         assert_eq!(c.channel, [7, u32::MAX]);
         assert_eq!(c.outcome, [Outcome::Healthy, Outcome::Faulty]);
         assert_eq!(c.fault, [None, Some(0)]);
-        assert_eq!(lists.classes, ["EC"]);
+        assert_eq!(reader.classes(), ["EC"]);
         assert_eq!(c.severity, [None, Some(0.5)]);
         assert_eq!(c.certainty, [None, None]);
         let names: Vec<&str> = c.printhead.iter().map(|&p| &*c.printheads[p as usize]).collect();
@@ -317,8 +275,8 @@ pub(super) mod tests {
         add_encoded_arrow_schema_to_metadata(&Schema::new(claimed), &mut properties);
         let options = ArrowWriterOptions::new().with_skip_arrow_metadata(true);
         write(&path, columns, options.with_properties(properties));
-        let (batches, _) = read_all(VerdictReader::open(&path).unwrap());
-        assert_eq!(batches[0].reason, [None, None]);
+        let first = VerdictReader::open(&path).unwrap().next().unwrap().unwrap();
+        assert_eq!(first.reason, [None, None]);
     }
 
     #[test]

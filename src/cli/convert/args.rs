@@ -4,7 +4,7 @@
 
 use super::super::exit::Failure;
 use super::burst_clock::{is_representable, time_in_name};
-use inkling_io::matrix::Matrix;
+use inkling_io::table_file::Decay;
 use std::path::PathBuf;
 
 /// Longest printhead name.
@@ -173,10 +173,10 @@ impl BurstValue {
     }
 
     /// The number for one burst; NaN if its column has none.
-    pub fn in_burst(self, matrix: &Matrix) -> f64 {
+    pub fn in_burst(self, decay: &Decay) -> f64 {
         match self {
             BurstValue::Constant(x) => x,
-            BurstValue::Column(place) => matrix.beside.get(place).copied().unwrap_or(f64::NAN),
+            BurstValue::Column(place) => decay.beside.get(place).copied().unwrap_or(f64::NAN),
         }
     }
 }

@@ -1,8 +1,8 @@
 //! Makes the bursts of a recording from those of a table, one after another, and tells what became of the
 //! table.
 //!
-//! In: from `input_bursts`, a matrix (channels x samples) per burst; from `args`, what the options
-//! give. Out: a [`Burst`] per matrix, which `convert` writes ([`Conversion::burst`]); at the end
+//! In: from `input_bursts`, a decay per burst; from `args`, what the options
+//! give. Out: a [`Burst`] per decay, which `convert` writes ([`Conversion::burst`]); at the end
 //! what was made and what had to be assumed ([`Conversion::tell`], or [`Made`] as JSON).
 
 use super::super::exit::Failure;
@@ -14,8 +14,8 @@ use super::burst_clock::BurstClock;
 use super::input_bursts::{InputBursts, TimeUnit};
 use bytes::Bytes;
 use inkling_core::burst::{Burst, Layout};
-use inkling_io::matrix::Matrix;
 use inkling_io::sampling::Sampled;
+use inkling_io::table_file::Decay;
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::io::Write;
@@ -34,8 +34,8 @@ pub struct Conversion<'a> {
     /// The sample period, s: the one of the option, or else that of the table's own times; `None`:
     /// nothing gives it.
     period: Option<BurstValue>,
-    /// The unit of the table's times.
-    unit: TimeUnit,
+    /// The unit of the table's times; `None`: it has no column of times.
+    unit: Option<TimeUnit>,
     clock: BurstClock,
     pub made: Made<'a>,
 }
@@ -84,20 +84,20 @@ impl<'a> Conversion<'a> {
                 outputs: input.outputs.clone(),
                 printheads: BTreeSet::new(),
                 cells_missing: input.missing,
-                times_in: input.unit.by_size,
+                times_in: input.unit.and_then(|unit| unit.by_size),
             },
         })
     }
 
-    /// Makes the next burst from a matrix of samples. A failure if its sample period or its time is
+    /// Makes the next burst from a decay. A failure if its sample period or its time is
     /// not plausible, which names the burst by its number from 0 on.
-    pub fn burst(&mut self, matrix: Matrix) -> Result<Burst, Failure> {
+    pub fn burst(&mut self, decay: &Decay) -> Result<Burst, Failure> {
         let (args, n) = (self.args, self.made.bursts);
         let wrong = |what: &str| Failure::new(format!("{}: {what}", args.table.display()));
         let of_burst = |what: &str| wrong(&format!("burst {n}: {what}"));
         let nobody = || Failure::usage("--period-s: nothing else says the sample period");
         // the sample period: plausible, and known for this burst
-        let period_s = self.period.ok_or_else(nobody)?.in_burst(&matrix);
+        let period_s = self.period.ok_or_else(nobody)?.in_burst(decay);
         if !(period_s.is_finite() && period_s > 0.0) {
             return Err(of_burst(&format!("{period_s} s is no sample period")));
         }
@@ -108,8 +108,9 @@ impl<'a> Conversion<'a> {
 
         // the time of the burst
         let period_ns = period_s * 1e9;
-        let length_ns = f64::from(matrix.samples_per_channel) * period_ns;
-        let time_ns = matrix.time.map(|t| t * self.unit.ns);
+        let samples_per_channel = decay.outputs.first().map_or(0, Vec::len) as u32;
+        let length_ns = f64::from(samples_per_channel) * period_ns;
+        let time_ns = self.unit.zip(decay.times.first()).map(|(unit, t)| t * unit.ns);
         if time_ns.is_some_and(|t| !t.is_finite()) {
             return Err(of_burst("it has no time"));
         }
@@ -119,52 +120,54 @@ impl<'a> Conversion<'a> {
             .ok_or_else(|| wrong("its times reach beyond the years 1970 to 2200"))?;
 
         // channel numbers must fit into u32
-        let (first_channel, channels) = (args.first_channel, matrix.channels);
+        let (first_channel, channels) = (args.first_channel, decay.outputs.len() as u32);
         if first_channel.checked_add(channels).is_none() {
             return Err(Failure::usage(format!(
                 "--first-channel {first_channel}: {channels} channels more have no numbers"
             )));
         }
-        let printhead = self.printhead_of(matrix.printhead.clone())?;
+        let printhead = self.printhead_of(&decay.printhead)?;
+        let samples = decay.samples().ok_or_else(|| wrong("a burst too large"))?;
 
         // what is told at the end
-        let samples = matrix.samples_per_channel;
         self.made.bursts += 1;
-        self.made.samples += u64::from(channels) * u64::from(samples);
+        self.made.samples += u64::from(channels) * u64::from(samples_per_channel);
         let [shortest, longest] = self.made.samples_per_channel;
-        self.made.samples_per_channel = [shortest.min(samples), longest.max(samples)];
+        self.made.samples_per_channel =
+            [shortest.min(samples_per_channel), longest.max(samples_per_channel)];
         let [least_s, most_s] = self.made.sample_period_s;
         self.made.sample_period_s = [least_s.min(period_s), most_s.max(period_s)];
 
         // a temperature or voltage that is not finite counts as not measured
-        let measured = |value: Option<BurstValue>| {
-            value.map(|v| v.in_burst(&matrix)).filter(|x| x.is_finite())
-        };
+        let measured =
+            |value: Option<BurstValue>| value.map(|v| v.in_burst(decay)).filter(|x| x.is_finite());
         Ok(Burst {
             t_acq_ns,
             printhead,
             first_channel,
             channels,
-            samples_per_channel: samples,
+            samples_per_channel,
             sample_period_s: period_s,
-            format: matrix.format,
+            format: samples.format,
             layout: Layout::ChannelMajor,
             temperature_c: measured(self.values.temperature),
             drive_voltage_v: measured(self.values.voltage),
             idle_time_s: Vec::new(),
             neighbours_fired: Bytes::new(),
-            samples: matrix.samples,
+            samples: samples.bytes.into(),
         })
     }
 
-    /// The printhead of a burst: the one that its row names, or else that of all bursts. `own`: the name in
-    /// its row.
-    fn printhead_of(&mut self, own: Option<String>) -> Result<Arc<str>, Failure> {
-        let Some(name) = own else { return Ok(self.printhead.clone()) };
+    /// The printhead of a burst: the one that its row names, or else that of all bursts. `name`: the
+    /// name in its row; empty: there is none.
+    fn printhead_of(&mut self, name: &str) -> Result<Arc<str>, Failure> {
+        if name.is_empty() {
+            return Ok(self.printhead.clone());
+        }
         if name.chars().count() > LONGEST_NAME {
             return Err(Failure::new("a printhead's name that long?"));
         }
-        let known = self.made.printheads.get(name.as_str()).cloned();
+        let known = self.made.printheads.get(name).cloned();
         let name = known.unwrap_or_else(|| name.into());
         self.made.printheads.insert(name.clone());
         Ok(name)

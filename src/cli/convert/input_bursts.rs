@@ -1,22 +1,22 @@
 //! Reads the bursts of a table, and finds the unit of its times.
 //!
-//! In: the options and the kind of the file. Out: matrices of samples, one per burst
-//! ([`InputBursts`]). There are two forms. Where cells are lists, rows are bursts. Where rows are
-//! samples (a decay per burst), their times must lie on a regular grid, give the sample period, and
-//! may be resampled.
+//! In: the options and the kind of the file. Out: decays, one per burst ([`InputBursts`]). There are
+//! two forms. Where cells are lists, rows are bursts. Where rows are samples (a decay per burst),
+//! their times must lie on a regular grid, give the sample period, and may be resampled.
 
 use super::super::exit::Failure;
 use super::args::Args;
 use inkling_io::columnar::{self, FileKind};
 use inkling_io::csv_table;
-use inkling_io::matrix::Matrix;
 use inkling_io::sampling::{self, Sampled};
-use inkling_io::table_file::{self, Columns, Content, Decay, Table};
+use inkling_io::table_file::{self, Columns, Decay, Table};
 
 /// The bursts of a table, and what is to be told about it.
+#[derive(Default)]
 pub struct InputBursts {
-    pub matrices: Vec<Matrix>,
-    pub unit: TimeUnit,
+    pub decays: Vec<Decay>,
+    /// The unit of the column of times, if there is one.
+    pub unit: Option<TimeUnit>,
     /// The sample period, s, if the table's own times give it.
     pub period_s: Option<f64>,
     /// Number of cells without a value that no interpolation fills.
@@ -46,35 +46,30 @@ impl InputBursts {
         };
 
         // 2. the unit of its times; rows that are bursts need nothing more
-        let Table { time, first_time, outputs, content } = table;
-        let unit = time.as_ref().map_or(TimeUnit::SECONDS, |time| TimeUnit::of(time, first_time));
-        let decays = match content {
-            Content::Decays(decays) => decays,
-            Content::Bursts(_) if args.resample => {
-                return Err(Failure::usage("--resample has no effect: each row is a burst"));
-            }
-            Content::Bursts(matrices) => {
-                let (period_s, missing, sampled) = (None, 0, None);
-                return Ok(InputBursts { matrices, unit, period_s, missing, outputs, sampled });
-            }
-        };
+        let first_time = table.first_time();
+        let Table { time, outputs, decays, rows_are_bursts } = table;
+        let unit = time.as_ref().map(|time| TimeUnit::of(time, first_time));
+        if rows_are_bursts {
+            return match args.resample {
+                true => Err(Failure::usage("--resample has no effect: each row is a burst")),
+                false => Ok(InputBursts { decays, unit, outputs, ..InputBursts::default() }),
+            };
+        }
 
         // 3. rows that are samples: with --period-s they are taken as they are listed; else the
         // table's times give the period, and must be regular
-        let mut sampled = match (args.period_s.is_some(), &time) {
-            (false, Some(time)) => sampling::sample(decays, time, args.resample),
-            _ => sampling::as_listed(decays),
+        let by_times = time.filter(|_| args.period_s.is_none());
+        let mut sampled = match &by_times {
+            Some(time) => sampling::sample(decays, time, args.resample),
+            None => sampling::as_listed(decays),
         }
         .map_err(|e| Failure::new(format!("{}: {e}", args.table.display())))?;
-
-        let too_large = || Failure::new(format!("{}: a burst too large", args.table.display()));
-        let matrix = |decay: Decay| decay.matrix(time.is_some()).ok_or_else(too_large);
-        let decays = std::mem::take(&mut sampled.decays).into_iter();
-        let matrices = decays.map(matrix).collect::<Result<Vec<Matrix>, Failure>>()?;
-        let period_s = args.period_s.is_none().then_some(sampled.period * unit.ns / 1e9);
+        let decays = std::mem::take(&mut sampled.decays);
         let missing = if args.resample { 0 } else { sampled.missing };
+        let unit_ns = unit.map_or(TimeUnit::SECONDS.ns, |unit| unit.ns);
+        let period_s = args.period_s.is_none().then_some(sampled.period * unit_ns / 1e9);
         let sampled = Some(sampled).filter(|_| period_s.is_some());
-        Ok(InputBursts { matrices, unit, period_s, missing, outputs, sampled })
+        Ok(InputBursts { decays, unit, period_s, missing, outputs, sampled })
     }
 }
 

@@ -1,7 +1,7 @@
 //! `inkling convert`: makes a recording of bursts from a table.
 //!
 //! In: a table (CSV, Parquet), and the options (`args`). Out: a recording, and what had to be
-//! assumed. `input_bursts` reads the file and gives one matrix of samples per burst; `conversion` makes a burst of each; `burst_clock` gives each burst its time.
+//! assumed. `input_bursts` reads the file and gives one decay per burst; `conversion` makes a burst of each; `burst_clock` gives each burst its time.
 
 mod args;
 mod burst_clock;
@@ -28,8 +28,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let mut conversion = Conversion::new(&args, &values, &input, start_ns)?;
     let mut writer =
         RecordingWriter::create(&args.out, WriterOptions::default()).map_err(Failure::new)?;
-    for matrix in input.matrices {
-        let burst = conversion.burst(matrix)?;
+    for decay in input.decays {
+        let burst = conversion.burst(&decay)?;
         writer.write(&burst, burst.t_acq_ns as u64).map_err(Failure::new)?;
     }
     writer.finish().map_err(Failure::new)?;

@@ -35,7 +35,7 @@ pub use settings::EpisodeSettings;
 pub use tracker::Tracker;
 
 use crate::verdict::{Appearance, Reason};
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// One fault episode of a channel: a row of the episode table.
@@ -70,14 +70,8 @@ pub struct Episode {
     pub resonance_hz: Option<f64>,
     pub damping_per_s: Option<f64>,
     /// Why the episode has no name; `None`: it has one.
-    #[serde(deserialize_with = "known_reason")]
     pub reason: Option<Reason>,
     pub explanation: String,
-}
-
-/// Reads a reason; a name that a later release may have written is no reason.
-fn known_reason<'de, D: Deserializer<'de>>(name: D) -> Result<Option<Reason>, D::Error> {
-    Ok(Option::<String>::deserialize(name)?.and_then(|name| Reason::of(&name)))
 }
 
 /// The looks at the channels of one burst: row r is the channel `first_channel` + r.
