@@ -336,7 +336,6 @@ fn each_outside_crate_has_one_door() {
         ("clap_complete", &["cli"]),
         ("clap_mangen", &["cli"]),
         ("indicatif", &["cli"]),
-        ("httparse", &["cli"]),
         ("signal_hook", &["cli"]),
         ("mcap", &["io"]),
         ("parquet", &["io"]),

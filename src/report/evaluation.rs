@@ -12,7 +12,7 @@ use super::promised;
 use super::words::{counted, percent, thousands};
 use inkling_core::fault;
 use inkling_core::promise::Promise;
-use inkling_lab::plot::page::{Row, name, note, page, section, table};
+use inkling_lab::plot::page::{Row, name, note, page, section, sentence, table, wide};
 use inkling_lab::plot::{Axis, Figure, Mark, Series};
 use inkling_lab::score::Report;
 use inkling_lab::score::curves::{Curves, EventDelay, Operating, wilson};
@@ -25,35 +25,36 @@ const MOST_CLASSES: usize = 12;
 
 /// The page: the agreement with labels, if there are any, and the promise of the design, if one was computed.
 pub fn html(scored: Option<(&Report, &Curves)>, promise: Option<&Promise>) -> String {
-    let mut body = String::from("<h1>Evaluation</h1>\n");
-    if let Some((report, curves)) = scored {
-        against_labels(report, curves, &mut body);
-    }
-    if let Some(promise) = promise {
-        body += &promised::html(promise);
-    }
-    page("Evaluation of verdicts", &body)
+    let parts = [
+        "<h1>Evaluation</h1>\n".to_owned(),
+        scored.map_or(String::new(), |(report, curves)| against_labels(report, curves)),
+        promise.map_or(String::new(), promised::html),
+    ];
+    page("Evaluation of verdicts", &parts.concat())
 }
 
-/// Adds the sections about the agreement with labels.
-fn against_labels(report: &Report, curves: &Curves, body: &mut String) {
-    *body += &format!("<p class=\"sentence\">{}</p>\n", sentence(report));
-    *body += &format!(
-        "<p class=\"note\">{} labelled signals judged; {} unlabelled and {} rejected ones are not scored. \
-         What the labels call true is taken for true.</p>\n",
-        thousands(curves.healthy() + curves.faulty()),
-        thousands(report.unlabelled),
-        thousands(report.rejected)
-    );
-    detection(report, curves, body);
-    confusion(curves, body);
-    reliability(report, body);
-    risk(report, curves, body);
-    severities(report, curves, body);
+/// The sections about the agreement with labels.
+fn against_labels(report: &Report, curves: &Curves) -> String {
+    let judged = thousands(curves.healthy() + curves.faulty());
+    let [unlabelled, rejected] = [report.unlabelled, report.rejected].map(thousands);
+    let parts = [
+        sentence(&in_short(report)),
+        note(&format!(
+            "{judged} labelled signals judged; {unlabelled} unlabelled and {rejected} rejected ones are not scored. \
+             What the labels call true is taken for true."
+        )),
+        detection(curves),
+        delays(report, curves),
+        confusion(curves),
+        reliability(report),
+        risk(report, curves),
+        severities(report, curves),
+    ];
+    parts.concat()
 }
 
 /// The page's first sentence: hits and false alarms, right names, episodes found.
-fn sentence(report: &Report) -> String {
+fn in_short(report: &Report) -> String {
     let d = &report.detection;
     let (faulty, healthy) = (d.tp + d.fn_, d.fp + d.tn);
     let (hits, alarms) = (percent(d.tp, faulty), percent(d.fp, healthy));
@@ -77,17 +78,17 @@ fn sentence(report: &Report) -> String {
     text + "."
 }
 
-/// Adds ROC and DET of single signals, each with the threshold that was used, then the delays.
-fn detection(report: &Report, curves: &Curves, body: &mut String) {
+/// ROC and DET of single signals, each with the threshold that was used.
+fn detection(curves: &Curves) -> String {
     let (healthy, faulty) = (curves.healthy(), curves.faulty());
     if healthy == 0 || faulty == 0 {
-        *body += "<p>Without healthy and faulty signals there are no curves of detection.</p>\n";
-        return;
+        return "<p>Without healthy and faulty signals there are no curves of detection.</p>\n"
+            .into();
     }
-    *body += "<h2>Detection, signal by signal</h2>\n<p class=\"note\">Line: what other thresholds would do; \
-              dot: the threshold that was used, with 95 % intervals as if signals were independent. ROC: hits \
-              against false alarms; its area is the chance that a faulty signal's statistic exceeds a healthy \
-              one's. DET: the same as misses, on logarithmic axes; none is drawn as half a signal.</p>\n";
+    let meaning = "Line: what other thresholds would do; dot: the threshold that was used, with 95 % intervals as \
+                   if signals were independent. ROC: hits against false alarms; its area is the chance that a faulty \
+                   signal's statistic exceeds a healthy one's. DET: the same as misses, on logarithmic axes; none is \
+                   drawn as half a signal.";
 
     // The threshold that was used, with intervals of its misses and false alarms.
     let at = curves.working_point();
@@ -100,12 +101,12 @@ fn detection(report: &Report, curves: &Curves, body: &mut String) {
         (at.false_alarms, 1.0 - at.misses),
         (alarms, [1.0 - misses[1], 1.0 - misses[0]]),
     );
-    *body += &drawn(&Figure::new(
+    let roc = Figure::new(
         format!("ROC: area {:.4}", curves.area()),
         Axis::within(-0.01, 1.0, "healthy signals flagged, share"),
         Axis::within(0.0, 1.02, "faulty signals flagged, share"),
         series,
-    ));
+    );
 
     // DET. Logarithmic axes have no 0: no signal is drawn as half a signal.
     let [least_x, least_y] = [healthy, faulty].map(|n| 0.5 / n as f64);
@@ -118,15 +119,15 @@ fn detection(report: &Report, curves: &Curves, body: &mut String) {
     );
     let share = |of: f64, all: u64| percent((of * all as f64).round() as u64, all);
     let (missed, flagged) = (share(at.misses, faulty), share(at.false_alarms, healthy));
-    *body += &drawn(&Figure::new(
+    let det = Figure::new(
         format!(
             "DET: at the threshold used {missed} of the faulty are missed, {flagged} of the healthy flagged"
         ),
         Axis::log("healthy signals flagged, share"),
         Axis::log("faulty signals missed, share"),
         series,
-    ));
-    delays(report, curves, body);
+    );
+    section("Detection, signal by signal", &[note(meaning), drawn(&roc), drawn(&det)].concat())
 }
 
 /// The series of a curve, of the point that was used, and of its intervals along both axes.
@@ -142,34 +143,33 @@ fn with_working_point(
     ]
 }
 
-/// Adds the delay of detection against false alarms, counted by faults: a fault is found once, at
-/// its first flagged signal. Below stand the same numbers for episodes, if there are any.
-fn delays(report: &Report, curves: &Curves, body: &mut String) {
-    if curves.events() == 0 {
-        return;
+/// The delay of detection against false alarms, counted by faults: a fault is found once, at its
+/// first flagged signal. Below stand the same numbers for episodes, if there are any.
+fn delays(report: &Report, curves: &Curves) -> String {
+    if curves.events() == 0 || curves.healthy() == 0 {
+        return String::new();
     }
     let used = curves.delays(&[1.0])[0];
-    let figure = delay_figure(report, curves, &used);
-    *body += &format!(
-        "<h2>Delay against false alarms, fault by fault</h2>\n<p class=\"note\">{}, {:.1} % of them found at \
-         the threshold used: at the first flagged signal, and credited for no other. Lines: other thresholds. \
-         Bursts are counted in the order of the file, from the labelled onset; faults grow. No false alarm is \
-         drawn as half a one.</p>\n{}\n",
-        counted(curves.events() as u64, "labelled fault"),
-        100.0 * used.found,
-        drawn(&figure)
+    let (faults, found) = (counted(curves.events() as u64, "labelled fault"), 100.0 * used.found);
+    let meaning = format!(
+        "{faults}, {found:.1} % of them found at the threshold used: at the first flagged signal, and credited for \
+         no other. Lines: other thresholds. Bursts are counted in the order of the file, from the labelled onset; \
+         faults grow. No false alarm is drawn as half a one."
     );
-    if let Some(e) = &report.episodes {
+    let of_episodes = report.episodes.as_ref().map(|e| {
         let bursts = |b: Option<f64>| b.map_or("–".into(), |b| format!("{b}"));
-        *body += &format!(
+        format!(
             "<p>Episodes, from the evidence of several bursts: {:.1} % found, {:.2} false per million \
              healthy signals, {} bursts after the onset in the median, {} after full size.</p>\n",
             100.0 * e.recall,
             e.false_per_million,
             bursts(e.delay_from_onset_bursts),
             bursts(e.delay_bursts)
-        );
-    }
+        )
+    });
+    let figure = drawn(&delay_figure(report, curves, &used));
+    let part = note(&meaning) + &figure + &of_episodes.unwrap_or_default();
+    section("Delay against false alarms, fault by fault", &part)
 }
 
 /// The figure of delays over all thresholds. `used`: the delays at the threshold that was used.
@@ -215,11 +215,11 @@ fn delay_figure(report: &Report, curves: &Curves, used: &EventDelay) -> Figure {
     )
 }
 
-/// Adds the confusion matrix: true states in rows, what was said in columns.
-fn confusion(curves: &Curves, body: &mut String) {
+/// The confusion matrix: true states in rows, what was said in columns.
+fn confusion(curves: &Curves) -> String {
     let counts = &curves.confusion;
     if counts.is_empty() {
-        return;
+        return String::new();
     }
     let truths: BTreeSet<&String> = counts.keys().map(|(truth, _)| truth).collect();
     let words: BTreeSet<&String> = counts.keys().map(|(_, word)| word).collect();
@@ -246,16 +246,15 @@ fn confusion(curves: &Curves, body: &mut String) {
     let meaning =
         "Rows: true; columns: said. A category stands where the class was not certain enough.";
     let table = table("", &heads, truths.into_iter().map(row));
-    let part = format!("{}<div class=\"wide\">{table}</div>\n", note(meaning));
-    *body += &section("What was said of what", &part);
+    section("What was said of what", &(note(meaning) + &wide(&table)))
 }
 
-/// Adds the reliability diagram of the stated certainties, with 95 % intervals, and a table by class.
-fn reliability(report: &Report, body: &mut String) {
+/// The reliability diagram of the stated certainties, with 95 % intervals, and a table by class.
+fn reliability(report: &Report) -> String {
     let bins: Vec<(f64, f64, u64)> =
         report.calibration.bins.iter().copied().filter(|bin| bin.2 > 0).collect();
     if bins.is_empty() {
-        return;
+        return String::new();
     }
     let bars = bins.iter().flat_map(|&(stated, right, n)| {
         let [low, high] = wilson(right * n as f64, n as f64);
@@ -271,21 +270,24 @@ fn reliability(report: &Report, body: &mut String) {
             Series::new("", Mark::Bars, bars.collect()),
         ],
     );
-    let meaning = note("Line: as it should be; bars: measured, 95 %.");
-    *body += &section("Reliability of certainties", &(meaning + &drawn(&figure)));
     let of_class = report.calibration.by_class.iter().map(|(class, c)| {
         let [stated, right, ece] = [c.certainty, c.right, c.ece].map(|v| format!("{v:.3}"));
         [name(class), thousands(c.signals), stated, right, ece]
     });
     let heads = ["said", ">signals", ">certainty stated", ">right", ">off by (ECE)"];
-    *body += &table("", &heads, of_class);
+    let parts = [
+        note("Line: as it should be; bars: measured, 95 %."),
+        drawn(&figure),
+        table("", &heads, of_class),
+    ];
+    section("Reliability of certainties", &parts.concat())
 }
 
-/// Adds the share of wrong classes against the share of signals that are kept, over all bounds.
-fn risk(report: &Report, curves: &Curves, body: &mut String) {
+/// The share of wrong classes against the share of signals that are kept, over all bounds.
+fn risk(report: &Report, curves: &Curves) -> String {
     let points = curves.risk();
     if points.len() < 2 {
-        return;
+        return String::new();
     }
     let c = &report.certain;
     let (bound, kept, wrong) = (c.bound, 100.0 * c.coverage, 100.0 * (1.0 - c.accuracy));
@@ -301,19 +303,14 @@ fn risk(report: &Report, curves: &Curves, body: &mut String) {
         ],
     );
     let meaning = note("Line: other bounds on certainty; dot: the bound that was used.");
-    *body += &section("Risk against coverage", &(meaning + &drawn(&figure)));
+    section("Risk against coverage", &(meaning + &drawn(&figure)))
 }
 
-/// Adds a figure for each class: stated against true severities.
-fn severities(report: &Report, curves: &Curves, body: &mut String) {
-    let classes: Vec<_> = curves.severities().filter(|(_, of)| of.len() > 1).collect();
-    if classes.is_empty() {
-        return;
-    }
-    *body += "<h2>Severities, true and stated</h2>\n<p class=\"note\">Line: as it should be; dots: \
-              signals that were named as what they are.</p>\n";
-    for (class, points) in classes.iter().take(MOST_CLASSES) {
-        let told = report.severity.get(*class);
+/// A figure for each class: stated against true severities.
+fn severities(report: &Report, curves: &Curves) -> String {
+    let classes = curves.severities().filter(|(_, of)| of.len() > 1).take(MOST_CLASSES);
+    let figure = |(class, points): (&str, &[(f64, f64)])| {
+        let told = report.severity.get(class);
         let finding = told.map_or(String::new(), |s| {
             let covered = s.coverage95.map_or(String::new(), |share| {
                 format!(", 95 % intervals hold {:.1} %", 100.0 * share)
@@ -324,7 +321,7 @@ fn severities(report: &Report, curves: &Curves, body: &mut String) {
             .iter()
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), p| (a.min(p.0), b.max(p.0)));
         let title = format!("{class}, {}{finding}", fault::in_words(class));
-        *body += &drawn(&Figure::new(
+        drawn(&Figure::new(
             title.chars().take(150).collect(),
             Axis::new(&format!("true {}", fault::quantity(class))),
             Axis::new("stated"),
@@ -332,6 +329,12 @@ fn severities(report: &Report, curves: &Curves, body: &mut String) {
                 Series::new("", Mark::Line, vec![(low, low), (high, high)]),
                 Series::new("", Mark::Points, points.to_vec()),
             ],
-        ));
+        ))
+    };
+    let figures: String = classes.map(figure).collect();
+    let meaning = note("Line: as it should be; dots: signals that were named as what they are.");
+    match figures.is_empty() {
+        true => figures,
+        false => section("Severities, true and stated", &(meaning + &figures)),
     }
 }

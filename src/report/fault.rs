@@ -302,7 +302,7 @@ mod tests {
         ]);
         for t in 0..100 {
             let flagged = (10..20).contains(&t) || t >= 80;
-            watch.add_burst(0, t, flagged, None, None);
+            watch.add_burst(0, t, flagged, None);
         }
         let stories = stories(&watch, &Rates { false_alarms: 1e-3, ..Rates::default() });
         let mut faults = Fault::of_channel(stories, &ReportSettings::default());

@@ -11,9 +11,9 @@
 
 use super::fault::{Fault, what};
 use super::map::{Picture, class};
-use super::night::{Span, whole};
+use super::night::whole;
 use super::survey::Head;
-use super::words::{clock, counted, first_of, percent};
+use super::words::{clock, counted, first_of};
 use inkling_core::verdict::Reason;
 use inkling_lab::plot::page::{escaped, name, shortened};
 use inkling_lab::plot::raster::{Colour, Raster};
@@ -51,6 +51,8 @@ const LEFT: f64 = 118.0;
 const TOP: f64 = 46.0;
 const WIDTH: f64 = 860.0;
 const BELOW: f64 = 40.0;
+/// Least distance between two labels of times, in units of the SVG.
+const LABEL_HEIGHT: f64 = 24.0;
 
 /// The letter of an episode's category, the number of an own one; S: at the sensor line, U: not named.
 fn letter(category: Option<&str>, reason: Option<Reason>, categories: &[String]) -> String {
@@ -111,13 +113,6 @@ impl Map<'_> {
         Ok(svg)
     }
 
-    /// The share of the picture's cells whose codes are `wanted`, in words.
-    fn share(&self, wanted: impl Fn(u8) -> bool) -> String {
-        let cells = &self.picture.pixels;
-        let wanted = cells.iter().filter(|code| wanted(**code)).count();
-        percent(wanted as u64, cells.len() as u64)
-    }
-
     /// The title of the map, which tells its main result.
     fn title(&self) -> String {
         let Map { head, faults, .. } = self;
@@ -159,36 +154,18 @@ impl Map<'_> {
         self.times(svg);
     }
 
-    /// Labels of times at the left. Lines are no even time axis, so a label stands at the first
-    /// line of each interval of a round length, the shortest length for which there is room.
+    /// Labels of times at the left, `03-14 08:00:10`, at every so many lines of bursts as there is room
+    /// for. Lines are no even time axis.
     fn times(&self, svg: &mut String) {
-        let (picture, height) = (&self.picture, self.height);
-        let start = |line: &Option<Span>| line.map(|(from, _)| from.div_euclid(1_000_000_000));
-        let starts: Vec<Option<i64>> = picture.lines.iter().map(start).collect();
-
-        // The lines at which a new interval of `step` seconds begins, with their times, s.
-        let marked = |step: i64| -> Vec<(usize, i64)> {
-            let mut last = None;
-            let each = starts.iter().enumerate().filter_map(|(k, start)| Some((k, (*start)?)));
-            each.filter(|(_, t)| last.replace(t.div_euclid(step)) != Some(t.div_euclid(step)))
-                .collect()
-        };
-        let room = (height / 24.0) as usize;
-        let step = STEPS_S.into_iter().find(|step| marked(*step).len() <= room);
-        let step = step.unwrap_or(LONGEST_STEP_S);
-        let line_height = height / picture.lines.len() as f64;
-
-        // from `free` downwards there is room for a label; `day` is that of the label before
-        let (mut free, mut day) = (TOP, i64::MIN);
-        for (k, t_s) in marked(step) {
+        let lines = &self.picture.lines;
+        let line_height = self.height / lines.len() as f64;
+        let every = (LABEL_HEIGHT / line_height).ceil().max(1.0) as usize;
+        for (k, line) in lines.iter().enumerate().step_by(every) {
+            let Some((from_ns, _)) = *line else { continue };
             let y = TOP + (k as f64 + 0.5) * line_height;
-            if y < free {
-                continue;
-            }
-            free = y + 13.0;
-            let text = tick(t_s, step, std::mem::replace(&mut day, t_s.div_euclid(DAY)));
+            let time = clock(from_ns);
             *svg += &format!("<path d=\"M{LEFT:.1} {y:.1}h-5\" stroke=\"#555\"/>\n");
-            put(svg, (LEFT - 8.0, y + 4.0), "end", &text);
+            put(svg, (LEFT - 8.0, y + 4.0), "end", time.get(5..).unwrap_or(&time));
         }
     }
 
@@ -240,55 +217,21 @@ impl Map<'_> {
 
     /// A description of the picture, for those who do not see it.
     fn in_words(&self) -> String {
-        let Map { head, faults, picture, .. } = self;
-        let (from, to) = whole(picture.lines.iter().copied().flatten()).unwrap_or_default();
-        let pauses = picture.lines.iter().filter(|line| line.is_none()).count() as u64;
-        let [flagged, rejected] =
-            [self.share(|p| p >= class::FLAGGED), self.share(|p| p == class::REJECTED)];
+        let (from, to) = whole(self.picture.lines.iter().copied().flatten()).unwrap_or_default();
         let of_fault = |f: &&Fault| format!("channel {} ({})", f.story.channel, what(&f.story));
-        let named: Vec<String> = faults.iter().map(of_fault).collect();
+        let named: Vec<String> = self.faults.iter().map(of_fault).collect();
         let faults = match named.is_empty() {
-            true => "No faults".into(),
-            false => format!("Faults: {}", first_of(&named, MOST_IN_WORDS, ", ")),
+            true => String::new(),
+            false => format!(": {}", first_of(&named, MOST_IN_WORDS, ", ")),
         };
-        format!(
-            "{}, what each channel was found to be: {} across, {} to {} down, {}. Of its cells {flagged} hold a \
-             flagged signal, {rejected} a rejected one. {faults}.",
-            head.name,
-            counted(head.channels.len() as u64, "channel"),
-            clock(from),
-            clock(to),
-            counted(pauses, "pause")
-        )
+        let (from, to) = (clock(from), clock(to));
+        format!("{}{faults}; channels across, {from} to {to} down", self.title())
     }
 }
 
 /// Puts a text beside a point of a figure. `anchor`: which of its ends lies there, as SVG says it.
 fn put(svg: &mut String, (x, y): (f64, f64), anchor: &str, text: &str) {
     *svg += &format!("<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\">{text}</text>\n");
-}
-
-/// Round intervals between time labels, s.
-const STEPS_S: [i64; 20] = [
-    1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 1800, 3600, 7200, 10_800, 21_600, 43_200, 86_400,
-    604_800, 2_592_000, 31_536_000,
-];
-/// Interval if all of [`STEPS_S`] are too short, s.
-const LONGEST_STEP_S: i64 = 315_360_000;
-/// A day, s.
-const DAY: i64 = 86_400;
-
-/// A time label, with seconds only if the interval is below a minute, and with the date if it differs from that
-/// of the label before.
-fn tick(t_s: i64, step_s: i64, day_before: i64) -> String {
-    let whole = clock(t_s.saturating_mul(1_000_000_000));
-    let (date, time) = whole.split_once(' ').unwrap_or((&whole, ""));
-    let time = if step_s < 60 { time } else { time.get(..5).unwrap_or(time) };
-    match (step_s >= DAY, t_s.div_euclid(DAY) == day_before) {
-        (true, _) => date.to_owned(),
-        (false, true) => time.to_owned(),
-        (false, false) => format!("{} {time}", date.get(5..).unwrap_or(date)),
-    }
 }
 
 /// Number of lines of each picture of a waterfall.

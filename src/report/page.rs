@@ -19,7 +19,7 @@ use super::words::{clock, counted, first_of, of_some, percent, thousands};
 use super::{RecordingLine, Report, figures, heads, maps, tables};
 use inkling_core::fault;
 use inkling_core::verdict::Reason;
-use inkling_lab::plot::page::{escaped, list, name, note, page, section, table};
+use inkling_lab::plot::page::{escaped, list, name, note, page, section, sentence, table};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -33,8 +33,8 @@ pub fn html(report: &Report) -> String {
     let open: Vec<&Fault> = report.open().collect();
     let over: Vec<&Fault> = report.over().collect();
     let mut body = String::from("<h1>Nozzle report</h1>\n");
-    for sentence in report.coverage.first().into_iter().chain(sentence(report, &open)) {
-        body += &format!("<p class=\"sentence\">{}</p>\n", escaped(&sentence));
+    for text in report.coverage.first().into_iter().chain(in_short(report, &open)) {
+        body += &sentence(&text);
     }
     body += &note(&basis(report));
     for note in &report.notes {
@@ -78,7 +78,7 @@ pub fn html(report: &Report) -> String {
 }
 
 /// The page's first sentence: `6 of 192 channels on 3 printheads need care ...`, if anything was judged.
-fn sentence(report: &Report, open: &[&Fault]) -> Option<String> {
+fn in_short(report: &Report, open: &[&Fault]) -> Option<String> {
     let coverage = &report.coverage;
     let judged = |head: &&Head| head.tallies.values().any(|tally| tally.judged > 0);
     let heads = report.survey.heads.iter().filter(judged).count();
@@ -144,11 +144,11 @@ fn basis(report: &Report) -> String {
 
 /// The section of the maps, and the number of each printhead's map, which is part of its address.
 fn draw_maps(report: &Report) -> (String, BTreeMap<Arc<str>, usize>) {
-    let mut body = String::from(
-        "<h2>Maps of the printheads</h2>\n<p class=\"note\">Channels across, time down; each cell \
-              shows the worst of its bursts, so that a single bad one stays visible. White bars: nobody \
-              measured. Frames: fault episodes, with the letter of their category (S: at the sensor line, U: not \
-              named); pointing at one tells more.</p>\n",
+    let mut body = String::from("<h2>Maps of the printheads</h2>\n");
+    body += &note(
+        "Channels across, time down; each cell shows the worst of its bursts, so that a single bad one stays visible. \
+         White bars: nobody measured. Frames: fault episodes, with the letter of their category (S: at the sensor \
+         line, U: not named); pointing at one tells more.",
     );
     body += &maps::key(&report.survey.categories);
     let (before, mut left_out, mut drawn_of) = (body.len(), 0, BTreeMap::new());

@@ -7,23 +7,13 @@
 use super::words::{Column, columns, counted};
 use inkling_core::fault;
 use inkling_core::promise::{Detectable, FOUND, Pair, Promise};
-use inkling_lab::plot::page::{name, table};
+use inkling_lab::plot::page::{list, name, note, section, table, wide};
 use std::io::{self, Write};
 
 /// Two classes count as told apart if they are mistaken in a smaller share of their flagged signals.
 const APART: f64 = 0.01;
 /// Most pairs that are listed one by one.
 const MOST_PAIRS: usize = 20;
-
-/// The range of a class's sizes, in the unit of the verdict table.
-fn sizes(d: &Detectable) -> String {
-    format!("{:.3} to {:.3}", d.range[0], d.range[1])
-}
-
-/// The share of a class's signals, over all its sizes, that is found.
-fn found(d: &Detectable) -> String {
-    format!("{:.1} %", 100.0 * d.found)
-}
 
 /// The smallest fault of a class that is found, in words.
 fn smallest(d: &Detectable) -> String {
@@ -35,11 +25,35 @@ fn smallest(d: &Detectable) -> String {
     }
 }
 
-/// The pairs of classes that are mistaken for each other, and the number of all other pairs.
-fn confused(promise: &Promise) -> (Vec<&Pair>, usize) {
-    let confused: Vec<&Pair> = promise.pairs.iter().filter(|p| p.mistaken >= APART).collect();
-    let apart = promise.pairs.len() - confused.len();
-    (confused, apart)
+/// A row for each class: the class, its sizes in the unit of the verdict table, the smallest that is
+/// found, the share of its signals that is found over all sizes, and what the sizes measure. `safe`:
+/// makes a text safe for where it is told.
+fn classes(promise: &Promise, safe: impl Fn(&str) -> String) -> Vec<[String; 5]> {
+    let row = |d: &Detectable| {
+        let [class, quantity] = [&*d.class, fault::quantity(&d.class)].map(&safe);
+        let sizes = format!("{:.3} to {:.3}", d.range[0], d.range[1]);
+        [class, sizes, smallest(d), format!("{:.1} %", 100.0 * d.found), quantity]
+    };
+    promise.classes.iter().map(row).collect()
+}
+
+/// A line for each pair of classes that is mistaken for each other, and one about all other pairs.
+fn confused(promise: &Promise, safe: impl Fn(&str) -> String) -> (Vec<String>, String) {
+    let (confused, apart): (Vec<&Pair>, Vec<&Pair>) =
+        promise.pairs.iter().partition(|pair| pair.mistaken >= APART);
+    let line = |pair: &&Pair| {
+        let [a, b] = pair.classes.each_ref().map(|class| safe(class));
+        let (mistaken, angle) = (100.0 * pair.mistaken, pair.angle_degrees);
+        format!(
+            "{a} and {b}: mistaken for each other in {mistaken:.1} %, {angle:.0}° between what they do"
+        )
+    };
+    let pairs = counted(apart.len() as u64, "pair");
+    let apart = format!(
+        "{pairs} of classes are told apart (mistaken in fewer than {:.0} %)",
+        100.0 * APART
+    );
+    (confused.iter().take(MOST_PAIRS).map(line).collect(), apart)
 }
 
 /// What the promise rests on, in sentences.
@@ -55,46 +69,26 @@ fn basis(promise: &Promise) -> String {
     )
 }
 
-/// The section of the evaluation's page: a table of the classes, and one of the confused pairs.
+/// The section of the evaluation's page: a table of the classes, and a list of the confused pairs.
 pub fn html(promise: &Promise) -> String {
-    let mut text = format!(
-        "<h2>What the design promises</h2>\n<p class=\"note\">{}</p>\n<h3>Detectability: the smallest fault \
-         that is found in {:.0} % of its signals</h3>\n<div class=\"wide\">",
-        basis(promise),
-        100.0 * FOUND
-    );
-    let heads = [
-        "class",
-        "in words",
-        "size is",
-        ">sizes of the class",
-        ">smallest found",
-        ">signals found, all sizes",
+    let heads = ["class", ">sizes of it", ">smallest found", ">found of all", "size is"];
+    let (pairs, apart) = confused(promise, |class| name(class));
+    let found = 100.0 * FOUND;
+    let parts = [
+        note(&basis(promise)),
+        format!(
+            "<h3>Detectability: the smallest fault that is found in {found:.0} % of its signals</h3>\n"
+        ),
+        wide(&table("", &heads, classes(promise, |text| name(text)))),
+        "<h3>Isolability: classes that are mistaken for each other</h3>\n".to_owned(),
+        note(
+            "Of the flagged signals of the one the share whose best class is the other, mean of both ways; classes \
+             of one kind (blocked and partly blocked, the three degrees of drying) differ by size alone.",
+        ),
+        list(pairs),
+        note(&apart),
     ];
-    let of_class = promise.classes.iter().map(|d| {
-        let [class, words, quantity] =
-            [&*d.class, fault::in_words(&d.class), fault::quantity(&d.class)].map(name);
-        [class, words, quantity, sizes(d), smallest(d), found(d)]
-    });
-    text += &table("", &heads, of_class);
-    let (confused, apart) = confused(promise);
-    text += &format!(
-        "</div>\n<h3>Isolability: classes that are mistaken for each other</h3>\n<p class=\"note\">Of \
-         the flagged signals of the one the share whose best class is the other, mean of both ways; classes \
-         of one kind (blocked and partly blocked, the three degrees of drying) differ by size alone. The other \
-         {} are told apart: mistaken in fewer than {:.0} %.</p>\n",
-        counted(apart as u64, "pair"),
-        100.0 * APART
-    );
-    if !confused.is_empty() {
-        let of_pair = confused.iter().take(MOST_PAIRS).map(|pair| {
-            let classes = pair.classes.each_ref().map(|class| name(class)).join(" and ");
-            let mistaken = format!("{:.1} %", 100.0 * pair.mistaken);
-            [classes, mistaken, format!("{:.0}°", pair.angle_degrees)]
-        });
-        text += &table("", &["classes", ">mistaken", ">angle between what they do"], of_pair);
-    }
-    text
+    section("What the design promises", &parts.concat())
 }
 
 /// Writes the promise for a terminal. `printable`: makes a text safe and cuts it to a number of characters.
@@ -113,21 +107,7 @@ pub fn print(
         Column::Number("found of all", 14),
         Column::Last("size is"),
     ];
-    let of_class = promise.classes.iter().map(|d| {
-        let quantity = printable(fault::quantity(&d.class), 64);
-        [printable(&d.class, 24), sizes(d), smallest(d), found(d), quantity]
-    });
-    columns(out, heads, of_class)?;
-    let (confused, apart) = confused(promise);
-    for pair in confused.iter().take(MOST_PAIRS) {
-        let [a, b] = pair.classes.each_ref().map(|class| printable(class, 24));
-        writeln!(
-            out,
-            "  {a} and {b}: mistaken for each other in {:.1} %, {:.0}° between what they do",
-            100.0 * pair.mistaken,
-            pair.angle_degrees
-        )?;
-    }
-    let apart = counted(apart as u64, "pair");
-    writeln!(out, "  {apart} of classes are told apart (mistaken in fewer than 1 %)")
+    columns(out, heads, classes(promise, |text| printable(text, 64)))?;
+    let (pairs, apart) = confused(promise, |class| printable(class, 24));
+    pairs.iter().chain([&apart]).try_for_each(|line| writeln!(out, "  {line}"))
 }

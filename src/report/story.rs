@@ -88,7 +88,7 @@ pub struct Story {
     pub category: Option<String>,
     /// Class, if the episode that the story is named after has one.
     pub fault: Option<String>,
-    /// For a story without a category: the reason that most of its flagged bursts have.
+    /// For a story without a category: why its episode has none.
     pub reason: Option<Reason>,
     /// For a story without a category: what its episode's explanation says, which is not trusted.
     pub explanation: Option<String>,
@@ -254,10 +254,9 @@ fn story(
     // What stands for the name of a story without a category.
     let is_unnamed = named.category.is_none();
     let explanation = explanation(named).filter(|_| is_unnamed);
-    let reason = is_unnamed.then(|| match &explanation {
-        Some(words) if words.contains(SENSOR_LINE) => Reason::NoRing,
-        _ => commonest_reason(spells),
-    });
+    let is_of_line = explanation.as_ref().is_some_and(|words| words.contains(SENSOR_LINE));
+    let told = if is_of_line { Some(Reason::NoRing) } else { named.reason };
+    let reason = told.filter(|_| is_unnamed);
     Story {
         printhead: first.printhead.clone(),
         channel: first.channel,
@@ -288,17 +287,6 @@ fn explanation(of: &Episode) -> Option<String> {
     (!words.is_empty()).then(|| words.chars().take(MOST_OF_A_SENTENCE).collect())
 }
 
-/// The reason that more than half of the flagged bursts have, else `Uncertain`.
-fn commonest_reason(spells: &[Spell]) -> Reason {
-    let mut all = BurstCounts::default();
-    spells.iter().for_each(|spell| all.absorb(&spell.counts));
-    match () {
-        () if 2 * all.no_ring > all.flagged => Reason::NoRing,
-        () if 2 * all.unknown_fault > all.flagged => Reason::UnknownFault,
-        () => Reason::Uncertain,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::fixtures::spell;
@@ -318,7 +306,7 @@ mod tests {
         for r in 0..recordings {
             for k in 0..20 {
                 let t = 100 * r as i64 + k;
-                watch.add_burst(r, t, on(t), None, None);
+                watch.add_burst(r, t, on(t), None);
             }
         }
         watch

@@ -266,7 +266,7 @@ impl Head {
             count.flagged += u64::from(flagged);
             if let Some(watch) = count.watch.and_then(|at| self.watches.get_mut(at)) {
                 let sized = sized(c, row, classes).filter(|_| flagged);
-                watch.add_burst(recording, t_ns, flagged, c.reason[row], sized);
+                watch.add_burst(recording, t_ns, flagged, sized);
             }
         }
         left_out

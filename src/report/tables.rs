@@ -11,7 +11,7 @@ use super::source::MOST_OF_DAMAGE;
 use super::words::{clock, counted, counted_as, percent, thousands};
 use super::{HeadCount, RecordingLine, Report};
 use inkling_core::episodes::share;
-use inkling_lab::plot::page::{Row, escaped, name, table};
+use inkling_lab::plot::page::{Row, escaped, name, table, wide};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -208,8 +208,7 @@ pub fn recordings(report: &Report) -> String {
         let why = format!("not judged: {}", escaped(&why));
         Row::from(first.into_iter().chain(nothing).chain([why]))
     });
-    let table = table("cards", &heads, judged.chain(lost));
-    let mut text = format!("<div class=\"wide\">{table}</div>\n");
+    let mut text = wide(&table("cards", &heads, judged.chain(lost)));
     if from > 0 {
         let before = thousands(from as u64);
         text += &format!("<p>The newest {MOST_RECORDINGS}; {before} before them.</p>\n");

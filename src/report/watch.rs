@@ -9,7 +9,6 @@
 use super::trend::Course;
 use inkling_core::episodes::Episode;
 use inkling_core::fault;
-use inkling_core::verdict::Reason;
 use std::collections::BTreeMap;
 
 /// Counts of a channel's judged bursts over some time.
@@ -17,22 +16,16 @@ use std::collections::BTreeMap;
 pub struct BurstCounts {
     pub judged: u64,
     pub flagged: u64,
-    /// Flagged bursts that no ring explains.
-    pub no_ring: u64,
-    /// Flagged bursts with a ring of no known class.
-    pub unknown_fault: u64,
     /// t_a of the first burst that was not flagged.
     pub first_quiet_ns: Option<i64>,
 }
 
 impl BurstCounts {
-    /// Counts one judged burst. `t_ns`: its t_a; `reason`: why it has no name, if it has none.
-    pub fn add(&mut self, t_ns: i64, flagged: bool, reason: Option<Reason>) {
+    /// Counts one judged burst. `t_ns`: its t_a.
+    pub fn add(&mut self, t_ns: i64, flagged: bool) {
         self.judged += 1;
         if flagged {
             self.flagged += 1;
-            self.no_ring += u64::from(reason == Some(Reason::NoRing));
-            self.unknown_fault += u64::from(reason == Some(Reason::UnknownFault));
         } else {
             self.first_quiet_ns = self.first_quiet_ns.into_iter().chain([t_ns]).min();
         }
@@ -42,8 +35,6 @@ impl BurstCounts {
     pub fn absorb(&mut self, other: &BurstCounts) {
         self.judged += other.judged;
         self.flagged += other.flagged;
-        self.no_ring += other.no_ring;
-        self.unknown_fault += other.unknown_fault;
         self.first_quiet_ns = self.first_quiet_ns.into_iter().chain(other.first_quiet_ns).min();
     }
 }
@@ -92,14 +83,12 @@ impl Watch {
     }
 
     /// Counts one judged burst of a recording, for the episode that it lies in or else for the time
-    /// between episodes. `reason`: why it has no name; `sized`: the size of its fault, if it is
-    /// flagged and was sized.
+    /// between episodes. `sized`: the size of its fault, if it is flagged and was sized.
     pub fn add_burst(
         &mut self,
         recording: usize,
         t_ns: i64,
         flagged: bool,
-        reason: Option<Reason>,
         sized: Option<Size<'_>>,
     ) {
         let before = self.spells.partition_point(|s| s.episode.began_at_ns <= t_ns);
@@ -108,9 +97,9 @@ impl Watch {
         };
         // Of the recording's episodes the one that began last: earlier ones have ended.
         let Some(spell) = self.spells[..before].iter_mut().rev().find(within) else {
-            return self.outside[before].add(t_ns, flagged, reason);
+            return self.outside[before].add(t_ns, flagged);
         };
-        spell.counts.add(t_ns, flagged, reason);
+        spell.counts.add(t_ns, flagged);
         if !flagged {
             return;
         }

@@ -112,50 +112,46 @@ impl Request {
     /// # Errors
     /// The client is slow, or has gone.
     pub fn read(client: &mut Client) -> io::Result<Result<Request, Refusal>> {
-        // the head is parsed again after each piece until it is complete
         let mut head = Vec::new();
         let mut piece = [0; 1024];
-        loop {
-            let n = client.read(&mut piece)?;
-            if n == 0 {
-                return Err(ErrorKind::UnexpectedEof.into());
+        while !head.windows(4).any(|end| end == b"\r\n\r\n") {
+            if head.len() >= MOST_BYTES {
+                return Ok(Err(TOO_LARGE));
             }
-            head.extend_from_slice(&piece[..n]);
-            match Request::parse(&head).transpose() {
-                Some(parsed) => return Ok(parsed),
-                None if head.len() >= MOST_BYTES => return Ok(Err(TOO_LARGE)),
-                None => {}
+            match client.read(&mut piece)? {
+                0 => return Err(ErrorKind::UnexpectedEof.into()),
+                n => head.extend_from_slice(&piece[..n]),
             }
         }
+        Ok(Request::parse(&String::from_utf8_lossy(&head)))
     }
 
-    /// Parses the head of a request; `None` if it is not complete yet.
-    fn parse(head: &[u8]) -> Result<Option<Request>, Refusal> {
-        let mut headers = [httparse::EMPTY_HEADER; MOST_HEADERS];
-        let mut parsed = httparse::Request::new(&mut headers);
-        match parsed.parse(head) {
-            Ok(status) if status.is_partial() => return Ok(None),
-            Ok(_) => {}
-            Err(httparse::Error::TooManyHeaders) => return Err(TOO_LARGE),
-            Err(_) => return Err(NO_HTTP),
+    /// Parses the head of a request: the line of method, URL and version, then a header per line. A
+    /// client gets one answer and no body is read, so that no more of HTTP matters.
+    fn parse(head: &str) -> Result<Request, Refusal> {
+        let mut lines = head.split("\r\n").take_while(|line| !line.is_empty());
+        let first: Vec<&str> = lines.next().unwrap_or_default().split(' ').collect();
+        let [method, url, "HTTP/1.0" | "HTTP/1.1"] = first[..] else { return Err(NO_HTTP) };
+        let headers: Option<Vec<(&str, &str)>> = lines.map(|line| line.split_once(':')).collect();
+        let headers = headers.ok_or(NO_HTTP)?;
+        if headers.len() > MOST_HEADERS {
+            return Err(TOO_LARGE);
         }
         let header = |name: &str| {
-            let found = parsed.headers.iter().find(|header| header.name.eq_ignore_ascii_case(name));
-            found.map_or(String::new(), |of| String::from_utf8_lossy(of.value).into_owned())
+            let found = headers.iter().find(|(of, _)| of.eq_ignore_ascii_case(name));
+            found.map_or("", |(_, value)| value.trim())
         };
-        let url = parsed.path.unwrap_or_default();
         let (path, query) = url.split_once('?').unwrap_or((url, ""));
-        let authorization = header("Authorization");
-        let bearer = authorization
+        let bearer = header("Authorization")
             .split_once(' ')
             .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("Bearer"))
             .map(|(_, token)| token.trim());
         let of_query = query.split('&').find_map(|pair| pair.strip_prefix("token="));
-        Ok(Some(Request {
-            is_get: parsed.method == Some("GET"),
+        Ok(Request {
+            is_get: method == "GET",
             path: path.to_owned(),
-            host: header("Host"),
+            host: header("Host").to_owned(),
             token: bearer.or(of_query).unwrap_or_default().to_owned(),
-        }))
+        })
     }
 }

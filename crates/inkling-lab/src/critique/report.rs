@@ -10,7 +10,7 @@ use super::finding::{
     Verdict,
 };
 use super::pictures;
-use crate::plot::page::{escaped, list, note, page, section, table};
+use crate::plot::page::{escaped, list, note, page, section, sentence, table};
 
 /// Explains the columns of the causes' table. The counts of recordings are those of `docs/hidden_effects.md`.
 const OF_CAUSES: &str = "Strength in DL, detection limits: 1 DL is the size at which a test of this one \
@@ -40,9 +40,9 @@ pub fn html(c: &Critique) -> String {
         "{} of {} signals used, of {} channels; {} left out as outliers, {} rejected.",
         signals.used, signals.found, signals.channels, signals.outliers, signals.rejected
     );
-    let (verdict, sentence) = (c.verdict.as_str(), escaped(&c.sentence));
     let parts = [
-        format!("<h1>Model critique: {verdict}</h1>\n<p class=\"sentence\">{sentence}</p>\n"),
+        format!("<h1>Model critique: {}</h1>\n", c.verdict.as_str()),
+        sentence(&c.sentence),
         note(in_words(c.verdict)),
         note(&used),
         causes(c),

@@ -72,10 +72,20 @@ pub fn figure(figure: &Figure, size: (u32, u32), alt: &str) -> String {
     match figure.svg(size) {
         Ok(svg) => {
             let named = format!("<svg role=\"img\" aria-label=\"{alt}\" ");
-            format!("<div class=\"wide\">{}</div>\n", svg.replacen("<svg ", &named, 1))
+            wide(&svg.replacen("<svg ", &named, 1))
         }
         Err(e) => format!("<p>{alt}: {}</p>\n", escaped(&e)),
     }
+}
+
+/// The page's main sentence, in large print, escaped.
+pub fn sentence(text: &str) -> String {
+    format!("<p class=\"sentence\">{}</p>\n", escaped(text))
+}
+
+/// A part that may be wider than a narrow screen, and then moves within the page.
+pub fn wide(part: &str) -> String {
+    format!("<div class=\"wide\">{part}</div>\n")
 }
 
 /// A part of the page under its heading, without one if that is empty. Where the part is empty there is nothing.
