@@ -154,18 +154,22 @@ impl Map<'_> {
         self.times(svg);
     }
 
-    /// Labels of times at the left, `03-14 08:00:10`, at every so many lines of bursts as there is room
-    /// for. Lines are no even time axis.
+    /// Labels of times at the left, at every so many lines of bursts as there is room for, with the date
+    /// where it is another than before: `03-14 08:00:10`. Lines are no even time axis.
     fn times(&self, svg: &mut String) {
         let lines = &self.picture.lines;
         let line_height = self.height / lines.len() as f64;
         let every = (LABEL_HEIGHT / line_height).ceil().max(1.0) as usize;
+        let mut before = String::new();
         for (k, line) in lines.iter().enumerate().step_by(every) {
             let Some((from_ns, _)) = *line else { continue };
             let y = TOP + (k as f64 + 0.5) * line_height;
             let time = clock(from_ns);
+            let date = time.get(..10).unwrap_or_default();
+            let shown = if date == before { time.get(11..) } else { time.get(5..) };
             *svg += &format!("<path d=\"M{LEFT:.1} {y:.1}h-5\" stroke=\"#555\"/>\n");
-            put(svg, (LEFT - 8.0, y + 4.0), "end", time.get(5..).unwrap_or(&time));
+            put(svg, (LEFT - 8.0, y + 4.0), "end", shown.unwrap_or(&time));
+            before = date.to_owned();
         }
     }
 
