@@ -22,7 +22,7 @@
 //! deeper. This library exports the rooms of all four crates: `inkling::design` is there, whichever crate
 //! `design` lies in.
 //!
-//! # The rooms, and the floors they are on (imports go down only, inside rooms too; `tests/floors.rs` checks)
+//! # The rooms, and the floors they are on (imports go down only; `tests/floors.rs` checks)
 //!
 //! ```text
 //! 5  main  cli  settings             words, bars, exit codes | pipeline.toml

@@ -11,11 +11,12 @@ mod house; // a fresh directory and the inkling command
 mod recorded; // bursts, recordings and tables: read, written, changed
 
 mod chapter_4; // the thesis's tables on data of its form
+mod goals; // rates, what chance makes of them, what they must reach
+
 mod foreign; // another generator: healthy families and effects whose constants are not the critique's
 mod healthy_heads; // healthy heads of other makes, with a slow part, in counts and in volts: nothing is found
 mod hidden; // effects hidden in recordings: named, withheld, scored
-mod open_world; // signals of no class, healthy channels of any shape: plants and measurements
-mod open_world_goals; // what must hold there: nothing gross is healthy, nothing foreign named
+mod open_world; // signals of no class, healthy channels of any shape, drifting heads: found, named, left unnamed
 mod unnamed; // oscillators with what the catalogue does not hold: not given the name of its neighbour
 
 use std::sync::atomic::{AtomicUsize, Ordering};

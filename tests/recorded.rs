@@ -9,7 +9,7 @@ use inkling::io::Limits;
 use inkling::io::recording::Recording;
 use inkling::io::recording_writer::{RecordingWriter, WriterOptions};
 use inkling::io::verdict_reader::VerdictReader;
-use inkling::verdict::VerdictColumns;
+use inkling::verdict::{Outcome, Reason, VerdictColumns};
 use parquet::arrow::arrow_reader::{ArrowReaderOptions, ParquetRecordBatchReaderBuilder};
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -118,6 +118,69 @@ pub fn counts(burst: &Burst) -> Vec<Vec<f32>> {
 pub fn slower(burst: &Burst) -> Burst {
     let rows = rows(burst);
     with_samples(burst, |row, k, _| rows[row][k * 3 / 4])
+}
+
+/// What is said of one signal.
+#[allow(dead_code, reason = "the rates use the rest")]
+pub struct Said {
+    pub of: Acquired,
+    pub outcome: Outcome,
+    pub fault: Option<String>,
+    pub has_category: bool,
+    pub candidate: Option<String>,
+    pub certainty: f32,
+    pub reason: Option<Reason>,
+    pub misfit: Option<f32>,
+}
+
+#[allow(dead_code, reason = "the rates use them")]
+impl Said {
+    pub fn is_healthy(&self) -> bool {
+        self.outcome == Outcome::Healthy
+    }
+
+    pub fn is_flagged(&self) -> bool {
+        matches!(self.outcome, Outcome::Faulty | Outcome::Undecided)
+    }
+
+    /// A class or a category has a certainty of .8.
+    pub fn is_named(&self) -> bool {
+        self.certainty >= 0.8 && (self.fault.is_some() || self.has_category)
+    }
+
+    /// The class, if it has such a certainty.
+    pub fn class(&self) -> Option<&str> {
+        self.fault.as_deref().filter(|_| self.is_named())
+    }
+
+    /// It is said that no known class explains it.
+    pub fn is_of_no_class(&self) -> bool {
+        matches!(self.reason, Some(Reason::UnknownFault | Reason::NoRing))
+    }
+}
+
+/// The rows of a table of verdicts, in its order.
+pub fn said(table: &Path) -> Vec<Said> {
+    let mut reader = VerdictReader::open(table).unwrap();
+    let mut said = Vec::new();
+    while let Some(columns) = reader.next() {
+        let c = columns.unwrap();
+        let name = |class: u16| reader.classes()[class as usize].clone();
+        said.extend((0..c.len()).map(|i| {
+            let printhead = c.printheads[c.printhead[i] as usize].to_string();
+            Said {
+                of: (c.acquired_at_ns[i], printhead, c.channel[i]),
+                outcome: c.outcome[i],
+                fault: c.fault[i].map(name),
+                has_category: c.category[i].is_some(),
+                candidate: c.candidate[i].map(name),
+                certainty: c.certainty[i].unwrap_or(0.0),
+                reason: c.reason[i],
+                misfit: c.misfit[i],
+            }
+        }));
+    }
+    said
 }
 
 /// As programs that know nothing of Arrow read them: texts are texts.

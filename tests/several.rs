@@ -2,8 +2,7 @@
 
 use crate::house::{House, shipped};
 use crate::labels::only_healthy;
-use crate::recorded::{batches, cells, texts};
-use arrow_array::types::{TimestampNanosecondType, UInt32Type};
+use crate::recorded::{Said, said};
 
 /// The sample's scenario without its faults.
 fn scenario(bursts: u32, interval_s: f64) -> String {
@@ -61,24 +60,18 @@ fn two_faults_at_once_are_found_and_not_given_a_third_name() {
         assert!(signals >= 60 && flagged == signals, "{a} and {b}: {of}");
     }
     let (mut all, mut one_of_them, mut third, mut third_but_the_twin) = (0, 0, 0, 0);
-    let mut begins_ns = None;
-    for rows in batches(&house.path("out/print_run.verdicts.parquet")) {
-        let (printheads, faults) = (texts(&rows, "printhead"), texts(&rows, "fault"));
-        let times_ns = cells::<TimestampNanosecondType>(&rows, "acquired_at");
-        let channels = cells::<UInt32Type>(&rows, "channel");
-        for (row, fault) in faults.iter().enumerate() {
-            let (t_ns, channel) = (times_ns[row].unwrap(), channels[row].unwrap());
-            let since_s = (t_ns - *begins_ns.get_or_insert(t_ns)) / 1_000_000_000;
-            let is_of_pair = printheads[row].as_deref() == Some("cyan-1") && channel % 4 == 0;
-            let pair = pairs.get(channel as usize / 4).filter(|_| is_of_pair);
-            let (Some(&(a, _, b, _)), 35..95) = (pair, since_s) else { continue };
-            all += 1;
-            let Some(fault) = fault.as_deref() else { continue };
-            let is_third = ![a, b].contains(&fault);
-            one_of_them += usize::from(!is_third);
-            third += usize::from(is_third);
-            third_but_the_twin += usize::from(is_third && (a, b) != ("AB2", "SDN"));
-        }
+    let rows = said(&house.path("out/print_run.verdicts.parquet"));
+    for Said { of: (t_ns, printhead, channel), fault, .. } in &rows {
+        let since_s = (t_ns - rows[0].of.0) / 1_000_000_000;
+        let is_of_pair = printhead == "cyan-1" && channel % 4 == 0;
+        let pair = pairs.get(*channel as usize / 4).filter(|_| is_of_pair);
+        let (Some(&(a, _, b, _)), 35..95) = (pair, since_s) else { continue };
+        all += 1;
+        let Some(fault) = fault.as_deref() else { continue };
+        let is_third = ![a, b].contains(&fault);
+        one_of_them += usize::from(!is_third);
+        third += usize::from(is_third);
+        third_but_the_twin += usize::from(is_third && (a, b) != ("AB2", "SDN"));
     }
     println!(
         "of {all}: one of the two {one_of_them}, a third {third}, but for the twin {third_but_the_twin}"

@@ -1,202 +1,103 @@
-//! A directory and the inkling command: trains designs, judges recordings, hands verdicts back.
+//! A directory and the inkling command: it trains designs on these signals, and judges them.
 
+use super::head::Scatter;
 use super::plant::{Plant, random};
-use super::recording::{self, HEALTHY, Rows};
-use super::scatter::Scatter;
-use super::verdicts::{self, Episode, Verdict};
-use clap::ValueEnum;
-use inkling::io::design_file;
-use inkling::labels::known_states;
+use crate::house::House;
+use crate::recorded::{Said, said};
+use inkling::burst::{Burst, Format, Layout};
 use rand::seq::SliceRandom;
-use std::collections::BTreeSet;
-use std::ffi::OsString;
-use std::path::PathBuf;
-use std::process::Command;
 
-/// How inkling is called.
-#[derive(Clone, Default)]
-pub struct Program {
-    pub command: PathBuf,
-    /// What stands before the verb.
-    pub first: Vec<OsString>,
-    /// Further arguments of `inkling train` and of `inkling replay`.
-    pub train: String,
-    pub replay: String,
-}
+pub const HEALTHY: &str = "healthy";
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Mode {
-    Design,
-    Windows,
-    NoDesign,
-}
-
-/// Signals of known state, to learn from.
-#[derive(Clone, Copy, Debug)]
+/// Signals of known state: so many healthy ones, and of each class.
+#[derive(Clone, Copy)]
 pub struct Library {
     pub scatter: Scatter,
     pub healthy: usize,
     pub per_class: usize,
 }
 
-impl Library {
-    /// The size of the thesis's.
-    pub const THESIS: Library = Library { scatter: Scatter::BOX, healthy: 2475, per_class: 225 };
-}
-
-/// Signals with their truth, in the order of a recording.
+/// Signals with their truth, in the order of a recording: all channels, and then all again.
 #[derive(Default)]
 pub struct Signals {
-    pub states: Vec<String>,
+    /// Of the head, and of each burst.
+    pub channels: usize,
+    pub per_burst: usize,
+    /// From one moment to the next.
+    pub every_s: usize,
+    pub states: Vec<&'static str>,
     pub samples: Vec<Vec<f32>>,
 }
 
+const START_NS: i64 = 1_750_000_000_000_000_000;
+
 impl Signals {
-    pub fn push(&mut self, state: &str, samples: Vec<f32>) {
-        self.states.push(state.to_owned());
-        self.samples.push(samples);
+    pub fn new(channels: usize) -> Signals {
+        Signals { channels, per_burst: channels, every_s: 1, ..Signals::default() }
     }
 
-    /// Healthy and faulty ones at random places.
+    pub fn push(&mut self, state: &'static str, samples: Vec<f64>) {
+        self.states.push(state);
+        self.samples.push(samples.into_iter().map(|y| y as f32).collect());
+    }
+
+    /// Of a library, in random order.
     pub fn of(library: &Library, plant: &Plant, seed: u64) -> Signals {
         let mut rng = random(seed, 0);
-        let mut states: Vec<&str> = vec![HEALTHY; library.healthy];
-        for class in plant.faults.keys() {
-            states.extend(std::iter::repeat_n(class.as_str(), library.per_class));
+        let mut states = vec![(HEALTHY, None); library.healthy];
+        for (fault, from) in &plant.faults {
+            states.extend(vec![(*fault, Some(*from)); library.per_class]);
         }
         states.shuffle(&mut rng);
-        let mut signals = Signals::default();
-        for (place, state) in states.into_iter().enumerate() {
-            let channel = Rows::USUAL.channel(place);
-            let features = match plant.faults.get(state) {
-                Some(ranges) => ranges.draw(&mut rng),
-                None => library.scatter.features(plant, seed, channel, &mut rng),
+        let mut signals = Signals::new(128);
+        for (place, (state, from)) in states.into_iter().enumerate() {
+            let ring = match from {
+                None => library.scatter.ring(plant, seed, place % signals.channels, &mut rng),
+                Some(from) => plant.drawn(from, &mut rng),
             };
-            signals.push(state, plant.signal(features, &mut rng));
+            signals.push(state, plant.signal(&ring, &mut rng));
         }
         signals
     }
+
+    fn t_ns(&self, place: usize) -> i64 {
+        START_NS + (place / self.channels * self.every_s) as i64 * 1_000_000_000
+    }
+
+    fn bursts(&self, plant: &Plant) -> Vec<Burst> {
+        let burst = |(i, some): (usize, &[Vec<f32>])| Burst {
+            t_acq_ns: self.t_ns(i * self.per_burst),
+            first_channel: (i * self.per_burst % self.channels) as u32,
+            ..Burst::of(some, plant.period_s(), Format::F32Le, Layout::ChannelMajor)
+        };
+        self.samples.chunks(self.per_burst).enumerate().map(burst).collect()
+    }
 }
 
-/// What is done to a design that was learned.
-pub type Mutant = fn(&mut serde_json::Value);
-
-/// What a command said before it failed.
-pub type Refusal = String;
-
-pub struct Lab {
-    program: Program,
-    dir: tempfile::TempDir,
-}
+pub struct Lab(pub House);
 
 impl Lab {
-    pub fn new(program: &Program) -> Lab {
-        Lab { program: program.clone(), dir: tempfile::tempdir().unwrap() }
-    }
-
-    pub fn path(&self, name: &str) -> PathBuf {
-        self.dir.path().join(name)
-    }
-
-    /// Arguments separated by white space. What was damaged or skipped is no failure.
-    pub fn run(&self, args: &str) -> Result<(), Refusal> {
-        let output = Command::new(&self.program.command)
-            .args(&self.program.first)
-            .args(args.split_whitespace())
-            .current_dir(self.dir.path())
-            .output()
-            .unwrap();
-        match output.status.code() {
-            Some(0 | 3) => Ok(()),
-            code => {
-                let said = String::from_utf8_lossy(&output.stderr);
-                Err(format!("inkling {args}: exit status {code:?}: {}", said.trim()))
-            }
-        }
-    }
-
-    /// Learns `design.json` from signals of the library.
-    pub fn train(&self, library: &Library, plant: &Plant, seed: u64) -> Result<(), Refusal> {
-        let (signals, more) = (Signals::of(library, plant, seed), &self.program.train);
-        recording::write_labels(&self.path("labels.csv"), Rows::USUAL, &signals.states);
-        self.write("train", Rows::USUAL, plant, signals.samples);
-        let is_own = |state: &&String| known_states().all(|known| known != **state);
-        let own: BTreeSet<&String> = signals.states.iter().filter(is_own).collect();
-        let own = own.iter().filter(|state| !more.contains(&***state));
-        let declared: String = own.map(|state| format!(" --new-class {state}")).collect();
-        let train = "train train.mcap --labels labels.csv -o design.json";
-        self.run(&format!("{train} {more}{declared}"))
-    }
-
-    /// Takes something out of what was learned.
-    pub fn spoil(&self, mutant: Mutant) {
-        let path = self.path("design.json");
-        let mut design = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
-        mutant(&mut design);
-        design_file::write(&path, &serde_json::from_value(design).unwrap()).unwrap();
-    }
-
-    pub fn write(
-        &self,
-        name: &str,
-        rows: Rows,
-        plant: &Plant,
-        signals: impl IntoIterator<Item = Vec<f32>>,
-    ) {
-        let path = self.path(&format!("{name}.mcap"));
-        recording::write(&path, rows, plant.sampling(), plant.is_rounded(), signals);
-    }
-
-    /// `name` may hold directories.
-    pub fn judge(&self, name: &str, mode: Mode, more: &str) -> Result<Vec<Verdict>, Refusal> {
-        self.run_replay(name, mode, more)?;
-        Ok(verdicts::read(&self.written(name, "verdicts")))
-    }
-
-    /// The verdicts, each beside what is true of its signal.
-    pub fn judge_known<'t, T>(
-        &self,
-        name: &str,
-        mode: Mode,
-        more: &str,
-        truths: &'t [T],
-    ) -> Result<Vec<(Verdict, &'t T)>, Refusal> {
-        let verdicts = self.judge(name, mode, more)?;
-        assert_eq!(verdicts.len(), truths.len(), "every signal of {name} has a verdict");
-        Ok(verdicts.into_iter().zip(truths).collect())
-    }
-
-    /// The episodes alone.
-    pub fn replay(&self, name: &str, mode: Mode) -> Result<Vec<Episode>, Refusal> {
-        self.run_replay(name, mode, "")?;
-        Ok(self.episodes(name))
-    }
-
-    /// Of the last replay of it.
-    pub fn episodes(&self, name: &str) -> Vec<Episode> {
-        verdicts::read_episodes(&self.written(name, "episodes"))
-    }
-
-    /// What its summary warns of.
-    pub fn warnings(&self, name: &str) -> Vec<String> {
-        let text = std::fs::read(self.path(&format!("out/{name}.summary.json"))).unwrap();
-        let summary: serde_json::Value = serde_json::from_slice(&text).unwrap();
-        let warnings = summary["warnings"].as_array().unwrap().iter();
-        warnings.map(|of| of["what"].as_str().unwrap().to_owned()).collect()
-    }
-
-    fn run_replay(&self, name: &str, mode: Mode, more: &str) -> Result<(), Refusal> {
-        let by = match mode {
-            Mode::Design => "--design design.json --identify design",
-            Mode::Windows => "--design design.json --identify windows",
-            Mode::NoDesign => "",
+    /// A design that was learned from signals of the library.
+    pub fn trained(library: &Library, plant: &Plant, seed: u64) -> Lab {
+        let (house, signals) = (House::new(), Signals::of(library, plant, seed));
+        house.record("train.mcap", &signals.bursts(plant));
+        let label = |(place, state): (usize, &&str)| {
+            let (channel, from) = (place % signals.channels, signals.t_ns(place));
+            format!("p,{channel},{from},{},{state},\n", from + 1)
         };
-        let further = &self.program.replay;
-        self.run(&format!("replay {name}.mcap {by} --out out {more} {further}"))
+        let labels: String = signals.states.iter().enumerate().map(label).collect();
+        house.write("labels.csv", format!("printhead,channel,from,to,state,severity\n{labels}"));
+        let own = plant.faults.iter().filter(|(fault, _)| fault.starts_with('K'));
+        let own: String = own.map(|(fault, _)| format!(" --new-class {fault}")).collect();
+        house.ok(&format!("train train.mcap --labels labels.csv -o design.json{own}"));
+        Lab(house)
     }
 
-    fn written(&self, name: &str, table: &str) -> PathBuf {
-        let stem = name.rsplit('/').next().unwrap_or(name);
-        self.path(&format!("out/{stem}.{table}.parquet"))
+    /// What is said of each signal, in its order. What was skipped or damaged is no failure.
+    pub fn judged(&self, signals: &Signals, plant: &Plant, how: &str) -> Vec<Said> {
+        self.0.record("r.mcap", &signals.bursts(plant));
+        let ended = self.0.run(&format!("replay r.mcap --out out --force {how}"));
+        assert!(matches!(ended.code(), Some(0 | 3)), "{how}: {}", ended.stderr());
+        said(&self.0.path("out/r.verdicts.parquet"))
     }
 }
