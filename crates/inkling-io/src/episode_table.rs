@@ -161,14 +161,6 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_episode_table_is_an_error() {
-        let (_dir, path) = place("r.episodes.parquet");
-        assert!(matches!(read(&path), Err(TableError::Io { .. })));
-        std::fs::write(&path, "PAR1 but no more PAR1").unwrap();
-        assert!(read(&path).is_err());
-    }
-
-    #[test]
     fn schema_is_the_documented_one() {
         let page = include_str!("../../../schemas/episodes.md");
         is_documented(page, &row_table::schema(&COLUMNS, TimestampUnit::Ns));

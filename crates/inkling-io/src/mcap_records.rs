@@ -1,7 +1,7 @@
 //! Parses those MCAP records that are read. Chunks, schemas, channels and the chunk index are parsed
 //! by hand, the rest by the mcap crate. The crate wants the whole body of a chunk, where here its
-//! first bytes must do, and it makes a map of what a channel says about itself: a record of 256 MiB,
-//! which a file of some kB may hold, would take gigabytes (mcap 0.26).
+//! first bytes must do; and of what a channel says about itself, which nothing here asks for, it
+//! makes a map of texts, in which a record of 256 MiB would take some 2 GB (mcap 0.26).
 //!
 //! In, from `scan.rs`, `mcap_summary.rs`, `block_reader.rs` and others: a record's body, which is the
 //! bytes behind the record header. Out: its fields; `None` if the bytes are too few, or a text is

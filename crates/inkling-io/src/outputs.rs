@@ -141,24 +141,6 @@ mod tests {
     }
 
     #[test]
-    fn files_are_no_directories_and_directories_no_files() {
-        let dir = tempfile::tempdir().unwrap();
-        let at = |name: &str| dir.path().join(name);
-        std::fs::write(at("file"), "").unwrap();
-        assert!(check_directory(&at("new/below")).is_ok() && check_directory(dir.path()).is_ok());
-        let check_file = |path: &Path| check_file(path, ResultFile::Page);
-        assert!(check_file(&at("file")).is_ok() && check_file(&at("new/file")).is_ok());
-        assert!(
-            check_file(Path::new("here")).is_ok() && check_directory(Path::new("here")).is_ok()
-        );
-        for refused in [check_directory(&at("file")), check_directory(&at("file/below"))] {
-            let message = refused.unwrap_err().to_string();
-            assert!(message.contains("is a file") && !message.contains("below"), "{message}");
-        }
-        assert!(check_file(dir.path()).is_err() && check_file(&at("file/below")).is_err());
-    }
-
-    #[test]
     fn earlier_files_go_others_stay() {
         let dir = tempfile::tempdir().unwrap();
         for name in ["a", "b", "c"] {

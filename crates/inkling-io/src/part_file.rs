@@ -278,23 +278,6 @@ mod tests {
     }
 
     #[test]
-    fn what_is_complete_but_has_no_name_is_removed() {
-        let (dir, path) = place("x");
-        let (part, file) = PartFile::create(&path).unwrap();
-        drop(part.complete(&file).unwrap());
-        assert!(names(dir.path()).is_empty());
-    }
-
-    #[test]
-    fn a_directory_of_that_name_is_refused_before_the_work() {
-        let (dir, path) = place("x");
-        fs::create_dir(&path).unwrap();
-        let refused = PartFile::create(&path).unwrap_err();
-        assert_eq!(refused.kind(), io::ErrorKind::IsADirectory);
-        assert_eq!(names(dir.path()), ["x"]);
-    }
-
-    #[test]
     fn leftovers_of_the_dead_are_swept_and_what_is_being_written_stays() {
         let dir = tempfile::tempdir().unwrap();
         let left = ".x.12-0.part x.12-0.part y.12-0.part x.part x.12-a.part x.1-2.part.gz";

@@ -119,22 +119,6 @@ mod tests {
     use crate::fixtures::{assert_refused, place};
 
     #[test]
-    fn what_is_no_regular_file_is_refused() {
-        let dir = tempfile::tempdir().unwrap();
-        assert_refused(open(dir.path()), &["not a file"]);
-        let missing = open(&dir.path().join("missing")).unwrap_err();
-        assert_eq!(missing.kind(), io::ErrorKind::NotFound);
-        #[cfg(unix)]
-        {
-            assert_refused(open(Path::new("/dev/zero")), &["not a file"]);
-            let pipe = dir.path().join("pipe");
-            let made = std::process::Command::new("mkfifo").arg(&pipe).status().unwrap();
-            assert!(made.success());
-            assert_refused(open(&pipe), &["not a file"]);
-        }
-    }
-
-    #[test]
     fn no_more_is_read_than_stated() {
         let (_dir, path) = place("x");
         std::fs::write(&path, "12345").unwrap();

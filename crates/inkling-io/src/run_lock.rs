@@ -121,17 +121,6 @@ fn holder(file: &mut File) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fixtures::{assert_refused, place};
-
-    #[test]
-    fn the_second_is_refused_with_the_first_named_until_the_first_ends() {
-        let (_dir, out) = place("new");
-        let first = RunLock::take(&out).unwrap();
-        let me = format!("process {} since 2", std::process::id());
-        assert_refused(RunLock::take(&out), &[&me, "--out"]);
-        drop(first);
-        assert!(!RunLock::take(&out).unwrap().blind);
-    }
 
     #[test]
     fn a_run_that_did_not_end_says_what_it_was_to_judge() {
