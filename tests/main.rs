@@ -10,6 +10,7 @@ mod convert; // tables become recordings
 mod dialects; // recordings of others: any encoding, tables; paths that lead nowhere; hostile schemas
 mod floors; // imports go down only
 mod follow; // recordings that are being written: told as they grow, tables as of a replay
+mod hidden; // recordings with hidden effects give nothing away
 mod hostile; // absurd recordings, covariates, names, designs, places to write to: rows and words, no panic
 mod inspect; // messages of other loggers: fields, layouts by the samples, questions; what is laid out wrongly
 mod kills; // killed, locked, out of room, changed while read: nothing mixed, nothing half, the rest judged

@@ -15,7 +15,6 @@ mod goals; // rates, what chance makes of them, what they must reach
 
 mod foreign; // another generator: healthy families and effects whose constants are not the critique's
 mod healthy_heads; // healthy heads of other makes, with a slow part, in counts and in volts: nothing is found
-mod hidden; // effects hidden in recordings: named, withheld, scored
 mod open_world; // signals of no class, healthy channels of any shape, drifting heads: found, named, left unnamed
 mod unnamed; // oscillators with what the catalogue does not hold: not given the name of its neighbour
 

@@ -30,6 +30,10 @@ pub enum Effect {
     ClockDrift,
     CorrelatedNoise,
     HeteroscedasticNoise,
+    /// A mode below half of the ring's frequency looks like a meniscus that is pulled back, and is none.
+    SlowMode,
+    /// Warm ink thins in the nozzle alone.
+    WarmNozzle,
     /// Outside the catalogue: the sensor's gain drifts.
     GainDrift,
     /// Two neighbouring codes of sixteen are never given.
@@ -59,6 +63,12 @@ pub enum Effect {
     GainStep,
     /// A line of fixed phase whose frequency rises.
     Chirp,
+    /// Two converters take turns, of gains that differ.
+    Interleaving,
+    /// A share of the step is lost in every sixteenth sample.
+    HeldSample,
+    /// Neighbours that fire stiffen the channel.
+    StiffNeighbours,
 }
 
 /// What is known of a signal where an effect acts.
@@ -91,7 +101,11 @@ pub struct Hidden {
 impl Effect {
     /// As the contract has it.
     pub fn id(self) -> String {
-        self.to_possible_value().unwrap().get_name().to_owned()
+        match self {
+            Effect::SlowMode => Effect::SecondMode.id(),
+            Effect::WarmNozzle => Effect::Temperature.id(),
+            _ => self.to_possible_value().unwrap().get_name().to_owned(),
+        }
     }
 
     /// `None`: nothing is put in.
@@ -129,6 +143,8 @@ impl Hidden {
         signal.clock *= 1.0 + 0.0045 * self.of(Effect::ClockDrift) * time;
         // of the stiffness, so twice that of the frequency
         signal.stiff *= 1.0 + 0.012 * self.of(Effect::PositionGradient) * at.position;
+        signal.channel.rates.d *= 1.0 - 0.006 * self.of(Effect::WarmNozzle) * at.warmer_c;
+        signal.stiff *= 1.0 + 0.002 * self.of(Effect::StiffNeighbours) * at.neighbours;
         signal.gain *= 1.0 + 0.004 * self.of(Effect::Crosstalk) * at.neighbours;
         signal.gain *= 1.0 + 0.012 * self.of(Effect::GainDrift) * time;
         let jitter_s = 40e-9 * (self.of(Effect::TriggerJitter) / layout.a_burst as f64).sqrt();
@@ -186,6 +202,8 @@ impl Hidden {
             *y += random * (TAU * 131e3 * t + at.phase).cos();
             let mode = 0.3 * self.of(Effect::SecondMode) * at.drive;
             *y += mode * (-t / 45e-6).exp() * (TAU * 104e3 * t + 1.1).cos();
+            let slow = 0.3 * self.of(Effect::SlowMode) * at.drive;
+            *y += slow * (-t / 45e-6).exp() * (TAU * 26e3 * t + 1.1).cos();
             *y += 0.00025 * self.of(Effect::EvenOrder) * plain * plain;
             *y += if k > n / 3 { 0.2 * self.of(Effect::BaselineStep) } else { 0.0 };
             *y = self.senses_otherwise(*y, plain);
@@ -193,9 +211,12 @@ impl Hidden {
             let chirp = 0.1 * self.of(Effect::Chirp);
             *y += chirp * (TAU * (150e3 + 0.55e9 * t) * t + 0.3).cos();
             *y *= 1.0 + 0.0035 * self.of(Effect::Mixer) * (TAU * 29e3 * t + 1.9).cos();
+            *y *= 1.0 + 0.004 * self.of(Effect::Interleaving) * if k % 2 == 0 { 1.0 } else { -1.0 };
             let odd = at.number % 97 == 5 && (n / 2..n / 2 + 4).contains(&k);
             *y += if odd { 6.0 * self.of(Effect::Pulses) } else { 0.0 };
         }
+        let lost = (0.1 * self.of(Effect::HeldSample)).min(1.0);
+        (16..n).step_by(16).for_each(|k| y[k] += lost * (y[k - 1] - y[k]));
     }
 
     /// What the sensor makes of `plain`, of which other effects made `y`.

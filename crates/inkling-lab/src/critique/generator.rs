@@ -1,5 +1,5 @@
-//! Simulates small recordings with one known effect, for the unit tests of this room. (The generators of
-//! `tests/hidden` and `tests/foreign`, by which the critique is judged, are other code.)
+//! Simulates small recordings with one known effect, for the unit tests of this room. (The generator of
+//! `tests/foreign`, by which the critique is judged, is other code.)
 //!
 //! In: [`Run`], the sizes and the planted effect; a seed. Out: [`Observations`] of whole counts. The
 //! channel's ring is in closed form, or from the integrator of `unmodelled.rs` for an effect in the equation of

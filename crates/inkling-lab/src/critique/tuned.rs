@@ -3,7 +3,7 @@
 //!
 //! The brackets at the end of a number's comment say which recordings it was tuned on:
 //!
-//! * `7.1`: seeds 7 100 000 on (`tuning_recordings` in `tests/hidden`) and `--hide 1` to `259`;
+//! * `7.1`: seeds 7 100 000 on, drawn as by `--hide`, and `--hide 1` to `259`;
 //! * `400`: seeds 400 000 to 400 067 of `tests/foreign`;
 //! * `7.8`: seeds 7 800 000 to 7 830 031 and 810 000 to 840 039 of both;
 //! * `-`: nobody wrote down what it was tuned on.
