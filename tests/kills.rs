@@ -85,6 +85,31 @@ fn killed_anywhere_and_resumed_is_the_same_as_undisturbed() {
     println!("{states} states, {resumed_in_the_middle} of {KILLS} kills between two recordings");
 }
 
+/// A state that learned from the third without the second could never judge the second as an undisturbed run does.
+#[test]
+fn a_state_does_not_pass_over_a_recording_whose_tables_cannot_be_written() {
+    let house = House::new();
+    for i in 0..3 {
+        house.record(&format!("rec/{i}/a.mcap"), &on_day(i, 10));
+    }
+    const ARGS: &str = "rec --baseline own.json";
+    house.replay(ARGS).exits(0);
+    let undisturbed = (results(&house), house.read("own.json"));
+    house.remove("out");
+    house.remove("own.json");
+    house.write("out/1", "a file where a directory is to be");
+    house
+        .replay(ARGS)
+        .exits(1)
+        .says("cannot be written")
+        .says("recordings after it are not judged");
+    let run = house.read_json("out/run.json");
+    assert_eq!((&run["end"], &run["totals"]["not_reached"]), (&"broken".into(), &1.into()));
+    house.remove("out/1");
+    house.replay(ARGS).exits(0).says("2 judged, 1 skipped");
+    assert!((results(&house), house.read("own.json")) == undisturbed);
+}
+
 #[test]
 fn second_run_into_a_directory_is_refused_until_the_first_is_gone() {
     let house = House::new();

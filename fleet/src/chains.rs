@@ -4,11 +4,11 @@
 //! common, directly or by way of others, in the order of their times, because each must begin with what the
 //! one before has taught.
 
-use inkling::io::layout::PlacedRecording;
+use inkling::io::job::Job;
 use std::collections::HashMap;
 
 /// The chains, as places among `items`, which stand in the order of their times. Every item is in one chain.
-pub fn split(items: &[PlacedRecording], with_baselines: bool) -> Vec<Vec<usize>> {
+pub fn split(items: &[Job], with_baselines: bool) -> Vec<Vec<usize>> {
     let mut groups = Groups((0..items.len()).collect());
     if with_baselines {
         let mut first_of: HashMap<&str, usize> = HashMap::new();
@@ -57,18 +57,18 @@ mod tests {
     use inkling::io::inputs::Input;
     use inkling::io::layout::Layout;
 
-    fn item(printheads: &[&str]) -> PlacedRecording {
+    fn item(printheads: &[&str]) -> Job {
         let input = Input { path: "/x".into(), below: "".into() };
-        PlacedRecording {
+        Job {
             printheads: printheads.iter().map(|name| name.to_string()).collect(),
-            ..PlacedRecording::new(Layout::Flat, input, |_| String::new())
+            ..Job::new(Layout::Flat, input, |_| String::new())
         }
     }
 
     #[test]
     fn recordings_that_share_a_printhead_stay_together_in_order() {
         let items = [&["a"][..], &["b"], &["a", "c"], &[], &["d"], &["c"], &["b"], &["d", "b"]];
-        let items: Vec<PlacedRecording> = items.iter().map(|names| item(names)).collect();
+        let items: Vec<Job> = items.iter().map(|names| item(names)).collect();
         let one_by_one: Vec<Vec<usize>> = (0..8).map(|at| vec![at]).collect();
         assert_eq!(split(&items, false), one_by_one);
         assert_eq!(split(&items, true), [vec![0, 2, 5], vec![1, 4, 6, 7], vec![3]]);

@@ -7,12 +7,12 @@
 use crate::chains;
 use crate::driver::{Driver, Patience, Shared};
 use crate::row::Row;
-use crate::run_dir::{Job, RunDir};
+use crate::run_dir::{RunDir, RunJob};
 use crate::security::Scheduler;
 use crate::worker::Task;
 use inkling::cli::exit::Failure;
 use inkling::cli::judge::{Judge, Judged, NotJudged, Run};
-use inkling::io::layout::PlacedRecording;
+use inkling::io::job::Job;
 use inkling::io::objects::in_object_store;
 use inkling::state::Memory;
 use std::collections::HashMap;
@@ -54,7 +54,7 @@ impl Fleet {
 
 impl Judge for Fleet {
     /// Writes the run's directory, takes over what earlier runs have finished, and starts the driver.
-    fn begin(&mut self, run: &Run, items: &[PlacedRecording]) -> Result<(), Failure> {
+    fn begin(&mut self, run: &Run, items: &[Job]) -> Result<(), Failure> {
         if items.is_empty() {
             return Ok(());
         }
@@ -63,7 +63,7 @@ impl Judge for Fleet {
         // only one run at a time holds the lock of the directory, so these have died
         let earlier = RunDir::earlier(&out);
         earlier.iter().for_each(|dir| drop(dir.end())); // executors that still work for them stop
-        let job = Job {
+        let job = RunJob {
             version: env!("CARGO_PKG_VERSION").into(),
             replay: run.replay.clone(),
             means: run.means.clone(),
@@ -118,7 +118,7 @@ impl Judge for Fleet {
     }
 
     /// Waits for a recording's row, gives its files their names, and gives what the row says.
-    fn judge(&mut self, run: &Run, at: usize, item: &PlacedRecording) -> Result<Judged, NotJudged> {
+    fn judge(&mut self, run: &Run, at: usize, item: &Job) -> Result<Judged, NotJudged> {
         if !is_text(item) {
             let why = format!("{}: its name is no UTF-8, which a job cannot hold", item.label());
             return Err(NotJudged::Failed { why, usage: false });
@@ -200,12 +200,12 @@ impl Drop for Begun {
 }
 
 /// Whether a recording can be named in a job, which is text.
-fn is_text(item: &PlacedRecording) -> bool {
+fn is_text(item: &Job) -> bool {
     item.input.path.to_str().is_some()
 }
 
 /// A failure with the recording's name as the user gave it, as one machine would say it.
-fn as_named(why: NotJudged, item: &PlacedRecording) -> NotJudged {
+fn as_named(why: NotJudged, item: &Job) -> NotJudged {
     match why {
         NotJudged::Failed { why, usage } => {
             let name = item.input.path.display().to_string();
@@ -229,14 +229,9 @@ fn merged(now: &Memory, mut next: Memory, printheads: &[String]) -> Memory {
 
 /// Takes over rows of runs that did not come to their end, if the recording is asked for now, has not
 /// changed, and would be judged by the same means. Gives how many.
-fn adopt(
-    earlier: &[RunDir],
-    dir: &RunDir,
-    job: &Job,
-    items: &[PlacedRecording],
-) -> std::io::Result<usize> {
+fn adopt(earlier: &[RunDir], dir: &RunDir, job: &RunJob, items: &[Job]) -> std::io::Result<usize> {
     // the same recording with its results at the same place
-    let key = |item: &PlacedRecording| (item.source.path.clone(), item.verdicts.clone());
+    let key = |item: &Job| (item.source.path.clone(), item.verdicts.clone());
     let all = items.iter().enumerate();
     let mut places: HashMap<_, usize> = all.map(|(at, item)| (key(item), at)).collect();
     let mut adopted = 0;

@@ -3,7 +3,7 @@
 
 use crate::roots::resolve;
 use inkling::cli::judge::{Judged, NotJudged};
-use inkling::io::layout::PlacedRecording;
+use inkling::io::job::Job;
 use inkling::io::objects::in_object_store;
 use inkling::io::{part_file, stored};
 use inkling::pipeline::resume;
@@ -18,7 +18,7 @@ pub const FLEET_DIR: &str = ".fleet";
 /// What became of a recording.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Row {
-    pub item: PlacedRecording,
+    pub item: Job,
     pub ended: Result<Judged, NotJudged>,
     /// The executor that judged it: host and process.
     pub by: String,
@@ -61,7 +61,7 @@ impl Row {
     }
 
     /// Whether it is the row of this recording, for these results.
-    pub fn is_of(&self, item: &PlacedRecording) -> bool {
+    pub fn is_of(&self, item: &Job) -> bool {
         (&self.item.source.path, &self.item.verdicts) == (&item.source.path, &item.verdicts)
     }
 

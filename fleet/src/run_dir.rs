@@ -16,8 +16,8 @@
 
 use crate::row::{FLEET_DIR, Row};
 use inkling::cli::judge::Detail;
+use inkling::io::job::Job;
 use inkling::io::journal::Means;
-use inkling::io::layout::PlacedRecording;
 use inkling::io::objects::in_object_store;
 use inkling::io::{part_file, regular_file, stored};
 use inkling::pipeline::{Replay, resume};
@@ -42,7 +42,7 @@ const MOST_REMOVALS: u32 = 20;
 
 /// What all recordings of a run share.
 #[derive(Clone, Serialize, Deserialize)]
-pub struct Job {
+pub struct RunJob {
     /// Version of inkling: only the same version writes the same bytes.
     pub version: String,
     pub replay: Replay,
@@ -61,7 +61,7 @@ pub struct RunDir {
 
 impl RunDir {
     /// Makes the directory of a new run. `out` is the directory of results, absolute.
-    pub fn create(out: &Path, job: &Job) -> io::Result<RunDir> {
+    pub fn create(out: &Path, job: &RunJob) -> io::Result<RunDir> {
         let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let name = format!("{}-{}", since_1970.as_millis(), std::process::id());
         let dir = RunDir { path: out.join(FLEET_DIR).join(name) };
@@ -95,12 +95,12 @@ impl RunDir {
     }
 
     /// The job. `NotFound`: the run is over.
-    pub fn job(&self) -> io::Result<Job> {
+    pub fn job(&self) -> io::Result<RunJob> {
         read(&self.path.join(JOB), MOST_JOB_BYTES)
     }
 
     /// The job of a run that is over.
-    pub fn ended_job(&self) -> io::Result<Job> {
+    pub fn ended_job(&self) -> io::Result<RunJob> {
         read(&self.path.join(ENDED), MOST_JOB_BYTES)
     }
 
@@ -214,7 +214,7 @@ impl RunDir {
     }
 
     /// A place of one's own for the verdicts of a recording, before they have their name.
-    pub fn staging(&self, at: usize, who: &str, item: &PlacedRecording) -> PathBuf {
+    pub fn staging(&self, at: usize, who: &str, item: &Job) -> PathBuf {
         let name = item.verdicts.rsplit('/').next().unwrap_or(&item.verdicts);
         self.path.join(format!("{at}.{who}")).join(name)
     }
@@ -286,7 +286,7 @@ mod tests {
     use inkling::labels::{Channels, Label, Labels};
     use serde_json::json;
 
-    fn job() -> Job {
+    fn job() -> RunJob {
         let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join("../sample_logs/design.json");
         let (design, digest) = design_file::read(&sample).unwrap();
         let row = Label {
@@ -305,11 +305,11 @@ mod tests {
             ..Replay::default()
         };
         let means = resume::means_of(&replay, Some("xxh3:1".into()));
-        Job { version: "0".into(), replay, means, detail: Detail::Line, out: "out".into() }
+        RunJob { version: "0".into(), replay, means, detail: Detail::Line, out: "out".into() }
     }
 
     fn judged(bytes: u64) -> Judged {
-        let PlacedRecording { source, verdicts, .. } = placed();
+        let Job { source, verdicts, .. } = placed();
         let entry = Entry {
             results: Some(Results { verdicts, bytes: vec![bytes; 3] }),
             counts: json!({"signals": 3}),
@@ -318,9 +318,9 @@ mod tests {
         Judged { entry, report: "x".into(), timings: Vec::new(), baselines: None }
     }
 
-    fn placed() -> PlacedRecording {
+    fn placed() -> Job {
         let input = Input { path: "/x.mcap".into(), below: "below".into() };
-        PlacedRecording::new(Layout::Tree, input, |_| String::new())
+        Job::new(Layout::Tree, input, |_| String::new())
     }
 
     fn row(by: &str, bytes: u64) -> Row {
@@ -341,7 +341,7 @@ mod tests {
         let dir = RunDir::create(out.path(), &job).unwrap();
         let back = dir.job().unwrap();
         back.replay.design.as_ref().unwrap().check().unwrap();
-        let text = |job: &Job| serde_json::to_string(job).unwrap();
+        let text = |job: &RunJob| serde_json::to_string(job).unwrap();
         assert!(text(&back) == text(&job), "by content, to the last digit");
         assert_eq!(back.means, job.means);
     }

@@ -3,11 +3,11 @@
 
 use crate::roots::Roots;
 use crate::row::{Row, stays_below};
-use crate::run_dir::{Job, RunDir};
+use crate::run_dir::{RunDir, RunJob};
 use inkling::cli::judge::{Judged, NotJudged};
 use inkling::io::Limits;
 use inkling::io::dialect::Dialects;
-use inkling::io::layout::PlacedRecording;
+use inkling::io::job::Job;
 use inkling::io::recording::Recording;
 use inkling::pipeline::{self, Control, PipelineError, Replay};
 use inkling::settings::Pace;
@@ -29,7 +29,7 @@ const MOST_BEGUN: u64 = 5;
 /// Recordings that are judged one after the other, each with its place among those of the run.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Task {
-    pub chain: Vec<(usize, PlacedRecording)>,
+    pub chain: Vec<(usize, Job)>,
 }
 
 /// What an executor judges with: where it may read and write, and how many threads a recording gets.
@@ -47,7 +47,7 @@ pub struct Worker {
 
 /// A job, ready to judge.
 struct Loaded {
-    job: Job,
+    job: RunJob,
     dialects: Dialects,
 }
 
@@ -90,7 +90,7 @@ impl Worker {
     }
 
     /// Gives the files of a row that was found their names.
-    fn name(&self, run: &RunDir, item: &PlacedRecording, row: Row) -> Result<Row, String> {
+    fn name(&self, run: &RunDir, item: &Job, row: Row) -> Result<Row, String> {
         if !row.is_of(item) {
             return Err(self.words(run, format!("a row that is not of {}", item.source.path)));
         }
@@ -138,7 +138,7 @@ impl Worker {
         &self,
         run: &RunDir,
         at: usize,
-        item: &PlacedRecording,
+        item: &Job,
         loaded: &Loaded,
         baselines: &Option<Memory>,
     ) -> Result<Row, String> {
@@ -165,7 +165,7 @@ impl Worker {
     }
 
     /// Whether the executor may read the recording and write its results.
-    fn allowed(&self, run: &RunDir, item: &PlacedRecording) -> Result<(), String> {
+    fn allowed(&self, run: &RunDir, item: &Job) -> Result<(), String> {
         let below = Path::new(&item.verdicts);
         if !stays_below(below) {
             return Err(format!("{}: leads out of the directory of results", below.display()));
@@ -179,7 +179,7 @@ impl Worker {
         &self,
         run: &RunDir,
         at: usize,
-        item: &PlacedRecording,
+        item: &Job,
         loaded: &Loaded,
         baselines: &Option<Memory>,
         staged: &Path,

@@ -1,6 +1,6 @@
-//! The account of a run: every recording that it was given, and what became of it. In: a [`Row`]
-//! for each recording, from `batch` in the order in which recordings are done, and messages. Out:
-//! the file `run.json` (`schemas/journal.md`), the closing table, and the exit status.
+//! The account of a run: every recording that it was given, and what became of it. In: from `teller`, a [`Row`]
+//! for each recording, in the order in which recordings are done, and messages. Out: the file `run.json`
+//! (`schemas/journal.md`), the closing table, and the exit status.
 //!
 //! The exit status counts only what is new: a damaged recording that is skipped was told when it
 //! was judged. With `--strict` skipped recordings count like others.
@@ -9,9 +9,11 @@ use super::exit::Exit;
 use super::notes::{Note, Notes};
 use super::progress::{counted, first_few, thousands};
 use super::report::printable_path;
-use inkling_io::journal::{self, Means, Outcome};
-use inkling_io::part_file;
+use inkling_io::job::Job;
+use inkling_io::journal::{self, Entry, Means, Outcome};
+use inkling_io::{part_file, printable};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::io::{self, Write};
 use std::path::Path;
 use std::time::Instant;
@@ -21,6 +23,8 @@ pub const RUN_NAME: &str = "run.json";
 pub const MOST_RUN_BYTES: u64 = 1 << 30;
 /// Most recordings that the closing table names.
 const MOST_NAMED: usize = 20;
+/// Most characters of a reason in a row.
+const MOST_OF_A_REASON: usize = 300;
 
 /// What became of one recording.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -42,6 +46,49 @@ pub struct Row {
     pub digest: Option<String>,
     /// Number of signals found in the recording, judged or rejected; 0 if it has no verdicts.
     pub signals: u64,
+}
+
+impl Row {
+    /// The row of a recording, by its entry in the journal, or by the one that would stand there of a recording
+    /// that was not reached. As the reason it has its error or what is not whole of its verdicts, if anything is
+    /// not; else why this run judged or skipped the recording.
+    pub fn of(job: &Job, entry: &Entry) -> Row {
+        let is_judged = entry.outcome.is_judged();
+        let path = format!("{}: ", job.input.path.display());
+        let error = entry.error.as_deref().map(|e| e.strip_prefix(&path).unwrap_or(e).to_owned());
+        let why = error.or_else(|| not_whole(entry)).unwrap_or_else(|| job.words().1);
+        let results = entry.results.as_ref().filter(|_| entry.outcome != Outcome::Failed);
+        Row {
+            recording: job.label(),
+            outcome: entry.outcome,
+            skipped: is_judged && !job.is_to_be_judged(),
+            why: printable::line(&why, MOST_OF_A_REASON),
+            verdicts: results.map(|results| results.verdicts.clone()),
+            judged_at: is_judged.then(|| entry.at.clone()),
+            digest: entry.recording.digest.clone().filter(|_| is_judged),
+            signals: entry.counts["signals"].as_u64().unwrap_or_default(),
+        }
+    }
+}
+
+/// What of a recording was not judged, or not judged as asked: the first sentence about it in its
+/// entry. `None` if it is whole.
+fn not_whole(entry: &Entry) -> Option<String> {
+    let refused = || entry.warnings.first().map(|told| told.what.clone());
+    let rejected = || {
+        let by_reason = entry.counts["rejected"].as_object();
+        let n: u64 = by_reason?.values().filter_map(Value::as_u64).sum();
+        (n > 0).then(|| format!("{n} signals rejected"))
+    };
+    match entry.outcome {
+        Outcome::NotJudged => entry.not_judged.first().cloned(),
+        Outcome::Damaged => {
+            let damage = entry.damage.first().map(|damage| damage.what.clone());
+            Some(damage.or_else(rejected).or_else(refused).unwrap_or_default())
+        }
+        Outcome::WindowRefused => refused(),
+        _ => None,
+    }
 }
 
 /// How the run as a whole ended.

@@ -16,7 +16,7 @@ use crate::pipeline::{self, Control, EpisodeEvent, Watch};
 use crate::report::clock;
 use crate::settings::{Pace, Settings};
 use inkling_core::verdict::Verdicts;
-use inkling_io::layout::PlacedRecording;
+use inkling_io::job::Job;
 use inkling_io::objects::in_object_store;
 use inkling_io::recording::Recording;
 use inkling_io::{Limits, printable};
@@ -65,13 +65,8 @@ pub struct FollowJudge {
 }
 
 impl Judge for FollowJudge {
-    fn judge(
-        &mut self,
-        run: &Run,
-        _: usize,
-        placed: &PlacedRecording,
-    ) -> Result<Judged, NotJudged> {
-        let (label, verdicts) = (&placed.label(), placed.verdicts_in(run.out));
+    fn judge(&mut self, run: &Run, _: usize, job: &Job) -> Result<Judged, NotJudged> {
+        let (label, verdicts) = (&job.label(), job.verdicts_in(run.out));
 
         // if the reader of the output is gone, the tables are still written; another error is only
         // told
@@ -101,12 +96,12 @@ impl Judge for FollowJudge {
         let report = run.progress.during(label, None, run.control, || {
             let enough = run.control.enough.clone();
             let mut recording =
-                Recording::follow(&placed.input.path, Limits::default(), run.dialects, enough)?;
+                Recording::follow(&job.input.path, Limits::default(), run.dialects, enough)?;
             recording.label.clone_from(label);
             pipeline::follow(&run.replay, &recording, &verdicts, run.control, &watch)
         });
         self.live.iter().for_each(|live| live.end());
-        Ok(Judged::of(report?, placed, run.means, run.out, run.detail))
+        Ok(Judged::of(report?, job, run.means, run.out, run.detail))
     }
 }
 

@@ -13,8 +13,8 @@ use super::{notes, report};
 use crate::pipeline::{self, Control, PipelineError, RecordingReport, Replay, resume};
 use inkling_core::state::Memory;
 use inkling_io::dialect::Dialects;
+use inkling_io::job::Job;
 use inkling_io::journal::{Entry, Means, Results, Source};
-use inkling_io::layout::PlacedRecording;
 use inkling_io::recording::Recording;
 use inkling_io::{Limits, stored};
 use serde::{Deserialize, Serialize};
@@ -59,23 +59,23 @@ impl Judged {
     /// if they lay at their place in `out`.
     pub fn of(
         mut report: RecordingReport,
-        placed: &PlacedRecording,
+        job: &Job,
         by: &Means,
         out: &Path,
         detail: Detail,
     ) -> Judged {
         let bytes =
             resume::files(&report.verdicts).iter().map(|file| stored::bytes(file)).collect();
-        (report.name, report.verdicts) = (placed.label(), placed.verdicts_in(out));
+        (report.name, report.verdicts) = (job.label(), job.verdicts_in(out));
         let mut text = Vec::new();
         let _ = report::print(&report, detail, &mut text); // writing to memory cannot fail
         let recording = Source {
             stamp: Some(report.stamp),
             digest: Some(report.digest.clone()),
-            ..placed.source.clone()
+            ..job.source.clone()
         };
         let entry = Entry {
-            results: Some(Results { verdicts: placed.verdicts.clone(), bytes }),
+            results: Some(Results { verdicts: job.verdicts.clone(), bytes }),
             counts: json!(report.tally.counts),
             not_judged: notes::not_judged(&report),
             damage: notes::damage(&report),
@@ -125,18 +125,13 @@ impl From<PipelineError> for NotJudged {
 pub trait Judge {
     /// Called before the first recording, with the recordings that are to be judged, in their
     /// order.
-    fn begin(&mut self, _run: &Run, _recordings: &[PlacedRecording]) -> Result<(), Failure> {
+    fn begin(&mut self, _run: &Run, _jobs: &[Job]) -> Result<(), Failure> {
         Ok(())
     }
 
     /// Judges the recording with index `at` among those of [`Judge::begin`]. Each one is asked for
     /// at most once, in order; a run that stops asks for no more.
-    fn judge(
-        &mut self,
-        run: &Run,
-        at: usize,
-        recording: &PlacedRecording,
-    ) -> Result<Judged, NotJudged>;
+    fn judge(&mut self, run: &Run, at: usize, job: &Job) -> Result<Judged, NotJudged>;
 
     /// Whether [`Judge::begin`] starts the judging of all recordings, rather than [`Judge::judge`]
     /// of each in its turn.
@@ -149,21 +144,15 @@ pub trait Judge {
 pub struct ReplayJudge;
 
 impl Judge for ReplayJudge {
-    fn judge(
-        &mut self,
-        run: &Run,
-        _: usize,
-        placed: &PlacedRecording,
-    ) -> Result<Judged, NotJudged> {
-        let label = placed.label();
-        let mut recording =
-            Recording::open_with(&placed.input.path, Limits::default(), run.dialects)
-                .map_err(PipelineError::from)?;
+    fn judge(&mut self, run: &Run, _: usize, job: &Job) -> Result<Judged, NotJudged> {
+        let label = job.label();
+        let mut recording = Recording::open_with(&job.input.path, Limits::default(), run.dialects)
+            .map_err(PipelineError::from)?;
         recording.label.clone_from(&label);
         let report = run.progress.during(&label, recording.bytes, run.control, || {
-            let verdicts = placed.verdicts_in(run.out);
+            let verdicts = job.verdicts_in(run.out);
             pipeline::replay(&run.replay, &recording, &verdicts, run.control)
         });
-        Ok(Judged::of(report?, placed, run.means, run.out, run.detail))
+        Ok(Judged::of(report?, job, run.means, run.out, run.detail))
     }
 }

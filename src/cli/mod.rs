@@ -5,8 +5,8 @@
 //!
 //! ```text
 //! verb       its files                                   what it shares with other verbs
-//! replay     replay/ plan batch judge account notes      collected (check of dialects)
-//!            entries follow live annotate report
+//! replay     replay/ plan batch judge ledger teller      collected (check of dialects)
+//!            account notes follow live annotate report
 //! train      train                                       collected (signals by label)
 //! identify   identify identified                         collected
 //! critique   critique extended_design                    collected
@@ -31,7 +31,6 @@ mod convert;
 mod copies;
 mod critique;
 mod effect;
-mod entries;
 pub mod exit;
 mod extended_design;
 mod follow;
@@ -40,6 +39,7 @@ mod identified;
 mod identify;
 mod inspect;
 pub mod judge;
+mod ledger;
 mod live;
 mod lost;
 mod notes;
@@ -54,6 +54,7 @@ mod score;
 mod score_critiques;
 mod scored;
 mod simulate;
+mod teller;
 mod thesis;
 mod topics;
 mod train;

@@ -1,6 +1,6 @@
 //! The plan of a run: what is to be done with each recording, and why. It is decided for all recordings
 //! before anything is written. In: recordings and the journal of earlier runs, from `replay`. Out:
-//! [`PlannedRecording`]s in the order in which they are to be judged.
+//! [`Job`]s in the order in which they are to be judged.
 //!
 //! The steps: each recording gets a place for its results ([`place`]); each is decided on by itself
 //! ([`Planner::plan`], by `pipeline::resume`); with `--baseline` the recordings are put into the
@@ -12,31 +12,22 @@ use super::exit::{Exit, Failure};
 use super::output;
 use super::progress::{Progress, thousands};
 use super::report::printable_path;
-use crate::pipeline::resume::{self, Decision, JudgeReason, Resume};
+use crate::pipeline::resume::{self, Resume};
 use crate::pipeline::visit::Pass;
 use crate::pipeline::{Control, PipelineError, chain};
 use crate::settings::Settings;
 use inkling_io::dialect::Dialects;
 use inkling_io::inputs::{Input, InputsError};
+use inkling_io::job::{Decision, Job, JudgeReason};
 use inkling_io::journal::{Journal, Link, Outcome};
-use inkling_io::layout::{self, Layout, PlacedRecording};
+use inkling_io::layout::{self, Layout};
 use inkling_io::recording::Recording;
-use inkling_io::run_lock::ToJudge;
 use inkling_io::{Limits, digest, part_file, stored};
 use serde_json::json;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
-
-/// A recording of a run, and what is to be done with it.
-pub struct PlannedRecording {
-    /// The recording, and where its results lie.
-    pub placed: PlacedRecording,
-    pub decision: Decision,
-    /// The states of the baselines before and after its last verdicts, as the journal knows them.
-    pub link: Option<Link>,
-}
 
 /// Gives each recording a place for its results. With a layout by day the recording's day (UTC, of
 /// its first burst) is taken from the journal if the file has not changed, which saves opening the
@@ -46,7 +37,7 @@ pub fn place(
     layout: Layout,
     journal: &Journal,
     dialects: &Dialects,
-) -> Vec<PlacedRecording> {
+) -> Vec<Job> {
     let day = |path: &Path, source: &str| {
         let stamp = stored::stamp(path).ok();
         let known = journal.of_recording(source).map(|entry| &entry.recording);
@@ -61,7 +52,7 @@ pub fn place(
     };
     let of_input = |input: Input| {
         let path = input.path.clone();
-        PlacedRecording::new(layout, input, |source| day(&path, source))
+        Job::new(layout, input, |source| day(&path, source))
     };
     inputs.into_iter().map(of_input).collect()
 }
@@ -84,15 +75,10 @@ pub fn lost(e: &InputsError) -> Row {
     Row { recording: e.subject.clone(), outcome, why, ..Row::default() }
 }
 
-/// The recordings that are to be judged.
-pub fn to_judge(planned: &[PlannedRecording]) -> impl Iterator<Item = &PlannedRecording> {
-    planned.iter().filter(|this| this.is_to_be_judged())
-}
-
 /// Removes the unfinished files (`.part`) that killed runs left in the directories to which this
 /// run writes: those of verdicts, episodes, summaries and `run.json`.
-pub fn sweep(planned: &[PlannedRecording], out: &Path) {
-    let files = planned.iter().flat_map(|p| resume::files(&p.placed.verdicts_in(out)));
+pub fn sweep(jobs: &[Job], out: &Path) {
+    let files = jobs.iter().flat_map(|job| resume::files(&job.verdicts_in(out)));
     let dirs = files.filter_map(|file| file.parent().map(Path::to_path_buf));
     let dirs: BTreeSet<PathBuf> = dirs.chain([out.into()]).collect();
     let endings = [".verdicts.parquet", ".episodes.parquet", ".summary.json"];
@@ -117,27 +103,24 @@ pub struct Planner<'a> {
 impl Planner<'_> {
     /// Decides on each recording by itself, without the order that baselines need. A failure only
     /// if the run is interrupted.
-    pub fn plan(&self, placed: Vec<PlacedRecording>) -> Result<Vec<PlannedRecording>, Failure> {
-        let mut planned = Vec::with_capacity(placed.len());
-        for mut placed in placed {
-            placed.source.stamp = stored::stamp(&placed.input.path).ok();
-            let decision = self.resume.decide(&placed, |path| self.digest(path))?;
-            let link = match &decision {
+    pub fn plan(&self, mut jobs: Vec<Job>) -> Result<Vec<Job>, Failure> {
+        for job in &mut jobs {
+            job.source.stamp = stored::stamp(&job.input.path).ok();
+            job.decision = self.resume.decide(job, |path| self.digest(path))?;
+            job.link = match &job.decision {
                 Decision::Finished { entry, .. } => entry.baseline.clone(),
-                Decision::Judge(_) => self.learned_from(&placed),
+                Decision::Judge(_) => self.learned_from(job),
                 Decision::Refuse(_) => None,
             };
-            planned.push(PlannedRecording { placed, decision, link });
         }
-        Ok(planned)
+        Ok(jobs)
     }
 
     /// The states of the baselines before and after they learned from a recording that is to be judged again;
     /// `None` if they did not.
-    fn learned_from(&self, placed: &PlacedRecording) -> Option<Link> {
-        let known = self.resume.journal.of_result(&placed.verdicts)?;
-        let is_of_it = known.recording.path == placed.source.path;
-        known.baseline.clone().filter(|_| is_of_it)
+    fn learned_from(&self, job: &Job) -> Option<Link> {
+        let known = self.resume.journal.of_result(&job.verdicts)?;
+        known.baseline.clone().filter(|_| known.recording.path == job.source.path)
     }
 
     /// Orders the recordings by the times of their first bursts, since each is judged by the
@@ -150,38 +133,38 @@ impl Planner<'_> {
     /// again as it was.
     pub fn chain(
         &self,
-        mut planned: Vec<PlannedRecording>,
+        mut jobs: Vec<Job>,
         baselines: &Option<String>,
-    ) -> Result<Vec<PlannedRecording>, Failure> {
+    ) -> Result<Vec<Job>, Failure> {
         // 1. when each begins: the journal knows it of finished recordings, the others are opened
-        for this in &mut planned {
-            this.placed.source.starts_at_ns = match &this.decision {
+        for job in &mut jobs {
+            job.source.starts_at_ns = match &job.decision {
                 Decision::Refuse(_) => None,
                 Decision::Finished { entry, .. } if entry.recording.starts_at_ns.is_some() => {
                     entry.recording.starts_at_ns
                 }
-                _ => self.begin(&mut this.placed)?,
+                _ => self.begin(job)?,
             };
         }
-        planned.sort_by_key(|this| this.placed.source.starts_at_ns.unwrap_or(i64::MAX));
+        jobs.sort_by_key(|job| job.source.starts_at_ns.unwrap_or(i64::MAX));
 
         // the baselines do not learn from recordings that are refused or cannot be read, which have
         // no time: these are no links of the chain
-        let teaches = |p: &PlannedRecording| p.placed.source.starts_at_ns.is_some();
-        let (mut chained, others): (Vec<_>, Vec<_>) = planned.into_iter().partition(teaches);
+        let teaches = |job: &Job| job.source.starts_at_ns.is_some();
+        let (mut chained, others): (Vec<_>, Vec<_>) = jobs.into_iter().partition(teaches);
 
         // 2. The baselines must be as they were before the first recording that is to be judged. If
         // they are not, judging resumes at an earlier recording, or is impossible.
-        let first = chained.iter().position(PlannedRecording::is_to_be_judged);
+        let first = chained.iter().position(Job::is_to_be_judged);
         let first = first.unwrap_or(chained.len());
-        let links: Vec<Option<Link>> = chained.iter().map(|p| p.link.clone()).collect();
+        let links: Vec<Option<Link>> = chained.iter().map(|job| job.link.clone()).collect();
         let Some(from) = chain::resume_at(&links, first, baselines) else {
             return Err(broken_chain(&chained[first]));
         };
 
         // 3. all recordings from there on are judged again, since the baselines before them change
-        for this in chained[from..].iter_mut().filter(|this| !this.is_to_be_judged()) {
-            this.decision = Decision::Judge(JudgeReason::AfterAnother);
+        for job in chained[from..].iter_mut().filter(|job| !job.is_to_be_judged()) {
+            job.decision = Decision::Judge(JudgeReason::AfterAnother);
         }
         chained.extend(others);
         Ok(chained)
@@ -189,11 +172,11 @@ impl Planner<'_> {
 
     /// The time of a recording's first burst; its printheads are noted if they are asked for. `None` if the
     /// recording cannot be read: the error is told when it is judged.
-    fn begin(&self, placed: &mut PlacedRecording) -> Result<Option<i64>, Failure> {
-        let path = &placed.input.path;
-        let Ok(recording) = Recording::open_with(path, Limits::default(), self.dialects) else {
-            return Ok(None);
-        };
+    fn begin(&self, job: &mut Job) -> Result<Option<i64>, Failure> {
+        let open = || Recording::open_with(&job.input.path, Limits::default(), self.dialects);
+        // what cannot be opened has no place in the order of the state, and would be too late for it tomorrow:
+        // a network that fails for a moment must not cost that
+        let Ok(recording) = open().or_else(|_| open()) else { return Ok(None) };
         let pass = Pass { recording: &recording, control: self.control };
         let starts = match chain::starts(pass, self.printheads) {
             Ok(starts) => starts,
@@ -201,7 +184,7 @@ impl Planner<'_> {
             Err(_) => return Ok(None),
         };
         if self.printheads {
-            placed.printheads = starts.keys().map(|name| name.to_string()).collect();
+            job.printheads = starts.keys().map(|name| name.to_string()).collect();
         }
         Ok(starts.into_values().min())
     }
@@ -225,8 +208,8 @@ impl Planner<'_> {
 }
 
 /// The failure if no state of the baselines is left from which `first` could be judged again.
-fn broken_chain(first: &PlannedRecording) -> Failure {
-    let (name, (_, why)) = (printable_path(&first.placed.label()), first.words());
+fn broken_chain(first: &Job) -> Failure {
+    let (name, (_, why)) = (printable_path(&first.label()), first.words());
     Failure::new(format!(
         "{name}: to be judged ({why}), but the channels' baselines have meanwhile learned from it or from \
          recordings after it: its verdicts would not be those of an undisturbed run. Put the baseline \
@@ -235,31 +218,11 @@ fn broken_chain(first: &PlannedRecording) -> Failure {
     ))
 }
 
-impl PlannedRecording {
-    /// How the run's lock notes it, so that a report on a run that was killed can name it.
-    pub fn noted(&self) -> ToJudge {
-        ToJudge { recording: self.placed.label(), path: self.placed.source.path.clone() }
-    }
-
-    pub fn is_to_be_judged(&self) -> bool {
-        matches!(self.decision, Decision::Judge(_))
-    }
-
-    /// What is to be done (`judge`, `skip` or `refuse`), and why.
-    pub fn words(&self) -> (&'static str, String) {
-        match &self.decision {
-            Decision::Judge(why) => ("judge", why.to_string()),
-            Decision::Finished { entry, .. } => ("skip", format!("finished {}", entry.at)),
-            Decision::Refuse(why) => ("refuse", why.clone()),
-        }
-    }
-}
-
 /// Prints what would be done, and why, for `--dry-run`. `lost`: rows of names that lead to no
 /// recording. The exit status is 3 if something would be refused or is lost.
-pub fn print(planned: &[PlannedRecording], lost: &[Row], json: bool) -> Result<Exit, Failure> {
+pub fn print(jobs: &[Job], lost: &[Row], json: bool) -> Result<Exit, Failure> {
     let missing = lost.iter().map(|row| (row.recording.clone(), ("lost", row.why.clone())));
-    let all = planned.iter().map(|this| (this.placed.label(), this.words())).chain(missing);
+    let all = jobs.iter().map(|job| (job.label(), job.words())).chain(missing);
     let mut counts: BTreeMap<&str, u64> = BTreeMap::new();
     for (recording, (what, why)) in all {
         *counts.entry(what).or_default() += 1;

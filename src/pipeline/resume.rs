@@ -10,8 +10,8 @@
 //! size and time of change, then by its digest, which reads the whole file?
 use super::job::Replay;
 use crate::settings::Settings;
+use inkling_io::job::{Decision, Job, JudgeReason};
 use inkling_io::journal::{Entry, Journal, Means, Source, Stamp};
-use inkling_io::layout::PlacedRecording;
 use inkling_io::outputs::ResultFile;
 use inkling_io::{
     annotation_writer, episode_table, regular_file, stored, summary_file, verdict_reader,
@@ -20,54 +20,12 @@ use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use thiserror::Error;
 
 /// Version of the tables; raised when the same recording, design and settings give other columns.
 pub const TABLES_VERSION: u32 = 3;
 /// Maximum bytes of a summary that is read to learn whose it is.
 const MOST_SUMMARY_BYTES: u64 = 64 << 20;
 const MOST_NAMED: usize = 3;
-
-#[derive(Clone, Debug, PartialEq, Eq, Error)]
-pub enum JudgeReason {
-    #[error("new")]
-    New,
-    #[error("--force")]
-    Forced,
-    #[error("it failed before")]
-    FailedBefore,
-    #[error("the recording changed")]
-    RecordingChanged,
-    #[error("the design changed")]
-    DesignChanged,
-    #[error("the labels changed")]
-    LabelsChanged,
-    #[error("settings changed: {0}")]
-    SettingsChanged(String),
-    /// It was judged by channels' own baselines before and would not be now, or the other way round.
-    #[error("--baseline is given now or was then, not both")]
-    BaselineChanged,
-    #[error("its tables are of another version")]
-    OtherTables,
-    #[error("the journal does not know of its verdicts")]
-    NotInJournal,
-    #[error("its verdicts are gone, or not as they were written")]
-    ResultsChanged,
-    #[error("its baselines follow from one that is judged again")]
-    AfterAnother,
-}
-
-#[derive(Clone, Debug)]
-pub enum Decision {
-    Judge(JudgeReason),
-    Finished {
-        /// The journal's last line about it.
-        entry: Arc<Entry>,
-        /// Whether the same content lies under another path or has another time of change, which is to be noted.
-        moved: bool,
-    },
-    Refuse(String),
-}
 
 pub struct Resume<'a> {
     pub out: &'a Path,
@@ -114,18 +72,18 @@ impl Resume<'_> {
     /// interrupted, and gives `None` if the file cannot be read.
     pub fn decide<E>(
         &self,
-        placed: &PlacedRecording,
+        job: &Job,
         digest: impl Fn(&Path) -> Result<Option<String>, E>,
     ) -> Result<Decision, E> {
-        let (path, stamp) = (&placed.input.path, placed.source.stamp);
-        let entry = self.journal.of_result(&placed.verdicts);
+        let (path, stamp) = (&job.input.path, job.source.stamp);
+        let entry = self.journal.of_result(&job.verdicts);
 
         // 1. files at its place must be this recording's, by its path or by its content
-        let verdicts = placed.verdicts_in(self.out);
+        let verdicts = job.verdicts_in(self.out);
         let there = files(&verdicts).into_iter().find(|file| stored::exists(file));
         if let Some(there) = &there {
             let owner = owner(entry, &verdicts);
-            let same_path = entry.is_some_and(|e| e.recording.path == placed.source.path);
+            let same_path = entry.is_some_and(|e| e.recording.path == job.source.path);
             let bytes = owner.as_ref().and_then(|of| Some(of.stamp?.bytes));
             let is_as_long = bytes.is_some() && bytes == stamp.map(|stamp| stamp.bytes);
             let of_owner = owner.as_ref().and_then(|of| of.digest.as_ref());
@@ -152,23 +110,23 @@ impl Resume<'_> {
         };
 
         // 4. did anything but its content change? What was never judged keeps its reason with `--force`
-        match self.stale(entry, placed) {
+        match self.stale(entry, job) {
             Some(why) if !(self.force && entry.outcome.is_judged()) => Ok(Decision::Judge(why)),
-            None if !self.force => self.compare(entry, placed, digest),
+            None if !self.force => self.compare(entry, job, digest),
             _ => Ok(Decision::Judge(JudgeReason::Forced)),
         }
     }
 
     /// The reason for judging a recording again, apart from its content. `None`: there is none.
-    fn stale(&self, entry: &Entry, placed: &PlacedRecording) -> Option<JudgeReason> {
+    fn stale(&self, entry: &Entry, job: &Job) -> Option<JudgeReason> {
         let (then, now) = (&entry.by, self.means);
         let bytes = entry.results.as_ref().map_or(&[][..], |results| &results.bytes);
         let is_there = |(file, &bytes): (PathBuf, &u64)| {
             stored::is_file(&file) && stored::bytes(&file) == bytes
         };
-        let files = files(&placed.verdicts_in(self.out));
+        let files = files(&job.verdicts_in(self.out));
         if !entry.outcome.is_judged() {
-            let known = entry.recording.path == placed.source.path;
+            let known = entry.recording.path == job.source.path;
             Some(if known { JudgeReason::FailedBefore } else { JudgeReason::New })
         } else if then.schema != now.schema {
             Some(JudgeReason::OtherTables)
@@ -192,11 +150,11 @@ impl Resume<'_> {
     fn compare<E>(
         &self,
         entry: &Arc<Entry>,
-        placed: &PlacedRecording,
+        job: &Job,
         digest: impl Fn(&Path) -> Result<Option<String>, E>,
     ) -> Result<Decision, E> {
-        let (then, stamp) = (&entry.recording, placed.source.stamp);
-        let same_place = then.path == placed.source.path;
+        let (then, stamp) = (&entry.recording, job.source.stamp);
+        let same_place = then.path == job.source.path;
         if stamp.map(|s| s.bytes) != then.stamp.map(|s| s.bytes) {
             return Ok(Decision::Judge(JudgeReason::RecordingChanged));
         }
@@ -207,7 +165,7 @@ impl Resume<'_> {
             return Ok(Decision::Finished { entry, moved: false });
         }
 
-        let of_this = digest(&placed.input.path)?;
+        let of_this = digest(&job.input.path)?;
         Ok(match of_this.is_some() && of_this == then.digest {
             false => Decision::Judge(JudgeReason::RecordingChanged),
             true => Decision::Finished { entry, moved: !(same_place && unchanged) },

@@ -21,7 +21,7 @@
 //!             made safe by parquet_* thrift unpanicked
 //! people      labels_file
 //! made by other verbs than replay  design_file truth_file
-//! places      inputs outputs layout journal run_lock part_file stored objects regular_file stamp
+//! places      inputs outputs layout job journal run_lock part_file stored objects regular_file stamp
 //!             pieces buffers
 //! what is told  file_error printable
 //! ```
@@ -50,6 +50,7 @@ pub mod file_error;
 mod followed;
 pub mod growth;
 pub mod inputs;
+pub mod job;
 pub mod journal;
 pub mod labels_file;
 pub mod layout;

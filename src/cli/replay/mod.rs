@@ -21,17 +21,19 @@ use super::collected::checked_dialects;
 use super::exit::{Exit, Failure};
 use super::follow::{self, FollowJudge};
 use super::judge::{Detail, Judge, ReplayJudge, Run};
+use super::ledger::Ledger;
 use super::live;
-use super::plan::{self, PlannedRecording, Planner};
+use super::plan::{self, Planner};
 use super::progress::{Progress, interruptible};
+use super::teller::Teller;
 use crate::pipeline::resume::Resume;
 use crate::settings::Settings;
 use inkling_io::baseline_file::BaselineFile;
 use inkling_io::dialect::Dialects;
 use inkling_io::file_error::FileError;
 use inkling_io::inputs::{self, Input};
+use inkling_io::job::{self, Job};
 use inkling_io::journal::{JOURNAL_NAME, Journal, JournalWriter};
-use inkling_io::layout::{self, PlacedRecording};
 use inkling_io::outputs::{self, ResultFile};
 use inkling_io::run_lock::{LOCK_NAME, RunLock, ToJudge};
 use std::path::{Path, PathBuf};
@@ -65,7 +67,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
         follow::check(&settings, args.dry_run)?;
     }
     let serve = live::check(args.serve.as_deref(), args.serve_token.as_deref(), args.follow)?;
-    let NamedRecordings { placed, lost, dialects } = named_recordings(&args, &settings, &out)?;
+    let NamedRecordings { jobs, lost, dialects } = named_recordings(&args, &settings, &out)?;
     let (replay, baseline_file, means) = settings::load(settings, design, &args)?;
 
     // 2. the lock, which keeps other runs from the same directory
@@ -96,23 +98,24 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
         progress: &planning,
         control: &control,
     };
-    let mut planned = planner.plan(placed)?;
+    let mut jobs = planner.plan(jobs)?;
     if let Some(file) = &baseline_file {
-        planned = planner.chain(planned, &file.digest())?;
+        jobs = planner.chain(jobs, &file.digest())?;
     }
     if args.dry_run {
-        return plan::print(&planned, &lost, args.json);
+        return plan::print(&jobs, &lost, args.json);
     }
 
     // 4. what killed runs left is removed, and the journal opened
-    let to_judge: Vec<&PlannedRecording> = plan::to_judge(&planned).collect();
+    let to_judge: Vec<&Job> = jobs.iter().filter(|job| job.is_to_be_judged()).collect();
     if let Some(lock) = &mut lock {
-        let noted: Vec<ToJudge> = to_judge.iter().map(|this| this.noted()).collect();
+        let noted = |job: &&Job| ToJudge { recording: job.label(), path: job.source.path.clone() };
+        let noted: Vec<ToJudge> = to_judge.iter().map(noted).collect();
         lock.plan(&noted).map_err(FileError::unwritten(&out.join(LOCK_NAME)))?;
     }
-    plan::sweep(&planned, &out);
+    plan::sweep(&jobs, &out);
     baseline_file.iter().for_each(BaselineFile::sweep);
-    let bytes = to_judge.iter().filter_map(|this| Some(this.placed.source.stamp?.bytes));
+    let bytes = to_judge.iter().filter_map(|this| Some(this.source.stamp?.bytes));
     let progress = Progress::new(to_judge.len(), bytes.sum());
     let writer = JournalWriter::open(&out);
     let journal = writer.map_err(FileError::unwritten(&out.join(JOURNAL_NAME)))?;
@@ -124,34 +127,37 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
         .try_for_each(|live| follow::tell_address(live.port.address, args.json, &progress))?;
     let mut following = FollowJudge { json: args.json, live };
     // a single recording is reported in full, and no table over all recordings follows
-    let alone = planned.len() == 1 && lost.is_empty();
+    let is_alone = jobs.len() == 1 && lost.is_empty();
     account.rows = lost;
-    let run = Run {
-        out: &out,
-        replay,
-        means: &means,
-        dialects: &dialects,
-        detail: if alone { Detail::All } else { Detail::Line },
-        force: args.force,
-        progress: &progress,
-        control: &control,
-    };
     let batch = Batch {
         judge: match elsewhere {
             Some(judge) => judge,
             None if args.follow => &mut following,
             None => &mut ReplayJudge,
         },
-        run,
-        baseline_file,
-        journal,
-        account,
-        json: args.json,
-        timings: args.timings,
-        annotate: args.annotate,
-        failures: 0,
+        run: Run {
+            out: &out,
+            replay,
+            means: &means,
+            dialects: &dialects,
+            detail: if is_alone { Detail::All } else { Detail::Line },
+            force: args.force,
+            progress: &progress,
+            control: &control,
+        },
+        ledger: Ledger { out: &out, means: &means, journal, state: baseline_file },
+        teller: Teller {
+            out: &out,
+            progress: &progress,
+            account,
+            json: args.json,
+            timings: args.timings,
+            annotate: args.annotate,
+            is_alone,
+            failures: 0,
+        },
     };
-    let ended = batch.run(&planned);
+    let ended = batch.run(&jobs);
     lock.into_iter().for_each(RunLock::over);
     ended
 }
@@ -159,7 +165,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
 /// The recordings that the settings name.
 struct NamedRecordings {
     /// Those that exist, and where their results lie.
-    placed: Vec<PlacedRecording>,
+    jobs: Vec<Job>,
     /// Rows of the account for names that lead to no recording: these do not stop the run.
     lost: Vec<Row>,
     /// How messages of other loggers become bursts, checked against the recordings.
@@ -181,10 +187,10 @@ fn named_recordings(
     let journal = read_journal(out)?;
     let is_known = |input: &Input| !args.force && plan::is_known(input, &journal, settings);
     let dialects = checked_dialects(settings, &found.inputs, is_known)?;
-    let placed = plan::place(found.inputs, settings.output.layout, &journal, &dialects);
-    layout::refuse_shared(&placed).map_err(Failure::usage)?;
+    let jobs = plan::place(found.inputs, settings.output.layout, &journal, &dialects);
+    job::refuse_shared(&jobs).map_err(Failure::usage)?;
     let lost = found.lost.iter().map(plan::lost).collect();
-    Ok(NamedRecordings { placed, lost, dialects })
+    Ok(NamedRecordings { jobs, lost, dialects })
 }
 
 /// What earlier runs did in the directory of results.

@@ -1,0 +1,161 @@
+//! The ledger of a run: in which order what became of a recording becomes true on disk, so that any kill and any
+//! failed write leaves what the next run makes good.
+//!
+//! In: from `batch`, a recording with what was judged of it, or why it has no verdicts. Out: its line in
+//! `journal.jsonl`, and with `--baseline` the file of states; where nothing more can be written, a [`Stop`].
+//!
+//! Three things must agree: a recording's tables, its line in the journal, and the state that learned from it.
+//! They become true in this order:
+//!
+//! 1. The tables: `pipeline/finish.rs` has named them, all whole. Without a line in the journal they count for
+//!    nothing: the next run judges the recording again, by the state of then, which is still there.
+//! 2. The new state is written beside the old one ([`BaselineFile::prepare`]): a full disk shows before anything
+//!    counts, and its digest is known.
+//! 3. The line, with the digests of the state before and after, makes the recording finished.
+//! 4. The new state replaces the old one. Where it does not, the old one is there, and the line names it as the
+//!    state before: from there the next run judges this recording once more (`pipeline/chain.rs`).
+//!
+//! A state can only follow the recordings in their order. So one that fails in its turn ends a run with
+//! `--baseline` ([`Ledger::ends_with`]): what came after it would have been learned without it, and no state of
+//! its time would be left to judge it by.
+//!
+//! Results that are out of date, because the recording changed or failed, are renamed to `<file>.stale`, so that
+//! nobody takes them for current; the next success removes them.
+
+use super::account::End;
+use super::exit::{Failure, no_room};
+use super::judge::Judged;
+use crate::pipeline::resume;
+use inkling_io::baseline_file::BaselineFile;
+use inkling_io::job::Job;
+use inkling_io::journal::{self, Entry, JournalWriter, Link, Means, Outcome, Source};
+use inkling_io::{annotation_writer, stored};
+use std::error::Error;
+use std::path::{Path, PathBuf};
+
+pub struct Ledger<'a> {
+    pub out: &'a Path,
+    /// How recordings are judged, as the journal notes it.
+    pub means: &'a Means,
+    pub journal: JournalWriter,
+    /// The file of `--baseline`; `None`: no state is kept.
+    pub state: Option<BaselineFile>,
+}
+
+/// Why the run ends early, or how the single recording of a run of one failed.
+#[derive(Debug)]
+pub struct Stop {
+    /// How the run ended, for `run.json`.
+    pub end: End,
+    pub failure: Failure,
+}
+
+/// A failure that would meet all other recordings, too.
+impl From<Failure> for Stop {
+    fn from(failure: Failure) -> Stop {
+        Stop { end: End::Broken, failure }
+    }
+}
+
+impl Stop {
+    /// For a file that cannot be written. `words`: the error with the file's name; `out`: the directory of results.
+    pub fn unwritten(e: &(dyn Error + 'static), words: &str, out: &Path) -> Stop {
+        if no_room(e) { Stop::no_room(words, out) } else { Failure::new(words).into() }
+    }
+
+    /// For a run for whose results no room is left. `what`: the error in words.
+    pub fn no_room(what: &str, out: &Path) -> Stop {
+        let failure = Failure::new(format!(
+            "{what}; there is no room left for results in {}. Make room and run the same command \
+             again: it goes on where it stopped",
+            out.display()
+        ));
+        Stop { end: End::NoRoom, failure }
+    }
+}
+
+impl Ledger<'_> {
+    /// Makes a recording finished whose tables have their names. An error: it is not. The inner error: it is, and
+    /// the state that learned from it could not replace the old one.
+    pub fn commit(&mut self, job: &Job, judged: &mut Judged) -> Result<Result<(), Stop>, Stop> {
+        judged.entry.at = journal::now();
+
+        // 2. the new state, beside the old one
+        let mut prepared = None;
+        if let (Some(file), Some(learned)) = (&self.state, &judged.baselines) {
+            let next =
+                file.prepare(learned).map_err(|e| Stop::unwritten(&e, &e.to_string(), self.out))?;
+            judged.entry.baseline =
+                Some(Link { before: file.digest(), after: Some(next.digest()) });
+            prepared = Some(next);
+        }
+
+        // what was set aside, and annotations of earlier verdicts: mostly there are none
+        let verdicts = job.verdicts_in(self.out);
+        for file in results_of(&verdicts) {
+            let _ = stored::remove(&stale(&file));
+        }
+        let _ = stored::remove(&annotation_writer::path_beside(&verdicts));
+
+        // 3. the line makes it finished
+        self.append(&judged.entry)?;
+
+        // 4. only then the new state is the one that counts
+        Ok(match (&mut self.state, prepared) {
+            (Some(file), Some(next)) => file.replace(next).map_err(|e| Failure::new(e).into()),
+            _ => Ok(()),
+        })
+    }
+
+    /// Notes that a finished recording lies under another path, or has another time of change.
+    pub fn note_moved(&mut self, job: &Job, entry: &Entry) -> Result<(), Stop> {
+        let digest = entry.recording.digest.clone();
+        let recording = Source { digest, ..job.source.clone() };
+        self.append(&Entry { recording, ..entry.clone() })
+    }
+
+    /// Notes a recording that failed or is refused.
+    pub fn note_failure(&mut self, job: &Job, error: &str) -> Result<Entry, Stop> {
+        let entry = job.without_verdicts(self.means, Outcome::Failed, error);
+        self.append(&entry)?;
+        Ok(entry)
+    }
+
+    /// Whether a recording that failed ends the run: with `--baseline`, if it has its place in the order of the
+    /// state. One that has meanwhile been removed will not be judged later, and stops nothing.
+    pub fn ends_with(&self, failed: &Job) -> bool {
+        let has_a_place = failed.source.starts_at_ns.is_some();
+        self.state.is_some() && has_a_place && stored::exists(&failed.input.path)
+    }
+
+    /// Renames a recording's files to `<file>.stale`; returns a sentence about each that stays. The summary, which
+    /// says that the others are whole, is renamed first: a run that is killed in between leaves no summary beside
+    /// missing tables.
+    pub fn set_aside(&self, job: &Job) -> Vec<String> {
+        let (mut stay, verdicts) = (Vec::new(), job.verdicts_in(self.out));
+        for file in results_of(&verdicts).rev().filter(|file| stored::is_file(file)) {
+            if let Err(e) = stored::rename(&file, &stale(&file)) {
+                stay.push(format!("{}: out of date, and stays: {e}", file.display()));
+            }
+        }
+        stay
+    }
+
+    fn append(&mut self, entry: &Entry) -> Result<(), Stop> {
+        self.journal.append(entry).map_err(|e| {
+            let words = format!("{}: cannot be written: {e}", self.journal.path.display());
+            Stop::unwritten(&e, &words, self.out)
+        })
+    }
+}
+
+/// The files of a recording: its annotations, then the files without which it is not finished (verdicts,
+/// episodes and, last, the summary).
+fn results_of(verdicts: &Path) -> impl DoubleEndedIterator<Item = PathBuf> {
+    std::iter::once(annotation_writer::path_beside(verdicts)).chain(resume::files(verdicts))
+}
+
+fn stale(file: &Path) -> PathBuf {
+    let name = file.file_name().unwrap_or_default().to_string_lossy();
+    file.with_file_name(format!("{name}.stale"))
+}
