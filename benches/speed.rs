@@ -12,10 +12,8 @@ use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use inkling::burst::{Burst, Format, Layout};
 use inkling::design::Design;
-use inkling::detect::kernel::LaneFilter;
 use inkling::detect::lane_sensitivity::{LaneSensitivity, Limits};
 use inkling::detect::row_projection::{LANES, Projections, Room};
-use inkling::detect::tile::Tile;
 use inkling::io;
 use inkling::io::burst_codec::{BurstDecoder, encode};
 use inkling::io::decompress::Decompressor;
@@ -57,12 +55,6 @@ fn burst(layout: Layout) -> Burst {
     }
 }
 
-fn lanes() -> (LaneFilter, f64) {
-    let model = &design().models[0];
-    let lanes = LaneFilter::new(&model.generator, &model.expected, None).expect("a usual filter");
-    (lanes, model.threshold.value)
-}
-
 /// The sets of instructions, the widest last; what the processor lacks is not used.
 const SETS: [Instructions; 3] = Instructions::ALL;
 
@@ -74,9 +66,9 @@ fn forms() -> Vec<(Instructions, Layout)> {
 
 const RAILS: [f64; 2] = [-32768.0, 32767.0];
 
-/// The reference: f64, one signal after the other, from its deviation.
+/// The residual energy, one signal after the other, from its deviation.
 #[divan::bench]
-fn filter_f64_scalar(bencher: Bencher) {
+fn residual_energy(bencher: Bencher) {
     let (design, burst) = (design(), burst(Layout::ChannelMajor));
     let model = &design.models[0];
     let deviations: Vec<Vec<f64>> = (0..SIGNALS)
@@ -90,17 +82,6 @@ fn filter_f64_scalar(bencher: Bencher) {
     bencher.counter(ItemsCount::new(SIGNALS)).bench_local(|| {
         deviations.iter().map(|d| model.generator.energy(black_box(d))).sum::<f64>()
     });
-}
-
-/// The arithmetic of the kernel alone: deviations in a tile to energies.
-#[divan::bench(args = SETS)]
-fn filter_f32_lanes(bencher: Bencher, instructions: &Instructions) {
-    instructions.use_at_most();
-    let ((lanes, _), burst) = (lanes(), burst(Layout::ChannelMajor));
-    let mut tile = Tile::default();
-    tile.push(&burst, 0..LANES, 1.0, 0.0);
-    lanes.judge(&mut tile, 1.0, RAILS);
-    bencher.counter(ItemsCount::new(LANES)).bench_local(|| lanes.square_sums(black_box(&tile)));
 }
 
 /// int16 in a burst to settled verdicts, along the sensitivities.
@@ -117,27 +98,9 @@ fn by_sensitivities(bencher: Bencher, &(instructions, layout): &(Instructions, L
         let mut settled = 0;
         for first in (0..SIGNALS).step_by(LANES) {
             let rows = (&burst, first..first + LANES);
-            lanes.columns.project(rows, &condition.expected, 0, &mut products, &mut room);
+            lanes.columns.project(rows, &condition.expected, &mut products, &mut room);
             let judged = lanes.judge(&condition, &products, LANES);
             settled += judged.settled.iter().filter(|&&s| s).count();
-        }
-        settled
-    });
-}
-
-/// int16 in a burst to settled verdicts, by the residual energy.
-#[divan::bench(args = forms())]
-fn by_energy(bencher: Bencher, &(instructions, layout): &(Instructions, Layout)) {
-    instructions.use_at_most();
-    let ((lanes, threshold), burst) = (lanes(), burst(layout));
-    let mut tile = Tile::default();
-    bencher.counter(ItemsCount::new(SIGNALS)).bench_local(|| {
-        let mut settled = 0;
-        for first in (0..SIGNALS).step_by(LANES) {
-            tile.push(&burst, first..first + LANES, 1.0, 0.0);
-            let judged = lanes.judge(&mut tile, threshold, RAILS);
-            settled += judged.settled.iter().filter(|&&s| s).count();
-            tile.empty();
         }
         settled
     });
@@ -267,14 +230,9 @@ fn ring_fit(bencher: Bencher, how: &str) {
                 }
             }
             _ => {
-                let mut next = signals.iter();
-                let signal = |y: &mut [f64]| {
-                    y.copy_from_slice(next.next()?);
-                    Some(None)
-                };
-                fitter.fit_all(true, &mut work, signal, |_, fit| {
-                    found += usize::from(fit.is_some());
-                });
+                let copy = |i: usize, y: &mut [f64]| y.copy_from_slice(&signals[i]);
+                let fits = fitter.fit_all(true, &mut work, &[None; SIGNALS], copy);
+                found += fits.iter().flatten().count();
             }
         }
         found

@@ -72,11 +72,7 @@ fn chapter_4_lands_in_its_bands() {
         println!("{:?}: {key}: {:.4} ± {:.4}", set.set, v.mean, v.sd);
         assert!((low..=high).contains(&v.mean), "{key}: {}", v.mean);
     }
-    // the search never loses much by cross-validation, and gates only leave signals out
     let mean = |key: &str| of_form.mean(key);
-    assert!(
-        mean("search/misses, chosen on the other folds") <= mean("search/misses, method I") + 8.0
-    );
     // why the text prefers the energy: it goes on growing
     assert!(mean("I, 1.12 f0, maximum/misses") > mean("I, 1.12 f0/misses"));
     // redefined classes mend what IDN costs, as the text expects

@@ -28,8 +28,6 @@ fn a_setting_that_cannot_take_effect_is_refused_with_what_to_do() {
         (&replay, "detect.denominator=eigenvalues", "without --design"),
         (&replay, "detect.oscillations=7", "detect.method = \"sensitivity\""),
         (&train, "identify.first=5", "`inkling train`"),
-        (&train, "detect.decouple=[\"offset\"]", "residual-energy"),
-        (&train, "detect.decouple=[\"sun\"]", "offset"),
         (&train, "output.dir=x", "`inkling train`"),
         (
             &identify,

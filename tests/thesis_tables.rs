@@ -118,10 +118,7 @@ fn every_method_can_be_chosen_in_settings() {
         ("--set isolate.signal=deviation", 0.75),
         ("--set detect.denominator=eigenvalues", 0.6),
         ("--set detect.denominator=enhanced --set detect.fault=DDN", 0.5),
-        ("--set detect.denominator=searched", 0.6),
         ("--set detect.method=residual-maximum", 0.7),
-        ("--set detect.method=practice", 0.7),
-        ("--set detect.decouple=[\"offset\"]", 0.7),
     ] {
         let score = scored(&house, &format!("--preset thesis {settings}"));
         let accuracy = score["isolation"]["accuracy"].as_f64().unwrap();

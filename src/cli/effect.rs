@@ -72,7 +72,7 @@ pub fn check(set: &[String], settings: &Settings, command: Command) -> Result<()
 /// last ones are what is left of a section or of a command.
 fn unread(key: &str, settings: &Settings, command: Command) -> Option<&'static [&'static str]> {
     use Command::{Identify, Replay, Train};
-    use Denominator::{Eigenvalues, Resonance, Searched};
+    use Denominator::{Eigenvalues, Resonance};
     use IsolateMethod::{ModelMatching, Neighbours, Posterior, ResidualMatching};
     const NO_SETTING: &[&str] = &[];
     const BY_ISOLATION: &[&str] = &["isolate.method"];
@@ -121,17 +121,15 @@ fn unread(key: &str, settings: &Settings, command: Command) -> Option<&'static [
         // training its residuals can also serve isolation, whatever detects.
         ("detect", "denominator", Replay(_)) => unless(detect.denominator == Resonance, NO_SETTING),
         ("detect", "oscillations" | "oscillations_of_ring" | "other_poles_per_s", Replay(_))
-            if matches!(detect.method, DetectMethod::Sensitivity | DetectMethod::Practice) =>
+            if detect.method == DetectMethod::Sensitivity =>
         {
             Some(&["detect.method"])
         }
         ("detect", "oscillations" | "oscillations_of_ring", _) => {
-            unless(!matches!(detect.denominator, Eigenvalues | Searched), BY_DENOMINATOR)
+            unless(detect.denominator != Eigenvalues, BY_DENOMINATOR)
         }
-        // these filters are not made for one fault
-        ("detect", "fault", _) => {
-            unless(!matches!(detect.denominator, Resonance | Searched), BY_DENOMINATOR)
-        }
+        // this filter is not made for one fault
+        ("detect", "fault", _) => unless(detect.denominator != Resonance, BY_DENOMINATOR),
         ("detect", "mu", _) => unless(by_max, &["detect.threshold"]),
         ("detect", "false_alarm_rate" | "confidence", _) => unless(!by_max, &["detect.threshold"]),
         ("detect", ..) => None,

@@ -314,7 +314,6 @@ fn tell(args: &Args, learned: &TrainedDesign) -> std::io::Result<()> {
         DetectMethod::Sensitivity => "squared distance",
         DetectMethod::ResidualEnergy => "counts²·s",
         DetectMethod::ResidualMaximum => "counts",
-        DetectMethod::Practice => "half-widths of the healthy range",
     };
     writeln!(out, "  threshold {:.4e} {unit} ({})", t.value, t.in_words())
 }

@@ -25,7 +25,7 @@
 //!   1 reader       pacer (--pace)
 //!   2 identify     which model: learning window_rules placing progress schedule groups models two_passes
 //!                  where the head is: heads head sweep channel_subset frozen moved_judge
-//!   3 FD filter    statistics  rings (deviations)  own_levels
+//!   3 FD filter    statistics  distances  rings (deviations)  own_levels
 //!   5 isolate      isolator  rings (fits)  rows
 //!   6 writer       episodes  tally  at_once
 //! warnings         head_movement temperature_check at_once ring_look
@@ -38,6 +38,7 @@ mod batches;
 pub mod chain;
 mod channel_subset;
 pub mod collect;
+mod distances;
 pub mod episodes;
 mod finish;
 mod frozen;

@@ -11,7 +11,7 @@
 //! do; beyond, a ring is fitted.
 
 use super::batches::{AssignedBatch, Detected};
-use super::statistics::Statistics;
+use super::distances::Distances;
 use inkling_core::burst::Acquisition;
 use inkling_core::design::{Behind, Detection, JudgeKey, OwnChannels};
 use inkling_core::verdict::Reason;
@@ -31,7 +31,7 @@ impl OwnLevels {
     pub fn judge(
         &mut self,
         batch: &AssignedBatch,
-        statistics: &mut Statistics,
+        distances: &mut Distances,
         statistic: &mut [Detected],
     ) {
         for (rows, acquisition, of) in batch.placed() {
@@ -42,7 +42,7 @@ impl OwnLevels {
             };
             let Some(detector) = judge.detector().filter(|_| !own.is_empty()) else { continue };
             let statistic = &mut statistic[rows];
-            statistics.features(judge, burst, &mut self.features);
+            distances.features(judge, burst, &mut self.features);
             let drive = judge.drive(burst);
             let known = own.from(burst.first_channel, statistic.len());
             for (row, (found, known)) in statistic.iter_mut().zip(known).enumerate() {
@@ -61,7 +61,7 @@ impl OwnLevels {
                 let distance =
                     metric.and_then(|metric| match detector.own_look(metric, features, known) {
                         (distance, true) => Some(distance),
-                        (distance, false) => statistics
+                        (distance, false) => distances
                             .own_distance((judge, burst, row), metric, (features, known))
                             .or(Some(distance)),
                     });

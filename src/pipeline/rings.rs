@@ -101,17 +101,12 @@ impl Rings {
         for of_judge in waiting.chunk_by(|p, q| p.judge.key() == q.judge.key()) {
             let Some(fitter) = of_judge[0].judge.rings() else { continue };
             // with the phase free (`true`), and without a known start
-            let mut next = of_judge.iter();
-            fitter.fit_all(
-                true,
-                &mut self.products,
-                |y| {
-                    let WaitingSignal { judge, burst, row, .. } = next.next()?;
-                    per_drive(judge, burst, *row, y);
-                    Some(None)
-                },
-                |i, fit| fits[of_judge[i].number] = fit,
-            );
+            let starts = vec![None; of_judge.len()];
+            let found = fitter.fit_all(true, &mut self.products, &starts, |i, y| {
+                let WaitingSignal { judge, burst, row, .. } = of_judge[i];
+                per_drive(judge, burst, row, y);
+            });
+            of_judge.iter().zip(found).for_each(|(w, fit)| fits[w.number] = fit);
         }
         self.fits = fits.into_iter();
     }

@@ -227,7 +227,7 @@ pub fn filter(rails: [f64; 2], pools: &BufferPools) -> impl FnMut(AssignedBatch)
     move |assigned| {
         let mut statistic = pools.statistic.take();
         statistics.of(&assigned, &mut statistic);
-        levels.judge(&assigned, &mut statistics, &mut statistic);
+        levels.judge(&assigned, &mut statistics.distances, &mut statistic);
         FilteredBatch { assigned, statistic }
     }
 }

@@ -5,10 +5,9 @@
 //! s (y + K above the reference * response), corrected signals, noise, and drift between models.
 
 use crate::detect::ResidualGenerator;
-use crate::detect::decoupling::KnownShapes;
-use crate::detect::key_numbers::KeyRange;
+use crate::detect::lane_sensitivity::{LaneSensitivity, Limits};
 use crate::detect::misfit::Misfit;
-use crate::detect::sensitivity::Sensitivity;
+use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK, Sensitivity};
 use crate::detect::threshold::Threshold;
 use crate::identify::averaging::SignalSet;
 use crate::identify::grey_box::Identification;
@@ -46,11 +45,9 @@ pub struct HealthyModel {
     pub threshold: Threshold,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensitivity: Option<Sensitivity>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub statistic: Option<Statistic>,
-    /// Disturbances that are removed from a deviation before the filter, with `detect.decouple`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub decoupled: Option<KnownShapes>,
+    /// Whether the statistic is the residual's largest sample, counts, and not its energy.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub by_maximum: bool,
     /// Distribution of healthy misfits beside the ring; absent: there is no second test.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub misfit: Option<Misfit>,
@@ -61,18 +58,25 @@ pub struct HealthyModel {
     pub median_statistic: f64,
 }
 
-/// The detection statistic of a method without a squared distance or a residual energy.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Statistic {
-    /// The largest |r| of the FD filter's residual, counts, thesis §3-2.
-    ResidualMaximum,
-    /// The current practice: how far frequency and damping (Fourier transform) lie from the middle
-    /// of the healthy range, in half-widths of the range.
-    Practice(KeyRange),
-}
-
 impl HealthyModel {
+    /// Distances of many signals at once, in f32. `None`: the statistic is of the residual, or a
+    /// number is out of the range of f32.
+    pub(super) fn lanes(&self) -> Option<LaneSensitivity> {
+        let response = self.temperature_response.as_deref();
+        LaneSensitivity::new(self.sensitivity.as_ref()?, &self.expected, response)
+    }
+
+    /// What the lanes settle lies surely on one side of the threshold, and needs no fit: the near
+    /// limit is not above the threshold and the far one not below it.
+    pub fn limits(&self) -> Limits {
+        let threshold = self.threshold.value;
+        Limits {
+            near: threshold.min(SECOND_LOOK),
+            far: threshold.max(CLEARLY_FAR),
+            unexplained: self.misfit.as_ref().map_or(f64::INFINITY, Misfit::settled_square),
+        }
+    }
+
     pub fn in_medians(&self) -> f32 {
         (self.threshold.value / self.median_statistic) as f32
     }

@@ -8,12 +8,11 @@
 
 use super::detector::{Detection, SensitivityDetector};
 use super::isolator::Isolator;
-use super::lanes::Lanes;
 use super::own_channel::{OwnBaseline, OwnChannels};
 use super::workspace::Workspace;
-use super::{Design, Extension, HealthyModel, IsolateSettings, Isolation, Result, Statistic};
+use super::{Design, Extension, HealthyModel, IsolateSettings, Isolation, Result};
 use crate::burst::Burst;
-use crate::detect::key_numbers::Spectrum;
+use crate::detect::lane_sensitivity::LaneSensitivity;
 use crate::fault::Naming;
 use crate::identify::reservoir::relative_drive;
 use crate::isolate::physics_density::FaultCurves;
@@ -67,11 +66,10 @@ pub struct Judge {
     pub model: Arc<HealthyModel>,
     /// Drive voltage at which the model expects its signals, V.
     pub reference_v: Option<f64>,
-    /// Detection of many signals at once, in f32; what it does not settle, [`Judge::detect`] does.
-    pub lanes: Option<Lanes>,
+    /// Distances of many signals at once, in f32; what it does not settle, [`Judge::detect`] does.
+    pub(super) lanes: Option<LaneSensitivity>,
     pub(super) extension: Option<Extension>,
     pub(super) detector: Option<SensitivityDetector>,
-    pub(super) spectrum: Option<Spectrum>,
     /// For [`Judge::ring_of`] where neither detection nor isolation has one.
     pub(super) own_fitter: OnceLock<Option<RingFitter>>,
     /// What names faults; `None`: there is no design, or it has no classes.
@@ -121,10 +119,7 @@ impl Judge {
         let detector = detector.transpose()?;
         let extension = design.and_then(|design| design.extension.clone());
         // with an extension the expected signal differs from signal to signal of a burst
-        let lanes = if extension.is_none() { Lanes::of(&model) } else { None };
-        let is_practice = matches!(model.statistic, Some(Statistic::Practice(_)));
-        let spectrum =
-            is_practice.then(|| Spectrum::new(model.expected.len(), model.generator.dt_s));
+        let lanes = if extension.is_none() { model.lanes() } else { None };
         Ok(Judge {
             index,
             moves: 0,
@@ -133,7 +128,6 @@ impl Judge {
             lanes,
             extension,
             detector,
-            spectrum,
             own_fitter: OnceLock::new(),
             isolating,
         })
@@ -141,6 +135,12 @@ impl Judge {
 
     pub fn key(&self) -> JudgeKey {
         JudgeKey { index: self.index, moves: self.moves }
+    }
+
+    /// The lanes, if the burst's signals have the model's number of samples.
+    pub fn lanes_for(&self, burst: &Burst) -> Option<&LaneSensitivity> {
+        let n = burst.samples_per_channel as usize;
+        self.lanes.as_ref().filter(|lanes| lanes.samples() == n)
     }
 
     /// 1 where one of the two voltages is not known.
@@ -173,11 +173,10 @@ impl Judge {
     /// The detection statistics of a signal in f64: the reference of the filter stage. `deviation`:
     /// from the expected signal, N, counts. Only `sensitivity` has a second test.
     pub fn detect(&self, deviation: &[f64], drive: f64, work: &mut Workspace) -> Detection {
-        let Some(detector) = &self.detector else {
-            let ring = self.without_distance(deviation, drive, &mut work.residual);
-            return Detection { ring, unexplained: f64::NAN };
-        };
-        detector.detect(deviation, drive, &mut work.residual)
+        match &self.detector {
+            Some(detector) => detector.detect(deviation, drive, &mut work.residual),
+            None => Detection { ring: self.model.of_residual(deviation), unexplained: f64::NAN },
+        }
     }
 
     /// The first test's statistic at the squared `distance` from the channel's own level: beyond
@@ -187,24 +186,12 @@ impl Judge {
         threshold * (distance / channels.gate(threshold)).max(own.off)
     }
 
-    fn without_distance(&self, deviation: &[f64], drive: f64, signal: &mut Vec<f64>) -> f64 {
-        match (&self.model.statistic, &self.spectrum) {
-            (Some(Statistic::Practice(range)), Some(spectrum)) => {
-                // The key numbers are of the signal itself, not of its deviation. That was taken at
-                // the signal's temperature, so `warmer` 0 corrects for temperature.
-                self.model.per_drive(deviation, drive, 0.0, signal);
-                range.distance(&spectrum.key_numbers(signal))
-            }
-            _ => self.model.of_residual(deviation, signal),
-        }
-    }
-
     pub fn thresholds(&self) -> Thresholds {
         Thresholds {
             // residual energy and maximum are called `energy`, distances `ring`
-            along: match (&self.detector, &self.spectrum) {
-                (None, None) => Test::Energy,
-                _ => Test::Ring,
+            along: match self.detector {
+                Some(_) => Test::Ring,
+                None => Test::Energy,
             },
             of_ring: self.model.threshold.value,
             beside: self.model.misfit.as_ref().map_or(f64::NAN, |misfit| misfit.threshold.value),

@@ -11,15 +11,12 @@
 //! spread is estimated robustly, and the thresholds come from a mixture model or from the anchor.
 
 use super::fd_filter::{LearnSettings, residual_generator};
-use super::{DetectSettings, HealthyModel, Result, Statistic};
-use crate::detect::decoupling::KnownShapes;
-use crate::detect::key_numbers::{KeyNumbers, KeyRange, Spectrum};
+use super::{DetectSettings, HealthyModel, Result};
 use crate::detect::threshold::{self, Threshold};
 use crate::detect::{DetectMethod, ThresholdMethod};
 use crate::identify::averaging::{self, SignalSet};
 use crate::identify::{grey_box, tangent};
 use crate::model::median::median;
-use crate::model::ring_fit::Features;
 
 #[derive(Clone, Copy)]
 pub(super) struct Sources<'a> {
@@ -86,8 +83,7 @@ impl HealthyModel {
             frequency_per_k,
             generator,
             sensitivity: None,
-            statistic: None,
-            decoupled: None,
+            by_maximum: false,
             threshold: Threshold::none(),
             misfit: None,
             apart: None,
@@ -102,48 +98,17 @@ impl HealthyModel {
     /// The model has its average, filter and expected signal already.
     fn learn_detection(&mut self, from: Sources) -> Result<()> {
         let Sources { healthy, detect, .. } = from;
-        if !detect.decouple.is_empty() {
-            // keeps every change of the model's ring whole
-            let tangent = self.fitter()?.tangent(&Features::HEALTHY);
-            let known = KnownShapes::new(&detect.decouple, &tangent);
-            let words = "detect.decouple: they cannot be told from each other";
-            self.decoupled = Some(known.ok_or(words)?);
-        }
         match detect.method {
             DetectMethod::ResidualEnergy | DetectMethod::ResidualMaximum => {
-                let is_maximum = detect.method == DetectMethod::ResidualMaximum;
-                self.statistic = is_maximum.then_some(Statistic::ResidualMaximum);
-                let (mut all, mut scratch) = (Vec::with_capacity(healthy.len()), Vec::new());
+                self.by_maximum = detect.method == DetectMethod::ResidualMaximum;
+                let mut all = Vec::with_capacity(healthy.len());
                 self.each_deviation(healthy, |_, deviation, _| {
-                    all.push(self.of_residual(deviation, &mut scratch));
+                    all.push(self.of_residual(deviation));
                 });
                 self.learn_one_threshold(&all, from)
             }
-            DetectMethod::Practice => self.learn_ranges(from),
             DetectMethod::Sensitivity => self.learn_distances(from),
         }
-    }
-
-    /// The ranges are set once, on signals known to be healthy: a window takes those of its anchor.
-    fn learn_ranges(&mut self, from: Sources) -> Result<()> {
-        let Sources { healthy, anchor, labelled, .. } = from;
-        if let Some(anchor) = anchor.filter(|_| !labelled) {
-            (self.statistic, self.threshold) = (anchor.statistic, anchor.threshold.clone());
-            self.median_statistic = anchor.median_statistic;
-            return Ok(());
-        }
-        let spectrum = Spectrum::new(healthy.samples, self.generator.dt_s);
-        let mut y = vec![0.0; healthy.samples];
-        let numbers: Vec<KeyNumbers> = (0..healthy.len())
-            .map(|i| {
-                self.at_reference(healthy, i, &mut y);
-                spectrum.key_numbers(&y)
-            })
-            .collect();
-        let range = KeyRange::of(numbers.iter(), 0.0).ok_or("no healthy signal has a range")?;
-        self.statistic = Some(Statistic::Practice(range));
-        let distances: Vec<f64> = numbers.iter().map(|k| range.distance(k)).collect();
-        self.learn_one_threshold(&distances, Sources { anchor: None, ..from })
     }
 
     /// thesis (3-4) on the statistics of healthy signals, for a method with one test.

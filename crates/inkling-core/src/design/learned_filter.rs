@@ -5,9 +5,7 @@
 //! is by method I and M = 1:
 //! * `eigenvalues` (II): alpha has the eigenvalues of the identified faulty channel;
 //! * `enhanced` (III): M maximises faulty over healthy residual energy;
-//! * `lp`: M N L is the row of the null space that is most sensitive to the fault, (3-3b);
-//! * `appendix-a`: M as Appendix A writes it, from the mean faulty residual;
-//! * `searched`: alpha that misses the fewest labelled faults.
+//! * `lp`: M N L is the row of the null space that is most sensitive to the fault, (3-3b).
 //!
 //! Polynomials in z have descending powers. Every alpha has the degree 2 + number of
 //! `other_poles_per_s`, so that methods can be compared.
@@ -15,10 +13,7 @@
 use super::fd_filter::{LearnSettings, LearnedFilter, by_resonance};
 use super::healthy_model::deviations;
 use super::{FaultClass, HealthyModel, Result};
-use crate::detect::{
-    Denominator, ResidualGenerator, appendix, denominator_search, linear_programme, null_space,
-    numerator, poles,
-};
+use crate::detect::{Denominator, linear_programme, null_space, numerator, poles};
 use crate::identify::averaging::SignalSet;
 
 /// Degree of N, if there is room: 3 observable states, and a root z = 1 against a constant offset.
@@ -37,64 +32,31 @@ impl LearnedFilter {
         let (detect, dt_s) = (settings.detect, settings.sample_period_s);
         let degree = 2 + detect.other_poles_per_s.len();
 
-        // method II; degrees that the eigenvalues do not fill get poles at `filler`, 1/s
-        if detect.denominator == Denominator::Eigenvalues {
-            let fault = class.identify(model, settings.grey_box, dt_s)?;
-            // `DetectSettings::check` has refused none
-            let filler = detect.other_poles_per_s.first().copied().unwrap_or(2e5);
-            let denominator = poles::eigenvalues(&fault.channel, filler, degree, dt_s)?;
-            return Ok(LearnedFilter { denominator, enhancement: vec![1.0] });
-        }
-
         let denominator = by_resonance(&model.identification, signals.samples, detect, dt_s)?;
         let channel = &model.identification.channel;
-        // N has at least one degree less than the denominator: room for M
-        let n = || null_space::numerator_of(channel, dt_s, OFFSET_DEGREE.min(degree - 1));
-        let enhancement = match detect.denominator {
+        match detect.denominator {
+            Denominator::Resonance => Ok(LearnedFilter { denominator, enhancement: vec![1.0] }),
+            // method II; degrees that the eigenvalues do not fill get poles at `filler`, 1/s
+            Denominator::Eigenvalues => {
+                let fault = class.identify(model, settings.grey_box, dt_s)?;
+                // `DetectSettings::check` has refused none
+                let filler = detect.other_poles_per_s.first().copied().unwrap_or(2e5);
+                let denominator = poles::eigenvalues(&fault.channel, filler, degree, dt_s)?;
+                Ok(LearnedFilter { denominator, enhancement: vec![1.0] })
+            }
+            // method III; N has at least one degree less than the denominator: room for M
+            Denominator::Enhanced => {
+                let n = null_space::numerator_of(channel, dt_s, OFFSET_DEGREE.min(degree - 1))?;
+                let (healthy, faulty) = (deviations(&[(model, signals)]), deviations(sets));
+                let enhancement =
+                    numerator::enhancement(&n, &denominator, &healthy, &faulty, dt_s)?;
+                Ok(LearnedFilter { denominator, enhancement })
+            }
             Denominator::Lp => {
                 let fault = class.identify(model, settings.grey_box, dt_s)?.channel;
-                linear_programme::most_sensitive(channel, &fault, dt_s, degree)?
+                let enhancement = linear_programme::most_sensitive(channel, &fault, dt_s, degree)?;
+                Ok(LearnedFilter { denominator, enhancement })
             }
-            Denominator::AppendixA => {
-                let n = n()?;
-                // the mean faulty residual r_f of Appendix A, by the filter N z^k / alpha with
-                // numerator and denominator of the same degree
-                let mut padded = n.clone();
-                padded.resize(degree + 1, 0.0);
-                let plain = ResidualGenerator::new(padded, denominator.clone(), dt_s)?;
-                let residual = plain.residual(&class.deviation);
-                appendix::as_written(&residual, degree + 1 - n.len())?
-            }
-            // method III
-            _ => {
-                let (healthy, faulty) = (deviations(&[(model, signals)]), deviations(sets));
-                numerator::enhancement(&n()?, &denominator, &healthy, &faulty, dt_s)?
-            }
-        };
-        Ok(LearnedFilter { denominator, enhancement })
+        }
     }
-
-    /// Searches the denominator; as [`LearnedFilter::learn`] with signals of every labelled fault.
-    pub(super) fn search(
-        (model, signals): (&HealthyModel, &SignalSet),
-        sets: &[(&HealthyModel, &SignalSet)],
-        settings: LearnSettings,
-    ) -> Result<LearnedFilter> {
-        let (dt_s, identification) = (settings.sample_period_s, &model.identification);
-        let degree = 2 + settings.detect.other_poles_per_s.len();
-        let numerator = null_space::numerator_of(&identification.channel, dt_s, degree)?;
-        let (healthy, faulty) = (spread_out(&[(model, signals)]), spread_out(sets));
-        let frequency_hz = identification.poles.frequency_hz;
-        let found = denominator_search::search(&numerator, frequency_hz, &healthy, &faulty, dt_s)?;
-        let denominator = found.choice.denominator(degree, dt_s);
-        Ok(LearnedFilter { denominator, enhancement: vec![1.0] })
-    }
-}
-
-/// Deviations per unit drive, at most `MOST`: the search looks at each about a hundred times.
-fn spread_out(sets: &[(&HealthyModel, &SignalSet)]) -> Vec<Vec<f64>> {
-    const MOST: usize = 4096;
-    let all = deviations(sets);
-    let step = all.len().div_ceil(MOST).max(1);
-    all.into_iter().step_by(step).collect()
 }

@@ -52,27 +52,17 @@ impl Leftovers {
         let chosen: Vec<usize> = (0..set.len()).step_by(every).collect();
         let mut of = Leftovers::default();
 
-        // the first closure hands out the next signal, and keeps a copy of it
-        let mut next = chosen.iter();
-        let mut signals: Vec<Vec<f64>> = Vec::with_capacity(chosen.len());
-        let mut fits = Vec::with_capacity(chosen.len());
-        rings.fitter.fit_all(
-            true,
-            &mut FitBuffers::default(),
-            |y| {
-                model.at_reference(set, *next.next()?, y);
-                signals.push(y.to_vec());
-                Some(near)
-            },
-            |i, fit| fits.push((i, fit)),
-        );
+        let starts = vec![near; chosen.len()];
+        let copy = |i: usize, y: &mut [f64]| model.at_reference(set, chosen[i], y);
+        let fits = rings.fitter.fit_all(true, &mut FitBuffers::default(), &starts, copy);
 
-        // fits end in any order; at the signals' own drives all have the same noise
-        fits.sort_by_key(|(i, _)| *i);
-        for (i, fit) in fits {
+        // at the signals' own drives all misfits have the same noise
+        let mut y = vec![0.0; set.samples];
+        for (&i, fit) in chosen.iter().zip(fits) {
             let Some(fit) = fit else { continue };
-            let drive = set.drive[chosen[i]];
-            let left = rings.beside.misfit(&rings.fitter, &signals[i], &fit.features);
+            let drive = set.drive[i];
+            model.at_reference(set, i, &mut y);
+            let left = rings.beside.misfit(&rings.fitter, &y, &fit.features);
             of.rows.push(left.into_iter().map(|v| v * drive).collect());
             of.size.push(fit.features.ln_amplitude.exp() * drive);
         }
@@ -84,26 +74,24 @@ impl Leftovers {
     /// left out (somewhat arbitrary). `None`: no signals, or noise explains all of the shape.
     pub fn shape(&self) -> Option<Vec<f64>> {
         let n = self.rows.first()?.len();
-        let mut squares: Vec<f64> = self.rows.iter().map(|row| dot(row, row)).collect();
+        let squares: Vec<f64> = self.rows.iter().map(|row| dot(row, row)).collect();
         let most = 2.0 * median(&mut squares.clone());
-        // from here on `squares` holds 1 for a signal that is kept, 0 for one that is left out
-        squares.iter_mut().for_each(|q| *q = f64::from(u8::from(*q <= most)));
+        let each = self.rows.iter().zip(&self.size).zip(&squares);
+        let kept: Vec<(&Vec<f64>, f64)> =
+            each.filter(|(_, square)| **square <= most).map(|((row, a), _)| (row, *a)).collect();
 
         // s minimises the sum of |row - a s|² over the kept signals: s = sum a row / sum a²
-        let weight: f64 = squares.iter().zip(&self.size).map(|(kept, a)| kept * a * a).sum();
+        let weight: f64 = kept.iter().map(|(_, a)| a * a).sum();
         let mut shape = vec![0.0; n];
-        for ((row, kept), a) in self.rows.iter().zip(&squares).zip(&self.size) {
-            shape.iter_mut().zip(row).for_each(|(s, v)| *s += kept * a * v / weight);
+        for (row, a) in &kept {
+            shape.iter_mut().zip(*row).for_each(|(s, v)| *s += a * v / weight);
         }
 
         // the mean of |row - a s|² over the sum of a²: the square norm by noise alone
-        let (mut beyond, mut count) = (0.0, 0.0);
-        for ((row, kept), a) in self.rows.iter().zip(&squares).zip(&self.size) {
-            let off: f64 = row.iter().zip(&shape).map(|(v, s)| (v - a * s).powi(2)).sum();
-            beyond += kept * off;
-            count += kept;
-        }
-        let of_noise = beyond / count / weight;
+        let off = |(row, a): &(&Vec<f64>, f64)| -> f64 {
+            row.iter().zip(&shape).map(|(v, s)| (v - a * s).powi(2)).sum()
+        };
+        let of_noise = kept.iter().map(off).sum::<f64>() / kept.len() as f64 / weight;
         let square = dot(&shape, &shape);
         let share = (1.0 - of_noise / square.max(f64::MIN_POSITIVE)).max(0.0);
         shape.iter_mut().for_each(|s| *s *= share);

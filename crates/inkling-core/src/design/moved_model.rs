@@ -10,7 +10,6 @@
 
 use super::detector::SensitivityDetector;
 use super::isolator::{Isolator, RingClassifier};
-use super::lanes::Lanes;
 use super::tuned;
 use super::{HealthyModel, Judge, Workspace};
 use crate::model::ring::Ring;
@@ -83,10 +82,9 @@ impl Judge {
             of.isolator = of.isolator.moved(&model)?;
         }
         Some(Judge {
-            lanes: Lanes::of(&model),
+            lanes: model.lanes(),
             model,
             detector: Some(detector),
-            spectrum: None,
             own_fitter: OnceLock::new(),
             isolating,
             moves,

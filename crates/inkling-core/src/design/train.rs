@@ -180,30 +180,17 @@ fn learned_filter(set: &TrainingSet, settings: LearnSettings) -> Result<LearnedF
     let by_resonance =
         DetectSettings { denominator: Denominator::Resonance, ..settings.detect.clone() };
     let first = LearnSettings { detect: &by_resonance, ..settings };
-    // the search looks at all labelled faults, the other methods at the class `detect.fault`
     let name = &settings.detect.fault;
-    let is_search = settings.detect.denominator == Denominator::Searched;
-    let faulty: Vec<_> = match is_search {
-        true => set.faulty.values().collect(),
-        false => set.faulty.get(name).into_iter().collect(),
-    };
-    if faulty.is_empty() {
-        let known: Vec<&str> = set.faulty.keys().map(String::as_str).collect();
-        if is_search {
-            return Err("detect.denominator = \"searched\": no signal is labelled faulty".into());
-        }
-        let known = known.join(", ");
+    let Some(faulty) = set.faulty.get(name) else {
+        let known = set.faulty.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
         return Err(format!(
             "detect.fault = \"{name}\": no signal is labelled so (labelled faults: {known})"
         )
         .into());
-    }
+    };
     let (design, _) = Design::of_healthy(set, first)?;
-    let sets: Vec<_> = faulty.into_iter().flat_map(|faulty| design.with_models(faulty)).collect();
+    let sets = design.with_models(faulty);
     let healthy = (&design.pooled, &pool(&set.healthy, set.samples));
-    if is_search {
-        return LearnedFilter::search(healthy, &sets, settings);
-    }
     let class = FaultClass::learn(name, fault::category(name), &sets);
     LearnedFilter::learn(healthy, &class, &sets, settings)
 }

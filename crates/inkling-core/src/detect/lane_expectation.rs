@@ -1,16 +1,15 @@
-//! The expected signal in f32, and a bound on the rounding error of deviations from it. Both
-//! streaming kernels share it.
+//! The expected signal in f32, and a bound on the rounding error of deviations from it, for
+//! [`super::lane_sensitivity`].
 //!
-//! In: a model's expected signal and its response to temperature (f64), once; then tiles of
-//! signals, or conditions (drive and temperature). Out: the parts of the bound of
-//! [`super::kernel`] that come from the expected signal:
+//! In: a model's expected signal y_hat and its response to temperature (f64), once; then conditions:
+//! the relative drive, and `warmer` K above the reference. Out, with u = 2^-24, a deviation d and
+//! the d^ that f32 computes:
 //!
 //! * |d^ - d| <= u |d^| + error, with error = 6 u drive (|y_hat| + warmer |response|);
 //! * a proof that no sample is saturated: a sample at a rail deviates by at least `room`, and no
 //!   sample deviates by more than the norm of the whole deviation.
 
 use super::row_projection::{Phases, in_phases};
-use super::tile::Tile;
 
 pub(super) const U: f64 = 1.0 / (1u64 << 24) as f64;
 /// Factor on bounds for what they neglect: terms of second order, and the reference's own rounding.
@@ -18,7 +17,7 @@ pub(super) const SLACK: f64 = 1.01;
 /// Sums of squares below this may have lost digits to underflow, and are not trusted.
 pub(super) const LEAST: f32 = 1e-28;
 
-pub(super) fn twin(of: &[f64]) -> Vec<f32> {
+fn twin(of: &[f64]) -> Vec<f32> {
     of.iter().map(|&x| x as f32).collect()
 }
 
@@ -34,17 +33,10 @@ pub(super) fn norm(of: &[f64]) -> f64 {
 #[derive(Clone, Debug)]
 pub struct LaneExpectation {
     /// y_hat at the reference, N, counts, and its derivative by temperature, N, counts/K.
-    pub(super) expected: Vec<f32>,
-    pub(super) response: Vec<f32>,
+    expected: Vec<f32>,
+    response: Vec<f32>,
     norms: [f64; 2],
     largest: [f64; 2],
-}
-
-/// The norm |d^| and the `error` of the header, both in counts.
-#[derive(Clone, Copy, Debug)]
-pub struct Deviation {
-    pub norm: f64,
-    pub error: f64,
 }
 
 impl LaneExpectation {
@@ -73,25 +65,13 @@ impl LaneExpectation {
         in_phases(each.map(|(e, slope)| drive * (e + warmer * slope)))
     }
 
-    /// `None`: the square norm is out of f32's range, or a sample may lie at one of the `rails`.
-    pub fn deviation(&self, tile: &Tile, lane: usize, rails: [f64; 2]) -> Option<Deviation> {
-        let square = tile.square_sum[lane];
-        let trusted = square > LEAST && square < f32::INFINITY;
-        let norm = f64::from(square).sqrt();
-        let (drive, warmer) = (tile.drive[lane], tile.warmer[lane]);
-        // one count and the slack are added for rounding
-        let inside = SLACK * norm + 1.0 < self.room(drive, warmer, rails);
-        let error = self.error_at(drive, warmer);
-        (trusted && inside).then_some(Deviation { norm, error })
-    }
-
     /// The smallest deviation, counts, of a sample at one of the `rails`.
     pub fn room(&self, drive: f32, warmer: f32, rails: [f64; 2]) -> f64 {
         let (drive, warmer) = (f64::from(drive.abs()), f64::from(warmer.abs()));
         rails[1].min(-rails[0]) - drive * (self.largest[0] + warmer * self.largest[1])
     }
 
-    /// [`Deviation::error`] at a relative drive and `warmer` K above the reference; six roundings.
+    /// The `error` of the header, counts: six roundings.
     pub fn error_at(&self, drive: f32, warmer: f32) -> f64 {
         let (drive, warmer) = (f64::from(drive.abs()), f64::from(warmer.abs()));
         6.0 * U * drive * (self.norms[0] + warmer * self.norms[1])

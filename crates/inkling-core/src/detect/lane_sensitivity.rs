@@ -1,5 +1,5 @@
 //! The streaming kernel of the default detection method: [`Sensitivity`] for many signals at once,
-//! one signal in each lane, from inner products in f32, by the arithmetic of [`super::kernel`].
+//! one signal in each lane, from inner products in f32.
 //!
 //! In: signals of one drive and temperature (a [`Condition`]), projected on three columns by
 //! [`super::row_projection`]. Out: per lane the squared distance to first order, the square norm
@@ -10,7 +10,7 @@
 //!
 //! P_k is row k of the projection, c_k = P_k d its product with the deviation, u = 2^-24, and a hat
 //! marks what f32 computes. Then |c^_k - c_k| <= |P_k| ((N + 4) u |d^| + |d^ - d|), the last term
-//! as in [`super::kernel`]; the drive that divides c is rounded once, and so is its square in the
+//! as in [`super::lane_expectation`]; the drive that divides c is rounded once, and so is its square in the
 //! metric M. The distance sqrt(x^T M x) is a norm of x = c / drive - mean, which an error of x
 //! moves by at most sum_k sqrt(M_kk) |error of x_k|.
 //!
@@ -19,9 +19,8 @@
 //! 2 sum_k |(Gram c)_k| |error of c_k|, and (Gram c)_k is the product of d with t_k, at most
 //! |t_k| |d|.
 
-use super::kernel::LaneStatistics;
 use super::lane_expectation::{LEAST, LaneExpectation, SLACK, U, fits, norm};
-use super::row_projection::{Columns, Phases, Projections};
+use super::row_projection::{Columns, LANES, Phases, Projections};
 use super::sensitivity::{Sensitivity, rows};
 use crate::processor::for_processor;
 use std::ops::Range;
@@ -66,6 +65,24 @@ struct Limit {
     scale: f64,
     error: f64,
     room: f64,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct LaneStatistics {
+    /// The squared distance. NaN in lanes without a signal, and where the condition has no metric.
+    pub statistic: [f64; LANES],
+    /// Square norm of the deviation's part orthogonal to the sensitivities, counts². NaN where a
+    /// lane's statistic is not near its threshold.
+    pub unexplained: [f64; LANES],
+    /// Whether the reference is proved to decide as these do, and no sample is saturated.
+    pub settled: [bool; LANES],
+}
+
+impl LaneStatistics {
+    fn unknown() -> LaneStatistics {
+        let nothing = [f64::NAN; LANES];
+        LaneStatistics { statistic: nothing, unexplained: nothing, settled: [false; LANES] }
+    }
 }
 
 impl LaneSensitivity {
@@ -180,7 +197,7 @@ for_processor! {
 mod tests {
     use super::*;
     use crate::burst::{Burst, Format, Layout};
-    use crate::detect::row_projection::{LANES, Room};
+    use crate::detect::row_projection::Room;
     use crate::processor::with_each_set;
     use nalgebra::DMatrix;
     use rand::{RngExt, SeedableRng};
@@ -230,7 +247,7 @@ mod tests {
             with_each_set(|| {
                 let (mut products, mut room) = (Projections::default(), Room::default());
                 let rows = (&burst, 0..LANES);
-                lanes.columns.project(rows, &condition.expected, 0, &mut products, &mut room);
+                lanes.columns.project(rows, &condition.expected, &mut products, &mut room);
                 let judged = lanes.judge(&condition, &products, LANES);
                 same.push((judged.statistic.map(f64::to_bits), judged.settled));
                 for (lane, reference) in reference.iter().enumerate() {

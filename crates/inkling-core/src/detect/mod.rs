@@ -5,23 +5,17 @@
 //! ignores what the model explains, statistics of a signal, and the values above which a signal
 //! counts as faulty. `design/` puts these parts together.
 //!
-//! * The filter: numerators ([`null_space`], [`numerator`], [`appendix`], [`linear_programme`]),
-//!   denominators ([`poles`], [`denominator_search`]), the filter itself ([`residual_generator`]),
-//!   where it is blind ([`blind`]), and disturbances kept out of it ([`decoupling`]).
+//! * The filter: numerators ([`null_space`], [`numerator`], [`linear_programme`]), denominators
+//!   ([`poles`]), the filter itself ([`residual_generator`]), and where it is blind ([`blind`]).
 //! * Statistics: the distance along the model's sensitivities ([`sensitivity`]) with a second test
-//!   beside them ([`misfit`]); the thesis's energy r'r; the current practice ([`key_numbers`]).
+//!   beside them ([`misfit`]); the thesis's energy r'r.
 //! * Thresholds: of healthy signals ([`threshold`], `pareto_tail`) and of windows in which some are
 //!   faulty ([`contamination`], `mixture`).
-//! * Streams, many signals at once in f32: [`tile`] and [`kernel`] for the residual energy,
-//!   [`row_projection`] and [`lane_sensitivity`] for the distance; both by [`lane_expectation`].
+//! * Streams, the distance of many signals at once in f32: [`row_projection`], [`lane_sensitivity`]
+//!   and [`lane_expectation`].
 
-pub mod appendix;
 pub mod blind;
 pub mod contamination;
-pub mod decoupling;
-pub mod denominator_search;
-pub mod kernel;
-pub mod key_numbers;
 pub mod lane_expectation;
 pub mod lane_sensitivity;
 pub mod linear_programme;
@@ -36,7 +30,6 @@ pub mod row_projection;
 pub mod sensitivity;
 mod settings;
 pub mod threshold;
-pub mod tile;
 pub mod tuned;
 
 pub use residual_generator::ResidualGenerator;
@@ -77,10 +70,6 @@ pub enum DetectError {
     UnequalDegrees { numerator: usize, denominator: usize },
     #[error("leading coefficient of the denominator is {value}: it must be 1")]
     NotMonic { value: f64 },
-    #[error(
-        "the mean residual of the fault has no samples, or is 0 at each or no number: Appendix A makes no M(z) of it; look at the fault's signals, or choose another detect.denominator"
-    )]
-    NoResidual,
     #[error("healthy deviations leave no residual energy: a ratio to it means nothing")]
     NoHealthyEnergy,
     #[error(

@@ -9,7 +9,7 @@
 //! the eigenvector of the largest eigenvalue of Q_f m = ratio Q_h m.
 //!
 //! Departs: Appendix A takes M(s) = det(Q_x - sI), which has only real nonnegative roots, whatever
-//! the data ([`super::appendix`]). And faulty energy is compared with healthy energy, since faulty
+//! the data. And faulty energy is compared with healthy energy, since faulty
 //! energy alone rises with any gain. The same maximisation serves (3-3b): at degree d the left null
 //! space of H-bar consists of M p3 with any M of degree d - 3.
 

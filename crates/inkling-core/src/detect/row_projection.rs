@@ -1,13 +1,16 @@
 //! Inner products of many signals' deviations with a few columns, in f32, taken from the signals as
-//! they lie in their bursts, without transposing them to a tile.
+//! they lie in their bursts: one signal in each of 32 *lanes*.
 //!
 //! In: rows of a burst (one row is one channel's signal, N samples), the expected signal y_hat that
 //! all of them share, and M columns p_j of N numbers. Out: per row the products p_j . (y - y_hat),
 //! and the square norm |y - y_hat|², counts².
 //!
-//! The arithmetic keeps the rules of [`super::kernel`]: sample k is added to partial sum k mod 16,
-//! and the sixteen sums are added in a fixed order (`tree`). Three loops do the same sums in the
-//! order in which the memory lies.
+//! # One number, whatever the machine
+//!
+//! Every lane and instruction set runs the same sequence of IEEE f32 operations: nothing is fused,
+//! sample k is added to partial sum k mod 16, and the sixteen sums are added in a fixed order
+//! (`tree`). So a number depends on no neighbour, number of workers or processor. Three loops do
+//! the same sums in the order in which the memory lies.
 
 use crate::burst::{Burst, Layout};
 use crate::processor::for_processor;
@@ -29,7 +32,7 @@ pub fn in_phases(of: impl ExactSizeIterator<Item = f32>) -> Vec<Phases> {
 }
 
 #[inline(always)]
-pub(super) fn tree(of: &Phases) -> f32 {
+fn tree(of: &Phases) -> f32 {
     let eight: [f32; 8] = std::array::from_fn(|l| of[l] + of[l + 8]);
     let four: [f32; 4] = std::array::from_fn(|l| eight[l] + eight[l + 4]);
     (four[0] + four[2]) + (four[1] + four[3])
@@ -49,19 +52,18 @@ impl<const M: usize> Columns<M> {
         Columns { n: of[0].len(), groups: (0..columns[0].len()).map(group).collect() }
     }
 
-    /// Projects rows of a burst on the columns, and writes the results to the lanes from `lane` on.
+    /// Projects at most [`LANES`] rows of a burst on the columns, into the first lanes of `out`.
     /// `expected`: the expected signal that all rows share, counts; `room`: buffers.
     pub fn project(
         &self,
         (burst, rows): (&Burst, Range<usize>),
         expected: &[Phases],
-        lane: usize,
         out: &mut Projections<M>,
         room: &mut Room,
     ) {
         let groups = (expected, self.groups.as_slice());
         if let Some(samples) = burst.int16_rows(rows.start, rows.len()) {
-            project_int16(samples, self.n, groups, lane, out);
+            project_int16(samples, self.n, groups, out);
             return;
         }
         match burst.layout {
@@ -70,11 +72,11 @@ impl<const M: usize> Columns<M> {
                 for (k, sample) in room.samples.iter_mut().enumerate() {
                     burst.copy_sample(k, rows.clone(), &mut sample[..rows.len()]);
                 }
-                project_samples(&room.samples, groups, lane..lane + rows.len(), out);
+                project_samples(&room.samples, groups, rows.len(), out);
             }
             Layout::ChannelMajor => {
                 room.signal.resize(self.n, 0.0);
-                for (row, lane) in rows.zip(lane..) {
+                for (lane, row) in rows.enumerate() {
                     burst.copy_signal(row, &mut room.signal);
                     project_f64(&room.signal, groups, lane, out);
                 }
@@ -105,19 +107,18 @@ pub struct Room {
 type Groups<'a, const M: usize> = (&'a [Phases], &'a [[Phases; M]]);
 
 for_processor! {
-    /// `samples`: rows of `n` little-endian int16; `lane`: where the first row's results go.
+    /// `samples`: rows of `n` little-endian int16.
     fn project_int16<const M: usize>(
         samples: &[u8],
         n: usize,
         groups: Groups<'_, M>,
-        lane: usize,
         out: &mut Projections<M>,
     ) {
         let (expected, columns) = groups;
         let counts = |of: &[u8; 2 * PHASES]| -> Phases {
             std::array::from_fn(|l| f32::from(i16::from_le_bytes([of[2 * l], of[2 * l + 1]])))
         };
-        for (row, lane) in samples.chunks_exact(2 * n).zip(lane..) {
+        for (lane, row) in samples.chunks_exact(2 * n).enumerate() {
             let (wholes, rest) = row.as_chunks();
             let mut sums = Sums::default();
             for ((whole, y_hat), p) in wholes.iter().zip(expected).zip(columns) {
@@ -152,11 +153,11 @@ for_processor! {
 }
 
 for_processor! {
-    /// `samples[k]` holds sample k of all signals; `lanes`: where the results go.
+    /// `samples[k]` holds sample k of all signals; `lanes`: how many there are.
     fn project_samples<const M: usize>(
         samples: &[Sample],
         groups: Groups<'_, M>,
-        lanes: Range<usize>,
+        lanes: usize,
         out: &mut Projections<M>,
     ) {
         let (expected, columns) = groups;
@@ -177,10 +178,10 @@ for_processor! {
             squares[phase] = square;
             (0..M).for_each(|j| products[j][phase] = product[j]);
         }
-        for (l, lane) in lanes.enumerate() {
-            out.squares[lane] = tree(&squares.each_ref().map(|of| of[l]));
+        for lane in 0..lanes {
+            out.squares[lane] = tree(&squares.each_ref().map(|of| of[lane]));
             for (out, of_column) in out.products.iter_mut().zip(&products) {
-                out[lane] = tree(&of_column.each_ref().map(|of| of[l]));
+                out[lane] = tree(&of_column.each_ref().map(|of| of[lane]));
             }
         }
     }
@@ -248,14 +249,18 @@ mod tests {
                     let burst = Burst::of(&signals, 1e-6, format, layout);
                     for step in [1, 3, LANES] {
                         let (mut found, mut room) = (Projections::default(), Room::default());
-                        for lane in (0..LANES).step_by(step) {
-                            let rows = lane..(lane + step).min(LANES);
-                            of.project((&burst, rows), &y_hat, lane, &mut found, &mut room);
+                        let (mut products, mut squares) = ([[0; LANES]; 4], [0; LANES]);
+                        for row in (0..LANES).step_by(step) {
+                            let rows = row..(row + step).min(LANES);
+                            of.project((&burst, rows.clone()), &y_hat, &mut found, &mut room);
+                            for (lane, row) in rows.enumerate() {
+                                squares[row] = found.squares[lane].to_bits();
+                                for (all, found) in products.iter_mut().zip(&found.products) {
+                                    all[row] = found[lane].to_bits();
+                                }
+                            }
                         }
-                        same.push((
-                            found.products.map(|of| of.map(f32::to_bits)),
-                            found.squares.map(f32::to_bits),
-                        ));
+                        same.push((products, squares));
                     }
                 }
             });

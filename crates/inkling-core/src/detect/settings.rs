@@ -1,7 +1,6 @@
 //! Settings of fault detection: `pipeline.toml` section `[detect]`, with its defaults and the check
 //! of its values. `pipeline.toml` explains each key to users.
 
-use super::decoupling::Disturbance;
 use crate::ranges::{check, check_between};
 use serde::{Deserialize, Serialize};
 
@@ -15,8 +14,6 @@ pub enum DetectMethod {
     ResidualEnergy,
     /// The largest absolute sample of that residual, thesis §3-2.
     ResidualMaximum,
-    /// The distance from the healthy range of frequency and damping: the current practice.
-    Practice,
 }
 
 /// How the threshold is learned from signals that are all known to be healthy.
@@ -43,10 +40,6 @@ pub enum Denominator {
     Enhanced,
     /// (3-3b) as a linear programme ([`super::linear_programme`]) for the class `fault`.
     Lp,
-    /// Method III as Appendix A writes it ([`super::appendix`]), for the class `fault`.
-    AppendixA,
-    /// The poles that miss the fewest labelled faults ([`super::denominator_search`]).
-    Searched,
 }
 
 /// n_o, in periods of the healthy ring, that reproduces the misses of the thesis's Table 4-1.
@@ -63,7 +56,7 @@ pub struct DetectSettings {
     pub confidence: f64,
     pub mu: f64,
     pub denominator: Denominator,
-    /// The fault class that all denominators but `resonance` and `searched` are made for.
+    /// The fault class that all denominators but `resonance` are made for.
     pub fault: String,
     /// Oscillations n_o within a signal, for method I's pair; absent: by `oscillations_of_ring`.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -71,9 +64,6 @@ pub struct DetectSettings {
     /// n_o in periods of the healthy ring, that is n_o over f0 T; absent: 1, at the resonance.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub oscillations_of_ring: Option<f64>,
-    /// Disturbances that must not reach the residual; with the two methods that use it alone.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub decouple: Vec<Disturbance>,
     /// The other poles of method I, 1/s, as positive numbers p for poles at -p. Together with the
     /// pair they fix the filter's degree, with every method.
     pub other_poles_per_s: Vec<f64>,
@@ -91,7 +81,6 @@ impl Default for DetectSettings {
             fault: "SDN".into(),
             oscillations: None,
             oscillations_of_ring: None,
-            decouple: Vec::new(),
             other_poles_per_s: vec![2e5, 2e5],
         }
     }
@@ -107,16 +96,6 @@ impl DetectSettings {
         open("oscillations_of_ring", self.oscillations_of_ring.unwrap_or(1.0), 1e3)?;
         if self.oscillations.is_some() && self.oscillations_of_ring.is_some() {
             return Err("oscillations beside oscillations_of_ring: both say n_o; give one".into());
-        }
-        let of_residual =
-            matches!(self.method, DetectMethod::ResidualEnergy | DetectMethod::ResidualMaximum);
-        if !(self.decouple.is_empty() || of_residual) {
-            return Err("decouple: has no effect here: it is of method = \"residual-energy\" and \
-                        \"residual-maximum\" alone"
-                .into());
-        }
-        if (1..self.decouple.len()).any(|k| self.decouple[..k].contains(&self.decouple[k])) {
-            return Err("decouple names a disturbance twice".into());
         }
         if !(1..=8).contains(&self.other_poles_per_s.len()) {
             let n = self.other_poles_per_s.len();

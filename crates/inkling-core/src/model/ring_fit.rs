@@ -156,19 +156,19 @@ impl RingFitter {
         finite.then_some(Fit { features, misfit, square })
     }
 
-    /// Fits signals sixteen side by side, each with the bits that [`RingFitter::fit`] or
+    /// Fits many signals, sixteen side by side, each with the bits that [`RingFitter::fit`] or
     /// [`RingFitter::fit_from`] would give. A lane whose fit has ended takes the next signal.
     ///
-    /// `signal` writes the next signal, N counts, and returns `Some(None)` for the coarse search,
-    /// or a start if one is known, or `None` at the end. `found` gets a signal's number (in the
-    /// order of `signal`'s calls) and its fit, in the order in which fits end.
+    /// `starts`: per signal the ring to start from; `None`: the coarse search. `signal` writes the
+    /// signal of that index, N counts; it is asked for each once, in their order.
     pub fn fit_all(
         &self,
         phase: bool,
         work: &mut FitBuffers,
-        mut signal: impl FnMut(&mut [f64]) -> Option<Option<Features>>,
-        mut found: impl FnMut(usize, Option<Fit>),
-    ) {
+        starts: &[Option<Features>],
+        mut signal: impl FnMut(usize, &mut [f64]),
+    ) -> Vec<Option<Fit>> {
+        let mut fits = vec![None; starts.len()];
         let mut interleaved = std::mem::take(&mut work.interleaved);
         let mut y = std::mem::take(&mut work.signal);
         interleaved.resize(self.samples, [0.0; WIDTH]);
@@ -176,28 +176,24 @@ impl RingFitter {
         let mut search = Search::<WIDTH>::new(self.frame, phase);
         let mut squares = [0.0; WIDTH];
         let mut of_lane: [Option<usize>; WIDTH] = [None; WIDTH];
-        let (mut next, mut more) = (0, true);
+        let mut waiting = starts.iter().enumerate();
         loop {
             for lane in 0..WIDTH {
-                while more && of_lane[lane].is_none() {
-                    let Some(near) = signal(&mut y) else {
-                        more = false;
-                        break;
-                    };
+                while of_lane[lane].is_none()
+                    && let Some((number, near)) = waiting.next()
+                {
+                    signal(number, &mut y);
                     let start = match near {
                         Some(near) => Some(near.start()),
                         None => self.grid().search(&y, &mut work.decimated),
                     };
-                    match start.and_then(|start| self.start_of(&y, start)) {
-                        None => found(next, None),
-                        Some(start) => {
-                            interleaved.iter_mut().zip(&y).for_each(|(all, y)| all[lane] = *y);
-                            search.begin(lane, start);
-                            squares[lane] = start.square;
-                            of_lane[lane] = Some(next);
-                        }
+                    // what cannot be started keeps no fit
+                    if let Some(start) = start.and_then(|start| self.start_of(&y, start)) {
+                        interleaved.iter_mut().zip(&y).for_each(|(all, y)| all[lane] = *y);
+                        search.begin(lane, start);
+                        squares[lane] = start.square;
+                        of_lane[lane] = Some(number);
                     }
-                    next += 1;
                 }
             }
             if of_lane.iter().all(Option::is_none) {
@@ -206,12 +202,13 @@ impl RingFitter {
 
             for (lane, progress) in search.iterate(&interleaved).into_iter().enumerate() {
                 if let (Progress::Break(optimum), Some(number)) = (progress, of_lane[lane]) {
-                    found(number, optimum.and_then(|of| self.fit_of(of, squares[lane])));
+                    fits[number] = optimum.and_then(|of| self.fit_of(of, squares[lane]));
                     of_lane[lane] = None;
                 }
             }
         }
         (work.interleaved, work.signal) = (interleaved, y);
+        fits
     }
 
     /// dy/d(ln A, ln sigma, ln f, phi) of this ring, N x 4, counts; column 0 is the ring itself.

@@ -6,11 +6,11 @@
 //! which classes lie apart from the healthy one, by ranges that hold the middle 90 % of each class.
 
 use super::datasets::states;
+use super::key_numbers::KeyNumbers;
 use super::outcome::ThesisError;
 use super::practice;
 use crate::plot::{Axis, Figure, Mark, Series};
 use inkling_core::design::TrainingSet;
-use inkling_core::detect::key_numbers::KeyNumbers;
 use inkling_core::fault::HEALTHY;
 use std::path::Path;
 

@@ -11,6 +11,7 @@
 //! practice; the product's default.
 
 use super::datasets::{Part, faulty, healthy, with_faulty};
+use super::key_numbers::KeyNumbers;
 use super::methods::{
     COMPARED, Compared, Detection, ROWS, Size, figure, isolation, own_isolation, thesis_detect,
 };
@@ -20,8 +21,7 @@ use crate::score::{Prediction, Report, Score};
 use inkling_core::design::{
     Design, DetectSettings, IsolateSettings, Judge, TrainingSet, Workspace,
 };
-use inkling_core::detect::key_numbers::KeyNumbers;
-use inkling_core::detect::{DetectMethod, denominator_search, null_space};
+use inkling_core::detect::DetectMethod;
 use inkling_core::fault::HEALTHY;
 use inkling_core::identify::GreyBoxSettings;
 use inkling_core::isolate::{IsolateMethod, IsolateSignal};
@@ -157,9 +157,7 @@ pub fn figures(part: &Part) -> Result<Figures, ThesisError> {
     out.put("model/fit", first.pooled.identification.fit_percent);
     let fault = hardest(&first, &isolate, learn)?;
 
-    // Detection by every row, and what the search for a denominator promises.
     detection(part, &fault, &mut out);
-    search(&first, part, &mut out).unwrap_or_else(|e| out.cannot("search", &e));
 
     // Isolation by every method, learned from fewer and fewer faulty signals.
     for size in Size::EACH {
@@ -203,26 +201,6 @@ fn detection(part: &Part, fault: &str, out: &mut Figures) {
             Err(e) => out.cannot(name, &e),
         }
     }
-}
-
-/// What the search for a denominator promises on training signals alone. `design`: one by method I.
-fn search(design: &Design, part: &Part, out: &mut Figures) -> Result<(), ThesisError> {
-    const DEGREE: usize = 4;
-    let (model, dt_s) = (&design.pooled, part.learn.sample_period_s);
-    let numerator = null_space::numerator_of(&model.identification.channel, dt_s, DEGREE)?;
-    let (mut healthy, mut faulty) = (Vec::new(), Vec::new());
-    for (state, _, signals) in part.learn.sets() {
-        let own = if state == HEALTHY { &mut healthy } else { &mut faulty };
-        model.each_deviation(signals, |_, deviation, _| own.push(deviation.to_vec()));
-    }
-    let frequency_hz = model.identification.poles.frequency_hz;
-    let found = denominator_search::search(&numerator, frequency_hz, &healthy, &faulty, dt_s)?;
-    out.put("search/misses, chosen on the other folds", found.cross_validated);
-    out.put("search/misses, method I", found.method_one);
-    out.put("search/frequency over f0", found.choice.frequency_hz / frequency_hz);
-    out.put("search/damping of the pair, 1/s", found.choice.damping_per_s);
-    out.put("search/other poles, 1/s", found.choice.other_per_s);
-    Ok(())
 }
 
 /// Isolation by linear regression and by the nearest neighbour, on r and on y, learned from `few`. One design

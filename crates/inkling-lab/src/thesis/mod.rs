@@ -17,6 +17,7 @@ mod conclusions;
 mod datasets;
 mod figures;
 mod key_figures;
+mod key_numbers;
 mod measure;
 mod methods;
 mod outcome;

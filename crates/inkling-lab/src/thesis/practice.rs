@@ -1,5 +1,5 @@
 //! The current practice as a baseline: thresholds for each class on the key numbers of signals
-//! ([`inkling_core::detect::key_numbers`]), thesis §4-2 and §4-3.
+//! ([`super::key_numbers`]), thesis §4-2 and §4-3.
 //!
 //! In: the signals of a set. Out to `measure`: whether a signal is faulty, and which class the
 //! thresholds name; `key_figures` draws the key numbers. The manufacturer's thresholds are set by
@@ -7,8 +7,8 @@
 //! and damping of its training signals.
 
 use super::datasets::each;
+use super::key_numbers::{KeyNumbers, KeyRange, Spectrum};
 use inkling_core::design::TrainingSet;
-use inkling_core::detect::key_numbers::{KeyNumbers, KeyRange, Spectrum};
 use inkling_core::fault::HEALTHY;
 use std::collections::BTreeMap;
 

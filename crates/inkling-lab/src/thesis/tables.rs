@@ -137,18 +137,6 @@ fn detection(of: &Measured, out: &mut String) {
         let right = shares(of, &format!("{name}/right"), faulty + healthy);
         *out += &format!("| {words} | {misses} | {false_alarms} | {right} |\n");
     }
-    let searched = ["misses, chosen on the other folds", "misses, method I"].map(|what| {
-        of.spread(&format!("search/{what}")).map(|spread| format!("{:.1}", spread.mean))
-    });
-    if let [Some(searched), Some(method)] = searched {
-        *out += &format!(
-            "\nThe search, five-fold on training data at one false alarm in 1000: {searched} misses with denominators chosen on the other \
-             folds, {method} with method I. It chose a frequency of {} f0, a damping of {} 1/s and other poles of {} 1/s.\n",
-            number(of, "search/frequency over f0", 3),
-            number(of, "search/damping of the pair, 1/s", 0),
-            number(of, "search/other poles, 1/s", 0),
-        );
-    }
 }
 
 /// The table of isolation, by training size and method. Methods that failed have no row.

@@ -99,17 +99,9 @@ fn property_signals_side_by_side_are_fitted_as_each_alone() {
         for near in [None, Some(healthy)] {
             for phase in [false, true] {
                 let mut work = FitBuffers::default();
-                let (mut next, mut fits) = (0, vec![None; signals.len()]);
-                fitter.fit_all(
-                    phase,
-                    &mut work,
-                    |y| {
-                        y.copy_from_slice(signals.get(next)?);
-                        next += 1;
-                        Some(near)
-                    },
-                    |number, fit| fits[number] = fit,
-                );
+                let starts = vec![near; signals.len()];
+                let copy = |i: usize, y: &mut [f64]| y.copy_from_slice(&signals[i]);
+                let fits = fitter.fit_all(phase, &mut work, &starts, copy);
                 for (y, fit) in signals.iter().zip(fits) {
                     let alone = match near {
                         None => fitter.fit(y, phase, &mut work),

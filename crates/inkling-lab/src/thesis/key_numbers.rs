@@ -1,13 +1,11 @@
-//! The current practice with which the thesis compares (`detect.method` = `practice`): dominant
-//! amplitude, damping and frequency of a signal by Fourier transform, and their distance from the
-//! healthy range.
+//! What the current practice looks at, with which the thesis compares: dominant amplitude, damping
+//! and frequency of a signal by Fourier transform, and their distance from a class's range.
 //!
 //! In: a signal, N, counts. Out: its key numbers (thesis §4-1), and their distance from the
-//! [`KeyRange`] of healthy signals. The manufacturer's toolbox is not published; here the frequency
+//! [`KeyRange`] of other signals. The manufacturer's toolbox is not published; here the frequency
 //! is the peak of the spectrum, the damping the ratio of the peak's magnitudes in the two halves of
 //! the signal, and the amplitude that of the first half.
 
-use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -81,8 +79,7 @@ fn magnitude(y: &[f64], cos: &[f64], sin: &[f64]) -> f64 {
     re.hypot(im)
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KeyRange {
     pub frequency_hz: [f64; 2],
     pub damping_per_s: [f64; 2],
