@@ -4,9 +4,8 @@
 //!
 //! The steps ([`Identified::of`]): the healthy signals are chosen and averaged (thesis Fig. 3-2);
 //! rates and acquisition state are fitted to the average (thesis (3-1)); what the fit leaves is
-//! tested for whiteness; with a geometry the individual parameters of thesis (2-3)..(2-5) follow;
-//! and where the recordings have several temperatures, ratios that one decay cannot tell. All
-//! computing is done in `inkling_core::identify`.
+//! tested for whiteness; and with a geometry the individual parameters of thesis (2-3)..(2-5)
+//! follow. All computing is done in `inkling_core::identify`.
 
 use super::exit::Failure;
 use super::report::printable;
@@ -15,7 +14,6 @@ use inkling_core::design::{DesignError, Detectability, TrainingSet};
 use inkling_core::identify::IdentifyError;
 use inkling_core::identify::averaging::{self, SignalSet};
 use inkling_core::identify::grey_box::{self, Identification};
-use inkling_core::identify::temperature::{ByTemperature, by_temperature};
 use inkling_core::identify::whiteness::{self, Whiteness};
 use inkling_core::model::Geometry;
 use inkling_lab::plot::{Figure, Mark, Series};
@@ -48,8 +46,6 @@ pub struct Identified<'a> {
     whiteness: Option<Whiteness>,
     /// The individual parameters; `None`: the settings give no geometry.
     physical: Option<Physical>,
-    /// What several temperatures tell; `None`: there are not several, or their fits failed.
-    by_temperature: Option<ByTemperature>,
     /// Which faults could be found; only with `--detectability`.
     #[serde(skip_serializing_if = "Option::is_none")]
     detectability: Option<Detectability>,
@@ -92,8 +88,6 @@ impl<'a> Identified<'a> {
             drive_voltage_v: set.drive_voltage_v,
             whiteness: whiteness::whiteness(&misfit, FITTED),
             physical: settings.geometry.map(|g| Physical::of(&fit, &g)),
-            // if the signals of some temperature cannot be fitted by themselves, nothing is told by temperature
-            by_temperature: by_temperature(&healthy, &fit, dt_s, grey_box).ok().flatten(),
             identification: fit,
             detectability: None,
             healthy,
@@ -153,7 +147,6 @@ impl<'a> Identified<'a> {
             }
         }
         self.physical.iter().try_for_each(|physical| physical.print(out))?;
-        self.by_temperature.iter().try_for_each(|told| print_by_temperature(told, out))?;
         self.detectability.iter().try_for_each(|found| print_detectable(found, out))
     }
 
@@ -186,25 +179,6 @@ fn figure_name(printhead: &str, names: &mut BTreeSet<String>) -> String {
     let numbered = (2..).map(|number| format!("{safe}_{number}"));
     let mut all = std::iter::once(safe.clone()).chain(numbered);
     all.find(|name| names.insert(name.to_lowercase())).unwrap_or_default()
-}
-
-/// Prints which ratios signals at several temperatures make identifiable, or why they stay unknown.
-fn print_by_temperature(told: &ByTemperature, out: &mut impl Write) -> std::io::Result<()> {
-    let ByTemperature { temperatures_c, g_over_d, a_over_b, p_value, .. } = told;
-    let end = |temperature_c: Option<&f64>| temperature_c.copied().unwrap_or(f64::NAN);
-    let (from, to) = (end(temperatures_c.first()), end(temperatures_c.last()));
-    write!(out, "  by temperature, {from:.1} to {to:.1} °C: ")?;
-    if !told.is_known() {
-        let why = match *p_value <= 0.01 {
-            true => format!("it does more than thin the ink (p = {p_value:.1e})"),
-            false => "too little to tell".into(),
-        };
-        return writeln!(out, "R_r/I_r over R_n/I_n and a / b stay unknown: {why}");
-    }
-    // standard deviations are those of logarithms, so an interval is a factor
-    let [of_g, of_a] = [told.g_over_d_sd, told.a_over_b_sd].map(|sd| (1.96 * sd).exp());
-    write!(out, "R_r/I_r over R_n/I_n = {g_over_d:.3} (within a factor of {of_g:.2}, 95 %), ")?;
-    writeln!(out, "a / b = {a_over_b:.3} ({of_a:.2})")
 }
 
 /// Prints which filters there are, at which frequencies they are blind, and which faults they could find.

@@ -17,7 +17,14 @@ const OPTIONS: [(&str, &str); 3] = [
 ];
 
 /// Settings by their dotted keys, or values of a setting as `key=value`, and what to use instead.
-const SETTINGS: [(&str, &str); 2] = [
+const SETTINGS: [(&str, &str); 6] = [
+    (
+        "detect.decouple",
+        "leave it out: with two other_poles_per_s or more a constant offset shows in its step alone",
+    ),
+    ("detect.denominator=appendix-a", "method III is `enhanced`"),
+    ("detect.denominator=searched", "`resonance` misses no more"),
+    ("detect.method=practice", "`inkling thesis` compares with it"),
     ("report.rows", "leave it out: the map shows neighbours that fail together"),
     ("report.pitch", "leave it out: the map shows neighbours that fail together"),
 ];

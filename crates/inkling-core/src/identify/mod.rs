@@ -12,8 +12,7 @@
 //!    rates (with decays by `cubic`), `identifiability` states the covariance, and `scatter`
 //!    corrects for channels that differ.
 //! 4. What else an average or its signals tell: `tangent` (what temperature does to the signal),
-//!    `temperature` (the ratios of rates that one decay does not tell), `whiteness` (whether the
-//!    misfit is noise).
+//!    `whiteness` (whether the misfit is noise).
 //!
 //! This file holds the settings of the fit (`[identify.grey_box]`) and the errors.
 
@@ -27,8 +26,6 @@ mod rate_search;
 pub mod reservoir;
 pub mod scatter;
 pub mod tangent;
-pub mod temperature;
-pub mod tuned;
 pub mod whiteness;
 
 use crate::model::InkChannel;

@@ -39,7 +39,7 @@ pub fn whiteness(misfit: &[f64], fitted: usize) -> Option<Whiteness> {
 }
 
 /// P(chi² > q) by Wilson and Hilferty's approximation (1931): the cube root is about normal.
-pub(super) fn chi_square_tail(q: f64, freedom: usize) -> f64 {
+fn chi_square_tail(q: f64, freedom: usize) -> f64 {
     let v = 2.0 / (9.0 * freedom as f64);
     upper_tail(((q / freedom as f64).cbrt() - (1.0 - v)) / v.sqrt())
 }
