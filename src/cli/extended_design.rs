@@ -7,7 +7,7 @@
 
 use crate::settings::Settings;
 use inkling_core::design::{Covariate, CovariateEffect, Design, Extension, TrainingSet};
-use inkling_core::identify::averaging::SignalSet;
+use inkling_core::identify::SignalSet;
 use inkling_lab::critique::catalogue::CauseId;
 use inkling_lab::critique::covariates::{self, Covariates};
 use inkling_lab::critique::engine::{Extended, Outcome};

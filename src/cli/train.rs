@@ -23,7 +23,7 @@ use inkling_core::design::{ClassReview, Design, DesignError, Judged};
 use inkling_core::detect::DetectMethod;
 use inkling_core::fault::is_reserved;
 use inkling_core::identify::IdentifyError;
-use inkling_core::identify::averaging::SignalSet;
+use inkling_core::identify::SignalSet;
 use inkling_core::labels::{Label, Labels};
 use inkling_core::model::ring_down::Poles;
 use inkling_core::model::row_layout::RowLayout;

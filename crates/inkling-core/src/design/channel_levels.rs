@@ -10,7 +10,7 @@
 //! n_c), the best linear predictor in a one-way analysis of variance with random effects.
 
 use super::{HealthyModel, Result};
-use crate::identify::averaging::SignalSet;
+use crate::identify::SignalSet;
 use nalgebra::Vector4;
 use std::collections::BTreeMap;
 

@@ -14,7 +14,7 @@ use super::training_set::examples;
 use super::{Design, FaultClass, HealthyModel, IsolateSettings, Result, TrainingSet};
 use crate::fault;
 use crate::identify::GreyBoxSettings;
-use crate::identify::averaging::SignalSet;
+use crate::identify::SignalSet;
 use crate::isolate::calibration::{LabelledSeverity, SeverityLine};
 use crate::isolate::fault_curve::Conditions;
 use crate::isolate::fault_physics::{FaultPhysics, LabelledFault};

@@ -12,7 +12,7 @@ use crate::detect::{
     DetectMethod, DetectSettings, ThresholdMethod, blind::blind_ranges, null_space,
 };
 use crate::identify::GreyBoxSettings;
-use crate::identify::averaging::SignalSet;
+use crate::identify::SignalSet;
 use crate::identify::grey_box::Identification;
 use crate::promise::Promise;
 use serde::Serialize;

@@ -9,7 +9,7 @@ use super::healthy_model::deviations;
 use super::{HealthyModel, LearnSettings, Result};
 use crate::detect::ResidualGenerator;
 use crate::fault::Class;
-use crate::identify::averaging::SignalSet;
+use crate::identify::SignalSet;
 use crate::identify::grey_box::{self, Identification};
 use crate::identify::{Bounds, GreyBoxSettings};
 use serde::{Deserialize, Serialize};

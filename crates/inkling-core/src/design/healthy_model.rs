@@ -9,7 +9,7 @@ use crate::detect::lane_sensitivity::{LaneSensitivity, Limits};
 use crate::detect::misfit::Misfit;
 use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK, Sensitivity};
 use crate::detect::threshold::Threshold;
-use crate::identify::averaging::SignalSet;
+use crate::identify::SignalSet;
 use crate::identify::grey_box::Identification;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::RingFitter;

@@ -14,7 +14,8 @@ use super::fd_filter::{LearnSettings, residual_generator};
 use super::{DetectSettings, HealthyModel, Result};
 use crate::detect::threshold::{self, Threshold};
 use crate::detect::{DetectMethod, ThresholdMethod};
-use crate::identify::averaging::{self, SignalSet};
+use crate::identify::SignalSet;
+use crate::identify::averaging;
 use crate::identify::{grey_box, tangent};
 use crate::model::median::median;
 

@@ -6,14 +6,15 @@
 
 use super::detector::{DEPENDENT_SENSITIVITIES, Detection, SensitivityDetector};
 use super::learn::{Sources, learn_threshold};
-use super::leftover::Leftovers;
+use super::leftover::Misfits;
 use super::{DetectSettings, HealthyModel, Result, tuned};
 use crate::detect::ThresholdMethod;
 use crate::detect::contamination::{Degrees, Spread, contaminated};
 use crate::detect::misfit::{Misfit, SECOND_LOOK_SDS};
 use crate::detect::sensitivity::Sensitivity;
 use crate::detect::threshold::Method;
-use crate::identify::averaging::{self, SignalSet};
+use crate::identify::SignalSet;
+use crate::identify::averaging;
 use crate::model::median::median;
 use crate::model::ring_fit::Features;
 use crate::numbers::tuned::little;
@@ -153,7 +154,7 @@ impl HealthyModel {
     /// sensitivities, corrected for coloured noise; mean and spread of the channels are still 0.
     fn learn_ring(&mut self, healthy: &SignalSet) -> Result<Sensitivity> {
         let rings = self.rings()?;
-        let left = Leftovers::of(self, &rings, healthy, Some(Features::HEALTHY));
+        let left = Misfits::of(self, &rings, healthy, Some(Features::HEALTHY));
         if let Some(shape) = left.shape() {
             self.expected.iter_mut().zip(&shape).for_each(|(e, s)| *e += s);
             self.leftover = shape;

@@ -14,7 +14,7 @@ use super::fd_filter::{LearnSettings, LearnedFilter, by_resonance};
 use super::healthy_model::deviations;
 use super::{FaultClass, HealthyModel, Result};
 use crate::detect::{Denominator, linear_programme, null_space, numerator, poles};
-use crate::identify::averaging::SignalSet;
+use crate::identify::SignalSet;
 
 /// Degree of N, if there is room: 3 observable states, and a root z = 1 against a constant offset.
 const OFFSET_DEGREE: usize = 4;

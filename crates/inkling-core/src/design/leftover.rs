@@ -11,7 +11,7 @@
 
 use super::HealthyModel;
 use super::rings::Rings;
-use crate::identify::averaging::SignalSet;
+use crate::identify::SignalSet;
 use crate::model::inner_product::dot;
 use crate::model::median::median;
 use crate::model::ring_fit::{Features, FitBuffers};
@@ -21,21 +21,21 @@ const MOST_SIGNALS: usize = 4096;
 
 /// The misfits of some signals beside their rings, one entry per signal each.
 #[derive(Default)]
-pub(super) struct Leftovers {
-    /// N each, counts at the signal's own drive, or by [`Leftovers::over`] in units of the noise.
+pub(super) struct Misfits {
+    /// N each, counts at the signal's own drive, or by [`Misfits::over`] in units of the noise.
     pub rows: Vec<Vec<f64>>,
     /// The amplitude of each signal's ring over that of the healthy ring at the reference drive.
     pub size: Vec<f64>,
 }
 
-impl Leftovers {
-    pub fn extend(&mut self, more: Leftovers) {
+impl Misfits {
+    pub fn extend(&mut self, more: Misfits) {
         self.rows.extend(more.rows);
         self.size.extend(more.size);
     }
 
     /// The same misfits in units of `noise`, counts.
-    pub fn over(mut self, noise: f64) -> Leftovers {
+    pub fn over(mut self, noise: f64) -> Misfits {
         self.rows.iter_mut().flatten().for_each(|v| *v /= noise);
         self
     }
@@ -47,10 +47,10 @@ impl Leftovers {
         rings: &Rings,
         set: &SignalSet,
         near: Option<Features>,
-    ) -> Leftovers {
+    ) -> Misfits {
         let every = set.len().div_ceil(MOST_SIGNALS).max(1);
         let chosen: Vec<usize> = (0..set.len()).step_by(every).collect();
-        let mut of = Leftovers::default();
+        let mut of = Misfits::default();
 
         let starts = vec![near; chosen.len()];
         let copy = |i: usize, y: &mut [f64]| model.at_reference(set, chosen[i], y);
@@ -99,7 +99,7 @@ impl Leftovers {
     }
 
     /// The misfits less a mean shape (empty: nothing), in proportion to each signal's ring.
-    pub fn without(mut self, shape: &[f64]) -> Leftovers {
+    pub fn without(mut self, shape: &[f64]) -> Misfits {
         for (row, size) in self.rows.iter_mut().zip(&self.size) {
             row.iter_mut().zip(shape).for_each(|(v, s)| *v -= size * s);
         }
@@ -141,6 +141,6 @@ impl Leftovers {
                 tangent_space.without((0..n).map(|_| 12f64.sqrt() * next()).collect())
             })
             .collect();
-        Leftovers { rows, size: Vec::new() }.autocovariance(lags)
+        Misfits { rows, size: Vec::new() }.autocovariance(lags)
     }
 }

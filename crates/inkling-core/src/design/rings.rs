@@ -5,7 +5,7 @@
 //! each signal that a ring fits; and a signal's misfit beside its ring.
 
 use super::{HealthyModel, Result};
-use crate::identify::averaging::SignalSet;
+use crate::identify::SignalSet;
 use crate::identify::grey_box::Identification;
 use crate::model::beside_ring::BesideRing;
 use crate::model::ring::Ring;

@@ -17,7 +17,7 @@ use super::{
 use crate::detect::Denominator;
 use crate::fault;
 use crate::identify::GreyBoxSettings;
-use crate::identify::averaging::SignalSet;
+use crate::identify::SignalSet;
 use crate::isolate::IsolateMethod;
 use crate::isolate::fault_curve::Conditions;
 use crate::isolate::physics_density::{Comparison, FaultCurves};

@@ -6,7 +6,7 @@
 
 use super::{Extension, HealthyModel, Result};
 use crate::fault::HEALTHY;
-use crate::identify::averaging::SignalSet;
+use crate::identify::SignalSet;
 use crate::isolate::stacking::Examples;
 use crate::model::ring_fit::Features;
 use nalgebra::{DMatrix, DVector, Vector4};

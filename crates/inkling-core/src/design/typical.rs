@@ -8,9 +8,9 @@
 //! 3. the variance of each class along each direction;
 //! 4. per class a bound on the mean square of a misfit less what is usual along the directions.
 
-use super::leftover::Leftovers;
+use super::leftover::Misfits;
 use super::{Design, HealthyModel, Result, TrainingSet};
-use crate::identify::averaging::SignalSet;
+use crate::identify::SignalSet;
 use crate::isolate::typical::{Typical, directions, misfit_bound};
 use crate::model::inner_product::dot;
 use crate::numbers::tuned::few;
@@ -33,7 +33,7 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
     let mut classes = Vec::new();
     for class in &design.classes {
         let labelled = set.faulty.get(&class.name);
-        let mut left = labelled.map_or(Ok(Leftovers::default()), |sets| left_of(design, sets))?;
+        let mut left = labelled.map_or(Ok(Misfits::default()), |sets| left_of(design, sets))?;
         let labelled = left.rows.len();
         if labelled == 0 {
             for kind in class.class().of {
@@ -60,7 +60,7 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
         .collect();
 
     // step 4: never below the bound that healthy signals give if judged as of the class
-    let misfits = |left: &Leftovers, k: usize| -> Vec<f64> {
+    let misfits = |left: &Misfits, k: usize| -> Vec<f64> {
         let each = left.rows.iter().zip(&left.size);
         each.map(|(left, &size)| typical.misfit_of(left, size, k)).collect()
     };
@@ -81,7 +81,7 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
 
 struct ClassMisfits {
     /// In standard deviations of the noise.
-    left: Leftovers,
+    left: Misfits,
     /// Number of labelled signals among them; 0: all are predictions of the physics.
     labelled: usize,
 }
@@ -100,14 +100,14 @@ impl ClassMisfits {
 
 /// What the signals of one model leave beside their rings, without the model's leftover, in
 /// standard deviations of a sample's noise.
-fn left_by(model: &HealthyModel, set: &SignalSet) -> Result<Leftovers> {
-    let left = Leftovers::of(model, &model.rings()?, set, None);
+fn left_by(model: &HealthyModel, set: &SignalSet) -> Result<Misfits> {
+    let left = Misfits::of(model, &model.rings()?, set, None);
     Ok(left.without(&model.leftover).over(model.noise_beside()))
 }
 
 /// The same for the first `MOST_SIGNALS` signals of each printhead.
-fn left_of(design: &Design, sets: &BTreeMap<String, SignalSet>) -> Result<Leftovers> {
-    let mut all = Leftovers::default();
+fn left_of(design: &Design, sets: &BTreeMap<String, SignalSet>) -> Result<Misfits> {
+    let mut all = Misfits::default();
     for (model, set) in design.with_models(sets) {
         all.extend(left_by(model, &set.first(MOST_SIGNALS))?);
     }
@@ -116,12 +116,12 @@ fn left_of(design: &Design, sets: &BTreeMap<String, SignalSet>) -> Result<Leftov
 
 /// The same for decays that the physics predicts for the middles of `SEVERITIES` equal parts of a
 /// law's range. `class`: the law's name. Empty: there is no physics or no such law.
-fn by_physics(design: &Design, class: &str) -> Result<Leftovers> {
+fn by_physics(design: &Design, class: &str) -> Result<Misfits> {
     let (Some(physics), model) = (&design.physics, &design.pooled) else {
-        return Ok(Leftovers::default());
+        return Ok(Misfits::default());
     };
     let sampling = (design.sample_period_s, design.samples);
-    let Some(law) = physics.laws.law(class) else { return Ok(Leftovers::default()) };
+    let Some(law) = physics.laws.law(class) else { return Ok(Misfits::default()) };
     let [low, high] = law.range.map(|severity| law.scale(severity));
     let mut set = SignalSet::new(design.samples);
     for i in 0..SEVERITIES {

@@ -237,13 +237,6 @@ mod tests {
     }
 
     #[test]
-    fn survives_json_unchanged() {
-        let g = method_one(6.47);
-        let json = serde_json::to_string(&g).unwrap();
-        assert_eq!(serde_json::from_str::<ResidualGenerator>(&json).unwrap(), g);
-    }
-
-    #[test]
     fn no_samples_are_no_trouble() {
         let g = method_one(6.47);
         assert_eq!((g.energy(&[]), g.impulse_response(0).len()), (0.0, 0));

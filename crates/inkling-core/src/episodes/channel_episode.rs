@@ -105,9 +105,9 @@ impl Channel {
 fn instead(draft: &EpisodeDraft, of_no_class: bool) -> Instead<'_> {
     match &draft.appearance {
         appearance if of_no_class => {
-            Instead::Rather(appearance.as_ref().unwrap_or(&Appearance::Other))
+            Instead::NoClass(appearance.as_ref().unwrap_or(&Appearance::Other))
         }
-        Some(appearance) if 2 * draft.as_well > draft.named => Instead::AsWell(appearance),
+        Some(appearance) if 2 * draft.as_well > draft.named => Instead::OrThis(appearance),
         _ => Instead::Nothing,
     }
 }

@@ -19,15 +19,15 @@ pub fn sentence(
     instead: Instead,
 ) -> String {
     let mut text = format!("channel {}: ", episode.channel);
-    if let Instead::Rather(strange) = instead {
-        if let Some(rings) = rings.filter(|_| strange.rings()) {
+    if let Instead::NoClass(strange) = instead {
+        if let Some(rings) = rings.filter(|_| strange.is_a_ring()) {
             text += &format!("{}: ", ring_in_words(rings));
         }
         return text + &in_words(strange);
     }
 
     let or = match instead {
-        Instead::AsWell(other) => in_short(other).map_or(String::new(), |it| format!(" or {it}")),
+        Instead::OrThis(other) => in_short(other).map_or(String::new(), |it| format!(" or {it}")),
         _ => String::new(),
     };
     match rings {
@@ -72,14 +72,14 @@ pub fn sentence(
 pub enum Instead<'a> {
     Nothing,
     /// The signals belong to no known class, and look like this.
-    Rather(&'a Appearance),
+    NoClass(&'a Appearance),
     /// The signals may as well be this ([`Appearance::AS_WELL`]).
-    AsWell(&'a Appearance),
+    OrThis(&'a Appearance),
 }
 
 impl Appearance {
     /// Whether resonance and damping mean something: it is a ring with nothing beside it.
-    fn rings(&self) -> bool {
+    fn is_a_ring(&self) -> bool {
         use Appearance::{AllOff, Late, Like, OtherClock, OtherGain, OtherRing};
         matches!(self, OtherGain(_) | OtherClock(_) | Late(_) | AllOff | Like(_) | OtherRing)
     }
@@ -267,7 +267,7 @@ mod tests {
             let text = sentence(episode, rings, nearest, Instead::Nothing);
             assert!(text.ends_with(said), "{text}");
         }
-        let (nearest, rather) = (Class::plain("BN"), Instead::Rather(&Appearance::NoiseAlone));
+        let (nearest, rather) = (Class::plain("BN"), Instead::NoClass(&Appearance::NoiseAlone));
         let text = sentence(&unnamed, None, Some((&nearest, 0.6)), rather);
         assert!(text.contains("noise alone") && text.contains("not at the nozzle"), "{text}");
     }
@@ -277,11 +277,11 @@ mod tests {
         let unnamed = Episode { fault: None, category: None, certainty: None, ..episode() };
         let twin = Appearance::Like("a blocked restrictor".into());
         let nearest = Some((&Class::plain("PBN"), 0.6));
-        let text = sentence(&unnamed, Some(&RINGS), nearest, Instead::AsWell(&twin));
+        let text = sentence(&unnamed, Some(&RINGS), nearest, Instead::OrThis(&twin));
         let said =
             "not named; at best partly blocked nozzle or a blocked restrictor, certainty .60";
         assert!(text.ends_with(said), "{text}");
-        let text = sentence(&unnamed, Some(&RINGS), nearest, Instead::Rather(&twin));
+        let text = sentence(&unnamed, Some(&RINGS), nearest, Instead::NoClass(&twin));
         assert!(text.contains("61.9 kHz, damping +31 %: like a blocked restrictor"), "{text}");
         let own = Class { unit: Some("of the nozzle's mass".into()), ..Class::plain("wetting") };
         let named = Episode { fault: Some("wetting".into()), ..episode() };

@@ -15,13 +15,13 @@
 //! ratio g/d (that is A_n/A_r, thesis (2-3), (2-4)) is held at the guess, and the state's component
 //! along (1, -1, 0, 0) at 0. The result says what was held.
 
-use super::averaging::{MeanSignal, SignalSet};
+use super::averaging::MeanSignal;
 use super::cubic::{RATES_PER_US, per_us, poles_of};
 use super::damped_cosine::damped_cosine;
 use super::identification::Scatter;
 use super::rate_search::{End, Problem, Projection};
 use super::scatter::scatter;
-use super::{GreyBoxSettings, IdentifyError, identifiability};
+use super::{GreyBoxSettings, IdentifyError, SignalSet, identifiability};
 use crate::model::InkChannel;
 use nalgebra::{Vector3, matrix};
 

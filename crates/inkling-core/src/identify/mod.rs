@@ -1,7 +1,7 @@
 //! Parameters from data: the signals of a healthy window are averaged (thesis Fig. 3-2), and the
 //! model of thesis (2-2) with its acquisition state is fitted to the average, thesis (3-1).
 //!
-//! In: [`averaging::SignalSet`], the signals of one window of one printhead. Out:
+//! In: a [`SignalSet`], the signals of one window of one printhead. Out:
 //! [`identification::Identification`], the model with its covariance and with what is not
 //! identifiable. No signal is judged here, and no fault is known. Training, the identify stage and
 //! `inkling identify` call:
@@ -25,8 +25,11 @@ pub mod identification;
 mod rate_search;
 pub mod reservoir;
 pub mod scatter;
+mod signal_set;
 pub mod tangent;
 pub mod whiteness;
+
+pub use signal_set::SignalSet;
 
 use crate::model::InkChannel;
 use crate::ranges::check;

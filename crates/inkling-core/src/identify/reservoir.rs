@@ -8,7 +8,7 @@
 //! (bottom-k sampling). A hash is as good as random, so the sample is a fair one, and it is the same
 //! for any order of the file, any chunking and any number of threads.
 
-use super::averaging::SignalSet;
+use super::SignalSet;
 use crate::burst::Beside;
 use std::collections::BTreeMap;
 use xxhash_rust::xxh3::xxh3_64;

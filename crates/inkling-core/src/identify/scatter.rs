@@ -12,7 +12,8 @@
 //! 3. The mean of y over theta is y(theta) + 1/2 sum of second derivatives times covariance: the
 //!    second term is the curvature, computed by sigma points.
 
-use super::averaging::{MeanSignal, SignalSet};
+use super::SignalSet;
+use super::averaging::MeanSignal;
 use super::cubic::{basis, per_us};
 use super::identification::{Identification, Scatter};
 use crate::model::inner_product::dot;

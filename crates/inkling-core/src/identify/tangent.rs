@@ -9,7 +9,7 @@
 //! temperature the mean deviation from the expected signal is projected on the tangent space, and
 //! the six coordinates are regressed on the temperature.
 
-use super::averaging::SignalSet;
+use super::SignalSet;
 use super::cubic::{self, PER_S, cubic_per_us, per_us};
 use super::identification::Identification;
 use crate::numbers::tuned::few;

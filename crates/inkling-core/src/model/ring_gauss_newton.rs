@@ -202,7 +202,7 @@ impl Lane {
 #[inline(always)] // compiled once per instruction set
 fn portable<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Evaluation; W] {
     let frame = &of.frame;
-    // the trials' pole z = e^{(-sigma + i omega) dt}, and the coefficients of its recurrence
+    // the trials' pole e^{(-sigma + i omega) dt}, and the coefficients of its recurrence
     let (mut sigma, mut omega) = ([0.0; W], [0.0; W]);
     let (mut re, mut im) = ([0.0; W], [0.0; W]);
     let (mut twice, mut square) = ([0.0; W], [0.0; W]);
@@ -221,10 +221,10 @@ fn portable<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Evaluation; W] {
     // number by number, so that the compiler turns this loop, too, into vector code
     let mut out = [[0.0; W]; 8];
     for l in 0..W {
-        let z = Complex { re: re[l], im: im[l] };
+        let pole = Complex { re: re[l], im: im[l] };
         let of_signal = std::array::from_fn(|j| recurrence[j][l]);
         let of_pole = std::array::from_fn(|j| of_pole[j][l]);
-        let sums = normal_equations(frame, z, of_pole, of_signal, of.along_real[l]);
+        let sums = normal_equations(frame, pole, of_pole, of_signal, of.along_real[l]);
         let Evaluation { a, b, misfit, step } =
             evaluate_one(of.phase, [sigma[l], omega[l]], &sums, of.square[l]);
         let Step { damping, frequency, a: of_a, b: of_b, gain } = step;
@@ -245,8 +245,8 @@ fn portable<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Evaluation; W] {
 #[inline(always)] // compiled once per instruction set
 fn evaluate_one(phase: bool, pole: [f64; 2], sums: &NormalEquations, yy: f64) -> Evaluation {
     let [sigma_dt, omega_dt] = pole;
-    let [pp, qp, qq, xp, xq, xx, zp, zq, zx, zz] = sums.gram;
-    let [up, uq, ux, uz] = sums.slope;
+    let [pp, qp, qq, xp, xq, xx, vp, vq, vx, vv] = sums.gram;
+    let [up, uq, ux, uv] = sums.slope;
 
     // Amplitudes by least squares: the inverse of the Gram matrix of p and q has ip, iq on the
     // diagonal and ic beside it. With the phase held there is no column q.
@@ -257,14 +257,14 @@ fn evaluate_one(phase: bool, pole: [f64; 2], sums: &NormalEquations, yy: f64) ->
     let misfit = yy - a * up - b * uq;
     let misfit = if misfit < 0.0 { 0.0 } else { misfit }; // NaN stays
 
-    // inner products of x and z with what the amplitudes leave of the signal
-    let (rx, rz) = (ux - a * xp - b * xq, uz - a * zp - b * zq);
-    // The sensitivities are combinations of x and z: dy/d(ln sigma) = -sigma t (a p' + b q),
+    // inner products of x and v with what the amplitudes leave of the signal
+    let (rx, rv) = (ux - a * xp - b * xq, uv - a * vp - b * vq);
+    // The sensitivities are combinations of x and v: dy/d(ln sigma) = -sigma t (a p' + b q),
     // dy/d(ln omega) = omega t (a q - b p'), where p' is p without the real pole's part.
-    let of = |x: f64, z: f64| [-sigma_dt * (a * x + b * z), omega_dt * (a * z - b * x)];
-    let (along_p, along_q, slopes) = (of(xp, zp), of(xq, zq), of(rx, rz));
-    let (by_x, by_z) = (of(xx, zx), of(zx, zz));
-    let (damping_row, frequency_row) = (of(by_x[0], by_z[0]), of(by_x[1], by_z[1]));
+    let of = |x: f64, v: f64| [-sigma_dt * (a * x + b * v), omega_dt * (a * v - b * x)];
+    let (along_p, along_q, slopes) = (of(xp, vp), of(xq, vq), of(rx, rv));
+    let (by_x, by_v) = (of(xx, vx), of(vx, vv));
+    let (damping_row, frequency_row) = (of(by_x[0], by_v[0]), of(by_x[1], by_v[1]));
 
     // The part that p (and q) span is taken out, since the amplitudes are refitted after the step:
     // h is the Schur complement, [0,0], [0,1] and [1,1] of the 2 x 2 matrix.

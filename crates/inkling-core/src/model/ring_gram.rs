@@ -8,12 +8,11 @@
 //!
 //! ```text
 //! p = Re u + real (the real pole's part),   x = t Re u,
-//! q = -Im u,                                z = t q,       t in samples.
+//! q = -Im u,                                v = t q,       t in samples.
 //! ```
 //!
-//! The sensitivities by ln sigma and ln omega are combinations of x and z. (In the code the pole is
-//! `z`, too; `zp`, `zq`, `zx`, `zz` belong to the column z.) The columns are never made: the
-//! signal's products are the polynomial sum y_k Z^k and its derivative by Z, by Goertzel's
+//! The sensitivities by ln sigma and ln omega are combinations of x and v. The columns are never
+//! made: the signal's products are the polynomial sum y_k Z^k and its derivative by Z, by Goertzel's
 //! recurrence. The Gram matrix consists of sums of k^m Z^{2k}, k^m |Z|^{2k} and k^m (Z l)^k, where
 //! l is the real pole's ratio from sample to sample: these have closed forms, or are doubled up
 //! (`powers`).
@@ -33,7 +32,7 @@ pub struct Frame {
     pub real_square: f64,
 }
 
-/// `gram`: of p, q, x, z (pp, qp, qq, xp, xq, xx, zp, zq, zx, zz); `slope`: their products with y.
+/// `gram`: of p, q, x, v (pp, qp, qq, xp, xq, xx, vp, vq, vx, vv); `slope`: their products with y.
 #[derive(Clone, Copy, Debug)]
 pub struct NormalEquations {
     pub gram: [f64; 10],
@@ -142,12 +141,12 @@ fn geometric(w: Complex, over_all: Complex, n: f64) -> (Complex, Complex, Comple
     (zeroth, first, inverse)
 }
 
-/// The normal equations of one lane's trial. `z`: the pole Z; `powers`, `of_signal`: as [`powers`]
+/// The normal equations of one lane's trial. `pole`: Z; `powers`, `of_signal`: as [`powers`]
 /// and [`goertzel`] give them; `along_real`: inner product of the signal with the real pole's part.
 #[inline(always)] // compiled once per instruction set
 pub fn normal_equations(
     frame: &Frame,
-    z: Complex,
+    pole: Complex,
     powers: [f64; 5],
     of_signal: [f64; 4],
     along_real: f64,
@@ -158,7 +157,7 @@ pub fn normal_equations(
     let over_all = Complex { re: all_re, im: all_im };
 
     // the sums of k^m u_k² for m = 0, 1, 2, from those of k^m w^k with w = Z²
-    let (w, w_all) = (z * z, over_all * over_all);
+    let (w, w_all) = (pole * pole, over_all * over_all);
     let (a0, a1, inverse) = geometric(w, w_all, n);
     // (1 - w) sum k² w^k = sum_{0 < k < n} (2 k - 1) w^k - (n - 1)² w^n
     let a2 = a1 * 2.0 - (a0 - ONE) - w_all * ((n - 1.0) * (n - 1.0));
@@ -166,7 +165,7 @@ pub fn normal_equations(
     let (a0, a1, a2) = (a0 * turned, a1 * turned, a2 * inverse * turned);
 
     // the sums of u_k and k u_k times the real pole's part, which falls by l from sample to sample
-    let (c0, c1, _) = geometric(z * frame.real_ratio, over_all * frame.real_over_all, n);
+    let (c0, c1, _) = geometric(pole * frame.real_ratio, over_all * frame.real_over_all, n);
     let share = first * frame.real_share;
     let (c0, c1) = (c0 * share, c1 * share);
 
@@ -186,10 +185,10 @@ pub fn normal_equations(
 
     // the polynomial at Z, and Z times its derivative for the columns with t
     let [b_1, constant, c_3, of_slope] = of_signal;
-    let value = Complex { re: b_1 * z.re + constant, im: b_1 * z.im } * first;
-    let quotient = Complex { re: c_3 * z.re + of_slope, im: c_3 * z.im };
-    let slope = Complex { re: b_1 - 2.0 * z.im * quotient.im, im: 2.0 * z.im * quotient.re };
-    let slope = slope * z * first;
+    let value = Complex { re: b_1 * pole.re + constant, im: b_1 * pole.im } * first;
+    let quotient = Complex { re: c_3 * pole.re + of_slope, im: c_3 * pole.im };
+    let slope = Complex { re: b_1 - 2.0 * pole.im * quotient.im, im: 2.0 * pole.im * quotient.re };
+    let slope = slope * pole * first;
     NormalEquations { gram, slope: [value.re + along_real, -value.im, slope.re, -slope.im] }
 }
 

@@ -15,7 +15,7 @@ use crate::simulate::scenario::{Classes, Kind, Physics};
 use crate::simulate::{Scenario, SimulatedRecording, drying};
 use inkling_core::design::TrainingSet;
 use inkling_core::fault::{CLASSES, HEALTHY};
-use inkling_core::identify::averaging::SignalSet;
+use inkling_core::identify::SignalSet;
 use inkling_core::labels::Labels;
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};

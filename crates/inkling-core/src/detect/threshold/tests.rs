@@ -113,17 +113,6 @@ fn channels_that_differ_are_not_mistaken_for_many_independent_signals() {
 }
 
 #[test]
-fn the_effective_number_lies_between_channels_and_signals() {
-    let effective = |kind: Kind| {
-        let (energies, channels) = kind.sample(64, 40, 3);
-        quantile(&energies, &channels, 1e-2, 0.95).unwrap().n_effective
-    };
-    assert!(effective(Kind::Noise) > 1500.0, "{}", effective(Kind::Noise));
-    let clustered = effective(Kind::Gains(1.0));
-    assert!((64.0..400.0).contains(&clustered), "{clustered}");
-}
-
-#[test]
 fn neither_order_nor_unit_nor_json_matter() {
     let (energies, channels) = Kind::Gains(0.2).sample(20, 25, 5);
     let t = quantile(&energies, &channels, 1e-3, 0.95).unwrap();

@@ -284,41 +284,6 @@ fn about_a_channels_own_level_labels_keep_their_name_from_what_lies_beside_the_c
     assert!(of(1) >= of(0), "{known:?}");
 }
 
-/// Shows what limits a start without labels: neither what a ring tells nor the rates, but which
-/// severities occur.
-#[test]
-fn slight_blockages_are_told_from_small_bubbles_by_which_sizes_occur() {
-    let mut rng = ChaCha8Rng::seed_from_u64(8);
-    let drawn = [("PBN", 0.05, 0.60), ("AB2", 0.20, 0.45)].map(|(class, low, high)| {
-        let draw = |_| {
-            let severity = low + (high - low) * rng.random::<f64>();
-            (severity, features_of(class, severity, &mut rng))
-        };
-        (class, (0..1000).map(draw).collect::<Vec<_>>())
-    });
-    let wrong = |physics: &FaultPhysics| {
-        let curves = physics.curves(&classes(), DT_S, SAMPLES);
-        let is_wrong = |class: &str, x: &Vector4<f64>| {
-            let best = CLASSES[largest(&compared(&curves, x).ln_densities)];
-            category(best) != category(class)
-        };
-        let of = |(class, all): &(&str, Vec<(f64, _)>)| {
-            all.iter().filter(|(_, x)| is_wrong(class, x)).count()
-        };
-        drawn.iter().map(of).sum::<usize>()
-    };
-    let usual = wrong(&physics(TRUE, 0.05));
-    let exact = wrong(&physics(TRUE, 1e-4));
-    let mut sized = physics(TRUE, 0.05);
-    for (class, all) in &drawn {
-        let seen = all.iter().map(|(severity, _)| (*severity, 1.0)).collect();
-        sized.seen.insert((*class).into(), LabelledSeverities::new(seen));
-    }
-    let sized = wrong(&sized);
-    let told = format!("of 2000 wrong: {usual}, by exact rates {exact}, by known sizes {sized}");
-    assert!(usual >= 20 && exact * 10 >= usual * 7 && sized * 4 <= usual, "{told}");
-}
-
 #[test]
 fn sizes_of_a_class_are_shares() {
     let mut physics = physics(TRUE, 0.01);

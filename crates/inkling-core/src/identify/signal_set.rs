@@ -1,0 +1,73 @@
+//! Signals with what was recorded with them: what parameters, thresholds and classes are learned from.
+//!
+//! In: the signals of a window, or those that one label names, of one printhead: n signals of N
+//! samples, counts. Out: the same row by row, with channel, drive, temperature and severity.
+
+#[derive(Clone, Debug, Default)]
+pub struct SignalSet {
+    pub samples: usize,
+    /// The rows, concatenated, counts. Samples of int16 and of float are both exact in f32.
+    pub data: Vec<f32>,
+    pub channel: Vec<u32>,
+    /// Over the reference voltage; 1 where it was not recorded.
+    pub drive: Vec<f64>,
+    /// Temperature of each signal, °C; NaN where it was not recorded.
+    pub temperature_c: Vec<f64>,
+    /// Severity that the signal's label gives; NaN where it gives none.
+    pub severity: Vec<f64>,
+}
+
+impl SignalSet {
+    pub fn new(samples: usize) -> SignalSet {
+        SignalSet { samples, ..SignalSet::default() }
+    }
+
+    pub fn len(&self) -> usize {
+        self.channel.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.channel.is_empty()
+    }
+
+    pub fn signal(&self, i: usize) -> &[f32] {
+        &self.data[i * self.samples..(i + 1) * self.samples]
+    }
+
+    /// Adds a signal, N counts, without a severity.
+    pub fn push(&mut self, signal: &[f32], channel: u32, drive: f64, temperature_c: f64) {
+        debug_assert_eq!(signal.len(), self.samples);
+        self.data.extend_from_slice(signal);
+        self.channel.push(channel);
+        self.drive.push(drive);
+        self.temperature_c.push(temperature_c);
+        self.severity.push(f64::NAN);
+    }
+
+    /// Of the signal last pushed.
+    pub fn set_severity(&mut self, severity: f64) {
+        if let Some(last) = self.severity.last_mut() {
+            *last = severity;
+        }
+    }
+
+    pub fn select(&self, keep: &[usize]) -> SignalSet {
+        let mut chosen = SignalSet::new(self.samples);
+        for &i in keep {
+            chosen.push(self.signal(i), self.channel[i], self.drive[i], self.temperature_c[i]);
+            chosen.set_severity(self.severity[i]);
+        }
+        chosen
+    }
+
+    pub fn first(&self, most: usize) -> SignalSet {
+        self.select(&(0..self.len().min(most)).collect::<Vec<_>>())
+    }
+
+    /// Mean of the recorded temperatures, °C; `None`: none was recorded.
+    pub fn mean_temperature_c(&self) -> Option<f64> {
+        let known: Vec<f64> =
+            self.temperature_c.iter().copied().filter(|t| t.is_finite()).collect();
+        (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
+    }
+}
