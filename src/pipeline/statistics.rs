@@ -4,25 +4,35 @@
 //! detection statistics ([`Detection`]), or why it has none. They do not depend on what else is in the batch.
 //!
 //! The bursts of a batch are taken judge by judge. With `detect.method` = `sensitivity` [`Distances`] computes
-//! the distances of many signals side by side; another method's statistic is that of each signal's residual,
-//! one after the other.
+//! the distances of many signals side by side; another method's statistic is that of each signal's residual.
 
 use super::batches::{AssignedBatch, Detected};
 use super::distances::{Distances, PlacedBurst, finite};
 use inkling_core::burst::Acquisition;
-use inkling_core::design::{Detection, Workspace};
+use inkling_core::design::{Detection, Judge};
+use inkling_core::detect::residual_generator::TOGETHER;
 
 /// The buffers of one worker, for the judges of one schedule.
 #[derive(Default)]
 pub struct Statistics {
     pub distances: Distances,
-    work: Workspace,
+    waiting: WaitingSignals,
+}
+
+/// Signals that wait to be filtered side by side.
+#[derive(Default)]
+struct WaitingSignals {
+    /// Where in the batch each stands.
+    at: Vec<usize>,
+    /// N counts of each, one after the other.
+    deviations: Vec<f64>,
+    samples: usize,
 }
 
 impl Statistics {
     /// `rails`: limits of the converter, counts.
     pub fn new(rails: [f64; 2]) -> Statistics {
-        Statistics { distances: Distances::new(rails), work: Workspace::default() }
+        Statistics { distances: Distances::new(rails), ..Statistics::default() }
     }
 
     /// Computes the statistics of a batch into `statistic`: one entry per signal, in the batch's order.
@@ -50,20 +60,43 @@ impl Statistics {
             let judge = bursts[0].judge;
             match judge.detector() {
                 Some(detector) => self.distances.of(judge, detector, bursts, statistic),
-                None => self.of_residuals(bursts, statistic),
+                None => self.of_residuals(judge, bursts, statistic),
             }
         }
     }
 
-    /// The energy (or largest sample) of each signal's residual, thesis e(r).
-    fn of_residuals(&mut self, bursts: &[PlacedBurst], statistic: &mut [Detected]) {
-        for PlacedBurst { judge, first, burst } in bursts {
-            let drive = judge.drive(burst);
+    /// The energy (or largest sample) of each signal's residual, thesis e(r): of [`TOGETHER`] signals at once,
+    /// also of several bursts.
+    fn of_residuals(&mut self, judge: &Judge, bursts: &[PlacedBurst], statistic: &mut [Detected]) {
+        for &PlacedBurst { first, burst, .. } in bursts {
+            if burst.samples_per_channel as usize != self.waiting.samples {
+                self.waiting.judge(judge, statistic);
+                self.waiting.samples = burst.samples_per_channel as usize;
+            }
             for row in 0..burst.channels as usize {
-                let deviation = self.distances.deviations.usable(judge, burst, row);
-                statistic[first + row] = deviation
-                    .and_then(|deviation| finite(judge.detect(deviation, drive, &mut self.work)));
+                match self.distances.deviations.usable(judge, burst, row) {
+                    Err(reason) => statistic[first + row] = Err(reason),
+                    Ok(deviation) => {
+                        self.waiting.at.push(first + row);
+                        self.waiting.deviations.extend_from_slice(deviation);
+                    }
+                }
+                if self.waiting.at.len() == TOGETHER {
+                    self.waiting.judge(judge, statistic);
+                }
             }
         }
+        self.waiting.judge(judge, statistic);
+    }
+}
+
+impl WaitingSignals {
+    /// Judges what waits; nothing waits afterwards.
+    fn judge(&mut self, judge: &Judge, statistic: &mut [Detected]) {
+        let found = judge.model.of_residuals(&self.deviations, self.samples);
+        for (at, ring) in self.at.drain(..).zip(found) {
+            statistic[at] = finite(Detection { ring, unexplained: f64::NAN });
+        }
+        self.deviations.clear();
     }
 }

@@ -14,6 +14,15 @@ impl HealthyModel {
         }
     }
 
+    /// The same of many signals, each with the same bits. `deviations`: `samples` counts of each
+    /// signal, one signal after the other.
+    pub fn of_residuals(&self, deviations: &[f64], samples: usize) -> Vec<f64> {
+        match self.by_maximum {
+            true => deviations.chunks_exact(samples.max(1)).map(|d| self.of_residual(d)).collect(),
+            false => self.generator.energies(deviations, samples),
+        }
+    }
+
     pub fn residual(&self, deviation: &[f64], residual: &mut [f64]) {
         self.generator.filter(deviation, residual);
     }

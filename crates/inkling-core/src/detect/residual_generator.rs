@@ -12,6 +12,7 @@
 //! Departs: the thesis filters y and x_a_hat; from zero state one filter of y - y_hat does the same.
 
 use super::DetectError;
+use crate::processor::for_processor;
 use serde::{Deserialize, Serialize};
 
 /// The filter r = (numerator / denominator) (y - y_hat): finite coefficients in descending powers of
@@ -24,6 +25,8 @@ pub struct ResidualGenerator {
 }
 
 const INLINE: usize = 16;
+/// Number of signals that are filtered side by side: one signal alone would wait for each sample.
+pub const TOGETHER: usize = 8;
 
 impl ResidualGenerator {
     pub fn new(
@@ -74,6 +77,21 @@ impl ResidualGenerator {
         self.dt_s * sum
     }
 
+    /// The energies of many signals, each with the bits of [`ResidualGenerator::energy`].
+    /// `deviations`: `samples` counts of each signal, one signal after the other.
+    pub fn energies(&self, deviations: &[f64], samples: usize) -> Vec<f64> {
+        let rows: Vec<&[f64]> = deviations.chunks_exact(samples.max(1)).collect();
+        let mut energies = Vec::with_capacity(rows.len());
+        for rows in rows.chunks(TOGETHER) {
+            // places without a signal repeat the last one
+            let each = std::array::from_fn(|l| rows[l.min(rows.len() - 1)]);
+            let mut state = vec![[0.0; TOGETHER]; self.degree() + 1];
+            let sums = square_sums(&self.numerator, &self.denominator, &each, &mut state);
+            energies.extend(sums[..rows.len()].iter().map(|sum| self.dt_s * sum));
+        }
+        energies
+    }
+
     /// The largest |r|, counts: the other metric that thesis §3-2 names beside the energy.
     pub fn maximum(&self, deviation: &[f64]) -> f64 {
         let mut most = 0.0_f64;
@@ -118,6 +136,36 @@ impl ResidualGenerator {
             }
             emit(r);
         }
+    }
+}
+
+for_processor! {
+    /// The square sums of residuals, by the operations of [`ResidualGenerator::run`] in their order.
+    /// `b`, `a`: numerator and denominator; `rows`: N counts each; `state`: 0, and one more than the
+    /// degree, so that what the last one takes over is 0.
+    fn square_sums(
+        b: &[f64],
+        a: &[f64],
+        rows: &[&[f64]; TOGETHER],
+        state: &mut [[f64; TOGETHER]],
+    ) -> [f64; TOGETHER] {
+        let mut sums = [0.0; TOGETHER];
+        let of_states = b[1..].iter().zip(&a[1..]);
+        for k in 0..rows[0].len() {
+            let (mut d, mut r) = ([0.0; TOGETHER], [0.0; TOGETHER]);
+            for l in 0..TOGETHER {
+                d[l] = rows[l][k];
+                r[l] = b[0] * d[l] + state[0][l];
+                sums[l] += r[l] * r[l];
+            }
+            for (j, (b, a)) in of_states.clone().enumerate() {
+                let next = state[j + 1];
+                for l in 0..TOGETHER {
+                    state[j][l] = next[l] + b * d[l] - a * r[l];
+                }
+            }
+        }
+        sums
     }
 }
 
@@ -194,6 +242,19 @@ mod tests {
         let most = g.maximum(&d);
         assert!(r.contains(&most) || r.contains(&-most), "one of the samples");
         assert!(r.iter().all(|x| x.abs() <= most));
+    }
+
+    #[test]
+    fn energies_side_by_side_have_the_bits_of_each_alone_whatever_the_instructions() {
+        let g = method_one(6.47);
+        let signals: Vec<Vec<f64>> = (0..19).map(random_signal).collect();
+        crate::processor::with_each_set(|| {
+            for n in [0, 1, 8, 19] {
+                let alone: Vec<f64> = signals[..n].iter().map(|d| g.energy(d)).collect();
+                assert_eq!(g.energies(&signals[..n].concat(), 128), alone);
+            }
+        });
+        assert_eq!(g.energies(&[], 0), []);
     }
 
     #[test]
