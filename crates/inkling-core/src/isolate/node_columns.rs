@@ -5,7 +5,7 @@
 //! nodes that are not negligible (`Node::ln_density` in the tests), up to a factor. The steps:
 //!
 //! 1. Nodes are stored in blocks of [`NODES`], each with its bounding box in the features. A block
-//!    is left out where the features lie far outside of its box in one coordinate (`is_near`).
+//!    is left out where the features lie far outside of its box in one coordinate (`near`).
 //! 2. For the other nodes: the squared Mahalanobis distance and the height of the peak
 //!    (`Block::compare`). In a node's axes the covariance is diagonal at any drive.
 //! 3. Exponentials relative to the nearest node (`densities`), so that nothing underflows.
@@ -21,32 +21,36 @@ use std::f32::consts::{PI, TAU};
 /// Number of nodes in a block.
 pub const NODES: usize = 16;
 pub type OfNodes<T = f32> = [T; NODES];
+/// Number of boxes that are tested together.
+const BOXES: usize = 16;
+type OfBoxes = [f32; BOXES];
 /// Squared distance in one coordinate, in variances, beyond which a density is e^-30 of its peak.
 const FAR: f32 = 60.0;
-/// The features that are compared with a box: frequency, which decides most, damping and amplitude.
-/// The phase is periodic.
-const COORDINATES: [usize; 3] = [2, 1, 0];
+/// Number of coordinates of the boxes: all features but the phase, which is periodic.
+const COORDINATES: usize = 3;
 
 #[derive(Clone, Debug)]
 pub struct NodeColumns {
     pub nodes: Vec<Node>,
-    boxes: Vec<BoundingBox>,
+    boxes: Vec<Boxes>,
     blocks: Vec<Block>,
     ln_determinant: f64,
 }
 
-/// Where the nodes of a block lie, by [`COORDINATES`].
+/// Bounding boxes of [`BOXES`] blocks; beyond the last block they are empty.
+type Boxes = [Bounds; COORDINATES];
+
+/// The smallest and the largest mean of each block's nodes in one coordinate.
 #[derive(Clone, Copy, Debug)]
-struct BoundingBox {
-    /// The smallest and the largest mean.
-    low: [f32; 3],
-    high: [f32; 3],
+struct Bounds {
+    low: OfBoxes,
+    high: OfBoxes,
     /// Largest variances: of all scatter but the noise, and of the noise at the reference drive.
-    beyond: [f32; 3],
-    noise: [f32; 3],
+    beyond: OfBoxes,
+    noise: OfBoxes,
     /// Derivatives of the mean of the block's first node, which stand for those of all its nodes.
-    by_change: [[f32; 2]; 3],
-    by_baseline: [[f32; 4]; 3],
+    by_change: [OfBoxes; 2],
+    by_baseline: [OfBoxes; 4],
 }
 
 /// [`NODES`] nodes, field by field ([`Node`]), the last filled up with copies of density 0.
@@ -90,7 +94,7 @@ impl NodeColumns {
         let ln_determinants = nodes.iter().map(|node| node.ln_determinant);
         let ln_determinant = ln_determinants.fold(f64::NEG_INFINITY, f64::max);
         NodeColumns {
-            boxes: blocks.iter().map(|nodes| BoundingBox::of(nodes)).collect(),
+            boxes: blocks.chunks(BOXES).map(boxes).collect(),
             blocks: blocks.into_iter().map(|nodes| Block::of(nodes, ln_determinant)).collect(),
             ln_determinant,
             nodes,
@@ -108,42 +112,63 @@ impl NodeColumns {
     }
 }
 
-impl BoundingBox {
-    fn of(nodes: &[Node]) -> BoundingBox {
-        let variances: Vec<[Vector4<f64>; 2]> = nodes.iter().map(Node::variances).collect();
-        let largest = |of: usize| {
-            COORDINATES.map(|k| variances.iter().map(|v| v[of][k]).fold(0.0, f64::max) as f32)
+fn boxes(blocks: &[&[Node]]) -> Boxes {
+    let variances: Vec<Vec<[Vector4<f64>; 2]>> =
+        blocks.iter().map(|nodes| nodes.iter().map(Node::variances).collect()).collect();
+    std::array::from_fn(|k| {
+        let of_boxes = |none: f32, of: &dyn Fn(usize) -> f64| -> OfBoxes {
+            std::array::from_fn(|b| if b < blocks.len() { of(b) as f32 } else { none })
         };
-        let means = |k: usize| nodes.iter().map(move |node| node.mean[k] as f32);
-        BoundingBox {
-            low: COORDINATES.map(|k| means(k).fold(f32::INFINITY, f32::min)),
-            high: COORDINATES.map(|k| means(k).fold(f32::NEG_INFINITY, f32::max)),
-            beyond: largest(0),
-            noise: largest(1),
-            by_change: COORDINATES
-                .map(|k| std::array::from_fn(|j| nodes[0].by_change[(k, j)] as f32)),
-            by_baseline: COORDINATES
-                .map(|k| std::array::from_fn(|j| nodes[0].by_baseline[(k, j)] as f32)),
+        let means = |b: usize| blocks[b].iter().map(move |node: &Node| node.mean[k]);
+        let largest =
+            |b: usize, of: usize| variances[b].iter().map(|v| v[of][k]).fold(0.0, f64::max);
+        Bounds {
+            low: of_boxes(f32::INFINITY, &|b| means(b).fold(f64::INFINITY, f64::min)),
+            high: of_boxes(f32::NEG_INFINITY, &|b| means(b).fold(f64::NEG_INFINITY, f64::max)),
+            beyond: of_boxes(0.0, &|b| largest(b, 0)),
+            noise: of_boxes(0.0, &|b| largest(b, 1)),
+            by_change: std::array::from_fn(|j| of_boxes(0.0, &|b| blocks[b][0].by_change[(k, j)])),
+            by_baseline: std::array::from_fn(|j| {
+                of_boxes(0.0, &|b| blocks[b][0].by_baseline[(k, j)])
+            }),
+        }
+    })
+}
+
+/// Which boxes may hold a node that is not negligible, as one bit each. `OWN`: whether the curve
+/// moves with a channel's baseline.
+#[inline(always)] // compiled once per instruction set
+fn near<const OWN: bool>(boxes: &Boxes, query: Query) -> u32 {
+    let Query { changed, own, noise, .. } = query;
+    let mut inside: [u32; BOXES] = std::array::from_fn(|b| 1 << b);
+    for (bounds, x) in boxes.iter().zip(query.x) {
+        let (x, [first, second]) = (x as f32, &bounds.by_change);
+        for b in 0..BOXES {
+            // instead of the nodes the signal is moved, the other way
+            let mut at = x - first[b] * changed[0] - second[b] * changed[1];
+            if OWN {
+                for (by_baseline, own) in bounds.by_baseline.iter().zip(own) {
+                    at -= by_baseline[b] * own;
+                }
+            }
+            let (below, above) = (bounds.low[b] - at, at - bounds.high[b]);
+            let most = if below > above { below } else { above };
+            let outside = if most > 0.0 { most } else { 0.0 };
+            // within sqrt(FAR) standard deviations, a little more for rounding
+            let reach = 1.001 * FAR * (bounds.beyond[b] + noise * bounds.noise[b]);
+            inside[b] = if outside * outside <= reach { inside[b] } else { 0 };
         }
     }
+    inside.iter().fold(0, |all, bit| all | bit)
+}
 
-    /// Whether the block may hold a node that is not negligible.
-    #[inline(always)] // compiled once per instruction set
-    fn is_near(&self, query: &Query) -> bool {
-        let Query { changed, own, noise, .. } = query;
-        COORDINATES.iter().enumerate().all(|(at, &k)| {
-            // instead of the nodes the signal is moved, the other way
-            let [first, second] = self.by_change[at];
-            let mut x = query.x[k] as f32 - first * changed[0] - second * changed[1];
-            for (by_baseline, own) in self.by_baseline[at].iter().zip(own) {
-                x -= by_baseline * own;
-            }
-            let outside = (self.low[at] - x).max(x - self.high[at]).max(0.0);
-            // within sqrt(FAR) standard deviations, a little more for rounding
-            let reach = 1.001 * FAR * (self.beyond[at] + noise * self.noise[at]);
-            outside * outside <= reach
-        })
-    }
+#[inline(always)] // compiled once per instruction set
+fn each_of(mut bits: u32) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let place = (bits != 0).then_some(bits.trailing_zeros() as usize);
+        bits &= bits.wrapping_sub(1);
+        place
+    })
 }
 
 impl Block {
@@ -174,7 +199,7 @@ impl Block {
     }
 }
 
-/// A signal's features and conditions.
+/// A signal's features and conditions, by value, so that they stay in registers.
 #[derive(Clone, Copy)]
 struct Query {
     x: [f64; 4],
@@ -196,33 +221,43 @@ pub(super) fn compare(
     let own = conditions.baseline.copied().unwrap_or_default();
     let (own, changed) = (own.map(|v| v as f32), conditions.changed.map(|v| v as f32));
     let query = Query { x: (*x).into(), changed: changed.into(), own: own.into(), noise };
+    match conditions.baseline {
+        None => compare_at::<false>(of, query, out),
+        Some(_) => compare_at::<true>(of, query, out),
+    }
+}
+
+/// `compare`, compiled once for curves that move with the baseline and once for others.
+#[inline(always)] // compiled once per instruction set
+fn compare_at<const OWN: bool>(of: &NodeColumns, query: Query, out: &mut Vec<ComparedBlock>) {
     out.clear();
     let mut nearest = f32::INFINITY;
-    for (block, (bounding_box, nodes)) in of.boxes.iter().zip(&of.blocks).enumerate() {
-        if !bounding_box.is_near(&query) {
-            continue;
-        }
-        let (square, height) = nodes.compare(query);
-        let least = least(&square);
-        // negligible beside the nearest node so far; a NaN is, too
-        if least <= nearest + 2.0 * NEGLIGIBLE {
-            nearest = if least < nearest { least } else { nearest };
-            out.push(ComparedBlock { block, square, height, least });
+    for (boxes, (part, blocks)) in of.boxes.iter().zip(of.blocks.chunks(BOXES).enumerate()) {
+        for b in each_of(near::<OWN>(boxes, query)) {
+            let (square, height) = blocks[b].compare::<OWN>(query);
+            let least = least(&square);
+            // negligible beside the nearest node so far; a NaN is, too
+            if least <= nearest + 2.0 * NEGLIGIBLE {
+                nearest = if least < nearest { least } else { nearest };
+                out.push(ComparedBlock { block: part * BOXES + b, square, height, least });
+            }
         }
     }
 }
 
 impl Block {
     #[inline(always)] // compiled once per instruction set
-    fn compare(&self, query: Query) -> (OfNodes, OfNodes) {
+    fn compare<const OWN: bool>(&self, query: Query) -> (OfNodes, OfNodes) {
         let Query { x, changed, own, noise } = query;
         let (mut square, mut height) = ([0.0; NODES], [0.0; NODES]);
         for i in 0..NODES {
             let away = |k: usize| {
                 let (by_change, by_baseline) = (&self.by_change[k], &self.by_baseline[k]);
-                let moved = (by_change[0][i] * changed[0] + by_change[1][i] * changed[1])
-                    + ((by_baseline[0][i] * own[0] + by_baseline[1][i] * own[1])
-                        + (by_baseline[2][i] * own[2] + by_baseline[3][i] * own[3]));
+                let mut moved = by_change[0][i] * changed[0] + by_change[1][i] * changed[1];
+                if OWN {
+                    moved += (by_baseline[0][i] * own[0] + by_baseline[1][i] * own[1])
+                        + (by_baseline[2][i] * own[2] + by_baseline[3][i] * own[3]);
+                }
                 (x[k] - self.mean[k][i]) as f32 - moved
             };
 

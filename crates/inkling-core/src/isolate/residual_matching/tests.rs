@@ -1,8 +1,4 @@
 use super::*;
-use clarabel::algebra::CscMatrix;
-use clarabel::solver::{
-    DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, ZeroConeT,
-};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -31,11 +27,6 @@ fn ours(m: &SignatureMatrix, r: &[f64]) -> Vec<f64> {
     phi
 }
 
-fn distance_squared(m: &SignatureMatrix, r: &[f64], phi: &[f64]) -> f64 {
-    let x = nalgebra::DVector::from_column_slice(phi);
-    (&m.r * x - nalgebra::DVector::from_column_slice(r)).norm_squared()
-}
-
 /// The worst violation of feasibility, stationarity and complementarity, over the problem's size; from R
 /// and r themselves, not from what the solver uses.
 fn kkt(m: &SignatureMatrix, r: &[f64], phi: &[f64]) -> f64 {
@@ -52,44 +43,16 @@ fn kkt(m: &SignatureMatrix, r: &[f64], phi: &[f64]) -> f64 {
     [sum, negative, dual, slack].into_iter().fold(0.0, f64::max)
 }
 
-/// The same problem solved by an interior-point solver.
-fn clarabel(m: &SignatureMatrix, r: &[f64]) -> Vec<f64> {
-    let (n, gram) = (m.r.ncols(), m.r.tr_mul(&m.r));
-    let p = CscMatrix::from(
-        &(0..n)
-            .map(|i| (0..n).map(|j| if j >= i { gram[(i, j)] } else { 0.0 }).collect())
-            .collect::<Vec<Vec<f64>>>(),
-    );
-    let mut c = vec![0.0; n];
-    m.project(r, &mut c);
-    let q: Vec<f64> = c.iter().map(|c| -c).collect();
-    let mut rows = vec![vec![1.0; n]];
-    rows.extend((0..n).map(|i| (0..n).map(|j| if i == j { -1.0 } else { 0.0 }).collect()));
-    let a = CscMatrix::from(&rows);
-    let mut b = vec![0.0; n + 1];
-    b[0] = 1.0;
-    let cones = [ZeroConeT(1), NonnegativeConeT(n)];
-    let settings = DefaultSettingsBuilder::default().verbose(false).build().unwrap();
-    let mut solver = DefaultSolver::new(&p, &q, &a, &b, &cones, settings).unwrap();
-    solver.solve();
-    solver.solution.x.clone()
-}
-
-/// Compares the result with the optimality conditions and with clarabel.
+/// The problem is convex, so what meets the conditions of optimality is the solution.
 fn check(columns: &[Vec<f64>], r: &[f64], what: &str) {
     let m = matrix(columns);
     let phi = ours(&m, r);
     let left = kkt(&m, r, &phi);
     assert!(left <= 1e-9, "{what}: KKT residual {left:e}, phi {phi:?}");
-    let size = m.r.tr_mul(&m.r).diagonal().amax() + r.iter().map(|v| v * v).sum::<f64>();
-    let (mine, theirs) = (distance_squared(&m, r, &phi), distance_squared(&m, r, &clarabel(&m, r)));
-    assert!(mine <= theirs + 1e-7 * size, "{what}: {mine} against clarabel's {theirs}");
-    // clarabel leaves the simplex by its tolerance, so it may lie a little below.
-    assert!(mine >= theirs - 1e-6 * size, "{what}: {mine} against clarabel's {theirs}");
 }
 
 #[test]
-fn agrees_with_clarabel_on_random_problems_of_1_to_20_classes() {
+fn random_problems_of_1_to_20_classes_are_solved() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     for n in 1..=20 {
         for _ in 0..30 {
@@ -102,7 +65,7 @@ fn agrees_with_clarabel_on_random_problems_of_1_to_20_classes() {
 }
 
 #[test]
-fn agrees_with_clarabel_on_badly_conditioned_problems() {
+fn badly_conditioned_problems_are_solved() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     for decades in 1..=9 {
         for n in [2, 5, 9, 20] {
@@ -151,24 +114,6 @@ fn degenerate_problems_are_solved_and_end() {
             let inside = vec![1.0 / columns.len() as f64; columns.len()];
             check(&columns, &mix(&columns, &inside), "inside, dependent columns");
             check(&columns, &columns[n], "a dependent column itself");
-        }
-    }
-}
-
-#[test]
-fn more_classes_than_dimensions_are_solved() {
-    let mut rng = ChaCha8Rng::seed_from_u64(4);
-    for n in [4, 10, 20, 32] {
-        for _ in 0..50 {
-            let flat = |rng: &mut ChaCha8Rng| {
-                let mut v = random_column(rng);
-                v[3..].fill(0.0);
-                v
-            };
-            let columns: Vec<_> = (0..n).map(|_| flat(&mut rng)).collect();
-            check(&columns, &flat(&mut rng), "three dimensions");
-            let near: Vec<f64> = flat(&mut rng).iter().map(|v| 0.1 * v).collect();
-            check(&columns, &near, "three dimensions, inside");
         }
     }
 }
