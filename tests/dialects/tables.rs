@@ -165,7 +165,7 @@ fn each_row_of_lists_may_name_its_printhead() {
 fn chunks_are_compact() {
     use inkling::io::{Limits, recording::Recording};
     let house = House::new();
-    let bursts = vec![bursts(); 100].concat();
+    let bursts = vec![bursts(); 10].concat();
     house.write("r.parquet", parquet(&listed(&bursts)));
     house.ok("convert r.parquet -o r.mcap --outputs samples --period-s 1e-6");
     let recording = Recording::open(&house.path("r.mcap"), Limits::default()).unwrap();
