@@ -6,7 +6,6 @@ use inkling::burst::Acquisition;
 use inkling::io::baseline_file::BaselineFile;
 use inkling::io::block_reader::BlockReader;
 use inkling::io::burst_codec::BurstDecoder;
-use inkling::io::columnar::FileKind;
 use inkling::io::dialect::guess::guess;
 use inkling::io::journal::Journal;
 use inkling::io::recording::Recording;
@@ -26,9 +25,9 @@ pub const READERS: [(&str, Reader); 11] = [
     ("foreign", foreign),
     ("table", |path| {
         let columns = Columns::default();
-        match columnar::table_kind_of(path) {
-            Ok(FileKind::Text) | Err(_) => drop(csv_table::read(path, &columns)),
-            Ok(FileKind::Parquet) => drop(columnar::read(path, &columns)),
+        match columnar::is_parquet(path) {
+            Ok(true) => drop(columnar::read(path, &columns)),
+            _ => drop(csv_table::read(path, &columns)),
         }
     }),
     ("labels", |path| drop(labels_file::read(path))),

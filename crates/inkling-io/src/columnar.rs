@@ -26,17 +26,12 @@ use std::path::Path;
 /// Rows that are read at once.
 const BATCH_ROWS: usize = 4096;
 
-/// What kind of table a file is, by its first bytes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum FileKind {
-    Parquet,
-    Text,
-}
-
-pub fn table_kind_of(path: &Path) -> Result<FileKind, FileError> {
+/// Whether a table is Parquet, by its first bytes; else it is text. A file that is something else is
+/// refused with what to do.
+pub fn is_parquet(path: &Path) -> Result<bool, FileError> {
     let start = regular_file::start(path, 8).map_err(unread(path))?;
     Ok(match start[..] {
-        [b'P', b'A', b'R', b'1', ..] => FileKind::Parquet,
+        [b'P', b'A', b'R', b'1', ..] => true,
         // arrays of NumPy (alone, and several in a zip) and Arrow's own files, whose streams begin with
         // the bytes that stand before each of their messages
         [0x93, b'N', b'U', b'M', b'P', b'Y', ..]
@@ -51,7 +46,7 @@ pub fn table_kind_of(path: &Path) -> Result<FileKind, FileError> {
             let what = format!("no table{instead}; CSV and Parquet are converted");
             return Err(FileError::mistaken(path, what));
         }
-        _ => FileKind::Text,
+        _ => false,
     })
 }
 

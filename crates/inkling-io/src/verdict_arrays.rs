@@ -5,14 +5,13 @@
 //! the end the metadata document. Out: record batches with the table's schema.
 
 use super::column_types::times;
-use super::verdict_columns::{TableOptions, columns, names, schema, weight_field};
+use super::verdict_columns::{TableOptions, columns, names, schema, weights};
 use super::verdict_table::{METADATA_KEY, check_lengths};
 use arrow_array::types::Int32Type;
 use arrow_array::{
-    ArrayRef, DictionaryArray, FixedSizeListArray, Float32Array, Int32Array, RecordBatch,
-    StringArray, UInt16Array, UInt32Array,
+    ArrayRef, DictionaryArray, Float32Array, Int32Array, RecordBatch, StringArray, UInt16Array,
+    UInt32Array,
 };
-use arrow_buffer::NullBuffer;
 use arrow_schema::{ArrowError, SchemaRef};
 use inkling_core::verdict::{Cells, Column, VerdictColumns, Verdicts};
 use std::sync::Arc;
@@ -76,24 +75,6 @@ fn array(
             Arc::new(DictionaryArray::<Int32Type>::try_new(keys, names)?)
         }
     })
-}
-
-/// The weights of all rows as lists of `classes` numbers, null where a row has none: its signal is
-/// healthy, was rejected or was not named. An error if a row's weights lie beyond the columns'.
-pub fn weights(rows: &VerdictColumns, classes: usize) -> Result<FixedSizeListArray, ArrowError> {
-    let mut values = Vec::with_capacity(rows.len() * classes);
-    for start in &rows.weights_start {
-        let Some(start) = start.map(|start| start as usize) else {
-            values.resize(values.len() + classes, 0.0);
-            continue;
-        };
-        let of_row = rows.weights.get(start..start + classes);
-        let beyond = || ArrowError::InvalidArgumentError("weights beyond the last one".into());
-        values.extend_from_slice(of_row.ok_or_else(beyond)?);
-    }
-    let valid = rows.weights_start.iter().map(Option::is_some).collect::<Vec<bool>>();
-    let (values, valid) = (Arc::new(Float32Array::from(values)), Some(NullBuffer::from(valid)));
-    FixedSizeListArray::try_new(weight_field(), classes as i32, values, valid)
 }
 
 #[cfg(test)]

@@ -7,8 +7,7 @@
 //! equal.
 
 use super::column::{self, NumberColumn, RunColumn, StepColumn};
-use super::verdict_arrays::weights;
-use super::verdict_columns::{TableOptions, floats, names, weight_field};
+use super::verdict_columns::{TableOptions, floats, names, weight_field, weights};
 use arrow_array::ArrayRef;
 use arrow_schema::{DataType, Field};
 use inkling_core::verdict::{Cells, Column, Part, Verdicts};

@@ -1,11 +1,13 @@
-//! Says how the verdict table's columns stand in Parquet and Arrow: their types, encodings and
-//! dictionaries. Which columns there are, and what they mean, is said in [`inkling_core::verdict`]
+//! Says how the verdict table's columns stand in Parquet and Arrow: their types, encodings, names and
+//! lists of weights. Which columns there are, and what they mean, is said in [`inkling_core::verdict`]
 //! and `schemas/verdicts.md`. The writer of the file (`verdict_table.rs`) and that of arrays
 //! (`verdict_arrays.rs`) both follow this.
 
 use super::column_types::{TimestampUnit, text, time};
-use arrow_schema::{DataType, Field, Schema};
-use inkling_core::verdict::{COLUMNS, Cells, Column, Outcome, Reason, Test};
+use arrow_array::{FixedSizeListArray, Float32Array};
+use arrow_buffer::NullBuffer;
+use arrow_schema::{ArrowError, DataType, Field, Schema};
+use inkling_core::verdict::{COLUMNS, Cells, Column, Outcome, Reason, Test, VerdictColumns};
 use parquet::basic::{Compression, Encoding, ZstdLevel};
 use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::schema::types::ColumnPath;
@@ -89,4 +91,22 @@ pub fn names<'a>(column: &Column, options: &'a TableOptions) -> Vec<&'a str> {
         Cells::Class(_) => texts(&options.classes),
         _ => Vec::new(),
     }
+}
+
+/// The weights of all rows as lists of `classes` numbers, null where a row has none: its signal is
+/// healthy, was rejected or was not named. An error if a row's weights lie beyond the columns'.
+pub fn weights(rows: &VerdictColumns, classes: usize) -> Result<FixedSizeListArray, ArrowError> {
+    let mut values = Vec::with_capacity(rows.len() * classes);
+    for start in &rows.weights_start {
+        let Some(start) = start.map(|start| start as usize) else {
+            values.resize(values.len() + classes, 0.0);
+            continue;
+        };
+        let of_row = rows.weights.get(start..start + classes);
+        let beyond = || ArrowError::InvalidArgumentError("weights beyond the last one".into());
+        values.extend_from_slice(of_row.ok_or_else(beyond)?);
+    }
+    let valid = rows.weights_start.iter().map(Option::is_some).collect::<Vec<bool>>();
+    let (values, valid) = (Arc::new(Float32Array::from(values)), Some(NullBuffer::from(valid)));
+    FixedSizeListArray::try_new(weight_field(), classes as i32, values, valid)
 }

@@ -1,15 +1,14 @@
 //! Reads the bursts of a table, and finds the unit of its times.
 //!
-//! In: the options and the kind of the file. Out: decays, one per burst ([`InputBursts`]). There are
-//! two forms. Where cells are lists, rows are bursts. Where rows are samples (a decay per burst),
-//! their times must lie on a regular grid, give the sample period, and may be resampled.
+//! In: the options. Out: decays, one per burst ([`InputBursts`]). There are two forms. Where cells
+//! are lists, rows are bursts. Where rows are samples (a decay per burst), their times must lie on a
+//! regular grid, give the sample period, and may be resampled.
 
 use super::super::exit::Failure;
 use super::args::Args;
-use inkling_io::columnar::{self, FileKind};
-use inkling_io::csv_table;
 use inkling_io::sampling::{self, Sampled};
 use inkling_io::table_file::{self, Columns, Decay, Table};
+use inkling_io::{columnar, csv_table};
 
 /// The bursts of a table, and what is to be told about it.
 #[derive(Default)]
@@ -29,7 +28,7 @@ pub struct InputBursts {
 impl InputBursts {
     /// Reads a table. Its rows are samples, or whole bursts if its cells are lists. `beside`: columns that
     /// are read beside the samples.
-    pub fn open(args: &Args, kind: FileKind, beside: &[String]) -> Result<InputBursts, Failure> {
+    pub fn open(args: &Args, beside: &[String]) -> Result<InputBursts, Failure> {
         let columns = Columns {
             time: args.time.clone(),
             outputs: args.outputs.clone(),
@@ -40,9 +39,9 @@ impl InputBursts {
         };
 
         // 1. read the file by its kind
-        let table = match kind {
-            FileKind::Text => csv_table::read(&args.table, &columns)?,
-            FileKind::Parquet => columnar::read(&args.table, &columns)?,
+        let table = match columnar::is_parquet(&args.table)? {
+            true => columnar::read(&args.table, &columns)?,
+            false => csv_table::read(&args.table, &columns)?,
         };
 
         // 2. the unit of its times; rows that are bursts need nothing more

@@ -12,8 +12,8 @@ pub use args::Args;
 
 use super::exit::{Exit, Failure};
 use conversion::Conversion;
+use inkling_io::outputs;
 use inkling_io::recording_writer::{RecordingWriter, WriterOptions};
-use inkling_io::{columnar, outputs};
 use input_bursts::InputBursts;
 use serde_json::json;
 
@@ -23,8 +23,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let values = args.values();
     args.check(&values)?;
     outputs::check_file(&args.out, outputs::ResultFile::Recording)?;
-    let kind = columnar::table_kind_of(&args.table)?;
-    let input = InputBursts::open(&args, kind, &values.columns)?;
+    let input = InputBursts::open(&args, &values.columns)?;
     let mut conversion = Conversion::new(&args, &values, &input, start_ns)?;
     let mut writer =
         RecordingWriter::create(&args.out, WriterOptions::default()).map_err(Failure::new)?;
