@@ -37,7 +37,7 @@
 //! 0  promise                         what a design says of itself
 //! 0  processor  side_by_side         one function for every set of vector instructions | several threads
 //! 0  ranges                          a setting outside of its range is refused by its key
-//! 0  numbers                         what nobody derived, in tables, so that a test can halve and double it
+//! 0  numbers                         what nobody derived and several rooms use
 //! ```
 //!
 //! `docs/glossary.md` explains the words that the field does not have.
@@ -56,8 +56,6 @@
 //! became of each, and [`io::layout`] says where its results lie.
 
 // the rooms of the other crates
-#[cfg(feature = "ablation")]
-pub use inkling_core::numbers; // for the tests that change a number
 pub use inkling_core::{burst, fault, labels, processor, verdict};
 pub use inkling_core::{design, detect, episodes, identify, isolate, model, state};
 pub use inkling_io as io;

@@ -156,12 +156,6 @@ fn answers(is_asked: impl Fn(&Effect) -> bool, seeds: Range<u64>) -> Vec<(bool, 
     effects.flat_map(|&effect| seeds.clone().map(move |seed| answer(effect, seed))).collect()
 }
 
-/// How many of so many oscillators with each effect are answered rightly.
-#[cfg(feature = "ablation")]
-pub fn right(first: u64, seeds: u64) -> usize {
-    answers(|_| true, first..first + seeds).iter().filter(|(is_right, _)| *is_right).count()
-}
-
 #[track_caller]
 fn all_are_right(answers: Vec<(bool, String)>) {
     let mut goals = Goals::default();

@@ -9,7 +9,8 @@ use super::exit::{Exit, Failure};
 use super::progress::complain;
 use inkling_io::truth_file::{self, Seal};
 use inkling_io::{printable, regular_file};
-use inkling_lab::score::blind::{Blind, CritiqueAnswer, Truth};
+use inkling_lab::score::blind::{Blind, CritiqueAnswer};
+use inkling_lab::score::truth::Truth;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 

@@ -9,8 +9,6 @@ mod effect;
 mod extended;
 mod healthy;
 mod plant;
-#[cfg(feature = "ablation")]
-mod prices;
 
 use crate::goals::Goals;
 use crate::on_two_threads;
@@ -22,7 +20,8 @@ use inkling::burst::{Beside, Burst};
 use inkling::critique::engine::{Rings, critique};
 use inkling::critique::finding::{Critique, Verdict};
 use inkling::critique::observations::Sampler;
-use inkling::score::blind::{Blind, CritiqueAnswer, Kind, Outcome, Truth};
+use inkling::score::blind::{Blind, CritiqueAnswer, Kind, Outcome};
+use inkling::score::truth::Truth;
 use plant::Plant;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -215,7 +214,7 @@ impl Outcomes {
         let truth = case.truth();
         let outcome = self.all.add(&answer, &truth);
         self.families.entry(format!("{:?}", case.family)).or_default().add(&answer, &truth);
-        if !matches!(outcome, Outcome::Right | Outcome::HonestTie) {
+        if !matches!(outcome, Outcome::Right | Outcome::Tied) {
             let Case { family, hidden: Hidden { effect, strength }, seed, .. } = case;
             let causes = &critique.causes;
             let named: Vec<_> =
@@ -265,7 +264,7 @@ fn nothing_is_named_in_healthy_runs_of_any_family() {
 /// Each effect once: no wrong name, and not less than a share of right answers.
 #[test]
 fn effects_have_their_own_name_or_none_whoever_put_them_in() {
-    let (named, unnamed) = (&[Outcome::Right, Outcome::HonestTie][..], &[Outcome::Right][..]);
+    let (named, unnamed) = (&[Outcome::Right, Outcome::Tied][..], &[Outcome::Right][..]);
     let (catalogue, others) = (Effect::all(true), Effect::all(false));
     let mut goals = Goals::default();
     for (what, effects, strength, first_seed, kind, right, least) in [

@@ -17,6 +17,7 @@ pub mod curves;
 pub mod episodes;
 pub mod severity;
 mod sums;
+pub mod truth;
 
 pub use inkling_core::promise;
 

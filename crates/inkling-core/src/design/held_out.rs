@@ -16,7 +16,7 @@ use super::{
 use crate::fault::HEALTHY;
 use crate::identify::GreyBoxSettings;
 use crate::isolate::Likeness;
-use crate::numbers::tuned::few;
+use crate::numbers::FEW;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, OnceLock};
 
@@ -98,7 +98,7 @@ impl ClassReview {
     /// labels know the class, and not even a signal that it was learned from gets its name.
     pub fn why_never_named(&self) -> Option<String> {
         let Judged { signals, detected, no_ring, ref most_like, .. } = self.trained_on;
-        let is_never = !self.is_known && signals >= few() && self.trained_on.named(&self.name) == 0;
+        let is_never = !self.is_known && signals >= FEW && self.trained_on.named(&self.name) == 0;
         if !is_never {
             return None;
         }
@@ -115,7 +115,7 @@ impl ClassReview {
             // Two names for one fault take each other's signals, so both directions are counted: some,
             // and a quarter of the flagged ones (somewhat arbitrary).
             let back = self.taken_in.get(like).copied().unwrap_or(0);
-            if n + back < few() || 4 * (n + back) < detected {
+            if n + back < FEW || 4 * (n + back) < detected {
                 return None;
             }
             format!(

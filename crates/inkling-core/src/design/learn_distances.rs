@@ -17,7 +17,7 @@ use crate::identify::SignalSet;
 use crate::identify::averaging;
 use crate::model::median::median;
 use crate::model::ring_fit::Features;
-use crate::numbers::tuned::little;
+use crate::numbers::LITTLE;
 use nalgebra::Vector3;
 use std::borrow::Cow;
 
@@ -56,7 +56,7 @@ impl HealthyModel {
         // of a window all signals: those that agree lack the tail of the healthy ones
         let seen = if labelled { healthy } else { set };
         // of few signals only the ring and the noise are the window's own
-        if let (false, true, Some(anchor)) = (labelled, seen.len() < tuned::fewest_own(), anchor)
+        if let (false, true, Some(anchor)) = (labelled, seen.len() < tuned::FEWEST_OWN, anchor)
             && let Some(known) = &anchor.sensitivity
         {
             self.sensitivity = Some(new.with_spread_of(known));
@@ -95,7 +95,7 @@ impl HealthyModel {
         settings: &DetectSettings,
     ) -> Result<(Statistics, Sensitivity)> {
         // the part of the allowed false alarms that is left to the first test
-        let of_rate = 1.0 - little();
+        let of_rate = 1.0 - LITTLE;
         let test = |share| -> Result<(f64, (Statistics, Sensitivity))> {
             let test = Sensitivity { share, ..own.clone() };
             let found = self.statistics(seen, &test)?;
@@ -135,7 +135,7 @@ impl HealthyModel {
             return Ok(None);
         }
 
-        let rate = (1.0 - little()) * settings.false_alarm_rate;
+        let rate = (1.0 - LITTLE) * settings.false_alarm_rate;
         let threshold = |of: &Statistics, spread: Spread| {
             let kind = (Degrees::Three, spread);
             contaminated(&of.along, &seen.channel, kind, rate, settings.confidence).ok()
@@ -229,13 +229,13 @@ impl HealthyModel {
             false => Ok(mixture(statistics, channels, kind, share, settings.confidence)?),
         };
 
-        let (kind, share) = ((Degrees::Three, spread), 1.0 - little());
+        let (kind, share) = ((Degrees::Three, spread), 1.0 - LITTLE);
         self.threshold = learn(along, channels, kind, share)?;
 
         // labels may be wrong: training warns of a part of the signals that lies apart
         if labelled {
             let law = mixture(along, channels, kind, share, 0.5);
-            let apart = law.ok().filter(|law| self.threshold.value > tuned::suspect() * law.value);
+            let apart = law.ok().filter(|law| self.threshold.value > tuned::SUSPECT * law.value);
             self.apart = apart.map(|law| 1.0 - law.n_effective / along.len() as f64);
         }
 
@@ -247,7 +247,7 @@ impl HealthyModel {
         if let Some(scale) = Misfit::scale(&squares) {
             let distances: Vec<f64> = squares.iter().map(|q| Misfit::distance(*q, scale)).collect();
             let kind = (Degrees::OneSided, Spread::Own);
-            let threshold = learn(&distances, &channels, kind, little())?;
+            let threshold = learn(&distances, &channels, kind, LITTLE)?;
             let [root, root_sd] = scale;
             // the mean misfit of what the second test calls healthy: verdicts state misfits over it
             let within = squares.iter().zip(&distances).filter(|(_, d)| **d <= threshold.value);

@@ -64,7 +64,7 @@ use crate::fault;
 use crate::isolate::fault_physics::FaultPhysics;
 use crate::isolate::physics_density::FaultCurves;
 use crate::isolate::posterior::Posterior;
-use crate::isolate::tuned::no_class;
+use crate::isolate::tuned::NO_CLASS;
 use crate::isolate::typical::Typical;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -142,7 +142,7 @@ impl Design {
 
     /// Prior probability that a flagged signal is of no class.
     pub fn of_no_class(&self) -> f64 {
-        self.curves().map_or(no_class(), |curves| curves.of_no_class())
+        self.curves().map_or(NO_CLASS, |curves| curves.of_no_class())
     }
 
     pub fn class_names(&self) -> Vec<String> {

@@ -107,7 +107,7 @@ impl Judge {
         let detector = self.detector.as_ref().filter(|_| self.extension.is_none())?;
         let [damping, frequency] = bounds.map(f64::ln_1p);
         let units = Change::new(1.0, damping, frequency, 1.0);
-        let sds = units.component_mul(&Change::from(tuned::leap()));
+        let sds = units.component_mul(&Change::from(tuned::LEAP));
         let leap = Matrix4::from_diagonal(&sds.map(|sd| sd * sd));
         Kind::new(detector.own_noise(), &detector.healthy_spread(), &leap)
     }

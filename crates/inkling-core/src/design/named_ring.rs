@@ -19,7 +19,7 @@ use crate::isolate::alternatives::{AlternativePosterior, weigh};
 use crate::isolate::appearance::UnknownSignal;
 use crate::isolate::fault_curve::Conditions;
 use crate::isolate::physics_density::FaultCurves;
-use crate::isolate::tuned::no_class;
+use crate::isolate::tuned::NO_CLASS;
 use crate::model::ring_fit::{Fit, RingFitter};
 use crate::verdict::Appearance;
 use nalgebra::{Vector2, Vector4};
@@ -111,7 +111,7 @@ impl Judge {
         posterior.weigh(place, &physics.ln_densities, priors, ln_densities, weights);
 
         // `none`: prior weight of what is no class; `known`: probability of all classes together
-        let none = curves.map_or(no_class(), |curves| curves.of_no_class());
+        let none = curves.map_or(NO_CLASS, |curves| curves.of_no_class());
         let AlternativePosterior { of_any: known, alternative: likely } =
             weigh(features.as_slice(), ln_densities, priors, (&physics.ln_alternatives, none));
         let decision = rule.decide(weights, known);

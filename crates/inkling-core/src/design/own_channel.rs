@@ -53,7 +53,7 @@ impl OwnBasis {
             curves: curves.map_or(Vec::new(), of_looks),
             lasting: state.lasting_share(),
             gate: chi_squared_3(false_alarm_rate),
-            is_aged: state.wider() > tuned::aged(),
+            is_aged: state.wider() > tuned::AGED,
         }
     }
 }

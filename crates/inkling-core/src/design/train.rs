@@ -23,7 +23,7 @@ use crate::isolate::fault_curve::Conditions;
 use crate::isolate::physics_density::{Comparison, FaultCurves};
 use crate::isolate::posterior::Posterior;
 use crate::isolate::stacking::Examples;
-use crate::numbers::tuned::little;
+use crate::numbers::LITTLE;
 use nalgebra::Matrix4;
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
@@ -290,7 +290,7 @@ fn yield_to_own_classes(
         }
 
         let of_all = examples.features.len() as f64;
-        let takes = |k: usize| design.classes[k].n_signals == 0 && taken[k] > little() * of_all;
+        let takes = |k: usize| design.classes[k].n_signals == 0 && taken[k] > LITTLE * of_all;
         let gone: Vec<String> =
             (0..classes).filter(|&k| takes(k)).map(|k| design.classes[k].name.clone()).collect();
         if gone.is_empty() {

@@ -1,18 +1,16 @@
 //! All numbers of the room `design` that nobody derived. `docs/numbers.md` tells what half and twice
 //! of each do.
 
-crate::numbers! {
-    /// Fewest signals of a window for which the spread of the channels and the thresholds are
-    /// learned from the window; with fewer, those of the model before (the anchor) are used.
-    fewest_own: usize = 200;
-    /// If the threshold learned from labelled signals exceeds the one by the mixture model by more
-    /// than this factor, some of the signals are probably faulty.
-    suspect = 3.0;
-    /// Where the channels of a printhead lie more than this many times as far from each other as
-    /// the design says, its threshold does not judge a channel of which nothing else is known.
-    aged = 1.5;
-    /// Standard deviations of a sudden change that all channels have in common: of ln amplitude; of
-    /// ln damping and of ln frequency, in units of ln (1 + their bound in `[identify]`); and of the
-    /// phase, rad. A change beyond five of these is no ink.
-    leap: [f64; 4] = [0.1, 1.0, 0.4, 0.05];
-}
+/// Fewest signals of a window for which the spread of the channels and the thresholds are
+/// learned from the window; with fewer, those of the model before (the anchor) are used.
+pub const FEWEST_OWN: usize = 200;
+/// If the threshold learned from labelled signals exceeds the one by the mixture model by more
+/// than this factor, some of the signals are probably faulty.
+pub const SUSPECT: f64 = 3.0;
+/// Where the channels of a printhead lie more than this many times as far from each other as
+/// the design says, its threshold does not judge a channel of which nothing else is known.
+pub const AGED: f64 = 1.5;
+/// Standard deviations of a sudden change that all channels have in common: of ln amplitude; of
+/// ln damping and of ln frequency, in units of ln (1 + their bound in `[identify]`); and of the
+/// phase, rad. A change beyond five of these is no ink.
+pub const LEAP: [f64; 4] = [0.1, 1.0, 0.4, 0.05];

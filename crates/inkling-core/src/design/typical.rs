@@ -13,7 +13,7 @@ use super::{Design, HealthyModel, Result, TrainingSet};
 use crate::identify::SignalSet;
 use crate::isolate::typical::{Typical, directions, misfit_bound};
 use crate::model::inner_product::dot;
-use crate::numbers::tuned::few;
+use crate::numbers::FEW;
 use std::collections::BTreeMap;
 
 /// Per class and printhead.
@@ -56,7 +56,7 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
     typical.spread = classes
         .iter()
         .zip(spreads)
-        .map(|(of, own)| if (1..few()).contains(&of.labelled) { widest.clone() } else { own })
+        .map(|(of, own)| if (1..FEW).contains(&of.labelled) { widest.clone() } else { own })
         .collect();
 
     // step 4: never below the bound that healthy signals give if judged as of the class
@@ -71,7 +71,7 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
             // Predictions have no noise; the factors 2 and 1.5 are margins (somewhat arbitrary).
             0 => of_noise + 2.0 * own.iter().copied().fold(0.0, f64::max),
             // too few labelled signals for a prediction bound
-            n if n < few() => own.iter().copied().fold(of_noise, f64::max) * 1.5,
+            n if n < FEW => own.iter().copied().fold(of_noise, f64::max) * 1.5,
             _ => misfit_bound(&own).max(of_noise),
         }
     });

@@ -115,7 +115,7 @@ impl Freedom {
     /// `n`: number of independent signals, of which `core_share` are the m points; d = 2a.
     fn new(degrees: Degrees, spread: Spread, n: f64) -> Freedom {
         let a = if degrees == Degrees::Three { 1.5 } else { 0.5 };
-        let points = tuned::core_share() * n - 2.0 * a + 1.0;
+        let points = tuned::CORE_SHARE * n - 2.0 * a + 1.0;
         let of_spread = match spread {
             Spread::Own => 2.0 / points.max(1.0),
             Spread::Known => 0.0,
@@ -207,7 +207,7 @@ impl Mixture {
         let mut at = self.at.clone().resize_vertically(self.at.len() + OF_KIND, 0.0);
         (at[GAMMA], at[TAIL], at[HEALTHY]) = (0.0, -4.0, share);
         let first = at.len() - OF_KIND;
-        (at[first], at[first + 1], at[first + 2]) = (0.0, place, tuned::width());
+        (at[first], at[first + 1], at[first + 2]) = (0.0, place, tuned::WIDTH);
         at
     }
 
@@ -217,8 +217,8 @@ impl Mixture {
         const TOGETHER: usize = 5;
         let p = Components::of(self.freedom, &self.at).mixed();
         let n = counts.sum();
-        let first = ((tuned::nearest() - FIRST) / STEP) as usize;
-        let (mut most, mut at) = (0.0, tuned::nearest());
+        let first = ((tuned::NEAREST - FIRST) / STEP) as usize;
+        let (mut most, mut at) = (0.0, tuned::NEAREST);
         for from in first..BINS - TOGETHER {
             let bins = from..from + TOGETHER;
             let (seen, expected): (f64, f64) =
@@ -318,7 +318,7 @@ fn of_bins(freedom: Freedom, at: &DVector<f64>) -> [f64; BINS] {
 
 /// Probabilities of faults of any size in every bin, of the density (s / (s + `evenly`))^(3/2).
 static OF_ANY_SIZE: LazyLock<[f64; BINS]> = LazyLock::new(|| {
-    let density = |t: f64| 1.5 * t - 1.5 * (t.exp() + tuned::evenly()).ln();
+    let density = |t: f64| 1.5 * t - 1.5 * (t.exp() + tuned::EVENLY).ln();
     let p: [f64; BINS] = std::array::from_fn(|i| density(place(i)).exp());
     let sum: f64 = p.iter().sum();
     p.map(|p| p / sum)
@@ -368,11 +368,9 @@ fn ln_likelihood(freedom: Freedom, at: &DVector<f64>, counts: &Counts) -> f64 {
     let data = ln_of_counts(&counts.0, &mixed);
     let widths: f64 = at.as_slice()[LAW..]
         .chunks_exact(OF_KIND)
-        .map(|kind| 0.5 * ((kind[2] - tuned::width()) / tuned::width_sd()).powi(2))
+        .map(|kind| 0.5 * ((kind[2] - tuned::WIDTH) / tuned::WIDTH_SD).powi(2))
         .sum();
-    data - 0.5 * (at[GAMMA] / tuned::gamma_sd()).powi(2)
-        - at[TAIL].exp() / tuned::tail_mean()
-        - widths
+    data - 0.5 * (at[GAMMA] / tuned::GAMMA_SD).powi(2) - at[TAIL].exp() / tuned::TAIL_MEAN - widths
 }
 
 /// Gradient of the penalised ln likelihood, and its expected curvature (Fisher information).
@@ -429,12 +427,12 @@ impl Score {
             gradient[k] -= down;
             information[(k, k)] += weight;
         };
-        let gamma = 1.0 / (tuned::gamma_sd() * tuned::gamma_sd());
+        let gamma = 1.0 / (tuned::GAMMA_SD * tuned::GAMMA_SD);
         add_prior(GAMMA, at[GAMMA] * gamma, gamma);
-        add_prior(TAIL, at[TAIL].exp() / tuned::tail_mean(), at[TAIL].exp() / tuned::tail_mean());
+        add_prior(TAIL, at[TAIL].exp() / tuned::TAIL_MEAN, at[TAIL].exp() / tuned::TAIL_MEAN);
         for k in (LAW + 2..at.len()).step_by(OF_KIND) {
-            let weight = 1.0 / (tuned::width_sd() * tuned::width_sd());
-            add_prior(k, (at[k] - tuned::width()) * weight, weight);
+            let weight = 1.0 / (tuned::WIDTH_SD * tuned::WIDTH_SD);
+            add_prior(k, (at[k] - tuned::WIDTH) * weight, weight);
         }
         Score { gradient, information }
     }
@@ -454,7 +452,7 @@ fn within(mut at: DVector<f64>) -> DVector<f64> {
     at[HEALTHY] = at[HEALTHY].clamp(-5.0, 9.0);
     for kind in at.as_mut_slice()[LAW..].chunks_exact_mut(OF_KIND) {
         kind[0] = kind[0].clamp(-6.0, 6.0);
-        kind[1] = kind[1].clamp(tuned::nearest(), LAST);
+        kind[1] = kind[1].clamp(tuned::NEAREST, LAST);
         kind[2] = kind[2].clamp(-2.5, -0.4);
     }
     at

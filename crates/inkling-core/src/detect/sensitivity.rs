@@ -61,7 +61,7 @@ impl Sensitivity {
             mean: [0.0; 3],
             spread: [[0.0; 3]; 3],
             noise: rows(&Matrix3::from_fn(|i, j| inverse[(i, j)] * noise * noise)),
-            share: tuned::spread_counts(),
+            share: tuned::SPREAD_COUNTS,
         };
         new.noise.iter().flatten().all(|v| v.is_finite()).then_some(new)
     }
@@ -193,7 +193,7 @@ pub(super) fn core_of(points: &[Vector3<f64>]) -> Core {
     /// P(chi²_5 < q) / .6 with P(chi²_3 < q) = .6.
     const SHRINKS: f64 = 0.486;
     const STEPS: usize = 30;
-    let kept = ((tuned::core_share() * points.len() as f64).ceil() as usize).clamp(1, points.len());
+    let kept = ((tuned::CORE_SHARE * points.len() as f64).ceil() as usize).clamp(1, points.len());
 
     let along = |k: usize| points.iter().map(|x| x[k]).collect::<Vec<f64>>();
     let mut mean = Vector3::from_fn(|k, _| median(&mut along(k)));

@@ -17,7 +17,7 @@
 
 use super::DetectError;
 use super::pareto_tail::{Effective, ParetoTail};
-use crate::numbers::tuned::little;
+use crate::numbers::LITTLE;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -142,7 +142,7 @@ pub fn quantile(
     let sample = Sample::new(energies, channels, MIN_SIGNALS, "quantile")?;
     let n = energies.len();
 
-    let tail = ((little() * n as f64) as usize)
+    let tail = ((LITTLE * n as f64) as usize)
         .clamp(MIN_TAIL, MAX_TAIL)
         // a quantile that lies inside the sample needs signals of the tail on both sides of it
         .max((2.0 * false_alarm_rate * n as f64).ceil() as usize)

@@ -17,7 +17,7 @@
 //! wrong alike: by the power, `looks_per_one` of them count as one look.
 
 use super::tuned;
-use crate::numbers::tuned::least_rate;
+use crate::numbers::LEAST_RATE;
 
 /// The filtered weights of the classes, and of no class; their sum is 1.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -42,9 +42,9 @@ impl ClassFilter {
 
         let after = |before: f64, posterior: f64, prior: f64| {
             let seems = if prior > 0.0 { posterior / prior } else { 0.0 };
-            let likelihood = least_rate() + (1.0 - least_rate()) * seems;
-            (before * (1.0 - tuned::changes()) + tuned::changes() * prior)
-                * likelihood.powf(1.0 / tuned::looks_per_one())
+            let likelihood = LEAST_RATE + (1.0 - LEAST_RATE) * seems;
+            (before * (1.0 - tuned::CHANGES) + tuned::CHANGES * prior)
+                * likelihood.powf(1.0 / tuned::LOOKS_PER_ONE)
         };
         for (k, (weight, prior)) in self.weights.iter_mut().zip(priors).enumerate() {
             let posterior = posterior.get(k).map_or(0.0, |&w| f64::from(w));
@@ -102,8 +102,7 @@ mod tests {
         let priors = [0.4, 0.3, 0.2];
         let mut filter = ClassFilter { weights: vec![1.0, 0.0, 0.0], none: 0.0 };
         filter.look(&[0.4, 0.3, 0.2], &priors);
-        let expected =
-            [1.0 - tuned::changes() * 0.6, tuned::changes() * 0.3, tuned::changes() * 0.2];
+        let expected = [1.0 - tuned::CHANGES * 0.6, tuned::CHANGES * 0.3, tuned::CHANGES * 0.2];
         for (w, expected) in filter.weights.iter().zip(expected) {
             assert!((w - expected).abs() < 1e-6, "{filter:?}");
         }
@@ -122,7 +121,7 @@ mod tests {
         assert!(filter.weights[0] > 0.9, "{filter:?}");
         // but for the share that returns to the priors
         let stay =
-            |k: usize| (1.0 - tuned::changes()) * filter.weights[k] + tuned::changes() * priors[k];
+            |k: usize| (1.0 - tuned::CHANGES) * filter.weights[k] + tuned::CHANGES * priors[k];
         let expected = stay(0) / stay(1);
         filter.look(&[], &priors);
         let odds = filter.weights[0] / filter.weights[1];

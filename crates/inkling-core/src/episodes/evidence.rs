@@ -19,7 +19,7 @@
 //! distributed as assumed, or flags come at their stated rate (the mean of e^gain is at most 1).
 
 use super::tuned;
-use crate::numbers::tuned::few;
+use crate::numbers::FEW;
 
 /// ln likelihood ratio of a flagged and of an unflagged look: a fifth of the looks is flagged, against
 /// at most 9e-4 of healthy ones. Three flagged looks in a row suffice at the default bound.
@@ -92,13 +92,7 @@ struct Learned {
 
 impl Default for Evidence {
     fn default() -> Evidence {
-        Evidence {
-            learned: FIRST,
-            recovered: 0.0,
-            shift: tuned::shift(),
-            raised: false,
-            share: 0.0,
-        }
+        Evidence { learned: FIRST, recovered: 0.0, shift: tuned::SHIFT, raised: false, share: 0.0 }
     }
 }
 
@@ -109,7 +103,7 @@ impl Evidence {
 
     /// Whether a look's evidence alone makes a suspect channel.
     pub fn stands_out(&self, ratio: f32) -> bool {
-        evidence_of(ratio, self.learned.deviation(ratio).0) > tuned::suspicion()
+        evidence_of(ratio, self.learned.deviation(ratio).0) > tuned::SUSPICION
     }
 
     /// Raises a fault that comes and goes, and is flagged in this share of the looks.
@@ -154,7 +148,7 @@ impl Evidence {
         let next = self.learned.after(ratio, z, sd);
         if next.faulty >= bound {
             (self.learned.faulty, self.raised, self.recovered) = (next.faulty, true, 0.0);
-            self.shift = z.clamp(tuned::shift(), tuned::largest_shift());
+            self.shift = z.clamp(tuned::SHIFT, tuned::LARGEST_SHIFT);
             return Step::Raised;
         }
         self.learned = next;
@@ -178,13 +172,13 @@ impl Evidence {
     /// the episode so far. `z`: the look's deviation from the healthy level.
     fn look_at_shift(&mut self, z: f32) {
         // no look says more than a flagged one does of the beginning: three looks end a fault, too
-        let gain = self.shift * (self.shift / 2.0 - z.min(tuned::largest_shift()));
+        let gain = self.shift * (self.shift / 2.0 - z.min(tuned::LARGEST_SHIFT));
         self.recovered = (self.recovered + gain.clamp(-FLAGGED, FLAGGED)).max(0.0);
 
         // where the look belongs to the fault rather than to its end, the shift follows it
         if z >= self.shift / 2.0 {
-            self.shift = (self.shift + (z - self.shift) / few() as f32)
-                .clamp(tuned::shift(), tuned::largest_shift());
+            self.shift = (self.shift + (z - self.shift) / FEW as f32)
+                .clamp(tuned::SHIFT, tuned::LARGEST_SHIFT);
         }
     }
 }
@@ -192,13 +186,13 @@ impl Evidence {
 /// The evidence of one look that deviates by `z`: the smaller of two ln likelihood ratios.
 fn evidence_of(ratio: f32, z: f32) -> f32 {
     let by_flag = if ratio > 1.0 { FLAGGED } else { NOT_FLAGGED };
-    (tuned::shift() * (z - tuned::shift() / 2.0)).min(by_flag)
+    (tuned::SHIFT * (z - tuned::SHIFT / 2.0)).min(by_flag)
 }
 
 /// Whether a look that leaves evidence may be the onset: there was too little `before` to make the
 /// channel suspect, while this look alone does.
 fn begins(before: f32, of_look: f32) -> bool {
-    (before <= 0.0) | ((before < tuned::suspicion()) & (of_look > tuned::suspicion()))
+    (before <= 0.0) | ((before < tuned::SUSPICION) & (of_look > tuned::SUSPICION))
 }
 
 impl Learned {
@@ -213,7 +207,7 @@ impl Learned {
     fn after(self, ratio: f32, z: f32, sd: f32) -> Learned {
         let faulty = (self.faulty + evidence_of(ratio, z)).max(0.0);
 
-        let share = if faulty < tuned::suspicion() { 1.0 } else { 0.0 };
+        let share = if faulty < tuned::SUSPICION { 1.0 } else { 0.0 };
         let innovation = z.clamp(-3.0, 3.0) * sd;
         // the square without what the error of the level adds to it
         let of_one_look = innovation * innovation / (1.0 + 1.0 / self.level_looks);
@@ -222,9 +216,9 @@ impl Learned {
             self.variance + share * (of_one_look - self.variance) / (self.variance_looks + 1.0);
         Learned {
             level: level.min(LARGEST_LEVEL),
-            level_looks: (self.level_looks + share).min(tuned::memory_looks()),
+            level_looks: (self.level_looks + share).min(tuned::MEMORY_LOOKS),
             variance,
-            variance_looks: (self.variance_looks + share).min(tuned::memory_looks()),
+            variance_looks: (self.variance_looks + share).min(tuned::MEMORY_LOOKS),
             faulty,
         }
     }

@@ -19,7 +19,7 @@
 //! from the other channels at each look.
 
 use super::tuned;
-use crate::numbers::tuned::least_rate;
+use crate::numbers::LEAST_RATE;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Flags {
@@ -49,7 +49,7 @@ impl Flags {
     /// `others`: looks at the printhead's other channels while no episode was on.
     pub fn evidence(self, others: Flags) -> f64 {
         // The rate q: what all channels do is no fault of one. The upper bound is somewhat arbitrary.
-        let rate = (tuned::of_others() * others.share()).clamp(least_rate(), 0.2);
+        let rate = (tuned::OF_OTHERS * others.share()).clamp(LEAST_RATE, 0.2);
         let (flagged, not) = (self.flagged as f64, (self.looks - self.flagged) as f64);
 
         let of_share = |p: f64| flagged * (p / rate).ln() + not * ((-p).ln_1p() - (-rate).ln_1p());
@@ -96,7 +96,7 @@ mod tests {
         let healthy =
             |rate, looks, channels, bound| raised([(rate, looks), (rate, 0)], channels, bound).0;
         // in e^-8 of the looks, 1677 of five million, at most
-        let at_its_rate = healthy(least_rate(), 5000, 1000, 8.0);
+        let at_its_rate = healthy(LEAST_RATE, 5000, 1000, 8.0);
         assert!(at_its_rate <= 1677, "{at_its_rate}");
         assert_eq!(healthy(7e-4, 50_000, 1000, 16.1), 0);
         // whatever healthy past the channel has

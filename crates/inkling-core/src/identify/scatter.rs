@@ -17,7 +17,7 @@ use super::averaging::MeanSignal;
 use super::cubic::{basis, per_us};
 use super::identification::{Identification, Scatter};
 use crate::model::inner_product::dot;
-use crate::numbers::tuned::few;
+use crate::numbers::FEW;
 use nalgebra::{DMatrix, DVector, Matrix5, SymmetricEigen, Vector3, Vector5};
 use std::collections::BTreeMap;
 
@@ -142,7 +142,7 @@ pub fn scatter(
     // each channel counts as one independent draw, weighted by its number of signals
     let channels = by_channel.len();
     let relative_se = |k: usize| {
-        if channels < few() {
+        if channels < FEW {
             return 0.0;
         }
         let variance: f64 =

@@ -12,7 +12,7 @@
 use super::SignalSet;
 use super::cubic::{self, PER_S, cubic_per_us, per_us};
 use super::identification::Identification;
-use crate::numbers::tuned::few;
+use crate::numbers::FEW;
 use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
 
 /// The derivatives dy/d(p2, p1, p0, y, y', y''), N x 6, per µs.
@@ -41,7 +41,7 @@ pub fn temperature_response(
     order.sort_by(|&i, &j| set.temperature_c[i].total_cmp(&set.temperature_c[j]));
     let looks: Vec<&[usize]> =
         order.chunk_by(|&i, &j| set.temperature_c[i] == set.temperature_c[j]).collect();
-    if looks.len() < few() {
+    if looks.len() < FEW {
         return None;
     }
 

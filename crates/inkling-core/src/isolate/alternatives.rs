@@ -18,7 +18,7 @@ use super::fault_curve::{HealthySpread, Node};
 use super::posterior::ROUNDED_AWAY;
 use super::tuned;
 use crate::model::ring_fit::{Features, RingFitter};
-use crate::numbers::tuned::guessed_rate;
+use crate::numbers::GUESSED_RATE;
 use crate::verdict::Appearance;
 use nalgebra::{Matrix4, SMatrix, Vector4};
 use std::sync::Arc;
@@ -71,8 +71,8 @@ pub(super) fn broad(
         let noise = fitter.noise_covariance(&Features::from(at), noise)?;
         Node::displaced(at, belief, noise, healthy)
     };
-    let beside = Matrix4::from_diagonal(&Vector4::from(tuned::of_law()).map(|sd| sd * sd));
-    let late = tuned::most_off()[2] * fitter.dt_s;
+    let beside = Matrix4::from_diagonal(&Vector4::from(tuned::OF_LAW).map(|sd| sd * sd));
+    let late = tuned::MOST_OFF[2] * fitter.dt_s;
     // the phase by which the longest delay turns the ring
     let turn = std::f64::consts::TAU * fitter.ring.frequency_hz * late;
 
@@ -87,13 +87,13 @@ pub(super) fn broad(
 
     // Rates off by half of what a guessed rate is uncertain by, by as much, and by twice as much.
     let rates = [0.5, 1.0, 2.0].map(|times| {
-        let square = (times * guessed_rate()).powi(2);
+        let square = (times * GUESSED_RATE).powi(2);
         let variances = [square, square, square, square, 0.0];
         let of_rates = SMatrix::<f64, 5, 5>::from_diagonal(&variances.into());
         node(Vector4::zeros(), healthy.slope * of_rates * healthy.slope.transpose())
     });
 
-    let [gain, clock, _] = tuned::most_off();
+    let [gain, clock, _] = tuned::MOST_OFF;
     Some(vec![
         (Alternative::Gain, line([gain, 0.0, 0.0, 0.0])?),
         (Alternative::Clock, line([0.0, clock, clock, 0.0])?),
@@ -120,7 +120,7 @@ pub fn weigh(
 ) -> AlternativePosterior {
     let all: f64 = priors.iter().sum();
     let ln_share = ((1.0 - of_no_class) / all).ln();
-    let any = tuned::no_class().ln() + ln_density_of_any_ring(features);
+    let any = tuned::NO_CLASS.ln() + ln_density_of_any_ring(features);
     let most = ln_densities.iter().chain(ln_alternatives).copied().fold(any, f64::max);
 
     // densities relative to the largest; most are so far off that they add nothing
@@ -147,5 +147,5 @@ fn ln_density_of_any_ring(features: &[f64]) -> f64 {
     const AT_ZERO: f64 = -1.000_888_849_6;
     let along =
         |(x, scale): (&f64, f64)| AT_ZERO - scale.ln() - 2.0 * ((x / scale).powi(2) / 3.0).ln_1p();
-    features.iter().zip(tuned::any()).map(along).sum::<f64>() - std::f64::consts::TAU.ln()
+    features.iter().zip(tuned::ANY).map(along).sum::<f64>() - std::f64::consts::TAU.ln()
 }

@@ -12,7 +12,7 @@
 
 use crate::model::inner_product::dot;
 use crate::model::simd_math::sin_cos;
-use crate::numbers::tuned::little;
+use crate::numbers::LITTLE;
 use crate::processor::for_processor;
 use crate::verdict::Appearance;
 
@@ -72,7 +72,7 @@ impl UnknownSignal<'_> {
             off.map(|v| v * v).sum::<f64>() - of_noise
         };
         let left = beside(gain);
-        match left < little() * beside(0.0) && left < (1.0 - MOST) * beside(1.0) {
+        match left < LITTLE * beside(0.0) && left < (1.0 - MOST) * beside(1.0) {
             true => Appearance::OtherGain(gain),
             false => Appearance::OtherRing,
         }

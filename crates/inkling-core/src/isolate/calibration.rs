@@ -8,7 +8,7 @@
 //! squares, and the scatter about it widens the standard deviation. Without labels that is widened
 //! by a share of what the fault changes (`guessed_rate`).
 
-use crate::numbers::tuned::{few, guessed_rate};
+use crate::numbers::{FEW, GUESSED_RATE};
 use serde::{Deserialize, Serialize};
 
 /// A severity in the unit of its class (`schemas/verdicts.md`), with its standard deviation.
@@ -48,7 +48,7 @@ impl Calibration {
         match self {
             Calibration::Learned(line) => line.correct(estimated),
             Calibration::Guessed { none } => {
-                let guessed = guessed_rate() * (estimated.value - none);
+                let guessed = GUESSED_RATE * (estimated.value - none);
                 Severity { sd: estimated.sd.hypot(guessed), ..estimated }
             }
         }
@@ -62,7 +62,7 @@ impl SeverityLine {
     /// at most, which a line fits whatever they are.
     pub fn learn(signals: &[LabelledSeverity]) -> Option<SeverityLine> {
         let all: f64 = signals.iter().map(|s| s.weight).sum();
-        if signals.len() < few() || all <= 2.0 {
+        if signals.len() < FEW || all <= 2.0 {
             return None;
         }
         let mean = |of: &dyn Fn(&LabelledSeverity) -> f64| {

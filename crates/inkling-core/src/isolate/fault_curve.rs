@@ -21,7 +21,7 @@ use super::fault_simulator::{
 };
 use super::tuned;
 use crate::model::faults::Law;
-use crate::numbers::tuned::guessed_rate;
+use crate::numbers::GUESSED_RATE;
 use nalgebra::{Matrix2, Matrix4, Matrix4x2, SMatrix, SymmetricEigen, Vector2, Vector4};
 
 /// How healthy features are distributed (the phase free), and what is uncertain of the physics.
@@ -105,10 +105,10 @@ impl Trust {
         match self {
             Trust::InRates => believed * belief * believed.transpose(),
             Trust::InDirection => {
-                let (rate, pulse) = (guessed_rate(), tuned::pulse_sd());
+                let (rate, pulse) = (GUESSED_RATE, tuned::PULSE_SD);
                 let guessed = Changes::from([rate, rate, rate, rate, pulse]).map(|sd| sd * sd);
                 let law = Vector4::from_fn(|j, _| {
-                    tuned::of_law()[j].powi(2).max((tuned::share_of_law() * mean[j]).powi(2))
+                    tuned::OF_LAW[j].powi(2).max((tuned::SHARE_OF_LAW * mean[j]).powi(2))
                 });
                 let rates = SMatrix::from_diagonal(&guessed);
                 believed * rates * believed.transpose() + Matrix4::from_diagonal(&law)

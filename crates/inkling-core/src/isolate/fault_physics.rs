@@ -278,7 +278,7 @@ impl FaultPhysics {
         // all nodes of one broad alternative are equally likely
         for (what, nodes) in broad(&fitter, self.noise, &healthy).into_iter().flatten() {
             let share = vec![1.0; nodes.len()];
-            curves.add_alternative(what, tuned::no_class(), nodes, &share);
+            curves.add_alternative(what, tuned::NO_CLASS, nodes, &share);
         }
         curves
     }
@@ -309,7 +309,7 @@ impl Prior {
         for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1), (2, 2), (2, 3), (3, 2), (3, 3)] {
             covariance[(i, j)] += SCALE_SD * SCALE_SD;
         }
-        covariance[(4, 4)] = tuned::pulse_sd() * tuned::pulse_sd();
+        covariance[(4, 4)] = tuned::PULSE_SD * tuned::PULSE_SD;
         let mean = logs(&guess.channel, &guess.actuation);
         Some(Prior { mean, information: covariance.try_inverse()? })
     }

@@ -150,12 +150,12 @@ impl FaultCurves {
             let mut add = |counted: f64, shares: Vec<f64>| {
                 let sum: f64 = shares.iter().sum();
                 if sum > 0.0 {
-                    let by = counted / sum / (tuned::name_counts() + n + tuned::ONE_EXAMPLE);
+                    let by = counted / sum / (tuned::NAME_COUNTS + n + tuned::ONE_EXAMPLE);
                     share.iter_mut().zip(shares).for_each(|(share, s)| *share += by * s);
                 }
             };
             for law in &own {
-                add(tuned::name_counts() * part / own.len() as f64, uniform_in_range(nodes, law));
+                add(tuned::NAME_COUNTS * part / own.len() as f64, uniform_in_range(nodes, law));
             }
             if let Some(seen) = seen {
                 add(n, as_labelled(nodes, own[0], seen));
@@ -203,7 +203,7 @@ impl FaultCurves {
 
     /// A priori share, of what is flagged, of what is of no class.
     pub fn of_no_class(&self) -> f64 {
-        tuned::no_class() + self.alternatives.iter().map(|of| of.weight).sum::<f64>()
+        tuned::NO_CLASS + self.alternatives.iter().map(|of| of.weight).sum::<f64>()
     }
 
     /// What an alternative is, by its number in [`Comparison::ln_alternatives`].

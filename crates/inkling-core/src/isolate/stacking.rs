@@ -11,7 +11,7 @@
 use super::class_density::{ClassDensity, mean_and_scatter};
 use super::posterior::{Posterior, ln_or_none, sum_of, to_posterior};
 use super::tuned;
-use crate::numbers::tuned::few;
+use crate::numbers::FEW;
 use nalgebra::{DMatrix, DVector};
 use std::sync::OnceLock;
 
@@ -89,7 +89,7 @@ impl Posterior {
             .collect();
 
         let held_out = temperature(fewest < tuned::TELL_ENDS, &unseen, physics, &physics_share);
-        let temperature = if fewest >= few() { held_out } else { 1.0 };
+        let temperature = if fewest >= FEW { held_out } else { 1.0 };
         let ln_shares = OnceLock::new();
         Some(Posterior { temperature, classes: learned, physics_share, of_own: None, ln_shares })
     }
@@ -100,7 +100,7 @@ impl Posterior {
 fn share(before: f64, examples: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
     let mut share = 0.5 * before;
     for _ in 0..50 {
-        let (mut sum, mut n) = (few() as f64 * before, few() as f64);
+        let (mut sum, mut n) = (FEW as f64 * before, FEW as f64);
         for (learned, physics) in examples.clone() {
             let all = mixed(learned, physics, share);
             if all.is_finite() {

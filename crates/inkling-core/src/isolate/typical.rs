@@ -12,7 +12,7 @@
 
 use crate::model::inner_product::dot;
 use crate::model::student::next_exceeds;
-use crate::numbers::tuned::least_rate;
+use crate::numbers::LEAST_RATE;
 use serde::{Deserialize, Serialize};
 
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -45,7 +45,7 @@ impl Typical {
 /// `least_rate`. `misfits`: of some signals, taken for lognormal; infinity if fewer than two.
 pub fn misfit_bound(misfits: &[f64]) -> f64 {
     let ln: Vec<f64> = misfits.iter().map(|v| v.max(f64::MIN_POSITIVE).ln()).collect();
-    next_exceeds(&ln, least_rate()).exp()
+    next_exceeds(&ln, LEAST_RATE).exp()
 }
 
 /// Principal directions of `rows` that exceed unit noise, largest variance first, orthonormal; at

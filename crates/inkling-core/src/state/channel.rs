@@ -95,7 +95,7 @@ pub struct FromLevel {
 }
 
 fn of_a_day() -> f64 {
-    process::between().powi(-2)
+    process::BETWEEN.powi(-2)
 }
 
 impl Default for Channel {
@@ -107,7 +107,7 @@ impl Default for Channel {
             faulty: Sum::default(),
             faulty_looks: 0.0,
             faulty_days: 0.0,
-            is_faulty: process::change(),
+            is_faulty: process::CHANGE,
             off: 0.0,
         }
     }
@@ -116,7 +116,7 @@ impl Default for Channel {
 /// Variances of where faulty channels lie about the level: `wide`² times those of healthy channels,
 /// and of one look's noise (1) at least.
 pub fn wide(spread: &Features) -> Features {
-    let square = process::wide().powi(2);
+    let square = process::WIDE.powi(2);
     spread.map(|s2| (square * s2).max(square))
 }
 
@@ -133,7 +133,7 @@ impl Channel {
 
     /// The first sweep after a pause, at `t_ns`: a fault may have come or gone, or the day be over.
     pub fn resume(&mut self, t_ns: i64) {
-        self.is_faulty = self.is_faulty.max(process::change());
+        self.is_faulty = self.is_faulty.max(process::CHANGE);
         if t_ns.saturating_sub(self.day_from_ns) < DAY_NS {
             return;
         }
@@ -225,7 +225,7 @@ impl Channel {
     }
 
     fn knows_level(&self) -> bool {
-        self.healthy().looks >= process::few()
+        self.healthy().looks >= process::FEW
     }
 
     pub fn knows_fault(&self) -> bool {
@@ -259,13 +259,13 @@ impl Channel {
         if by.faulty > 0.5 && self.knows_fault() && far > ANOTHER_FAULT {
             (self.faulty, self.faulty_looks) = (Sum::default(), 0.0);
         }
-        self.faulty.at_most(process::of_beginning());
+        self.faulty.at_most(process::OF_BEGINNING);
         self.faulty.add(&at, by.faulty * looks);
         self.faulty_looks += by.faulty * looks;
 
         // before the next look the channel may become faulty or healthy
-        let moved = by.faulty * (1.0 - process::change()) + (1.0 - by.faulty) * process::sudden();
-        self.is_faulty = moved.clamp(process::sudden(), 0.9);
+        let moved = by.faulty * (1.0 - process::CHANGE) + (1.0 - by.faulty) * process::SUDDEN;
+        self.is_faulty = moved.clamp(process::SUDDEN, 0.9);
         self.swap_if_cured(spread, noise);
         if !self.stays_faulty() {
             self.faulty_days = 0.0;
@@ -278,7 +278,7 @@ impl Channel {
     fn swap_if_cured(&mut self, spread: &Features, noise: &Features) {
         // not if it drifts; and only once the second level has enough looks
         let Channel { past, today, faulty, faulty_looks, .. } = self;
-        let lasts = *faulty_looks >= today.looks.min(process::of_beginning());
+        let lasts = *faulty_looks >= today.looks.min(process::OF_BEGINNING);
         if past[USUAL].looks > 0.0 || self.off > 0.0 || !lasts {
             return;
         }
@@ -289,11 +289,11 @@ impl Channel {
             of.mean().zip_map(&variance, |d, v| d * d / v).sum()
         };
         let longer = *faulty_looks - today.looks;
-        let ln_odds = 0.5 * (far(today) - far(faulty)) - longer * (-process::change()).ln_1p();
+        let ln_odds = 0.5 * (far(today) - far(faulty)) - longer * (-process::CHANGE).ln_1p();
         if far(faulty) < WITHIN_POPULATION && ln_odds > 0.0 {
             std::mem::swap(today, faulty);
             *faulty_looks = 0.0;
-            self.is_faulty = process::change();
+            self.is_faulty = process::CHANGE;
         }
     }
 }

@@ -93,7 +93,7 @@ impl Within {
 
     /// `square`: unbiased measurement of the covariance; `weight`: probability of a healthy look.
     fn learn(&mut self, square: Matrix4<f64>, weight: f64) {
-        self.looks = (self.looks + weight).min(process::most_within());
+        self.looks = (self.looks + weight).min(process::MOST_WITHIN);
         self.covariance += (square - self.covariance) * (weight / self.looks);
     }
 }
@@ -114,10 +114,10 @@ impl Head {
         let of_look = kind.spread.add_scalar(1.0);
         Head {
             level: Vector4::zeros(),
-            covariance: Matrix4::from_diagonal(&(of_look * process::of_heads())),
+            covariance: Matrix4::from_diagonal(&(of_look * process::OF_HEADS)),
             within: Within {
                 covariance: Matrix4::from_diagonal(&of_look),
-                looks: process::of_beginning(),
+                looks: process::OF_BEGINNING,
             },
             kind,
             channels: BTreeMap::new(),
@@ -196,7 +196,7 @@ impl Head {
         self.heard_ns = Some(t_ns);
         let paused = dt_ns > PAUSE_NS || self.still_paused;
         let of_look = self.kind.spread.add_scalar(1.0);
-        self.covariance += Matrix4::from_diagonal(&(of_look * process::walk()));
+        self.covariance += Matrix4::from_diagonal(&(of_look * process::WALK));
         if paused {
             self.heard.clear();
             self.channels.values_mut().for_each(|of| of.resume(t_ns));
@@ -328,7 +328,7 @@ impl Head {
             let is_asked = is_aged || known.iter().any(|of| of.norm_squared() > BOUNDS[rung]);
             if is_asked { Apart::learn(&known, !is_of_head) } else { Apart::as_known() }
         });
-        self.wider += (apart[RUNGS].wider() - self.wider) * process::of_sweep();
+        self.wider += (apart[RUNGS].wider() - self.wider) * process::OF_SWEEP;
 
         let all_age = apart[..RUNGS].iter().any(|of| of.each_its_own_way);
         for (look, moved) in looks.iter().zip(moved) {

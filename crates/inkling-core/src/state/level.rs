@@ -53,7 +53,7 @@ impl Expected {
         kind: &Kind,
         paused: bool,
     ) -> Option<Expected> {
-        let leap = if paused { process::LEAP_IN_PAUSE } else { process::sudden() };
+        let leap = if paused { process::LEAP_IN_PAUSE } else { process::SUDDEN };
         let mode = |rate: f64, add: Matrix4<f64>| {
             let precision = (covariance + add).try_inverse()?;
             let ln_weight = rate.ln() + 0.5 * precision.determinant().ln();
@@ -62,7 +62,7 @@ impl Expected {
         let moves = [
             mode(1.0 - leap, Matrix4::zeros())?,
             mode(leap, kind.leap)?,
-            mode(process::sudden().powi(2), kind.anywhere)?,
+            mode(process::SUDDEN.powi(2), kind.anywhere)?,
         ];
         Some(Expected { level, moves })
     }
@@ -167,7 +167,7 @@ impl Member {
         let (f, f_variance) = channel.faulty.posterior(&wide(spread), noise);
         let (known, knows_fault) = (channel.healthy().looks > 0.0, channel.knows_fault());
         let back = if knows_fault { 0.5 } else { 0.0 };
-        let is_replaced = if may_be_new && known { process::change() } else { 0.0 };
+        let is_replaced = if may_be_new && known { process::CHANGE } else { 0.0 };
         let healthy = c_variance + own;
         Member {
             at,

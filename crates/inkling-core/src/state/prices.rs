@@ -1,17 +1,12 @@
-//! What half and twice of each number of `process.rs` do, on nights that the state's model does not
-//! draw: levels swing and step, channels differ from day to day by Student's t, faults begin at
-//! once or grow.
+//! What the numbers of `process.rs` are worth on nights that the state's model does not draw: levels
+//! swing and step, channels differ from day to day by Student's t, faults begin at once or grow.
 //!
-//! In: the numbers, as they are or one of them changed. Out: one row of the table of
-//! `docs/state.md` ([`Price`]), printed by an ignored test; another test holds what the numbers as
-//! they are achieve. A look is called flagged here if its squared distance from its channel's own
+//! The table of `docs/state.md` has what half and twice of each number did here. A look is called flagged here if its squared distance from its channel's own
 //! level exceeds `BOUND`, or if the channel's level has drifted; a design's judge decides by more
 //! than that.
 
-use super::process::NUMBERS;
 use super::tests::{DAY, SECOND, diagonal, looks, normal};
 use super::*;
-use crate::numbers;
 use nalgebra::Vector4;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -193,13 +188,4 @@ fn nights_that_the_process_does_not_draw() {
     assert!(price.false_alarms < 6.0 && price.after_faults < 20.0, "{price:?}");
     assert!(price.found > 0.95 && price.told > 0.95, "{price:?}");
     assert!((0.0..12.0).contains(&price.nights), "{price:?}");
-}
-
-#[test]
-#[ignore = "prints what half and twice of each number do: a minute"]
-fn what_half_and_twice_do() {
-    numbers::half_and_twice::print(NUMBERS, || {
-        let price = Price::of_all();
-        [price.false_alarms, price.after_faults, price.found, price.nights, price.told]
-    });
 }

@@ -3,33 +3,29 @@
 //! twice of each number do, which `cargo test --release -p inkling-core state::prices -- --nocapture
 //! --ignored` prints. "Of one look": 1 in the canonical coordinates of `kind.rs`.
 
-crate::numbers! {
-    /// How far a head's level wanders from sweep to sweep: variance, in that of one look at a
-    /// healthy channel (noise and spread together).
-    walk = 0.05;
-    /// Probability that an unknown channel is faulty, that a faulty one is healthy by its next look,
-    /// and that a channel was replaced in a pause.
-    change = 0.01;
-    /// How far faulty channels lie off, in standard deviations of healthy channels or of one look.
-    wide = 2.0;
-    /// Standard deviation of a channel from day to day, in those of one look's noise.
-    between = 0.3;
-    /// Number of looks below which a channel's level is not known.
-    few = 4.0;
-    /// Number of looks that the scatter within channels begins with, and most of a faulty level.
-    of_beginning = 16.0;
-    /// Most looks of the scatter of a head's looks about their channels.
-    most_within = 4096.0;
-    /// Weight of one sweep in how far channels lie from each other (`Head::wider`).
-    of_sweep = 0.5;
-    /// Variance of heads' levels about their kind's, in that of one look at a healthy channel.
-    of_heads = 0.25;
-}
+/// How far a head's level wanders from sweep to sweep: variance, in that of one look at a
+/// healthy channel (noise and spread together).
+pub const WALK: f64 = 0.05;
+/// Probability that an unknown channel is faulty, that a faulty one is healthy by its next look,
+/// and that a channel was replaced in a pause.
+pub const CHANGE: f64 = 0.01;
+/// How far faulty channels lie off, in standard deviations of healthy channels or of one look.
+pub const WIDE: f64 = 2.0;
+/// Standard deviation of a channel from day to day, in those of one look's noise.
+pub const BETWEEN: f64 = 0.3;
+/// Number of looks below which a channel's level is not known.
+pub const FEW: f64 = 4.0;
+/// Number of looks that the scatter within channels begins with, and most of a faulty level.
+pub const OF_BEGINNING: f64 = 16.0;
+/// Most looks of the scatter of a head's looks about their channels.
+pub const MOST_WITHIN: f64 = 4096.0;
+/// Weight of one sweep in how far channels lie from each other (`Head::wider`).
+pub const OF_SWEEP: f64 = 0.5;
+/// Variance of heads' levels about their kind's, in that of one look at a healthy channel.
+pub const OF_HEADS: f64 = 0.25;
 
 /// Probability of a fault, or of a leap of the level, from one look or sweep to the next.
-pub fn sudden() -> f64 {
-    change() * 0.01
-}
+pub const SUDDEN: f64 = CHANGE * 0.01;
 
 /// Probability that the level leaps in a pause, of which nothing is known: even odds.
 pub const LEAP_IN_PAUSE: f64 = 0.5;

@@ -15,7 +15,7 @@ use super::covariates::{DRIVE, NAMES, TEMPERATURE, TIME};
 use super::objection::Objection;
 use super::selection::Selected;
 use super::space::Direction;
-use super::tuned::left_by_all;
+use super::tuned::LEFT_BY_ALL;
 use super::verdict::Unexplained;
 
 /// In the order of `ParameterTest::parameter`.
@@ -151,7 +151,7 @@ fn is_relative(s: &Scored, selected: &Selected) -> bool {
 /// nearly any curve could be made of several causes.
 fn share_allowed(selected: &Selected, artefacts: &Artefacts) -> f64 {
     let causes = selected.causes.len() + artefacts.accepted().count();
-    left_by_all().powi(causes.max(1) as i32)
+    LEFT_BY_ALL.powi(causes.max(1) as i32)
 }
 
 /// The mean of a random tone over all bursts, as a cause of size 0; whether it scales with the drive is not

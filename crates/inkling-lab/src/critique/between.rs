@@ -16,7 +16,7 @@
 
 use super::chance::{ONCE_IN_100, maximum};
 use super::covariates::COVARIATES;
-use inkling_core::numbers::tuned::little;
+use inkling_core::numbers::LITTLE;
 use nalgebra::{DMatrix, Matrix4, Vector4};
 
 /// With fewer contrasts, or degrees of freedom of single signals, nothing is told.
@@ -109,7 +109,7 @@ impl Sums {
         // a covariate whose square lies nearly all between bursts is constant over a burst; one whose square
         // vanishes is left out altogether
         let square = |c: usize| self.gram[(self.bursts + c, self.bursts + c)];
-        let within = |c: &usize| between.column(*c).norm_squared() < (1.0 - little()) * square(*c);
+        let within = |c: &usize| between.column(*c).norm_squared() < (1.0 - LITTLE) * square(*c);
         let (mut out, mut constant): (Vec<usize>, Vec<usize>) =
             (0..COVARIATES).filter(|c| square(*c) > 1e-9 * self.signals as f64).partition(within);
 
@@ -120,7 +120,7 @@ impl Sums {
             // all says nothing
             let explained = |c: usize| {
                 let own = between.column(c).norm_squared();
-                if own > little() * square(c) {
+                if own > LITTLE * square(c) {
                     between.column(c).dot(&between.column(COVARIATES)).powi(2) / own
                 } else {
                     0.0
@@ -181,7 +181,7 @@ struct Basis {
 impl Basis {
     fn of(gram: &DMatrix<f64>, bursts: usize) -> Basis {
         let eigen = gram.view((0, 0), (bursts, bursts)).into_owned().symmetric_eigen();
-        let least = little() * eigen.eigenvalues.max();
+        let least = LITTLE * eigen.eigenvalues.max();
         let kept: Vec<usize> = (0..bursts).filter(|k| eigen.eigenvalues[*k] > least).collect();
         Basis {
             axes: eigen.eigenvectors.select_columns(&kept),

@@ -19,9 +19,9 @@ use super::chance::THRESHOLD;
 use super::model::{Linear, Model, Rail};
 use super::objection::Objection;
 use super::observations::Observations;
-use super::tuned::clipped_share;
+use super::tuned::CLIPPED_SHARE;
 use inkling_core::model::normal::ln_upper_tail;
-use inkling_core::numbers::tuned::little;
+use inkling_core::numbers::LITTLE;
 use std::collections::BTreeMap;
 
 /// Floating-point values nearer than this, in amplitudes of the ring, are one code.
@@ -98,7 +98,7 @@ fn clipping(
     // the last code must hold more than half of those that are missing beyond it, and four (a rule of thumb)
     let crowded = at_last as f64 > 4.0 + 0.5 * beyond;
     // only a share counts: the level is free, and scatter of the largest signals is not modelled
-    let surprise: f64 = if crowded { clipped_share() * surprise } else { 0.0 };
+    let surprise: f64 = if crowded { CLIPPED_SHARE * surprise } else { 0.0 };
     let f = Candidate::by_chance(CauseId::Clipping, surprise, level, 0.25 * unit);
     (f, Rail { side, level, from: level - side * 3.0 * sd })
 }
@@ -183,7 +183,7 @@ fn lattice(
 fn is_lattice(met: &[i64], step: f64) -> bool {
     let gaps = met.windows(2).map(|pair| (pair[1] - pair[0]) as f64);
     let odd = gaps.filter(|gap| (gap - step).abs() >= 1.0).count();
-    odd as f64 <= little() * (met.len() - 1) as f64 * (step - 1.0).min(1.0)
+    odd as f64 <= LITTLE * (met.len() - 1) as f64 * (step - 1.0).min(1.0)
 }
 
 /// How many times the model expects each of so many `codes` from `first` on (whole counts only): the

@@ -5,9 +5,9 @@
 //! of them, z² - 1. A covariate that does not vary, or was not recorded of at least nine tenths of the
 //! signals, is absent, and z is 0 for all signals; a single signal of which it is unknown has z = 0 as well.
 
-use super::tuned::drive_scan;
+use super::tuned::DRIVE_SCAN;
 use inkling_core::burst::Beside;
-use inkling_core::numbers::tuned::little;
+use inkling_core::numbers::LITTLE;
 
 /// Indices of the covariates. `POSITION` is the channel's number, `IDLE` the logarithm of the time since the
 /// previous actuation.
@@ -95,7 +95,7 @@ impl Covariates {
     fn standardise(&mut self, which: usize, of: impl Fn(usize) -> f64) {
         let known: Vec<usize> = (0..self.z.len()).filter(|&i| of(i).is_finite()).collect();
         let count = known.len() as f64;
-        if count < (1.0 - little()) * self.z.len().max(1) as f64 || known.is_empty() {
+        if count < (1.0 - LITTLE) * self.z.len().max(1) as f64 || known.is_empty() {
             return;
         }
         let mean = known.iter().map(|&i| of(i)).sum::<f64>() / count;
@@ -116,7 +116,7 @@ impl Covariates {
 
     pub fn of(recorded: &[Beside], bursts: usize) -> Covariates {
         let n = recorded.len().max(1) as f64;
-        let enough = |count: usize| count as f64 >= (1.0 - little()) * n;
+        let enough = |count: usize| count as f64 >= (1.0 - LITTLE) * n;
         let first_ns = recorded.iter().map(|of| of.t_acq_ns).min().unwrap_or(0);
         let drives = || recorded.iter().map(|of| of.drive_v).filter(|v| *v > 0.0);
         let drive_mean_v =
@@ -134,7 +134,7 @@ impl Covariates {
             drive_mean_v,
             z: vec![[0.0; COVARIATES]; recorded.len()],
             sd: [1.0; COVARIATES],
-            drive_scan: spread.sqrt() > drive_scan(),
+            drive_scan: spread.sqrt() > DRIVE_SCAN,
             idle: enough(recorded.iter().filter(|of| !of.idle_s.is_nan()).count()),
             shared_bursts: recorded.len() >= 2 * bursts,
             ..Covariates::default()

@@ -18,7 +18,7 @@ use super::catalogue::CauseId;
 use super::chance::{THRESHOLD, maximum};
 use super::model::{Model, PATTERNS, powers};
 use super::observations::Observations;
-use super::tuned::{line_bound, stands_out};
+use super::tuned::{LINE_BOUND, STANDS_OUT};
 use super::waves::waves;
 use inkling_core::model::free_decay::FREE;
 use inkling_core::model::inner_product::dot;
@@ -125,7 +125,7 @@ pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
     let mut line_surprise = line.surprise;
     if line_surprise > 0.0 {
         left.iter_mut().for_each(|left| notch(left, line.omega, n));
-        if line.surprise > THRESHOLD && line.contrast > stands_out() {
+        if line.surprise > THRESHOLD && line.contrast > STANDS_OUT {
             rho = lag_one(&left, n, v);
         } else {
             line_surprise = 0.0;
@@ -206,7 +206,7 @@ fn pooled_line(left: &[Residual], n: usize, v: f64) -> Line {
     // with heavy tails the exponential distribution is too optimistic, so the spread over signals bounds it
     let omega = maximum(|omega| ratio(omega).0, (best + 1) as f64 * step, step);
     let (r, se) = ratio(omega);
-    let z = z_of(r).min((r - 1.0) / se.max(1e-9) * line_bound());
+    let z = z_of(r).min((r - 1.0) / se.max(1e-9) * LINE_BOUND);
 
     // r - 1 is amplitude² N / (4 v), the signal-to-noise ratio s of one signal. By the Cramér-Rao bound the
     // variance of the frequency is 6 / (s m) in (rad per signal length)²; 1 + 1/s widens it for weak lines.

@@ -9,7 +9,7 @@ use super::covariates::Covariates;
 use super::finding::{Detection, Gain, Verdict};
 use super::model::Model;
 use super::refit::{apply, refit};
-use inkling_core::numbers::tuned::little;
+use inkling_core::numbers::LITTLE;
 use thiserror::Error;
 
 pub struct Extended {
@@ -63,7 +63,7 @@ pub struct OutlierCount {
 impl OutlierCount {
     /// Whether so many were left out that the rest cannot be trusted to be healthy.
     pub fn is_mixture(self) -> bool {
-        self.signals as f64 > little() * self.all as f64
+        self.signals as f64 > LITTLE * self.all as f64
     }
 
     pub fn remarks(self) -> Vec<String> {

@@ -22,7 +22,7 @@ use super::matrices::means_of_groups;
 use super::model::{Linear, Model};
 use super::objection::Objection;
 use super::observations::{Observations, numbered};
-use inkling_core::numbers::tuned::little;
+use inkling_core::numbers::LITTLE;
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, Vector2, Vector4};
 use std::collections::BTreeMap;
 
@@ -112,7 +112,7 @@ fn freed_of_frequency(each: &mut [Scatter]) {
         real += x * x[3] - one.noise.column(3);
     }
     // at least a tenth of the square, so that a frequency that hardly scatters gives no wild slope
-    let var = real[3].max(little() * seen).max(1e-300);
+    let var = real[3].max(LITTLE * seen).max(1e-300);
     let mut turn = Matrix4::identity();
     turn[(0, 3)] = -real[0] / var;
     turn[(1, 3)] = -real[1] / var;

@@ -13,8 +13,8 @@ use super::chance::DETECTION_LIMIT;
 use super::covariates::{TEMPERATURE, TIME};
 use super::model::Model;
 use super::objection::Objection;
-use super::tuned::{left_to_shapes, left_to_unlike};
-use inkling_core::numbers::tuned::little;
+use super::tuned::{LEFT_TO_SHAPES, LEFT_TO_UNLIKE};
+use inkling_core::numbers::LITTLE;
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Shows {
@@ -66,14 +66,14 @@ impl Finding {
         use Shows::{ByACovariate, InCodes, InNoise, InTheMean};
         match (self.shows(), other.shows()) {
             (_, InCodes) | (InCodes, InNoise) => 0.0,
-            (InNoise, _) => little(),
-            _ if self.is_alike(other) => little(),
-            (InTheMean, InTheMean) | (ByACovariate, ByACovariate) => left_to_shapes(),
+            (InNoise, _) => LITTLE,
+            _ if self.is_alike(other) => LITTLE,
+            (InTheMean, InTheMean) | (ByACovariate, ByACovariate) => LEFT_TO_SHAPES,
             (InTheMean, ByACovariate) | (ByACovariate, InTheMean) => 0.0,
             // a coarse step leaves out codes whatever a covariate does; which samples are clipped depends on
             // the amplitude
             (InCodes, ByACovariate) if self.id == CauseId::CoarseLsb => 0.0,
-            (InCodes, _) | (_, InNoise) => left_to_unlike(),
+            (InCodes, _) | (_, InNoise) => LEFT_TO_UNLIKE,
         }
     }
 
@@ -124,7 +124,7 @@ pub fn at_the_ring(of_noise: &mut [Candidate], model: &Model, length_s: f64) -> 
 pub fn at_the_ring_beside(of_noise: &mut [Candidate], chosen: &[Finding]) {
     let strongest = chosen.iter().map(|c| c.statistic).fold(0.0, f64::max);
     for f in of_noise.iter_mut().filter(|f| f.id == CauseId::RandomTone && f.accepted()) {
-        if f.statistic <= little() * strongest {
+        if f.statistic <= LITTLE * strongest {
             f.objection = Some(Objection::LeftByOthers);
         }
     }

@@ -22,7 +22,7 @@ use super::matrices::{Matrix5, Vector5};
 use super::observations::Observations;
 use inkling_core::model::free_decay::{self, ALL, FREE, Tangent, Theta};
 use inkling_core::model::inner_product::dot;
-use inkling_core::numbers::tuned::little;
+use inkling_core::numbers::LITTLE;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 use std::iter::repeat;
@@ -170,7 +170,7 @@ impl Model {
     /// which thesis (2-2) says nothing; without this bound it would swallow offset, droop and transients.
     /// Used in tests and refits (`space.rs`, `nuisance.rs`), not in the descents here.
     pub fn slow_sd(&self) -> f64 {
-        little() * self.amplitude().max(f64::MIN_POSITIVE)
+        LITTLE * self.amplitude().max(f64::MIN_POSITIVE)
     }
 
     /// Mean of what rounding to a coarse step adds to a sample whose mean before rounding is `expected`;

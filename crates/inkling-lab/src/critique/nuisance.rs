@@ -10,7 +10,7 @@
 use super::catalogue::CauseId;
 use super::covariates::ONE;
 use super::space::{Direction, Places, Space};
-use super::tuned::ln_lambda_sd;
+use super::tuned::LN_LAMBDA_SD;
 use inkling_core::model::free_decay::ALL;
 use nalgebra::{DMatrix, DVector};
 
@@ -70,9 +70,9 @@ impl<'a> Nuisance<'a> {
         let mut gram = DMatrix::from_fn(q, q, |i, j| directions[i].dot(&k_times[j]));
         // The Gaussian priors of the real pole's rate (the last parameter) and of its amplitude (number 4)
         // add 1/sd² to the information, and -(value - prior mean)/sd² to the score.
-        gram[(ALL - 1, ALL - 1)] += 1.0 / (ln_lambda_sd() * ln_lambda_sd());
+        gram[(ALL - 1, ALL - 1)] += 1.0 / (LN_LAMBDA_SD * LN_LAMBDA_SD);
         let mut score = DVector::from_fn(q, |i, _| directions[i].dot(&space.g));
-        score[ALL - 1] -= space.lambda_off / (ln_lambda_sd() * ln_lambda_sd());
+        score[ALL - 1] -= space.lambda_off / (LN_LAMBDA_SD * LN_LAMBDA_SD);
         let [slow, slow_sd] = space.slow;
         gram[(4, 4)] += 1.0 / (slow_sd * slow_sd);
         score[4] -= slow / (slow_sd * slow_sd);

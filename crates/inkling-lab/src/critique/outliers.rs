@@ -16,9 +16,9 @@ use super::chance::surprise_of_count;
 use super::covariates::POSITION;
 use super::model::Model;
 use super::observations::Observations;
-use super::tuned::{least_scatter, odd_in_a_row, outlying, stands_out};
+use super::tuned::{LEAST_SCATTER, ODD_IN_A_ROW, OUTLYING, STANDS_OUT};
 use inkling_core::model::median::{median, median_of, robust_sd};
-use inkling_core::numbers::tuned::little;
+use inkling_core::numbers::LITTLE;
 use std::ops::Range;
 
 /// Largest number of channels that a trend is estimated from, and fewest pairs of channels that this takes.
@@ -49,7 +49,7 @@ fn trend(data: &Observations, features: &[[f64; 3]], j: usize) -> f64 {
 fn faulty_channels(data: &Observations, odd: &[bool]) -> Vec<bool> {
     let faulty = |rows: Range<usize>| {
         let (all, count) = (rows.len() as f64, odd[rows].iter().filter(|odd| **odd).count());
-        count > 1 && count as f64 > little() * all
+        count > 1 && count as f64 > LITTLE * all
     };
     data.channels().map(faulty).collect()
 }
@@ -65,17 +65,17 @@ pub struct Outliers {
 /// -ln of the probability of so many misfits, among those that `some` selects, with a run of odd samples of
 /// one sign, if odd samples are independent. `sd`: root mean square of the typical misfit, counts.
 fn shape_surprise(misfits: &[Vec<f64>], sd: f64, some: impl Fn(usize) -> bool) -> f64 {
-    let sign = |x: &f64| if x.abs() > outlying() * sd { x.signum() as i32 } else { 0 };
+    let sign = |x: &f64| if x.abs() > OUTLYING * sd { x.signum() as i32 } else { 0 };
     let signs: Vec<Vec<i32>> = misfits.iter().map(|r| r.iter().map(sign).collect()).collect();
     let samples: usize = signs.iter().map(Vec::len).sum();
     let odd = signs.iter().flatten().filter(|s| **s != 0).count();
     let share = (odd as f64 + 1.0) / samples as f64;
     let run = |w: &[i32]| w[0] != 0 && w.iter().all(|s| *s == w[0]);
-    let runs = |signs: &Vec<i32>| signs.windows(odd_in_a_row() as usize).any(run);
+    let runs = |signs: &Vec<i32>| signs.windows(ODD_IN_A_ROW as usize).any(run);
     let found = signs.iter().enumerate().filter(|(i, s)| some(*i) && runs(s)).count() as f64;
     // Expected number of runs: at each of `samples` places the first sample is odd with probability `share`,
     // with either sign; each of the others with the same sign, `share`/2.
-    let expected = samples as f64 * share * (share / 2.0).powi(odd_in_a_row() as i32 - 1);
+    let expected = samples as f64 * share * (share / 2.0).powi(ODD_IN_A_ROW as i32 - 1);
     surprise_of_count(found, expected)
 }
 
@@ -114,10 +114,10 @@ impl SingleFits {
         for (j, part) in OF_DAMPING.iter().enumerate() {
             let mut values: Vec<f64> = self.features.iter().map(|f| f[j]).collect();
             let centre = median(&mut values);
-            let sd = robust_sd(&values, centre).max(part * least_scatter());
+            let sd = robust_sd(&values, centre).max(part * LEAST_SCATTER);
             for (far, f) in far.iter_mut().zip(&self.features) {
                 let off = (f[j] - centre).abs() / sd;
-                *far |= off > outlying() || off.is_nan();
+                *far |= off > OUTLYING || off.is_nan();
             }
         }
         far
@@ -130,7 +130,7 @@ pub fn outliers(data: &Observations, model: &Model) -> Outliers {
     let far = alone.far();
     let left: Vec<f64> = alone.misfits.iter().map(|r| r.iter().map(|r| r * r).sum()).collect();
     let typical = median(&mut left.clone());
-    let noisier = |i: usize| left[i] > stands_out() * typical;
+    let noisier = |i: usize| left[i] > STANDS_OUT * typical;
     let odd: Vec<bool> = (0..data.len()).map(|i| far[i] || noisier(i)).collect();
     let faulty = faulty_channels(data, &odd);
     let of_faulty = |i: usize| faulty[data.rows[i].unit];

@@ -18,7 +18,7 @@ use super::matrices::{
 };
 use super::model::{Linear, Model, free_products};
 use super::observations::Observations;
-use super::tuned::{ln_lambda_sd, untold_noise};
+use super::tuned::{LN_LAMBDA_SD, UNTOLD_NOISE};
 use inkling_core::model::free_decay::{ALL, FREE};
 use inkling_core::model::inner_product::dot;
 
@@ -57,7 +57,7 @@ impl PoleSums {
 
     /// Newton step of ln lambda/sigma. `off`: that of the model less the mean of its prior.
     fn step(&self, off: f64, noise_var: f64) -> f64 {
-        let prior = 1.0 / (ln_lambda_sd() * ln_lambda_sd());
+        let prior = 1.0 / (LN_LAMBDA_SD * LN_LAMBDA_SD);
         (self.score / noise_var - off * prior) / (self.information / noise_var + prior)
     }
 }
@@ -126,7 +126,7 @@ impl Model {
 
         // the noisiest hundredth of the signals may have more than noise
         left.sort_by(f64::total_cmp);
-        let kept = &left[..(left.len() as f64 * (1.0 - untold_noise())).ceil() as usize];
+        let kept = &left[..(left.len() as f64 * (1.0 - UNTOLD_NOISE)).ceil() as usize];
         self.noise_var = (kept.iter().sum::<f64>() / kept.len() as f64).max(1e-300);
         for signal in &mut signals {
             signal.gram /= self.noise_var;

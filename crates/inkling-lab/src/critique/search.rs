@@ -13,7 +13,7 @@
 use super::candidate::{Candidate, Chosen};
 use super::finding::Evidence;
 use super::objection::{Objection, WhyNot};
-use super::tuned::tie;
+use super::tuned::TIE;
 use std::ops::ControlFlow;
 
 pub trait System {
@@ -71,7 +71,7 @@ impl<Model, Form> Round<Model, Form> {
             all.filter(|(_, r)| r.may_enter && r.candidate.has_name() == named)
                 .min_by(|(_, p), (_, q)| p.penalised.total_cmp(&q.penalised))
         };
-        let named = likeliest(true).filter(|(_, r)| r.penalised - self.least < tie());
+        let named = likeliest(true).filter(|(_, r)| r.penalised - self.least < TIE);
         named.or_else(|| likeliest(false)).map(|(place, _)| place)
     }
 
@@ -86,7 +86,7 @@ impl<Model, Form> Round<Model, Form> {
 
     fn won(mut self, winner: usize, ln_samples: f64) -> (Model, Chosen<Form>) {
         let Contender { candidate, model, penalised, .. } = self.contenders.remove(winner);
-        let is_close = |r: &&Contender<Model, Form>| r.penalised - penalised < tie();
+        let is_close = |r: &&Contender<Model, Form>| r.penalised - penalised < TIE;
         // a rival that contains the winner as a special case is no tie: it explains at least as much
         let nests = |r: &&Contender<Model, Form>| r.candidate.id.row().nests == Some(candidate.id);
         let close = self.contenders.iter().filter(is_close).filter(|r| !nests(r));

@@ -16,7 +16,7 @@ use super::leftovers::Finding;
 use super::model::Model;
 use super::refit::{Refit, apply, follow, refit};
 use super::search::{Contender, ExplainedModel, Round, System, search};
-use super::tuned::tie;
+use super::tuned::TIE;
 use nalgebra::DVector;
 use std::ops::ControlFlow;
 
@@ -99,7 +99,7 @@ impl System for Setting<'_> {
         let mut all = refitted(now, tried, best, *self);
         let place = |named: bool| all.iter().position(|r| r.candidate.has_name() == named);
         if let (Some(named), Some(unnamed)) = (place(true), place(false))
-            && all[named].penalised > all[unnamed].penalised + tie()
+            && all[named].penalised > all[unnamed].penalised + TIE
         {
             // other rivals were not compared in pairs
             let behind = with_the_next(&all[unnamed], *self) - with_the_next(&all[named], *self);

@@ -17,7 +17,7 @@ use super::contributions::Part;
 use super::covariates::COVARIATES;
 use super::model::{Additions, Model, PATTERNS};
 use super::observations::Observations;
-use super::tuned::ln_lambda_sd;
+use super::tuned::LN_LAMBDA_SD;
 use inkling_core::model::free_decay::ALL;
 use inkling_core::side_by_side::side_by_side;
 use nalgebra::{DMatrix, DVector, DVectorView};
@@ -145,7 +145,7 @@ impl Space {
         }
         k.fill_upper_triangle_with_lower_triangle();
         let off = model.lambda_off();
-        deviance += (off / ln_lambda_sd()).powi(2);
+        deviance += (off / LN_LAMBDA_SD).powi(2);
         let slow = [model.mean[4], model.slow_sd()];
         deviance += (slow[0] / slow[1]).powi(2);
         Space { samples: n, lambda_off: off, slow, k, g, deviance }

@@ -16,7 +16,7 @@ use inkling_core::model::descent::{Damping, descend};
 use inkling_core::model::free_decay::{ALL, FREE, Tangent, Theta};
 use inkling_core::model::inner_product::dot;
 use inkling_core::model::median::median;
-use inkling_core::numbers::tuned::little;
+use inkling_core::numbers::LITTLE;
 use nalgebra::{DMatrix, DVector, Matrix3};
 
 const START_OVER_NOISE: f64 = 300.0;
@@ -151,7 +151,7 @@ fn first_guess(y: &[f64]) -> Option<Theta> {
     }
     let (cost, theta) = best?;
     let theta = refine(&theta, y);
-    (cost < (1.0 - little()) * total && theta.iter().all(|v| v.is_finite())).then_some(theta)
+    (cost < (1.0 - LITTLE) * total && theta.iter().all(|v| v.is_finite())).then_some(theta)
 }
 
 /// Moves one ring and an offset, from `theta` and 0 on, to the nearest least squares of the signal y. Lambda

@@ -1,5 +1,5 @@
 //! Tuned numbers: every number of the critique that decides something and follows from no definition,
-//! calculation or physics. Each is called as a function, for example `tie()`, so that a test can change it.
+//! calculation or physics.
 //!
 //! The brackets at the end of a number's comment say which recordings it was tuned on:
 //!
@@ -8,87 +8,84 @@
 //! * `7.8`: seeds 7 800 000 to 7 830 031 and 810 000 to 840 039 of both;
 //! * `-`: nobody wrote down what it was tuned on.
 //!
-//! What is measured on other seeds stands in `docs/hidden_effects.md`; `tests/foreign/prices.rs` prints what
-//! half and twice of each number do.
+//! What is measured on other seeds stands in `docs/hidden_effects.md`.
 
-inkling_core::numbers! {
-    // when a cause is there, and which
+// when a cause is there, and which
 
-    /// Two models whose -2 ln likelihood plus price of their parameters differs by less than this are tied:
-    /// the likelier one has odds of less than e² = 7. (7.8)
-    tie = 4.0;
+/// Two models whose -2 ln likelihood plus price of their parameters differs by less than this are tied:
+/// the likelier one has odds of less than e² = 7. (7.8)
+pub const TIE: f64 = 4.0;
 
-    // what is far more than usual
+// what is far more than usual
 
-    /// The ratio that counts as far more than usual: of a random tone's power to its neighbourhood's, and of
-    /// a signal's squared misfit to the median one. (-)
-    stands_out = 3.0;
+/// The ratio that counts as far more than usual: of a random tone's power to its neighbourhood's, and of
+/// a signal's squared misfit to the median one. (-)
+pub const STANDS_OUT: f64 = 3.0;
 
-    // what models leave of an effect to other candidates, as shares of their statistics: squares of their
-    // relative errors
+// what models leave of an effect to other candidates, as shares of their statistics: squares of their
+// relative errors
 
-    /// Share that shapes of the mean may leave to other shapes, and causes that follow covariates to others
-    /// of that kind; also that of a decay's coloured misfit. (7.1)
-    left_to_shapes = 0.03;
-    /// Share that findings in codes may leave to causes of the mean, and these to findings in noise. (7.1,
-    /// 7.8)
-    left_to_unlike = 0.006;
-    /// Share of all misfit that one named cause may leave without a name: strong causes left up to .06,
-    /// effects outside the catalogue .13 at least. (7.1) In decays, the share that the strongest cause may
-    /// leave to rivals: chosen by a look at the measured decays (`tests/measured.rs`).
-    left_by_all = 0.07;
-    /// Relative error of the flows and volumes inside the channel, because the ratio of the resistive rates
-    /// g/d is held at .2. (7.1)
-    interior = 0.05;
-    /// Relative error of a meniscus's compliance ratio, because g/d is held. (7.1)
-    split = 0.15;
-    /// Share eta of half-order loss below which nothing is said: the scatter of the acquisition state alone
-    /// made it -.1 to -.25 in null recordings of `hidden_large.toml` (1152 signals), and +.05 with 8 K in
-    /// print runs of `physics.toml` (8192 signals).
-    eta_floor = 0.3;
+/// Share that shapes of the mean may leave to other shapes, and causes that follow covariates to others
+/// of that kind; also that of a decay's coloured misfit. (7.1)
+pub const LEFT_TO_SHAPES: f64 = 0.03;
+/// Share that findings in codes may leave to causes of the mean, and these to findings in noise. (7.1,
+/// 7.8)
+pub const LEFT_TO_UNLIKE: f64 = 0.006;
+/// Share of all misfit that one named cause may leave without a name: strong causes left up to .06,
+/// effects outside the catalogue .13 at least. (7.1) In decays, the share that the strongest cause may
+/// leave to rivals: chosen by a look at the measured decays (`tests/measured.rs`).
+pub const LEFT_BY_ALL: f64 = 0.07;
+/// Relative error of the flows and volumes inside the channel, because the ratio of the resistive rates
+/// g/d is held at .2. (7.1)
+pub const INTERIOR: f64 = 0.05;
+/// Relative error of a meniscus's compliance ratio, because g/d is held. (7.1)
+pub const SPLIT: f64 = 0.15;
+/// Share eta of half-order loss below which nothing is said: the scatter of the acquisition state alone
+/// made it -.1 to -.25 in null recordings of `hidden_large.toml` (1152 signals), and +.05 with 8 K in
+/// print runs of `physics.toml` (8192 signals).
+pub const ETA_FLOOR: f64 = 0.3;
 
-    // the real pole
+// the real pole
 
-    /// How well the real pole's rate over the damping is known: the standard deviation of ln lambda/sigma. A
-    /// pole of any rate stands in for a droop, one of a known rate does not. Of 84 effects (seeds 2 310 000
-    /// on of `tests/foreign`) .35 names 77 and misses three of four droops; .2 names 78, and of the droops
-    /// two; .12 names 79. Of 42 healthy recordings of another generator 40, 40 and 39 are `none`.
-    ln_lambda_sd = 0.2;
+/// How well the real pole's rate over the damping is known: the standard deviation of ln lambda/sigma. A
+/// pole of any rate stands in for a droop, one of a known rate does not. Of 84 effects (seeds 2 310 000
+/// on of `tests/foreign`) .35 names 77 and misses three of four droops; .2 names 78, and of the droops
+/// two; .12 names 79. Of 42 healthy recordings of another generator 40, 40 and 39 are `none`.
+pub const LN_LAMBDA_SD: f64 = 0.2;
 
-    // lines
+// lines
 
-    /// A line below this share of the ring's frequency is no second mode. (-)
-    least_mode = 0.3;
-    /// Statistic of a meniscus's slow mode from which on its damping is fitted. (7.1)
-    shows_its_loss = 400.0;
-    /// Largest factor, either way, between the fitted and the predicted damping of the slow mode. (7.1)
-    other_loss = 2.5;
-    /// Lines of a decay that are so near to a multiple of the ring are its harmonics, relative. (-; at .1 two
-    /// of six decays lose their mode)
-    harmonic = 0.01;
+/// A line below this share of the ring's frequency is no second mode. (-)
+pub const LEAST_MODE: f64 = 0.3;
+/// Statistic of a meniscus's slow mode from which on its damping is fitted. (7.1)
+pub const SHOWS_ITS_LOSS: f64 = 400.0;
+/// Largest factor, either way, between the fitted and the predicted damping of the slow mode. (7.1)
+pub const OTHER_LOSS: f64 = 2.5;
+/// Lines of a decay that are so near to a multiple of the ring are its harmonics, relative. (-; at .1 two
+/// of six decays lose their mode)
+pub const HARMONIC: f64 = 0.01;
 
-    // signals that ring unlike the others
+// signals that ring unlike the others
 
-    /// Number of robust standard deviations beyond which a signal, or a sample, is an outlier. (signals -,
-    /// samples 7.8)
-    outlying = 7.0;
-    /// Least robust standard deviation of ln damping; others are in proportion (`outliers.rs`). (-)
-    least_scatter = 0.025;
-    /// Number of outlying samples of one sign in a row that make a shape. (7.8)
-    odd_in_a_row = 3.0;
+/// Number of robust standard deviations beyond which a signal, or a sample, is an outlier. (signals -,
+/// samples 7.8)
+pub const OUTLYING: f64 = 7.0;
+/// Least robust standard deviation of ln damping; others are in proportion (`outliers.rs`). (-)
+pub const LEAST_SCATTER: f64 = 0.025;
+/// Number of outlying samples of one sign in a row that make a shape. (7.8)
+pub const ODD_IN_A_ROW: f64 = 3.0;
 
-    // noise, codes, what was recorded
+// noise, codes, what was recorded
 
-    /// Share of the signals, the noisiest ones, that do not count when the noise is estimated. (-)
-    untold_noise = 0.01;
-    /// Largest ratio of a random tone's normal deviate to its excess over white noise in standard errors that
-    /// come from the spread over signals (`ensemble.rs`). (-)
-    line_bound = 1.5;
-    /// Share of clipping's surprise that counts: the scatter of the largest signals is not modelled. (-)
-    clipped_share = 0.44;
-    /// Relative spread of the drive from which on the recording counts as a drive scan. (-)
-    drive_scan = 0.03;
-}
+/// Share of the signals, the noisiest ones, that do not count when the noise is estimated. (-)
+pub const UNTOLD_NOISE: f64 = 0.01;
+/// Largest ratio of a random tone's normal deviate to its excess over white noise in standard errors that
+/// come from the spread over signals (`ensemble.rs`). (-)
+pub const LINE_BOUND: f64 = 1.5;
+/// Share of clipping's surprise that counts: the scatter of the largest signals is not modelled. (-)
+pub const CLIPPED_SHARE: f64 = 0.44;
+/// Relative spread of the drive from which on the recording counts as a drive scan. (-)
+pub const DRIVE_SCAN: f64 = 0.03;
 
 /// Where more than this share of a decay's misfit can be predicted from the samples before, the misfit counts
 /// as coloured: an autoregression stands in for something that the model lacks. In such a recording the share

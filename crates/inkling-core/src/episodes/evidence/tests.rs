@@ -47,7 +47,7 @@ fn the_shift_follows_what_is_seen_of_a_fault_and_not_what_is_seen_of_its_end() {
         assert!((after(z) - z).abs() < 1e-3, "{}, not {z}", after(z));
     }
     assert_eq!(after(2.0), 6.0);
-    assert_eq!(after(1e3), tuned::largest_shift());
+    assert_eq!(after(1e3), tuned::LARGEST_SHIFT);
 }
 
 #[test]
@@ -235,10 +235,10 @@ fn what_a_fault_has_grown_to_is_what_its_end_is_told_by() {
 
 #[test]
 fn an_onset_is_the_first_evidence_or_what_chance_does_not_explain() {
-    let alone = 1.01 * tuned::suspicion();
-    assert!(begins(0.0, 0.1) && begins(tuned::suspicion() / 2.0, alone));
-    assert!(!begins(tuned::suspicion() / 2.0, 0.99 * tuned::suspicion()));
-    assert!(!begins(tuned::suspicion(), alone));
+    let alone = 1.01 * tuned::SUSPICION;
+    assert!(begins(0.0, 0.1) && begins(tuned::SUSPICION / 2.0, alone));
+    assert!(!begins(tuned::SUSPICION / 2.0, 0.99 * tuned::SUSPICION));
+    assert!(!begins(tuned::SUSPICION, alone));
     // a look that is not flagged is no onset, however far it lies above the channel's level
-    assert!(!begins(tuned::suspicion() / 2.0, evidence_of(0.9, 20.0)));
+    assert!(!begins(tuned::SUSPICION / 2.0, evidence_of(0.9, 20.0)));
 }

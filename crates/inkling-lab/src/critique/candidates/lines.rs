@@ -13,10 +13,10 @@ use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{maximum, width};
 use crate::critique::objection::Objection;
 use crate::critique::space::Direction;
-use crate::critique::tuned::{MENISCUS, least_mode, other_loss, shows_its_loss, split, tie};
+use crate::critique::tuned::{LEAST_MODE, MENISCUS, OTHER_LOSS, SHOWS_ITS_LOSS, SPLIT, TIE};
 use crate::critique::unmodelled::Interior;
 use inkling_core::model::InkChannel;
-use inkling_core::numbers::tuned::little;
+use inkling_core::numbers::LITTLE;
 use std::f64::consts::{PI, TAU};
 
 /// A line has at least so many periods in a signal.
@@ -120,10 +120,10 @@ impl ScoreTests<'_> {
         let own = self.decay.omega;
         let within = |reach: f64, of: f64| (omega - of).abs() < reach;
         let near = |of: f64| within(RESOLUTION + 0.5 * gamma, of);
-        let multiple = within(little() * own, (omega / own).round().max(1.0) * own);
+        let multiple = within(LITTLE * own, (omega / own).round().max(1.0) * own);
         // if every second sample had a gain of its own, the ring would have a mirror image
         let mirror = PI * self.samples as f64 - own;
-        let slow = pattern == 1 && omega < least_mode() * own;
+        let slow = pattern == 1 && omega < LEAST_MODE * own;
         near(own) || near(mirror) || multiple || slow || self.avoid.iter().any(|w| near(*w))
     }
 
@@ -137,7 +137,7 @@ impl ScoreTests<'_> {
     ) -> Option<Objection> {
         if is_slow(omega) {
             Some(Objection::SlowLine)
-        } else if self.is_own(pattern, omega, gamma) || own > statistic + tie() {
+        } else if self.is_own(pattern, omega, gamma) || own > statistic + TIE {
             Some(Objection::OwnLine)
         } else {
             None
@@ -172,15 +172,15 @@ impl ScoreTests<'_> {
         let mut loss = near.map_or(1.0, |near| near.damping);
         let mut scored = search(near.map(|near| near.shape.ln()), loss)?;
         // a strong slow mode shows a damping of its own
-        if scored.statistic > shows_its_loss() {
+        if scored.statistic > SHOWS_ITS_LOSS {
             for _ in 0..3 {
                 let ln_loss = maximum(|x| test(scored.value, x.exp()), loss.ln(), 0.4);
-                loss = ln_loss.exp().clamp(1.0 / other_loss(), other_loss());
+                loss = ln_loss.exp().clamp(1.0 / OTHER_LOSS, OTHER_LOSS);
                 scored = search(Some(scored.value), loss)?;
             }
         }
         let m = scored.value.exp();
-        scored.sd = width(|x| test(x, loss), scored.value, 0.1).hypot(split()) * m;
+        scored.sd = width(|x| test(x, loss), scored.value, 0.1).hypot(SPLIT) * m;
         (scored.value, scored.form.shape, scored.form.damping) = (m, m, loss);
         // the best of a range that ends there is no estimate
         let at_the_end = m < 1.01 * low || m > 0.99 * high;

@@ -29,7 +29,7 @@ use super::nuisance::{Both, Nuisance, Tested};
 use super::objection::Objection;
 use super::observations::Observations;
 use super::space::Direction;
-use crate::critique::tuned::tie;
+use crate::critique::tuned::TIE;
 use crate::critique::unmodelled::{Interior, ObservedDecay};
 use inkling_core::model::free_decay::ALL;
 
@@ -220,7 +220,7 @@ fn withhold_lines(all: &mut [Scored]) {
     let (Some(tone), Some(mode)) = (of(CauseId::Tone), of(CauseId::SecondMode)) else { return };
     for (one, other) in [(tone, mode), (mode, tone)] {
         let own = all[one].objection == Some(Objection::OwnLine);
-        if own && all[one].statistic > all[other].statistic - tie() {
+        if own && all[one].statistic > all[other].statistic - TIE {
             all[other].objection = all[other].objection.or(Some(Objection::OwnLine));
         }
     }

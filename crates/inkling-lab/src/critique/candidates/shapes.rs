@@ -13,7 +13,7 @@ use crate::critique::chance::{maximum, surprise, width};
 use crate::critique::model::PATTERNS;
 use crate::critique::objection::Objection;
 use crate::critique::space::Direction;
-use crate::critique::tuned::{eta_floor, interior};
+use crate::critique::tuned::{ETA_FLOOR, INTERIOR};
 use crate::critique::unmodelled::Term;
 use inkling_core::model::free_decay;
 use nalgebra::{Matrix4, Vector4};
@@ -138,11 +138,11 @@ impl ScoreTests<'_> {
         // The scatter of the acquisition state alone may look like a half-order loss up to `eta_floor`. So
         // only the strength beyond that counts, and Student's t allows for that scatter being estimated.
         if term == Term::FractionalDamping && scored.value != 0.0 {
-            let beyond = (scored.value.abs() - eta_floor()).max(0.0) / scored.value.abs();
+            let beyond = (scored.value.abs() - ETA_FLOOR).max(0.0) / scored.value.abs();
             scored.statistic *= beyond * beyond;
             // `dof(false)`: by the number of signals, not of channels
             scored.surprise = surprise(scored.statistic, 1, 1.0, self.dof(false));
-            scored.sd = scored.sd.hypot(eta_floor() / 2.0);
+            scored.sd = scored.sd.hypot(ETA_FLOOR / 2.0);
         }
         // springs harden or soften, rivals do anything; losses cannot be negative
         let either_sign = term == Term::CubicStiffness || !id.has_name();
@@ -151,7 +151,7 @@ impl ScoreTests<'_> {
         }
         // amplitudes inside an ink channel rest on a ratio of rates that is not known exactly
         if id.by_amplitude() {
-            scored.sd = scored.sd.hypot(interior() * scored.value);
+            scored.sd = scored.sd.hypot(INTERIOR * scored.value);
         }
         Some(scored)
     }

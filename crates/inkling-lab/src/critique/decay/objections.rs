@@ -11,7 +11,7 @@ use super::plant::{OMEGA, SIGMA, path};
 use super::terms::{Line, Term};
 use crate::critique::candidates::LEAST_PERIODS;
 use crate::critique::objection::Objection;
-use crate::critique::tuned::harmonic;
+use crate::critique::tuned::HARMONIC;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 
@@ -95,7 +95,7 @@ fn place_objection(fit: &Fit, omega: f64, sigma: f64, width: f64) -> Option<Obje
     for multiple in 2..=8 {
         let m = f64::from(multiple);
         // a harmonic is as wide as a line: a line that is no farther off than its own width may be either
-        let near = (0.35 * resolution).max(harmonic() * m * own).max(swept * m * own).max(width);
+        let near = (0.35 * resolution).max(HARMONIC * m * own).max(swept * m * own).max(width);
         // the multiple may lie above half the sampling rate, and be seen at its mirror image
         if (omega - m * own).abs().min((TAU - omega - m * own).abs()) < near {
             return Some(Objection::Multiple(multiple));

@@ -23,8 +23,8 @@ use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
 use crate::critique::finding::Evidence;
 use crate::critique::objection::Objection;
 use crate::critique::search::{Contender, ExplainedModel, Round, System, search};
-use crate::critique::tuned::{MOSTLY, left_by_all, left_to_shapes, tie};
-use inkling_core::numbers::tuned::little;
+use crate::critique::tuned::{LEFT_BY_ALL, LEFT_TO_SHAPES, MOSTLY, TIE};
+use inkling_core::numbers::LITTLE;
 use inkling_core::side_by_side::{cores, side_by_side};
 use nalgebra::DMatrix;
 use std::ops::ControlFlow;
@@ -124,8 +124,8 @@ fn judged<'a>(mut t: Tried<'a>, parent: &Fit<'a>, noise: &Noise) -> Tried<'a> {
     let coloured = noise.predictable() > MOSTLY;
     let little = coloured
         && match term.is_line() {
-            true => *share < little(),
-            false => t.statistic < left_to_shapes() * parent.cost,
+            true => *share < LITTLE,
+            false => t.statistic < LEFT_TO_SHAPES * parent.cost,
         };
     t.objection = objection(fit, parent.terms.len(), &fit.covariance(noise))
         .or(little.then_some(Objection::TooWeak));
@@ -163,7 +163,7 @@ impl<'a> System for &'a Decays {
         _: &mut dyn FnMut(&str),
     ) -> Round<Fit<'a>, Added<'a>> {
         let strongest = chosen.iter().map(|c| c.candidate.statistic).fold(0.0, f64::max);
-        let least = (left_by_all() * strongest).max(DETECTION_LIMIT);
+        let least = (LEFT_BY_ALL * strongest).max(DETECTION_LIMIT);
         let contender = |t: &Tried<'a>| Contender {
             candidate: t.clone(),
             model: t.form.fit.clone(),
@@ -237,7 +237,7 @@ fn eliminate<'a>(now: &mut Fit<'a>, causes: &mut Vec<Chosen<Added<'a>>>) {
 /// follows from the samples before, it is their own error, and the difference must also be 3 % of the cost.
 fn margin(now: &Fit, noise: &Noise) -> f64 {
     let coloured = noise.predictable() > MOSTLY;
-    if coloured { tie().max(left_to_shapes() * now.cost) } else { tie() }
+    if coloured { TIE.max(LEFT_TO_SHAPES * now.cost) } else { TIE }
 }
 
 fn criterion(fit: &Fit) -> f64 {

@@ -23,7 +23,7 @@ use super::scenario::{
     HiddenRun, Physics, PrintRun, Recorded, RecordingOptions, ScenarioError, require,
 };
 use super::simulated::{SimulatedRecording, healthy_everywhere, healthy_heads};
-use crate::score::blind::{Circumstance, TrueEffect, Truth};
+use crate::score::truth::{Circumstance, TrueEffect, Truth};
 use effect::{Effect, Needs};
 use inkling_core::burst::Compression;
 use inkling_core::labels::{Channels, Label};

@@ -11,7 +11,7 @@
 
 use super::effect::{Acts, Conditions, Effect, Samples, stiffen, thin};
 use super::plant::{Equation, State};
-use crate::score::blind::Circumstance;
+use crate::score::truth::Circumstance;
 use crate::simulate::burst_shape::{Acquired, digitise};
 use crate::simulate::draws::{Purpose, about_one, part, stream};
 use crate::simulate::print_run::{RECORDED_TEMPERATURE_SD_K, draw_level, time_ns};

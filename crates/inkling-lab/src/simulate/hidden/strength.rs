@@ -327,7 +327,7 @@ impl Yardstick {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::score::blind::Circumstance;
+    use crate::score::truth::Circumstance;
     use crate::simulate::fixtures::{HIDDEN, HIDDEN_PLAIN, physics, replaced};
     use crate::simulate::hidden::effect;
 
