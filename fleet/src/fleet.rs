@@ -152,11 +152,6 @@ impl Judge for Fleet {
         }
         Ok(judged)
     }
-
-    /// All recordings are begun together, so none needs to wait for the one before.
-    fn all_at_once(&self) -> bool {
-        true
-    }
 }
 
 impl Begun {

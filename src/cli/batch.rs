@@ -45,10 +45,10 @@ impl Batch<'_> {
     fn all(&mut self, jobs: &[Job]) -> Result<(), Stop> {
         self.teller.lost()?;
         let to_judge: Vec<Job> = jobs.iter().filter(|job| job.is_to_be_judged()).cloned().collect();
-        // such a judge may write any of the results from now on
-        if self.judge.all_at_once() {
-            to_judge.iter().for_each(|job| self.set_aside_outdated(job));
-        }
+        // a judge may write any of the results from now on: those of what has changed since look current no longer
+        let changed =
+            |job: &&Job| matches!(job.decision, Decision::Judge(JudgeReason::RecordingChanged));
+        to_judge.iter().filter(changed).for_each(|job| self.set_aside(job));
         // a failure to begin stops the run only at the first recording that is to be judged, so
         // that those before it are still told as skipped
         let mut begun = self.judge.begin(&self.run, &to_judge);
@@ -78,9 +78,6 @@ impl Batch<'_> {
 
     /// Judges one recording, and keeps what came of it. `nth`: index among the recordings that are to be judged.
     fn judge(&mut self, job: &Job, nth: usize) -> Result<(), Stop> {
-        if !self.judge.all_at_once() {
-            self.set_aside_outdated(job);
-        }
         match self.judge.judge(&self.run, nth, job) {
             Ok(judged) => self.keep(job, judged),
             Err(NotJudged::Failed { why, usage }) => {
@@ -122,13 +119,6 @@ impl Batch<'_> {
         }
         self.teller.complain(&why);
         Ok(())
-    }
-
-    /// Sets the results of a recording aside if its content has changed since they were made.
-    fn set_aside_outdated(&self, job: &Job) {
-        if matches!(job.decision, Decision::Judge(JudgeReason::RecordingChanged)) {
-            self.set_aside(job);
-        }
     }
 
     fn set_aside(&self, job: &Job) {

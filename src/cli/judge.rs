@@ -132,12 +132,6 @@ pub trait Judge {
     /// Judges the recording with index `at` among those of [`Judge::begin`]. Each one is asked for
     /// at most once, in order; a run that stops asks for no more.
     fn judge(&mut self, run: &Run, at: usize, job: &Job) -> Result<Judged, NotJudged>;
-
-    /// Whether [`Judge::begin`] starts the judging of all recordings, rather than [`Judge::judge`]
-    /// of each in its turn.
-    fn all_at_once(&self) -> bool {
-        false
-    }
 }
 
 /// Judges finished recordings in this process, one after another.

@@ -11,8 +11,8 @@
 
 use super::Result;
 use super::batches::{FlaggedSignal, JudgedBatch};
-use super::job::{EpisodeEvent, Replay, Watch};
 use super::rows::Id;
+use super::run::{EpisodeEvent, Replay, Watch};
 use inkling_core::design::{Design, HealthyModel, OwnChannels};
 use inkling_core::episodes::{
     Counts, Episode, IsolatedSignal, Looks, Rings, Tracker, TrackerResult, Untimely,

@@ -7,9 +7,9 @@
 //! their own. Then the files of an earlier run are removed, the summary first, and the new ones named, the
 //! summary last. So where a summary lies, the tables beside it are whole and belong to it.
 
-use super::job::Run;
 use super::metadata::{self, Document};
 use super::recording_report::{RecordingReport, note_not_judged};
+use super::run::Run;
 use super::tally::{Counts, Tally};
 use super::timings::Phases;
 use super::window_rules::Identified;

@@ -21,9 +21,9 @@ use super::batches::AssignedJudge;
 use super::channel_subset::ChannelSubset;
 use super::frozen::{Frozen, LEAST_NOISE};
 use super::head_movement::HeadMovement;
-use super::job::Replay;
 use super::moved_judge::{LevelHistory, MovedJudge, is_beyond};
 use super::rings::Deviations;
+use super::run::Replay;
 use super::sweep::{Sweep, SweepClock, channels};
 use inkling_core::burst::Burst;
 use inkling_core::design::{

@@ -19,9 +19,9 @@
 //! that they begin their windows without waiting longer.
 
 use super::groups::{ByGroup, GroupKey};
-use super::job::Replay;
 use super::placing::Placing;
 use super::progress::{Entry, Progress};
+use super::run::Replay;
 use super::schedule::{Refusal, Schedule, Timeline};
 use super::window_rules::Window;
 use super::{PipelineError, Result};

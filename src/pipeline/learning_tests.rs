@@ -9,9 +9,9 @@
 //! ```
 
 use super::Control;
-use super::job::{Replay, Run};
 use super::recording_report::RecordingReport;
 use super::replay::replay;
+use super::run::{Replay, Run};
 use super::staging_tests::cpu_s;
 use super::timings::Phases;
 use super::window_rules::ModelSource;

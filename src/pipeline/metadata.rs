@@ -4,8 +4,8 @@
 //! In: from `finish`, a finished recording with its counts and models ([`document`]). Out: a [`Document`], which is
 //! serialised to JSON.
 
-use super::job::Replay;
 use super::resume::effective;
+use super::run::Replay;
 use super::schedule::Schedule;
 use super::tally::Counts;
 use chrono::{DateTime, SecondsFormat};

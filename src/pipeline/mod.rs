@@ -19,7 +19,7 @@
 //! # The files
 //!
 //! ```text
-//! the run          replay (ways to judge)  job (what is asked)  wiring (threads, queues)
+//! the run          replay (ways to judge)  run (what is asked)  wiring (threads, queues)
 //!                  finish recording_report metadata (what is left at the end)
 //! stages           stages (six loops)  batches (what crosses queues)  in_flight (bounds, order)
 //!   1 reader       pacer (--pace)
@@ -48,7 +48,6 @@ mod head_movement;
 mod heads;
 mod in_flight;
 mod isolator;
-mod job;
 mod learning;
 #[cfg(test)]
 mod learning_tests;
@@ -65,6 +64,7 @@ pub mod resume;
 pub mod ring_look;
 mod rings;
 mod rows;
+mod run;
 pub mod schedule;
 mod stages;
 #[cfg(test)]
@@ -79,10 +79,10 @@ pub mod visit;
 pub mod window_rules;
 mod wiring;
 
-pub use job::{EpisodeEvent, Replay, Watch};
 pub use metadata::rfc3339;
 pub use recording_report::RecordingReport;
 pub use replay::{follow, is_same, judge, replay};
+pub use run::{EpisodeEvent, Replay, Watch};
 
 use crate::report::first_of;
 use inkling_core::design::DesignError;

@@ -9,7 +9,7 @@
 //! then judges depends on the mode: with `identify.mode = "windows"` the window's own from the window's end on; with
 //! `"design"` the design's pooled model, once a window has agreed with it.
 
-use super::job::Replay;
+use super::run::Replay;
 use super::schedule::{Refusal, Schedule};
 use super::window_rules::Window;
 use inkling_core::design::{HealthyModel, LearnSettings};

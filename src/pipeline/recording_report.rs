@@ -12,10 +12,10 @@
 
 use super::episodes::EpisodeReport;
 use super::head_movement::HeadMovement;
-use super::job::Replay;
 use super::metadata::rfc3339;
 use super::pacer::PaceReport;
 use super::ring_look;
+use super::run::Replay;
 use super::schedule::{Refusal, Schedule};
 use super::tally::{PrintheadTally, Tally};
 use super::timings::{PhaseTiming, StageTiming};

@@ -10,11 +10,11 @@
 //! ([`EpisodeAnnouncer`]).
 
 use super::episodes::EpisodeReport;
-use super::job::{EpisodeEvent, Replay, Run, Watch};
 use super::learning::{Learning, MOST_REORDER_NS, USUAL_REORDER_NS};
 use super::models::Models;
 use super::pacer::Pacer;
 use super::recording_report::RecordingReport;
+use super::run::{EpisodeEvent, Replay, Run, Watch};
 use super::schedule::Schedule;
 use super::timings::Phases;
 use super::visit::Pass;

@@ -8,7 +8,7 @@
 //! The questions, in this order: do files that are not this recording's lie at its place (then it is refused)?
 //! Does the journal know its results? Did the means change, or the result files? Did the content change, first by
 //! size and time of change, then by its digest, which reads the whole file?
-use super::job::Replay;
+use super::run::Replay;
 use crate::settings::Settings;
 use inkling_io::job::{Decision, Job, JudgeReason};
 use inkling_io::journal::{Entry, Journal, Means, Source, Stamp};

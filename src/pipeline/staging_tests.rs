@@ -10,10 +10,10 @@
 use super::batches::{BufferPools, ReadBatch};
 use super::episodes::EpisodeTap;
 use super::in_flight::InFlight;
-use super::job::Replay;
 use super::learning::Learning;
 use super::models::Models;
 use super::replay::replay;
+use super::run::Replay;
 use super::schedule::Schedule;
 use super::stages::{self, BlockQueue, JudgeAssignment};
 use super::tally::Tally;

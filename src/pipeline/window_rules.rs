@@ -3,7 +3,7 @@
 //! kept. And how a recording's models came to be ([`Identified`]), for its summary and `--timings`.
 
 use super::groups::GroupKey;
-use super::job::Replay;
+use super::run::Replay;
 use super::visit;
 use crate::settings::IdentifyMode;
 use inkling_core::burst::Burst;
