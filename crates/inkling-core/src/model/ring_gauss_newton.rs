@@ -215,15 +215,14 @@ fn portable<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Evaluation; W] {
         (twice[l], square[l]) = (2.0 * re[l], decay * decay);
     }
 
-    let recurrence = goertzel(y, &twice, &square);
+    let of_signal = goertzel(y, &twice, &square);
     let of_pole = powers(frame.samples, [&re, &im], &square);
 
     // number by number, so that the compiler turns this loop, too, into vector code
     let mut out = [[0.0; W]; 8];
     for l in 0..W {
         let pole = Complex { re: re[l], im: im[l] };
-        let of_signal = std::array::from_fn(|j| recurrence[j][l]);
-        let of_pole = std::array::from_fn(|j| of_pole[j][l]);
+        let (of_pole, of_signal) = (of_pole.of_lane(l), of_signal.of_lane(l));
         let sums = normal_equations(frame, pole, of_pole, of_signal, of.along_real[l]);
         let Evaluation { a, b, misfit, step } =
             evaluate_one(of.phase, [sigma[l], omega[l]], &sums, of.square[l]);

@@ -39,13 +39,49 @@ pub struct NormalEquations {
     pub slope: [f64; 4],
 }
 
+/// A signal's polynomial sum y_k Z^k, divided twice by the quadratic whose roots are Z and its
+/// conjugate ([`goertzel`]): one number, or one of each lane.
+#[derive(Clone, Copy, Debug)]
+pub struct SignalSums<T> {
+    pub b_1: T,
+    /// y_0 - |Z|² b_2. The polynomial is b_1 Z + `constant`.
+    pub constant: T,
+    pub c_3: T,
+    /// b_2 - |Z|² c_4. The derivative by Z is b_1 + 2 i Im Z (c_3 Z + `of_slope`).
+    pub of_slope: T,
+}
+
+/// What depends on the pole alone ([`powers`]): one number, or one of each lane.
+#[derive(Clone, Copy, Debug)]
+pub struct PoleSums<T> {
+    /// Real and imaginary part of Z^n.
+    pub re: T,
+    pub im: T,
+    /// The sums of |Z|^2k, k |Z|^2k and k² |Z|^2k over k < n.
+    pub decays: [T; 3],
+}
+
+impl<const W: usize> SignalSums<[f64; W]> {
+    #[inline(always)] // compiled once per instruction set
+    pub fn of_lane(&self, l: usize) -> SignalSums<f64> {
+        let SignalSums { b_1, constant, c_3, of_slope } = self;
+        SignalSums { b_1: b_1[l], constant: constant[l], c_3: c_3[l], of_slope: of_slope[l] }
+    }
+}
+
+impl<const W: usize> PoleSums<[f64; W]> {
+    #[inline(always)] // compiled once per instruction set
+    pub fn of_lane(&self, l: usize) -> PoleSums<f64> {
+        let [s0, s1, s2] = &self.decays;
+        PoleSums { re: self.re[l], im: self.im[l], decays: [s0[l], s1[l], s2[l]] }
+    }
+}
+
 /// The polynomial sum y_k Z^k of each lane's signal, and its derivative by Z, by real arithmetic.
 ///
 /// Goertzel's recurrence b_k = y_k + 2 Re Z b_{k+1} - |Z|² b_{k+2}, from the last sample to the
 /// first, divides the polynomial by the quadratic whose roots are Z and its conjugate. The same
-/// recurrence on the b_k, with the result c_k, divides the quotient. Returns b_1, y_0 - |Z|² b_2,
-/// c_3, b_2 - |Z|² c_4. With these, sum y_k Z^k = b_1 Z + (y_0 - |Z|² b_2), and its derivative by Z
-/// is b_1 + 2 i Im Z (c_3 Z + (b_2 - |Z|² c_4)).
+/// recurrence on the b_k, with the result c_k, divides the quotient.
 ///
 /// `y`: N samples, each of all lanes; `twice`: 2 Re Z; `square`: |Z|².
 #[inline(always)] // compiled once per instruction set
@@ -53,7 +89,7 @@ pub fn goertzel<const W: usize>(
     y: &[[f64; W]],
     twice: &[f64; W],
     square: &[f64; W],
-) -> [[f64; W]; 4] {
+) -> SignalSums<[f64; W]> {
     let zero = [0.0; W];
     let (mut b, mut b_above, mut c, mut c_above) = (zero, zero, zero, zero);
     let at = |k: usize| y.get(k).copied().unwrap_or(zero);
@@ -69,30 +105,28 @@ pub fn goertzel<const W: usize>(
 
     // the first three samples by themselves, because the second recurrence ends at c_3
     let (y_2, y_1, y_0) = (at(2), at(1), at(0));
-    let mut out = [zero; 4];
+    let mut out = SignalSums { b_1: zero, constant: zero, c_3: c, of_slope: zero };
     for l in 0..W {
         let b_2 = (y_2[l] - square[l] * b_above[l]) + twice[l] * b[l];
         let b_1 = (y_1[l] - square[l] * b[l]) + twice[l] * b_2;
-        out[0][l] = b_1;
-        out[1][l] = y_0[l] - square[l] * b_2;
-        out[2][l] = c[l];
-        out[3][l] = b_2 - square[l] * c_above[l];
+        out.b_1[l] = b_1;
+        out.constant[l] = y_0[l] - square[l] * b_2;
+        out.of_slope[l] = b_2 - square[l] * c_above[l];
     }
     out
 }
 
 pub type Complex = nalgebra::Complex<f64>;
 
-/// Real and imaginary part of Z^n, and the sums of |Z|^2k, k |Z|^2k and k² |Z|^2k over k < n, by
-/// doubling along the bits of n: closed forms of the sums would lose their digits where |Z| is near
-/// 1, that is, where hardly anything decays. `n`: the number of samples; `re`, `im`: of Z;
-/// `square`: |Z|².
+/// Z^n and the sums of [`PoleSums`], by doubling along the bits of n: closed forms of the sums would
+/// lose their digits where |Z| is near 1, that is, where hardly anything decays. `n`: the number of
+/// samples; `re`, `im`: of Z; `square`: |Z|².
 #[inline(always)] // compiled once per instruction set
 pub fn powers<const W: usize>(
     n: usize,
     [re, im]: [&[f64; W]; 2],
     square: &[f64; W],
-) -> [[f64; W]; 5] {
+) -> PoleSums<[f64; W]> {
     let ([mut all_re, mut all_im], mut decay) = ([*re, *im], *square);
     let [mut s0, mut s1, mut s2] = [[1.0; W], [0.0; W], [0.0; W]];
     // the terms summed so far; Z and |Z|^2 to that power are `all_re`, `all_im` and `decay`
@@ -124,7 +158,7 @@ pub fn powers<const W: usize>(
             done += 1.0;
         }
     }
-    [all_re, all_im, s0, s1, s2]
+    PoleSums { re: all_re, im: all_im, decays: [s0, s1, s2] }
 }
 
 const ONE: Complex = Complex { re: 1.0, im: 0.0 };
@@ -141,20 +175,20 @@ fn geometric(w: Complex, over_all: Complex, n: f64) -> (Complex, Complex, Comple
     (zeroth, first, inverse)
 }
 
-/// The normal equations of one lane's trial. `pole`: Z; `powers`, `of_signal`: as [`powers`]
-/// and [`goertzel`] give them; `along_real`: inner product of the signal with the real pole's part.
+/// The normal equations of one lane's trial. `pole`: Z; `along_real`: inner product of the signal
+/// with the real pole's part.
 #[inline(always)] // compiled once per instruction set
 pub fn normal_equations(
     frame: &Frame,
     pole: Complex,
-    powers: [f64; 5],
-    of_signal: [f64; 4],
+    of_pole: PoleSums<f64>,
+    of_signal: SignalSums<f64>,
     along_real: f64,
 ) -> NormalEquations {
     let n = frame.samples as f64;
     let first = Complex { re: frame.first.0, im: frame.first.1 };
-    let [all_re, all_im, s0, s1, s2] = powers;
-    let over_all = Complex { re: all_re, im: all_im };
+    let PoleSums { re, im, decays: [s0, s1, s2] } = of_pole;
+    let over_all = Complex { re, im };
 
     // the sums of k^m u_k² for m = 0, 1, 2, from those of k^m w^k with w = Z²
     let (w, w_all) = (pole * pole, over_all * over_all);
@@ -184,7 +218,7 @@ pub fn normal_equations(
     ];
 
     // the polynomial at Z, and Z times its derivative for the columns with t
-    let [b_1, constant, c_3, of_slope] = of_signal;
+    let SignalSums { b_1, constant, c_3, of_slope } = of_signal;
     let value = Complex { re: b_1 * pole.re + constant, im: b_1 * pole.im } * first;
     let quotient = Complex { re: c_3 * pole.re + of_slope, im: c_3 * pole.im };
     let slope = Complex { re: b_1 - 2.0 * pole.im * quotient.im, im: 2.0 * pole.im * quotient.re };
@@ -218,9 +252,9 @@ mod tests {
             let z = Complex { re: decay * frequency.cos(), im: decay * frequency.sin() };
             let square = decay * decay;
             let recurrence = goertzel(&y, &[2.0 * z.re], &[square]);
-            let powers = powers(n, [&[z.re], &[z.im]], &[square]).map(|of| of[0]);
+            let of_pole = powers(n, [&[z.re], &[z.im]], &[square]).of_lane(0);
             let along_real = real.iter().zip(&y).map(|(r, y)| r * y[0]).sum();
-            let found = normal_equations(&frame, z, powers, recurrence.map(|r| r[0]), along_real);
+            let found = normal_equations(&frame, z, of_pole, recurrence.of_lane(0), along_real);
             let column = |k: usize| {
                 let (t, u) = (k as f64, decay.powi(k as i32));
                 let (sin, cos) = (frequency * t + phase).sin_cos();
