@@ -66,22 +66,20 @@ fn forms() -> Vec<(Instructions, Layout)> {
 
 const RAILS: [f64; 2] = [-32768.0, 32767.0];
 
-/// The residual energy, one signal after the other, from its deviation.
-#[divan::bench]
-fn residual_energy(bencher: Bencher) {
+/// Deviations to residual energies, in f64, eight signals side by side.
+#[divan::bench(args = SETS)]
+fn residual_energies(bencher: Bencher, instructions: &Instructions) {
+    instructions.use_at_most();
     let (design, burst) = (design(), burst(Layout::ChannelMajor));
     let model = &design.models[0];
-    let deviations: Vec<Vec<f64>> = (0..SIGNALS)
-        .map(|row| {
-            let mut d = vec![0.0; design.samples];
-            burst.copy_signal(row, &mut d);
-            d.iter_mut().zip(&model.expected).for_each(|(y, e)| *y -= e);
-            d
-        })
-        .collect();
-    bencher.counter(ItemsCount::new(SIGNALS)).bench_local(|| {
-        deviations.iter().map(|d| model.generator.energy(black_box(d))).sum::<f64>()
-    });
+    let mut deviations = vec![0.0; SIGNALS * design.samples];
+    for (row, d) in deviations.chunks_exact_mut(design.samples).enumerate() {
+        burst.copy_signal(row, d);
+        d.iter_mut().zip(&model.expected).for_each(|(y, e)| *y -= e);
+    }
+    bencher
+        .counter(ItemsCount::new(SIGNALS))
+        .bench_local(|| model.generator.energies(black_box(&deviations), design.samples));
 }
 
 /// int16 in a burst to settled verdicts, along the sensitivities.

@@ -19,6 +19,10 @@ impl Design {
         if classes > MAX_CLASSES {
             return Err(format!("{classes} fault classes: at most {MAX_CLASSES}").into());
         }
+        for class in &self.classes {
+            let filter = class.model.as_ref().map_or(Ok(()), |model| model.generator.check());
+            filter.map_err(|e| format!("class {}: its filter: {e}", class.name))?;
+        }
         for model in self.models.iter().chain([&self.pooled]) {
             let name = model.printhead.as_deref().unwrap_or("(pooled)");
             model.check(self.samples).map_err(|what| format!("model {name}: {what}"))?;
@@ -52,6 +56,7 @@ impl HealthyModel {
             return Err("`expected` or `temperature_response`: must be -1e30 to 1e30".into());
         }
 
+        self.generator.check().map_err(|e| format!("its filter: {e}"))?;
         let answer = self.generator.impulse_response(samples);
         let largest = answer.iter().map(|v| v.abs()).fold(0.0, f64::max);
         match answer.iter().all(|v| v.is_finite()) && largest <= MOST_GAIN {
