@@ -2,7 +2,9 @@
 
 use crate::house::{House, between, root, shipped, shipped_json};
 use crate::recorded::{bursts, rows, sample};
+use inkling::design::Design;
 use inkling::settings::Settings;
+use serde_json::json;
 use std::collections::BTreeSet;
 use std::path::Path;
 
@@ -278,5 +280,26 @@ fn one_version_stands_everywhere() {
     let images = shipped("fleet/deploy/kubernetes.yaml");
     for image in images.lines().filter(|line| line.contains("image: inkling")) {
         assert!(image.ends_with(&format!(":{version}")), "{image}");
+    }
+}
+
+/// Training ends with this look at what it made, and an executor of a fleet begins with it.
+#[test]
+fn a_design_with_numbers_that_no_filter_can_use_is_told_by_their_key() {
+    let good = shipped_json("sample_logs/design.json");
+    let numerator = good["pooled"]["generator"]["numerator"].as_array().unwrap().len();
+    for (place, value, word) in [
+        ("/models/0/expected/3", json!(1e308), "`expected`"),
+        ("/models/0/generator/denominator/1", json!(-30.0), "unstable"),
+        ("/models/0/median_statistic", json!(1e-300), "`median_statistic`"),
+        ("/models/0/identification/poles/frequency_hz", json!(0), "frequency_hz`"),
+        ("/pooled/noise", json!(-17.0), "`noise`"),
+        ("/pooled/generator/numerator", json!(vec![0.0; numerator]), "lets nothing through"),
+    ] {
+        let mut design = good.clone();
+        *design.pointer_mut(place).unwrap_or_else(|| panic!("no {place}")) = value;
+        let design: Design = serde_json::from_value(design).unwrap();
+        let told = design.check().unwrap_err().to_string();
+        assert!(told.contains(word), "{place}: {told}");
     }
 }

@@ -1,27 +1,18 @@
-//! A run that is killed, locked out, out of room, or whose recording changes under it: nothing is
-//! mixed, nothing half done looks done, the rest is judged.
+//! A run that is killed anywhere, on a full disk, or may not read: nothing is mixed, nothing half done looks done, the rest
+//! is judged. More such runs are in `tests/golden/kills.txt`.
 #![cfg(unix)]
 
-use crate::house::{House, signal, wait_until};
-use crate::nights::{journal, on_day, results, some};
-use crate::not_judged::report;
+use crate::house::House;
+use crate::recipes::{on_day, results, some};
 use crate::recorded::sample;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-pub fn start(house: &House, args: &str) -> Child {
+fn start(house: &House, args: &str) -> Child {
     let mut inkling = house.inkling(&format!("{args} --out out --design sample_logs/design.json"));
     inkling.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()
-}
-
-fn parts(house: &House) -> usize {
-    house.files("out").iter().filter(|name| name.ends_with(".part")).count()
-}
-
-pub fn wait_for_a_part(house: &House) {
-    wait_until("a table is begun", || parts(house) > 0);
 }
 
 /// Waits until `out` has been seen in so many other states, by its names and its journal, or until the run
@@ -111,99 +102,25 @@ fn a_state_does_not_pass_over_a_recording_whose_tables_cannot_be_written() {
 }
 
 #[test]
-fn second_run_into_a_directory_is_refused_until_the_first_is_gone() {
+fn what_may_not_be_read_costs_itself() {
+    use std::os::unix::fs::PermissionsExt;
     let house = House::new();
-    house.record("rec/a.mcap", &some(0, 60));
-    house.record("rec/b.mcap", &some(0, 3));
-    let mut first = start(&house, "replay rec/a.mcap --pace recorded");
-    wait_for_a_part(&house);
-    let refused = house.replay("rec/b.mcap").exits(1);
-    refused.says(&format!("process {} since 2", first.id())).says("another --out");
-    house.replay("rec/b.mcap --dry-run").exits(0).says("judge 1");
-    house.run("replay rec/b.mcap --out elsewhere").exits(0);
-    first.kill().unwrap();
-    first.wait().unwrap();
-    assert!(parts(&house) > 0, "killed while it wrote");
-    house.replay("rec").exits(0).says("2 judged");
-    assert_eq!(parts(&house), 0, "leftovers are swept");
-    assert_eq!(results(&house).len(), 6);
-}
-
-#[test]
-fn interrupted_run_says_what_it_did_not_reach() {
-    let house = House::new();
-    house.record("rec/a.mcap", &some(0, 2));
-    house.record("rec/b.mcap", &some(0, 60));
-    house.record("rec/c.mcap", &some(0, 2));
-    house.replay("rec/a.mcap").exits(0);
-    let child = start(&house, "replay rec --pace recorded");
-    wait_for_a_part(&house);
-    signal(child.id(), "-TERM");
-    let ended = child.wait_with_output().unwrap();
-    assert_eq!(ended.status.code(), Some(1));
-    let run = house.read_json("out/run.json");
-    assert_eq!((&run["end"], &run["exit"]), (&"interrupted".into(), &1.into()));
-    assert_eq!((&run["totals"]["skipped"], &run["totals"]["not_reached"]), (&1.into(), &2.into()));
-    // of what was found nothing is to be cleaned, and two recordings nobody looked at
-    let told = report(&house, "out", 0);
-    told.leads_with("Not judged. b.mcap: not reached: ");
-    assert!(told.terminal.contains("c.mcap: not reached: "), "{}", told.terminal);
-    house.replay("rec").exits(0).says("2 judged, 1 skipped");
-    assert!(!house.ok("report out -o r.html").contains("not reached"));
-}
-
-#[test]
-fn recording_that_grows_or_vanishes_while_it_is_read() {
-    use std::io::Write;
-    let house = House::new();
-    house.record("rec/a.mcap", &some(0, 6));
-    // half a second a burst
-    let grow = start(&house, "replay rec --pace 100");
-    wait_for_a_part(&house);
-    let mut file = std::fs::File::options().append(true).open(house.path("rec/a.mcap")).unwrap();
-    file.write_all(&[0; 100]).unwrap();
-    let ended = grow.wait_with_output().unwrap();
-    let said = String::from_utf8_lossy(&ended.stderr).into_owned();
-    assert_eq!(ended.status.code(), Some(3), "{said}");
-    assert!(said.contains("it grew by 100 bytes"), "{said}");
-    // closed properly, it is judged again
-    house.record("rec/a.mcap", &some(0, 7));
-    house.replay("rec --dry-run").exits(0).says("the recording changed");
-
-    let vanish = start(&house, "replay rec --pace 100 --set identify.first=19");
-    std::thread::sleep(Duration::from_millis(50));
-    wait_for_a_part(&house);
-    house.remove("rec/a.mcap");
-    // what is open can be read to its end
-    assert_eq!(vanish.wait_with_output().unwrap().status.code(), Some(0));
-    assert_eq!(journal(&house).len(), 2);
-}
-
-/// Runs a script in the directory in which the recordings lie; gives its status and complaints. In the script
-/// `INKLING` replays them.
-fn run_script(house: &House, command: &str, args: &[&str], script: &str) -> (Option<i32>, String) {
-    let inkling = env!("CARGO_BIN_EXE_inkling");
-    let replay =
-        format!("{inkling} replay rec --out out --design {}", sample("design.json").display());
-    let script = script.replace("INKLING", &replay);
-    let mut command = Command::new(command);
-    let ended = command.args(args).args(["-c", &script]).current_dir(house.path(".")).output();
-    let ended = ended.unwrap();
-    (ended.status.code(), String::from_utf8_lossy(&ended.stderr).into_owned())
-}
-
-#[test]
-fn file_size_limit_costs_what_is_too_large_and_leaves_nothing_half() {
-    let house = House::new();
-    house.record("rec/small1.mcap", &some(0, 1));
-    house.copy("print_run.mcap", "rec/large.mcap");
-    house.record("rec/small2.mcap", &some(1, 1));
-    let limited = "ulimit -f 60; exec INKLING --set output.weights=true";
-    let (code, said) = run_script(&house, "sh", &[], limited);
-    assert_eq!(code, Some(3), "{said}");
-    assert!(said.contains("large") && said.contains("ulimit -f"), "{said}");
-    assert_eq!(results(&house).len(), 6, "{:?}", results(&house).keys());
-    house.replay("rec --set output.weights=true").exits(0).says("1 judged, 2 skipped");
+    house.record("rec/good.mcap", &some(0, 3));
+    house.record("rec/shut.mcap", &some(1, 3));
+    house.record("rec/closed/a.mcap", &some(2, 3));
+    let allow = |name: &str, mode| {
+        let permissions = std::fs::Permissions::from_mode(mode);
+        std::fs::set_permissions(house.path(name), permissions).unwrap();
+    };
+    allow("rec/shut.mcap", 0);
+    allow("rec/closed", 0);
+    let all_may = std::fs::File::open(house.path("rec/shut.mcap")).is_ok(); // as root
+    let ended = house.replay("rec");
+    allow("rec/closed", 0o700);
+    match all_may {
+        true => drop(ended.exits(0)),
+        false => drop(ended.exits(3).says("shut.mcap").says("closed").says("1 judged, 2 failed")),
+    }
 }
 
 #[cfg(target_os = "linux")]
@@ -217,7 +134,13 @@ fn full_disk_ends_the_run_with_what_to_do() {
     std::fs::create_dir(house.path("out")).unwrap();
     let script = "mount -t tmpfs -o size=400k none out && INKLING --quiet; code=$?; \
                   cp out/run.json out/journal.jsonl . ; ls out | grep -c part >parts; exit $code";
-    let (code, said) = run_script(&house, "unshare", &["-rm", "sh"], script);
+    let inkling = env!("CARGO_BIN_EXE_inkling");
+    let replay =
+        format!("{inkling} replay rec --out out --design {}", sample("design.json").display());
+    let mut command = Command::new("unshare");
+    command.args(["-rm", "sh", "-c", &script.replace("INKLING", &replay)]);
+    let ended = command.current_dir(house.path(".")).output().unwrap();
+    let (code, said) = (ended.status.code(), String::from_utf8_lossy(&ended.stderr));
     assert!(!said.contains("unshare:") && !said.contains("mount:"), "no mounts here: {said}");
     assert_eq!(code, Some(1), "{said}");
     assert_eq!(said.matches("no room left").count(), 1, "one message, not one per file: {said}");

@@ -4,7 +4,7 @@
 //! Other tests in the process would be counted with it: work that is measured runs in a process of its own.
 
 use crate::house::{House, shipped};
-use crate::nights::some;
+use crate::recipes::some;
 use crate::recorded::{sample, write};
 use inkling::burst::Burst;
 use inkling::io::dialect::Dialects;

@@ -4,8 +4,8 @@
 
 use crate::house::{House, root};
 use crate::memory::{alone, by_design, most_of};
-use crate::nights::some;
 use crate::readers::{self, READERS};
+use crate::recipes::some;
 use crate::recorded::{sample, write};
 use inkling::io::Limits;
 use inkling::io::burst_codec::encode;
@@ -99,12 +99,20 @@ fn attack(house: &House, reader: &str, original: &[u8], times: u64) {
 }
 
 #[test]
-fn ten_thousand_changed_files_are_read_without_a_panic_in_bounded_memory() {
+fn the_corpus_and_ten_thousand_changed_files_are_read_without_a_panic_in_bounded_memory() {
     alone(changed_files_are_read);
 }
 
 fn changed_files_are_read() {
     let house = House::new();
+    for (reader, _) in READERS {
+        let files = corpus(reader);
+        assert!(!files.is_empty(), "{reader}: nothing in its corpus");
+        for path in files {
+            let what = path.display().to_string();
+            held(&house, reader, &std::fs::read(path).unwrap(), &what);
+        }
+    }
     let bursts = some(0, 4);
     let first = inkling::burst::Burst {
         idle_time_s: vec![0.5; bursts[0].channels as usize],
@@ -179,21 +187,4 @@ fn changed_recordings_are_judged() {
     }
     println!("judged: {} kB held at most", greatest >> 10);
     assert!(judged > 100, "{judged} judged of 300: the changes are too coarse");
-}
-
-#[test]
-fn the_corpus_is_read_without_a_panic_in_bounded_memory() {
-    alone(corpus_is_read);
-}
-
-fn corpus_is_read() {
-    let house = House::new();
-    for (reader, _) in READERS {
-        let files = corpus(reader);
-        assert!(!files.is_empty(), "{reader}: nothing in its corpus");
-        for path in files {
-            let what = path.display().to_string();
-            held(&house, reader, &std::fs::read(path).unwrap(), &what);
-        }
-    }
 }

@@ -1,7 +1,8 @@
 //! A user's own names for faults that the physics knows: they keep sizes and sentences.
 
-use crate::house::{House, physics, shipped};
-use crate::labels::only_healthy;
+use crate::house::{House, only_healthy, physics, shipped};
+use crate::recorded::{bursts, sample, with_samples};
+use inkling::burst::Burst;
 use serde_json::Value;
 
 const DECLARED: &str =
@@ -89,21 +90,6 @@ fn own_names_that_are_declared_keep_sizes_labelled_or_not_and_misspelt_ones_are_
     assert!(score["severity"]["Verstopfung"].is_null(), "{}", score["severity"]);
 }
 
-#[test]
-fn what_cannot_be_declared_is_refused_in_words() {
-    let house = House::new();
-    let refused = [
-        (r#"{Luft=["AB7"]}"#, "there is no class \"AB7\""),
-        (r#"{Luft=[]}"#, "name at least one class"),
-        (r#"{A=["BN"],B=["BN"]}"#, "BN is taken by \"A\""),
-    ];
-    for (classes, words) in refused {
-        let train =
-            format!("train none.mcap --labels none.csv -o d.json --set isolate.classes={classes}");
-        house.run(&train).exits(2).says(words);
-    }
-}
-
 /// A class by a law of one's own, and what is no class.
 const LAWS: &str = r#"
 [isolate.physics."lose Leitung"]
@@ -125,7 +111,6 @@ weight = 0.005
 fn a_law_of_ones_own_is_a_class_before_any_signal_of_it_was_labelled() {
     let house = House::new();
     house.copy("train.mcap", "train.mcap");
-    house.copy("train.mcap", "weak.mcap");
     let labels = shipped("sample_logs/labels.csv");
     house.write("healthy.csv", only_healthy(&labels));
     house.write("laws.toml", LAWS);
@@ -134,7 +119,12 @@ fn a_law_of_ones_own_is_a_class_before_any_signal_of_it_was_labelled() {
     let faulty = |channel: u32| labels.contains(&format!("\ndataset,{channel},"));
     let weak: std::collections::BTreeSet<u32> =
         (0..1140).filter(|c| !faulty(*c)).take(40).collect();
-    crate::labels::scaled(&house.path("weak.mcap"), &weak, 0.6);
+    let scaled = |burst: &Burst| {
+        let is_weak = |row: usize| weak.contains(&(burst.first_channel + row as u32));
+        with_samples(burst, |row, _, y| if is_weak(row) { 0.6 * y } else { y })
+    };
+    let bursts: Vec<Burst> = bursts(&sample("train.mcap")).iter().map(scaled).collect();
+    house.record("weak.mcap", &bursts);
     let rows: String =
         weak.iter().map(|channel| format!("dataset,{channel},,,lose Leitung,0.4\n")).collect();
     house.write("weak.csv", labels + &rows);
@@ -151,29 +141,4 @@ fn a_law_of_ones_own_is_a_class_before_any_signal_of_it_was_labelled() {
     let again =
         "replay weak.mcap --design d.json --out out2 --set isolate.physics.x.size=\"share\"";
     house.run(again).exits(2);
-}
-
-#[test]
-fn a_law_that_is_none_is_refused_in_words() {
-    let house = House::new();
-    let law = "size = \"share\"\namplitude = 1.0\nrange = [0.2, 0.9]\n";
-    let cases = [
-        ("BN", law.to_owned(), "that name has a meaning already"),
-        ("healthy", law.to_owned(), "that name has a meaning already"),
-        ("x", law.replace("amplitude = 1.0\n", ""), "changes nothing: give at least one of"),
-        ("x", law.replace("amplitude", "amplitud"), "amplitud"),
-        ("x", law.replace("1.0", "9.0"), "power 9: give -4 to 4"),
-        ("x", law.replace("0.9", "1.2"), "shares below 1"),
-        ("x", law.replace("[0.2, 0.9]", "[0.9, 0.2]"), "the end nearer to no fault"),
-        ("x", law.replace("[0.2, 0.9]", "[-0.2, 0.9]"), "both on one side of it"),
-        ("x", law.replace("share", "half"), "half"),
-        ("x", format!("{law}weight = 0.5\n"), "weight = 0.5: give 0 to 0.2"),
-        ("x", format!("{law}weight = 0.1\ncategory = \"y\"\n"), "is no class, and has no category"),
-        ("x", format!("{law}unit = \" \"\n"), "category or unit is empty"),
-    ];
-    for (name, law, words) in cases {
-        house.write("laws.toml", format!("[isolate.physics.{name}]\n{law}"));
-        let train = "train none.mcap --labels none.csv --config laws.toml -o d.json";
-        house.run(train).exits(2).says(words).says("isolate");
-    }
 }

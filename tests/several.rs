@@ -1,7 +1,6 @@
 //! Faults that a channel has at once, and faults that grow: thesis (2-1), simulated by the command and judged.
 
-use crate::house::{House, shipped};
-use crate::labels::only_healthy;
+use crate::house::{House, only_healthy, shipped};
 use crate::recorded::{Said, said};
 
 /// The sample's scenario without its faults.
@@ -104,10 +103,6 @@ fn a_waveform_that_is_known_names_faults_that_nobody_labelled() {
         "class right {known:.3}; by one pulse as long {one_pulse:.3}; by the default {unknown:.3}"
     );
     assert!(known > 0.96 && known > one_pulse + 0.05, "{known} {one_pulse}");
-    let command = "train double/train.mcap --labels healthy.csv -o d.json";
-    let both = format!("{command} --set isolate.waveform=[[9e-6,1.0]] --set isolate.pulse_s=9e-6");
-    house.run(&both).exits(2).says("waveform beside pulse_s");
-    house.run(&format!("{command} --set isolate.waveform=[[9e-6,0.0]]")).exits(2).says("waveform:");
 }
 
 /// A fault that grows is told with its rate, and when it will be visible.

@@ -1,8 +1,7 @@
 //! The thesis's method by settings: every part of it can be chosen, and chapter 4 runs on anybody's recordings.
 //! How near its figures are to the thesis's, `tests/chapter_4.rs` asks.
 
-use crate::house::{House, shipped};
-use crate::labels::only_healthy;
+use crate::house::{House, only_healthy, shipped};
 
 /// The score of a design that is trained on the simulated set, and judges the other one, by these settings.
 fn scored(house: &House, settings: &str) -> serde_json::Value {

@@ -2,7 +2,7 @@
 
 use super::encodings;
 use crate::mutations::change;
-use crate::nights::some;
+use crate::recipes::some;
 use inkling::burst::{Acquisition, Burst, UnusableBurst};
 use inkling::io::Limits;
 use inkling::io::dialect::Dialects;

@@ -5,7 +5,7 @@ mod tables;
 pub mod writers;
 
 use crate::house::{Ended, House};
-use crate::nights::some;
+use crate::recipes::some;
 use crate::recorded::{sample, verdicts};
 use inkling::burst::Burst;
 use inkling::io::dialect::guess::guess;

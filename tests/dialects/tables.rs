@@ -2,7 +2,7 @@
 
 use super::{judged, native};
 use crate::house::House;
-use crate::nights::some;
+use crate::recipes::some;
 use crate::recorded::{rows, signal};
 use arrow_array::builder::{Int16Builder, ListBuilder};
 use arrow_array::types::Int8Type;
