@@ -52,8 +52,8 @@
 //! named ([`isolate::residual_matching`]), and every signal becomes one row ([`verdict`],
 //! [`io::verdict_table`]).
 //!
-//! Of a batch of recordings, [`pipeline::resume`] decides which are finished, [`io::journal`] remembers what
-//! became of each, and [`io::layout`] says where its results lie.
+//! Of a batch of recordings, [`io::job`] says what is to be done with each ([`pipeline::resume`] decides), and
+//! [`io::journal`] remembers what became of it.
 
 // the rooms of the other crates
 pub use inkling_core::{burst, fault, labels, processor, verdict};
