@@ -20,7 +20,6 @@ mod memory; // how much memory is held at most, counted
 mod mistakes; // what a user mistypes is answered in a sentence
 mod mutations; // ten thousand changed files: a message or a result, no panic, bounded memory
 mod numbers; // tables of hostile numbers through the critique: an answer or a refusal, no panic
-mod outputs; // results overwrite nothing that is another's
 mod own_classes; // own names for what the physics knows keep sizes
 mod pipeline; // messages that are repeated
 mod print_run; // recall and false alarms on a print run with known truth
