@@ -12,7 +12,7 @@
 //! + these words
 //! - and not these
 //! ```
-#![cfg(unix)]
+#![cfg(target_os = "linux")]
 
 use crate::house::{House, root};
 use crate::recipes;
@@ -45,7 +45,8 @@ fn in_shell(house: &House, command: &str) -> Output {
     let path = std::env::var("PATH").unwrap_or_default();
     let mut shell = Command::new("sh");
     shell.args(["-c", &format!("{BEGUN}; {command}")]).current_dir(house.path("."));
-    shell.env("PATH", format!("{}:{path}", built.display())).output().expect("sh runs")
+    shell.env("PATH", format!("{}:{path}", built.display())).env("LC_ALL", "C");
+    shell.output().expect("sh runs")
 }
 
 /// Plays a session again, and compares what is said with what is kept.
