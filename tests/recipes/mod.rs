@@ -49,6 +49,7 @@ pub fn follow(house: &House, recipe: &str) -> String {
         "show" => return shows::shown(&house.text(name), more),
         "counts" => return shows::counted(house, name),
         "bursts" => return shows::listed(&recorded::bursts(&house.path(name))),
+        "messages" => return shows::messages(&house.read(name)),
         "rows" => return shows::distinct_rows(&batches(&house.path(name)), more),
         "metadata" => return shows::shown(&shows::metadata(house, name), more),
         "same" => return shows::same(house, name, more),

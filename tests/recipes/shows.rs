@@ -99,6 +99,28 @@ pub fn late(house: &House, stem: &str, every: u32) -> String {
     format!("flagged at the end: {of} % of every {every}., {others} % of the others\n")
 }
 
+/// The messages of a recording by topic: how many, from when to when, and whether each holds a picture.
+pub fn messages(bytes: &[u8]) -> String {
+    let mut topics: BTreeMap<String, Vec<(u64, bool)>> = BTreeMap::new();
+    for message in mcap::MessageStream::new(bytes).unwrap() {
+        let message = message.unwrap();
+        let has_picture = message.data.windows(4).any(|bytes| bytes == b"\x89PNG");
+        let of = topics.entry(message.channel.topic.clone()).or_default();
+        of.push((message.log_time, has_picture));
+    }
+    let line = |(topic, of): (&String, &Vec<(u64, bool)>)| {
+        let time = |ns: Option<u64>| {
+            let ns = i64::try_from(ns.expect("a message")).expect("a time");
+            chrono::DateTime::from_timestamp_nanos(ns).format("%FT%TZ")
+        };
+        let times = of.iter().map(|(time, _)| *time);
+        let (from, to) = (time(times.clone().min()), time(times.max()));
+        let pictures = if of.iter().all(|(_, has)| *has) { ", pictures" } else { "" };
+        format!("{topic}: {} from {from} to {to}{pictures}\n", of.len())
+    };
+    topics.iter().map(line).collect()
+}
+
 /// Bursts with the first samples of each channel.
 pub fn listed(bursts: &[Burst]) -> String {
     let line = |b: &Burst| {
