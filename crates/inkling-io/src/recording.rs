@@ -237,7 +237,7 @@ pub(super) fn check_magic(path: &Path, found: &[u8]) -> Result<(), FileError> {
         true => format!("MCAP of another version (\"{begins}\"); inkling reads version 0"),
         false => format!(
             "not an MCAP file (it begins with \"{begins}\"); inkling reads MCAP, and `inkling convert` \
-             makes one from CSV, Parquet, Arrow or NumPy"
+             makes one from CSV or Parquet"
         ),
     };
     Err(FileError::failed(path, what))
