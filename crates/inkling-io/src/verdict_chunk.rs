@@ -133,7 +133,7 @@ fn push_runs(out: &mut RunColumn, cells: &Cells, of: &Verdicts) -> Result<()> {
         match part {
             Part::Healthy(run) => {
                 let beside = &of.tests.beside[run.signals.clone()];
-                match cells.keys_of_run(run).map(|key| in_column(key, out)) {
+                match run.keys(cells).map(|key| in_column(key, out)) {
                     [Some(one), Some(other)] if one != other => {
                         out.push_either([one, other], beside)?;
                     }

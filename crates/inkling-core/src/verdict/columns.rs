@@ -6,7 +6,7 @@
 //! of a cell, the variant of [`Cells`], and the column's name in the file. Their meaning stands in
 //! `schemas/verdicts.md`.
 
-use super::{HealthyRun, Outcome, Reason, Test};
+use super::{Outcome, Reason, Test};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -64,20 +64,6 @@ impl Cells {
             Cells::Reason(at) => at.of(of)[row].map(|reason| reason as u32),
             Cells::Threshold(at) => at.of(of)[row].map(f32::to_bits),
             _ => None,
-        }
-    }
-
-    /// The keys of the signals of a run: of those that the first test decided, and of those that
-    /// the second did.
-    pub fn keys_of_run(&self, run: &HealthyRun) -> [Option<u32>; 2] {
-        match self {
-            Cells::Recording => [Some(0); 2],
-            Cells::Printhead(_) => [Some(run.printhead); 2],
-            Cells::Outcome(_) => [Some(Outcome::Healthy as u32); 2],
-            Cells::Model(_) => [Some(run.model.into()); 2],
-            Cells::Test(_) => [run.along, Test::Misfit].map(|test| Some(test as u32)),
-            Cells::Threshold(_) => [run.threshold, run.beside].map(|value| Some(value.to_bits())),
-            _ => [None; 2],
         }
     }
 }

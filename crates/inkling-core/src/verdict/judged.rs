@@ -5,7 +5,7 @@
 //! and ranges of rows in the recording's order. The signals of a run differ in their channel number,
 //! which counts up by one, and in what stands in [`Tests`]; all else stands once.
 
-use super::{Outcome, Test, VerdictColumns};
+use super::{Cells, Outcome, Test, VerdictColumns};
 use std::ops::Range;
 
 /// What the tests found, one entry per signal of the batch, whatever became of it.
@@ -55,6 +55,20 @@ pub struct HealthyRun {
 }
 
 impl HealthyRun {
+    /// The keys of its signals in a column ([`Cells::key`]): of those that the first test decided,
+    /// and of those that the second did.
+    pub fn keys(&self, cells: &Cells) -> [Option<u32>; 2] {
+        match cells {
+            Cells::Recording => [Some(0); 2],
+            Cells::Printhead(_) => [Some(self.printhead); 2],
+            Cells::Outcome(_) => [Some(Outcome::Healthy as u32); 2],
+            Cells::Model(_) => [Some(self.model.into()); 2],
+            Cells::Test(_) => [self.along, Test::Misfit].map(|test| Some(test as u32)),
+            Cells::Threshold(_) => [self.threshold, self.beside].map(|value| Some(value.to_bits())),
+            _ => [None; 2],
+        }
+    }
+
     fn spell_out(&self, tests: &Tests, to: &mut VerdictColumns) {
         for (k, signal) in (0u32..).zip(self.signals.clone()) {
             let (beside, misfit) = (tests.beside[signal], tests.misfit[signal]);
