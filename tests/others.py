@@ -15,8 +15,6 @@ from mcap.reader import make_reader
 from mcap.writer import Writer as McapWriter
 from mcap_protobuf.decoder import DecoderFactory
 from mcap_protobuf.writer import Writer as ProtobufWriter
-from mcap_ros1._vendor.genpy.dynamic import generate_dynamic
-from mcap_ros1.writer import Writer as Ros1Writer
 from mcap_ros2.writer import Writer as Ros2Writer
 
 inkling, recording, design, work = sys.argv[1:]
@@ -137,22 +135,6 @@ def ros2(path):
         writer.finish()
 
 
-def ros1(path):
-    Wave = generate_dynamic("acme_msgs/Wave", "time stamp\n" + TEXT)["acme_msgs/Wave"]
-    with open(path, "wb") as out:
-        writer = Ros1Writer(out)
-        for log_time, burst in bursts():
-            message = Wave()
-            of = values(burst)
-            stamp = of.pop("stamp")
-            message.stamp.secs, message.stamp.nsecs = stamp["sec"], stamp["nanosec"]
-            for name, value in of.items():
-                setattr(message, name, value)
-            message.data = samples(burst).tolist()
-            writer.write_message(f"/heads/{burst.printhead}/burst", message, log_time)
-        writer.finish()
-
-
 DIALECT = """
 [[input.dialect]]
 topic = "/heads/*/burst"
@@ -171,7 +153,7 @@ neighbours = "near"
 native = said(verdicts(recording))
 flagged = sum(outcome == "faulty" for outcome in native["outcome"])
 assert flagged > 100, f"{flagged} faulty signals: nothing to compare"
-for write, more in [(protobuf, 'format = "s16le"\n'), (as_json, ""), (ros2, ""), (ros1, "")]:
+for write, more in [(protobuf, 'format = "s16le"\n'), (as_json, ""), (ros2, "")]:
     name = write.__name__
     path, settings = work / f"{name}.mcap", work / f"{name}.toml"
     write(path)
@@ -213,5 +195,5 @@ for column, expected in results[0].items():
     if column != "acquired_at":
         assert all(result[column] == expected for result in results), f"tables: {column} differs"
 
-print(f"{len(native['outcome'])} verdicts of recordings by mcap, mcap-protobuf-support, mcap-ros1-support, "
-      f"mcap-ros2-support and pyarrow {pyarrow.__version__} are the sample's own")
+print(f"{len(native['outcome'])} verdicts of recordings by mcap, mcap-protobuf-support, mcap-ros2-support and "
+      f"pyarrow {pyarrow.__version__} are the sample's own")

@@ -11,7 +11,7 @@ use super::progress::thousands;
 use super::report::printable;
 use crate::report::{Column, columns, three_digits};
 use inkling_io::census::{MessageKind, TopicSummary};
-use inkling_io::dialect::guess::{Proposal, guess};
+use inkling_io::dialect::guess::{Proposal, guess, undecodable};
 use inkling_io::printable as shown;
 use serde_json::{Value, json};
 use std::io::{self, Write};
@@ -187,7 +187,12 @@ fn schema(summary: &TopicSummary) -> String {
 /// What a topic's messages are read as, if there is something to say.
 fn becomes(summary: &TopicSummary) -> String {
     match &summary.kind {
-        MessageKind::Bursts | MessageKind::Nothing => String::new(),
+        MessageKind::Bursts => String::new(),
+        MessageKind::Nothing => {
+            let first = summary.written().zip(summary.first_message.as_ref());
+            let why = first.and_then(|(written, message)| undecodable(&written, message));
+            why.map_or(String::new(), |why| format!("; {}", shown::line(&why, 400)))
+        }
         MessageKind::Foreign(_) => "; read by a dialect".into(),
         MessageKind::Unread(why) => format!("; {}", shown::line(why, 400)),
         MessageKind::OtherEncoding => "; bursts, but not protobuf: a dialect can read them".into(),

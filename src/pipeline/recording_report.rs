@@ -167,18 +167,20 @@ pub fn note_not_judged(
 }
 
 fn nobody_reads(of: UnreadChannel) -> NotJudged {
-    let UnreadChannel { topic, schema, messages, by_dialect } = of;
+    let UnreadChannel { topic, schema, messages, by_dialect, undecodable } = of;
     let messages = messages.map_or(String::new(), |n| format!("{n} "));
     let schema = if schema.is_empty() { String::new() } else { format!(" of {schema}") };
-    let why = match by_dialect {
-        true => {
-            "look like those that [[input.dialect]] reads, and its topic or its schema does not fit: nobody \
-                 judged them. Let it fit"
-        }
-        false => {
-            "look like bursts, and nothing reads them: `inkling inspect` proposes a block [[input.dialect]]. \
-                  Add it"
-        }
+    let why = match (by_dialect, undecodable) {
+        (true, _) => "look like those that [[input.dialect]] reads, and its topic or its schema does not fit: \
+             nobody judged them. Let it fit"
+            .to_owned(),
+        (false, None) => "look like bursts, and nothing reads them: `inkling inspect` proposes a block \
+             [[input.dialect]]. Add it"
+            .to_owned(),
+        (false, Some(why)) => format!(
+            "are called like bursts, and nothing can read them: {why}. Convert them (`rosbags-convert` makes \
+             ROS 2 of ROS 1)"
+        ),
     };
     let what = format!(
         "topic {topic}: its {messages}messages{schema} {why}, or say that they are not meant: --set \

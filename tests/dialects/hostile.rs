@@ -1,6 +1,7 @@
 //! Schemas, messages and paths that nobody means well with: words and rows, no panic, nothing unbounded.
 
 use super::encodings;
+use crate::memory::{alone, most_of};
 use crate::mutations::change;
 use crate::recipes::some;
 use inkling::burst::{Acquisition, Burst, UnusableBurst};
@@ -8,6 +9,7 @@ use inkling::io::Limits;
 use inkling::io::dialect::Dialects;
 use inkling::io::dialect::decoder::{DialectDecoder, Times};
 use inkling::io::dialect::guess::guess;
+use inkling::io::dialect::json::MOST_VALUES;
 use inkling::io::dialect::plan::{ChannelDescription as OfChannel, Plan, Schema};
 use inkling::io::dialect::settings::Dialect;
 use inkling::verdict::Reason;
@@ -163,28 +165,48 @@ fn sizes_that_a_message_claims_are_not_believed() {
     }
 }
 
+/// `serde_json` keeps a number of two bytes as a value of 32.
 #[test]
-fn definitions_that_take_no_bytes_take_no_time() {
-    // 10^18 empty messages, in ROS 1 without a byte
-    let text = "A[1000000000] a\nint16[] data\nuint32 n\n====\nMSG: acme_msgs/A\nB[1000000000] b\n====\n\
-        MSG: acme_msgs/B\n";
-    let kind = Kind {
-        dialect: dialect(
-            "[[input.dialect]]\ntopic = \"**\"\nsamples = \"data\"\nchannels = 1\nperiod_s = 1\n\
-             printhead = \"p\"\n",
-        ),
-        schema: Some(Schema {
-            name: "acme_msgs/Waves".into(),
-            encoding: "ros1msg".into(),
-            data: text.into(),
-        }),
-        encoding: "ros1",
-        message: [&[2, 0, 0, 0, 1, 0, 2, 0][..], &[9, 0, 0, 0]].concat(),
-    };
-    let Acquisition::Usable(burst) = decode(&plan(&kind).unwrap(), &kind.message) else {
-        panic!("not read")
-    };
-    assert_eq!((burst.channels, burst.samples_per_channel), (1, 2));
+fn what_a_message_holds_when_it_is_decoded_is_bounded_and_one_of_more_values_is_told() {
+    alone(|| {
+        let kinds = kinds();
+        let protobuf = plan(&kinds[1]).unwrap();
+        let json = plan(&kinds[3]).unwrap();
+        let field = |number: u8, inside: &[u8]| {
+            let mut out = vec![number << 3 | 2];
+            prost::encoding::encode_varint(inside.len() as u64, &mut out);
+            [out, inside.to_vec()].concat()
+        };
+        let listed = |one: &str, n: usize| format!("{{\"a\":[{}0]}}", format!("{one},").repeat(n));
+        let most = MOST_VALUES;
+        let cases: [(&str, &Plan, Vec<u8>, Reason); 6] = [
+            ("numbers", &json, listed("0", most - 100).into(), Reason::Undecodable),
+            ("more numbers", &json, listed("0", most).into(), Reason::TooLarge),
+            ("objects", &json, listed("{\"\":0}", most / 20).into(), Reason::Undecodable),
+            ("more objects", &json, listed("{}", most / 15).into(), Reason::TooLarge),
+            ("packed", &protobuf, field(3, &field(3, &vec![0; 32 << 20])), Reason::Undecodable),
+            ("messages", &protobuf, field(3, &[8, 1]).repeat(1 << 20), Reason::Undecodable),
+        ];
+        for (name, plan, message, why) in cases {
+            let (unusable, held) = most_of(|| unusable(plan, &message));
+            println!("{name}: {} kB hold {} kB", message.len() >> 10, held >> 10);
+            assert_eq!(unusable.why, why, "{name}");
+            assert!(held < 220 << 20, "{name}: {held}");
+        }
+    });
+}
+
+#[test]
+fn a_text_of_samples_is_one_value_whatever_its_length() {
+    let kind = kinds().remove(3);
+    let text = encodings()[3].2.replace("\"samples\"\n", "\"samples\"\nformat = \"s16le\"\n");
+    let plan = Plan::new(&dialect(&text), &kind.of_channel()).unwrap();
+    let mut message: serde_json::Value = serde_json::from_slice(&kind.message).unwrap();
+    let channels = message["channels"].as_u64().unwrap() as usize;
+    message["samples"] = "AAAA".repeat(2 * channels * 65_536 / 3).into(); // zeros
+    let decoded = decode(&plan, message.to_string().as_bytes());
+    let Acquisition::Usable(burst) = decoded else { panic!("not read: {decoded:?}") };
+    assert_eq!(burst.samples_per_channel, 65_536);
 }
 
 #[test]
@@ -202,5 +224,5 @@ fn other_encodings_and_schemas_are_refused_with_what_is_read() {
     assert!(refused("flatbuffer", "flatbuffer").contains("read are protobuf, json, cdr"));
     assert!(refused("cdr", "ros2idl").contains("by ros2msg, not by \"ros2idl\""));
     assert!(refused("protobuf", "protobuf").contains("has no message"));
-    assert!(refused("ros1", "ros1msg").contains("no field \"waves\""));
+    assert!(refused("ros1", "ros1msg").contains("encoding \"ros1\" are not read"));
 }

@@ -8,10 +8,11 @@ use crate::house::{Ended, House};
 use crate::recipes::some;
 use crate::recorded::{sample, verdicts};
 use inkling::burst::Burst;
+use inkling::io::burst_codec;
 use inkling::io::dialect::guess::guess;
 use inkling::io::dialect::plan::ChannelDescription as OfChannel;
 use std::collections::BTreeMap;
-use writers::{Messages, Samples, Written, json, protobuf, ros1, ros2};
+use writers::{Messages, Samples, Written, json, protobuf, ros2};
 
 pub type Verdicts = BTreeMap<(i64, String, u32), String>;
 
@@ -85,7 +86,7 @@ temperature = "temp_c[0]""#
 );
 
 /// What is written in each encoding, and what reads it.
-fn encodings() -> [(&'static str, Written, String); 7] {
+fn encodings() -> [(&'static str, Written, String); 6] {
     let bytes = PROTOBUF.replace("SAMPLES\"", "data\"\nformat = \"s16le\"");
     let of = |name: &str| PROTOBUF.replace("SAMPLES", name);
     [
@@ -93,7 +94,6 @@ fn encodings() -> [(&'static str, Written, String); 7] {
         ("packed", protobuf(Samples::Packed), of("counts")),
         ("floats", protobuf(Samples::Floats), of("volts")),
         ("json", json(), JSON.into()),
-        ("ros1", ros1(), ROS.into()),
         ("cdr", ros2(false), ROS.into()),
         ("cdr_big_endian", ros2(true), ROS.into()),
     ]
@@ -148,10 +148,13 @@ fn a_dialect_that_cannot_take_effect_says_what_there_is() {
         (j(set("\"samples\"", "\"smaples\"")), "samples (number[][])"),
         (j(set("\"period\"", "\"dt\"")), "period_s = \"dt\": not in its first message"),
         (j(set("header.stamp", "header")), "header"),
-        (j(set("\"period\"", "\"header.id\"")), "period_s = \"header.id\": is not a number"),
+        (j(set("\"period\"", "\"header.id\"")), "period_s = \"header.id\": is text, not a number"),
         (j(set("\"channels\"", "\"period\"")), "channels = \"period\": is not a whole number"),
-        (j(set("\"samples\"", "\"channels\"")), "samples = \"channels\": is not bytes or an array"),
-        (j(set("header.stamp", "header.id")), "time = \"header.id\": is not ns"),
+        (
+            j(set("\"samples\"", "\"channels\"")),
+            "samples = \"channels\": is whole number, not bytes or an array",
+        ),
+        (j(set("header.stamp", "header.id")), "time = \"header.id\": is text, not ns"),
         (j(set("samples =", "format = \"f32le\"\nsamples =")), "leave format out"),
         (p(set("waves[0].counts", "waves[0].volts\"\nformat = \"f32le")), "leave format out"),
         (r(set("waves[0].data", "waves[0].data\"\nformat = \"s16le")), "leave format out"),
@@ -186,7 +189,7 @@ fn a_dialect_serves_training_too() {
     let house = House::new();
     let bursts = crate::recorded::bursts(&sample("train.mcap"));
     house.record("ours.mcap", &bursts);
-    writers::write(&house.path("theirs.mcap"), &bursts, &ros1());
+    writers::write(&house.path("theirs.mcap"), &bursts, &ros2(false));
     house.write("s.toml", ROS);
     let labels = "--labels sample_logs/labels.csv";
     house.ok(&format!("train ours.mcap {labels} -o ours.json"));
@@ -199,9 +202,7 @@ fn without_a_dialect_it_is_said_what_is_there_and_a_block_to_paste_reads_it() {
     let house = House::new();
     let bursts = bursts();
     let expected = native(&house, &bursts);
-    for (name, written) in
-        [("p", protobuf(Samples::Packed)), ("j", json()), ("r1", ros1()), ("r2", ros2(false))]
-    {
+    for (name, written) in [("p", protobuf(Samples::Packed)), ("j", json()), ("r2", ros2(false))] {
         let file = format!("{name}.mcap");
         writers::write(&house.path(&file), &bursts, &written);
         replay(&house, &file, "").exits(1).says("inkling inspect").says("/heads/second head/burst");
@@ -255,6 +256,67 @@ fn messages_that_cannot_be_read_are_rows_and_the_others_are_judged() {
     let rows = verdicts(&house.path("out/r.verdicts.parquet"));
     // at the messages' log times; the topic names whose they are
     assert!((42..62).all(|log_time| rows.contains_key(&(log_time, "second head".into(), 0))));
+}
+
+/// As Python writes them, and what overflows.
+#[test]
+fn numbers_that_json_does_not_have_cost_their_channel_alone() {
+    let house = House::new();
+    let bursts = some(0, 10);
+    let mut messages = Messages::default();
+    for (burst, word) in bursts.iter().zip(["NaN", "-Infinity", "1e400", "null"].iter().cycle()) {
+        let text = String::from_utf8((json().encode)(burst)).unwrap();
+        let (before, row) = text.split_once("\"samples\":[[").unwrap();
+        let (_, rest) = row.split_once(',').unwrap();
+        let text = format!("{before}\"samples\":[[{word},{rest}");
+        messages.add(&json(), "/heads/K/burst", 1, text.as_bytes());
+    }
+    house.write("r.mcap", messages.finish());
+    house.write("s.toml", JSON);
+    replay(&house, "r.mcap", "--config s.toml").exits(3);
+    let counts = &house.read_json("out/r.summary.json")["counts"];
+    assert_eq!((&counts["bursts"], &counts["unusable_bursts"]), (&10.into(), &0.into()));
+    assert_eq!(counts["rejected"], serde_json::json!({"non_finite": 10}));
+}
+
+/// Only their names tell that they may be bursts.
+#[test]
+fn topics_that_nothing_can_read_are_told_if_they_are_called_like_bursts() {
+    let of = |schema_name, schema_encoding, message_encoding| Written {
+        schema_name,
+        schema_encoding,
+        schema: b"int16[] data".to_vec(),
+        message_encoding,
+        encode: |burst| burst.samples.to_vec(),
+    };
+    let ours = Written {
+        schema_name: burst_codec::SCHEMA_NAME,
+        schema_encoding: burst_codec::MESSAGE_ENCODING,
+        schema: burst_codec::FILE_DESCRIPTOR_SET.into(),
+        message_encoding: burst_codec::MESSAGE_ENCODING,
+        encode: burst_codec::encode,
+    };
+    for (written, topic, says) in [
+        (of("acme_msgs/Ring", "ros1msg", "ros1"), "/k-2", "encoding \"ros1\" are not read"),
+        (of("acme_msgs/msg/Data", "ros2idl", "cdr"), "/k-2/burst", "not by \"ros2idl\""),
+        (of("acme_msgs/msg/RingDown", "ros2msg", "cdr"), "/k-2", "not what its schema says"),
+    ] {
+        let house = House::new();
+        let mut both = Messages::default();
+        for burst in some(0, 6) {
+            both.add(&ours, &burst_codec::topic(&burst.printhead), 1, &(ours.encode)(&burst));
+            both.add(&written, topic, 1, &(written.encode)(&burst));
+            let text = of("std_msgs/String", "ros1msg", "ros1");
+            both.add(&text, "/k-2/log", 1, &(text.encode)(&burst));
+        }
+        house.write("both.mcap", both.finish());
+        let told = format!("topic {topic}: its 6 messages of {}", written.schema_name);
+        let ended = replay(&house, "both.mcap", "").exits(0).says(&told).says(says);
+        assert!(!ended.stderr().contains("/k-2/log"), "{}", ended.stderr());
+        house.run("inspect both.mcap").exits(0).says(says);
+        let summary = house.read_json("out/both.summary.json");
+        assert_eq!(summary["unread"][0]["topic"], topic);
+    }
 }
 
 /// With the feature: `tests/object_stores.py`.

@@ -220,30 +220,15 @@ const ROS2: &str = "# as rosbag2 writes it\nstd_msgs/Header header\nuint8 KIND=1
     ================================================================================\n\
     MSG: acme_msgs/Wave\nuint16 channels\nint16[] data\n";
 
-const ROS1: &str = "Header header\nuint32 first\nbool ok\nWave[] waves\nfloat64 period\n\
-    float64[] temp_c\nfloat32[] idle\nfloat32 drive_voltage\nuint8[] near\nstring tail\n\
-    ================================================================================\n\
-    MSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n\
-    ================================================================================\n\
-    MSG: acme_msgs/Wave\nuint16 channels\nint16[] data\n";
-
-/// Fields one after the other, aligned or not, in either order of bytes.
+/// Fields one after the other behind the header of CDR, aligned, in either order of bytes.
 struct Out {
     bytes: Vec<u8>,
-    origin: usize,
-    aligned: bool,
     big: bool,
 }
 
 impl Out {
-    /// Behind the header of CDR, whose second byte tells the order of bytes; ROS 1 has none and aligns nothing.
-    fn after(header: &[u8]) -> Out {
-        let (aligned, big) = (!header.is_empty(), header.get(1) == Some(&0));
-        Out { bytes: header.to_vec(), origin: header.len(), aligned, big }
-    }
-
     fn put<const N: usize>(&mut self, le: [u8; N]) {
-        while self.aligned && !(self.bytes.len() - self.origin).is_multiple_of(N) {
+        while !(self.bytes.len() - 4).is_multiple_of(N) {
             self.bytes.push(0);
         }
         match self.big {
@@ -257,17 +242,16 @@ impl Out {
     }
 
     fn text(&mut self, text: &str) {
-        self.count(text.len() + usize::from(self.aligned));
+        self.count(text.len() + 1);
         self.bytes.extend(text.as_bytes());
-        self.bytes.extend(self.aligned.then_some(0));
+        self.bytes.push(0);
     }
 }
 
-fn ros(burst: &Burst, mut out: Out) -> Vec<u8> {
+fn ros(burst: &Burst, big: bool) -> Vec<u8> {
+    // the second byte of the header tells the order of bytes
+    let mut out = Out { bytes: vec![0, u8::from(!big), 0, 0], big };
     let (sec, nanosec) = seconds(burst);
-    if !out.aligned {
-        out.put(7u32.to_le_bytes()); // seq
-    }
     out.put((sec as u32).to_le_bytes());
     out.put((nanosec as u32).to_le_bytes());
     out.text(&burst.printhead);
@@ -293,16 +277,6 @@ fn ros(burst: &Burst, mut out: Out) -> Vec<u8> {
     out.bytes
 }
 
-pub fn ros1() -> Written {
-    Written {
-        schema_name: "acme_msgs/Waves",
-        schema_encoding: "ros1msg",
-        schema: ROS1.into(),
-        message_encoding: "ros1",
-        encode: |burst| ros(burst, Out::after(&[])),
-    }
-}
-
 pub fn ros2(big: bool) -> Written {
     Written {
         schema_name: "acme_msgs/msg/Waves",
@@ -310,8 +284,8 @@ pub fn ros2(big: bool) -> Written {
         schema: ROS2.into(),
         message_encoding: "cdr",
         encode: match big {
-            true => |burst| ros(burst, Out::after(&[0, 0, 0, 0])),
-            false => |burst| ros(burst, Out::after(&[0, 1, 0, 0])),
+            true => |burst| ros(burst, true),
+            false => |burst| ros(burst, false),
         },
     }
 }

@@ -9,7 +9,7 @@ use super::block_reader::BlockReader;
 use super::census::{MessageKind, TopicSummary};
 use super::damage::RecordingError;
 use super::dialect::Dialects;
-use super::dialect::guess::guess;
+use super::dialect::guess;
 use super::mcap_summary::MOST_OF_A_NAME;
 use super::printable;
 use super::recording::Recording;
@@ -25,6 +25,9 @@ pub struct UnreadChannel {
     /// Whether a dialect would read the channel under another topic or schema name: then a name is
     /// probably mistyped.
     pub by_dialect: bool,
+    /// Why no dialect can ever read it: its encoding, or messages that are not what their schema
+    /// says. Then only the names of the channel look like bursts.
+    pub undecodable: Option<String>,
 }
 
 /// Numbers of the dialects that fit channels of a recording, some of them twice.
@@ -72,7 +75,7 @@ impl Recording {
             let checked = match (kind, first_message) {
                 (MessageKind::Unread(why), _) => Err(why.to_string()),
                 (MessageKind::Foreign(plan), Some(message)) => plan
-                    .check_message(message, self.limits.samples_bytes)
+                    .check_message(message)
                     .map_err(|what| format!("{}: {what}", printable::line(topic, 200))),
                 _ => Ok(()),
             };
@@ -108,15 +111,18 @@ impl Recording {
             topics.iter().filter(read).map(|summary| &*summary.schema_name).collect();
         let unread = |summary: &TopicSummary| {
             let (written, message) = (summary.written()?, summary.first_message.as_ref()?);
-            guess(&written, message, &[&summary.topic])?;
+            let undecodable = guess::undecodable(&written, message);
+            if undecodable.is_none() {
+                guess::guess(&written, message, &[&summary.topic])?;
+            }
             let fits = dialects.fit_topic(&summary.topic) || read.contains(&*summary.schema_name);
             let of_it = self.others.iter().find(|other| other.topic == summary.topic);
             Some(UnreadChannel {
                 topic: printable::line(&summary.topic, MOST_OF_A_NAME),
                 schema: printable::line(&summary.schema_name, MOST_OF_A_NAME),
                 messages: of_it.and_then(|other| other.messages),
-                by_dialect: fits
-                    && dialects.could_read(&written, message, self.limits.samples_bytes),
+                by_dialect: fits && dialects.could_read(&written, message),
+                undecodable,
             })
         };
         let nothing = topics.iter().filter(|summary| matches!(summary.kind, MessageKind::Nothing));

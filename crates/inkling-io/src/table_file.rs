@@ -8,7 +8,7 @@
 //! become the burst's channels. Rows with the same burst and printhead are one decay. Nothing is
 //! moved to a regular grid here: `sampling.rs` does that.
 
-use super::dialect::value::Gathered;
+use super::dialect::value::Samples;
 use super::file_error::FileError;
 use super::{Limits, printable};
 use std::collections::HashMap;
@@ -86,9 +86,9 @@ pub struct Decay {
 impl Decay {
     /// The samples as a burst has them, channel after channel: int16 if all of them are, else
     /// float32. `None`: more bytes than a burst may have.
-    pub fn samples(&self) -> Option<Gathered> {
-        let mut all = Gathered::new(Limits::default().samples_bytes);
-        self.outputs.iter().flatten().for_each(|y| all.push(*y));
+    pub fn samples(&self) -> Option<Samples> {
+        let all = self.outputs.iter().flatten().copied();
+        let all = Samples::of(all, Limits::default().samples_bytes);
         (!all.too_many).then_some(all)
     }
 }

@@ -154,7 +154,7 @@ impl<'a> Conversion<'a> {
             drive_voltage_v: measured(self.values.voltage),
             idle_time_s: Vec::new(),
             neighbours_fired: Bytes::new(),
-            samples: samples.bytes.into(),
+            samples: samples.bytes,
         })
     }
 

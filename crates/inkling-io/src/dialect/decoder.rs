@@ -5,14 +5,15 @@
 //! burst has them, or an unusable burst with the reason. A burst is checked by the same function,
 //! and has the same reasons, as messages of `inkling.Burst` ([`burst_codec`]).
 //!
-//! Steps: the plan finds all wanted values in one walk; the printhead's name is put together; then
-//! first channel, time, channels, period, samples are taken, in this order, each by its slot; the
-//! burst is checked; last come idle times and neighbours.
+//! Steps: the message is decoded; the printhead's name is put together; then first channel, time,
+//! channels, period, samples are found, in this order; the burst is checked; last come idle times and
+//! neighbours.
 
+use super::message::Message;
+use super::path::FieldPath;
 use super::plan::Plan;
-use super::settings::{Part, TimeSource};
-use super::value::{Number, Samples, SlotValues, Value};
-use super::wanted::Slot;
+use super::settings::{Part, Source, TimeSource};
+use super::value::{Number, Samples, Value};
 use crate::Limits;
 use crate::burst_codec::{self, PrintheadNames, take_name, unread};
 use bytes::Bytes;
@@ -70,15 +71,15 @@ impl DialectDecoder {
         times: Times,
         topic_printhead: &Arc<str>,
     ) -> Acquisition {
-        let values = plan.find(&message, self.limits.samples_bytes);
-        let is_decoded = values.is_ok();
-        let mut found = ReadMessage { plan, is_decoded, values: values.unwrap_or_default() };
+        let decoded = plan.reading.decode(&message);
         let mut head = unread(times.log_ns, topic_printhead, Reason::Undecodable);
 
         // the name is found first, so that a message with any later fault still counts for its printhead
-        let read = self.name(&mut found, &mut head).and_then(|()| match is_decoded {
-            true => self.burst(&mut found, times, &mut head),
-            false => Err(Reason::Undecodable),
+        let found = decoded.as_ref().map(|message| ReadMessage { plan, message });
+        let read = self.name(plan, found.as_ref().ok(), &mut head);
+        let read = read.and_then(|()| match found {
+            Ok(found) => self.burst(&found, times, &mut head),
+            Err(why) => Err(*why),
         });
         match read {
             Ok(burst) => Acquisition::Usable(burst),
@@ -93,29 +94,30 @@ impl DialectDecoder {
 
     fn burst(
         &self,
-        found: &mut ReadMessage,
+        found: &ReadMessage,
         times: Times,
         head: &mut UnusableBurst,
     ) -> Result<Burst, Reason> {
         let dialect = &found.plan.dialect;
-        head.first_channel = count(found.number(Slot::FirstChannel)?)?;
-        head.t_acq_ns = match dialect.time {
+        head.first_channel = count(found.number(&dialect.first_channel)?)?;
+        head.t_acq_ns = match &dialect.time {
             TimeSource::LogTime => times.log_ns,
             TimeSource::PublishTime => times.publish_ns,
-            TimeSource::Path(_) => {
-                time_ns(&mut found.values, times.log_ns).ok_or(Reason::Undecodable)?
+            TimeSource::Path(path) => {
+                found.time_ns(path, times.log_ns).ok_or(Reason::Undecodable)?
             }
         };
 
-        let channels = count(found.number(Slot::Channels)?)?;
-        let sample_period_s = match dialect.rate_hz {
-            Some(_) => 1.0 / found.number(Slot::Rate)?.float(),
-            None => found.number(Slot::Period)?.float(),
+        let channels = count(found.number(&dialect.channels)?)?;
+        let sample_period_s = match (&dialect.rate_hz, &dialect.period_s) {
+            (Some(rate), _) => 1.0 / found.number(rate)?.float(),
+            (None, Some(period)) => found.number(period)?.float(),
+            (None, None) => f64::NAN, // refused when the settings were read
         };
 
         let samples = found.samples(self.limits.samples_bytes)?;
         let samples_per_channel = match &dialect.samples_per_channel {
-            Some(_) => count(found.number(Slot::SamplesPerChannel)?)?,
+            Some(source) => count(found.number(source)?)?,
             None => columns(&samples, channels)?,
         };
         if samples.too_many {
@@ -133,41 +135,47 @@ impl DialectDecoder {
             format: samples.format,
             layout: dialect.layout,
             samples: samples.bytes,
-            temperature_c: found.measured(Slot::Temperature),
-            drive_voltage_v: found.measured(Slot::Voltage),
+            temperature_c: found.measured(dialect.temperature.as_ref()),
+            drive_voltage_v: found.measured(dialect.voltage.as_ref()),
             idle_time_s: Vec::new(),
             neighbours_fired: Bytes::new(),
         };
 
         burst_codec::check(&burst, &self.limits)?;
         let channels = channels as usize;
-        let mut idle_time_s = found.floats(Slot::Idle, channels);
+        let mut idle_time_s = found.floats(dialect.idle.as_ref(), channels);
         if ![1, channels].contains(&idle_time_s.len()) {
             idle_time_s.clear(); // neither one for all nor one each: it belongs to no channel
         }
-        let neighbours_fired = fired(&found.floats(Slot::Neighbours, channels), channels);
+        let neighbours = found.floats(dialect.neighbours.as_ref(), channels);
+        let neighbours_fired = fired(&neighbours, channels);
         Ok(Burst { idle_time_s, neighbours_fired, ..burst })
     }
 
     /// Puts the printhead's name together from literal text, parts of the topic and values of the
-    /// message, and writes it into `head`.
-    fn name(&mut self, found: &mut ReadMessage, head: &mut UnusableBurst) -> Result<(), Reason> {
-        if let [Part::Literal(name)] = found.plan.name.as_slice() {
+    /// message (`None`: it could not be decoded), and writes it into `head`.
+    fn name(
+        &mut self,
+        plan: &Plan,
+        found: Option<&ReadMessage>,
+        head: &mut UnusableBurst,
+    ) -> Result<(), Reason> {
+        if let [Part::Literal(name)] = plan.name.as_slice() {
             return take_name(head, name, &mut self.names); // the usual case: one text for all
         }
-        let (mut name, mut texts) = (String::new(), (0..).map(Slot::Text));
-        for part in &found.plan.name {
-            // the n-th path in the pattern has the n-th text slot
-            let slot = match part {
+        let mut name = String::new();
+        for part in &plan.name {
+            let path = match part {
+                Part::Path(path) => path,
                 Part::Literal(text) => {
                     name += text;
                     continue;
                 }
-                Part::Path(_) => texts.next(),
-                Part::Topic(_) => None,
+                Part::Topic(_) => continue, // put in when the plan was made
             };
-            match slot.and_then(|slot| found.values.take(slot)) {
-                Some(Value::Text(text)) => name += &text,
+            let found = found.ok_or(Reason::Undecodable)?;
+            match found.message.find(path) {
+                Some(Value::Text(text)) => name += text,
                 Some(Value::Number(number)) => {
                     name += &number.integer().ok_or(Reason::Undecodable)?.to_string();
                 }
@@ -179,50 +187,68 @@ impl DialectDecoder {
     }
 }
 
-/// A message's plan, and the values that were found in the message. Values are taken out as they are used.
+/// A decoded message with its plan.
 struct ReadMessage<'a> {
     plan: &'a Plan,
-    /// Whether the message could be decoded; otherwise there are no values.
-    is_decoded: bool,
-    values: SlotValues,
+    message: &'a Message,
 }
 
 impl ReadMessage<'_> {
     /// What a missing value means: zero in protobuf, which leaves out fields that are zero, and in
-    /// a ROS array that ends before the element; an error in JSON, and in a message that could not
-    /// be decoded.
+    /// a ROS array that ends before the element; an error in JSON.
     fn left_out<T>(&self, zero: T) -> Result<T, Reason> {
-        match self.is_decoded && !self.plan.names_every_field() {
-            true => Ok(zero),
-            false => Err(Reason::Undecodable),
+        if self.plan.names_every_field() { Err(Reason::Undecodable) } else { Ok(zero) }
+    }
+
+    /// A constant of the dialect, or the value in the message; `None` without a source, too.
+    fn value(&self, source: Option<&Source>) -> Option<Value<'_>> {
+        match source? {
+            Source::Constant(x) => Some(Value::Number(Number::Float(*x))),
+            Source::Path(path) => self.message.find(path),
         }
     }
 
-    /// Takes a number that a burst must have.
-    fn number(&mut self, slot: Slot) -> Result<Number, Reason> {
-        match self.values.number(slot) {
-            Some(number) => Ok(number),
+    /// A number that a burst must have.
+    fn number(&self, source: &Source) -> Result<Number, Reason> {
+        match self.value(Some(source)) {
+            Some(value) => value.number().ok_or(Reason::Undecodable),
             None => self.left_out(Number::Integer(0)),
         }
     }
 
-    /// Takes a number that a burst may have; NaN or an infinite number counts as not recorded.
-    fn measured(&mut self, slot: Slot) -> Option<f64> {
-        self.values.number(slot).map(Number::float).filter(|value| value.is_finite())
+    /// A number that a burst may have; NaN or an infinite number counts as not recorded.
+    fn measured(&self, source: Option<&Source>) -> Option<f64> {
+        let number = self.value(source)?.number()?;
+        Some(number.float()).filter(|value| value.is_finite())
     }
 
-    fn floats(&mut self, slot: Slot, channels: usize) -> Vec<f32> {
-        self.values.take(slot).map_or(Vec::new(), |value| value.floats(channels))
+    fn floats(&self, source: Option<&Source>, channels: usize) -> Vec<f32> {
+        self.value(source).map_or(Vec::new(), |value| value.floats(channels))
     }
 
-    fn samples(&mut self, most_bytes: u64) -> Result<Samples, Reason> {
+    fn samples(&self, most_bytes: u64) -> Result<Samples, Reason> {
         let format = self.plan.dialect.format;
-        match self.values.take(Slot::Samples) {
+        match self.message.find(&self.plan.dialect.samples) {
             Some(value) => value.samples(format, most_bytes).ok_or(Reason::Undecodable),
             None => {
                 let format = format.unwrap_or(Format::S16Le);
                 self.left_out(Samples { bytes: Bytes::new(), format, too_many: false })
             }
+        }
+    }
+
+    /// The burst's time in ns since 1970: a number, a text (a number or RFC 3339), or a message of
+    /// seconds and nanoseconds. `log_ns`: when the message was recorded, which decides on the unit of
+    /// numbers. A burst without a time has no place among the others.
+    fn time_ns(&self, path: &FieldPath, log_ns: i64) -> Option<i64> {
+        match self.message.find(path)? {
+            Value::Number(number) => ns_of(number, log_ns),
+            Value::Text(text) => match text.parse::<i64>() {
+                Ok(number) => ns_of(Number::Integer(number.into()), log_ns),
+                Err(_) => chrono::DateTime::parse_from_rfc3339(text).ok()?.timestamp_nanos_opt(),
+            },
+            Value::Other => self.message.time_ns(path),
+            Value::Array(_) | Value::Numbers(_) => None,
         }
     }
 }
@@ -254,28 +280,6 @@ fn columns(samples: &Samples, channels: u32) -> Result<u32, Reason> {
         true => u32::try_from(samples.bytes.len() / row).map_err(|_| Reason::TooLarge),
         false => Err(Reason::WrongLength),
     }
-}
-
-/// The burst's time in ns since 1970: a number, a text (a number or RFC 3339), or seconds and
-/// nanoseconds. `log_ns`: when the message was recorded, which decides on the unit of numbers.
-fn time_ns(values: &mut SlotValues, log_ns: i64) -> Option<i64> {
-    if let Some(value) = values.take(Slot::Time) {
-        return match value {
-            Value::Number(number) => ns_of(number, log_ns),
-            Value::Text(text) => match text.parse::<i64>() {
-                Ok(number) => ns_of(Number::Integer(number.into()), log_ns),
-                Err(_) => chrono::DateTime::parse_from_rfc3339(&text).ok()?.timestamp_nanos_opt(),
-            },
-            _ => None,
-        };
-    }
-    let (seconds, nanos) = (values.number(Slot::Seconds), values.number(Slot::Nanoseconds));
-    if seconds.is_none() && nanos.is_none() {
-        return None; // a burst without a time has no place among the others
-    }
-    let whole = |number: Option<Number>| number.map_or(Some(0), Number::integer);
-    let nanos = whole(nanos).filter(|n| (0..1_000_000_000).contains(n))?;
-    i64::try_from(whole(seconds)?.checked_mul(1_000_000_000)?.checked_add(nanos)?).ok()
 }
 
 #[cfg(test)]

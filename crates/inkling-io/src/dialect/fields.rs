@@ -4,18 +4,43 @@
 //! `shape.rs` and `json.rs` make a [`FieldInfo`] of each field; `plan.rs` asks
 //! [`FieldInfo::can_be`] for every path of a dialect, and `guess.rs` asks it to find candidates.
 
-use super::wanted::Slot;
-
 /// At most so many fields are named in an error.
 const MOST_LISTED: usize = 40;
 pub const MOST_FIELDS: usize = 400;
 /// Fields are listed down to this depth of messages within messages, since types may contain themselves.
 pub const MOST_DEPTH: usize = 5;
 
-/// Names of the field of seconds in time messages of protobuf, ROS 2 and ROS 1.
+/// Names of the field of seconds in messages that are a time: of protobuf, of ROS 2, and of others.
 pub const SECONDS: [&str; 3] = ["seconds", "sec", "secs"];
 /// Names of the field of nanoseconds in these time messages.
 pub const NANOSECONDS: [&str; 4] = ["nanos", "nanosec", "nsecs", "nsec"];
+
+/// The part of a burst that a field becomes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Slot {
+    Samples,
+    Channels,
+    SamplesPerChannel,
+    FirstChannel,
+    Period,
+    Rate,
+    Time,
+    Temperature,
+    Voltage,
+    /// s since the previous actuation.
+    Idle,
+    /// How many neighbours were actuated with it.
+    Neighbours,
+    /// A piece of the printhead's name.
+    Text,
+}
+
+impl Slot {
+    /// Whether a JSON message may lack it.
+    pub fn is_optional(self) -> bool {
+        matches!(self, Slot::Temperature | Slot::Voltage | Slot::Idle | Slot::Neighbours)
+    }
+}
 
 /// What a field is, as far as that matters to a burst.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,21 +74,23 @@ impl FieldInfo {
     pub fn can_be(&self, slot: Slot) -> Result<(), String> {
         use Kind::*;
         let fits = match slot {
-            Slot::Samples => {
-                matches!((self.kind, self.list), (Bytes, false) | (Integer | Float, true))
-            }
+            Slot::Samples => self.is_numbers() || (self.kind, self.list) == (Bytes, false),
             Slot::Channels | Slot::SamplesPerChannel | Slot::FirstChannel => self.is_number(),
             Slot::Period | Slot::Rate | Slot::Temperature | Slot::Voltage => self.is_number(),
             Slot::Time => matches!((self.kind, self.list), (Integer | Float | Time, false)),
-            Slot::Seconds | Slot::Nanoseconds => self.kind == Integer && !self.list,
             Slot::Idle => matches!(self.kind, Integer | Float),
-            Slot::Neighbours => matches!(self.kind, Integer | Bytes),
-            Slot::Text(_) => matches!((self.kind, self.list), (Text | Integer, false)),
+            Slot::Neighbours => matches!(self.kind, Integer | Float | Bytes),
+            Slot::Text => matches!((self.kind, self.list), (Text | Integer, false)),
         };
         match fits {
             true => Ok(()),
             false => Err(format!("is {}, not {}", self.typed(), due(slot))),
         }
+    }
+
+    /// Whether it is an array of numbers, or of rows of numbers.
+    pub fn is_numbers(&self) -> bool {
+        matches!((self.kind, self.list), (Kind::Integer | Kind::Float, true))
     }
 
     fn is_number(&self) -> bool {
@@ -75,19 +102,18 @@ impl FieldInfo {
     }
 }
 
-pub fn due(slot: Slot) -> &'static str {
+fn due(slot: Slot) -> &'static str {
     match slot {
         Slot::Samples => "bytes or an array of numbers",
         Slot::Channels | Slot::SamplesPerChannel | Slot::FirstChannel => "a whole number",
-        Slot::Seconds | Slot::Nanoseconds => "a whole number",
         Slot::Period | Slot::Rate | Slot::Temperature | Slot::Voltage => "a number",
         Slot::Time => {
             "ns as an integer, s as a float, a message of seconds and nanoseconds, or in JSON \
              RFC 3339"
         }
         Slot::Idle => "a number or an array of numbers",
-        Slot::Neighbours => "a whole number, an array of such, or bytes",
-        Slot::Text(_) => "text or a whole number",
+        Slot::Neighbours => "a number, an array of numbers, or bytes",
+        Slot::Text => "text or a whole number",
     }
 }
 

@@ -1,15 +1,14 @@
 //! The first message of a channel as a proposal of a dialect looks at it (`guess.rs`): what its fields
 //! hold, and what samples they would give.
 //!
-//! In: a message, how it is read, and its fields. Out: numbers, texts and [`MessageSamples`], field
+//! In: a decoded message and its fields. Out: numbers, texts and [`MessageSamples`], field
 //! by field; fields as the user is shown them ([`ShownField`]).
 
 use super::fields::{FieldInfo, Kind};
-use super::plan::Reading;
-use super::value::{self, Number, SlotValues, Value};
-use super::wanted::Slot;
+use super::message::Message;
+use super::path::FieldPath;
+use super::value::{self, Number, Value};
 use crate::printable;
-use bytes::Bytes;
 use chrono::{DateTime, SecondsFormat};
 use inkling_core::burst::Format;
 
@@ -43,8 +42,7 @@ pub struct MessageSamples {
 }
 
 pub struct FirstMessage<'a> {
-    pub reading: Reading,
-    pub message: &'a Bytes,
+    pub message: &'a Message,
     pub fields: &'a [FieldInfo],
 }
 
@@ -60,10 +58,9 @@ impl FirstMessage<'_> {
     /// The samples that this field would give. `None`: it cannot be read as samples.
     pub fn samples(&self, field: &FieldInfo) -> Option<MessageSamples> {
         let is_bytes = field.kind == Kind::Bytes;
-        let value = self.values_at(&field.path, Slot::Samples)?.take(Slot::Samples)?;
         // bytes are read as int16 first; if they look more like float32, they are read as float32
         let written = is_bytes.then_some(Format::S16Le);
-        let samples = value.samples(written, MOST_LOOKED_AT)?;
+        let samples = self.find(&field.path)?.samples(written, MOST_LOOKED_AT)?;
         let bytes = &samples.bytes;
         let format = match is_bytes && bytes.len().is_multiple_of(4) && look_like_floats(bytes) {
             true => Format::F32Le,
@@ -79,40 +76,29 @@ impl FirstMessage<'_> {
     }
 
     pub fn value(&self, field: &FieldInfo) -> Option<String> {
-        match field.kind {
-            Kind::Integer | Kind::Float => match self.number(&field.path)? {
+        match (field.kind, self.find(&field.path)?) {
+            (Kind::Integer | Kind::Float, value) => match value.number()? {
                 Number::Integer(n) => Some(n.to_string()),
                 Number::Float(x) => Some(x.to_string()),
             },
-            Kind::Text => match self.values_at(&field.path, Slot::Text(0))?.take(Slot::Text(0))? {
-                Value::Text(text) => Some(printable::cell(&text)),
-                Value::Number(number) => Some(number.float().to_string()),
-                _ => None,
-            },
-            Kind::Time => {
-                let mut values = self.values_at(&field.path, Slot::Time)?;
-                let seconds = values.number(Slot::Seconds)?.integer()?.try_into().ok()?;
-                let nanoseconds = values.number(Slot::Nanoseconds)?.integer()?.try_into().ok()?;
-                let time = DateTime::from_timestamp(seconds, nanoseconds)?;
+            (Kind::Text | Kind::Time, Value::Text(text)) => Some(printable::cell(text)),
+            (Kind::Time, _) => {
+                let path = FieldPath::try_from(field.path.clone()).ok()?;
+                let time = DateTime::from_timestamp_nanos(self.message.time_ns(&path)?);
                 Some(time.to_rfc3339_opts(SecondsFormat::Nanos, true))
             }
-            Kind::Bool | Kind::Bytes | Kind::Message => None,
+            _ => None,
         }
-    }
-
-    fn number(&self, path: &str) -> Option<Number> {
-        let slot = Slot::SamplesPerChannel;
-        self.values_at(path, slot)?.number(slot)
     }
 
     /// A whole number of more than 0.
     pub fn count(&self, path: &str) -> Option<usize> {
-        let n = self.number(path).and_then(Number::integer)?;
+        let n = self.find(path)?.number().and_then(Number::integer)?;
         usize::try_from(n).ok().filter(|n| *n > 0)
     }
 
-    fn values_at(&self, path: &str, slot: Slot) -> Option<SlotValues> {
-        self.reading.look(self.message, path, slot, MOST_LOOKED_AT)
+    fn find(&self, path: &str) -> Option<Value<'_>> {
+        self.message.find(&FieldPath::try_from(path.to_owned()).ok()?)
     }
 }
 

@@ -12,13 +12,13 @@
 
 pub use super::first_message::{MOST_MESSAGE_BYTES, ShownField};
 
-use super::fields::{FieldInfo, Kind};
+use super::fields::{FieldInfo, Kind, Slot};
 use super::first_message::{FirstMessage, MessageSamples};
-use super::plan::{ChannelDescription, Reading, Schema, is_time};
-use super::wanted::Slot;
+use super::plan::{ChannelDescription, Reading, Schema};
 use bytes::Bytes;
 use inkling_core::burst::Format;
 use inkling_core::model::row_layout::RowLayout;
+use inkling_core::verdict::Reason;
 use std::fmt::Write as _;
 
 /// A message with fewer numbers than these is no burst.
@@ -59,6 +59,34 @@ const TEMPERATURE: Names =
 const VOLTAGE: Names =
     Names("drive_voltage_v drive_voltage voltage_v voltage amplitude_v", "voltage volt volts");
 
+/// Words in the names of topics and schemas of bursts, for messages that cannot be looked into.
+const BURSTS: &str = "burst bursts ring rings ringdown ringdowns wave waves waveform waveforms piezo \
+     piezos nozzle nozzles printhead printheads decay decays sample samples acquisition acquisitions";
+
+/// Why nothing can decode messages whose topic or schema is named like bursts. `None`: they can be
+/// decoded, or are named otherwise.
+pub fn undecodable(written: &ChannelDescription, message: &Bytes) -> Option<String> {
+    let schema = written.schema.map_or("", |schema| &schema.name);
+    if !has_word(written.topic, BURSTS) && !has_word(&in_words(schema), BURSTS) {
+        return None;
+    }
+    match Reading::of(written) {
+        Err(why) => Some(why),
+        Ok(reading) => match reading.decode(message) {
+            Err(Reason::Undecodable) => {
+                Some("their first message is not what its schema says".into())
+            }
+            _ => None,
+        },
+    }
+}
+
+/// `RingDown` as `Ring Down`.
+fn in_words(name: &str) -> String {
+    let split = |c: char| [c.is_ascii_uppercase().then_some(' '), Some(c)].into_iter().flatten();
+    name.chars().flat_map(split).collect()
+}
+
 /// `topics` are all topics that carry messages of the same kind; each must have as many parts as
 /// this one. `None`: nothing looks like bursts.
 pub fn guess(written: &ChannelDescription, message: &Bytes, topics: &[&str]) -> Option<Proposal> {
@@ -68,8 +96,9 @@ pub fn guess(written: &ChannelDescription, message: &Bytes, topics: &[&str]) -> 
         return None;
     }
     let reading = Reading::of(written).ok()?;
-    let fields = reading.fields(Some(message));
-    let first = FirstMessage { reading, message, fields: &fields };
+    let message = reading.decode(message).ok()?;
+    let fields = reading.fields(Some(&message));
+    let first = FirstMessage { message: &message, fields: &fields };
     let (field, samples) = fields
         .iter()
         .filter(|field| field.can_be(Slot::Samples).is_ok())
@@ -149,17 +178,16 @@ impl Guess<'_> {
         }
     }
 
-    /// Writes the field of the time: a message of seconds and nanoseconds, else a field that is named like a
-    /// time and can be one. If there is none, the key is left out, and the log time counts.
+    /// Writes the field of the time: one that is named like a time, before all a message of seconds and
+    /// nanoseconds or a text that is a date; else any of those. If there is none, the key is left out,
+    /// and the log time counts.
     fn say_time(&mut self) {
-        let can_be_time = |field: &&FieldInfo| {
-            let is_text = field.kind == Kind::Text && !field.list;
-            let text = || self.first.value(field);
-            field.can_be(Slot::Time).is_ok() || (is_text && text().is_some_and(|t| is_time(&t)))
-        };
-        let times: Vec<&FieldInfo> = self.first.fields.iter().filter(can_be_time).collect();
-        let stamp = times.iter().find(|field| field.kind == Kind::Time).copied();
-        if let Some(field) = stamp.or_else(|| TIME.find(&times)) {
+        let fields = self.first.fields.iter();
+        let times: Vec<&FieldInfo> = fields.filter(|of| of.can_be(Slot::Time).is_ok()).collect();
+        let stamps = times.iter().filter(|field| field.kind == Kind::Time).copied();
+        let stamps: Vec<&FieldInfo> = stamps.collect();
+        let named = TIME.find(&stamps).or_else(|| TIME.find(&times));
+        if let Some(field) = named.or(stamps.first().copied()) {
             self.say("time", &quoted(&field.path), "");
         }
     }
@@ -267,7 +295,7 @@ impl Guess<'_> {
     /// Writes the printhead's name: a field, else the part of the topic in which the topics differ, else its
     /// second part.
     fn say_printhead(&mut self, varies: Option<usize>) {
-        if let Some(path) = find(self.first.fields, &PRINTHEAD, Slot::Text(0)) {
+        if let Some(path) = find(self.first.fields, &PRINTHEAD, Slot::Text) {
             return self.say("printhead", &quoted(&format!("{{{path}}}")), "");
         }
         let parts = self.topic.trim_start_matches('/').split('/').count();

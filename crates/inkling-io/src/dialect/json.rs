@@ -1,293 +1,199 @@
-//! Reads JSON messages: walks one as text, takes the wanted values, and passes over the rest.
-//! Numbers of arrays are gathered without a tree of values, so that memory stays near the message's
-//! own size. Also lists the fields of a message for errors and proposals.
+//! Reads JSON messages, which `serde_json` decodes, and lists the fields of a message for errors and
+//! proposals.
 //!
-//! In, from `plan.rs`: a message and the tree of wanted fields. Out: [`SlotValues`]. `serde_json`
-//! finds where each value ends and checks that it is JSON; this file looks only into values that
-//! are wanted. JSON has no schema, so what kind a field is shows only here: a field that is not
-//! what the dialect says is [`ReadError::Unfit`].
+//! In, from `plan.rs`: a message ([`decode`]), and the paths that are wanted of it ([`find`]). Out:
+//! [`Value`]s. JSON has no schema, so what kind a field is shows only in a message ([`field`]).
+//!
+//! `serde_json` keeps each number as a value of 32 bytes, where the message has two. So the values of
+//! a message are counted before it is decoded, and one of more than [`MOST_VALUES`] is `too_large`.
+//! A text, also one of samples in base64, is one value whatever its length.
 
 use super::fields::{FieldInfo, Kind, MOST_DEPTH, MOST_FIELDS, NANOSECONDS, SECONDS};
-use super::value::{Gathered, Number, ReadError, SlotValues, Value};
-use super::wanted::{Slot, Then, Wanted, WantedField};
-use serde::de::IgnoredAny;
+use super::path::{FieldPath, Step};
+use super::value::{Number, Value};
+use inkling_core::verdict::Reason;
 use serde_json::Value as Json;
 
-/// A larger message is not parsed to list its fields.
-const MOST_SAMPLE_BYTES: usize = 8 << 20;
+/// Most values of a message: decoded they take 130 MiB, and up to 200 MiB while their list grows.
+pub const MOST_VALUES: usize = 1 << 22;
+/// An object counts as so many values: even with a single field it takes a node of a tree, of some
+/// 700 bytes.
+const VALUES_OF_AN_OBJECT: usize = 16;
 
-/// Walks one message and puts the values of wanted fields into `values`.
-pub fn walk(message: &[u8], wanted: &Wanted, values: &mut SlotValues) -> Result<(), ReadError> {
-    let message = message.trim_ascii();
-    match message.first() {
-        Some(b'{') => {}
-        _ if serde_json::from_slice::<IgnoredAny>(message).is_err() => {
-            return Err(ReadError::Malformed);
-        }
-        _ => return Err(unfit("it is no object")),
+pub fn decode(message: &[u8]) -> Result<Json, Reason> {
+    if most_values(message) > MOST_VALUES {
+        return Err(Reason::TooLarge);
     }
-    match object(message, wanted, values)? {
-        [] => Ok(()),
-        _ => Err(ReadError::Malformed),
-    }
+    let decoded = serde_json::from_slice(message);
+    let decoded = decoded.or_else(|_| serde_json::from_slice(&with_nulls(message)));
+    decoded.map_err(|_| Reason::Undecodable)
 }
 
-/// `text` begins with the object's opening bracket. Gives the text behind its closing bracket.
-fn object<'m>(
-    text: &'m [u8],
-    wanted: &Wanted,
-    values: &mut SlotValues,
-) -> Result<&'m [u8], ReadError> {
-    let mut members = Members::of(text);
-    while let Some(Member { key, value }) = members.member()? {
-        for field in wanted.fields.iter().filter(|field| field.at.name == key) {
-            take(field, value, values)?;
-        }
-    }
-    Ok(members.rest)
-}
-
-fn unfit(what: &str) -> ReadError {
-    ReadError::Unfit(what.to_owned())
-}
-
-/// A member of an object, or an element of an array (then `key` is empty). The value is still text.
-struct Member<'m> {
-    key: String,
-    value: &'m [u8],
-}
-
-/// The members of an object, or the elements of an array, one after the other. Each value is
-/// checked to be JSON before it is given out, so that the functions below may trust its first byte
-/// to say what kind of value it is.
-struct Members<'m> {
-    rest: &'m [u8],
-    /// The closing bracket: `}` or `]`.
-    end: u8,
-    is_first: bool,
-}
-
-impl<'m> Members<'m> {
-    fn of(text: &'m [u8]) -> Members<'m> {
-        let end = if text.starts_with(b"{") { b'}' } else { b']' };
-        Members { rest: &text[1..], end, is_first: true }
-    }
-
-    /// The next member. `None`: the closing bracket was met.
-    fn member(&mut self) -> Result<Option<Member<'m>>, ReadError> {
-        if self.passes(self.end) {
-            return Ok(None);
-        }
-        if !std::mem::take(&mut self.is_first) && !self.passes(b',') {
-            return Err(ReadError::Malformed);
-        }
-        let mut key = String::new();
-        if self.end == b'}' {
-            key = text(self.value()?)?;
-            if !self.passes(b':') {
-                return Err(ReadError::Malformed);
-            }
-        }
-        Ok(Some(Member { key, value: self.value()? }))
-    }
-
-    fn passes(&mut self, byte: u8) -> bool {
-        let text = self.rest.trim_ascii_start();
-        let behind = text.strip_prefix(&[byte]);
-        self.rest = behind.unwrap_or(text);
-        behind.is_some()
-    }
-
-    fn value(&mut self) -> Result<&'m [u8], ReadError> {
-        let text = self.rest.trim_ascii_start();
-        // the deserializer stops behind the first value, and says where
-        let mut values = serde_json::Deserializer::from_slice(text).into_iter::<IgnoredAny>();
-        let Some(Ok(_)) = values.next() else { return Err(ReadError::Malformed) };
-        let (value, rest) = text.split_at(values.byte_offset());
-        self.rest = rest;
-        Ok(value)
-    }
-}
-
-impl<'m> Iterator for Members<'m> {
-    type Item = Result<Member<'m>, ReadError>;
-
-    fn next(&mut self) -> Option<Result<Member<'m>, ReadError>> {
-        self.member().transpose()
-    }
-}
-
-fn text(quoted: &[u8]) -> Result<String, ReadError> {
-    serde_json::from_slice(quoted).map_err(|_| ReadError::Malformed)
-}
-
-/// If a dialect wants one element of an array and the array has fewer, nothing is taken; if it
-/// wants one value and there are several, the message does not fit.
-fn take(field: &WantedField, value: &[u8], values: &mut SlotValues) -> Result<(), ReadError> {
-    let name = &field.at.name;
-    let value = match (field.at.index, value[0]) {
-        (None, _) => value,
-        (Some(index), b'[') => match Members::of(value).nth(index as usize) {
-            Some(element) => element?.value,
-            None => return Ok(()),
-        },
-        (Some(_), b'{') => {
-            let what = format!("\"{name}\" is one object where a dialect wants one of several");
-            return Err(ReadError::Unfit(what));
-        }
-        (Some(_), _) => return Ok(()),
+/// The most values that a message can hold, without looking where its texts are: one stands behind
+/// each comma and bracket. A member of an object has a name, which counts as two.
+fn most_values(message: &[u8]) -> usize {
+    let weight = |byte: &u8| match byte {
+        b',' | b'[' => 1,
+        b':' => 2,
+        b'{' => VALUES_OF_AN_OBJECT,
+        _ => 0,
     };
-
-    // the first byte says what the value is: null, an object, an array, or a single value
-    match (&field.then, value[0]) {
-        (_, b'n') => Ok(()), // null: not recorded
-        (Then::Into(inside), b'{') => object(value, inside, values).map(drop),
-        (Then::Into(_), b'[') => {
-            Err(ReadError::Unfit(format!("\"{name}\" is several values where a dialect wants one")))
-        }
-        (Then::Into(_), _) => Ok(()),
-        (Then::Take(Slot::Time), b'{') => time(value, values),
-        (Then::Take(slot), _) => {
-            let value = match (slot, value[0]) {
-                (Slot::Samples | Slot::Idle | Slot::Neighbours, b'[') => {
-                    drop(values.take(*slot)); // if the name comes twice, the last one counts
-                    let mut all = values.gathered(*slot);
-                    numbers(value, *slot == Slot::Samples, &mut all)?;
-                    Value::Gathered(all)
-                }
-                _ => scalar(name, value)?,
-            };
-            values.set(*slot, value);
-            Ok(())
-        }
-    }
+    message.iter().map(weight).sum()
 }
 
-/// A text or a number; anything else does not fit.
-fn scalar(name: &str, value: &[u8]) -> Result<Value, ReadError> {
-    let what = match value[0] {
-        b'"' => return text(value).map(Value::Text),
-        b'{' => "an object where a dialect wants a value",
-        b'[' => "several values where a dialect wants one",
-        b't' | b'f' => "true or false where a dialect wants another value",
-        _ => {
-            let number = str::from_utf8(value).ok().and_then(Number::parse);
-            return number.map(Value::Number).ok_or(ReadError::Malformed);
-        }
+/// The message with `null` for each number that is not finite. JSON has no words for these, and
+/// writers write them all the same (`NaN`, `-Infinity`, `1e400`). A sample that is `null` costs its
+/// channel alone, where a message that is no JSON costs them all.
+fn with_nulls(message: &[u8]) -> Vec<u8> {
+    let is_of_word = |byte: &u8| byte.is_ascii_alphanumeric() || b"+-.".contains(byte);
+    let (mut out, mut rest) = (Vec::with_capacity(message.len()), message);
+    while let Some(first) = rest.first() {
+        let end = match first {
+            b'"' => end_of_text(rest),
+            _ => rest.iter().position(|byte| !is_of_word(byte)).unwrap_or(rest.len()).max(1),
+        };
+        let (token, behind) = rest.split_at(end);
+        let number = str::from_utf8(token).ok().and_then(|token| token.parse::<f64>().ok());
+        let is_finite = number.is_none_or(f64::is_finite);
+        out.extend_from_slice(if is_finite { token } else { b"null" });
+        rest = behind;
+    }
+    out
+}
+
+/// The number of bytes of the quoted text that begins here, with its quotes.
+fn end_of_text(quoted: &[u8]) -> usize {
+    let mut is_escaped = false;
+    let closes = |byte: &u8| {
+        let closes = *byte == b'"' && !is_escaped;
+        is_escaped = *byte == b'\\' && !is_escaped;
+        closes
     };
-    Err(ReadError::Unfit(format!("\"{name}\" is {what}")))
+    quoted[1..].iter().position(closes).map_or(quoted.len(), |at| at + 2)
 }
 
-/// Takes a time that is an object of seconds and nanoseconds, such as `{"sec": 1, "nanosec": 2}`;
-/// it fills two slots.
-fn time(value: &[u8], values: &mut SlotValues) -> Result<(), ReadError> {
-    for member in Members::of(value) {
-        let Member { key, value } = member?;
-        let slot = match key.as_str() {
-            key if SECONDS.contains(&key) => Slot::Seconds,
-            key if NANOSECONDS.contains(&key) => Slot::Nanoseconds,
-            _ => continue,
-        };
-        let number = scalar(&key, value)?.number();
-        let number = number.ok_or_else(|| unfit("seconds or nanoseconds that are no number"))?;
-        values.set(slot, Value::Number(number));
-    }
-    Ok(())
+/// The value to which a path leads. `None`: the message has none, or `null`, or an array that ends
+/// before it.
+pub fn find<'m>(message: &'m Json, path: &[Step]) -> Option<Value<'m>> {
+    Some(match at(message, path)? {
+        Json::Null => return None,
+        Json::Number(of) => Value::Number(number(of)),
+        Json::String(text) => Value::Text(text),
+        Json::Array(all) => numbers(all),
+        Json::Bool(_) | Json::Object(_) => Value::Other,
+    })
 }
 
-/// Gathers an array of numbers. Samples may also be an array of rows of numbers, all equally long.
-fn numbers(array: &[u8], may_have_rows: bool, all: &mut Gathered) -> Result<(), ReadError> {
-    // the array is known to be JSON, so its text can be split at commas and brackets
-    let inside = array.strip_prefix(b"[").and_then(|inside| inside.strip_suffix(b"]"));
-    let inside =
-        inside.and_then(|inside| str::from_utf8(inside).ok()).ok_or(ReadError::Malformed)?;
-    let inside = inside.trim();
-    if !may_have_rows || !inside.starts_with('[') {
-        return row(inside, all).map(drop);
-    }
-    // each row ends with a bracket, and brackets cannot stand within a number
-    let is_between = |c: char| c == ',' || c.is_ascii_whitespace();
-    let mut length = None;
-    for text in inside.split(']').map(|text| text.trim_start_matches(is_between)) {
-        if text.is_empty() {
-            continue; // behind the last row
+fn at<'m>(message: &'m Json, path: &[Step]) -> Option<&'m Json> {
+    path.iter().try_fold(message, |message, step| {
+        let field = message.get(&step.name)?;
+        match step.index {
+            Some(index) => field.get(index as usize),
+            None => Some(field),
         }
-        let text = text.strip_prefix('[').ok_or_else(|| unfit("a value among rows of numbers"))?;
-        let n = row(text, all)?;
-        if length.replace(n).is_some_and(|before| before != n) {
-            return Err(unfit("rows of different length"));
+    })
+}
+
+fn number(of: &serde_json::Number) -> Number {
+    let whole = of.as_i64().map(i128::from).or_else(|| of.as_u64().map(i128::from));
+    whole.map_or_else(|| Number::Float(of.as_f64().unwrap_or(f64::NAN)), Number::Integer)
+}
+
+/// The numbers of an array, or of an array of rows of numbers, all equally long.
+fn numbers(all: &[Json]) -> Value<'_> {
+    let Some(Json::Array(first)) = all.first() else {
+        return Value::Numbers(Box::new(all.iter().map(float)));
+    };
+    let is_row = |row: &Json| row.as_array().is_some_and(|row| row.len() == first.len());
+    match all.iter().all(is_row) {
+        true => {
+            Value::Numbers(Box::new(all.iter().filter_map(Json::as_array).flatten().map(float)))
         }
+        false => Value::Other,
     }
-    Ok(())
 }
 
-/// Gives how many numbers there are. The text is known to be JSON, so commas only stand between values.
-fn row(text: &str, all: &mut Gathered) -> Result<usize, ReadError> {
-    if text.trim().is_empty() {
-        return Ok(0);
+/// A number of an array. Where JSON has no number, `null` or a text is not-a-number.
+fn float(of: &Json) -> Option<f64> {
+    match of {
+        Json::Null => Some(f64::NAN),
+        Json::Number(of) => of.as_f64(),
+        Json::String(text) => text.parse().ok(),
+        _ => None,
     }
-    let mut n = 0;
-    for one in text.split([',']).map(str::trim_ascii) {
-        // most samples are small whole numbers, which parse faster as i32
-        let x = match (one, one.parse::<i32>()) {
-            (_, Ok(whole)) => Ok(f64::from(whole)),
-            ("null", _) => Ok(f64::NAN),
-            // not-a-number is text in JSON
-            _ => one.trim_matches('"').parse(),
-        };
-        all.push(x.map_err(|_| unfit("another value where a number should be"))?);
-        n += 1;
-    }
-    Ok(n)
 }
 
-/// The fields that a message has; none if it is too large to be parsed, or no JSON.
-pub fn fields(message: &[u8]) -> Vec<FieldInfo> {
+/// The field to which a path leads in a message; an error if the message has none there.
+pub fn field(message: &Json, path: &FieldPath) -> Result<FieldInfo, String> {
+    let found = at(message, path.steps()).filter(|found| !found.is_null());
+    let found = found.ok_or("not in its first message")?;
+    Ok(info(found, path.to_string()))
+}
+
+/// The fields that a message has.
+pub fn fields(message: &Json) -> Vec<FieldInfo> {
     let mut found = Vec::new();
-    if message.len() > MOST_SAMPLE_BYTES {
-        return found;
-    }
-    if let Ok(value) = serde_json::from_slice(message) {
-        list(&value, "", 0, &mut found);
-    }
+    list(message, String::new(), 0, &mut found);
     found
 }
 
-fn list(value: &Json, path: &str, depth: usize, found: &mut Vec<FieldInfo>) {
+fn list(value: &Json, path: String, depth: usize, found: &mut Vec<FieldInfo>) {
     if found.len() >= MOST_FIELDS || depth > MOST_DEPTH {
         return;
     }
-    let mut add = |kind, list, type_name: &str| {
-        found.push(FieldInfo::new(path.to_owned(), kind, list, type_name));
-    };
+    let info = info(value, path);
     match value {
-        Json::Object(map) => {
-            let has = |names: &[&str]| names.iter().any(|name| map.contains_key(*name));
-            // an object with seconds and nanoseconds counts as a time, as such a message does in
-            // other encodings
-            if has(&SECONDS) && has(&NANOSECONDS) {
-                return add(Kind::Time, false, "time");
-            }
-            for (key, value) in map {
-                let dot = if path.is_empty() { "" } else { "." };
-                list(value, &format!("{path}{dot}{key}"), depth + 1, found);
+        Json::Object(fields) if info.kind == Kind::Message => {
+            let dot = if info.path.is_empty() { "" } else { "." };
+            for (name, value) in fields {
+                list(value, format!("{}{dot}{name}", info.path), depth + 1, found);
             }
         }
-        Json::Array(all) => match all.first() {
-            Some(Json::Number(_)) | None => add(Kind::Float, true, "number"),
-            Some(Json::Array(_)) => {
-                let info = FieldInfo::new(path.to_owned(), Kind::Float, true, "number[]");
-                found.push(FieldInfo { rows: Some(all.len()), ..info });
+        Json::Array(all) if !info.is_numbers() => {
+            if let Some(first) = all.first() {
+                list(first, format!("{}[0]", info.path), depth + 1, found);
             }
-            Some(first) => list(first, &format!("{path}[0]"), depth + 1, found),
-        },
-        Json::Number(n) if n.is_f64() => add(Kind::Float, false, "number"),
-        Json::Number(_) => add(Kind::Integer, false, "whole number"),
-        Json::String(text) if long_base64(text) => add(Kind::Bytes, false, "base64"),
-        Json::String(_) => add(Kind::Text, false, "text"),
-        Json::Bool(_) => add(Kind::Bool, false, "true or false"),
-        Json::Null => add(Kind::Text, false, "null"),
+        }
+        _ => found.push(info),
     }
+}
+
+/// What a value is, as a schema would say it.
+fn info(value: &Json, path: String) -> FieldInfo {
+    let (kind, type_name) = match value {
+        Json::Object(fields) => {
+            let has = |names: &[&str]| names.iter().any(|name| fields.contains_key(*name));
+            match has(&SECONDS) && has(&NANOSECONDS) {
+                true => (Kind::Time, "time"),
+                false => (Kind::Message, "object"),
+            }
+        }
+        Json::Array(all) => {
+            let (kind, type_name) = match all.first() {
+                Some(Json::Array(_)) => (Kind::Float, "number[]"),
+                Some(first) if float(first).is_none() => (Kind::Message, "value"),
+                _ => (Kind::Float, "number"),
+            };
+            let rows = matches!(all.first(), Some(Json::Array(_))).then_some(all.len());
+            return FieldInfo { rows, ..FieldInfo::new(path, kind, true, type_name) };
+        }
+        Json::Number(n) if n.is_f64() => (Kind::Float, "number"),
+        Json::Number(_) => (Kind::Integer, "whole number"),
+        // many writers make texts of integers of 64 bits and of not-a-number, and all of bytes
+        Json::String(text) if text.parse::<i64>().is_ok() => (Kind::Integer, "text"),
+        Json::String(text) if text.parse::<f64>().is_ok() => (Kind::Float, "text"),
+        Json::String(text) if is_time(text) => (Kind::Time, "text"),
+        Json::String(text) if long_base64(text) => (Kind::Bytes, "base64"),
+        Json::String(_) => (Kind::Text, "text"),
+        Json::Bool(_) => (Kind::Bool, "true or false"),
+        Json::Null => (Kind::Text, "null"),
+    };
+    FieldInfo::new(path, kind, false, type_name)
+}
+
+/// Whether a text is a time: RFC 3339 with a zone.
+fn is_time(text: &str) -> bool {
+    chrono::DateTime::parse_from_rfc3339(text).is_ok()
 }
 
 /// Whether a text is so long and of such characters that it may be samples in base64.
@@ -300,62 +206,42 @@ fn long_base64(text: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dialect::path::{FieldPath, Step};
-
-    /// What the paths find in a message, as their slots say it.
-    fn found(message: &str, paths: &[(&str, Slot)]) -> Result<SlotValues, ReadError> {
-        let mut wanted = Wanted::default();
-        for (path, slot) in paths {
-            let path = FieldPath::try_from((*path).to_owned()).unwrap();
-            wanted.want(path.steps(), *slot);
-        }
-        let mut values = SlotValues::new(1000);
-        walk(message.as_bytes(), &wanted, &mut values).map(|()| values)
-    }
 
     #[test]
-    fn values_are_told_apart_whatever_stands_around_them() {
-        let message = " {\"}\": [\"],[{\", {\"a\": {}}], \"\\u0061\\\"b\" : [1, {\"x\" : -2.5e1 } ],\n \"c\":\"\\u00b5,}\",\
-            \"d\":[ [1, 2],[3 ,\"nan\"] ] , \"e\":[], \"c2\":null, \"t\":{\"sec\":\"7\",\"o\":[1],\"nanosec\":8}}\n";
-        let paths = [
-            ("c", Slot::Text(0)),
-            ("d", Slot::Samples),
-            ("e", Slot::Idle),
-            ("c2", Slot::Voltage),
-            ("t", Slot::Time),
-            ("t.sec", Slot::FirstChannel),
-        ];
-        let mut values = found(message, &paths).unwrap();
-        assert!(matches!(values.take(Slot::Text(0)), Some(Value::Text(text)) if text == "µ,}"));
-        let samples = values.take(Slot::Samples).unwrap().floats(10);
-        assert_eq!(samples[..3], [1.0, 2.0, 3.0]);
-        assert!(samples.len() == 4 && samples[3].is_nan());
-        assert!(values.take(Slot::Idle).unwrap().floats(10).is_empty());
-        assert!(values.take(Slot::Voltage).is_none());
-        for (slot, number) in [(Slot::Seconds, 7), (Slot::Nanoseconds, 8), (Slot::FirstChannel, 7)]
+    fn what_is_not_finite_is_null_and_texts_stay() {
+        let message = br#"{"a\"NaN":[NaN,-Infinity,1e400,-1.5e3,"NaN, \\",null],"b":Infinity}"#;
+        let found = decode(message).unwrap();
+        let expected = r#"{"a\"NaN":[null,null,null,-1500.0,"NaN, \\",null],"b":null}"#;
+        assert_eq!(found, serde_json::from_str::<Json>(expected).unwrap());
+        for message in
+            ["", "{", "{\"a\":NaN,}", "{\"a\":nothing}", "\"NaN", "{\"a\":\"\\", "NaN NaN"]
         {
-            assert_eq!(values.number(slot), Some(Number::Integer(number)), "{slot:?}");
+            assert_eq!(decode(message.as_bytes()), Err(Reason::Undecodable), "{message}");
         }
-        let mut wanted = Wanted::default();
-        let at = |name: &str, index| Step { name: name.to_owned(), place: 0, index };
-        wanted.want(&[at("a\"b", Some(1)), at("x", None)], Slot::Period);
-        let mut values = SlotValues::new(1000);
-        walk(message.as_bytes(), &wanted, &mut values).unwrap();
-        assert_eq!(values.number(Slot::Period), Some(Number::Float(-25.0)));
     }
 
     #[test]
-    fn what_is_not_what_is_wanted_is_said_and_what_is_no_json_is_malformed() {
+    fn whole_numbers_stay_exact_and_texts_may_be_numbers() {
+        let message = decode(br#"{"a":[{"t":1793491200250000001},{"t":"18446744073709551615"}]}"#);
+        let message = message.unwrap();
+        let number = |path: &str| {
+            let path = FieldPath::try_from(path.to_owned()).unwrap();
+            find(&message, path.steps()).and_then(|value| value.number())
+        };
+        assert_eq!(number("a[0].t"), Some(Number::Integer(1_793_491_200_250_000_001)));
+        assert_eq!(number("a[1].t"), Some(Number::Integer(u64::MAX.into())));
+        assert_eq!(number("a[2].t"), None);
+    }
+
+    #[test]
+    fn an_array_that_is_no_numbers_or_rows_is_no_samples() {
         for array in
             ["[1,[2]]", "[[1],2]", "[[[1]]]", "[\"]\"]", "[[\"]\"]]", "[true]", "[[1],[2,3]]"]
         {
-            let found = found(&format!("{{\"a\":{array}}}"), &[("a", Slot::Samples)]);
-            assert!(matches!(found, Err(ReadError::Unfit(_))), "{array}");
+            let message = decode(format!("{{\"a\":{array}}}").as_bytes()).unwrap();
+            let path = FieldPath::try_from("a".to_owned()).unwrap();
+            let samples = find(&message, path.steps()).unwrap().samples(None, 1000);
+            assert!(samples.is_none(), "{array}");
         }
-        for message in ["", "{", "{\"a\":1,}", "{\"a\":[1,]}", "{} {}", "{\"a\":01}"] {
-            let found = found(message, &[("a", Slot::Period)]);
-            assert!(matches!(found, Err(ReadError::Malformed)), "{message}");
-        }
-        assert!(matches!(found("[1]", &[("a", Slot::Period)]), Err(ReadError::Unfit(_))));
     }
 }

@@ -3,7 +3,7 @@
 //! `docs/recordings_of_others.md` explains its keys.
 //!
 //! ```text
-//! settings ──▶ Dialects ── topic, schema ──▶ Plan (paths resolved once) ── message ──▶ Acquisition
+//! settings ──▶ Dialects ── topic, schema ──▶ Plan (paths checked once) ── message ──▶ Acquisition
 //!                          of a recording     protobuf | json | ros
 //! ```
 //!
@@ -11,29 +11,29 @@
 //!
 //! ```text
 //! settings        a block as written
-//! path, wanted    a field path; all wanted fields of a message as one tree
+//! path            a field path
 //! shape, fields   what messages of a schema hold; the same in words, for errors
-//! plan            a dialect resolved for one channel of one recording
-//! protobuf, ros,  an encoding: how its schema becomes a shape, and how the bytes of a message are walked
-//! json
-//! value           what was found in a message
+//! plan            a dialect checked against one channel of one recording
+//! protobuf, ros,  an encoding: how its schema becomes a shape, how a message is decoded, and what
+//! json            a path finds in it
+//! message, value  a decoded message of any encoding; what a path found in it
 //! decoder         what was found becomes a burst
 //! guess,          the other way round: messages that look like bursts become a block to paste
 //! first_message
 //! ```
 //!
-//! All encodings share the middle: a schema of any encoding becomes a shape, and all find the same
-//! [`value::Value`]s. So an encoding adds only two functions, one for its schemas and one that
-//! walks a message (for JSON, which has no schema, one that lists a message's fields).
+//! All encodings share the middle: a schema of any encoding becomes a shape, and in all of them a
+//! path finds the same [`value::Value`]s.
 //!
 //! No size is taken from a message without a bound. A path that leads nowhere is an error when the
 //! recording is opened (in JSON, when its first message is read), so that nothing is judged by it.
 
 pub mod decoder;
-pub mod fields;
+mod fields;
 mod first_message;
 pub mod guess;
-mod json;
+pub mod json;
+mod message;
 pub mod path;
 pub mod plan;
 mod protobuf;
@@ -42,7 +42,6 @@ mod ros_definition;
 pub mod settings;
 mod shape;
 pub mod value;
-mod wanted;
 
 use bytes::Bytes;
 use globset::{GlobBuilder, GlobMatcher};
@@ -114,16 +113,10 @@ impl Dialects {
 
     /// Whether at least one dialect could read these messages if the topic and schema name that it
     /// asks for are ignored. Such a dialect is probably mistyped, and the user is told so.
-    pub fn could_read(
-        &self,
-        written: &ChannelDescription,
-        message: &Bytes,
-        most_bytes: u64,
-    ) -> bool {
-        (0..self.len()).filter_map(|number| self.plan(number, written).ok()).any(|plan| {
-            plan.check_message(message, most_bytes).is_ok()
-                && plan.find(message, most_bytes).is_ok()
-        })
+    pub fn could_read(&self, written: &ChannelDescription, message: &Bytes) -> bool {
+        (0..self.len())
+            .filter_map(|number| self.plan(number, written).ok())
+            .any(|plan| plan.check_message(message).is_ok() && plan.reading.decode(message).is_ok())
     }
 
     /// The dialects that are not `used`, each by its key, topic and schema, for a message to the user.

@@ -2,7 +2,7 @@
 //! checked by itself, without looking at a schema.
 //!
 //! Form: steps with dots between them; a step is a name, then perhaps an index in brackets, from 0.
-//! `shape.rs` finds out where a path leads in a schema, `json.rs` follows it by names.
+//! `shape.rs` finds out where a path leads in a schema, `message.rs` what it finds in a message.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -16,9 +16,6 @@ const MOST_BYTES: usize = 512;
 pub struct Step {
     pub name: String,
     pub index: Option<u32>,
-    /// The field's place among the fields of its message type, from 0, once a schema has resolved
-    /// the path. JSON has no schema; there a field is known by its name alone, and this is 0.
-    pub place: usize,
 }
 
 /// A path from the message's root to a field, of at least one step.
@@ -29,6 +26,12 @@ pub struct FieldPath(Vec<Step>);
 impl FieldPath {
     pub fn steps(&self) -> &[Step] {
         &self.0
+    }
+
+    /// The path to the field of this name in the message to which this path leads.
+    pub fn child(&self, name: &str) -> FieldPath {
+        let step = Step { name: name.to_owned(), index: None };
+        FieldPath(self.0.iter().cloned().chain([step]).collect())
     }
 }
 
@@ -59,10 +62,6 @@ impl TryFrom<String> for FieldPath {
 }
 
 impl Step {
-    pub fn at(&self, place: usize) -> Step {
-        Step { place, ..self.clone() }
-    }
-
     /// Refuses an index at a field that has only one element.
     pub fn check_index(&self, several: bool) -> Result<(), String> {
         match self.index {
@@ -88,7 +87,7 @@ impl Step {
         // these characters have a meaning in paths, patterns or messages
         let odd = |c: char| c.is_control() || "[]{}\"".contains(c);
         let good = !name.is_empty() && name.trim() == name && !name.contains(odd);
-        good.then(|| Step { name: name.to_owned(), index, place: 0 })
+        good.then(|| Step { name: name.to_owned(), index })
     }
 }
 

@@ -2,24 +2,26 @@
 //! lead nowhere.
 //!
 //! In: a [`Dialect`], and how the recording describes the channel ([`ChannelDescription`]). Out: a
-//! [`Plan`], which finds in each message the values that a burst is made of ([`Plan::find`]).
+//! [`Plan`], by which `decoder.rs` makes a burst of each message.
 //! Schemas of protobuf and ROS are known beforehand, so wrong paths are found when the plan is made;
 //! JSON has no schema, so its first message is checked instead ([`Plan::check_message`]).
 //!
-//! Layers: `Reading` knows the schema and which fields are wanted; `Plan` adds the dialect's
-//! constants and the printhead's name.
+//! Layers: `Reading` knows the schema; `Plan` adds the dialect and the printhead's name.
 
-use super::fields::{FieldInfo, Kind, due, listed};
+use super::fields::{FieldInfo, Kind, Slot, listed};
+use super::message::Message;
 use super::path::FieldPath;
-use super::ros_definition::{self, Flavour};
-use super::settings::{Dialect, Key, Part, Source};
+use super::protobuf::ProtobufMessage;
+use super::ros::RosMessage;
+use super::settings::{Dialect, Key, Part};
 use super::shape::Shape;
-use super::value::{Number, ReadError, SlotValues, Value, is_base64};
-use super::wanted::{Slot, Wanted};
-use super::{json, protobuf, ros};
+use super::value::{Number, Value};
+use super::{json, protobuf, ros_definition};
 use crate::printable;
 use bytes::Bytes;
 use inkling_core::burst::Format;
+use inkling_core::verdict::Reason;
+use prost_reflect::MessageDescriptor;
 use std::sync::Arc;
 
 /// A schema record of a recording.
@@ -38,144 +40,105 @@ pub struct ChannelDescription<'a> {
     pub schema: Option<&'a Schema>,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 enum Encoding {
-    Protobuf(Arc<Shape>),
-    Ros(Flavour, Arc<Shape>),
+    Protobuf(MessageDescriptor, Shape),
+    Ros(Arc<Shape>),
     /// Has no schema: only a message tells what fields there are.
     Json,
 }
 
-/// How messages of one channel are read, and which of their fields are wanted.
-#[derive(Clone, Debug)]
+/// How messages of one channel are decoded, and which fields they have.
+#[derive(Debug)]
 pub struct Reading {
     encoding: Encoding,
-    wanted: Wanted,
 }
 
 /// Message encodings that are read, for an error.
-const ENCODINGS: &str = "protobuf, json, cdr with ros2msg, ros1 with ros1msg";
-
-impl Encoding {
-    /// The message types of the schema; `None` of JSON, which has no schema.
-    fn shape(&self) -> Option<&Shape> {
-        match self {
-            Encoding::Protobuf(shape) | Encoding::Ros(_, shape) => Some(shape),
-            Encoding::Json => None,
-        }
-    }
-}
+const ENCODINGS: &str = "protobuf, json, cdr with ros2msg";
 
 impl Reading {
-    /// Parses the schema of a channel; nothing is wanted of its messages yet.
+    /// Parses the schema of a channel.
     pub fn of(written: &ChannelDescription) -> Result<Reading, String> {
         let name = written.message_encoding;
         let schema =
             written.schema.ok_or_else(|| format!("messages of encoding {name} without a schema"));
-        let ros = |flavour: Flavour, schema: &Schema| {
-            let due = flavour.schema_encoding();
-            if schema.encoding != due {
-                let found = printable::cell(&schema.encoding);
-                return Err(format!("{name} messages are read by {due}, not by {found:?}"));
-            }
-            let shape = ros_definition::shape(&schema.data, &schema.name, flavour)?;
-            Ok(Encoding::Ros(flavour, Arc::new(shape)))
-        };
         let encoding = match name {
             "json" => Encoding::Json,
             "protobuf" => {
                 let Schema { name, data, .. } = schema?;
-                Encoding::Protobuf(Arc::new(protobuf::shape(data, name)?))
+                let root = protobuf::message_type(data, name)?;
+                let shape = protobuf::shape(&root);
+                Encoding::Protobuf(root, shape)
             }
-            "cdr" => ros(Flavour::Ros2, schema?)?,
-            "ros1" => ros(Flavour::Ros1, schema?)?,
+            "cdr" => {
+                let Schema { name, encoding, data } = schema?;
+                if encoding != "ros2msg" {
+                    let found = printable::cell(encoding);
+                    return Err(format!("cdr messages are read by ros2msg, not by {found:?}"));
+                }
+                Encoding::Ros(Arc::new(ros_definition::shape(data, name)?))
+            }
             other => {
                 let other = printable::cell(other);
                 let what = format!("messages of encoding {other:?} are not read");
                 return Err(format!("{what}; read are {ENCODINGS}"));
             }
         };
-        Ok(Reading { encoding, wanted: Wanted::default() })
+        Ok(Reading { encoding })
+    }
+
+    /// The message types of the schema; `None` of JSON, which has no schema.
+    fn shape(&self) -> Option<&Shape> {
+        match &self.encoding {
+            Encoding::Protobuf(_, shape) => Some(shape),
+            Encoding::Ros(shape) => Some(shape),
+            Encoding::Json => None,
+        }
     }
 
     /// The fields that there are: by the schema, or of JSON those of `message`.
-    pub fn fields(&self, message: Option<&[u8]>) -> Vec<FieldInfo> {
-        match self.encoding.shape() {
-            Some(shape) => shape.fields(),
-            None => message.map(json::fields).unwrap_or_default(),
+    pub fn fields(&self, message: Option<&Message>) -> Vec<FieldInfo> {
+        match (self.shape(), message) {
+            (Some(shape), _) => shape.fields(),
+            (None, Some(Message::Json(message))) => json::fields(message),
+            (None, _) => Vec::new(),
         }
     }
 
-    /// Gives a description of the field if there is a schema, `None` in JSON.
-    fn want(&mut self, path: &FieldPath, slot: Slot) -> Result<Option<FieldInfo>, String> {
-        match self.encoding.shape() {
-            Some(shape) => shape.want(&mut self.wanted, path, slot).map(Some),
-            None => {
-                self.wanted.want(path.steps(), slot);
-                Ok(None)
-            }
-        }
-    }
-
-    fn find(&self, message: &Bytes, most_bytes: u64) -> Result<SlotValues, ReadError> {
-        let mut values = SlotValues::new(most_bytes);
+    /// Decodes a message. The error is the reason of the rejected row that it becomes: it is not what
+    /// its schema says, or it has too many values.
+    pub fn decode(&self, message: &Bytes) -> Result<Message, Reason> {
         match &self.encoding {
-            Encoding::Protobuf(shape) => protobuf::walk(message, shape, &self.wanted, &mut values),
-            Encoding::Ros(flavour, shape) => {
-                ros::walk(message, *flavour, shape, &self.wanted, &mut values)
+            Encoding::Protobuf(root, _) => {
+                ProtobufMessage::new(root, message).map(Message::Protobuf)
             }
-            Encoding::Json => json::walk(message, &self.wanted, &mut values),
-        }?;
-        Ok(values)
-    }
-
-    pub fn look(
-        &self,
-        message: &Bytes,
-        path: &str,
-        slot: Slot,
-        most_bytes: u64,
-    ) -> Option<SlotValues> {
-        let mut reading = self.clone();
-        reading.want(&FieldPath::try_from(path.to_owned()).ok()?, slot).ok()?;
-        reading.find(message, most_bytes).ok()
+            Encoding::Ros(shape) => RosMessage::new(message, shape).map(Message::Ros),
+            Encoding::Json => return json::decode(message).map(Message::Json),
+        }
+        .ok_or(Reason::Undecodable)
     }
 }
 
 #[derive(Debug)]
 pub struct Plan {
     pub dialect: Arc<Dialect>,
-    reading: Reading,
+    pub reading: Reading,
     /// The pattern of the printhead's name, with the parts of the topic put in.
     pub name: Vec<Part>,
 }
 
 impl Plan {
     pub fn new(dialect: &Arc<Dialect>, written: &ChannelDescription) -> Result<Plan, String> {
-        let mut reading = Reading::of(written)?;
+        let reading = Reading::of(written)?;
         let name = name(dialect, written.topic)?;
         for key in dialect.paths() {
-            let checked = reading.want(key.value, key.slot).and_then(|found| match found {
-                Some(FieldInfo { kind, type_name, .. }) if key.slot == Slot::Samples => {
-                    check_format(dialect.format, kind == Kind::Bytes, &type_name)
-                }
-                _ => Ok(()),
-            });
-            checked.map_err(|what| key.wrong(&what, &reading.fields(None)))?;
+            let Some(shape) = reading.shape() else { break };
+            let checked = shape.field(key.value);
+            let checked = checked.and_then(|field| check_field(&field, key.slot, dialect.format));
+            checked.map_err(|what| key.wrong(&what, &shape.fields()))?;
         }
         Ok(Plan { dialect: dialect.clone(), reading, name })
-    }
-
-    /// The values of a burst: those that stand in the message, and the constants of the dialect.
-    pub fn find(&self, message: &Bytes, most_bytes: u64) -> Result<SlotValues, ReadError> {
-        let mut values = self.reading.find(message, most_bytes)?;
-        for number in self.dialect.numbers() {
-            // constants are values like those of the message, so that nobody need tell them apart
-            if let Source::Constant(x) = number.value {
-                values.set(number.slot, Value::Number(Number::Float(*x)));
-            }
-        }
-        Ok(values)
     }
 
     /// Whether a field that is missing in a message is an error.
@@ -184,30 +147,14 @@ impl Plan {
     }
 
     /// Checks the paths of a JSON dialect against a message. The error says which key is wrong.
-    pub fn check_message(&self, message: &Bytes, most_bytes: u64) -> Result<(), String> {
-        if !self.names_every_field() {
-            return Ok(());
-        }
-        let mut values = match self.reading.find(message, most_bytes) {
-            Ok(values) => values,
-            Err(ReadError::Malformed) => return Ok(()), // it becomes a rejected row; the paths may be right
-            Err(ReadError::Unfit(what)) => {
-                let there = listed(&json::fields(message));
-                return Err(format!("its first message: {what}; fields that exist: {there}"));
-            }
+    pub fn check_message(&self, message: &Bytes) -> Result<(), String> {
+        let message = self.names_every_field().then(|| json::decode(message).ok()).flatten();
+        let Some(message) = message else {
+            return Ok(()); // if it is no JSON it becomes a rejected row; the paths may be right
         };
         for key in self.dialect.paths() {
-            // a time may have been found as seconds and nanoseconds
-            let value = values.take(key.slot).or_else(|| match key.slot {
-                Slot::Time => values.take(Slot::Seconds),
-                _ => None,
-            });
-            let checked = match value {
-                Some(value) => check_value(key.slot, &value, self.dialect.format),
-                None if key.slot.is_optional() => Ok(()),
-                None => Err("not in its first message".into()),
-            };
-            checked.map_err(|what| key.wrong(&what, &json::fields(message)))?;
+            let checked = check_json(&message, &key, self.dialect.format);
+            checked.map_err(|what| key.wrong(&what, &json::fields(&message)))?;
         }
         Ok(())
     }
@@ -232,30 +179,32 @@ fn check_format(format: Option<Format>, is_bytes: bool, type_name: &str) -> Resu
     }
 }
 
-/// The counterpart of `FieldInfo::can_be` for messages without a schema.
-fn check_value(slot: Slot, value: &Value, format: Option<Format>) -> Result<(), String> {
-    let number = value.number();
-    let fits = match (slot, value) {
-        (Slot::Samples, Value::Gathered(_)) => return check_format(format, false, "numbers"),
-        (Slot::Samples, Value::Text(text)) if is_base64(text) => {
-            return check_format(format, true, "base64");
-        }
-        (Slot::Samples, _) => false,
-        (Slot::Channels | Slot::SamplesPerChannel | Slot::FirstChannel, _) => {
-            number.and_then(Number::integer).is_some()
-        }
-        (Slot::Period | Slot::Rate | Slot::Temperature | Slot::Voltage, _) => number.is_some(),
-        (Slot::Time, Value::Text(text)) => is_time(text),
-        // a number or an array, checked further by the decoder
-        (Slot::Idle | Slot::Neighbours, Value::Text(_)) => false,
-        _ => true,
-    };
-    if fits { Ok(()) } else { Err(format!("is not {}", due(slot))) }
+/// Whether a field can be what a key asks for.
+fn check_field(field: &FieldInfo, slot: Slot, format: Option<Format>) -> Result<(), String> {
+    field.can_be(slot)?;
+    match slot {
+        Slot::Samples => check_format(format, field.kind == Kind::Bytes, &field.type_name),
+        _ => Ok(()),
+    }
 }
 
-/// Whether a text is a time: a whole number, or RFC 3339 with a zone.
-pub(super) fn is_time(text: &str) -> bool {
-    text.parse::<i64>().is_ok() || chrono::DateTime::parse_from_rfc3339(text).is_ok()
+/// Whether the value to which a key's path leads in a JSON message can be what the key asks for.
+fn check_json(
+    message: &serde_json::Value,
+    key: &Key<FieldPath>,
+    format: Option<Format>,
+) -> Result<(), String> {
+    match (key.slot, json::find(message, key.value.steps())) {
+        (slot, None) if slot.is_optional() => Ok(()),
+        // also a text that looks like a number
+        (Slot::Text, Some(Value::Text(_))) => Ok(()),
+        (Slot::Channels | Slot::SamplesPerChannel | Slot::FirstChannel, Some(value))
+            if value.number().and_then(Number::integer).is_none() =>
+        {
+            Err("is not a whole number".into())
+        }
+        _ => check_field(&json::field(message, key.value)?, key.slot, format),
+    }
 }
 
 fn name(dialect: &Dialect, topic: &str) -> Result<Vec<Part>, String> {

@@ -1,14 +1,19 @@
-//! Reads protobuf: a recording's FileDescriptorSet becomes a [`Shape`], and messages are walked by
-//! that shape.
+//! Reads protobuf: a recording's FileDescriptorSet becomes a [`Shape`], and a path is followed in the
+//! bytes of a message.
 //!
-//! In, from `plan.rs`: the schema, once ([`shape`]); then each message with the tree of wanted
-//! fields ([`walk`]). Out: [`SlotValues`]. A message is walked on the wire (key, value, key, value,
-//! as protobuf's encoding has them), so that fields that are not wanted are passed over by their
-//! length and samples are not copied. Only the schema is decoded by a library.
+//! In, from `plan.rs`: the schema, once ([`message_type`], [`shape`]); then each message, and the
+//! paths that are wanted of it ([`ProtobufMessage`]). Out: [`Value`]s.
+//!
+//! `prost-reflect` decodes the schema, but not the messages. Its `DynamicMessage` keeps each number
+//! of a list as a value of 56 bytes, where the message has one byte or two: a message of 64 MiB would
+//! take some 4 GB, and samples that are packed integers would be read at half the rate of production.
+//! Each field of a oneof also makes it pass over all others, hours for a schema of 100 000. So a
+//! message is scanned on the wire (key, value, key, value) for the field that a path names; other
+//! fields are passed over by their length, and bytes and packed numbers are not copied.
 
-use super::shape::{Base, Count, Field, MessageType, Shape, Sign};
-use super::value::{Array, Element, Number, ReadError, SlotValues, Value};
-use super::wanted::{Then, Wanted, WantedField};
+use super::path::Step;
+use super::shape::{Base, Count, Field, MessageType, Shape};
+use super::value::{Array, Element, Number, Value};
 use crate::unpanicked::unpanicked;
 use bytes::Bytes;
 use prost::DecodeError;
@@ -17,23 +22,24 @@ use prost_reflect::{DescriptorPool, FieldDescriptor, Kind, MessageDescriptor};
 use std::collections::HashMap;
 
 /// The library panics on some sets that contradict themselves; such a set is an error here.
-pub fn shape(descriptors: &[u8], name: &str) -> Result<Shape, String> {
+pub fn message_type(descriptors: &[u8], name: &str) -> Result<MessageDescriptor, String> {
     let pool = unpanicked(|| DescriptorPool::decode(descriptors))
         .ok_or_else(|| format!("its schema {name} is a FileDescriptorSet that contradicts itself"))?
         .map_err(|e| format!("its schema {name} is no FileDescriptorSet that can be read: {e}"))?;
-    let root = pool
-        .get_message_by_name(name)
-        .ok_or_else(|| format!("its schema's FileDescriptorSet has no message {name}"))?;
+    pool.get_message_by_name(name)
+        .ok_or_else(|| format!("its schema's FileDescriptorSet has no message {name}"))
+}
 
+pub fn shape(root: &MessageDescriptor) -> Shape {
     let mut found = NumberedTypes::default();
-    found.number(root);
+    found.number(root.clone());
     let mut types = Vec::new();
     // fields of a type may bring in further types, which are appended and so come later
     while let Some(message) = found.messages.get(types.len()).cloned() {
         let fields = message.fields().map(|of| found.field(&of)).collect();
-        types.push(MessageType { name: message.full_name().to_owned(), fields, empty: false });
+        types.push(MessageType { name: message.full_name().to_owned(), fields });
     }
-    Ok(Shape { types })
+    Shape { types }
 }
 
 /// A type has one number however often it is used, so types may contain themselves.
@@ -57,19 +63,11 @@ impl NumberedTypes {
         let kind = of.kind();
         let base = match &kind {
             Kind::Bool => Base::Bool,
-            Kind::Double => Base::Number(Element::F64),
-            Kind::Float => Base::Number(Element::F32),
-            Kind::Fixed32 => Base::Number(Element::U32),
-            Kind::Fixed64 => Base::Number(Element::U64),
-            Kind::Sfixed32 => Base::Number(Element::I32),
-            Kind::Sfixed64 => Base::Number(Element::I64),
-            Kind::Int32 | Kind::Int64 | Kind::Enum(_) => Base::Varint(Sign::Signed),
-            Kind::Uint32 | Kind::Uint64 => Base::Varint(Sign::Unsigned),
-            Kind::Sint32 | Kind::Sint64 => Base::Varint(Sign::ZigZag),
             Kind::String => Base::Text,
             Kind::Bytes => Base::Bytes,
             Kind::Message(_) if of.is_map() || of.is_group() => Base::Closed,
             Kind::Message(inside) => Base::Message(self.number(inside.clone())),
+            number => Base::Number(element(number).unwrap_or(Element::I64)),
         };
         let type_name = match &kind {
             _ if of.is_map() => "map".to_owned(),
@@ -79,171 +77,181 @@ impl NumberedTypes {
             scalar => format!("{scalar:?}").to_lowercase(),
         };
         let count = if of.is_list() { Count::Counted } else { Count::One };
-        Field { name: of.name().to_owned(), type_name, base, count, number: of.number() }
+        Field { name: of.name().to_owned(), type_name, base, count }
     }
 }
 
-/// Walks one message and puts the values of wanted fields into `values`.
-pub fn walk(
-    message: &Bytes,
-    shape: &Shape,
-    wanted: &Wanted,
-    values: &mut SlotValues,
-) -> Result<(), ReadError> {
-    Walk { message, shape, values }.inside(0, message, wanted)
+/// A message whose fields follow each other to its end.
+#[derive(Debug)]
+pub struct ProtobufMessage {
+    of: MessageDescriptor,
+    bytes: Bytes,
 }
 
-struct Walk<'m> {
-    message: &'m Bytes,
-    shape: &'m Shape,
-    values: &'m mut SlotValues,
-}
-
-struct WireValue<'m> {
+/// A field on the wire: a value, or a part of a list.
+struct Piece<'m> {
+    number: u32,
     wire: WireType,
-    /// The value's bytes, without the length that stands before them.
+    /// Without the length that stands before them.
     bytes: &'m [u8],
 }
 
-impl From<DecodeError> for ReadError {
-    fn from(_: DecodeError) -> ReadError {
-        ReadError::Malformed
+fn next_piece<'m>(rest: &mut &'m [u8]) -> Result<Piece<'m>, DecodeError> {
+    let (number, wire) = decode_key(rest)?;
+    let start = *rest;
+    skip_field(wire, number, rest, DecodeContext::default())?;
+    let mut bytes = &start[..start.len() - rest.len()];
+    if wire == WireType::LengthDelimited {
+        decode_varint(&mut bytes)?;
+    }
+    Ok(Piece { number, wire, bytes })
+}
+
+/// The pieces of a message in their order, to its end or to the first that is an error.
+fn pieces(mut rest: &[u8]) -> impl Iterator<Item = Result<Piece<'_>, DecodeError>> {
+    std::iter::from_fn(move || {
+        let piece = (!rest.is_empty()).then(|| next_piece(&mut rest))?;
+        if piece.is_err() {
+            rest = &[];
+        }
+        Some(piece)
+    })
+}
+
+/// What was met of a field in a message.
+struct Met<'m> {
+    count: u32,
+    /// The last piece, or that of the index.
+    last: Option<Piece<'m>>,
+}
+
+impl<'m> Met<'m> {
+    /// `None`: the bytes are no message, or a value is of another type than the field.
+    fn of(message: &'m [u8], field: &FieldDescriptor, step: &Step) -> Option<Met<'m>> {
+        let (number, due) = (field.number(), field.kind().wire_type());
+        let mut met = Met { count: 0, last: None };
+        for piece in pieces(message) {
+            let piece = piece.ok()?;
+            if piece.number != number {
+                continue;
+            }
+            // a list of numbers may come packed or not, whatever the schema says
+            let is_packed = field.is_list() && piece.wire == WireType::LengthDelimited;
+            if piece.wire != due && !is_packed {
+                return None;
+            }
+            // in a list of texts, bytes or messages an index counts the pieces
+            let is_counted = due == WireType::LengthDelimited;
+            if step.index.is_none_or(|index| !is_counted || index == met.count) {
+                met.last = Some(piece);
+            }
+            met.count = met.count.saturating_add(1);
+        }
+        Some(met)
     }
 }
 
-impl Walk<'_> {
-    /// `number` is that of the message's type in the shape.
-    fn inside(&mut self, number: usize, bytes: &[u8], wanted: &Wanted) -> Result<(), ReadError> {
-        let fields = &self.shape.types[number].fields;
-        // for each wanted field, how many elements of it came before: protobuf writes a list as a
-        // field that repeats
-        let mut seen = vec![0u32; wanted.fields.len()];
-        let mut rest = bytes;
-        while !rest.is_empty() {
-            let (number, wire) = decode_key(&mut rest)?;
-            let start = rest;
-            skip_field(wire, number, &mut rest, DecodeContext::default())?;
-            let mut bytes = &start[..start.len() - rest.len()];
-            if wire == WireType::LengthDelimited {
-                decode_varint(&mut bytes)?;
-            }
+fn number_or_other<'m>(number: Option<Number>) -> Value<'m> {
+    number.map_or(Value::Other, Value::Number)
+}
 
-            // several paths may want the same field (two elements of one list)
-            for (wanted, seen) in wanted.fields.iter().zip(&mut seen) {
-                let field = &fields[wanted.at.place];
-                if field.number == number {
-                    self.take(field, wanted, &WireValue { wire, bytes }, seen)?;
-                }
-            }
-        }
-        Ok(())
+impl ProtobufMessage {
+    /// `None`: the bytes are no message.
+    pub fn new(of: &MessageDescriptor, bytes: &Bytes) -> Option<ProtobufMessage> {
+        let is_message = pieces(bytes).all(|piece| piece.is_ok());
+        is_message.then(|| ProtobufMessage { of: of.clone(), bytes: bytes.clone() })
     }
 
-    fn take(
-        &mut self,
-        field: &Field,
-        wanted: &WantedField,
-        piece: &WireValue,
-        seen: &mut u32,
-    ) -> Result<(), ReadError> {
-        // numbers of a list may stand side by side in one piece of bytes ("packed")
-        let is_packed = field.is_several() && piece.wire == WireType::LengthDelimited;
-        if let Base::Number(_) | Base::Varint(_) = field.base {
-            return match is_packed || piece.wire == wire_type(field.base) {
-                true => self.numbers(field, wanted, piece.bytes, seen),
-                false => Err(ReadError::Malformed),
-            };
-        }
-        if piece.wire != wire_type(field.base) {
-            return Err(ReadError::Malformed);
-        }
-
-        // texts, bytes and messages: an index counts the occurrences
-        let is_this = wanted.at.index.is_none_or(|index| index == *seen);
-        *seen = seen.saturating_add(1);
-        match (&wanted.then, field.base) {
-            _ if !is_this => {}
-            (Then::Into(inside), Base::Message(number)) => {
-                self.inside(number, piece.bytes, inside)?;
-            }
-            (Then::Take(slot), Base::Text) => {
-                let text = str::from_utf8(piece.bytes).map_err(|_| ReadError::Malformed)?;
-                self.values.set(*slot, Value::Text(text.to_owned()));
-            }
-            (Then::Take(slot), _) => {
-                let array = self.array(Element::U8, piece.bytes);
-                self.values.set(*slot, Value::Array(array));
-            }
-            (Then::Into(_), _) => return Err(ReadError::Malformed),
-        }
-        Ok(())
+    /// The value to which a path leads; `None` where the message leaves it out. If the field occurs
+    /// several times and is no list, the last value counts, as protobuf has it.
+    pub fn find(&self, path: &[Step]) -> Option<Value<'_>> {
+        self.find_in(&self.of, &self.bytes, path)
     }
 
-    /// A list may come packed or not, whatever the schema says; readers must accept both.
-    fn numbers(
-        &mut self,
-        field: &Field,
-        wanted: &WantedField,
-        mut bytes: &[u8],
-        seen: &mut u32,
-    ) -> Result<(), ReadError> {
-        let Then::Take(slot) = wanted.then else { return Err(ReadError::Malformed) };
-        match (wanted.at.index, field.base) {
-            // a list of numbers of fixed width is taken without a copy; if it comes in parts, they are joined
-            (None, Base::Number(element)) if field.is_several() => {
-                if !bytes.len().is_multiple_of(element.bytes()) {
-                    return Err(ReadError::Malformed);
-                }
-                self.values.append(slot, self.array(element, bytes));
+    fn find_in<'m>(
+        &'m self,
+        of: &MessageDescriptor,
+        message: &'m [u8],
+        path: &[Step],
+    ) -> Option<Value<'m>> {
+        let (step, rest) = path.split_first()?;
+        let field = of.get_field_by_name(&step.name)?;
+        let Some(met) = Met::of(message, &field, step) else { return Some(Value::Other) };
+        let last = met.last?;
+        let (kind, number) = (field.kind(), field.number());
+        let parts = pieces(message).filter_map(Result::ok).filter(move |p| p.number == number);
+        Some(match (&kind, rest) {
+            (Kind::Message(_), []) => Value::Other,
+            (Kind::Message(inside), _) if field.is_list() => {
+                self.find_in(inside, last.bytes, rest)?
             }
-            // varints have no fixed width, so they are gathered one by one
-            (None, _) if field.is_several() => {
-                let mut all = self.values.gathered(slot);
-                while !bytes.is_empty() {
-                    all.push(next(field.base, &mut bytes)?.float());
-                }
-                self.values.set(slot, Value::Gathered(all));
+            // the parts of a message are merged
+            (Kind::Message(inside), _) => {
+                parts.filter_map(|part| self.find_in(inside, part.bytes, rest)).last()?
             }
-            // the last number that is met, as protobuf has it, or the one that the index asks for
-            (index, base) => {
-                while !bytes.is_empty() {
-                    let number = next(base, &mut bytes)?;
-                    if index.is_none_or(|index| index == *seen) {
-                        self.values.set(slot, Value::Number(number));
-                    }
-                    *seen = seen.saturating_add(1);
+            (Kind::String, _) => str::from_utf8(last.bytes).map_or(Value::Other, Value::Text),
+            (Kind::Bytes, _) => Value::Array(self.array(Element::U8, last.bytes)),
+            _ if field.is_list() => match (element(&kind), step.index) {
+                (_, Some(index)) => number_or_other(numbers(kind, parts).nth(index as usize)?),
+                // numbers of fixed width are taken as they lie, if they do not come in parts
+                (Some(element), None) if met.count == 1 && element.fill(last.bytes) => {
+                    Value::Array(self.array(element, last.bytes))
                 }
-            }
-        }
-        Ok(())
+                _ => {
+                    let floats = numbers(kind, parts).map(|number| number.map(Number::float));
+                    Value::Numbers(Box::new(floats))
+                }
+            },
+            _ => number_or_other(next_number(&kind, &mut { last.bytes })),
+        })
     }
 
     /// An array of the message's own bytes, without a copy.
     fn array(&self, element: Element, bytes: &[u8]) -> Array {
-        Array { element, big_endian: false, bytes: self.message.slice_ref(bytes) }
+        Array { element, big_endian: false, bytes: self.bytes.slice_ref(bytes) }
     }
 }
 
-fn wire_type(base: Base) -> WireType {
-    match base {
-        Base::Number(element) if element.bytes() == 8 => WireType::SixtyFourBit,
-        Base::Number(_) => WireType::ThirtyTwoBit,
-        Base::Bool | Base::Varint(_) => WireType::Varint,
-        Base::Text | Base::Bytes | Base::Message(_) => WireType::LengthDelimited,
-        Base::Closed => WireType::StartGroup,
-    }
+/// The numbers in the pieces of a field; `None` where there is none, and no more of this piece.
+fn numbers<'m>(
+    kind: Kind,
+    pieces: impl Iterator<Item = Piece<'m>> + 'm,
+) -> impl Iterator<Item = Option<Number>> + 'm {
+    pieces.flat_map(move |Piece { bytes: mut rest, .. }| {
+        let kind = kind.clone();
+        std::iter::from_fn(move || {
+            let number = (!rest.is_empty()).then(|| next_number(&kind, &mut rest))?;
+            if number.is_none() {
+                rest = &[];
+            }
+            Some(number)
+        })
+    })
 }
 
-fn next(base: Base, rest: &mut &[u8]) -> Result<Number, ReadError> {
-    if let Base::Number(element) = base {
-        let (one, after) = rest.split_at_checked(element.bytes()).ok_or(ReadError::Malformed)?;
+fn next_number(kind: &Kind, rest: &mut &[u8]) -> Option<Number> {
+    if let Some(element) = element(kind) {
+        let (one, after) = rest.split_at_checked(element.bytes())?;
         *rest = after;
-        return element.read(one, false).ok_or(ReadError::Malformed);
+        return element.read(one, false);
     }
-    let bits = decode_varint(rest)?;
-    Ok(Number::Integer(match base {
-        Base::Varint(Sign::ZigZag) => i128::from((bits >> 1) as i64 ^ -((bits & 1) as i64)),
-        Base::Varint(Sign::Unsigned) => i128::from(bits),
+    let bits = decode_varint(rest).ok()?;
+    Some(Number::Integer(match kind {
+        Kind::Sint32 | Kind::Sint64 => i128::from((bits >> 1) as i64 ^ -((bits & 1) as i64)),
+        Kind::Uint32 | Kind::Uint64 => i128::from(bits),
         _ => i128::from(bits as i64),
     }))
+}
+
+/// The type of numbers of fixed width; `None` of those that take as many bytes as they need.
+fn element(kind: &Kind) -> Option<Element> {
+    match kind {
+        Kind::Double => Some(Element::F64),
+        Kind::Float => Some(Element::F32),
+        Kind::Fixed32 => Some(Element::U32),
+        Kind::Fixed64 => Some(Element::U64),
+        Kind::Sfixed32 => Some(Element::I32),
+        Kind::Sfixed64 => Some(Element::I64),
+        _ => None,
+    }
 }

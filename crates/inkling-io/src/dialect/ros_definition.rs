@@ -1,4 +1,4 @@
-//! Parses ROS message definitions, as recordings carry them in their schemas, into shapes.
+//! Parses message definitions of ROS 2, as recordings carry them in their schemas, into shapes.
 //!
 //! A definition is the text of the message itself, then the texts of the messages that it uses,
 //! each after a line of `=` and a line `MSG: package/Name`. A text has one field a line: type, then
@@ -20,26 +20,16 @@ const MOST_BYTES: usize = 1 << 20;
 /// At most so many messages within messages, so that hostile text cannot overflow the stack.
 const MOST_DEPTH: usize = 64;
 
-/// The two ROS differ in builtin types, in alignment and in which messages take no bytes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Flavour {
-    Ros1,
-    Ros2,
-}
-
-impl Flavour {
-    /// What recordings call definitions of this flavour.
-    pub fn schema_encoding(self) -> &'static str {
-        match self {
-            Flavour::Ros1 => "ros1msg",
-            Flavour::Ros2 => "ros2msg",
-        }
-    }
-}
+/// Types that writers leave out of definitions because everybody knows them.
+const BUILTIN: [(&str, &[&str]); 3] = [
+    ("builtin_interfaces/Time", &["int32 sec", "uint32 nanosec"]),
+    ("builtin_interfaces/Duration", &["int32 sec", "uint32 nanosec"]),
+    ("std_msgs/Header", &["builtin_interfaces/Time stamp", "string frame_id"]),
+];
 
 type LinesOfTypes<'t> = HashMap<String, Vec<&'t str>>;
 
-pub fn shape(text: &[u8], name: &str, flavour: Flavour) -> Result<Shape, String> {
+pub fn shape(text: &[u8], name: &str) -> Result<Shape, String> {
     if text.len() > MOST_BYTES {
         return Err(format!("its definition has {} bytes, too many", text.len()));
     }
@@ -65,14 +55,16 @@ pub fn shape(text: &[u8], name: &str, flavour: Flavour) -> Result<Shape, String>
         }
     }
 
-    let mut parser = Parser { types: Vec::new(), flavour, written, known: HashMap::new() };
+    for (name, lines) in BUILTIN {
+        written.entry(name.to_owned()).or_insert_with(|| lines.to_vec());
+    }
+    let mut parser = Parser { types: Vec::new(), written, known: HashMap::new() };
     parser.define(&root, 0)?;
     Ok(Shape { types: parser.types })
 }
 
 struct Parser<'t> {
     types: Vec<MessageType>,
-    flavour: Flavour,
     written: LinesOfTypes<'t>,
     /// Numbers of the types by name; `None` while a type is being defined, so that a type that
     /// contains itself is noticed.
@@ -94,24 +86,10 @@ impl Parser<'_> {
         let number = self.types.len();
         self.types.push(MessageType { name: name.to_owned(), ..MessageType::default() });
 
-        let lines = match self.written.get(name) {
-            Some(lines) => lines.clone(),
-            None => builtin(name, self.flavour)
-                .ok_or_else(|| format!("its definition has no {name}"))?
-                .to_vec(),
-        };
-
-        // does a message of this type take no bytes, whatever it holds?
+        let lines = self.written.get(name).cloned();
+        let lines = lines.ok_or_else(|| format!("its definition has no {name}"))?;
         let fields = self.fields(name, &lines, depth)?;
-        let nothing = |field: &Field| match (field.count, field.base) {
-            (Count::Fixed(0), _) => true,
-            (Count::One | Count::Fixed(_), Base::Message(of)) => self.types[of].empty,
-            _ => false,
-        };
-        // ROS 2 writes one byte for a message without fields, ROS 1 writes nothing at all
-        let empty = self.flavour == Flavour::Ros1 && fields.iter().all(nothing);
         self.types[number].fields = fields;
-        self.types[number].empty = empty;
         self.known.insert(name.to_owned(), Some(number));
         Ok(number)
     }
@@ -119,24 +97,23 @@ impl Parser<'_> {
     fn fields(&mut self, name: &str, lines: &[&str], depth: usize) -> Result<Vec<Field>, String> {
         let mut fields = Vec::new();
         for line in lines {
-            let Some(field) = WrittenField::parse(line) else { continue };
             let what = |what: &str| {
                 let line = crate::printable::cell(line.trim());
                 format!("its definition: {name}: \"{line}\": {what}")
             };
-            let field = field.map_err(what)?;
-            let base = match field.primitive(self.flavour).map_err(what)? {
+            let Some(field) = WrittenField::parse(line).map_err(what)? else { continue };
+            let base = match field.primitive().map_err(what)? {
                 Some(base) => base,
                 None => {
-                    let of = resolve(field.base, name, &self.written, self.flavour);
+                    let of = resolve(field.base, name, &self.written);
                     Base::Message(self.define(&of, depth + 1)?)
                 }
             };
-            if field.count == Count::Fixed(0) && self.flavour == Flavour::Ros2 {
+            if field.count == Count::Fixed(0) {
                 return Err(what("an array of no elements"));
             }
             let (name, type_name) = (field.name.to_owned(), field.base.to_owned());
-            fields.push(Field { name, type_name, base, count: field.count, number: 0 });
+            fields.push(Field { name, type_name, base, count: field.count });
         }
         Ok(fields)
     }
@@ -154,14 +131,9 @@ fn short(name: &str) -> String {
 
 /// The full name that `base` means within the message `within`: a type of the same package, else
 /// one without a package, else one of any other package.
-fn resolve(base: &str, within: &str, written: &LinesOfTypes, flavour: Flavour) -> String {
+fn resolve(base: &str, within: &str, written: &LinesOfTypes) -> String {
     if base.contains('/') {
         return short(base);
-    }
-    match (flavour, base) {
-        (Flavour::Ros1, "Header") => return "std_msgs/Header".into(),
-        (Flavour::Ros1, "time" | "duration") => return base.to_owned(),
-        _ => {}
     }
     let package = within.split_once('/').map_or("", |(package, _)| package);
     let same = format!("{package}/{base}");
@@ -175,20 +147,6 @@ fn resolve(base: &str, within: &str, written: &LinesOfTypes, flavour: Flavour) -
     written.keys().filter(|name| name.ends_with(&ending)).min().cloned().unwrap_or(same)
 }
 
-/// Fields of the types that writers leave out of definitions because everybody knows them.
-fn builtin(name: &str, flavour: Flavour) -> Option<&'static [&'static str]> {
-    Some(match (flavour, name) {
-        (Flavour::Ros2, "builtin_interfaces/Time" | "builtin_interfaces/Duration") => {
-            &["int32 sec", "uint32 nanosec"]
-        }
-        (Flavour::Ros2, "std_msgs/Header") => &["builtin_interfaces/Time stamp", "string frame_id"],
-        (Flavour::Ros1, "std_msgs/Header") => &["uint32 seq", "time stamp", "string frame_id"],
-        (Flavour::Ros1, "time") => &["uint32 secs", "uint32 nsecs"],
-        (Flavour::Ros1, "duration") => &["int32 secs", "int32 nsecs"],
-        _ => return None,
-    })
-}
-
 struct WrittenField<'t> {
     base: &'t str,
     count: Count,
@@ -197,54 +155,46 @@ struct WrittenField<'t> {
 
 impl<'t> WrittenField<'t> {
     /// Parses a line. `None`: the line is no field, but a comment, a constant or empty.
-    fn parse(line: &'t str) -> Option<Result<WrittenField<'t>, &'static str>> {
-        let line = line.trim();
+    fn parse(line: &'t str) -> Result<Option<WrittenField<'t>>, &'static str> {
         let code = line.split('#').next().unwrap_or_default().trim();
         if code.is_empty() {
-            return None;
+            return Ok(None);
         }
-        let Some((type_name, rest)) = code.split_once(char::is_whitespace) else {
-            return Some(Err("a type without a name"));
-        };
+        let (type_name, rest) =
+            code.split_once(char::is_whitespace).ok_or("a type without a name")?;
         let rest = rest.trim_start();
         let of_name = |c: char| c.is_ascii_alphanumeric() || c == '_';
         // the name ends where something else begins: `=` of a constant, or a default value
         let (name, rest) = rest.split_at(rest.find(|c| !of_name(c)).unwrap_or(rest.len()));
         if rest.trim_start().starts_with('=') {
-            return None; // a constant
+            return Ok(None); // a constant
         }
         if name.is_empty() {
-            return Some(Err("no name"));
+            return Err("no name");
         }
-        let (base, count) = match type_name.split_once('[') {
-            None => (type_name, Count::One),
-            Some((base, count)) => match count.strip_suffix(']') {
-                None => return Some(Err("[ without ]")),
-                Some(count) if count.is_empty() || count.starts_with("<=") => {
-                    (base, Count::Counted)
-                }
-                Some(count) => match count.parse() {
-                    Ok(n) => (base, Count::Fixed(n)),
-                    Err(_) => return Some(Err("no number of elements")),
-                },
-            },
+        let Some((base, count)) = type_name.split_once('[') else {
+            return Ok(Some(WrittenField { base: type_name, count: Count::One, name }));
         };
-        Some(Ok(WrittenField { base, count, name }))
+        let count = count.strip_suffix(']').ok_or("[ without ]")?;
+        let count = match count.is_empty() || count.starts_with("<=") {
+            true => Count::Counted,
+            false => Count::Fixed(count.parse().map_err(|_| "no number of elements")?),
+        };
+        Ok(Some(WrittenField { base, count, name }))
     }
 
     /// The type of one element. `None`: it is a message.
-    fn primitive(&self, flavour: Flavour) -> Result<Option<Base>, &'static str> {
+    fn primitive(&self) -> Result<Option<Base>, &'static str> {
         // `string<=10`: a bound on the length changes nothing in a message
         let base = self.base.split("<=").next().unwrap_or_default();
-        let number = Element::NAMED.iter().find(|(.., name)| *name == base);
+        let number = Element::NAMED.iter().find(|(_, name)| *name == base);
         Ok(match base {
             "bool" => Some(Base::Bool),
-            "byte" if flavour == Flavour::Ros1 => Some(Base::Number(Element::I8)),
             "byte" | "char" | "octet" => Some(Base::Number(Element::U8)),
             "string" => Some(Base::Text),
             "wstring" => return Err("wide text: writers disagree on how it lies in a message"),
             "float128" | "long double" => return Err("a number that is not read"),
-            _ => number.map(|(element, ..)| Base::Number(*element)),
+            _ => number.map(|(element, _)| Base::Number(*element)),
         })
     }
 }
@@ -260,13 +210,13 @@ mod tests {
         MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n\
         ====\nMSG: acme_msgs/Wave\nint16[] data\nuint32 n 5\n";
 
-    fn parse(text: &str, flavour: Flavour) -> Result<Shape, String> {
-        shape(text.as_bytes(), "acme_msgs/msg/Waves", flavour)
+    fn parse(text: &str) -> Result<Shape, String> {
+        shape(text.as_bytes(), "acme_msgs/msg/Waves")
     }
 
     #[test]
     fn fields_constants_defaults_and_nested_messages() {
-        let found = parse(ROS2, Flavour::Ros2).unwrap();
+        let found = parse(ROS2).unwrap();
         let names = |i: usize| {
             let fields = found.types[i].fields.iter();
             fields.map(|f| format!("{} {}", f.type_name, f.name)).collect::<Vec<_>>()
@@ -296,17 +246,9 @@ mod tests {
             ("int32 x\n====\nIDL: a/b\n", "where MSG"),
             (bomb.as_str(), "more than 64"),
         ] {
-            assert_refused(parse(text, Flavour::Ros2), &[says]);
+            assert_refused(parse(text), &[says]);
         }
-        assert!(shape(&vec![b'\n'; MOST_BYTES + 1], "a/B", Flavour::Ros1).is_err());
-        assert!(shape(&[0xff, 0xfe], "a/B", Flavour::Ros1).is_err());
-    }
-
-    #[test]
-    fn what_takes_no_bytes_is_known() {
-        let text = "Nothing[1000000000] none\nuint8[0] zero\n====\nMSG: acme_msgs/Nothing\n";
-        let is_empty = |text| parse(text, Flavour::Ros1).unwrap().types[0].empty;
-        assert!(is_empty(text));
-        assert!(!is_empty("Nothing[] none\n====\nMSG: acme_msgs/Nothing\n"));
+        assert!(shape(&vec![b'\n'; MOST_BYTES + 1], "a/B").is_err());
+        assert!(shape(&[0xff, 0xfe], "a/B").is_err());
     }
 }

@@ -5,8 +5,8 @@
 //! sound by themselves. Whether the paths lead anywhere is decided where a recording's own schema
 //! is known (`plan.rs`). `docs/recordings_of_others.md` has a table of the keys.
 
+use super::fields::Slot;
 use super::path::FieldPath;
-use super::wanted::Slot;
 use inkling_core::burst::{Format, Layout};
 use serde::{Deserialize, Serialize, Serializer};
 
@@ -152,7 +152,7 @@ pub enum Part {
 }
 
 impl Template {
-    /// The field paths in the pattern, in their order; the n-th of them is the slot `Text(n)`.
+    /// The field paths in the pattern, in their order.
     pub fn paths(&self) -> impl Iterator<Item = &FieldPath> {
         self.parts.iter().filter_map(|part| match part {
             Part::Path(path) => Some(path),
@@ -195,7 +195,7 @@ impl From<Template> for String {
     }
 }
 
-/// A key of a dialect with its value, which is a [`Source`] or a path, and the slot that it fills.
+/// A key of a dialect with its value, which is a [`Source`] or a path, and what becomes of it.
 pub struct Key<'a, T> {
     pub name: &'static str,
     pub slot: Slot,
@@ -228,9 +228,8 @@ impl Dialect {
         if let TimeSource::Path(value) = &self.time {
             paths.push(Key { name: "time", slot: Slot::Time, value });
         }
-        let texts = self.printhead.paths().zip(0..);
-        let name = "printhead";
-        paths.extend(texts.map(|(value, n)| Key { name, slot: Slot::Text(n), value }));
+        let texts = self.printhead.paths();
+        paths.extend(texts.map(|value| Key { name: "printhead", slot: Slot::Text, value }));
         paths
     }
 

@@ -1,17 +1,15 @@
 //! The values that were found in a message, before they are a burst: numbers, texts, arrays and
 //! samples, the same for all encodings.
 //!
-//! The walks of `protobuf.rs`, `ros.rs` and `json.rs` fill [`SlotValues`]; `decoder.rs` takes the
-//! values out, slot by slot. Samples stay where they lie in the message if their bytes are what a
+//! `protobuf.rs`, `ros.rs` and `json.rs` find them, by paths; `decoder.rs` asks for them as what
+//! they should be. Samples stay where they lie in the message if their bytes are what a
 //! burst needs (int16 or float32, little-endian, or bytes whose format the dialect says); otherwise
-//! they are gathered number by number ([`Gathered`]), up to a bound.
+//! they are gathered number by number ([`Samples::of`]), up to a bound.
 
-use super::wanted::Slot;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
 use bytes::Bytes;
 use inkling_core::burst::Format;
-use std::collections::BTreeMap;
 
 /// The type of a number of fixed width, as it lies in a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,17 +27,18 @@ pub enum Element {
 }
 
 impl Element {
-    pub const NAMED: [(Element, &'static str, &'static str); 10] = [
-        (Element::I8, "i1", "int8"),
-        (Element::U8, "u1", "uint8"),
-        (Element::I16, "i2", "int16"),
-        (Element::U16, "u2", "uint16"),
-        (Element::I32, "i4", "int32"),
-        (Element::U32, "u4", "uint32"),
-        (Element::I64, "i8", "int64"),
-        (Element::U64, "u8", "uint64"),
-        (Element::F32, "f4", "float32"),
-        (Element::F64, "f8", "float64"),
+    /// By the names that definitions of ROS use.
+    pub const NAMED: [(Element, &'static str); 10] = [
+        (Element::I8, "int8"),
+        (Element::U8, "uint8"),
+        (Element::I16, "int16"),
+        (Element::U16, "uint16"),
+        (Element::I32, "int32"),
+        (Element::U32, "uint32"),
+        (Element::I64, "int64"),
+        (Element::U64, "uint64"),
+        (Element::F32, "float32"),
+        (Element::F64, "float64"),
     ];
 
     pub fn bytes(self) -> usize {
@@ -49,6 +48,11 @@ impl Element {
             Element::I32 | Element::U32 | Element::F32 => 4,
             Element::I64 | Element::U64 | Element::F64 => 8,
         }
+    }
+
+    /// Whether these bytes are whole numbers of this type.
+    pub fn fill(self, bytes: &[u8]) -> bool {
+        bytes.len().is_multiple_of(self.bytes())
     }
 
     pub fn read(self, bytes: &[u8], big_endian: bool) -> Option<Number> {
@@ -96,7 +100,8 @@ impl Number {
     /// The number as f64; whole numbers of more than 53 bits are rounded.
     pub fn float(self) -> f64 {
         match self {
-            Number::Integer(i) => i as f64,
+            // a cast from i128 takes several times as long
+            Number::Integer(i) => i64::try_from(i).map_or(i as f64, |i| i as f64),
             Number::Float(x) => x,
         }
     }
@@ -111,48 +116,43 @@ impl Number {
     }
 }
 
-/// Samples that are gathered number by number. They are kept as int16 as long as all numbers are int16, and
-/// become float32 with the first one that is not, because a burst has one format.
-#[derive(Clone, Debug)]
-pub struct Gathered {
-    pub bytes: Vec<u8>,
+/// Samples as a burst has them.
+pub struct Samples {
+    pub bytes: Bytes,
     pub format: Format,
-    most_bytes: usize,
-    /// Whether there were more numbers than the bound allows. Those are not kept.
+    /// Whether there were more than the bound allows. Not all of those are kept.
     pub too_many: bool,
 }
 
-impl Gathered {
-    pub fn new(most_bytes: u64) -> Gathered {
+impl Samples {
+    /// Gathers numbers, up to some `most_bytes`. They are kept as int16 as long as all are int16, and
+    /// become float32 with the first one that is not, because a burst has one format.
+    pub fn of(numbers: impl Iterator<Item = f64>, most_bytes: u64) -> Samples {
+        let (mut bytes, mut format) = (Vec::new(), Format::S16Le);
         let most_bytes = usize::try_from(most_bytes).unwrap_or(usize::MAX);
-        Gathered { bytes: Vec::new(), format: Format::S16Le, most_bytes, too_many: false }
-    }
-
-    /// Adds a number. One that is beyond the bound is not kept, and neither is any after it.
-    pub fn push(&mut self, x: f64) {
-        if self.too_many || self.bytes.len() + self.format.bytes() > self.most_bytes {
-            self.too_many = true;
-            return;
-        }
-        if self.format == Format::S16Le {
+        let mut too_many = false;
+        for x in numbers {
             let whole = x as i16;
-            if f64::from(whole) == x {
-                return self.bytes.extend(whole.to_le_bytes());
+            if format == Format::S16Le && f64::from(whole) != x {
+                // all that was gathered becomes float32, in twice the bytes
+                too_many = bytes.len() > most_bytes / 2;
+                if too_many {
+                    break;
+                }
+                let floats = samples(&bytes, format).map(|x| x as f32);
+                bytes = floats.flat_map(f32::to_le_bytes).collect();
+                format = Format::F32Le;
             }
-            // the first number that is no int16: all that was gathered becomes float32, in twice
-            // the bytes
-            if self.bytes.len() * 2 + 4 > self.most_bytes {
-                self.too_many = true;
-                return;
+            match format {
+                Format::S16Le => bytes.extend(whole.to_le_bytes()),
+                Format::F32Le => bytes.extend((x as f32).to_le_bytes()),
             }
-            self.bytes = self.floats().flat_map(f32::to_le_bytes).collect();
-            self.format = Format::F32Le;
+            too_many = bytes.len() > most_bytes;
+            if too_many {
+                break;
+            }
         }
-        self.bytes.extend((x as f32).to_le_bytes());
-    }
-
-    fn floats(&self) -> impl Iterator<Item = f32> {
-        samples(&self.bytes, self.format).map(|x| x as f32)
+        Samples { bytes: bytes.into(), format, too_many }
     }
 }
 
@@ -162,15 +162,6 @@ pub fn samples(of: &[u8], format: Format) -> impl Iterator<Item = f64> {
         Format::F32Le => Element::F32,
     };
     element.numbers(of, false)
-}
-
-/// Why nothing could be read from a message.
-#[derive(Debug)]
-pub enum ReadError {
-    /// The message is not what its schema says, or it is no JSON. It becomes a rejected row.
-    Malformed,
-    /// A field of a JSON message is not what the dialect says.
-    Unfit(String),
 }
 
 /// Numbers of fixed width side by side, as they lie in a message. Bytes are an array of U8.
@@ -185,89 +176,28 @@ impl Array {
     fn numbers(&self) -> impl Iterator<Item = f64> {
         self.element.numbers(&self.bytes, self.big_endian)
     }
-
-    fn gathered(&self, most_bytes: u64) -> Gathered {
-        let mut all = Gathered::new(most_bytes);
-        self.numbers().for_each(|x| all.push(x));
-        all
-    }
 }
 
-#[derive(Clone, Debug)]
-pub enum Value {
+/// What a path finds in a message.
+pub enum Value<'m> {
     Number(Number),
-    Text(String),
+    Text(&'m str),
     Array(Array),
-    Gathered(Gathered),
+    /// Numbers that do not lie side by side in the message; `None` where another value stands among
+    /// them.
+    Numbers(Box<dyn Iterator<Item = Option<f64>> + 'm>),
+    /// A message with fields of its own, or what is not as it should be.
+    Other,
 }
 
-/// The values that a message has for the slots of a dialect. If a slot's path occurs several times in the
-/// message, the last value counts, as in protobuf; parts of an array are joined, because protobuf may write
-/// an array in parts.
-#[derive(Debug, Default)]
-pub struct SlotValues {
-    values: BTreeMap<Slot, Value>,
-    /// Bound on the bytes of samples that are gathered.
-    most_bytes: u64,
-}
-
-impl SlotValues {
-    pub fn new(most_bytes: u64) -> SlotValues {
-        SlotValues { values: BTreeMap::new(), most_bytes }
-    }
-
-    pub fn set(&mut self, slot: Slot, value: Value) {
-        self.values.insert(slot, value);
-    }
-
-    pub fn take(&mut self, slot: Slot) -> Option<Value> {
-        self.values.remove(&slot)
-    }
-
-    pub fn number(&mut self, slot: Slot) -> Option<Number> {
-        self.take(slot)?.number()
-    }
-
-    /// Takes the numbers that a slot has so far, to be added to and set again.
-    pub fn gathered(&mut self, slot: Slot) -> Gathered {
-        match self.take(slot) {
-            Some(Value::Gathered(all)) => all,
-            Some(Value::Array(array)) => array.gathered(self.most_bytes),
-            _ => Gathered::new(self.most_bytes),
-        }
-    }
-
-    pub fn append(&mut self, slot: Slot, array: Array) {
-        let value = match self.values.contains_key(&slot) {
-            false => Value::Array(array),
-            true => {
-                let mut all = self.gathered(slot);
-                array.numbers().for_each(|x| all.push(x));
-                Value::Gathered(all)
-            }
-        };
-        self.set(slot, value);
-    }
-}
-
-pub fn is_base64(text: &str) -> bool {
-    BASE64.decode(text).is_ok()
-}
-
-pub struct Samples {
-    pub bytes: Bytes,
-    pub format: Format,
-    pub too_many: bool,
-}
-
-impl Value {
+impl Value<'_> {
     /// The value as a number. A text counts if it is one, because JSON has integers of 64 bits and
     /// not-a-number as text.
     pub fn number(&self) -> Option<Number> {
         match self {
             Value::Number(number) => Some(*number),
             Value::Text(text) => Number::parse(text),
-            Value::Array(_) | Value::Gathered(_) => None,
+            Value::Array(_) | Value::Numbers(_) | Value::Other => None,
         }
     }
 
@@ -278,7 +208,7 @@ impl Value {
             let too_many = bytes.len() as u64 > most_bytes;
             Some(Samples { bytes, format, too_many })
         };
-        let all = match self {
+        match self {
             Value::Array(array) => {
                 // in which format the bytes can be taken as they are, if in any
                 let lie = match array.element {
@@ -289,26 +219,32 @@ impl Value {
                     _ => None,
                 };
                 match lie {
-                    Some(format) => return whole(array.bytes, format),
-                    None => array.gathered(most_bytes),
+                    Some(format) => whole(array.bytes, format),
+                    None => Some(Samples::of(array.numbers(), most_bytes)),
                 }
             }
-            Value::Gathered(all) => all,
-            Value::Text(text) => return whole(BASE64.decode(text).ok()?.into(), format?),
-            Value::Number(_) => return None,
-        };
-        Some(Samples { bytes: all.bytes.into(), format: all.format, too_many: all.too_many })
+            Value::Numbers(numbers) => {
+                let mut are_all = true;
+                let numbers = numbers.inspect(|x| are_all &= x.is_some());
+                let samples = Samples::of(numbers.map_while(|x| x), most_bytes);
+                are_all.then_some(samples)
+            }
+            Value::Text(text) => whole(BASE64.decode(text).ok()?.into(), format?),
+            Value::Number(_) | Value::Other => None,
+        }
     }
 
     /// The value as one number or several; a text gives none. Of an array that has more than `most`
-    /// numbers not all are converted, but more than `most`, so that the caller can tell. Numbers
-    /// that were gathered come all.
+    /// numbers not all are converted, but more than `most`, so that the caller can tell.
     pub fn floats(self, most: usize) -> Vec<f32> {
         match self {
             Value::Number(number) => vec![number.float() as f32],
-            Value::Array(array) => array.gathered((most as u64 + 1) * 4).floats().collect(),
-            Value::Gathered(all) => all.floats().collect(),
-            Value::Text(_) => Vec::new(),
+            Value::Array(array) => array.numbers().take(most + 1).map(|x| x as f32).collect(),
+            Value::Numbers(all) => {
+                let all = all.take(most + 1).map(|x| x.map(|x| x as f32));
+                all.collect::<Option<_>>().unwrap_or_default()
+            }
+            Value::Text(_) | Value::Other => Vec::new(),
         }
     }
 }
@@ -319,18 +255,18 @@ mod tests {
 
     #[test]
     fn numbers_stay_int16_until_one_is_not() {
-        let mut all = Gathered::new(100);
-        [1.0, -32768.0, 32767.0].into_iter().for_each(|x| all.push(x));
+        let whole = [1.0, -32768.0, 32767.0];
+        let all = Samples::of(whole.into_iter(), 100);
         assert_eq!((all.format, all.bytes.len()), (Format::S16Le, 6));
-        all.push(0.5);
-        all.push(f64::NAN);
+        let odd = whole.into_iter().chain([0.5, f64::NAN]);
+        let all = Samples::of(odd.clone(), 100);
         assert_eq!((all.format, all.bytes.len()), (Format::F32Le, 20));
-        let floats: Vec<f32> = all.floats().collect();
+        let floats: Vec<f64> = samples(&all.bytes, all.format).collect();
         assert_eq!(floats[..4], [1.0, -32768.0, 32767.0, 0.5]);
         assert!(floats[4].is_nan());
-        (0..100).for_each(|_| all.push(0.5));
-        assert!(all.too_many && all.bytes.len() == 100);
-        assert_eq!(Gathered::new(0).floats().count(), 0);
+        let many = Samples::of(odd.chain([0.5; 100]), 100);
+        assert!(many.too_many && many.bytes.len() == 104);
+        assert!(Samples::of([1.0].into_iter(), 0).too_many);
     }
 
     /// By hand: 1.5 as f32 is 3f c0 00 00.

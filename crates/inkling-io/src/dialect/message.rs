@@ -1,0 +1,43 @@
+//! A message of any encoding, and what a path finds in it.
+//!
+//! In, from `plan.rs`: a message that `protobuf.rs`, `ros.rs` or `json.rs` took as one. Out: a
+//! [`Value`], the same for all encodings.
+
+use super::fields::{NANOSECONDS, SECONDS};
+use super::json;
+use super::path::FieldPath;
+use super::protobuf::ProtobufMessage;
+use super::ros::RosMessage;
+use super::value::Value;
+
+#[derive(Debug)]
+pub enum Message {
+    Protobuf(ProtobufMessage),
+    Ros(RosMessage),
+    Json(serde_json::Value),
+}
+
+impl Message {
+    /// The value to which a path leads; `None`: the message has none there.
+    pub fn find(&self, path: &FieldPath) -> Option<Value<'_>> {
+        match self {
+            Message::Protobuf(message) => message.find(path.steps()),
+            Message::Ros(message) => message.find(path.steps()),
+            Message::Json(message) => json::find(message, path.steps()),
+        }
+    }
+
+    /// The time, ns since 1970, that a message within this one says as seconds and nanoseconds.
+    /// `None`: it has neither, or they are no time.
+    pub fn time_ns(&self, path: &FieldPath) -> Option<i64> {
+        let value = |names: &[&str]| names.iter().find_map(|name| self.find(&path.child(name)));
+        let (seconds, nanoseconds) = (value(&SECONDS), value(&NANOSECONDS));
+        if seconds.is_none() && nanoseconds.is_none() {
+            return None;
+        }
+        let whole = |value: Option<Value>| value.map_or(Some(0), |value| value.number()?.integer());
+        let nanoseconds = whole(nanoseconds).filter(|ns| (0..1_000_000_000).contains(ns))?;
+        let ns = whole(seconds)?.checked_mul(1_000_000_000)?.checked_add(nanoseconds)?;
+        i64::try_from(ns).ok()
+    }
+}
