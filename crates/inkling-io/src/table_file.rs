@@ -8,7 +8,7 @@
 //! become the burst's channels. Rows with the same burst and printhead are one decay. Nothing is
 //! moved to a regular grid here: `sampling.rs` does that.
 
-use super::dialect::value::Samples;
+use super::dialect::value::{Gathered, Samples};
 use super::file_error::FileError;
 use super::{Limits, printable};
 use std::collections::HashMap;
@@ -88,7 +88,7 @@ impl Decay {
     /// float32. `None`: more bytes than a burst may have.
     pub fn samples(&self) -> Option<Samples> {
         let all = self.outputs.iter().flatten().copied();
-        let all = Samples::of(all, Limits::default().samples_bytes);
+        let all = Gathered::of(all.map(Some))?.samples(Limits::default().samples_bytes);
         (!all.too_many).then_some(all)
     }
 }

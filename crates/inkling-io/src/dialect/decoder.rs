@@ -247,7 +247,7 @@ impl ReadMessage<'_> {
                 Ok(number) => ns_of(Number::Integer(number.into()), log_ns),
                 Err(_) => chrono::DateTime::parse_from_rfc3339(text).ok()?.timestamp_nanos_opt(),
             },
-            Value::Other => self.message.time_ns(path),
+            Value::Other => self.message.time_ns(self.plan.time.as_ref()?),
             Value::Array(_) | Value::Numbers(_) => None,
         }
     }

@@ -5,7 +5,7 @@
 //! by field; fields as the user is shown them ([`ShownField`]).
 
 use super::fields::{FieldInfo, Kind};
-use super::message::Message;
+use super::message::{Message, TimePaths};
 use super::path::FieldPath;
 use super::value::{self, Number, Value};
 use crate::printable;
@@ -84,7 +84,8 @@ impl FirstMessage<'_> {
             (Kind::Text | Kind::Time, Value::Text(text)) => Some(printable::cell(text)),
             (Kind::Time, _) => {
                 let path = FieldPath::try_from(field.path.clone()).ok()?;
-                let time = DateTime::from_timestamp_nanos(self.message.time_ns(&path)?);
+                let time =
+                    DateTime::from_timestamp_nanos(self.message.time_ns(&TimePaths::of(&path))?);
                 Some(time.to_rfc3339_opts(SecondsFormat::Nanos, true))
             }
             _ => None,

@@ -10,7 +10,7 @@
 
 use super::fields::{FieldInfo, Kind, MOST_DEPTH, MOST_FIELDS, NANOSECONDS, SECONDS};
 use super::path::{FieldPath, Step};
-use super::value::{Number, Value};
+use super::value::{Gathered, Number, Value};
 use inkling_core::verdict::Reason;
 use serde_json::Value as Json;
 
@@ -101,16 +101,15 @@ fn number(of: &serde_json::Number) -> Number {
 
 /// The numbers of an array, or of an array of rows of numbers, all equally long.
 fn numbers(all: &[Json]) -> Value<'_> {
-    let Some(Json::Array(first)) = all.first() else {
-        return Value::Numbers(Box::new(all.iter().map(float)));
-    };
-    let is_row = |row: &Json| row.as_array().is_some_and(|row| row.len() == first.len());
-    match all.iter().all(is_row) {
-        true => {
-            Value::Numbers(Box::new(all.iter().filter_map(Json::as_array).flatten().map(float)))
+    let gathered = match all.first() {
+        Some(Json::Array(first)) => {
+            let is_row = |row: &Json| row.as_array().is_some_and(|row| row.len() == first.len());
+            let rows = all.iter().filter_map(Json::as_array).flatten();
+            all.iter().all(is_row).then(|| Gathered::of(rows.map(float))).flatten()
         }
-        false => Value::Other,
-    }
+        _ => Gathered::of(all.iter().map(float)),
+    };
+    gathered.map_or(Value::Other, Value::Numbers)
 }
 
 /// A number of an array. Where JSON has no number, `null` or a text is not-a-number.

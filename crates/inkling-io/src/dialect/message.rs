@@ -29,9 +29,9 @@ impl Message {
 
     /// The time, ns since 1970, that a message within this one says as seconds and nanoseconds.
     /// `None`: it has neither, or they are no time.
-    pub fn time_ns(&self, path: &FieldPath) -> Option<i64> {
-        let value = |names: &[&str]| names.iter().find_map(|name| self.find(&path.child(name)));
-        let (seconds, nanoseconds) = (value(&SECONDS), value(&NANOSECONDS));
+    pub fn time_ns(&self, paths: &TimePaths) -> Option<i64> {
+        let value = |paths: &[FieldPath]| paths.iter().find_map(|path| self.find(path));
+        let (seconds, nanoseconds) = (value(&paths.seconds), value(&paths.nanoseconds));
         if seconds.is_none() && nanoseconds.is_none() {
             return None;
         }
@@ -39,5 +39,20 @@ impl Message {
         let nanoseconds = whole(nanoseconds).filter(|ns| (0..1_000_000_000).contains(ns))?;
         let ns = whole(seconds)?.checked_mul(1_000_000_000)?.checked_add(nanoseconds)?;
         i64::try_from(ns).ok()
+    }
+}
+
+/// Where the seconds and nanoseconds of a message that is a time may be.
+#[derive(Debug)]
+pub struct TimePaths {
+    seconds: Vec<FieldPath>,
+    nanoseconds: Vec<FieldPath>,
+}
+
+impl TimePaths {
+    /// `path` leads to the message.
+    pub fn of(path: &FieldPath) -> TimePaths {
+        let children = |names: &[&str]| names.iter().map(|name| path.child(name)).collect();
+        TimePaths { seconds: children(&SECONDS), nanoseconds: children(&NANOSECONDS) }
     }
 }

@@ -9,11 +9,11 @@
 //! Layers: `Reading` knows the schema; `Plan` adds the dialect and the printhead's name.
 
 use super::fields::{FieldInfo, Kind, Slot, listed};
-use super::message::Message;
+use super::message::{Message, TimePaths};
 use super::path::FieldPath;
 use super::protobuf::ProtobufMessage;
 use super::ros::RosMessage;
-use super::settings::{Dialect, Key, Part};
+use super::settings::{Dialect, Key, Part, TimeSource};
 use super::shape::Shape;
 use super::value::{Number, Value};
 use super::{json, protobuf, ros_definition};
@@ -126,6 +126,8 @@ pub struct Plan {
     pub reading: Reading,
     /// The pattern of the printhead's name, with the parts of the topic put in.
     pub name: Vec<Part>,
+    /// If the burst's time is a field: where it has seconds and nanoseconds.
+    pub time: Option<TimePaths>,
 }
 
 impl Plan {
@@ -138,7 +140,11 @@ impl Plan {
             let checked = checked.and_then(|field| check_field(&field, key.slot, dialect.format));
             checked.map_err(|what| key.wrong(&what, &shape.fields()))?;
         }
-        Ok(Plan { dialect: dialect.clone(), reading, name })
+        let time = match &dialect.time {
+            TimeSource::Path(path) => Some(TimePaths::of(path)),
+            TimeSource::LogTime | TimeSource::PublishTime => None,
+        };
+        Ok(Plan { dialect: dialect.clone(), reading, name, time })
     }
 
     /// Whether a field that is missing in a message is an error.

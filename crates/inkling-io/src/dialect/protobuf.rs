@@ -13,7 +13,7 @@
 
 use super::path::Step;
 use super::shape::{Base, Count, Field, MessageType, Shape};
-use super::value::{Array, Element, Number, Value};
+use super::value::{Array, Element, Gathered, Number, Value};
 use crate::unpanicked::unpanicked;
 use bytes::Bytes;
 use prost::DecodeError;
@@ -192,15 +192,15 @@ impl ProtobufMessage {
             (Kind::String, _) => str::from_utf8(last.bytes).map_or(Value::Other, Value::Text),
             (Kind::Bytes, _) => Value::Array(self.array(Element::U8, last.bytes)),
             _ if field.is_list() => match (element(&kind), step.index) {
-                (_, Some(index)) => number_or_other(numbers(kind, parts).nth(index as usize)?),
+                (_, Some(index)) => {
+                    let mut numbers = parts.flat_map(|part| numbers(&kind, part.bytes));
+                    number_or_other(numbers.nth(index as usize)?)
+                }
                 // numbers of fixed width are taken as they lie, if they do not come in parts
                 (Some(element), None) if met.count == 1 && element.fill(last.bytes) => {
                     Value::Array(self.array(element, last.bytes))
                 }
-                _ => {
-                    let floats = numbers(kind, parts).map(|number| number.map(Number::float));
-                    Value::Numbers(Box::new(floats))
-                }
+                _ => gathered(&kind, parts).map_or(Value::Other, Value::Numbers),
             },
             _ => number_or_other(next_number(&kind, &mut { last.bytes })),
         })
@@ -212,21 +212,36 @@ impl ProtobufMessage {
     }
 }
 
-/// The numbers in the pieces of a field; `None` where there is none, and no more of this piece.
-fn numbers<'m>(
-    kind: Kind,
-    pieces: impl Iterator<Item = Piece<'m>> + 'm,
-) -> impl Iterator<Item = Option<Number>> + 'm {
-    pieces.flat_map(move |Piece { bytes: mut rest, .. }| {
-        let kind = kind.clone();
-        std::iter::from_fn(move || {
-            let number = (!rest.is_empty()).then(|| next_number(&kind, &mut rest))?;
-            if number.is_none() {
-                rest = &[];
-            }
-            Some(number)
-        })
+/// All numbers of a list; `None` where there is none.
+fn gathered<'m>(kind: &Kind, parts: impl Iterator<Item = Piece<'m>>) -> Option<Gathered> {
+    let mut all = Gathered::default();
+    for Piece { bytes: mut rest, .. } in parts {
+        while !rest.is_empty() {
+            all.push(match kind {
+                // most samples, without the way over a number of 128 bits
+                Kind::Sint32 | Kind::Sint64 => zig_zag(decode_varint(&mut rest).ok()?) as f64,
+                Kind::Int32 | Kind::Int64 => decode_varint(&mut rest).ok()? as i64 as f64,
+                _ => next_number(kind, &mut rest)?.float(),
+            });
+        }
+    }
+    Some(all)
+}
+
+/// The numbers side by side in a piece; `None` where there is none, and no more of it.
+fn numbers<'m>(kind: &'m Kind, mut rest: &'m [u8]) -> impl Iterator<Item = Option<Number>> + 'm {
+    std::iter::from_fn(move || {
+        let number = (!rest.is_empty()).then(|| next_number(kind, &mut rest))?;
+        if number.is_none() {
+            rest = &[];
+        }
+        Some(number)
     })
+}
+
+/// 0, −1, 1, −2 and so on are 0, 1, 2, 3.
+fn zig_zag(bits: u64) -> i64 {
+    (bits >> 1) as i64 ^ -((bits & 1) as i64)
 }
 
 fn next_number(kind: &Kind, rest: &mut &[u8]) -> Option<Number> {
@@ -237,7 +252,7 @@ fn next_number(kind: &Kind, rest: &mut &[u8]) -> Option<Number> {
     }
     let bits = decode_varint(rest).ok()?;
     Some(Number::Integer(match kind {
-        Kind::Sint32 | Kind::Sint64 => i128::from((bits >> 1) as i64 ^ -((bits & 1) as i64)),
+        Kind::Sint32 | Kind::Sint64 => i128::from(zig_zag(bits)),
         Kind::Uint32 | Kind::Uint64 => i128::from(bits),
         _ => i128::from(bits as i64),
     }))

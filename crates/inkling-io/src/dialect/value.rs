@@ -4,7 +4,7 @@
 //! `protobuf.rs`, `ros.rs` and `json.rs` find them, by paths; `decoder.rs` asks for them as what
 //! they should be. Samples stay where they lie in the message if their bytes are what a
 //! burst needs (int16 or float32, little-endian, or bytes whose format the dialect says); otherwise
-//! they are gathered number by number ([`Samples::of`]), up to a bound.
+//! they are gathered number by number ([`Gathered`]), up to a bound.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
@@ -116,6 +116,9 @@ impl Number {
     }
 }
 
+/// Most bytes that are gathered, those of the largest burst.
+const MOST_GATHERED_BYTES: usize = 256 << 20;
+
 /// Samples as a burst has them.
 pub struct Samples {
     pub bytes: Bytes,
@@ -124,35 +127,48 @@ pub struct Samples {
     pub too_many: bool,
 }
 
-impl Samples {
-    /// Gathers numbers, up to some `most_bytes`. They are kept as int16 as long as all are int16, and
-    /// become float32 with the first one that is not, because a burst has one format.
-    pub fn of(numbers: impl Iterator<Item = f64>, most_bytes: u64) -> Samples {
-        let (mut bytes, mut format) = (Vec::new(), Format::S16Le);
-        let most_bytes = usize::try_from(most_bytes).unwrap_or(usize::MAX);
-        let mut too_many = false;
+/// Samples that are gathered number by number. They are kept as int16 as long as all numbers are
+/// int16, and become float32 with the first one that is not, because a burst has one format.
+#[derive(Default)]
+pub struct Gathered {
+    bytes: Vec<u8>,
+    format: Format,
+    /// Whether there were more numbers than the bound allows. Not all of those are kept.
+    too_many: bool,
+}
+
+impl Gathered {
+    /// `None` where another value stands among the numbers.
+    pub fn of(numbers: impl Iterator<Item = Option<f64>>) -> Option<Gathered> {
+        let mut all = Gathered::default();
         for x in numbers {
-            let whole = x as i16;
-            if format == Format::S16Le && f64::from(whole) != x {
-                // all that was gathered becomes float32, in twice the bytes
-                too_many = bytes.len() > most_bytes / 2;
-                if too_many {
-                    break;
-                }
-                let floats = samples(&bytes, format).map(|x| x as f32);
-                bytes = floats.flat_map(f32::to_le_bytes).collect();
-                format = Format::F32Le;
-            }
-            match format {
-                Format::S16Le => bytes.extend(whole.to_le_bytes()),
-                Format::F32Le => bytes.extend((x as f32).to_le_bytes()),
-            }
-            too_many = bytes.len() > most_bytes;
-            if too_many {
-                break;
-            }
+            all.push(x?);
         }
-        Samples { bytes: bytes.into(), format, too_many }
+        Some(all)
+    }
+
+    pub fn push(&mut self, x: f64) {
+        if self.bytes.len() >= MOST_GATHERED_BYTES {
+            self.too_many = true;
+            return;
+        }
+        if self.format == Format::S16Le {
+            let whole = x as i16;
+            if f64::from(whole) == x {
+                return self.bytes.extend(whole.to_le_bytes());
+            }
+            // all that was gathered becomes float32, in twice the bytes
+            let floats = samples(&self.bytes, Format::S16Le).map(|x| x as f32);
+            self.bytes = floats.flat_map(f32::to_le_bytes).collect();
+            self.format = Format::F32Le;
+        }
+        self.bytes.extend((x as f32).to_le_bytes());
+    }
+
+    /// As a burst has them; `too_many` with more than these bytes.
+    pub fn samples(self, most_bytes: u64) -> Samples {
+        let too_many = self.too_many || self.bytes.len() as u64 > most_bytes;
+        Samples { bytes: self.bytes.into(), format: self.format, too_many }
     }
 }
 
@@ -183,9 +199,8 @@ pub enum Value<'m> {
     Number(Number),
     Text(&'m str),
     Array(Array),
-    /// Numbers that do not lie side by side in the message; `None` where another value stands among
-    /// them.
-    Numbers(Box<dyn Iterator<Item = Option<f64>> + 'm>),
+    /// Numbers that do not lie side by side in the message.
+    Numbers(Gathered),
     /// A message with fields of its own, or what is not as it should be.
     Other,
 }
@@ -220,15 +235,10 @@ impl Value<'_> {
                 };
                 match lie {
                     Some(format) => whole(array.bytes, format),
-                    None => Some(Samples::of(array.numbers(), most_bytes)),
+                    None => Some(Gathered::of(array.numbers().map(Some))?.samples(most_bytes)),
                 }
             }
-            Value::Numbers(numbers) => {
-                let mut are_all = true;
-                let numbers = numbers.inspect(|x| are_all &= x.is_some());
-                let samples = Samples::of(numbers.map_while(|x| x), most_bytes);
-                are_all.then_some(samples)
-            }
+            Value::Numbers(all) => Some(all.samples(most_bytes)),
             Value::Text(text) => whole(BASE64.decode(text).ok()?.into(), format?),
             Value::Number(_) | Value::Other => None,
         }
@@ -241,8 +251,7 @@ impl Value<'_> {
             Value::Number(number) => vec![number.float() as f32],
             Value::Array(array) => array.numbers().take(most + 1).map(|x| x as f32).collect(),
             Value::Numbers(all) => {
-                let all = all.take(most + 1).map(|x| x.map(|x| x as f32));
-                all.collect::<Option<_>>().unwrap_or_default()
+                samples(&all.bytes, all.format).take(most + 1).map(|x| x as f32).collect()
             }
             Value::Text(_) | Value::Other => Vec::new(),
         }
@@ -256,17 +265,19 @@ mod tests {
     #[test]
     fn numbers_stay_int16_until_one_is_not() {
         let whole = [1.0, -32768.0, 32767.0];
-        let all = Samples::of(whole.into_iter(), 100);
-        assert_eq!((all.format, all.bytes.len()), (Format::S16Le, 6));
-        let odd = whole.into_iter().chain([0.5, f64::NAN]);
-        let all = Samples::of(odd.clone(), 100);
-        assert_eq!((all.format, all.bytes.len()), (Format::F32Le, 20));
+        let gathered = |numbers: &[f64], most: u64| {
+            Gathered::of(numbers.iter().copied().map(Some)).unwrap().samples(most)
+        };
+        let all = gathered(&whole, 100);
+        assert_eq!((all.format, all.bytes.len(), all.too_many), (Format::S16Le, 6, false));
+        let odd = [1.0, -32768.0, 32767.0, 0.5, f64::NAN];
+        let all = gathered(&odd, 20);
+        assert_eq!((all.format, all.bytes.len(), all.too_many), (Format::F32Le, 20, false));
         let floats: Vec<f64> = samples(&all.bytes, all.format).collect();
-        assert_eq!(floats[..4], [1.0, -32768.0, 32767.0, 0.5]);
+        assert_eq!(floats[..4], odd[..4]);
         assert!(floats[4].is_nan());
-        let many = Samples::of(odd.chain([0.5; 100]), 100);
-        assert!(many.too_many && many.bytes.len() == 104);
-        assert!(Samples::of([1.0].into_iter(), 0).too_many);
+        assert!(gathered(&odd, 19).too_many);
+        assert!(Gathered::of([Some(1.0), None].into_iter()).is_none());
     }
 
     /// By hand: 1.5 as f32 is 3f c0 00 00.
