@@ -340,7 +340,7 @@ fn a_state_is_the_same_once_it_was_written_and_read() {
     }
     for (wrong, says) in [
         ("{}", "version"),
-        ("{\"version\":3}", "design"),
+        ("{\"version\":3}", "printheads"),
         ("{\"version\":2}", "state version 2, made by an unreleased version"),
         ("{\"version\":4}", "state version 4, made by a newer inkling"),
     ] {
