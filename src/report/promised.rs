@@ -72,14 +72,14 @@ fn basis(promise: &Promise) -> String {
 /// The section of the evaluation's page: a table of the classes, and a list of the confused pairs.
 pub fn html(promise: &Promise) -> String {
     let heads = ["class", ">sizes of it", ">smallest found", ">found of all", "size is"];
-    let (pairs, apart) = confused(promise, |class| name(class));
+    let (pairs, apart) = confused(promise, name);
     let found = 100.0 * FOUND;
     let parts = [
         note(&basis(promise)),
         format!(
             "<h3>Detectability: the smallest fault that is found in {found:.0} % of its signals</h3>\n"
         ),
-        wide(&table("", &heads, classes(promise, |text| name(text)))),
+        wide(&table("", &heads, classes(promise, name))),
         "<h3>Isolability: classes that are mistaken for each other</h3>\n".to_owned(),
         note(
             "Of the flagged signals of the one the share whose best class is the other, mean of both ways; classes \

@@ -109,7 +109,7 @@ fn read_batches(path: &Path, columns: &Columns) -> Result<Table, FileError> {
     let several = chosen.outputs.iter().any(|&c| is_list_of_lists(type_of(c)));
     let outputs = if several { Vec::new() } else { chosen.output_names() };
     // `rows` gives no table if it is empty; then the table is that of the bursts
-    Ok(rows.table(time.clone()).unwrap_or_else(|| Table {
+    Ok(rows.table(time.clone()).unwrap_or(Table {
         time,
         outputs,
         decays: bursts,

@@ -146,6 +146,7 @@ for_processor! {
     ) -> [f64; TOGETHER] {
         let mut sums = [0.0; TOGETHER];
         let of_states = b[1..].iter().zip(&a[1..]);
+        #[expect(clippy::needless_range_loop, reason = "sample k of each row")]
         for k in 0..rows[0].len() {
             let (mut d, mut r) = ([0.0; TOGETHER], [0.0; TOGETHER]);
             for l in 0..TOGETHER {
