@@ -57,20 +57,22 @@ pub enum Outcome {
     Right,
     /// Right, but for a tie of names that, as the truth says, nobody could tell apart.
     Tied,
+    /// A tie that holds the truth, and a name that could have been told apart from it.
+    WideTie,
     /// Some effects are named, but not all.
     Partly,
     /// The verdict is `unknown` though the effects have names, or though there is nothing but unusual noise.
     Withheld,
     /// The verdict is `none` though there is an effect.
     Missed,
-    /// A name is not the truth's, alone or in a tie; or something was found where nothing is hidden; or one
+    /// A name is not the truth's; or something was found where nothing is hidden; or one
     /// cause alone was named where the truth can only be tied.
     Wrong,
 }
 
-const OUTCOMES: [Outcome; 6] = {
+const OUTCOMES: [Outcome; 7] = {
     use Outcome::*;
-    [Right, Tied, Partly, Withheld, Missed, Wrong]
+    [Right, Tied, WideTie, Partly, Withheld, Missed, Wrong]
 };
 
 impl Outcome {
@@ -78,6 +80,7 @@ impl Outcome {
         match self {
             Outcome::Right => "right",
             Outcome::Tied => "tied",
+            Outcome::WideTie => "wide tie",
             Outcome::Partly => "one of two",
             Outcome::Withheld => "withheld",
             Outcome::Missed => "missed",
@@ -131,24 +134,25 @@ pub fn outcome(answer: &CritiqueAnswer, truth: &Truth) -> Outcome {
     // stands alone leaves the other effects to those that are tied.
     claims.sort_by_key(BTreeSet::len);
     let mut open: Vec<&TrueEffect> = truth.effects.iter().collect();
+    let mut said = Outcome::Right;
     for claim in &claims {
         let Some(k) = open.iter().position(|e| claim.contains(e.id.as_str())) else {
             return Outcome::Wrong;
         };
         let effect = open.remove(k);
-        let honest = match claim.len() {
-            1 => effect.ties.is_empty() || !is(Circumstance::TemperatureFollowsTime),
-            _ => claim.iter().all(|name| effect.ties.iter().any(|tie| tie == name)),
-        };
-        if !honest {
-            return Outcome::Wrong;
-        }
+        said = said.max(match claim.len() {
+            // nobody could have told it from its twin
+            1 if is(Circumstance::TemperatureFollowsTime) && !effect.ties.is_empty() => {
+                Outcome::Wrong
+            }
+            1 => Outcome::Right,
+            _ if claim.iter().all(|name| effect.ties.iter().any(|tie| tie == name)) => {
+                Outcome::Tied
+            }
+            _ => Outcome::WideTie,
+        });
     }
-    match open.is_empty() {
-        false => Outcome::Partly,
-        true if claims.iter().any(|claim| claim.len() > 1) => Outcome::Tied,
-        true => Outcome::Right,
-    }
+    if said != Outcome::Wrong && !open.is_empty() { Outcome::Partly } else { said }
 }
 
 /// Recordings of one sort.
@@ -302,7 +306,7 @@ mod tests {
             (answer(Verdict::Unknown, &[&["tone"]]), one("tone"), Withheld),
             (answer(Verdict::Tie, &[&["offset", "droop"]]), droop(), Tied),
             (answer(Verdict::Tie, &[&["offset"], &["droop"]]), droop(), Tied),
-            (answer(Verdict::Tie, &[&["offset", "tone"]]), one("tone"), Wrong),
+            (answer(Verdict::Tie, &[&["offset", "tone"]]), one("tone"), WideTie),
             (answer(Verdict::Named, &[&["offset"]]), droop(), Wrong),
             (answer(Verdict::Unknown, &[&["tone"]]), one("outside_x"), Right),
             (answer(Verdict::Named, &[&["tone"]]), one("outside_x"), Wrong),
@@ -324,7 +328,7 @@ mod tests {
         let row = blind.row(Kind::One, 4..=4);
         assert_eq!((row.recordings, row.count(Outcome::Right)), (2, 1));
         assert!((row.share(&[Outcome::Missed]) - 0.5).abs() < 1e-12);
-        assert!(blind.markdown().contains("| tone | 4 | 2 | 1 | 0 | 0 | 0 | 1 | 0 |"));
+        assert!(blind.markdown().contains("| tone | 4 | 2 | 1 | 0 | 0 | 0 | 0 | 1 | 0 |"));
         assert_eq!(blind.json()[0]["outcomes"]["right"], 1);
     }
 }
