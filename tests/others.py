@@ -177,9 +177,10 @@ table = pyarrow.table({
     "samples": pyarrow.array([m.tolist() for m in matrix], pyarrow.list_(pyarrow.list_(pyarrow.int16()))),
 })
 pq.write_table(table, work / "table.parquet")
-rows = csv.writer(open(work / "table.csv", "w", newline=""))
-rows.writerow(["burst", "t_ns", *range(first.channels)])
-rows.writerows([t, t, *row] for t, m in zip(times - times[0], matrix) for row in m.T)
+with open(work / "table.csv", "w", newline="") as file:
+    rows = csv.writer(file)
+    rows.writerow(["burst", "t_ns", *range(first.channels)])
+    rows.writerows([t, t, *row] for t, m in zip(times - times[0], matrix) for row in m.T)
 results = []
 for name, options in [
     ("table.parquet", ["--time", "t"]),
