@@ -129,7 +129,7 @@ fn full_disk_ends_the_run_with_what_to_do() {
     }
     std::fs::create_dir(house.path("out")).unwrap();
     let script = "mount -t tmpfs -o size=400k none out && INKLING --quiet; code=$?; \
-                  cp out/run.json out/journal.jsonl . ; ls out | grep -c part >parts; exit $code";
+                  cp out/run.json out/journal.jsonl . ; ls -A out | grep -c part >parts; exit $code";
     let inkling = env!("CARGO_BIN_EXE_inkling");
     let replay =
         format!("{inkling} replay rec --out out --design {}", sample("design.json").display());

@@ -86,7 +86,7 @@ fn heads_that_are_too_large_or_none_are_refused() {
         let answer = asked(address, &request("/metrics", &more));
         assert!(answer.head.starts_with(&format!("HTTP/1.1 {status} ")), "{}", answer.head);
     }
-    let answer = asked(address, "\x16\x03\x01\x02 what speaks TLS\r\n\r\n");
+    let answer = asked(address, "\x16\x03\x01\x02 what speaks TLS");
     assert!(answer.head.starts_with("HTTP/1.1 400 "), "{}", answer.head);
 }
 

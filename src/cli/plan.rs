@@ -173,10 +173,8 @@ impl Planner<'_> {
     /// The time of a recording's first burst; its printheads are noted if they are asked for. `None` if the
     /// recording cannot be read: the error is told when it is judged.
     fn begin(&self, job: &mut Job) -> Result<Option<i64>, Failure> {
-        let open = || Recording::open_with(&job.input.path, Limits::default(), self.dialects);
-        // what cannot be opened has no place in the order of the state, and would be too late for it tomorrow:
-        // a network that fails for a moment must not cost that
-        let Ok(recording) = open().or_else(|_| open()) else { return Ok(None) };
+        let opened = Recording::open_with(&job.input.path, Limits::default(), self.dialects);
+        let Ok(recording) = opened else { return Ok(None) };
         let pass = Pass { recording: &recording, control: self.control };
         let starts = match chain::starts(pass, self.printheads) {
             Ok(starts) => starts,

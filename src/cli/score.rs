@@ -49,7 +49,7 @@ use std::path::{Path, PathBuf};
 
 With --truth, critiques are scored against what `inkling simulate --hide` put into their \
 recordings: as many truths as critiques, in the same order. Right: every effect by its name \
-(nothing: `none`; outside the catalogue: `unknown`). Honest tie: only names that the truth says \
+(nothing: `none`; outside the catalogue: `unknown`). Tied: only names that the truth says \
 nobody could tell apart. Withheld: `unknown`. A truth that was changed after it was sealed is \
 refused.")]
 pub struct Args {

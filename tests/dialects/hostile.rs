@@ -179,9 +179,10 @@ fn what_a_message_holds_when_it_is_decoded_is_bounded_and_one_of_more_values_is_
         };
         let listed = |one: &str, n: usize| format!("{{\"a\":[{}0]}}", format!("{one},").repeat(n));
         let most = MOST_VALUES;
-        let cases: [(&str, &Plan, Vec<u8>, Reason); 6] = [
+        let cases: [(&str, &Plan, Vec<u8>, Reason); 7] = [
             ("numbers", &json, listed("0", most - 100).into(), Reason::Undecodable),
             ("more numbers", &json, listed("0", most).into(), Reason::TooLarge),
+            ("rows", &json, listed("[1]", most / 6).into(), Reason::Undecodable),
             ("objects", &json, listed("{\"\":0}", most / 20).into(), Reason::Undecodable),
             ("more objects", &json, listed("{}", most / 15).into(), Reason::TooLarge),
             ("packed", &protobuf, field(3, &field(3, &vec![0; 32 << 20])), Reason::Undecodable),

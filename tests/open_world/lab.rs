@@ -98,6 +98,8 @@ impl Lab {
         self.0.record("r.mcap", &signals.bursts(plant));
         let ended = self.0.run(&format!("replay r.mcap --out out --force {how}"));
         assert!(matches!(ended.code(), Some(0 | 3)), "{how}: {}", ended.stderr());
-        said(&self.0.path("out/r.verdicts.parquet"))
+        let said = said(&self.0.path("out/r.verdicts.parquet"));
+        assert_eq!(said.len(), signals.states.len(), "every signal has a verdict: {how}");
+        said
     }
 }

@@ -644,9 +644,9 @@ def merge(rows):
 HEAD = f"{'sc':>2} {'kind':<22}{'mode':<10}{'signals':>8} {'FA/std':>7} {'named':>7} {'rej':>5} {'recall':>6} {'falseEp':>7} {'found':>7} {'exit':<6}{'warn':>4}  reasons; names of healthy; note"
 
 
-def digest_of(binary, changed=os.environ.get("INKLING_NUMBER", "")):
-    """of a binary, and of the number that it is asked to change (prices.py): what both make lies apart"""
-    return hashlib.sha256(binary.read_bytes() + changed.encode()).hexdigest()[:10]
+def digest_of(binary):
+    """of a binary: what different ones make lies apart"""
+    return hashlib.sha256(binary.read_bytes()).hexdigest()[:10]
 
 
 def line(m):

@@ -90,7 +90,8 @@ fn read_batches(path: &Path, columns: &Columns) -> Result<Table, FileError> {
                     rows.add(line, &burst, &printhead, |c| row.number(c))
                 }),
                 true => row.burst(line).and_then(|burst| {
-                    held += burst.outputs.iter().map(Vec::len).sum::<usize>();
+                    // a burst without samples takes room, too
+                    held += 16 + burst.outputs.iter().map(|of| 4 + of.len()).sum::<usize>();
                     bursts.push(burst);
                     let too_many =
                         || format!("more than {MOST_CELLS} samples; cut the table into several");

@@ -21,7 +21,7 @@ pub struct Damage {
 }
 
 pub fn note(list: &mut Vec<Damage>, damage: Damage) {
-    // of one list: a file may be damaged everywhere
+    // a list has no more entries than these, since a file may be damaged everywhere
     const MOST: usize = 10_000;
     let full = list.len() >= MOST;
     match list.last_mut() {

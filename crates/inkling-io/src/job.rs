@@ -23,7 +23,8 @@ pub struct Job {
     pub source: Source,
     /// Path of the verdict table below the directory of results, with `/` between its parts.
     pub verdicts: String,
-    /// Only where recordings are handed out to others, who must know which of them share a state.
+    /// The printheads in it, noted only where recordings are handed out to others, who must know which
+    /// of them share a state.
     pub printheads: Vec<String>,
     /// Whoever is handed a job by another process is to judge it.
     #[serde(skip)]

@@ -122,6 +122,10 @@ impl Request {
                 0 => return Err(ErrorKind::UnexpectedEof.into()),
                 n => head.extend_from_slice(&piece[..n]),
             }
+            // every method begins with a capital letter; what speaks TLS may send no line end
+            if !head[0].is_ascii_uppercase() {
+                return Ok(Err(NO_HTTP));
+            }
         }
         Ok(Request::parse(&String::from_utf8_lossy(&head)))
     }

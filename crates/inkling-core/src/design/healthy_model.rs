@@ -18,6 +18,7 @@ use serde::{Deserialize, Serialize};
 
 /// One identified model with its x_a_hat, poles and threshold, thesis §3-1 and §3-2.
 #[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct HealthyModel {
     /// Whose signals it was learned from; `None`: pooled over printheads.
     pub printhead: Option<String>,

@@ -38,7 +38,7 @@ impl ResidualGenerator {
         Ok(generator)
     }
 
-    /// Whether the filter is what the type promises, as one from a file may not be.
+    /// Whether the filter is what the type promises, as one that another process sent may not be.
     pub fn check(&self) -> Result<(), DetectError> {
         let ResidualGenerator { numerator, denominator, dt_s } = self;
         if !(*dt_s > 0.0 && dt_s.is_finite()) {

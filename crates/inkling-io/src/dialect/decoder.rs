@@ -243,9 +243,9 @@ impl ReadMessage<'_> {
     fn time_ns(&self, path: &FieldPath, log_ns: i64) -> Option<i64> {
         match self.message.find(path)? {
             Value::Number(number) => ns_of(number, log_ns),
-            Value::Text(text) => match text.parse::<i64>() {
-                Ok(number) => ns_of(Number::Integer(number.into()), log_ns),
-                Err(_) => chrono::DateTime::parse_from_rfc3339(text).ok()?.timestamp_nanos_opt(),
+            Value::Text(text) => match Number::parse(text) {
+                Some(number) => ns_of(number, log_ns),
+                None => chrono::DateTime::parse_from_rfc3339(text).ok()?.timestamp_nanos_opt(),
             },
             Value::Other => self.message.time_ns(self.plan.time.as_ref()?),
             Value::Array(_) | Value::Numbers(_) => None,

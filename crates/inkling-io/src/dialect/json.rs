@@ -16,6 +16,8 @@ use serde_json::Value as Json;
 
 /// Most values of a message: decoded they take 130 MiB, and up to 200 MiB while their list grows.
 pub const MOST_VALUES: usize = 1 << 22;
+/// A list counts as so many values: it takes room for four as soon as it has one.
+const VALUES_OF_A_LIST: usize = 4;
 /// An object counts as so many values: even with a single field it takes a node of a tree, of some
 /// 700 bytes.
 const VALUES_OF_AN_OBJECT: usize = 16;
@@ -30,10 +32,11 @@ pub fn decode(message: &[u8]) -> Result<Json, Reason> {
 }
 
 /// The most values that a message can hold, without looking where its texts are: one stands behind
-/// each comma and bracket. A member of an object has a name, which counts as two.
+/// each comma. A member of an object has a name, which counts as two.
 fn most_values(message: &[u8]) -> usize {
     let weight = |byte: &u8| match byte {
-        b',' | b'[' => 1,
+        b',' => 1,
+        b'[' => VALUES_OF_A_LIST,
         b':' => 2,
         b'{' => VALUES_OF_AN_OBJECT,
         _ => 0,

@@ -202,8 +202,21 @@ fn check_json(
 ) -> Result<(), String> {
     match (key.slot, json::find(message, key.value.steps())) {
         (slot, None) if slot.is_optional() => Ok(()),
-        // also a text that looks like a number
-        (Slot::Text, Some(Value::Text(_))) => Ok(()),
+        // also a text that looks like a number, and a whole number that is written as 1.0
+        (Slot::Text, Some(value))
+            if matches!(value, Value::Text(_))
+                || value.number().and_then(Number::integer).is_some() =>
+        {
+            Ok(())
+        }
+        // samples in base64, however few there are
+        (Slot::Samples, Some(value @ Value::Text(_))) if value.is_base64() => {
+            check_format(format, true, "text")
+        }
+        // no text is read as these, also where it looks like a number
+        (Slot::Idle | Slot::Neighbours, Some(Value::Text(_))) => {
+            Err("is text, not a number or an array of numbers".into())
+        }
         (Slot::Channels | Slot::SamplesPerChannel | Slot::FirstChannel, Some(value))
             if value.number().and_then(Number::integer).is_none() =>
         {

@@ -206,6 +206,10 @@ pub enum Value<'m> {
 }
 
 impl Value<'_> {
+    pub fn is_base64(&self) -> bool {
+        matches!(self, Value::Text(text) if BASE64.decode(text).is_ok())
+    }
+
     /// The value as a number. A text counts if it is one, because JSON has integers of 64 bits and
     /// not-a-number as text.
     pub fn number(&self) -> Option<Number> {

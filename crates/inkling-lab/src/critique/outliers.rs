@@ -4,7 +4,7 @@
 //! In: signals, and the first model (`Model::start`). Out: [`Outliers`]. The steps:
 //!
 //! 1. fit every signal alone, and take a trend of its features along the head away, which is no fault;
-//! 2. a signal is odd if its ln amplitude, ln damping or ln frequency lies beyond [`outlying`] robust
+//! 2. a signal is odd if its ln amplitude, ln damping or ln frequency lies beyond [`OUTLYING`] robust
 //!    standard deviations of the median, or if the square of its misfit is far more than the median one;
 //! 3. a channel with several odd signals is left out altogether;
 //! 4. of the signals that ring like the others but leave more, ask whether the misfit has a shape: odd
@@ -71,7 +71,7 @@ fn shape_surprise(misfits: &[Vec<f64>], sd: f64, some: impl Fn(usize) -> bool) -
     let odd = signs.iter().flatten().filter(|s| **s != 0).count();
     let share = (odd as f64 + 1.0) / samples as f64;
     let run = |w: &[i32]| w[0] != 0 && w.iter().all(|s| *s == w[0]);
-    let runs = |signs: &Vec<i32>| signs.windows(ODD_IN_A_ROW as usize).any(run);
+    let runs = |signs: &Vec<i32>| signs.windows(ODD_IN_A_ROW).any(run);
     let found = signs.iter().enumerate().filter(|(i, s)| some(*i) && runs(s)).count() as f64;
     // Expected number of runs: at each of `samples` places the first sample is odd with probability `share`,
     // with either sign; each of the others with the same sign, `share`/2.
@@ -107,7 +107,7 @@ impl SingleFits {
         SingleFits { misfits: each.of_each(&alone, |_, linear| linear.residual.clone()), features }
     }
 
-    /// For each signal whether a feature lies beyond [`outlying`] robust standard deviations of the median. A
+    /// For each signal whether a feature lies beyond [`OUTLYING`] robust standard deviations of the median. A
     /// feature that is not a number counts as far.
     fn far(&self) -> Vec<bool> {
         let mut far = vec![false; self.features.len()];

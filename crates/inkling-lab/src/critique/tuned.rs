@@ -73,7 +73,7 @@ pub const OUTLYING: f64 = 7.0;
 /// Least robust standard deviation of ln damping; others are in proportion (`outliers.rs`). (-)
 pub const LEAST_SCATTER: f64 = 0.025;
 /// Number of outlying samples of one sign in a row that make a shape. (7.8)
-pub const ODD_IN_A_ROW: f64 = 3.0;
+pub const ODD_IN_A_ROW: usize = 3;
 
 // noise, codes, what was recorded
 

@@ -118,7 +118,7 @@ fn beside_table(of: &Measured, [of_form, of_drying]: [&str; 2]) -> String {
     }
 }
 
-/// The table of detection, and below it what the search for a denominator found.
+/// The table of detection.
 fn detection(of: &Measured, out: &mut String) {
     let table = beside_table(of, ["4-1", "4-2"]);
     let (faulty, healthy) = (of.mean("tested/faulty"), of.mean("tested/healthy"));
