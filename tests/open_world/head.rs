@@ -55,13 +55,15 @@ impl Scatter {
 /// After so many seconds: relative changes of amplitude, damping and frequency.
 pub type Drift = fn(f64) -> [f64; 3];
 
-pub const DRIFTS: [(&str, Drift); 6] = [
-    ("none", |_| [0.0; 3]),
-    ("damping +10 %, a step", |t| [0.0, if t < 305.0 { 0.0 } else { 0.1 }, 0.0]),
-    ("damping +8 %, slowly", |t| [0.0, 0.08 * t / 600.0, 0.0]),
-    ("damping +20 %, slowly", |t| [0.0, 0.2 * t / 600.0, -0.004 * t / 600.0]),
-    ("damping ± 8 %", |t| [0.0, 0.08 * (TAU * (t - 20.0) / 200.0).sin(), 0.0]),
-    ("all three", |t| {
+/// Each with how often replay may say that all channels have moved, by the default bounds of `[identify]`: the step
+/// lies at one of them.
+pub const DRIFTS: [(&str, [usize; 2], Drift); 6] = [
+    ("none", [0, 0], |_| [0.0; 3]),
+    ("damping +10 %, a step", [0, 1], |t| [0.0, if t < 305.0 { 0.0 } else { 0.1 }, 0.0]),
+    ("damping +8 %, slowly", [0, 0], |t| [0.0, 0.08 * t / 600.0, 0.0]),
+    ("damping +20 %, slowly", [1, 1], |t| [0.0, 0.2 * t / 600.0, -0.004 * t / 600.0]),
+    ("damping ± 8 %", [0, 0], |t| [0.0, 0.08 * (TAU * (t - 20.0) / 200.0).sin(), 0.0]),
+    ("all three", [0, 0], |t| {
         let turn = |period_s: f64| (TAU * t / period_s).sin();
         [0.02 * turn(130.0), 0.05 * turn(310.0), 0.003 * turn(170.0)]
     }),
