@@ -116,17 +116,13 @@ pub struct IdentifySettings {
     /// Length of a healthy window, s (or "20 s", "5 min").
     #[serde(deserialize_with = "seconds")]
     pub first: f64,
-    /// Time from the begin of one window to that of the next, s; 0: there is only one window.
-    #[serde(deserialize_with = "seconds")]
-    pub every: f64,
-    /// Healthy windows as [from, to] in RFC 3339, instead of first/every.
+    /// Healthy windows as [from, to] in RFC 3339, instead of `first`: the first that gives a model counts.
     pub spans: Vec<[String; 2]>,
     /// Least share (0 to 1) of a window's signals that must agree with each other, where no labels
     /// say which signals are healthy. A window in which fewer agree gives no model.
     pub least_agreeing: f64,
     /// Largest relative change (.01 is 1 %) of the resonance at which a window's model is accepted.
-    /// It is counted from the design's model, or without a design from the first model that was
-    /// accepted.
+    /// It is counted from the design's model.
     pub max_frequency_drift: f64,
     /// Largest relative change of the damping at which a window's model is accepted, counted
     /// likewise.
@@ -151,7 +147,6 @@ impl Default for IdentifySettings {
             mode: IdentifyMode::Windows,
             labels: String::new(),
             first: 20.0,
-            every: 60.0,
             spans: Vec::new(),
             least_agreeing: 0.55,
             max_frequency_drift: 0.01,
@@ -270,20 +265,14 @@ impl Settings {
         Dialects::new(&self.input.dialect)?;
         IgnoredTopics::new(&self.input.ignore).map_err(|e| format!("input.ignore: {e}"))?;
 
-        let IdentifySettings { first, every, least_agreeing, .. } = self.identify;
+        let IdentifySettings { first, least_agreeing, .. } = self.identify;
         let IdentifySettings { max_frequency_drift, max_damping_drift, .. } = self.identify;
         check_between("identify.first", first, 0.0, 1e7)?;
-        check("identify.every", every, 0.0..1e9, "0 (once) or more, below 1e9 s")?;
         check_between("identify.least_agreeing", least_agreeing, 0.0, 1.0)?;
         check_between("identify.max_frequency_drift", max_frequency_drift, 0.0, 10.0)?;
         check_between("identify.max_damping_drift", max_damping_drift, 0.0, 10.0)?;
         let signals = self.identify.window_signals;
         check("identify.window_signals", signals, 64..=1_000_000, "64 .. 1000000")?;
-        if every > 0.0 && every < first {
-            return Err(format!(
-                "identify.every = {every:?} is shorter than identify.first = {first:?}: windows would overlap"
-            ));
-        }
 
         check("replay.threads", self.replay.threads, ..=1024, "at most 1024")?;
 

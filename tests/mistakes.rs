@@ -51,7 +51,7 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("replay {R} --set identify.first=0", 2, "more than 0 and"),
     ("replay {R} --set identify.first=-5", 2, "more than 0 and"),
     ("replay {R} --set identify.first=99999999999", 2, "more than 0 and"),
-    ("replay {R} --set identify.every=nan", 2, "give 0 (once) or more"),
+    ("replay {R} --set identify.every=9", 2, "identify.every is no longer there"),
     ("replay {R} --config {R}", 2, "is not UTF-8 text"),
     ("replay {R} --config missing.toml", 2, "missing.toml"),
     ("replay {R} --config {L}", 2, "labels.csv"),

@@ -79,7 +79,7 @@ impl From<PipelineError> for Failure {
     fn from(e: PipelineError) -> Failure {
         match e {
             PipelineError::File(e) => e.into(),
-            PipelineError::TooManyWindows { .. }
+            PipelineError::TooManyModels
             | PipelineError::Recording(RecordingError::Dialect { .. }) => Failure::usage(e),
             _ => Failure::new(e),
         }

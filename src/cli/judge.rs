@@ -78,6 +78,7 @@ impl Judged {
             results: Some(Results { verdicts: job.verdicts.clone(), bytes }),
             counts: json!(report.tally.counts),
             not_judged: notes::not_judged(&report),
+            odd_times: notes::odd_times(&report),
             damage: notes::damage(&report),
             warnings: notes::warnings(&report),
             notes: notes::notes(&report),

@@ -125,6 +125,11 @@ pub fn not_judged(report: &RecordingReport) -> Vec<String> {
     report.not_judged.iter().map(|of| printable::line(&of.what, MOST_OF_A_NOTE)).collect()
 }
 
+/// Sentences about clocks that were set and bursts that are dated apart from the others.
+pub fn odd_times(report: &RecordingReport) -> Vec<CountedMessage> {
+    counted(report.odd_times.iter().map(|of| (String::new(), of.what.clone())))
+}
+
 pub fn damage(report: &RecordingReport) -> Vec<CountedMessage> {
     let message = |Damage { from_byte, to_byte, what }: &Damage| {
         (format!("bytes {from_byte} to {to_byte}: "), what.clone())

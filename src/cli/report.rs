@@ -126,7 +126,6 @@ pub fn timings(report: &RecordingReport) -> Vec<String> {
     let phases = report.phases.iter().map(|of| format!("{} {:.2} s", of.phase, of.seconds));
     let phases: Vec<String> = phases.collect();
     let mut lines = vec![format!("{:.2} s: {}", report.seconds, phases.join(", "))];
-    lines.extend(report.identified.in_words());
     lines.push("stage     workers  batches    busy s starved s blocked s  queue".into());
     let stages = report.timings.iter().map(|s| {
         format!(

@@ -74,6 +74,10 @@ impl Teller<'_> {
             }
         };
         let Account { warnings, notes, .. } = &mut self.account;
+        // whoever asked for quiet is told, too: times decide what the verdicts are about
+        for message in entry.odd_times.iter().filter(|of| warnings.add(&label, of)) {
+            self.progress.fail(&format!("inkling: {label}: {}", message.what));
+        }
         for message in entry.damage.iter().chain(&entry.warnings) {
             tell(warnings, "warning", message, "; all in its summary.json");
         }

@@ -11,6 +11,7 @@
 //!
 //! The *signals of a batch* are numbered through all its acquisitions; an unusable burst counts as one.
 
+use super::head_clock::Standing;
 use super::locked;
 use inkling_core::burst::{Acquisition, Burst, Place, SignalBatch};
 use inkling_core::design::{Detection, Judge, OwnChannels};
@@ -48,6 +49,8 @@ pub struct ReadBatch {
 pub struct Slot {
     pub batch: u64,
     pub place: usize,
+    /// Whether the burst stands in the order of time.
+    pub standing: Standing,
 }
 
 #[derive(Clone, Debug)]
@@ -56,6 +59,14 @@ pub struct AssignedJudge {
     pub judge: Result<Arc<Judge>, Reason>,
     /// Its channels' own levels, and its frozen channels. `None`: all are judged about the common level.
     pub own: Option<Arc<OwnChannels>>,
+    pub standing: Standing,
+}
+
+impl AssignedJudge {
+    /// Of a burst in the order of time, about the common level.
+    pub fn new(judge: Result<Arc<Judge>, Reason>) -> AssignedJudge {
+        AssignedJudge { judge, own: None, standing: Standing::InOrder }
+    }
 }
 
 pub type AssignedJudges = Vec<(Slot, AssignedJudge)>;
@@ -106,9 +117,20 @@ pub struct JudgedBatch {
     /// The channels' own levels by which bursts were judged: (t_a in ns, the printhead's index in this batch,
     /// levels), once for neighbouring bursts of the same moment and printhead.
     pub own: Vec<(i64, u32, Arc<OwnChannels>)>,
+    /// The bursts that do not stand in the order of time, or begin a new stretch of it: (t_a in ns, the printhead's
+    /// index in this batch, which).
+    pub out_of_order: Vec<(i64, u32, Standing)>,
     /// For its flagged rows, ascending, what a row of a table has no room for.
     pub flagged: Vec<FlaggedSignal>,
     pub bursts: u64,
+}
+
+impl JudgedBatch {
+    /// Whether the bursts of a moment stand in the order of time. `printhead`: its index in this batch.
+    pub fn standing(&self, t_ns: i64, printhead: u32) -> Standing {
+        let found = self.out_of_order.iter().find(|(t, of, _)| (*t, *of) == (t_ns, printhead));
+        found.map_or(Standing::InOrder, |(_, _, standing)| *standing)
+    }
 }
 
 /// What isolation says of a flagged signal, for the evidence over time.

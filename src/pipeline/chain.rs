@@ -12,7 +12,7 @@
 
 use super::Result;
 use super::groups::{MOST_GROUPS, of_printhead};
-use super::learning::MOST_REORDER_NS;
+use super::judges::MOST_REORDER_NS;
 use super::visit::Pass;
 use inkling_io::journal::Link;
 use std::cell::RefCell;

@@ -11,6 +11,7 @@
 
 use super::Result;
 use super::batches::{FlaggedSignal, JudgedBatch};
+use super::head_clock::Standing;
 use super::rows::Id;
 use super::run::{EpisodeEvent, Replay, Watch};
 use inkling_core::design::{Design, HealthyModel, OwnChannels};
@@ -111,6 +112,11 @@ impl<'a> EpisodeTap<'a> {
         }
 
         for burst in bursts {
+            match judged.standing(burst.at.t_ns, burst.at.printhead) {
+                Standing::Stray => continue,
+                Standing::Set => self.begin_anew(&c.printheads[burst.at.printhead as usize]),
+                Standing::InOrder | Standing::Late => {}
+            }
             self.look_at(burst, &c.printheads, &judged.own);
         }
         list(&mut self.listed, &mut self.table, self.tracker.take_ended())
@@ -148,6 +154,15 @@ impl<'a> EpisodeTap<'a> {
             rings,
             resonance: c.resonance_hz[row].zip(c.damping_per_s[row]),
         }
+    }
+
+    /// Ends the episodes of a printhead whose clock was set: none runs over that.
+    fn begin_anew(&mut self, printhead: &Arc<str>) {
+        if let Some((watch, tracker)) = &mut self.watched {
+            tracker.begin_anew(printhead);
+            tracker.take_ended().iter().for_each(|of| (watch.episode)(EpisodeEvent::Ended(of)));
+        }
+        self.tracker.begin_anew(printhead);
     }
 
     /// Announces what the burst raises or ends. `own`: as in [`JudgedBatch::own`].

@@ -7,12 +7,12 @@
 //! their own. Then the files of an earlier run are removed, the summary first, and the new ones named, the
 //! summary last. So where a summary lies, the tables beside it are whole and belong to it.
 
+use super::head_clock::HeadClock;
 use super::metadata::{self, Document};
 use super::recording_report::{RecordingReport, note_not_judged};
 use super::run::Run;
 use super::tally::{Counts, Tally};
 use super::timings::Phases;
-use super::window_rules::Identified;
 use super::wiring::{StageResults, Table};
 use super::{PipelineError, Result, locked};
 use inkling_io::damage::Damage;
@@ -26,17 +26,12 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 impl Run<'_> {
-    /// Checks what the stages left behind, makes the report and completes the files. `identified`: how the models
-    /// came to be; `phases`: where the time went before.
+    /// Checks what the stages left behind, makes the report and completes the files. `phases`: where the time went
+    /// before.
     ///
     /// # Errors
     /// The recording holds no bursts, labels do not fit it, rows are missing, or a file cannot be written.
-    pub fn report(
-        &self,
-        results: StageResults,
-        identified: Identified,
-        phases: &mut Phases,
-    ) -> Result<RecordingReport> {
+    pub fn report(&self, results: StageResults, phases: &mut Phases) -> Result<RecordingReport> {
         // 1. the recording and what the stages left
         let finishing = Instant::now();
         let Run { replay, recording, verdicts, control, .. } = *self;
@@ -46,11 +41,11 @@ impl Run<'_> {
         let dialects = replay.settings.input.dialects();
         let closed = recording.is_growing().then(|| recording.closed(&dialects)).transpose()?;
         let recording = closed.as_ref().unwrap_or(recording);
-        let StageResults { mut schedule, mut tally, table, episodes, moved, digest, .. } = results;
+        let StageResults { mut judges, mut tally, table, episodes, moved, digest, .. } = results;
 
         // 2. warnings by printhead
         let mut warnings = results.temperatures.warnings();
-        warnings.extend(schedule.wide_thresholds());
+        warnings.extend(judges.wide_thresholds());
         let identify = &replay.settings.identify;
         warnings.extend(moved.iter().flat_map(|of| {
             let told = of.warnings(identify).into_iter();
@@ -77,17 +72,17 @@ impl Run<'_> {
             digest: digest.text,
             stamp: recording.stamp,
             damage,
-            refusals: std::mem::take(&mut schedule.refusals),
+            refusals: std::mem::take(&mut judges.refusals),
             not_judged: Vec::new(),
             unread: Vec::new(),
+            odd_times: results.clocks.into_iter().filter_map(HeadClock::told).collect(),
             moved,
             warnings,
-            models: schedule.models().len(),
+            models: judges.models().len(),
             seconds: 0.0,
             verdicts: verdicts.map(Path::to_path_buf).unwrap_or_default(),
             episodes,
             paced,
-            identified,
             phases: Vec::new(),
             timings: results.timings,
             tally,
@@ -100,11 +95,11 @@ impl Run<'_> {
             let at_once = of.at_once.longest().filter(|_| !report.has_moved(name));
             report.warnings.extend(at_once.map(|of| (name.clone(), of.in_words())));
         }
-        note_not_judged(&mut report, (replay, recording), &schedule);
+        note_not_judged(&mut report, (replay, recording), &judges);
 
         // 5. the tables, with the document in their metadata, completed on disk
         let counts = &report.tally.counts;
-        let mut document = metadata::document(replay, recording, &report.digest, &schedule, counts);
+        let mut document = metadata::document(replay, recording, &report.digest, &judges, counts);
         control.check()?;
         let place = verdicts.unwrap_or(&recording.path);
         let unwritten = |e: serde_json::Error| FileError::unwritten(place)(e.into());

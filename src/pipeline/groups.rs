@@ -1,6 +1,6 @@
 //! Groups of signals: a *group* is a printhead of a recording at one sampling (sample period and number of
-//! samples), the signals that one model can judge. In: bursts. Out: for each burst the index that its group has
-//! in a list of `learning` or of `heads` ([`ByGroup`]).
+//! samples), the signals that one model can judge. In: bursts. Out: for each burst the number of its group, by which
+//! the identify stage keeps judges, clocks and heads ([`Groups`]).
 
 use inkling_core::burst::Burst;
 use std::collections::{BTreeMap, HashMap};
@@ -24,42 +24,42 @@ impl GroupKey {
     }
 }
 
-/// A burst of the same group as the one before is found without hashing.
+/// The groups of a recording, numbered as they are met. A burst of the same group as the one before is found
+/// without hashing.
 #[derive(Debug, Default)]
-pub struct ByGroup {
-    /// `None`: the group was met, and nobody follows it.
-    of: HashMap<GroupKey, Option<usize>>,
-    /// The group that was asked for last, with the bits of its sample period and its index.
-    last: Option<(GroupKey, u64, Option<usize>)>,
+pub struct Groups {
+    numbers: HashMap<GroupKey, usize>,
+    /// The group that was asked for last, with the bits of its sample period and its number.
+    last: Option<(GroupKey, u64, usize)>,
 }
 
-impl ByGroup {
-    /// The index of a burst's group; `None`: nobody follows it. For a new group it is what `meet` says, and
-    /// `None` for groups beyond [`MOST_GROUPS`].
-    pub fn of(
-        &mut self,
-        burst: &Burst,
-        meet: impl FnOnce(&GroupKey) -> Option<usize>,
-    ) -> Option<usize> {
+impl Groups {
+    /// The number of a group that was met.
+    pub fn get(&self, key: &GroupKey) -> Option<usize> {
+        self.numbers.get(key).copied()
+    }
+
+    /// The number of a burst's group; a new one is numbered. `None`: it is one beyond [`MOST_GROUPS`].
+    pub fn of(&mut self, burst: &Burst) -> Option<usize> {
         let period = burst.sample_period_s.to_bits();
         if let Some((key, of_period, last)) = &self.last
             && (*of_period, key.samples) == (period, burst.samples_per_channel)
             && (Arc::ptr_eq(&key.printhead, &burst.printhead) || key.printhead == burst.printhead)
         {
-            return *last;
+            return Some(*last);
         }
         let key = GroupKey::of(burst);
-        let found = match self.of.get(&key) {
+        let number = match self.numbers.get(&key) {
             Some(known) => *known,
-            None if self.of.len() >= MOST_GROUPS => None,
+            None if self.numbers.len() >= MOST_GROUPS => return None,
             None => {
-                let new = meet(&key);
-                self.of.insert(key.clone(), new);
+                let new = self.numbers.len();
+                self.numbers.insert(key.clone(), new);
                 new
             }
         };
-        self.last = Some((key, period, found));
-        found
+        self.last = Some((key, period, number));
+        Some(number)
     }
 }
 

@@ -21,7 +21,7 @@ use super::batches::AssignedJudge;
 use super::channel_subset::ChannelSubset;
 use super::frozen::{Frozen, LEAST_NOISE};
 use super::head_movement::HeadMovement;
-use super::moved_judge::{LevelHistory, MovedJudge, is_beyond};
+use super::moved_judge::{MovedJudge, is_beyond};
 use super::rings::Deviations;
 use super::run::Replay;
 use super::sweep::{Sweep, SweepClock, channels};
@@ -77,16 +77,14 @@ pub(super) struct Head {
     /// Without a design, the base ring (amplitude in counts, damping in 1/s, frequency in Hz, phase in rad),
     /// which is remembered with the state, since the next recording has another.
     ring: Option<[f64; 4]>,
-    /// The model from whose ring level and features are counted: the design's reference model of this
-    /// printhead, or without a design the first window's model.
-    base: Arc<HealthyModel>,
     /// Number of sweeps so far, modulo 2^32: the turn of the channel subset.
     sweeps: u32,
     judge: MovedJudge,
     /// Where the ring of the window's model lies: its features from the base's ring.
     window_at: Features,
-    /// The levels of recent sweeps, from which the mean level in a window is taken.
-    pub history: LevelHistory,
+    /// Whether the level was known in some sweep, and in the last one.
+    pub is_followed: bool,
+    pub is_level: bool,
     /// Number of sweeps without a known level since one was last known.
     unknown: u32,
     /// The basis of own levels, with the two numbers it was made at: the looks behind the within-channel
@@ -111,8 +109,8 @@ impl Head {
         let remembered = memory.and_then(|memory| memory.printheads.get(&*burst.printhead));
 
         let (mut kind, healthy_sd) = judge.kind(by.bounds()).zip(judge.healthy_sd())?;
-        let base = named.map_or_else(|| judge.model.clone(), |of| Arc::new(of.clone()));
-        let window_at = judge.model.features_from(&base).unwrap_or_default();
+        let base: &HealthyModel = named.unwrap_or(&judge.model);
+        let window_at = judge.model.features_from(base).unwrap_or_default();
         kind.ring = window_at[0];
         let ring = if named.is_none() { base.ring_numbers() } else { None };
 
@@ -136,10 +134,10 @@ impl Head {
             strange: 0,
             ring,
             window_at,
-            base,
             sweeps: 0,
             judge: MovedJudge::new(judge.clone(), healthy_sd),
-            history: LevelHistory::new(by.replay.settings.identify.first),
+            is_followed: false,
+            is_level: false,
             unknown: 0,
             own: None,
             movement: HeadMovement::new(burst.printhead.clone()),
@@ -155,9 +153,14 @@ impl Head {
         self.state.heard_ns.is_some_and(|before| t_ns <= before)
     }
 
+    /// The clock was set to `t_ns`: what follows comes after a pause.
+    pub fn begin_anew(&mut self, t_ns: i64) {
+        self.state.begin(t_ns);
+    }
+
     /// Checks a burst for frozen channels, unless noise is so low that signals may be equal by chance.
-    pub fn hear(&mut self, burst: &Burst, judge: &Judge, rails: [f64; 2]) {
-        if judge.model.noise > LEAST_NOISE {
+    pub fn hear(&mut self, burst: &Burst, rails: [f64; 2]) {
+        if self.judge.unmoved.model.noise > LEAST_NOISE {
             self.frozen.hear(burst, rails);
         }
     }
@@ -165,10 +168,6 @@ impl Head {
     /// Ends a sweep: updates the head's state by it, and returns what its bursts are judged by: the judge at
     /// the level which the sweep itself shows, and the channels' own levels as they were before it.
     pub fn close(&mut self, sweep: &Sweep, by: &mut Judging) -> AssignedJudge {
-        if self.judge.window.index != sweep.judge.index {
-            self.take_window(&sweep.judge);
-        }
-
         self.sweeps = self.sweeps.wrapping_add(1);
         let t_ns = sweep.to_ns();
         let Looks { rings: looks, no_rings, all_frozen } = self.look(sweep, by);
@@ -183,6 +182,7 @@ impl Head {
         self.movement.note_scatter(t_ns, &self.state);
         self.movement.swapped_ns = self.state.swapped_ns;
         let is_strange = matches!(outcome, SweepOutcome::Strange { .. });
+        self.is_level = matches!(outcome, SweepOutcome::Level { .. }) && !all_frozen;
         self.strange = if is_strange { self.strange.saturating_add(1) } else { 0 };
 
         let judge = match outcome {
@@ -201,17 +201,7 @@ impl Head {
         };
 
         let own = self.placed(&judge, own, frozen);
-        AssignedJudge { judge, own }
-    }
-
-    fn take_window(&mut self, judge: &Arc<Judge>) {
-        self.judge.take(judge.clone());
-        // The window's model tells where its ring is; the mean level in the window, taken instead, would add
-        // an error with each window. Where the model does not tell, it is taken, or else the place before.
-        let in_window =
-            || judge.model.valid_from_ns.and_then(|to_ns| self.history.mean_before(to_ns));
-        let at = judge.model.features_from(&self.base).or_else(in_window);
-        self.window_at = at.unwrap_or(self.window_at);
+        AssignedJudge { own, ..AssignedJudge::new(judge) }
     }
 
     fn now_at(&self) -> Features {
@@ -297,7 +287,7 @@ impl Head {
         by: &mut Judging,
     ) -> Arc<Judge> {
         self.unknown = 0;
-        self.history.push(t_ns, level);
+        self.is_followed = true;
         let [damping, frequency] = by.bounds();
         let bounds = [GAIN_BOUND, damping, frequency];
         if (0..3).any(|k| is_beyond(level[k], sd[k], bounds[k])) {

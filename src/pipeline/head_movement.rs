@@ -116,8 +116,8 @@ impl HeadMovement {
         });
         let late = (self.late > 0).then(|| {
             format!(
-                "{} bursts stand in the file after later ones: they were judged about what was known by then, and \
-                 taught the --baseline nothing; a file in the order of its times is judged burst by burst",
+                "{} bursts stand in the file after later ones: they were judged about what was known of the head by then, and \
+                 taught it nothing; a file in the order of its times is judged burst by burst",
                 self.late,
             )
         });

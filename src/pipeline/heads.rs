@@ -1,8 +1,8 @@
 //! All printheads of a recording while it flows: each burst is judged about what its head and its channels
 //! were known to be when it was acquired.
 //!
-//! In: bursts in the recording's order, each with the judge that the windows gave it, from the identify
-//! stage ([`Heads::take`]). Out: for each burst the judge in use and, with `--baseline`, its channels' own
+//! In: bursts in the recording's order, each with the judge of its printhead, from the identify stage
+//! ([`Heads::take`]). Out: for each burst the judge in use and, with `--baseline`, its channels' own
 //! levels. A burst waits until its *sweep* is over ([`super::sweep`]), so that the result does not depend on
 //! how a logger divides one moment's channels into messages.
 //!
@@ -10,8 +10,8 @@
 //! its head, [`super::head`] finds.
 
 use super::batches::{AssignedJudge, AssignedJudges, Slot};
-use super::groups::ByGroup;
 use super::head::{Head, Judging};
+use super::head_clock::Standing;
 use super::head_movement::HeadMovement;
 use super::rings::Deviations;
 use super::run::Replay;
@@ -22,27 +22,37 @@ use inkling_core::state::Memory;
 use inkling_core::state::memory::MOST_CHANNELS;
 use std::sync::Arc;
 
-/// Maximum number of printheads that are followed; further ones are judged by the windows' judges.
+/// Maximum number of printheads that are followed; further ones are judged by the judges as they are.
 const MOST_HEADS: usize = 1 << 10;
+/// A head does not change within this time, ns: ink and supplies take seconds.
+const LOOK_EVERY_NS: i64 = 50_000_000;
+/// The time between two looks is at most this part of the time since the first one.
+const LOOKS: i64 = 8;
 
 /// All printheads of a recording. A *head* here is a group: a printhead at one sampling.
 #[derive(Debug)]
 pub struct Heads<'a> {
-    /// Index in `heads` by group; `None`: the group came when [`MOST_HEADS`] were there already.
-    numbers: ByGroup,
-    /// By index. `None`: no judge so far knew enough for the printhead's channels to be followed.
+    /// By the number of the group. `None`: its judge does not know enough for its channels to be followed, or there
+    /// are [`MOST_HEADS`] already.
     heads: Vec<Option<Followed>>,
     judging: Judging<'a>,
+}
+
+/// A burst, and where it waits for its judge.
+#[derive(Clone, Copy, Debug)]
+pub struct Heard<'b> {
+    pub slot: Slot,
+    pub burst: &'b Burst,
 }
 
 #[derive(Debug)]
 struct Followed {
     /// The sweep that has not ended yet; `None`: the next burst begins one.
     open: Option<Sweep>,
-    /// What judged the previous sweep; before the first, the judge of the windows.
+    /// What judged the previous sweep; before the first, the judge as it is.
     last: AssignedJudge,
-    /// The window's judge and the last moment, ns, of the previous sweep.
-    closed: Option<(Arc<Judge>, i64)>,
+    /// When the head was looked at first and last, ns; `None`: not yet.
+    looked_ns: Option<[i64; 2]>,
     head: Box<Head>,
 }
 
@@ -57,45 +67,40 @@ impl<'a> Heads<'a> {
             deviations: Deviations::new(replay.settings.input.rails),
             work: Workspace::default(),
         };
-        Heads { numbers: ByGroup::default(), heads: Vec::new(), judging }
+        Heads { heads: Vec::new(), judging }
     }
 
     /// Lets time go on to a usable burst of any printhead, also of one that nothing judges. Appends to
     /// `given` the bursts whose sweeps are now over, in any order, with what judges them.
-    pub fn hear(&mut self, burst: &Burst, given: &mut AssignedJudges) {
+    pub fn hear(&mut self, burst: &Burst, standing: Standing, given: &mut AssignedJudges) {
         self.judging.clock.hear(burst);
-        if self.judging.clock.is_due(burst.t_acq_ns) {
+        // the time of a stray is no time at which anything is over
+        if matches!(standing, Standing::InOrder | Standing::Set)
+            && self.judging.clock.is_due(burst.t_acq_ns)
+        {
             self.close_overlong(burst.t_acq_ns, given);
         }
     }
 
-    /// `slot`: the burst's place among those that wait; `judge`: the windows' one.
+    /// `group`: number of the burst's group; `judge`: the group's.
     pub fn take(
         &mut self,
-        slot: Slot,
+        group: usize,
+        heard: Heard,
         judge: &Arc<Judge>,
-        burst: &Burst,
         given: &mut AssignedJudges,
     ) {
-        let Heads { numbers, heads, judging } = self;
-
-        let number = numbers.of(burst, |_| {
-            let number = (heads.len() < MOST_HEADS).then_some(heads.len());
-            heads.extend(number.map(|_| None));
-            number
-        });
-        let head = number.and_then(|number| {
-            let head = &mut heads[number];
-            // the judges before may not have known enough; try again with this one
-            if head.is_none() {
-                *head = Followed::meet(judge, burst, judging);
-            }
-            head.as_mut()
-        });
+        let Heads { heads, judging } = self;
+        if group >= heads.len() {
+            let has_room = heads.len() < MOST_HEADS;
+            heads.resize_with(group, || None);
+            let new = has_room.then(|| Followed::meet(judge, heard.burst, judging));
+            heads.push(new.flatten());
+        }
         // a head that cannot be followed is judged at once, by the judge as it is
-        match head {
-            Some(head) => head.take((slot, judge, burst), judging, given),
-            None => given.push((slot, AssignedJudge { judge: Ok(judge.clone()), own: None })),
+        match &mut heads[group] {
+            Some(head) => head.take(heard, judging, given),
+            None => given.push((heard.slot, AssignedJudge::new(Ok(judge.clone())))),
         }
     }
 
@@ -117,7 +122,7 @@ impl<'a> Heads<'a> {
 
     /// Printheads whose level was known in at least one sweep.
     pub fn followed(&self) -> impl Iterator<Item = &str> {
-        let heads = self.heads.iter().flatten().filter(|of| !of.head.history.is_empty());
+        let heads = self.heads.iter().flatten().filter(|of| of.head.is_followed);
         heads.map(|of| &*of.head.movement.printhead)
     }
 
@@ -143,44 +148,45 @@ impl Followed {
     /// Begins to follow a printhead at its first burst. `None`: its channels cannot be followed.
     fn meet(judge: &Arc<Judge>, burst: &Burst, judging: &Judging) -> Option<Followed> {
         let head = Box::new(Head::meet(judge, burst, judging)?);
-        let last = AssignedJudge { judge: Ok(judge.clone()), own: None };
-        Some(Followed { open: None, last, closed: None, head })
+        let last = AssignedJudge::new(Ok(judge.clone()));
+        Some(Followed { open: None, last, looked_ns: None, head })
     }
 
-    /// Takes the next burst of this head: adds it to the open sweep, or judges it at once where its sweep was
-    /// closed already; closes the sweeps that end with it.
-    fn take(
-        &mut self,
-        (slot, judge, burst): (Slot, &Arc<Judge>, &Burst),
-        judging: &mut Judging,
-        given: &mut AssignedJudges,
-    ) {
+    /// Takes the next burst of this head: adds it to the open sweep, or judges it at once where no look is due;
+    /// closes the sweeps that end with it.
+    fn take(&mut self, heard: Heard, judging: &mut Judging, given: &mut AssignedJudges) {
+        let Heard { slot, burst } = heard;
         let t_ns = burst.t_acq_ns;
-        // 1. a sweep has one judge; without `--baseline` a late burst ends the sweep, too
-        let is_other = |open: &Sweep| {
-            let is_late = judging.replay.baselines.is_none() && t_ns < open.latest_ns;
-            open.judge.index != judge.index || is_late
-        };
-        if self.open.as_ref().is_some_and(is_other) {
-            self.close(judging, given);
+        // 1. what is out of the order of time is judged as the last sweep was, and teaches nothing
+        match slot.standing {
+            Standing::InOrder => {}
+            Standing::Late | Standing::Stray => {
+                self.head.movement.late += u64::from(slot.standing == Standing::Late);
+                given.push((slot, self.last.clone()));
+                return;
+            }
+            Standing::Set => {
+                self.close(judging, given);
+                self.head.begin_anew(t_ns);
+                self.looked_ns = None;
+            }
         }
 
-        // 2. bursts that come after their sweep was closed are judged as the last sweep was
-        let is_closed = |(by, at_ns): &(Arc<Judge>, i64)| by.index == judge.index && *at_ns == t_ns;
-        if self.open.is_none() && self.closed.as_ref().is_some_and(is_closed) {
-            // that sweep ended with this very moment: here are channels that were new to it, or repeated
-            self.head.hear(burst, judge, judging.replay.settings.input.rails);
-            self.head.channels.meet(channels(burst));
-            given.push((slot, self.last.clone()));
-            return;
-        }
-        if judging.replay.baselines.is_some() && self.head.is_late(t_ns) {
-            // the state knows later bursts already: this one is judged, and teaches it nothing
-            self.head.movement.late += 1;
-            given.push((slot, self.last.clone()));
-            return;
+        // 2. so is what comes later than the last sweep in the file, and before a look is due again
+        if self.open.is_none() {
+            let is_late = self.head.is_late(t_ns);
+            if is_late || !self.is_due(t_ns) {
+                if !is_late || self.looked_ns.is_some_and(|[_, last]| last == t_ns) {
+                    // channels may be new, and recorders and converters that stand still are told from all bursts
+                    self.head.hear(burst, judging.replay.settings.input.rails);
+                    self.head.channels.meet(channels(burst));
+                }
+                given.push((slot, self.last.clone()));
+                return;
+            }
         }
 
+        // 3. the others show where the head is
         match &mut self.open {
             Some(open) => {
                 if let Some(over) = open.hear(slot, burst, &judging.clock) {
@@ -190,13 +196,20 @@ impl Followed {
                     self.open = next;
                 }
             }
-            None => self.open = Some(Sweep::begin(slot, judge.clone(), burst, &judging.clock)),
+            None => self.open = Some(Sweep::begin(slot, burst, &judging.clock)),
         }
-
         if self.is_over() {
             self.close(judging, given);
         }
         judging.clock.opened(&self.open);
+    }
+
+    /// Whether the head is to be looked at again: as often as it is heard at first and wherever its level is not
+    /// known, then less often, up to every [`LOOK_EVERY_NS`].
+    fn is_due(&self, t_ns: i64) -> bool {
+        let Some([first, last]) = self.looked_ns else { return true };
+        let apart = (last.saturating_sub(first) / LOOKS).min(LOOK_EVERY_NS);
+        !self.head.is_level || t_ns.saturating_sub(last) >= apart
     }
 
     /// Whether the latest moment of the open sweep holds all channels that were known before it: then nothing
@@ -212,9 +225,9 @@ impl Followed {
     fn close(&mut self, judging: &mut Judging, given: &mut AssignedJudges) {
         let Some(sweep) = self.open.take() else { return };
 
-        let is_first = self.closed.is_none();
+        let is_first = self.looked_ns.is_none();
         for burst in sweep.bursts() {
-            self.head.hear(burst, &sweep.judge, judging.replay.settings.input.rails);
+            self.head.hear(burst, judging.replay.settings.input.rails);
             // no channel was known before the first sweep, which would otherwise show nothing
             if is_first {
                 self.head.channels.meet(channels(burst));
@@ -225,6 +238,7 @@ impl Followed {
         sweep.bursts().iter().for_each(|burst| self.head.channels.meet(channels(burst)));
         let last = &self.last;
         given.extend(sweep.slots().map(|slot| (slot, last.clone())));
-        self.closed = Some((sweep.judge.clone(), sweep.to_ns()));
+        let to_ns = sweep.to_ns();
+        self.looked_ns = Some([self.looked_ns.map_or(to_ns, |[first, _]| first), to_ns]);
     }
 }

@@ -134,6 +134,7 @@ impl<'a> ParkedBatches<'a> {
     /// Drains `given`. Hands out the batches of which it is now known what judges all their bursts.
     pub fn give(&mut self, given: &mut AssignedJudges) -> impl Iterator<Item = AssignedBatch> {
         for (slot, given) in given.drain(..) {
+            let given = AssignedJudge { standing: slot.standing, ..given };
             // the batch still waits, since it needed this burst's judge
             self.waiting[(slot.batch - self.first) as usize].given[slot.place] = Some(given);
         }

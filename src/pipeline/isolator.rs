@@ -11,6 +11,7 @@
 use super::batches::{
     AssignedJudge, BufferPools, Detected, FilteredBatch, FlaggedSignal, GatedBatch, JudgedBatch,
 };
+use super::head_clock::Standing;
 use super::rings::{self, Deviations, Rings};
 use super::rows::{self, Id, Row};
 use crate::settings::{RingsOf, Settings};
@@ -87,7 +88,7 @@ impl<'a> Isolator<'a> {
         };
 
         // burst by burst; an unusable burst is one row, with the reason
-        for (signals, acquisition, AssignedJudge { judge, own }) in assigned.placed() {
+        for (signals, acquisition, AssignedJudge { judge, own, standing }) in assigned.placed() {
             let columns = &mut judged.verdicts.rows;
             match acquisition {
                 Acquisition::Unusable(unusable) => {
@@ -100,6 +101,9 @@ impl<'a> Isolator<'a> {
                 Acquisition::Usable(burst) => {
                     let t_ns = burst.t_acq_ns;
                     let printhead = rows::intern(columns, &burst.printhead);
+                    if *standing != Standing::InOrder {
+                        judged.out_of_order.push((t_ns, printhead, *standing));
+                    }
                     // own levels are the same for all bursts of a moment: they are noted once
                     let last = judged.own.last().map(|(t_ns, printhead, _)| (*t_ns, *printhead));
                     if let Some(own) = own.as_ref().filter(|_| last != Some((t_ns, printhead))) {

@@ -4,9 +4,9 @@
 //! In: from `finish`, a finished recording with its counts and models ([`document`]). Out: a [`Document`], which is
 //! serialised to JSON.
 
+use super::judges::Judges;
 use super::resume::effective;
 use super::run::Replay;
-use super::schedule::Schedule;
 use super::tally::Counts;
 use chrono::{DateTime, SecondsFormat};
 use inkling_core::design::HealthyModel;
@@ -42,15 +42,14 @@ pub fn document<'a>(
     replay: &Replay,
     recording: &Recording,
     digest: &str,
-    schedule: &'a Schedule,
+    judges: &'a Judges,
     counts: &Counts,
 ) -> Document<'a> {
     let recording = json!({"name": recording.name, "bytes": recording.bytes, "digest": digest});
     let mut of_run = of(replay, recording);
     of_run.insert("counts".into(), json!(counts));
     let model = |(number, (of, reference_v))| Model { number, of, reference_v };
-    // the schedule bounds their number
-    let models = (0..=u16::MAX).zip(schedule.models()).map(model);
+    let models = (0..=u16::MAX).zip(judges.models()).map(model);
     Document { of_run, models: models.collect() }
 }
 
@@ -88,7 +87,7 @@ impl Serialize for Model<'_> {
         let mut entry = to.serialize_map(None)?;
         entry.serialize_entry("model", &self.number)?;
         entry.serialize_entry("printhead", &m.printhead)?;
-        // the end of its window; null: it is a design's
+        // the first burst of its printhead; null: it is a design's
         entry.serialize_entry("valid_from", &m.valid_from_ns.map(rfc3339))?;
         // a, b, g and d of thesis (2-2)
         entry.serialize_entry("parameters", &id.channel)?;

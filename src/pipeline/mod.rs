@@ -44,20 +44,16 @@ mod finish;
 mod frozen;
 mod groups;
 mod head;
+mod head_clock;
 mod head_movement;
 mod heads;
 mod in_flight;
 mod isolator;
-mod learning;
-#[cfg(test)]
-mod learning_tests;
+pub mod judges;
 mod metadata;
-mod models;
 mod moved_judge;
 mod own_levels;
 pub mod pacer;
-mod placing;
-mod progress;
 mod recording_report;
 pub mod replay;
 pub mod resume;
@@ -65,7 +61,6 @@ pub mod ring_look;
 mod rings;
 mod rows;
 mod run;
-pub mod schedule;
 mod stages;
 #[cfg(test)]
 mod staging_tests;
@@ -74,9 +69,7 @@ mod sweep;
 pub mod tally;
 mod temperature_check;
 pub mod timings;
-mod two_passes;
 pub mod visit;
-pub mod window_rules;
 mod wiring;
 
 pub use metadata::rfc3339;
@@ -117,19 +110,15 @@ pub enum PipelineError {
     #[error("interrupted; no finished file was written for the recording at hand")]
     Interrupted,
     #[error(
-        "{windows} healthy windows asked for, at most {most} models fit the verdict table: \
-         raise identify.every"
+        "more than 65536 models: a verdict table cannot number them; judge fewer printheads at a time"
     )]
-    TooManyWindows { windows: u64, most: u64 },
+    TooManyModels,
     #[error("rows do not add up: {found} signals found, {written} rows written; this is our bug")]
     RowsLost { found: u64, written: u64 },
     #[error("the {0} stage panicked; this is our bug")]
     Panicked(&'static str),
     #[error(transparent)]
     Isolate(#[from] inkling_core::isolate::IsolateError),
-    /// Not the end: the caller learns the models in two passes, where the recording is complete.
-    #[error("models cannot be learned while the signals flow: {0}")]
-    NeedsTwoPasses(String),
 }
 
 /// The first damage of a recording in words, as the end of a sentence; empty: there is none.

@@ -5,12 +5,9 @@
 //! of that. Out: the judge in use. It moves in steps, since each move makes a new judge, which costs time: for
 //! the first time beyond `FIRST_MOVE` and surely, then whenever it is off by more than `NEXT_MOVE`.
 //!
-//! [`LevelHistory`]. In: the head's level, sweep by sweep. Out: its mean over the time of a window, which says
-//! where the window's model lies where the model itself cannot (it does not ring).
 
 use inkling_core::design::Judge;
 use inkling_core::state::Features;
-use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// Distance, in standard deviations of healthy channels, at which a judge is moved for the first time, and at
@@ -22,8 +19,8 @@ const SURE_SDS: f64 = 4.0;
 
 #[derive(Debug)]
 pub(super) struct MovedJudge {
-    pub window: Arc<Judge>,
-    /// The judge in use: the window's, or a moved one.
+    pub unmoved: Arc<Judge>,
+    /// The judge in use.
     pub now: Arc<Judge>,
     /// The features by which the judge in use was moved from the window's ring; 0 if it was not.
     pub by: Features,
@@ -32,16 +29,12 @@ pub(super) struct MovedJudge {
 }
 
 impl MovedJudge {
-    pub fn new(window: Arc<Judge>, healthy_sd: Features) -> MovedJudge {
-        MovedJudge { now: window.clone(), window, by: Features::zeros(), healthy_sd }
-    }
-
-    pub fn take(&mut self, window: Arc<Judge>) {
-        *self = MovedJudge::new(window, self.healthy_sd);
+    pub fn new(unmoved: Arc<Judge>, healthy_sd: Features) -> MovedJudge {
+        MovedJudge { now: unmoved.clone(), unmoved, by: Features::zeros(), healthy_sd }
     }
 
     pub fn is_moved(&self) -> bool {
-        !Arc::ptr_eq(&self.now, &self.window)
+        !Arc::ptr_eq(&self.now, &self.unmoved)
     }
 
     /// Moves the judge to `wanted`, where most channels lie from the window's ring, if it is far enough off.
@@ -58,9 +51,9 @@ impl MovedJudge {
         if is_off {
             *moves = moves.wrapping_add(1);
             // always from the window's judge, so that errors do not add up; where it cannot, unmoved
-            (self.now, self.by) = match self.window.moved(wanted, *moves) {
+            (self.now, self.by) = match self.unmoved.moved(wanted, *moves) {
                 Some(judge) => (Arc::new(judge), wanted),
-                None => (self.window.clone(), Features::zeros()),
+                None => (self.unmoved.clone(), Features::zeros()),
             };
         }
     }
@@ -71,79 +64,4 @@ impl MovedJudge {
 pub(super) fn is_beyond(level: f64, sd: f64, bound: f64) -> bool {
     let surely = (level.abs() - SURE_SDS * sd).max(0.0);
     surely.copysign(level).exp_m1().abs() > bound
-}
-
-/// Number of stretches that the length of a window is divided into; levels are averaged within each.
-const STRETCHES: i64 = 16;
-
-/// The levels of a head in the recent past, averaged over stretches of time, so that memory is bounded.
-#[derive(Clone, Debug)]
-pub(super) struct LevelHistory {
-    window_ns: i64,
-    /// In the order of time; the last one is still filled.
-    stretches: VecDeque<Stretch>,
-}
-
-#[derive(Clone, Copy, Debug)]
-struct Stretch {
-    from_ns: i64,
-    sum: Features,
-    /// Number of levels (one per sweep) in `sum`.
-    bursts: f64,
-}
-
-impl LevelHistory {
-    pub(super) fn new(window_s: f64) -> LevelHistory {
-        let window_ns = ((1e9 * window_s) as i64).max(STRETCHES);
-        LevelHistory { window_ns, stretches: VecDeque::new() }
-    }
-
-    /// Adds the level of a sweep at `t_ns`, counted from the head's base ring.
-    pub(super) fn push(&mut self, t_ns: i64, change: Features) {
-        let open = |s: &&mut Stretch| t_ns.saturating_sub(s.from_ns) < self.window_ns / STRETCHES;
-        match self.stretches.back_mut().filter(open) {
-            Some(last) => {
-                last.sum += change;
-                last.bursts += 1.0;
-            }
-            None => self.stretches.push_back(Stretch { from_ns: t_ns, sum: change, bursts: 1.0 }),
-        }
-        // a window's model is known only some time after the window's end: twice its length is kept
-        while self.stretches.len() > 2 * STRETCHES as usize {
-            self.stretches.pop_front();
-        }
-    }
-
-    pub(super) fn is_empty(&self) -> bool {
-        self.stretches.is_empty()
-    }
-
-    /// Mean level over the window that ended at `to_ns`. `None`: no level was known in the window.
-    pub(super) fn mean_before(&self, to_ns: i64) -> Option<Features> {
-        let from_ns = to_ns.saturating_sub(self.window_ns);
-        let within = self.stretches.iter().filter(|s| (from_ns..to_ns).contains(&s.from_ns));
-        let (sum, bursts) = within
-            .fold((Features::zeros(), 0.0), |(sum, bursts), s| (sum + s.sum, bursts + s.bursts));
-        (bursts > 0.0).then(|| sum / bursts)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_mean_is_that_of_the_window() {
-        let mut history = LevelHistory::new(20.0);
-        let second = 1_000_000_000;
-        // sweeps a tenth of a second apart, with a level that grows by 1 per second
-        for t in 0..1000 {
-            let t_s = f64::from(t) / 10.0;
-            history.push(i64::from(t) * second / 10, Features::new(t_s, 0.0, -t_s, 0.0));
-        }
-        let mean = history.mean_before(90 * second).unwrap();
-        assert!((mean[0] - 80.0).abs() < 0.7 && (mean[2] + 80.0).abs() < 0.7, "{mean}");
-        assert!(history.mean_before(40 * second).is_none());
-        assert!(history.stretches.len() <= 2 * STRETCHES as usize);
-    }
 }

@@ -12,14 +12,13 @@
 
 use super::episodes::EpisodeReport;
 use super::head_movement::HeadMovement;
+use super::judges::{Judges, Refusal};
 use super::metadata::rfc3339;
 use super::pacer::PaceReport;
 use super::ring_look;
 use super::run::Replay;
-use super::schedule::{Refusal, Schedule};
 use super::tally::{PrintheadTally, Tally};
 use super::timings::{PhaseTiming, StageTiming};
-use super::window_rules::Identified;
 use crate::settings::Settings;
 use inkling_core::episodes::Untimely;
 use inkling_core::state::Memory;
@@ -61,6 +60,8 @@ pub struct RecordingReport {
     pub not_judged: Vec<NotJudged>,
     /// Topics that look like bursts and that nothing reads, if no dialect nearly fits them.
     pub unread: Vec<NotJudged>,
+    /// What was odd about the times of printheads' bursts.
+    pub odd_times: Vec<NotJudged>,
     pub moved: Vec<HeadMovement>,
     /// Printheads, each with what to know about its verdicts.
     pub warnings: Vec<(Arc<str>, String)>,
@@ -71,7 +72,6 @@ pub struct RecordingReport {
     pub episodes: EpisodeReport,
     /// How the pace was kept; `None`: bursts were handed on as fast as possible.
     pub paced: Option<PaceReport>,
-    pub identified: Identified,
     pub phases: Vec<PhaseTiming>,
     pub timings: Vec<StageTiming>,
     /// With `--baseline`: what is remembered for the next recording.
@@ -105,7 +105,7 @@ impl RecordingReport {
         say("refused_windows", json!(self.refusals));
         say("not_judged", json!(self.not_judged));
         say("unread", json!(self.unread));
-        say("identified", json!(self.identified));
+        say("odd_times", json!(self.odd_times));
         let rates = json!({
             "seconds": self.seconds,
             "signals_per_s": self.tally.counts.signals as f64 / self.seconds,
@@ -138,14 +138,14 @@ const MOST_NAMED: usize = 64;
 pub fn note_not_judged(
     report: &mut RecordingReport,
     (replay, recording): (&Replay, &Recording),
-    schedule: &Schedule,
+    judges: &Judges,
 ) {
     let (tally, settings) = (&report.tally, &replay.settings);
 
     // printheads; a design knows how its signals lie and how far apart their samples are
     let doubts = if replay.design.is_some() { Vec::new() } else { ring_look::doubts(recording) };
     let doubts = doubts.into_iter().map(|doubt| doubted(doubt, tally));
-    let rejected = rejected(tally, schedule, &report.refusals);
+    let rejected = rejected(tally, judges, &report.refusals);
     let untimely = report.episodes.untimely.iter();
     let untimely = untimely.filter_map(|head| without_times(head, settings));
     let mut all: Vec<NotJudged> = Vec::new();
@@ -223,13 +223,13 @@ fn doubted((printhead, what): (String, String), tally: &Tally) -> NotJudged {
 
 /// The sentences about printheads of which no signal could be judged; if there are none, about the recording,
 /// if less than half of it could be judged.
-fn rejected(tally: &Tally, schedule: &Schedule, refusals: &[Refusal]) -> Vec<NotJudged> {
+fn rejected(tally: &Tally, judges: &Judges, refusals: &[Refusal]) -> Vec<NotJudged> {
     let named = tally.printheads.iter().filter(|(name, _)| !name.is_empty());
     let nothing = named.filter(|(_, head)| head.signals > 0 && head.known() == 0);
     let mut all: Vec<NotJudged> = nothing
         .take(MOST_NAMED)
         .map(|(name, head)| {
-            let why = why(name, head, schedule, refusals);
+            let why = why(name, head, judges, refusals);
             let what = match head.signals {
                 1 => format!("the only signal of {name} could not be judged: {why}"),
                 n => format!("none of the {n} signals of {name} could be judged: {why}"),
@@ -245,7 +245,7 @@ fn rejected(tally: &Tally, schedule: &Schedule, refusals: &[Refusal]) -> Vec<Not
     if all.is_empty() && 2 * judged < signals {
         // the printhead with the most signals that say nothing of their nozzles gives the reason
         let worst = tally.printheads.iter().max_by_key(|(_, head)| head.signals - head.known());
-        let why = worst.map_or(String::new(), |(name, head)| why(name, head, schedule, refusals));
+        let why = worst.map_or(String::new(), |(name, head)| why(name, head, judges, refusals));
         let what = format!("only {judged} of {signals} signals could be judged: {why}");
         all.push(NotJudged { signals, judged, what, ..NotJudged::default() });
     }
@@ -254,12 +254,12 @@ fn rejected(tally: &Tally, schedule: &Schedule, refusals: &[Refusal]) -> Vec<Not
 
 /// Why a printhead's signals could not be judged: the commonest reason, with the numbers that differ from the
 /// design's or the reason for which a window was refused.
-fn why(name: &str, head: &PrintheadTally, schedule: &Schedule, refusals: &[Refusal]) -> String {
+fn why(name: &str, head: &PrintheadTally, judges: &Judges, refusals: &[Refusal]) -> String {
     let commonest = head.unknown.iter().max_by_key(|(_, n)| **n);
     let Some((&reason, _)) = commonest else { return "no reason is known".into() };
     let says = format!("{} ({})", reason.in_words(), reason.as_str());
     let refused = refusals.iter().find(|refusal| refusal.printhead == name);
-    match (reason, schedule.other_sampling(name), refused) {
+    match (reason, judges.other_sampling(name), refused) {
         (Reason::DesignMismatch, Some(differs), _) => format!(
             "{says}: {differs}. Give the design of these recordings, or make one: `inkling train`"
         ),

@@ -4,8 +4,8 @@
 //! In: for each stage its queues, from `wiring`, which runs each on a thread, several where a stage does not
 //! depend on order (reader, filter, isolate). Out: batches, each of which knows more than before (`batches`).
 //!
-//! Two stages need the recording's order, and put batches back into it ([`InOrder`]): identify, since models
-//! and levels are learned in that order, and the writer. So the number of threads changes nothing.
+//! Two stages need the recording's order, and put batches back into it ([`InOrder`]): identify, since the state of
+//! heads and channels is learned in that order, and the writer. So the number of threads changes nothing.
 //!
 //! A stage ends when its input does, or without an error if the next stage, which reports the cause, is gone.
 
@@ -13,10 +13,12 @@ use super::batches::{
     AssignedBatch, AssignedJudge, AssignedJudges, BufferPools, FilteredBatch, GatedBatch,
     JudgedBatch, MOST_ROWS, ReadBatch, Slot,
 };
-use super::heads::Heads;
+use super::groups::{GroupKey, Groups};
+use super::head_clock::{FileOrder, HeadClock, Standing};
+use super::heads::{Heads, Heard};
 use super::in_flight::{InFlight, InOrder, ParkedBatches};
 use super::isolator::Isolator;
-use super::models::Models;
+use super::judges::Judges;
 use super::own_levels::OwnLevels;
 use super::pacer::Pacer;
 use super::statistics::Statistics;
@@ -25,7 +27,8 @@ use super::timings::Clock;
 use super::{Control, Result, locked, rows};
 use crate::settings::Settings;
 use crossbeam_channel::{Receiver, Sender};
-use inkling_core::burst::{Acquisition, Place, SignalBatch};
+use inkling_core::burst::{Acquisition, Burst, Place, SignalBatch};
+use inkling_core::verdict::Reason;
 use inkling_io::block::{Block, ReadBlock};
 use inkling_io::damage::{Damage, note};
 use inkling_io::digest::{Digest, Digester};
@@ -125,8 +128,8 @@ pub fn read(
     Ok(())
 }
 
-/// Stage 2, identify: finds the judge of every burst, and what was known of its head and channels when it was
-/// acquired. A burst waits until its sweep is over (`sweep`), and its batch until all of its bursts have
+/// Stage 2, identify: finds the judge of every burst, from a healthy window where no design knows its printhead
+/// (thesis 3-1), and follows the head and its channels from there. A burst waits until its sweep is over (`sweep`), and its batch until all of its bursts have
 /// judges. Batches leave in the recording's order. The only stage with a state; it has one worker.
 pub fn identify(
     deciding: &mut JudgeAssignment,
@@ -142,9 +145,7 @@ pub fn identify(
     while let Some(read) = clock.receive(&input) {
         waiting.put(read.batch.place, read);
         while let Some(read) = waiting.take(|read| read.leaves.is_some()) {
-            // windows learn from the batch before the judges of its bursts are asked for
-            deciding.models.see(&read)?;
-            deciding.decide(parked.next(), &read.batch, &mut given)?;
+            deciding.decide(parked.next(), &read, &mut given)?;
 
             // where nobody waits for a sweep, the batch is handed out again at once
             parked.park(read);
@@ -157,51 +158,74 @@ pub fn identify(
     if let Some(heads) = &mut deciding.following {
         heads.end(&mut given);
     }
-    if !parked.give(&mut given).all(|assigned| clock.send(&out, assigned)) {
-        return Ok(());
-    }
-    deciding.models.learning.end()
+    let _ = parked.give(&mut given).all(|assigned| clock.send(&out, assigned));
+    Ok(())
 }
 
-/// Assigns each burst its judge, and follows the printheads where that is asked for.
-pub struct JudgeAssignment<'m, 'd> {
-    pub models: Models<'m>,
+/// Assigns each burst its judge, checks its time, and follows the printheads where that is asked for.
+pub struct JudgeAssignment<'a> {
+    pub groups: Groups,
+    pub judges: Judges<'a>,
+    pub order: FileOrder,
+    /// By the number of the group.
+    pub clocks: Vec<HeadClock>,
     pub temperatures: TemperatureCheck,
-    /// Follows the heads; `None`: each signal is judged by the windows' or the design's models as they are.
-    pub following: Option<Heads<'d>>,
+    /// Follows the heads; `None`: each signal is judged by the models as they are.
+    pub following: Option<Heads<'a>>,
 }
 
-impl JudgeAssignment<'_, '_> {
+impl JudgeAssignment<'_> {
     /// Assigns the bursts of batch `number` their judges, and appends these to `given`. The judges of bursts
     /// that wait for the end of a sweep are appended by a later call, or by `Heads::end`.
-    fn decide(
-        &mut self,
-        number: u64,
-        batch: &SignalBatch,
-        given: &mut AssignedJudges,
-    ) -> Result<()> {
-        for (place, acquisition) in batch.acquisitions.iter().enumerate() {
-            let slot = Slot { batch: number, place };
-
-            // the judge by the windows or the design, or why there is none
-            let judge = match acquisition {
-                Acquisition::Unusable(unusable) => Err(unusable.why),
-                Acquisition::Usable(burst) => self.models.judge_of(burst)?,
-            };
-            if let (Some(heads), Acquisition::Usable(burst)) = (&mut self.following, acquisition) {
-                heads.hear(burst, given);
-            }
-            if let (Ok(judge), Acquisition::Usable(burst)) = (&judge, acquisition) {
-                self.temperatures.take(judge, burst);
-                if let Some(heads) = &mut self.following {
-                    // the judge is given when the sweep is over, moved to where the head is then
-                    heads.take(slot, judge, burst, given);
-                    continue;
+    fn decide(&mut self, number: u64, read: &ReadBatch, given: &mut AssignedJudges) -> Result<()> {
+        for (place, acquisition) in read.batch.acquisitions.iter().enumerate() {
+            let slot = Slot { batch: number, place, standing: Standing::InOrder };
+            match acquisition {
+                Acquisition::Unusable(unusable) => {
+                    given.push((slot, AssignedJudge::new(Err(unusable.why))));
                 }
+                Acquisition::Usable(burst) => self.decide_on(slot, burst, read, given)?,
             }
-            given.push((slot, AssignedJudge { judge, own: None }));
         }
         Ok(())
+    }
+
+    fn decide_on(
+        &mut self,
+        slot: Slot,
+        burst: &Burst,
+        read: &ReadBatch,
+        given: &mut AssignedJudges,
+    ) -> Result<()> {
+        let Some(group) = self.groups.of(burst) else {
+            // beyond so many groups nobody learns any more
+            given.push((slot, AssignedJudge::new(Err(Reason::NoModel))));
+            return Ok(());
+        };
+        let judge = self.judges.of(group, &self.groups, burst, read)?;
+        let standing = self.clock(group, burst).hear(burst.t_acq_ns);
+        let slot = Slot { standing, ..slot };
+        if let Some(heads) = &mut self.following {
+            heads.hear(burst, standing, given);
+        }
+        if let Ok(judge) = &judge {
+            self.temperatures.take(judge, burst);
+            if let Some(heads) = &mut self.following {
+                // the judge is given when the sweep is over, moved to where the head is then
+                heads.take(group, Heard { slot, burst }, judge, given);
+                return Ok(());
+            }
+        }
+        given.push((slot, AssignedJudge::new(judge)));
+        Ok(())
+    }
+
+    fn clock(&mut self, group: usize, burst: &Burst) -> &mut HeadClock {
+        let new = || HeadClock::new(GroupKey::of(burst), self.order);
+        if group >= self.clocks.len() {
+            self.clocks.push(new()); // groups are numbered as they are met
+        }
+        &mut self.clocks[group]
     }
 }
 

@@ -9,12 +9,12 @@
 
 use super::batches::{BufferPools, ReadBatch};
 use super::episodes::EpisodeTap;
+use super::groups::Groups;
+use super::head_clock::FileOrder;
 use super::in_flight::InFlight;
-use super::learning::Learning;
-use super::models::Models;
+use super::judges::Judges;
 use super::replay::replay;
 use super::run::Replay;
-use super::schedule::Schedule;
 use super::stages::{self, BlockQueue, JudgeAssignment};
 use super::tally::Tally;
 use super::temperature_check::TemperatureCheck;
@@ -55,17 +55,22 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
     let (control, timings, pools) =
         (Control::default(), Timings::default(), BufferPools::default());
     let settings = &run.settings;
-    let schedule = Schedule::new(run.design.as_ref(), &settings.isolate).unwrap();
     let classes = run.classes();
     let (categories, _) = categories(&run.fault_classes());
     let beside = inkling_io::episode_table::path_beside(verdicts);
     let unit = TimestampUnit::Ns;
     let table = EpisodeWriter::create(&beside, unit, "r.mcap").unwrap();
     let mut episodes = EpisodeTap::create(run, None, Some(table)).unwrap();
-    let learning = Learning::new(run, schedule, 0, 1);
-    let models = Models::new(learning, Pass { recording, control: &control });
+    let judges = Judges::new(run, Pass { recording, control: &control });
     let temperatures = TemperatureCheck::default();
-    let mut deciding = JudgeAssignment { models, temperatures, following: None };
+    let mut deciding = JudgeAssignment {
+        groups: Groups::default(),
+        judges,
+        order: FileOrder::of(recording),
+        clocks: Vec::new(),
+        temperatures,
+        following: None,
+    };
     let options = TableOptions {
         recording: "r.mcap".into(),
         classes: classes.clone(),

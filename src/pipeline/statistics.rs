@@ -12,7 +12,7 @@ use inkling_core::burst::Acquisition;
 use inkling_core::design::{Detection, Judge};
 use inkling_core::detect::residual_generator::TOGETHER;
 
-/// The buffers of one worker, for the judges of one schedule.
+/// The buffers of one worker, for the judges of one recording.
 #[derive(Default)]
 pub struct Statistics {
     pub distances: Distances,

@@ -11,15 +11,13 @@
 //! it ends before the moment in which one of its channels is heard again; or when a burst of any printhead
 //! comes more than [`MOST_NS`] after its begin; or when more than [`MOST_SAMPLES`] samples of all
 //! printheads were heard since its begin. None of this depends on how a moment's channels are divided into
-//! messages, unless one moment alone holds more than [`MOST_SAMPLES`]. `heads` also ends a sweep where a burst
-//! has another judge, where a burst is late and no `--baseline` is given, and at the end of the recording.
+//! messages, unless one moment alone holds more than [`MOST_SAMPLES`]. `heads` also ends a sweep where the
+//! clock was set, and at the end of the recording.
 
 use super::batches::Slot;
 use super::channel_subset::ChannelStretches;
 use inkling_core::burst::Burst;
-use inkling_core::design::Judge;
 use std::ops::Range;
-use std::sync::Arc;
 
 /// Longest duration of a sweep, ns.
 const MOST_NS: i64 = 1_000_000_000;
@@ -33,7 +31,7 @@ const OF_SIGNAL: u64 = 64;
 #[derive(Debug, Default)]
 pub(super) struct SweepClock {
     latest_ns: Option<i64>,
-    /// Number of samples heard before the moment `latest_ns`, and since it began. A sweep counts from
+    /// Number of samples heard before the moment `latest_ns`, that of the last burst, and since it began. A sweep counts from
     /// `before`, whatever the order of messages within a moment.
     before: u64,
     now: u64,
@@ -45,7 +43,7 @@ pub(super) struct SweepClock {
 impl SweepClock {
     /// Counts a burst. Every burst must be counted before a sweep hears it.
     pub fn hear(&mut self, burst: &Burst) {
-        if self.latest_ns.is_none_or(|latest| burst.t_acq_ns > latest) {
+        if self.latest_ns != Some(burst.t_acq_ns) {
             self.latest_ns = Some(burst.t_acq_ns);
             self.before = self.before.saturating_add(std::mem::take(&mut self.now));
         }
@@ -81,8 +79,6 @@ impl SweepClock {
 
 #[derive(Debug)]
 pub(super) struct Sweep {
-    /// The judge that the windows gave its bursts, before it is moved to a level.
-    pub judge: Arc<Judge>,
     /// Time of its first moment, ns, and [`SweepClock`]'s number of samples before that.
     pub from: (i64, u64),
     /// Its bursts, in the order in which they came, each with its place among those that wait for a judge.
@@ -101,15 +97,14 @@ pub(super) fn channels(of: &Burst) -> Range<u32> {
 }
 
 impl Sweep {
-    pub fn begin(slot: Slot, judge: Arc<Judge>, burst: &Burst, clock: &SweepClock) -> Sweep {
-        Sweep::of(vec![(slot, burst.clone())], judge, burst.t_acq_ns, clock)
+    pub fn begin(slot: Slot, burst: &Burst, clock: &SweepClock) -> Sweep {
+        Sweep::of(vec![(slot, burst.clone())], burst.t_acq_ns, clock)
     }
 
-    fn of(bursts: Vec<(Slot, Burst)>, judge: Arc<Judge>, t_ns: i64, clock: &SweepClock) -> Sweep {
+    fn of(bursts: Vec<(Slot, Burst)>, t_ns: i64, clock: &SweepClock) -> Sweep {
         let mut moment = ChannelStretches::default();
         bursts.iter().for_each(|(_, burst)| moment.add(channels(burst)));
         Sweep {
-            judge,
             from: (t_ns, clock.before),
             bursts,
             repeated: Vec::new(),
@@ -127,7 +122,7 @@ impl Sweep {
             std::mem::take(&mut self.moment).0.into_iter().for_each(|of| self.before.add(of));
             self.latest_ns = t_ns;
         }
-        // a late burst, which comes only with `--baseline`, joins the sweep without counting for its end
+        // a burst that is a little late joins the sweep without counting for its end
         if t_ns < self.latest_ns {
             self.bursts.push((slot, burst.clone()));
             return None;
@@ -146,7 +141,7 @@ impl Sweep {
         let of_moment = self.bursts.extract_if(.., |(_, of)| of.t_acq_ns == t_ns);
         let mut bursts: Vec<(Slot, Burst)> = of_moment.collect();
         bursts.push((slot, burst.clone()));
-        let mut next = Sweep::of(bursts, self.judge.clone(), t_ns, clock);
+        let mut next = Sweep::of(bursts, t_ns, clock);
         next.repeated = self.repeated.extract_if(.., |(_, of)| *of == t_ns).collect();
         Some(std::mem::replace(self, next))
     }

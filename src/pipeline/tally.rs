@@ -7,6 +7,7 @@
 use super::at_once::AtOnce;
 use super::batches::JudgedBatch;
 use super::groups::of_printhead;
+use super::head_clock::Standing;
 use inkling_core::labels::{RecordedSpans, Span};
 use inkling_core::verdict::{HealthyRun, Outcome, Part, Reason, VerdictColumns, Verdicts};
 use inkling_io::damage::{Damage, note};
@@ -109,20 +110,30 @@ impl Tally {
         self.counts.bursts += judged.bursts;
         judged.damage.iter().for_each(|damage| note(&mut self.damage, damage.clone()));
         let Verdicts { parts, rows: c, .. } = &judged.verdicts;
+        let is_stray = |t_ns, printhead| judged.standing(t_ns, printhead) == Standing::Stray;
         for part in parts {
             match part {
-                Part::Healthy(run) => self.add_healthy(c, run),
-                Part::Rows(rows) => rows.clone().for_each(|row| self.add_row(c, row)),
+                Part::Healthy(run) => {
+                    let is_stray = is_stray(run.t_ns, run.printhead);
+                    self.add_healthy(c, run, is_stray);
+                }
+                Part::Rows(rows) => {
+                    for row in rows.clone() {
+                        let is_stray = is_stray(c.acquired_at_ns[row], c.printhead[row]);
+                        self.add_row(c, row, is_stray);
+                    }
+                }
             }
         }
     }
 
     /// Counts signals of one moment and printhead: all of them, those judged, and those flagged. Returns the
-    /// printhead's tally, and the number of channels remembered. `None`: the printhead is not remembered.
+    /// printhead's tally, and the number of channels remembered. `None`: the printhead is not remembered. `t_ns`:
+    /// `None` if the time cannot be believed.
     fn count(
         &mut self,
         printhead: &Arc<str>,
-        t_ns: i64,
+        t_ns: Option<i64>,
         [signals, judged, flagged]: [u64; 3],
     ) -> Option<(&mut PrintheadTally, &mut usize)> {
         self.counts.signals += signals;
@@ -132,6 +143,7 @@ impl Tally {
         p.signals += signals;
         p.judged += judged;
         p.flagged += flagged;
+        let Some(t_ns) = t_ns else { return Some((p, &mut self.remembered)) };
         widen(p.times_ns.get_or_insert((t_ns, t_ns)), t_ns);
         if judged > 0 {
             p.at_once.see(t_ns, judged, flagged, p.channels.len() as u64);
@@ -139,10 +151,10 @@ impl Tally {
         Some((p, &mut self.remembered))
     }
 
-    fn add_healthy(&mut self, c: &VerdictColumns, run: &HealthyRun) {
+    fn add_healthy(&mut self, c: &VerdictColumns, run: &HealthyRun, is_stray: bool) {
         let printhead = &c.printheads[run.printhead as usize];
         let signals = run.signals.len() as u64;
-        let counted = self.count(printhead, run.t_ns, [signals, signals, 0]);
+        let counted = self.count(printhead, (!is_stray).then_some(run.t_ns), [signals, signals, 0]);
         let Some((p, remembered)) = counted else { return };
 
         let to = run.first_channel.saturating_add(run.signals.len() as u32); // a batch has few
@@ -153,7 +165,7 @@ impl Tally {
         (run.first_channel..to).for_each(|channel| p.meet(channel, remembered));
     }
 
-    fn add_row(&mut self, c: &VerdictColumns, row: usize) {
+    fn add_row(&mut self, c: &VerdictColumns, row: usize, is_stray: bool) {
         let judged = c.outcome[row] != Outcome::Rejected;
         if !judged {
             let reason = c.reason[row].unwrap_or(Reason::Undecodable);
@@ -172,7 +184,8 @@ impl Tally {
 
         let printhead = &c.printheads[c.printhead[row] as usize];
         let signals = [1, u64::from(judged), u64::from(flagged)];
-        let counted = self.count(printhead, c.acquired_at_ns[row], signals);
+        let t_ns = (!is_stray).then(|| c.acquired_at_ns[row]);
+        let counted = self.count(printhead, t_ns, signals);
         let Some((p, remembered)) = counted else { return };
         if let Some(reason) = c.reason[row].filter(|reason| !judged || reason.is_of_head()) {
             *p.unknown.entry(reason).or_default() += 1;

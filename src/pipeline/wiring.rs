@@ -1,23 +1,24 @@
 //! Runs the six stages side by side: starts threads, connects them by bounded queues, gathers their results.
 //!
-//! In: a run ([`Run`]) and the models, learned before or to be learned on the way ([`Models`]), from `replay`.
-//! Out: [`StageResults`], from which `finish` makes the report and completes the files.
+//! In: a run ([`Run`]), from `replay`. Out: [`StageResults`], from which `finish` makes the report and completes the files.
 //!
 //! The reader ends at the end of the recording, each other stage when the stage before it is gone. If a worker
 //! fails, nobody waits for room any more (`RunningStages::start`), so that all stages end.
 
 use super::batches::{BufferPools, JudgedBatch};
 use super::episodes::{EpisodeReport, EpisodeTap};
+use super::groups::Groups;
+use super::head_clock::{FileOrder, HeadClock};
 use super::head_movement::HeadMovement;
 use super::heads::Heads;
 use super::in_flight::InFlight;
-use super::models::Models;
+use super::judges::Judges;
 use super::run::Run;
-use super::schedule::Schedule;
 use super::stages::{self, BlockQueue, JudgeAssignment};
 use super::tally::Tally;
 use super::temperature_check::TemperatureCheck;
 use super::timings::{Clock, StageTiming, Timings};
+use super::visit::Pass;
 use super::{PipelineError, Result};
 use crossbeam_channel::{Receiver, bounded};
 use inkling_core::fault::categories;
@@ -41,7 +42,9 @@ const MOST_BYTES: u64 = 64 << 20;
 
 /// What the stages leave behind. The files are not complete yet, and do not have their names.
 pub struct StageResults<'a> {
-    pub schedule: Schedule<'a>,
+    pub judges: Judges<'a>,
+    /// What the times of each printhead's bursts were worth.
+    pub clocks: Vec<HeadClock>,
     pub tally: Tally,
     pub table: Table,
     /// The episodes, and their table; `None`: they are only listed.
@@ -86,7 +89,7 @@ impl Run<'_> {
     }
 
     /// Connects the six stages, runs them, and waits for all of them. The writer runs on the caller's thread.
-    pub fn through_stages<'m>(&self, models: Models<'m>) -> Result<StageResults<'m>> {
+    pub fn through_stages(&self) -> Result<StageResults<'_>> {
         let Run { replay, recording, control, .. } = *self;
         let settings = &replay.settings;
 
@@ -97,8 +100,14 @@ impl Run<'_> {
         // own levels rest on a head's common level
         let is_followed = replay.baselines.is_some() || settings.identify.common_change;
         let following = is_followed.then(|| Heads::new(replay));
-        let temperatures = TemperatureCheck::default();
-        let mut deciding = JudgeAssignment { models, temperatures, following };
+        let mut deciding = JudgeAssignment {
+            groups: Groups::default(),
+            judges: Judges::new(replay, Pass { recording, control }),
+            order: FileOrder::of(recording),
+            clocks: Vec::new(),
+            temperatures: TemperatureCheck::default(),
+            following,
+        };
         let workers = replay.workers();
         // blocks may define channels of later ones, and a pace is that of one reader
         let one_reader = self.pacer.is_some() || !recording.channels_known_upfront;
@@ -155,13 +164,14 @@ impl Run<'_> {
         // 4. what is left behind
         let ((scan_damage, digest), timings) = (queue.finish()?, timings.stages());
         let Tables { episodes, table, .. } = tables;
-        let JudgeAssignment { models, mut temperatures, following } = deciding;
-        let (schedule, episodes) = (models.learning.schedule, episodes.finish()?);
+        let JudgeAssignment { judges, clocks, mut temperatures, following, .. } = deciding;
+        let episodes = episodes.finish()?;
         // what temperature does to followed printheads is part of their level
         temperatures.forget(following.iter().flat_map(Heads::followed));
 
         Ok(StageResults {
-            schedule,
+            judges,
+            clocks,
             tally,
             table,
             episodes,

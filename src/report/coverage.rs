@@ -196,11 +196,15 @@ fn gaps(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
 /// What was not judged of one recording: as its summary says, or else from the counts of its signals.
 fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<Subject, String> {
     let mut gaps = BTreeMap::new();
-    let told = ["not_judged", "unread"].map(|key| source.document[key].as_array());
+    let told = ["not_judged", "unread", "odd_times"].map(|key| source.document[key].as_array());
     for told in told.into_iter().flatten().flatten() {
         let text = |key: &str| told[key].as_str();
         let of = (text("printhead").map(Arc::from), text("topic").map(str::to_owned));
-        gaps.extend(text("what").map(|what| (of, what.to_owned())));
+        let Some(what) = text("what") else { continue };
+        // of one printhead several things may have to be told
+        let all: &mut String = gaps.entry(of).or_default();
+        all.push_str(if all.is_empty() { "" } else { "; " });
+        all.push_str(what);
     }
 
     // Printheads of which nothing was judged, unless the summary named them.

@@ -273,9 +273,9 @@ mod tests {
 
     #[test]
     fn set_overrides_any_key_and_takes_bare_words() {
-        let s = with(&["output.dir=my out", "identify.every=5 min", "detect.mu=2"]).unwrap();
+        let s = with(&["output.dir=my out", "identify.first=5 min", "detect.mu=2"]).unwrap();
         assert_eq!(s.output.dir, "my out");
-        assert_eq!(s.identify.every, 300.0);
+        assert_eq!(s.identify.first, 300.0);
         assert_eq!(s.detect.mu, 2.0);
         let s =
             with(&["output.dir=2026-11-01", "input.design=7", "identify.labels=\"8\""]).unwrap();
@@ -299,8 +299,7 @@ mod tests {
             ("identify.first=-1", "identify.first"),
             ("detect.false_alarm_rate=2", "false_alarm_rate"),
             ("nonsense", "KEY=VALUE"),
-            ("identify.every=soon", "soon"),
-            ("identify.every=-1", "give 0 (once) or more"),
+            ("identify.first=soon", "soon"),
             ("identify.first=1e300", "= 1e300"),
             ("episodes.false_per_million=1e-300", "= 1e-300"),
             ("identify.grey_box.bound_factor=1e308", "= 1e308"),

@@ -17,7 +17,7 @@ const OPTIONS: [(&str, &str); 3] = [
 ];
 
 /// Settings by their dotted keys, or values of a setting as `key=value`, and what to use instead.
-const SETTINGS: [(&str, &str); 6] = [
+const SETTINGS: [(&str, &str); 7] = [
     (
         "detect.decouple",
         "leave it out: with two other_poles_per_s or more a constant offset shows in its step alone",
@@ -25,6 +25,10 @@ const SETTINGS: [(&str, &str); 6] = [
     ("detect.denominator=appendix-a", "method III is `enhanced`"),
     ("detect.denominator=searched", "`resonance` misses no more"),
     ("detect.method=practice", "`inkling thesis` compares with it"),
+    (
+        "identify.every",
+        "leave it out: a head is judged by one window, and what changes afterwards is followed",
+    ),
     ("report.rows", "leave it out: the map shows neighbours that fail together"),
     ("report.pitch", "leave it out: the map shows neighbours that fail together"),
 ];

@@ -39,7 +39,7 @@ fn nothing_gross_is_called_healthy_and_nothing_foreign_is_named() {
         (0..each).for_each(|_| signals.push("", family.signal(&plant, &mut rng)));
     }
     for way in [BY_DESIGN, BY_WINDOWS] {
-        let said = lab.judged(&signals, &plant, &format!("{way} --set identify.every=0"));
+        let said = lab.judged(&signals, &plant, &format!("{way}"));
         for (family, said) in families.iter().zip(said[window.healthy..].chunks(each)) {
             let healthy = Rate::of(said.iter().map(Said::is_healthy));
             let named = Rate::of(said.iter().map(Said::is_named));

@@ -128,9 +128,7 @@ impl Summary {
     /// See `Recording::disorder_ns`: the chunks in the order of the file, each against the latest
     /// end before it.
     pub(super) fn disorder_ns(&self) -> Option<u64> {
-        let holds_messages = |chunk: &&ChunkSpan| chunk.to_ns > 0;
-        let mut chunks: Vec<&ChunkSpan> = self.chunks.iter().filter(holds_messages).collect();
-        chunks.sort_by_key(|chunk| chunk.offset);
+        let chunks = self.chunks_that_hold_messages();
         let mut latest = chunks.first()?.from_ns;
         let mut disorder = 0;
         for chunk in chunks {
@@ -138,6 +136,25 @@ impl Summary {
             latest = latest.max(chunk.to_ns);
         }
         Some(disorder)
+    }
+
+    /// See `Recording::is_shuffled`. A clock that was set back, once or a few times, leaves chunks in order but there
+    /// (a chunk within which it was set counts twice); nobody sets it more often, or at half of all chunks.
+    pub(super) fn is_shuffled(&self) -> bool {
+        const MUCH_NS: u64 = 2_000_000_000;
+        const MOST_STEPS: usize = 8;
+        let chunks = self.chunks_that_hold_messages();
+        let goes_back =
+            |pair: &&[&ChunkSpan]| pair[0].to_ns.saturating_sub(pair[1].from_ns) > MUCH_NS;
+        let steps = chunks.windows(2).filter(goes_back).count();
+        steps > MOST_STEPS || (steps > 3 && 2 * steps >= chunks.len() - 1)
+    }
+
+    fn chunks_that_hold_messages(&self) -> Vec<&ChunkSpan> {
+        let mut chunks: Vec<&ChunkSpan> =
+            self.chunks.iter().filter(|chunk| chunk.to_ns > 0).collect();
+        chunks.sort_by_key(|chunk| chunk.offset);
+        chunks
     }
 
     /// See `Recording::expected`: the sum of the counts of the channels that carry bursts.

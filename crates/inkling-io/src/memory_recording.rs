@@ -78,6 +78,7 @@ pub fn of_bursts(label: &str, bursts: &[Burst]) -> Result<Recording, RecordingEr
         channels_known_upfront: true,
         data_end: None,
         disorder_ns: None,
+        is_shuffled: false,
     })
 }
 

@@ -62,6 +62,8 @@ pub struct Recording {
     /// chunk index and in log times, ns. `None`: the file does not say. Whoever sorts bursts by time must
     /// wait that long.
     pub disorder_ns: Option<u64>,
+    /// Whether its chunks are in no order of time, by the chunk index.
+    pub is_shuffled: bool,
 }
 
 impl Recording {
@@ -109,6 +111,7 @@ impl Recording {
             opening: Duration::ZERO,
             expected: summary.expected(),
             disorder_ns: summary.disorder_ns(),
+            is_shuffled: summary.is_shuffled(),
             others: summary.others(),
             damage,
             source,
@@ -132,6 +135,7 @@ impl Recording {
             channels_known_upfront: false,
             data_end: None,
             disorder_ns: None,
+            is_shuffled: false,
             ..self
         }
     }

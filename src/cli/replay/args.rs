@@ -14,9 +14,9 @@ pub const PRESETS: [&str; 1] = ["thesis"];
   inkling replay night.mcap --design design.json --out verdicts
       judged by the design's models as they are
   inkling replay 'logs/2026-*/*.mcap' --design design.json --identify windows
-      identified again on each recording's healthy windows, so that slow drift
-      is followed
-  inkling replay night.mcap --set identify.every=\"5 min\"
+      each printhead identified again on its first healthy window of the
+      recording
+  inkling replay night.mcap --set identify.first=\"1 min\"
       without a design: detected, not named; any setting of pipeline.toml by
       --set
 

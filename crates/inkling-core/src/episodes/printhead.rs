@@ -60,6 +60,19 @@ impl Printhead {
         Some(self.states.len() - 1)
     }
 
+    /// Ends all episodes with the last look at their channels, and forgets what was seen of these.
+    pub fn begin_anew(&mut self, rules: &Rules, output: &mut TrackerOutput) {
+        for channel in &mut self.states {
+            let draft = channel.draft.take().filter(|_| channel.evidence.raised);
+            if let Some(draft) = draft {
+                output.counts.episodes += 1;
+                let end = Some(channel.last_ns);
+                output.ended.push(channel.episode(&self.name, &draft, rules, end));
+            }
+            *channel = Channel::new(channel.number);
+        }
+    }
+
     pub fn look(&mut self, looks: &Looks, rules: &Rules, output: &mut TrackerOutput) {
         let rows = looks.ratios.len() as u32; // a burst has far fewer than 2^32 rows
         self.untimely.signals += looks.ratios.iter().filter(|ratio| !ratio.is_nan()).count() as u64;

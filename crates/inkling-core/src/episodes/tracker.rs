@@ -80,6 +80,17 @@ impl Tracker {
         }
     }
 
+    /// The clock of a printhead was set: its episodes end with the last look before, and its channels begin anew.
+    pub fn begin_anew(&mut self, printhead: &Arc<str>) {
+        let Tracker { rules, printheads, waiting, output, .. } = self;
+        let Some(of) = printheads.get_mut(printhead) else { return };
+        while let Some(looks) = of.waiting.pop() {
+            *waiting -= looks.ratios.len();
+            of.look(&looks, rules, output);
+        }
+        of.begin_anew(rules, output);
+    }
+
     /// The episodes that have ended since the last call.
     pub fn take_ended(&mut self) -> Vec<Episode> {
         std::mem::take(&mut self.output.ended)

@@ -1,8 +1,7 @@
-//! Reservoir sampling by hashes: a bounded sample of a window's signals that does not depend on
+//! Reservoir sampling by hashes: a bounded sample of a recording's signals that does not depend on
 //! their order.
 //!
-//! In: the healthy candidates among a window's signals with their covariates, from the pipeline
-//! (`learning.rs`, `collect.rs`). Out: a [`SignalSet`] of at most `capacity` signals.
+//! In: signals with their covariates, from the pipeline (`collect.rs`). Out: a [`SignalSet`] of at most `capacity` signals.
 //!
 //! Every signal has a rank, a hash of its time and channel, and the signals of lowest rank are kept
 //! (bottom-k sampling). A hash is as good as random, so the sample is a fair one, and it is the same
@@ -95,6 +94,11 @@ fn hash_of(t_acq_ns: i64, channel: u32) -> u64 {
     key[..8].copy_from_slice(&t_acq_ns.to_le_bytes());
     key[8..].copy_from_slice(&channel.to_le_bytes());
     xxh3_64(&key)
+}
+
+/// A number that looks random and depends on `x` alone: who keeps what has the lowest ones draws a fair sample.
+pub fn drawn_by(x: i64) -> u64 {
+    xxh3_64(&x.to_le_bytes())
 }
 
 /// The drive, to which a signal is proportional, relative to the reference; 1: not known.

@@ -1,0 +1,288 @@
+//! What the times of a printhead's bursts are worth, and what was odd about them, in words.
+//!
+//! In: the times of its bursts in the order of the file, from the identify stage ([`HeadClock::hear`]). Out: whether
+//! a burst stands in the order of time ([`Standing`]); at the end a sentence ([`HeadClock::in_words`]).
+//!
+//! A burst is *late* if it is earlier than the latest one before it by more than the reorder time, and a *stray* if it
+//! lies apart from it by more than [`JUMP_NS`], earlier or later. Both are judged by what is known, and teach nothing;
+//! faults are followed over late ones, for which they are put in order. After [`STEADY`] such moments in a row that
+//! follow each other in order the clock was set: there a new stretch of the same printhead begins. A file whose chunks
+//! are in no order tells nothing of clocks.
+
+use super::groups::GroupKey;
+use super::judges::{MOST_REORDER_NS, USUAL_REORDER_NS};
+use super::recording_report::NotJudged;
+use crate::report::clock;
+use inkling_io::recording::Recording;
+
+/// A printhead that prints again after a longer pause than this, ns, would be in another recording.
+const JUMP_NS: i64 = 86_400_000_000_000;
+/// So many moments in a row are no accident.
+const STEADY: u32 = 8;
+
+/// What the file says of the order of its bursts.
+#[derive(Clone, Copy, Debug)]
+pub struct FileOrder {
+    /// By how much a burst may be earlier than others that stand before it, ns.
+    pub reorder_ns: i64,
+    /// Whether its chunks are in no order of time.
+    pub is_shuffled: bool,
+}
+
+impl FileOrder {
+    pub fn of(recording: &Recording) -> FileOrder {
+        let disorder = recording.disorder_ns.unwrap_or(MOST_REORDER_NS);
+        let reorder_ns = disorder.clamp(USUAL_REORDER_NS, MOST_REORDER_NS) as i64;
+        FileOrder { reorder_ns, is_shuffled: recording.is_shuffled }
+    }
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Standing {
+    #[default]
+    InOrder,
+    /// It stands in the file after later ones: it is judged by what is known, and teaches nothing.
+    Late,
+    /// It is dated apart from the others; besides, no fault is followed over it.
+    Stray,
+    /// It is in order, and the first burst of a new stretch of time: the clock was set.
+    Set,
+}
+
+/// Bursts that follow each other in order.
+#[derive(Clone, Copy, Debug)]
+struct Stretch {
+    first_ns: i64,
+    latest_ns: i64,
+    moments: u32,
+    bursts: u64,
+}
+
+impl Stretch {
+    fn of(t_ns: i64) -> Stretch {
+        Stretch { first_ns: t_ns, latest_ns: t_ns, moments: 1, bursts: 1 }
+    }
+
+    fn continues_with(&self, t_ns: i64, reorder_ns: i64) -> bool {
+        let after = t_ns.saturating_sub(self.latest_ns);
+        (-reorder_ns..=JUMP_NS).contains(&after)
+    }
+
+    fn add(&mut self, t_ns: i64) {
+        self.moments = self.moments.saturating_add(u32::from(t_ns > self.latest_ns));
+        self.latest_ns = self.latest_ns.max(t_ns);
+        self.bursts += 1;
+    }
+}
+
+/// A clock that was set: the latest time before, and the first after, ns.
+#[derive(Clone, Copy, Debug)]
+struct Step {
+    before_ns: i64,
+    after_ns: i64,
+}
+
+#[derive(Clone, Debug)]
+pub struct HeadClock {
+    pub key: GroupKey,
+    order: FileOrder,
+    bursts: u64,
+    /// The bursts of the present stretch, and those that came last and are late or strays.
+    stretch: Option<Stretch>,
+    aside: Option<Stretch>,
+    /// Number of strays, and the times of the first and last of them in the file, ns.
+    strays: u64,
+    strays_at: Option<(i64, i64)>,
+    /// How often the clock was set, and the largest step.
+    steps: u64,
+    largest: Option<Step>,
+}
+
+impl HeadClock {
+    pub fn new(key: GroupKey, order: FileOrder) -> HeadClock {
+        HeadClock {
+            key,
+            order,
+            bursts: 0,
+            stretch: None,
+            aside: None,
+            strays: 0,
+            strays_at: None,
+            steps: 0,
+            largest: None,
+        }
+    }
+
+    /// Takes in the time of the next burst in the file.
+    pub fn hear(&mut self, t_ns: i64) -> Standing {
+        self.bursts += 1;
+        let Some(stretch) = &mut self.stretch else {
+            self.stretch = Some(Stretch::of(t_ns));
+            return Standing::InOrder;
+        };
+        if stretch.continues_with(t_ns, self.order.reorder_ns) {
+            stretch.add(t_ns);
+            if let Some(aside) = self.aside.take() {
+                self.stray(aside);
+            }
+            return Standing::InOrder;
+        }
+        let since = t_ns.saturating_sub(stretch.latest_ns);
+        let apart = if since.abs() > JUMP_NS { Standing::Stray } else { Standing::Late };
+        if self.order.is_shuffled {
+            return apart;
+        }
+
+        let aside = match self.aside.take() {
+            Some(mut aside) if aside.continues_with(t_ns, self.order.reorder_ns) => {
+                aside.add(t_ns);
+                aside
+            }
+            other => {
+                other.into_iter().for_each(|of| self.stray(of));
+                Stretch::of(t_ns)
+            }
+        };
+        if aside.moments < STEADY {
+            self.aside = Some(aside);
+            return apart;
+        }
+        self.set_to(aside);
+        Standing::Set
+    }
+
+    /// Counts what is dated apart from `self.stretch`; what is only late is not told.
+    fn stray(&mut self, of: Stretch) {
+        let since = self.stretch.map_or(0, |here| of.latest_ns.saturating_sub(here.latest_ns));
+        if since.abs() <= JUMP_NS {
+            return;
+        }
+        self.strays += of.bursts;
+        let (_, to_ns) = self.strays_at.get_or_insert((of.first_ns, of.latest_ns));
+        *to_ns = of.latest_ns;
+    }
+
+    /// Goes on with bursts that lay aside. What came before was itself astray if it was as short.
+    fn set_to(&mut self, aside: Stretch) {
+        let Some(before) = self.stretch.replace(aside) else { return };
+        if before.moments < STEADY {
+            self.stray(before);
+            return;
+        }
+        self.steps += 1;
+        let step = Step { before_ns: before.latest_ns, after_ns: aside.first_ns };
+        let size = |of: &Step| of.after_ns.abs_diff(of.before_ns);
+        if self.largest.is_none_or(|largest| size(&step) > size(&largest)) {
+            self.largest = Some(step);
+        }
+    }
+
+    /// What was odd about the times, for the report.
+    pub fn told(mut self) -> Option<NotJudged> {
+        self.aside.take().into_iter().for_each(|of| self.stray(of));
+        let printhead = Some(self.key.printhead.to_string());
+        self.in_words().map(|what| NotJudged { printhead, what, ..NotJudged::default() })
+    }
+
+    /// What was odd about the times, with numbers, as sentences without a full stop; `None`: nothing was.
+    fn in_words(&self) -> Option<String> {
+        let name = inkling_io::printable::line(&self.key.printhead, 64);
+        let step = self.largest.map(|Step { before_ns, after_ns }| {
+            let way = if after_ns < before_ns { "back" } else { "forward" };
+            let by = duration(after_ns.abs_diff(before_ns));
+            let times = match self.steps {
+                1 => String::new(),
+                n => format!("; it was set {n} times, this was the largest step"),
+            };
+            format!(
+                "the clock of {name} went {way} by {by} after {}{times}: faults are followed up to there, and anew from \
+                 there on",
+                clock(before_ns)
+            )
+        });
+        let strays = self.strays_at.map(|(from_ns, to_ns)| {
+            let (strays, of) = (self.strays, self.bursts);
+            let is = if strays == 1 { "is" } else { "are" };
+            let until = match from_ns == to_ns {
+                true => String::new(),
+                false => format!(" to {}", clock(to_ns)),
+            };
+            format!(
+                "{strays} of {of} bursts of {name} {is} dated {}{until}, apart from the others: no fault was followed over \
+                 them, and nothing was learned from them",
+                clock(from_ns)
+            )
+        });
+        let told: Vec<String> = step.into_iter().chain(strays).collect();
+        (!told.is_empty()).then(|| told.join("; "))
+    }
+}
+
+/// A time span with one decimal, in the largest unit of which it is at least one.
+fn duration(ns: u64) -> String {
+    let s = ns as f64 / 1e9;
+    let units = [(31_557_600.0, "years"), (86_400.0, "days"), (3600.0, "h"), (60.0, "min")];
+    match units.iter().find(|(unit, _)| s >= 2.0 * unit) {
+        Some((unit, name)) => format!("{:.1} {name}", s / unit),
+        None => format!("{s:.1} s"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const S: i64 = 1_000_000_000;
+
+    fn heard(times: impl IntoIterator<Item = i64>) -> (Vec<Standing>, Option<String>) {
+        let key = GroupKey::of(&Default::default());
+        let mut clock = HeadClock::new(key, FileOrder { reorder_ns: S / 10, is_shuffled: false });
+        let standing = times.into_iter().map(|t| clock.hear(t)).collect();
+        (standing, clock.told().map(|of| of.what))
+    }
+
+    #[test]
+    fn a_stray_is_told_and_the_others_are_in_order() {
+        for at in [0, 4_000_000_000 * S] {
+            let times = (0..40).map(|i| if i == 20 { at } else { (1_700_000_000 + i) * S });
+            let (standing, said) = heard(times);
+            let aside = standing.iter().filter(|of| **of == Standing::Stray).count();
+            assert_eq!((aside, standing[20]), (1, Standing::Stray));
+            assert!(said.unwrap().starts_with("1 of 40 bursts"));
+        }
+    }
+
+    #[test]
+    fn a_clock_that_was_set_begins_a_new_stretch() {
+        for by in [-30 * S - S / 2, -3600 * S, 9 * JUMP_NS] {
+            let at = |i: i64| 1_700_000_000 * S + i * S + if i >= 20 { by } else { 0 };
+            let (standing, said) = heard((0..40).map(at));
+            let set = standing.iter().position(|of| *of == Standing::Set);
+            assert_eq!(set, Some(20 + STEADY as usize - 1));
+            let way = if by < 0 { "back" } else { "forward" };
+            assert!(said.as_ref().unwrap().contains(way), "{said:?}");
+        }
+    }
+
+    #[test]
+    fn what_begins_astray_is_not_what_the_others_are_measured_by() {
+        // the first five moments are dated 2000, as by a logger before it had the time
+        let at = |i: i64| if i < 5 { 946_684_800 * S + i * S } else { 1_700_000_000 * S + i * S };
+        let (_, said) = heard((0..40).map(at));
+        assert!(said.as_ref().unwrap().starts_with("5 of 40 bursts"), "{said:?}");
+    }
+
+    #[test]
+    fn a_file_that_was_written_backward_has_late_bursts_and_no_odd_clock() {
+        let (standing, said) = heard((0..100).rev().map(|i| i * S));
+        assert!(standing[1..].iter().all(|of| *of == Standing::Late) && said.is_none(), "{said:?}");
+    }
+
+    #[test]
+    fn pauses_repeats_and_a_little_disorder_are_not_odd() {
+        let times =
+            (0..100).map(|i| (i / 3 + if i > 50 { 3600 } else { 0 }) * S - (i % 3) * S / 20);
+        let (standing, said) = heard(times);
+        assert!(standing.iter().all(|of| *of == Standing::InOrder) && said.is_none(), "{said:?}");
+    }
+}

@@ -1,0 +1,212 @@
+//! Who judges: every group (a printhead at one sampling) has one judge, from its first burst to its last.
+//!
+//! In: bursts in the recording's order, from the identify stage ([`Judges::of`]). Out: the judge of each, or why it
+//! has none; for the metadata the models that judge, by number, and the windows that gave none.
+//!
+//! Where the design knows a printhead, its model judges. Where it does not, or where windows are asked for, the
+//! printhead's first healthy window is averaged and identified (thesis 3-1 and Fig. 3-2) before its first burst is
+//! judged: this stage reads on by itself as far as the window reaches (`windows`), while the stages wait. What
+//! changes afterwards (ink, supply, ageing) is followed by the state of the head alone (`head`).
+
+mod healthy_window;
+mod sample;
+mod survey;
+mod windows;
+
+use super::batches::ReadBatch;
+use super::groups::{GroupKey, Groups, MOST_GROUPS, of_printhead};
+use super::run::Replay;
+use super::visit::Pass;
+use super::{PipelineError, Result};
+use crate::settings::IdentifyMode;
+use inkling_core::burst::Burst;
+use inkling_core::design::{HealthyModel, Judge};
+use inkling_core::verdict::Reason;
+use std::collections::{BTreeMap, HashMap};
+use std::sync::Arc;
+use windows::{Ahead, Learned};
+
+pub use windows::{MOST_REORDER_NS, USUAL_REORDER_NS};
+
+/// A window that gave no model, and why; it stands in summary.json and is told on the terminal.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Refusal {
+    pub printhead: String,
+    pub from_ns: i64,
+    pub to_ns: i64,
+    pub why: String,
+    /// Whether its model lay beyond the bounds of `identify.max_damping_drift` and `max_frequency_drift`.
+    #[serde(skip)]
+    pub drifted: bool,
+}
+
+type Judged = Result<Arc<Judge>, Reason>;
+
+#[derive(Debug)]
+pub struct Judges<'a> {
+    replay: &'a Replay,
+    pass: Pass<'a>,
+    /// By the group's number; `None`: it was not asked for yet.
+    judges: Vec<Option<Judged>>,
+    /// What is known of groups that were learned together with another one, and not asked for yet.
+    ahead: HashMap<GroupKey, Judged>,
+    /// The models, by number: the design's first, then those of windows, with the drive voltage, V, at which each
+    /// expects its signals.
+    models: Vec<(Arc<HealthyModel>, Option<f64>)>,
+    pub refusals: Vec<Refusal>,
+    /// Sample period, s, and samples of the first burst of each printhead that does not fit the design.
+    sampled_otherwise: BTreeMap<Arc<str>, (f64, u32)>,
+}
+
+impl<'a> Judges<'a> {
+    pub fn new(replay: &'a Replay, pass: Pass<'a>) -> Judges<'a> {
+        let of_design = replay.design.iter().flat_map(|design| {
+            design.models.iter().map(|model| (Arc::new(model.clone()), design.drive_voltage_v))
+        });
+        Judges {
+            replay,
+            pass,
+            judges: Vec::new(),
+            ahead: HashMap::new(),
+            models: of_design.collect(),
+            refusals: Vec::new(),
+            sampled_otherwise: BTreeMap::new(),
+        }
+    }
+
+    /// The judge of a burst, or why it is rejected. `number`: of its group among `groups`; `read`: its batch.
+    ///
+    /// # Errors
+    /// The recording cannot be read on, the run is interrupted, or of a model no judge can be made.
+    pub fn of(
+        &mut self,
+        number: usize,
+        groups: &Groups,
+        burst: &Burst,
+        read: &ReadBatch,
+    ) -> Result<Judged> {
+        if number >= self.judges.len() {
+            self.judges.resize(number + 1, None);
+        }
+        if let Some(known) = &self.judges[number] {
+            return Ok(known.clone());
+        }
+        let found = self.find(groups, burst, read)?;
+        Ok(self.judges[number].insert(found).clone())
+    }
+
+    /// The judge of a group, at its first burst.
+    fn find(&mut self, groups: &Groups, burst: &Burst, read: &ReadBatch) -> Result<Judged> {
+        if !self.replay.fits(burst) {
+            let sampled = (burst.sample_period_s, burst.samples_per_channel);
+            of_printhead(&mut self.sampled_otherwise, &burst.printhead, MOST_GROUPS, || sampled);
+            return Ok(Err(Reason::DesignMismatch));
+        }
+        if !self.replay.needs_window(burst) {
+            return self.of_design(&burst.printhead);
+        }
+        let key = GroupKey::of(burst);
+        if !self.ahead.contains_key(&key) {
+            self.learn(groups, read)?;
+        }
+        Ok(self.ahead.remove(&key).unwrap_or(Err(self.replay.nobody())))
+    }
+
+    /// Learns the groups that begin with this batch, and enters their judges into `ahead`.
+    fn learn(&mut self, groups: &Groups, read: &ReadBatch) -> Result<()> {
+        let ahead = Ahead::of(self.pass, self.replay.workers(), read);
+        let is_new = |burst: &Burst, key: &GroupKey| {
+            let is_met = |number: usize| self.judges.get(number).is_some_and(Option::is_some);
+            let is_known = groups.get(key).is_some_and(is_met) || self.ahead.contains_key(key);
+            self.replay.fits(burst) && self.replay.needs_window(burst) && !is_known
+        };
+        let found = windows::learn(self.replay, &ahead, is_new)?;
+        for learned in found {
+            let Learned { key, model, reference_v, refusals } = learned;
+            self.refusals.extend(refusals);
+            let judge = match model {
+                Some(model) => Ok(self.judge(model, reference_v)?),
+                // a window that gives no model leaves a printhead that the design knows to the design
+                None => self.of_design(&key.printhead)?,
+            };
+            self.ahead.insert(key, judge);
+        }
+        let order = |of: &Refusal| (of.printhead.clone(), of.from_ns, of.to_ns, of.why.clone());
+        self.refusals.sort_by_cached_key(order);
+        Ok(())
+    }
+
+    fn judge(&mut self, model: Arc<HealthyModel>, reference_v: Option<f64>) -> Result<Arc<Judge>> {
+        self.models.push((model, reference_v));
+        self.judge_by(self.models.len() - 1)
+    }
+
+    fn judge_by(&self, number: usize) -> Result<Arc<Judge>> {
+        let (model, reference_v) = self.models[number].clone();
+        let number = u16::try_from(number).map_err(|_| PipelineError::TooManyModels)?;
+        let Replay { design, settings, .. } = self.replay;
+        let judge = Judge::new(number, model, reference_v, design.as_ref(), &settings.isolate)?;
+        Ok(Arc::new(judge))
+    }
+
+    /// By the design's own model of a printhead, if it has one.
+    fn of_design(&self, printhead: &str) -> Result<Judged> {
+        let mut models = self.replay.design.iter().flat_map(|design| &design.models);
+        match models.position(|of| of.printhead.as_deref() == Some(printhead)) {
+            Some(number) => Ok(Ok(self.judge_by(number)?)),
+            None => Ok(Err(self.replay.nobody())),
+        }
+    }
+
+    pub fn models(&self) -> impl ExactSizeIterator<Item = (&HealthyModel, Option<f64>)> {
+        self.models.iter().map(|(model, reference_v)| (&**model, *reference_v))
+    }
+
+    /// Warnings by printhead: the window was too small for the stated false alarm rate.
+    pub fn wide_thresholds(&self) -> Vec<(Arc<str>, String)> {
+        let wide = |(of, _): &(Arc<HealthyModel>, _)| {
+            let what = of.threshold.wide_in_words()?;
+            Some((of.printhead.as_deref().unwrap_or_default().into(), what))
+        };
+        self.models.iter().filter_map(wide).collect()
+    }
+
+    /// How the bursts of a printhead and the design's are sampled; `None`: no difference was noted.
+    pub fn other_sampling(&self, printhead: &str) -> Option<String> {
+        let design = self.replay.design.as_ref()?;
+        let (period_s, samples) = self.sampled_otherwise.get(printhead)?;
+        let us = |period_s: f64| format!("{} µs", (period_s * 1e12).round() / 1e6);
+        Some(format!(
+            "sampled every {} with {samples} samples a signal, the design's every {} with {}",
+            us(*period_s),
+            us(design.sample_period_s),
+            design.samples
+        ))
+    }
+}
+
+impl Replay {
+    /// The reason for which the signals of a printhead are rejected if none of its windows gave a model.
+    fn nobody(&self) -> Reason {
+        if self.design.is_some() { Reason::DesignMismatch } else { Reason::NoModel }
+    }
+
+    /// Whether a burst is sampled as the design is; without a design every burst fits.
+    fn fits(&self, burst: &Burst) -> bool {
+        let samples = burst.samples_per_channel as usize;
+        self.design.as_ref().is_none_or(|design| design.fits(burst.sample_period_s, samples))
+    }
+
+    /// Whether the design's models judge as they are. Windows then only say whether its pooled model agrees
+    /// with a printhead that the design does not know.
+    fn knows_by_design(&self) -> bool {
+        self.design.is_some() && self.settings.identify.mode == IdentifyMode::Design
+    }
+
+    /// Whether the group of a burst, which fits the design, is judged by what its window gives.
+    fn needs_window(&self, burst: &Burst) -> bool {
+        let known =
+            |printhead| self.design.as_ref().is_some_and(|of| of.model_of(printhead).is_some());
+        !(self.knows_by_design() && known(&burst.printhead))
+    }
+}
