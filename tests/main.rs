@@ -26,6 +26,7 @@ mod print_run; // recall and false alarms on a print run with known truth
 mod promised; // what a design promises is what a replay does
 mod readers; // everything that reads what others wrote, for mutations and fuzzing
 mod readme; // every command of README and book as printed; their links and paths lead somewhere
+mod relations; // dates, numbers, directions, names and other heads change nothing
 mod report; // sixty recordings are six lines with their onsets
 mod several; // faults at once, and faults that grow
 mod tables; // tables as others read them: rings in every mode

@@ -5,10 +5,11 @@
 //! [`MOST`] that are looked at in a turn ([`ChannelSubset::holds`]). A *turn* is a sweep; a *round* is as
 //! many turns as each channel needs to be looked at exactly once.
 //!
-//! The rule, with C channels and a = C / `MOST`, rounded up: consecutive numbers form groups of a, and of each
-//! group one channel is looked at in a turn, the next one in the next turn. So a round has a turns.
+//! The rule, with C channels and a = C / `MOST`, rounded up: channels are counted from the nearer end of the
+//! printhead, a that follow each other form a group, and of each group one channel is looked at in a turn, the next one
+//! in the next turn. So a round has a turns, and neither the numbers of channels nor their direction matter.
 //! * One channel of each group, since faults come in blocks, which are no majority of the subset then.
-//! * Its place in the group begins anywhere (a hash of group and round), since rows of nozzles,
+//! * Its place in the group begins anywhere (by hashes of groups and round), since rows of nozzles,
 //!   multiplexers and supplies fail by every k-th channel.
 //! * Which channels go together changes from round to round. If they always went together, those of each
 //!   turn would have a level of their own, and the head's level would change with each sweep.
@@ -38,6 +39,13 @@ impl ChannelStretches {
         self.0.iter().any(|s| s.start < channels.end && channels.start < s.end)
     }
 
+    /// How many channels of the set have lower numbers; `None`: the channel is not in the set.
+    fn index(&self, channel: u32) -> Option<u32> {
+        let within = self.0.iter().find(|s| s.contains(&channel))?;
+        let below = self.0.iter().filter(|s| s.end <= within.start).map(|s| s.end - s.start);
+        Some(below.sum::<u32>() + (channel - within.start))
+    }
+
     pub fn channels(&self) -> u32 {
         self.0.iter().fold(0, |sum, s| sum.saturating_add(s.end - s.start))
     }
@@ -52,8 +60,7 @@ fn join(a: Range<u32>, b: &Range<u32>) -> Range<u32> {
     a.start.min(b.start)..a.end.max(b.end)
 }
 
-/// Number of channels that are looked at in a turn, at most (one more where their first number does not
-/// begin a group); where their numbers have holes it is the number on average.
+/// Number of channels that are looked at in a turn, at most (two more where the groups do not fill the printhead).
 const MOST: u32 = 48;
 /// Maximum number of stretches that are kept apart; beyond, the holes between them count as channels.
 const MOST_STRETCHES: usize = 64;
@@ -73,11 +80,19 @@ impl ChannelSubset {
 
     /// Whether a channel was met and is in the subset of a turn. `turn`: counts the sweeps.
     pub(super) fn holds(&self, channel: u32, turn: u32) -> bool {
+        let Some(index) = self.met.index(channel) else { return false };
+        let channels = self.met.channels();
+        let from_end = index.min(channels - 1 - index);
         // `apart` is a in the text above; the place in the group advances by one per turn, around it
-        let apart = self.met.channels().div_ceil(MOST).max(1);
-        let round = mixed(turn / apart);
-        let chosen = (mixed((channel / apart) ^ round) % apart + turn % apart) % apart;
-        channel % apart == chosen && self.met.hold(&(channel..channel.saturating_add(1)))
+        let apart = channels.div_ceil(MOST).max(1);
+        if apart == 1 {
+            return true;
+        }
+        // each place is the chosen one in as many groups: groups take places in the order of their hashes
+        let (round, groups) = (mixed(turn / apart), channels.div_ceil(2).div_ceil(apart));
+        let own = mixed((from_end / apart) ^ round);
+        let before = (0..groups).filter(|group| mixed(group ^ round) < own).count() as u32;
+        from_end % apart == (before % apart + turn % apart) % apart
     }
 }
 

@@ -1,0 +1,172 @@
+//! What must not matter does not: dates, numbers and direction of channels, names and order of printheads, other
+//! printheads in the file, and where a recording is cut. No truth is needed: what is said of a signal must be the same
+//! in both forms. Settings and parts of the recording are drawn, in all modes.
+
+use crate::house::House;
+use crate::recorded::{AS_RECORDED, bursts, rows, sample, with_signals};
+use inkling::burst::Burst;
+use inkling::io::verdict_reader::VerdictReader;
+use inkling::verdict::VerdictColumns;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::collections::BTreeMap;
+
+const MODES: [&str; 3] = [
+    "",
+    "--design sample_logs/design.json --identify windows",
+    "--design sample_logs/design.json --identify design",
+];
+const YEAR_NS: i64 = 31_536_000_000_000_000;
+
+/// Time, printhead and channel of a signal.
+type Signal = (i64, String, u32);
+
+/// What is said of a signal: in words, and in numbers.
+#[derive(Debug, PartialEq)]
+struct Said {
+    words: String,
+    numbers: Vec<f32>,
+}
+
+impl Said {
+    /// Sums over channels in another order are rounded otherwise.
+    fn is_as(&self, other: &Said) -> bool {
+        let near = |(p, q): (&f32, &f32)| {
+            (p - q).abs() <= 1e-4 * p.abs().max(1e-3) || p.is_nan() == q.is_nan() && p.is_nan()
+        };
+        self.words == other.words && self.numbers.iter().zip(&other.numbers).all(near)
+    }
+}
+
+fn said(house: &House, name: &str, options: &str) -> BTreeMap<Signal, Said> {
+    house.run(&format!("replay {name}.mcap {options} --out {name} --quiet --force"));
+    let row = |c: &VerdictColumns, i: usize| {
+        let head = c.printheads[c.printhead[i] as usize].to_string();
+        let words = format!(
+            "{:?} {:?} {:?} {:?} {:?}",
+            c.outcome[i], c.category[i], c.fault[i], c.test[i], c.reason[i]
+        );
+        let numbers = [c.statistic[i], c.threshold[i], c.misfit[i], c.severity[i]];
+        let numbers = numbers.map(|of| of.unwrap_or(f32::NAN)).to_vec();
+        ((c.acquired_at_ns[i], head, c.channel[i]), Said { words, numbers })
+    };
+    let table = house.path(&format!("{name}/{name}.verdicts.parquet"));
+    let batches = VerdictReader::open(&table).unwrap().map(Result::unwrap);
+    batches.flat_map(|c| (0..c.len()).map(|i| row(&c, i)).collect::<Vec<_>>()).collect()
+}
+
+/// Some heads of the sample over some time, of 48 channels, or of two of them side by side.
+fn part(draws: &mut ChaCha8Rng) -> Vec<Burst> {
+    let all = bursts(&sample("print_run.mcap"));
+    let start = all[0].t_acq_ns;
+    let (from, seconds) = (draws.random_range(0..20), draws.random_range(15..35));
+    let within = |of: &&Burst| {
+        let s = (of.t_acq_ns - start) / 1_000_000_000;
+        (from..from + seconds).contains(&s)
+    };
+    let part: Vec<Burst> = all.iter().filter(within).cloned().collect();
+    if draws.random_bool(0.5) {
+        return part;
+    }
+    // moments of two heads become moments of one that has as many channels
+    let of =
+        |head: &str| part.iter().filter(|of| &*of.printhead == head).cloned().collect::<Vec<_>>();
+    let wide = of("cyan-1").into_iter().zip(of("black-2")).map(|(left, right)| {
+        let counts = rows(&left).into_iter().chain(rows(&right));
+        let counts: Vec<Vec<f32>> = counts.map(|y| y.iter().map(|y| *y as f32).collect()).collect();
+        let of = with_signals(&left, &counts, AS_RECORDED);
+        Burst { idle_time_s: Vec::new(), neighbours_fired: Default::default(), ..of }
+    });
+    wide.collect()
+}
+
+fn mirrored(of: &Burst) -> Burst {
+    let counts = rows(of).into_iter().rev();
+    let counts: Vec<Vec<f32>> = counts.map(|y| y.iter().map(|y| *y as f32).collect()).collect();
+    let mirrored = with_signals(of, &counts, AS_RECORDED);
+    let idle: Vec<f32> = of.idle_time_s.iter().rev().copied().collect();
+    let neighbours: Vec<u8> = of.neighbours_fired.iter().rev().copied().collect();
+    Burst { idle_time_s: idle, neighbours_fired: neighbours.into(), ..mirrored }
+}
+
+/// A change of a recording, and where a signal of it is found in the changed one.
+type Relation = (&'static str, fn(Burst) -> Burst, fn(Signal, u32) -> Signal);
+
+const RELATIONS: [Relation; 6] = [
+    (
+        "a year later",
+        |b| Burst { t_acq_ns: b.t_acq_ns + YEAR_NS, ..b },
+        |(t, h, c), _| (t + YEAR_NS, h, c),
+    ),
+    (
+        "thirty years earlier",
+        |b| Burst { t_acq_ns: b.t_acq_ns - 30 * YEAR_NS, ..b },
+        |(t, h, c), _| (t - 30 * YEAR_NS, h, c),
+    ),
+    (
+        "a little later",
+        |b| Burst { t_acq_ns: b.t_acq_ns + 123_456_789, ..b },
+        |(t, h, c), _| (t + 123_456_789, h, c),
+    ),
+    (
+        "numbered from 5000",
+        |b| Burst { first_channel: b.first_channel + 5000, ..b },
+        |(t, h, c), _| (t, h, c + 5000),
+    ),
+    ("mirrored", |b| mirrored(&b), |(t, h, c), channels| (t, h, channels - 1 - c)),
+    (
+        "called otherwise",
+        |b| Burst { printhead: format!("z-{}", b.printhead).into(), ..b },
+        |(t, h, c), _| (t, format!("z-{h}"), c),
+    ),
+];
+
+#[test]
+fn what_must_not_matter_does_not() {
+    let mut draws = ChaCha8Rng::seed_from_u64(641);
+    for mode in MODES {
+        for _ in 0..2 {
+            let house = House::new();
+            let original = part(&mut draws);
+            let channels = original[0].channels;
+            let (first, signals) = (draws.random_range(4..25), draws.random_range(300..3000));
+            let options = format!(
+                "{mode} --set identify.first={first} --set identify.window_signals={signals}"
+            );
+            house.record("as_it_is.mcap", &original);
+            let as_it_is = said(&house, "as_it_is", &options);
+            assert!(as_it_is.len() > 600);
+            for (what, change, there) in RELATIONS {
+                let changed: Vec<Burst> = original.iter().cloned().map(change).collect();
+                house.record("changed.mcap", &changed);
+                let changed = said(&house, "changed", &options);
+                let differs = |(of, said): &(&Signal, &Said)| {
+                    !changed.get(&there((*of).clone(), channels)).is_some_and(|now| now.is_as(said))
+                };
+                let first = as_it_is.iter().find(differs);
+                let now = first.map(|(of, _)| changed.get(&there(of.clone(), channels)));
+                assert!(first.is_none(), "{what}, {options}: {first:?}, now {now:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn other_printheads_in_the_file_do_not_matter() {
+    let mut draws = ChaCha8Rng::seed_from_u64(642);
+    for mode in MODES {
+        let house = House::new();
+        let all = bursts(&sample("print_run.mcap"));
+        let alone = all.iter().filter(|of| &*of.printhead == "magenta-1").cloned();
+        house.record("alone.mcap", &alone.collect::<Vec<_>>());
+        // one head begins later, and the order of messages within a moment is another
+        let late = all[0].t_acq_ns + draws.random_range(1..30) * 1_000_000_000;
+        let others = all.iter().filter(|of| &*of.printhead != "black-2" || of.t_acq_ns >= late);
+        house.record("others.mcap", &others.rev().cloned().rev().collect::<Vec<_>>());
+        let (alone, others) = (said(&house, "alone", mode), said(&house, "others", mode));
+        let differs =
+            |(of, said): &(&Signal, &Said)| !others.get(*of).is_some_and(|now| now.is_as(said));
+        let first = alone.iter().find(differs);
+        assert!(first.is_none(), "{mode}: {first:?}");
+    }
+}
